@@ -2,8 +2,11 @@
 
 import sqlite3
 from contextlib import closing, contextmanager
+from itertools import groupby
+from operator import itemgetter
 
 from simval.sweep import load_run, store
+from simval.sweep.cells import CELL_FIELDS, digest_of_entries
 
 
 @contextmanager
@@ -11,33 +14,33 @@ def raw(folder):
     """The store of a run as it lies on the disk: what is changed here is damage."""
     path = folder / "run.sqlite"
     with closing(sqlite3.connect(path)) as database, database:
-        database.execute("PRAGMA ignore_check_constraints = 1")
         yield database
 
 
 @contextmanager
 def rewritten(folder):
-    """The store of a run, signed anew: as a sweep with these results would leave it."""
+    """The store of a run, signed anew: as a sweep with these results would leave it.
+
+    Only a finished cell has rows, and they are numbered from 0. It is not complete, so
+    any file may lie beside it.
+    """
     with raw(folder) as database:
         yield database
-        _as_swept(database)
-        _sign(database)
-
-
-def _as_swept(database):
-    """Only a finished cell has rows, and they are numbered from 0."""
-    database.execute(
-        "DELETE FROM rows WHERE cell IN "
-        "(SELECT position FROM cells WHERE status != 'done')"
-    )
-    rows = database.execute("SELECT rowid, cell FROM rows ORDER BY cell, ordinal")
-    places, last = [], (None, -1)
-    for rowid, cell in rows.fetchall():
-        last = (cell, last[1] + 1 if cell == last[0] else 0)
-        places.append((last[1], rowid))
-    # by way of negative ones, so that no two are alike in between
-    database.executemany("UPDATE rows SET ordinal = -1 - ? WHERE rowid = ?", places)
-    database.execute("UPDATE rows SET ordinal = -1 - ordinal")
+        names = ", ".join(CELL_FIELDS)
+        cells = database.execute(f"SELECT {names} FROM cells").fetchall()
+        rows = database.execute("SELECT * FROM rows ORDER BY cell, ordinal").fetchall()
+        own = {
+            place: [(place, k, *row[2:]) for k, row in enumerate(each)]
+            for place, each in groupby(rows, itemgetter(0))
+        }
+        database.execute("DELETE FROM rows")
+        for cell in cells:
+            left = own.get(cell[0], []) if cell[5] == "done" else []
+            marks = ", ".join("?" * (2 + len(store.ROW_FIELDS)))
+            database.executemany(f"INSERT INTO rows VALUES ({marks})", left)
+            values = (digest_of_entries(cell, left), cell[0])
+            database.execute("UPDATE cells SET digest = ? WHERE position = ?", values)
+        store.keep(database, files=None, complete=None)
 
 
 def edited(folder, *statements):
@@ -51,23 +54,3 @@ def edited_run(folder, *statements):
     """Change the store of a run and load it."""
     edited(folder, *statements)
     return load_run(folder)
-
-
-def signed_anew(folder):
-    """Give a damaged store the digests of what it holds now, and none of its files."""
-    with raw(folder) as database:
-        _sign(database)
-
-
-def _sign(database):
-    (text,) = database.execute(
-        "SELECT value FROM meta WHERE key = 'manifest'"
-    ).fetchone()
-    database.execute("DELETE FROM meta WHERE key IN ('manifest digest', 'files')")
-    database.execute(
-        "INSERT INTO meta VALUES ('manifest digest', ?)", (store.digest_of(text),)
-    )
-    for (position,) in database.execute("SELECT position FROM cells").fetchall():
-        digest = store.digest_of_cell(*store.stored_cell(database, position))
-        query = "UPDATE cells SET digest = ? WHERE position = ?"
-        database.execute(query, (digest, position))

@@ -1,6 +1,5 @@
 """The package's own algorithms as plug-ins, beside a user's; and the time of a call."""
 
-import json
 import time
 
 import numpy as np
@@ -35,7 +34,6 @@ from simval.streams import Streams
 from simval.studies import estimator
 from simval.studies import plugin as call_time
 from simval.sweep import load_run, run_suite
-from simval.sweep.documents import read_timing
 from simval.sweep.suite import expand, load_suite
 from simval.verdict import judge
 
@@ -221,23 +219,6 @@ def test_a_cell_brings_its_time_and_no_row_of_it(tmp_path):
     run_suite(expand("s", content), tmp_path / "run", resume=True)
     assert load_run(tmp_path / "run").timing["calls"] == before
 
-
-@pytest.mark.parametrize(
-    "calls",
-    [
-        {"x": 3},
-        {"x": {"seconds": 1.0}},
-        {"x": {"seconds": -1.0, "builtin_seconds": 1.0, "ratio": 1.0, "items": 1.0}},
-        {"x": {"seconds": 1.0, "builtin_seconds": 1.0, "ratio": 0.0, "items": 1.0}},
-        {"x": {"seconds": "1", "builtin_seconds": 1.0, "ratio": 1.0, "items": 1.0}},
-        [],
-    ],
-)
-def test_damaged_times_are_refused_in_words(tmp_path, calls):
-    content = {"wall_seconds": 1.0, "cpu_seconds": 1.0, "workers": 1, "calls": calls}
-    (tmp_path / "timing.json").write_text(json.dumps(content))
-    with pytest.raises(InputError, match=r"timing\.json is damaged: `calls"):
-        read_timing(tmp_path)
 
 
 @pytest.mark.ci

@@ -13,7 +13,7 @@ from simval.statistics import BIAS
 from simval.studies.study import canonical
 from simval.sweep import load_run
 from simval.sweep.cells import CellResult
-from simval.sweep.frame import data_frame
+from simval.sweep.run import data_frame
 
 VALUES = st.one_of(
     st.integers(-(2**62), 2**62),

@@ -8,7 +8,7 @@ import sys
 import pytest
 from test_executors import environment, scheduled, wait_for_workers
 
-from simval.sweep import batches, cluster, roster, run_suite
+from simval.sweep import cluster, executors, roster, run_suite
 from simval.sweep.runner import Silence, drive
 from simval.sweep.suite import expand
 
@@ -74,7 +74,7 @@ def test_the_window_follows_workers_that_join_and_leave(
     address, workers = scheduled
     wait_for_workers(address, 2)
     monkeypatch.setattr(roster, "ASKED", 0.0)
-    monkeypatch.setattr(batches, "SHARES", 1)
+    monkeypatch.setattr(executors, "SHARES", 1)
     sizes = []
     ask = cluster.Crowd.window
 
@@ -183,7 +183,7 @@ def test_a_batch_that_loses_its_workers_is_given_out_cell_by_cell(
     nanny = subprocess.Popen(worker, **here)
     content = {"noise_std": [0.01, 0.02, 0.03, 0.04], "samples": 65_536}
     suite = expand("bad", {"attitude": content})
-    monkeypatch.setattr(batches, "SHARES", 1 / 4)
+    monkeypatch.setattr(executors, "SHARES", 1 / 4)
     try:
         wait_for_workers(address, 1)
         run = run_suite(suite, tmp_path / "run", scheduler=address)

@@ -10,10 +10,9 @@ import pytest
 
 from simval.results import Outcome
 from simval.sweep import cluster, executors, suspects
-from simval.sweep.batches import Batch, Queue
 from simval.sweep.cluster import Crowd
 from simval.sweep.errand import errand
-from simval.sweep.executors import computed
+from simval.sweep.executors import Batch, Queue, computed
 from simval.sweep.identity import Stated, here, refusal
 from simval.sweep.roster import Roster
 from simval.sweep.suite import expand

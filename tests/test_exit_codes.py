@@ -12,7 +12,6 @@ from simval.judge import judge_run
 from simval.report.section import Context
 from simval.report.sections import checks
 from simval.sweep import (
-    batches,
     cluster,
     executors,
     load_run,
@@ -181,7 +180,7 @@ def unfinished(tmp_path, monkeypatch, simval, seeds=30):
         return execute(cell)
 
     monkeypatch.setattr(executors, "execute", stopping)
-    monkeypatch.setattr(batches, "SECONDS", 0.0)  # a cell each
+    monkeypatch.setattr(executors, "SECONDS", 0.0)  # a cell each
     suite = tmp_path / "many.toml"
     suite.write_text(
         f"seed = {list(range(1, seeds + 1))}\n"

@@ -12,8 +12,7 @@ from places import ROOT
 from simval import extras
 from simval.errors import InputError
 from simval.scene import encode
-from simval.sweep.export import export_parquet
-from simval.sweep.frame import data_frame
+from simval.sweep.run import data_frame, export_parquet
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 LISTED = PROJECT["project"]["optional-dependencies"]

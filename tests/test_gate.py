@@ -192,8 +192,8 @@ def test_a_cell_that_vanished_or_is_empty_is_a_gap(tiny_run):
         3,
         "the cell is done but measured nothing",
     )
-    edited(tiny_run, "DELETE FROM cells WHERE position = 3")
-    result = judge_run(load_run(tiny_run))
+    run = load_run(tiny_run)
+    result = judge_run(dataclasses.replace(run, cells=run.cells[:3]))
     assert result.exit_code == 3
     assert result.gaps[0].reason == "the suite has 4 cells, the run holds 3"
 

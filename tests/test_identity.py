@@ -8,19 +8,16 @@ from dataclasses import replace
 from types import ModuleType, SimpleNamespace
 
 import pytest
-from stores import raw
 from test_executors import Fragile
 
 from simval.errors import InputError, LostClusterError
 from simval.judge.baseline import environment, environment_changes
 from simval.sweep import executors, identity, load_run, provenance, run_suite, source
-from simval.sweep.batches import Queue
-from simval.sweep.entries import Done
 from simval.sweep.identity import Stated, StrangerError, differing, here
-from simval.sweep.machines import counted, environments, other_machines
+from simval.sweep.machines import other_machines
 from simval.sweep.roster import Roster, question
 from simval.sweep.source import PACKAGE, Loaded, loaded, source_hash
-from simval.sweep.suite import expand, load_suite
+from simval.sweep.suite import expand
 
 OTHERS = {
     "source code": {"source": "0" * 64},
@@ -62,7 +59,7 @@ def test_a_local_process_that_differs_stops_the_sweep(tmp_path, monkeypatch, wor
     suite = expand("one", {"attitude": {"samples": 65_536}})
     # as if the source had changed between the start of the driver and of its workers
     stated = Stated(driver=replace(here(), source="0" * 64))
-    monkeypatch.setattr("simval.sweep.crew.Stated", lambda **words: stated)
+    monkeypatch.setattr("simval.sweep.runner.Stated", lambda **words: stated)
     if workers == 2:  # a pool in this process
         monkeypatch.setattr(executors, "_pool", lambda workers: Answering(None))
     with pytest.raises(InputError, match=r"source code is \w{12}, the driver's 0{12}"):
@@ -87,37 +84,6 @@ class Answering(Fragile):
         except StrangerError as error:
             future.set_exception(error)
         return future
-
-
-def _entry(done, place, value):
-    cell = list(done.cell)
-    cell[place] = value
-    return done._replace(cell=tuple(cell))
-
-
-LIES = {
-    "another cell": lambda batch: [_entry(batch[0], 1, "attitude()@1")],
-    "another place": lambda batch: [_entry(batch[0], 0, 7)],
-    "other parameters": lambda batch: [_entry(batch[0], 4, "{}")],
-    "another seed": lambda batch: [_entry(batch[0], 3, 99)],
-    "rows of another cell": lambda batch: [
-        batch[0]._replace(rows=[(7, *row[1:]) for row in batch[0].rows])
-    ],
-    "twice": lambda batch: [*batch, *batch],
-    "nothing": lambda batch: [],
-}
-
-
-@pytest.mark.parametrize("lie", LIES)
-def test_an_answer_to_another_question_fails_its_cell(tiny_suite, monkeypatch, lie):
-    cells = load_suite(str(tiny_suite)).cells
-    pool = Answering(LIES[lie])
-    monkeypatch.setattr(executors, "_pool", lambda workers: pool)
-    queue = Queue(cells, [2], 1e-3, stated=Stated(driver=here()))
-    (batch,) = executors.pooled(queue, 1)
-    assert [(done.cell[0], done.cell[5], done.cell[6]) for done in batch] == [
-        (2, "failed", executors.STRAY)
-    ]
 
 
 def test_a_file_that_changes_before_it_is_loaded_is_seen(tmp_path, monkeypatch):
@@ -155,32 +121,6 @@ def test_the_manifest_counts_the_cells_of_each_machine(tiny_run):
     assert json.loads((tiny_run / "manifest.json").read_text()) == run.manifest
     assert other_machines(run.manifest) == []
     assert provenance.machine() == own
-
-
-def test_machines_are_counted_of_finished_cells_alone():
-    def done(machine, ending):
-        return Done((), (), "", ending, machine=json.dumps(machine))
-
-    own = here().machine
-    a, b = {**own, "kernels": ["a"]}, {**own, "kernels": ["b"]}
-    kept = counted(None, [done(a, "pass"), done(b, "failed"), done(a, "refused")])
-    kept = counted(kept, [done(b, "pass"), done(b, "fail")])
-    assert environments(kept) == [
-        {"machine": b, "cells": 2},
-        {"machine": a, "cells": 1},
-    ]
-
-
-@pytest.mark.parametrize(
-    "kept",
-    ["3", "[]", "null", "{", '{"x": 1}', '{"{}": -1}', '{"{}": true}', "{}", "1e400"],
-)
-def test_counts_that_the_sweep_did_not_write_are_refused(tiny_run, kept):
-    with raw(tiny_run) as database:
-        sql = "UPDATE meta SET value = ? WHERE key = 'machines'"
-        assert database.execute(sql, (kept,)).rowcount == 1
-    with pytest.raises(InputError, match=r"says of the run .*its SHA-256 differs"):
-        load_run(tiny_run)
 
 
 def test_the_gate_knows_of_other_machines(tiny_run):

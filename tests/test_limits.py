@@ -29,8 +29,7 @@ from simval.scene.models import load_model
 from simval.sensor import load_imu
 from simval.streams import Streams
 from simval.studies import STUDIES
-from simval.sweep.size import MOST_CELLS
-from simval.sweep.suite import load_suite
+from simval.sweep.suite import MOST_CELLS, load_suite
 
 READERS = {
     "log": read_log,
@@ -161,9 +160,9 @@ def test_number_of_cells_is_counted_rightly(tmp_path, monkeypatch):
         "[attitude_order]\ngeometry = [7, 8]\n[attitude_map]\n"
     )
     count = len(load_suite(str(path)).cells)
-    monkeypatch.setattr("simval.sweep.size.MOST_CELLS", count)
+    monkeypatch.setattr("simval.sweep.suite.MOST_CELLS", count)
     load_suite(str(path))
-    monkeypatch.setattr("simval.sweep.size.MOST_CELLS", count - 1)
+    monkeypatch.setattr("simval.sweep.suite.MOST_CELLS", count - 1)
     with pytest.raises(InputError, match=f"has {count} cells"):
         load_suite(str(path))
 

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from places import ROOT
-from stores import raw, rewritten, signed_anew
+from stores import edited, rewritten
 
 from simval.cli import run as simval_command
 from simval.errors import SimvalError
@@ -246,40 +246,6 @@ def test_the_good_files_are_good(tiny_run, tmp_path, capsys):
     load_model(path, None, None, None)
 
 
-@pytest.mark.parametrize(
-    ("sql", "codes"),
-    [
-        ("UPDATE rows SET value = 'text'", {2}),
-        ("UPDATE rows SET value = x'00ff'", {2}),
-        ("UPDATE rows SET value = NULL", {2}),
-        ("UPDATE rows SET value = 9e999", {2}),
-        ("UPDATE rows SET standard_error = -1", {2}),
-        ("UPDATE rows SET n = 'many'", {2}),
-        ("UPDATE rows SET \"check\" = 'none'", {2}),
-        ("UPDATE rows SET prediction = 'x'", {2}),
-        ("UPDATE rows SET cell = -1 WHERE cell = 1 AND ordinal = 0", {2}),
-        ("UPDATE rows SET cell = 99 WHERE cell = 1", {2}),
-        ("UPDATE cells SET parameters = '[]'", {2}),
-        ("UPDATE cells SET parameters = '" + "[" * 100_000 + "'", {2}),
-        ("UPDATE meta SET value = 'x' WHERE key = 'schema'", {2}),
-        ("UPDATE meta SET value = '7' WHERE key = 'manifest'", {2}),
-        ("UPDATE meta SET value = '{}' WHERE key = 'manifest'", {2}),
-        ("DELETE FROM meta", {2}),
-        ("DROP TABLE rows", {2}),
-        ("DELETE FROM rows", {2}),
-        ("DELETE FROM cells", {1, 2, 3}),
-    ],
-)
-def test_a_store_with_wrong_content_is_no_pass(sql, codes, tiny_run, tmp_path, capsys):
-    baseline = tmp_path / "good.json"
-    write_baseline(baseline, load_run(tiny_run), "good")
-    with raw(tiny_run) as db:
-        db.execute(sql)
-    code, _ = called(capsys, "gate", tiny_run, "--baseline", baseline)
-    assert code in codes
-    called(capsys, "report", tiny_run)
-
-
 HOSTILE = "<script>alert(1)</script>\"'>&<img src=x onerror=y>"
 PLAIN = (
     "<img src=x onerror=y>"  # without a slash, which makes a value the name of a file
@@ -333,9 +299,7 @@ class Payload:
 @pytest.mark.ci
 def test_no_pickle_is_loaded_from_a_run_folder(tiny_run, tmp_path, capsys, undrawn):
     mark = tmp_path / "executed"
-    signed_anew(
-        tiny_run
-    )  # the digests of its files would refuse the files before they are opened
+    edited(tiny_run)  # of a complete run no other file is opened
     folder = tiny_run / "artifacts"
     folder.mkdir(exist_ok=True)
     data = pickle.dumps(np.array([Payload(mark)], dtype=object))

@@ -17,10 +17,8 @@ from simval.judge import baseline, judge_run, write_baseline
 from simval.report.part import thinned
 from simval.results import Outcome, Row
 from simval.statistics import BIAS
-from simval.sweep import batches, load_run, store
-from simval.sweep.batches import Queue
-from simval.sweep.cells import read_cells
-from simval.sweep.executors import computed
+from simval.sweep import executors, load_run, store
+from simval.sweep.executors import Queue, computed
 from simval.sweep.runner import Silence, drive
 from simval.sweep.suite import expand
 
@@ -50,7 +48,7 @@ def digest(folder):
 def small(tmp_path_factory):
     """A run made in batches of one."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(batches, "CELLS", 1)
+        patch.setattr(executors, "CELLS", 1)
         return swept(tmp_path_factory.mktemp("scale") / "small", suite_of(CELLS))
 
 
@@ -88,12 +86,12 @@ def test_batches_are_as_large_as_their_cells_say_they_cost(at_once):
     while queue:
         left = 2000 - sum(sizes)
         sizes.append(len(queue.take(at_once).cells))
-        assert sizes[-1] * cost <= batches.SECONDS
-        assert sizes[-1] <= max(1, left // (batches.SHARES * at_once))
+        assert sizes[-1] * cost <= executors.SECONDS
+        assert sizes[-1] <= max(1, left // (executors.SHARES * at_once))
     assert sum(sizes) == 2000
     # while there is enough for everyone, they are full
-    full = int(batches.SECONDS / cost)
-    if full * batches.SHARES * at_once < 2000:
+    full = int(executors.SECONDS / cost)
+    if full * executors.SHARES * at_once < 2000:
         assert sizes[0] == full
     # a cell that costs more than a batch travels alone
     dear = [
@@ -117,11 +115,11 @@ def test_a_transaction_holds_a_batch_and_the_bytes_do_not_show_it(
         finish(database, batch, worst)
 
     monkeypatch.setattr(store, "finish", counted)
-    monkeypatch.setattr(batches, "SHARES", 1)
+    monkeypatch.setattr(executors, "SHARES", 1)
     for size, seconds in ((7, 1e9), (CELLS, 1e9), (CELLS, 0.5)):
         stored_in.clear()
-        monkeypatch.setattr(batches, "CELLS", size)
-        monkeypatch.setattr(batches, "SECONDS", seconds)
+        monkeypatch.setattr(executors, "CELLS", size)
+        monkeypatch.setattr(executors, "SECONDS", seconds)
         folder = swept(tmp_path / f"{size}-{seconds}", suite)
         assert digest(folder) == digest(small)
         cost = suite.cells[0].parameters.cost().seconds
@@ -147,10 +145,10 @@ class Stops(Silence):
 def test_a_sweep_stopped_within_a_batch_ends_with_the_same_bytes(
     small, tmp_path, monkeypatch, after
 ):
-    monkeypatch.setattr(batches, "SHARES", 2)
+    monkeypatch.setattr(executors, "SHARES", 2)
     with pytest.raises(KeyboardInterrupt):
         swept(tmp_path / "run", suite_of(CELLS), progress=Stops(after))
-    monkeypatch.setattr(batches, "CELLS", 3)
+    monkeypatch.setattr(executors, "CELLS", 3)
     swept(tmp_path / "run", suite_of(CELLS), resume=True)
     assert digest(tmp_path / "run") == digest(small)
 
@@ -177,7 +175,7 @@ def test_a_worker_makes_the_digest_that_the_store_gives(tmp_path):
         work=odd,
     )
     with store.opened(tmp_path / "odd" / "run.sqlite") as database:
-        cells = list(read_cells(database))  # checks each digest
+        cells = list(store.read_cells(database))  # checks each digest
     assert {len(cell.rows) for cell in cells} == {len(rows)}
 
 

@@ -5,8 +5,7 @@ from pathlib import Path
 import click
 
 from simval.cli.outputs import beside_store
-from simval.sweep.export import export_parquet
-from simval.sweep.run import run_folder
+from simval.sweep.run import export_parquet, run_folder
 
 
 def run(run: str, out: Path | None) -> int:

@@ -13,7 +13,7 @@ from tqdm import tqdm
 from simval.cli.interruption import heed
 from simval.cli.time_left import TimeLeft, told
 from simval.studies.study import Cell, canonical
-from simval.sweep.endings import Ending, worse
+from simval.sweep.cells import Ending, worse
 from simval.sweep.runner import Silence
 
 LOG_INTERVAL = 5.0

@@ -14,7 +14,6 @@ from simval.errors import LostClusterError
 from simval.plugins.loading import beside_builtin, chosen, spelled
 from simval.sweep import Suite, load_suite, store
 from simval.sweep.cells import REFUSED
-from simval.sweep.connections import kept_open
 from simval.sweep.identity import StrangerError
 from simval.sweep.run import RUNS
 from simval.sweep.runner import drive
@@ -106,8 +105,6 @@ def _tell_failures(folder: Path, cells: int) -> int:
             f"{folder}/run.sqlite and in the report",
             err=True,
         )
-    if words := kept_open(folder / "run.sqlite"):
-        click.echo(words, err=True)
     return 4 if failed > refused else 3 if failed else 0
 
 

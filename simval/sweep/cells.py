@@ -1,35 +1,57 @@
-"""The cells of a store, read back and checked; damaged ones are never passed on.
+"""The cells of a run: how they end, what is stored of them, and how it is read back.
 
-Three checks, the most informative one first: can each field have its value, do the name
-and the parameters of a cell agree, and does the digest show what the sweep stored.
+A worker makes plain values of what a study left, with their digest, so that the driver
+only writes them down. Numbers are stored as they are, and NaN as NULL.
 """
 
-import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
-from math import isfinite
-from typing import Any
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from typing import Any, Literal, NamedTuple, get_args
 
-from pydantic import ValidationError
-
-from simval.results import CellName, Row
-from simval.statistics import Statistic
-from simval.studies import STUDIES
-from simval.studies.study import canonical
-from simval.sweep import store
-from simval.sweep.asked import Asked
-from simval.sweep.documents import DamagedError, read_json
-from simval.sweep.entries import Stored
-from simval.sweep.plausible import rows_of
+from simval.errors import InputError
+from simval.results import CellName, Check, Row
+from simval.statistics import FAMILIES, Statistic
+from simval.studies.study import Cell
+from simval.verdict import Answer
 
 REFUSED = "refused: "
 """What the error of a cell begins with whose plug-in was refused; of one that crashed
 it begins with a traceback."""
 
-STATUSES = ("pending", "done", "failed")
-OTHER_VERSION = ("missing", "extra_forbidden")
-"""Kinds of pydantic's errors that another version of a study causes too."""
+MAX_SAMPLES = 2**53
+"""From here on a number of samples is not exact as a float."""
+
+Ending = Answer | Literal["failed", "refused", "stored"]
+"""How a cell ended: a verdict, a crash, a refusal, or stored with nothing to judge."""
+
+ENDINGS: tuple[Ending, ...] = (
+    *("stored", "pass", "inconclusive", "refused", "fail", "failed"),
+)
+"""From best to worst; ``failed`` is a crash, ``fail`` a verdict."""
+
+Stored = tuple[Any, ...]
+"""A cell or a row as it is stored: numbers, words and None, in the order of fields."""
+
+
+CELL_FIELDS = (
+    *("position", "cell", "study", "seed", "parameters"),
+    *("status", "error", "seconds", "times"),
+)
+ROW_FIELDS = tuple(f.name for f in (*fields(Statistic), *fields(Row)[1:]))
+"""Fields of a row's statistic, whose entries are a JSON list, and of the row."""
+
+
+class DamagedError(InputError):
+    """Something in a run folder is not what a sweep wrote."""
+
+
+def worse(first: Ending, second: Ending) -> Ending:
+    """Choose the worse of two endings."""
+    return max(first, second, key=ENDINGS.index)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,126 +97,172 @@ class CellResult:
         return next((row for row in self.rows if row.key == key), None)
 
 
-def read_cells(database: sqlite3.Connection) -> Iterator[CellResult]:
-    """Read the cells of a store one by one, each with its rows.
+class Done(NamedTuple):
+    """A cell that has ended, as it is stored."""
+
+    cell: Stored  # its entry
+    rows: Sequence[Stored]  # each with its cell and its place; none where it failed
+    digest: str  # of both
+    ending: Ending
+    artifacts: Mapping[str, Any] = {}
+    machine: str = ""  # that computed it; empty where none did
+
+
+def cell_entry(
+    position: int,
+    cell: Cell,
+    status: str,
+    error: str = "",
+    seconds: float = 0.0,
+    times: Mapping[str, float] | None = None,
+) -> Stored:
+    """What is stored of a cell, in the order of `CELL_FIELDS`."""
+    parameters = json.dumps(cell.parameters.named())
+    head = (position, cell.name, cell.study, cell.seed, parameters)
+    timed = json.dumps(dict(times)) if times else ""
+    return (*head, status, error, float(seconds), timed)
+
+
+def row_entries(position: int, rows: Iterable[Row]) -> list[Stored]:
+    """What is stored of the rows of a cell: its place, the row's, then `ROW_FIELDS`.
 
     Raises
     ------
     DamagedError
-        With the cell, and its impossible field if there is one.
+        If a number of a row cannot be what it says it is.
     """
-    query = "SELECT cell FROM rows WHERE cell NOT IN (SELECT position FROM cells)"
-    stray = database.execute(query).fetchone()
-    if stray is not None:
-        msg = f"there are rows of a cell {stray[0]!r:.60}, which does not exist"
+    return [_row_entry(position, ordinal, row) for ordinal, row in enumerate(rows)]
+
+
+def _row_entry(position: int, ordinal: int, row: Row) -> Stored:
+    wrong = _impossible(row)
+    if wrong:
+        given = row.statistic.family.name if wrong == "family" else getattr(row, wrong)
+        msg = (
+            f"row {ordinal}, {row.statistic}: `{wrong}` is {given!r:.60}, which such a "
+            "statistic cannot have"
+        )
         raise DamagedError(msg)
-    for head in read_heads(database):
-        yield read_cell(database, head.position)
-
-
-def read_heads(database: sqlite3.Connection) -> Iterator[CellResult]:
-    """Read the cells of a store without their rows."""
-    asked = Asked(store.manifest(database))
-    cells = database.execute("SELECT * FROM cells ORDER BY position")
-    for number, cell in enumerate(cells):
-        if cell["position"] != number:
-            msg = (
-                f"the cells are not numbered from 0 without a gap: {number} is missing"
-            )
-            raise DamagedError(msg)
-        yield _head(cell, asked)
-
-
-def _head(cell: sqlite3.Row, asked: Asked) -> CellResult:
-    """A cell without its rows, the one that the suite asks for at its place."""
-    with _named(cell):
-        head = _result(cell, ())
-        asked.require(head.position, head.study, head.seed, head.parameters)
-    return head
-
-
-def read_cell(database: sqlite3.Connection, position: int) -> CellResult:
-    """Read one cell of a store with its rows."""
-    cell, rows = store.stored_cell(database, position)
-    with _named(cell):
-        result = _result(cell, rows)
-        if cell["digest"] != store.digest_of_cell(cell, rows):
-            msg = "its entry or its rows are not what the sweep stored (by SHA-256)"
-            raise DamagedError(msg)
-    return result
-
-
-@contextmanager
-def _named(cell: sqlite3.Row) -> Iterator[None]:
-    """Add the name of the cell to the message."""
-    try:
-        yield
-    except DamagedError as error:
-        msg = f"cell {cell['cell']!s:.300}: {error}"
-        raise DamagedError(msg) from None
-
-
-def _result(cell: sqlite3.Row, rows: Sequence[Stored]) -> CellResult:
-    for name, kind in (("cell", str), ("study", str), ("seed", int), ("error", str)):
-        if not isinstance(cell[name], kind):
-            msg = f"its `{name}` is {cell[name]!r:.60}"
-            raise DamagedError(msg)
-    seconds = cell["seconds"]
-    if not (isinstance(seconds, int | float) and seconds >= 0 and isfinite(seconds)):
-        msg = f"its `seconds` is {seconds!r:.60}; it must be 0 or more"
-        raise DamagedError(msg)
-    if cell["status"] not in STATUSES or (rows and cell["status"] != "done"):
-        msg = f"its `status` is {cell['status']!r:.60}, with {len(rows)} rows"
-        raise DamagedError(msg)
-    return CellResult(
-        position=cell["position"],
-        name=cell["cell"],
-        study=cell["study"],
-        seed=cell["seed"],
-        parameters=_parameters(cell),
-        status=cell["status"],
-        error=cell["error"],
-        seconds=float(seconds),
-        rows=tuple(rows_of(rows)),
+    statistic = row.statistic
+    return (
+        position,
+        ordinal,
+        *_named(
+            statistic.family.name,
+            statistic.entries,
+            statistic.controlled,
+            statistic.unit,
+        ),
+        _number(row.value),
+        _number(row.standard_error),
+        int(row.n),
+        None if row.prediction is None else _number(row.prediction),
+        row.predictor,
+        _number(row.remainder),
+        row.check,
     )
 
 
-def _parameters(cell: sqlite3.Row) -> dict[str, Any]:
-    parameters = read_json("its entry `parameters`", cell["parameters"])
-    if not isinstance(parameters, dict):
-        msg = f"its `parameters` are {parameters!r:.60}, not an object"
+def _impossible(row: Row) -> str:
+    """Name of the field that cannot be what it is; empty if there is none.
+
+    What was not measured is NaN, which never passes.
+    """
+    family = row.statistic.family
+    possible = {
+        "family": family.name in FAMILIES,
+        "value": row.value != row.value or family.least <= row.value <= family.most,
+        "standard_error": not row.standard_error < 0.0,
+        "n": 0 <= row.n < MAX_SAMPLES,
+        "prediction": row.prediction is None
+        or row.prediction != row.prediction
+        or family.least <= row.prediction <= family.most,
+        "predictor": row.predictor.isprintable(),
+        "remainder": not row.remainder < 0.0,
+        "check": row.check in get_args(Check),
+    }
+    return next((name for name, is_so in possible.items() if not is_so), "")
+
+
+@lru_cache(maxsize=4096)
+def _named(
+    family: str, entries: tuple[str, ...], controlled: bool, unit: str
+) -> Stored:
+    """A statistic; the same objects for equal ones, which then travel once."""
+    return family, json.dumps(entries, separators=(",", ":")), int(controlled), unit
+
+
+def _number(value: float) -> float | None:
+    number = float(value)
+    return None if number != number else number  # as SQLite stores what is no number
+
+
+def digest_of_entries(cell: Sequence[Any], rows: Iterable[Sequence[Any]]) -> str:
+    """Digest of all that is stored of a cell."""
+    return digest_of([list(cell), *(list(row[1:]) for row in rows)])
+
+
+def digest_of(content: Any) -> str:
+    """SHA-256 of numbers, words and lists of them, exact and by type."""
+    return hashlib.sha256(repr(content).encode()).hexdigest()
+
+
+def cell_result(cell: Sequence[Any], rows: Iterable[Stored]) -> CellResult:
+    """The cell of a stored entry and its rows."""
+    position, name, study, seed, parameters, status, error, seconds, _ = cell
+    return CellResult(
+        position=position,
+        name=name,
+        study=study,
+        seed=seed,
+        parameters=json.loads(parameters),
+        status=status,
+        error=error,
+        seconds=seconds,
+        rows=tuple(_row(*row[2:]) for row in rows),
+    )
+
+
+def _row(
+    family: str,
+    entries: str,
+    controlled: int,
+    unit: str,
+    value: float | None,
+    error: float | None,
+    n: int,
+    prediction: float | None,
+    predictor: str,
+    remainder: float | None,
+    check: Check,
+) -> Row:
+    return Row(
+        statistic=_statistic(family, entries, controlled, unit),
+        value=math.nan if value is None else value,
+        standard_error=math.nan if error is None else error,
+        n=n,
+        prediction=prediction,
+        predictor=_same(predictor),
+        remainder=math.nan if remainder is None else remainder,
+        check=_same(check),
+    )
+
+
+@lru_cache(maxsize=4096)
+def _same(words: Any) -> Any:
+    """Equal words as one object: they take most of the memory of many rows."""
+    return words
+
+
+@lru_cache(maxsize=4096)
+def _statistic(family: str, entries: str, controlled: int, unit: str) -> Statistic:
+    if family not in FAMILIES:
+        msg = (
+            f"`{family:.60}` is no statistic of this version; read it with the version "
+            "of simval that wrote it, or sweep anew"
+        )
         raise DamagedError(msg)
-    if cell["study"] in STUDIES:
-        _require_possible(cell["study"], parameters)
-    _require_named(cell, parameters)
-    return parameters
-
-
-def _require_named(cell: sqlite3.Row, parameters: Mapping[str, Any]) -> None:
-    """Check that the name agrees with study, seed and parameters."""
-    start, end = f"{cell['study']}(", f")@{cell['seed']}"
-    if not (cell["cell"].startswith(start) and cell["cell"].endswith(end)):
-        msg = f"it is stored as {cell['study']} with {cell['seed']}"
-        raise DamagedError(msg)
-    rest = "," + cell["cell"].removeprefix(start).removesuffix(end)
-    for key, value in sorted(parameters.items()):
-        words = f",{key}={canonical(value)}"
-        if not rest.startswith(words):
-            msg = f"its parameter `{key}` is {value!r:.60}; its name differs"
-            raise DamagedError(msg)
-        rest = rest.removeprefix(words)
-    if rest.strip(","):
-        msg = f"its parameters lack {rest[1:]!r:.60}, which its name has"
-        raise DamagedError(msg)
-
-
-def _require_possible(study: str, parameters: Mapping[str, Any]) -> None:
-    """Refuse what the study refuses, except for keys that other versions had."""
-    try:
-        STUDIES[study].parameters.model_validate(parameters)
-    except ValidationError as error:
-        for fault in error.errors():
-            if fault["type"] not in OTHER_VERSION:
-                key = ".".join(str(part) for part in fault["loc"])
-                msg = f"its parameter `{key}` is {fault['input']!r:.60}: {fault['msg']}"
-                raise DamagedError(msg) from None
+    words = tuple(json.loads(entries))
+    return Statistic(
+        family=FAMILIES[family], entries=words, controlled=bool(controlled), unit=unit
+    )

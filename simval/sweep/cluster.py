@@ -9,10 +9,9 @@ from functools import partial
 from typing import Any
 
 from simval.errors import InputError, LostClusterError
-from simval.sweep.batches import Batch, Queue
-from simval.sweep.entries import Done
+from simval.sweep.cells import Done
 from simval.sweep.errand import errand
-from simval.sweep.executors import Compute, Flying, windowed
+from simval.sweep.executors import Batch, Compute, Flying, Queue, windowed
 from simval.sweep.identity import Stated, StrangerError
 from simval.sweep.roster import Roster, Tell, question
 from simval.sweep.suspects import Suspects

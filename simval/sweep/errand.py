@@ -8,9 +8,8 @@ connection and end, and the driver would learn of a lost worker only.
 from collections.abc import Callable
 from typing import Any
 
-from simval.sweep.batches import Batch
-from simval.sweep.entries import Done
-from simval.sweep.executors import computed
+from simval.sweep.cells import Done
+from simval.sweep.executors import Batch, computed
 from simval.sweep.identity import StrangerError
 
 

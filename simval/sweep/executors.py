@@ -2,6 +2,12 @@
 
 All yield what they are done with in the order in which batches end. A cell that raises
 gives its traceback as its result; what is handled here is a worker that dies.
+
+Cells travel in batches, as many as their stated costs fill. A task has a price of its
+own (a message there, one back, a transaction), some milliseconds on a cluster. Cells
+that cost seconds travel alone; of those that cost milliseconds a batch has so many that
+the price is small beside their work. What is lost with a worker is at most a batch, and
+so is what a stopped driver computes again.
 """
 
 import os
@@ -18,6 +24,7 @@ from concurrent.futures import (
 )
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for_any
@@ -26,19 +33,23 @@ from typing import Any, Protocol, runtime_checkable
 
 from simval.errors import CrashedPluginError, PluginError, UnmeasurableError
 from simval.plugins.names import told_anywhere
-from simval.results import Outcome
+from simval.results import CellName, Outcome, Row
 from simval.startup import load_lightly
 from simval.studies import find_study
 from simval.studies.study import Cell
-from simval.sweep.batches import Batch, Queue, Work
-from simval.sweep.cells import REFUSED
-from simval.sweep.documents import DamagedError
-from simval.sweep.endings import Ending, ending_of
-from simval.sweep.entries import Done, cell_entry, digest_of_entries, row_entries
-from simval.sweep.identity import StrangerError, refusal, require_as_read
-from simval.sweep.plausible import rows_of
+from simval.sweep.cells import (
+    REFUSED,
+    DamagedError,
+    Done,
+    Ending,
+    cell_entry,
+    digest_of_entries,
+    row_entries,
+)
+from simval.sweep.identity import Stated, StrangerError, refusal, require_as_read
 from simval.sweep.threads import ONE_THREAD
 from simval.text import described, message_of, one_line, printable
+from simval.verdict import judge, overall
 
 PAUSE = 1.0  # s, after which the window is asked for again though nothing has ended
 
@@ -46,7 +57,86 @@ LOST: tuple[type[BaseException], ...] = (BrokenProcessPool, OSError)
 """Errors of a future whose worker is lost, and not of the cell itself."""
 
 DIED = "the worker process died while it computed this cell"
-STRAY = "the worker answered with other cells than it was given"
+SECONDS = 1.0
+"""Stated cost at which a batch is full, s. Chosen: a hundred times the price of a task
+on a cluster, and no more than a person waits for a sweep that is stopped."""
+
+CELLS = 500
+"""Most cells in a batch, whatever they say they cost."""
+
+ROWS = 20_000
+"""Stated rows at which a batch is full: 2 MB on the way, 10 MB where it is read."""
+
+SHARES = 4
+"""Least number of batches that are left for each that is at work. Chosen: at the end
+of a sweep no worker waits for longer than a quarter of what the others have done."""
+
+Work = Callable[[Cell], Outcome]
+"""What computes a cell."""
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Cells that are computed together, each with its place in the suite."""
+
+    cells: tuple[tuple[int, Cell], ...]
+    alpha: float  # the part of the false-alarm rate of each
+    work: Work | None = None  # None is the study's own
+    stated: Stated | None = None  # what whoever computes them must be
+
+    @property
+    def places(self) -> list[int]:
+        """Places of its cells."""
+        return [place for place, _ in self.cells]
+
+
+class Queue:
+    """The cells to compute, made and handed out in their order."""
+
+    def __init__(
+        self,
+        cells: Sequence[Cell],
+        pending: Sequence[int],
+        alpha: float,
+        work: Work | None = None,
+        stated: Stated | None = None,
+    ) -> None:
+        self._cells, self._pending, self._stated = cells, pending, stated
+        self._alpha, self._work = alpha / max(len(cells), 1), work
+        self._next = 0
+        self._alone: deque[int] = deque()
+
+    def __bool__(self) -> bool:
+        return bool(self._alone) or self._next < len(self._pending)
+
+    def take(self, at_once: int) -> Batch:
+        """The next batch, where so many are at work at once."""
+        if self._alone:
+            return self.alone(self._alone.popleft())
+        left = len(self._pending) - self._next
+        most = min(CELLS, max(1, left // (SHARES * at_once)))
+        batch: list[tuple[int, Cell]] = []
+        seconds, rows = 0.0, 0
+        while len(batch) < most and self._next < len(self._pending):
+            place, cell = self._cell(self._pending[self._next])
+            cost = cell.parameters.cost()
+            seconds, rows = seconds + cost.seconds, rows + cost.rows
+            if batch and (seconds > SECONDS or rows > ROWS):
+                break
+            self._next += 1
+            batch.append((place, cell))
+        return Batch(tuple(batch), self._alpha, self._work, self._stated)
+
+    def alone(self, place: int) -> Batch:
+        """A batch of one cell."""
+        return Batch((self._cell(place),), self._alpha, self._work, self._stated)
+
+    def give_back(self, places: Iterable[int]) -> None:
+        """Have some cells computed alone, before all others."""
+        self._alone.extend(places)
+
+    def _cell(self, place: int) -> tuple[int, Cell]:
+        return place, self._cells[place]
 
 
 Compute = Callable[[Queue], Iterator[Sequence[Done]]]
@@ -102,15 +192,21 @@ def _done(
         return failed(position, cell, outcome, seconds)
     try:
         rows = row_entries(position, outcome.rows)
-        deque(rows_of(row[1:] for row in rows), maxlen=0)
         ending = ending_of(cell, outcome.rows, alpha)
     except DamagedError as error:
         return failed(position, cell, f"a result that cannot be: {error}", seconds)
     except (TypeError, ValueError, AttributeError, OverflowError) as error:
         return failed(position, cell, described(error), seconds)
-    entry = cell_entry(position, cell, "done", "", seconds)
-    digest = digest_of_entries(entry, (row[1:] for row in rows))
-    return Done(entry, rows, digest, ending, outcome.artifacts, outcome.times)
+    entry = cell_entry(position, cell, "done", "", seconds, outcome.times)
+    digest = digest_of_entries(entry, rows)
+    return Done(entry, rows, digest, ending, outcome.artifacts)
+
+
+def ending_of(cell: Cell, rows: Sequence[Row], alpha: float) -> Ending:
+    """Verdict of one cell by itself, at its part of the false-alarm rate."""
+    name = CellName(cell.study, cell.name)
+    verdicts = judge(((name, row) for row in rows), alpha)
+    return overall(verdicts) if verdicts else "stored"
 
 
 def failed(position: int, cell: Cell, error: str, seconds: float = 0.0) -> Done:
@@ -212,7 +308,7 @@ def _landed(future: Future[list[Done]], batch: Batch, queue: Queue) -> Sequence[
     """What a batch has left; where it could not travel, its cells travel alone."""
     error = future.exception() or refusal(future.result())
     if error is None:
-        return _own(batch, future.result())
+        return future.result()
     if isinstance(error, StrangerError):
         queue.give_back(batch.places)
         raise error
@@ -220,15 +316,6 @@ def _landed(future: Future[list[Done]], batch: Batch, queue: Queue) -> Sequence[
         queue.give_back(batch.places)
         return []
     return [failed(*batch.cells[0], one_line(message_of(error)))]
-
-
-def _own(batch: Batch, answer: Sequence[Done]) -> Sequence[Done]:
-    """Check that an answer is one to the cells of the batch, and to each once."""
-    asked = [cell_entry(place, cell, "", "", 0.0)[:5] for place, cell in batch.cells]
-    places = [{row[0] for row in done.rows} - {done.cell[0]} for done in answer]
-    if [done.cell[:5] for done in answer] == asked and not any(places):
-        return answer
-    return [failed(place, cell, STRAY) for place, cell in batch.cells]
 
 
 def _alone(cells: Iterable[Batch]) -> Iterator[Sequence[Done]]:

@@ -1,35 +1,22 @@
 """How many cells each machine has computed: what the last bits of a run depend on."""
 
 import json
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-from simval.sweep.documents import DamagedError, checked_environment, read_json
-from simval.sweep.entries import Done
 from simval.sweep.identity import machine_text
 from simval.sweep.provenance import differences
 
-NAME = "the number of cells by machine"
-
-
-def counted(kept: str | None, batch: Sequence[Done]) -> str:
-    """Entry of the store with some more finished cells."""
-    cells = _read(kept)
-    cells.update(
-        done.machine
-        for done in batch
-        if done.machine and done.ending not in ("failed", "refused")
-    )
-    return json.dumps(cells)
-
 
 def environments(kept: str | None) -> list[dict[str, Any]]:
-    """Machines with the number of their cells, most cells first."""
-    order = sorted(_read(kept).items(), key=lambda item: (-item[1], item[0]))
+    """Machines with the number of their cells, most cells first.
+
+    Of the store's entry, which counts the finished cells of each machine.
+    """
+    counted = json.loads(kept or "{}").items()
     return [
-        checked_environment({"machine": read_json(NAME, machine), "cells": cells})
-        for machine, cells in order
+        {"machine": json.loads(machine), "cells": cells}
+        for machine, cells in sorted(counted, key=lambda item: (-item[1], item[0]))
     ]
 
 
@@ -60,12 +47,3 @@ def mixture(manifest: Mapping[str, Any]) -> str:
         f"{len(parts)} kinds of machine computed this run, so the last bits may "
         f"differ: {'; '.join(parts)}"
     )
-
-
-def _read(kept: str | None) -> Counter[str]:
-    cells = read_json(NAME, kept) if kept else {}
-    counted = isinstance(cells, dict) and all(type(n) is int for n in cells.values())
-    if not counted:
-        msg = f"{NAME} is {cells!r:.60}, not whole numbers by name"
-        raise DamagedError(msg)
-    return Counter(cells)

@@ -1,4 +1,4 @@
-"""A run folder, read back: cells, rows, manifest and timing.
+"""A run folder, read back: cells, rows, manifest and timing, and its tables.
 
 run.sqlite      cells and rows, written while the run goes on
 results.csv     the tidy long table: a row for each cell and statistic
@@ -8,27 +8,24 @@ artifacts/      what the studies leave for the report: npz, png
 """
 
 import csv
+import json
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from io import TextIOWrapper
+from io import BufferedWriter, TextIOWrapper
 from pathlib import Path
 from typing import Any
 
 from simval import vocabulary
 from simval.arguments import file_path
 from simval.errors import InputError
+from simval.extras import refuse_without
 from simval.notebooks import ShownRun
-from simval.results import COLUMNS
+from simval.results import COLUMNS, NUMBERS, Row
+from simval.studies.study import canonical
 from simval.sweep import store
-from simval.sweep.cells import CellResult, read_cell, read_cells, read_heads
-from simval.sweep.connections import require_whole
-from simval.sweep.documents import read_timing
-from simval.sweep.frame import data_frame
-from simval.sweep.parts import completed
-from simval.sweep.plausible import MAX_SAMPLES
-from simval.sweep.seal import check_files
+from simval.sweep.cells import MAX_SAMPLES, CellResult
 from simval.text import nearest
 
 __all__ = [
@@ -36,13 +33,17 @@ __all__ = [
     "RUNS",
     "CellResult",
     "Run",
+    "data_frame",
+    "export_parquet",
     "load_run",
-    "opened_run",
     "run_folder",
     "write_table",
 ]
 
 RUNS = vocabulary.RUNS
+
+WHOLE = {int: ("int64", "Int64"), bool: ("bool", "boolean")}
+"""Types of pandas, and those with a place for what a study does not have."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -125,67 +126,150 @@ def load_run(folder: str | Path) -> Run:
         If it is no run folder, is damaged, or was written by a newer version.
     """
     path = run_folder(folder)
-    with opened_run(path) as (database, manifest):
-        cells = tuple(read_cells(database))
-    timing = read_timing(path)
+    with store.opened(path / "run.sqlite") as database:
+        store.check_complete(database, path)
+        manifest = store.manifest(database)
+        cells = tuple(store.read_cells(database))
+    timing = _timing(path / "timing.json")
     places = timing.pop("plugins", {})
     return Run(
         folder=path, cells=cells, manifest=manifest, timing=timing, places=places
     )
 
 
+def _timing(file: Path) -> dict[str, Any]:
+    """Read the times of a run; nothing if there are none."""
+    if not file.exists():
+        return {}
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        return {**content}
+    except (OSError, ValueError, TypeError) as error:
+        msg = f"{file} is damaged: {error}; run the suite again, or remove the file"
+        raise InputError(msg) from None
+
+
 @contextmanager
-def opened_run(folder: Path) -> Iterator[tuple[sqlite3.Connection, dict[str, Any]]]:
-    """Open a run folder; its files and manifest must be what the sweep wrote."""
-    with store.opened(folder / "run.sqlite") as database:
-        require_whole(database)
-        manifest = store.manifest(database)
-        check_files(database, folder)
-        yield database, manifest
+def completed(path: Path) -> Iterator[BufferedWriter]:
+    """Open a file to write, which takes its name when all of it is there."""
+    part = path.with_name(path.name + ".part")
+    try:
+        with part.open("wb") as file:
+            yield file
+        part.replace(path)
+    except OSError as error:
+        _remove(part)
+        msg = f"cannot write {path}: {error}; is the disk full or read-only?"
+        raise InputError(msg) from None
+    except BaseException:  # no incomplete file is left
+        _remove(part)
+        raise
+
+
+def _remove(part: Path) -> None:
+    with suppress(OSError):
+        part.unlink()
 
 
 def write_table(database: sqlite3.Connection, path: Path) -> None:
     """Write the tidy long table of the finished cells: sorted, floats exact."""
-    heads = (cell for cell in read_heads(database) if cell.status == "done")
-    keys = sorted({key for cell in heads for key in cell.parameters})
-    try:
-        with (
-            completed(path) as content,
-            TextIOWrapper(content, encoding="utf-8", newline="") as file,
-        ):
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["cell", "study", "seed", *keys, *COLUMNS])
-            for position in store.finished(database):
-                cell = read_cell(database, position)
-                values = [_exact(cell.parameters.get(key)) for key in keys]
-                head = [cell.name, cell.study, cell.seed, *values]
-                lines = sorted(_lines(cell), key=lambda line: line[:2])
-                writer.writerows([*head, *line] for line in lines)
-    except OSError as error:
-        msg = f"cannot write {path}: {error}; is the disk full or read-only?"
-        raise InputError(msg) from None
+    keys = store.parameters(database)
+    with (
+        completed(path) as content,
+        TextIOWrapper(content, encoding="utf-8", newline="") as file,
+    ):
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["cell", "study", "seed", *keys, *COLUMNS])
+        for cell in store.read_cells(database, "cell"):
+            values = [_exact(cell.parameters.get(key)) for key in keys]
+            head = [cell.name, cell.study, cell.seed, *values]
+            lines = sorted(map(_line, cell.rows), key=lambda line: line[:2])
+            writer.writerows([*head, *line] for line in lines)
 
 
-def _lines(cell: CellResult) -> Iterator[list[Any]]:
-    """The columns of each row of a cell."""
-    for row in cell.rows:
-        yield [
-            str(row.statistic),
-            row.predictor,
-            *(
-                "" if number is None or number != number else number
-                for number in (row.value, row.standard_error, row.n, row.prediction)
-            ),
-            "" if row.remainder != row.remainder else row.remainder,
-            row.unit,
-            row.check,
-        ]
+def _line(row: Row) -> list[Any]:
+    """The columns of a row; what was not measured is an empty field."""
+    numbers = (row.value, row.standard_error, row.n, row.prediction, row.remainder)
+    return [
+        str(row.statistic),
+        row.predictor,
+        *("" if number is None or number != number else number for number in numbers),
+        row.unit,
+        row.check,
+    ]
 
 
 def _exact(value: Any) -> Any:
-    if value is None or value != value:  # what was not measured is an empty field
+    if value is None or value != value:
         return ""
     return repr(value) if isinstance(value, float) else value
+
+
+def data_frame(cells: Iterable[CellResult]) -> Any:
+    """Make a data frame of the finished cells; needs pandas."""
+    try:
+        import pandas as pd
+    except ImportError:
+        refuse_without("pandas", "a data frame")
+    done = [cell for cell in cells if cell.status == "done"]
+    keys = sorted({key for cell in done for key in cell.parameters})
+    heads: dict[str, list[Any]] = {
+        "cell": [cell.name for cell in done],
+        "study": [cell.study for cell in done],
+        "seed": [cell.seed for cell in done],
+        **{key: _alike([cell.parameters.get(key) for cell in done]) for key in keys},
+    }
+    rows = [row for cell in done for row in cell.rows]
+    columns: dict[str, list[Any]] = {
+        "statistic": [str(row.statistic) for row in rows],
+        **{name: [getattr(row, name) for row in rows] for name in COLUMNS[1:]},
+    }
+    counts = [len(cell.rows) for cell in done]
+    kinds = {"seed": "int64", "n": "int64", **dict.fromkeys(NUMBERS, "float64")}
+    repeated = {
+        name: pd.Series(values, dtype=kinds.get(name) or _dtype(values))
+        .repeat(counts)
+        .reset_index(drop=True)
+        for name, values in heads.items()
+    }
+    measured = {
+        name: pd.Series(values, dtype=kinds.get(name, "object"))
+        for name, values in columns.items()
+    }
+    return pd.DataFrame(repeated | measured)
+
+
+def _alike(values: list[Any]) -> list[Any]:
+    """The values of a parameter: as text where studies differ in type."""
+    kinds = {type(value) for value in values if value is not None}
+    if len(kinds) <= 1 or kinds == {int, float}:
+        return values
+    return [
+        value if value is None or isinstance(value, str) else canonical(value)
+        for value in values
+    ]
+
+
+def _dtype(values: Sequence[Any]) -> str:
+    kinds = {type(value) for value in values if value is not None}
+    if len(kinds) == 1 and kinds <= WHOLE.keys():
+        return WHOLE[kinds.pop()][None in values]
+    return "float64" if kinds <= {int, float} else "object"
+
+
+def export_parquet(folder: Path, path: Path) -> int:
+    """Write the table of a run as one Parquet file; return the number of rows."""
+    try:
+        import pyarrow  # noqa: F401
+    except ImportError:
+        refuse_without("parquet", "Parquet")
+    if path.exists() and not path.is_file():  # a device, which would be replaced
+        msg = f"cannot write {path}: it is no regular file; choose another with --out"
+        raise InputError(msg)
+    frame = data_frame(load_run(folder).cells)
+    with completed(path) as file:
+        frame.to_parquet(file, index=False, compression="zstd")
+    return len(frame)
 
 
 def run_folder(run: str | Path) -> Path:

@@ -4,34 +4,44 @@ Only the driver writes. A cell's numbers depend on its name and seed alone, so a
 number of workers, in any order, leaves the same table.
 """
 
+import fcntl
+import io
 import json
 import os
 import platform
+import shutil
 import sqlite3
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
+from functools import partial
+from itertools import zip_longest
 from pathlib import Path
-from typing import Protocol, cast, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
+
+import numpy as np
 
 from simval.arguments import file_path, instance, switch, whole_number
 from simval.arrays import nonnegative_number
 from simval.errors import InputError
 from simval.studies.study import Cell
 from simval.sweep import provenance, store
-from simval.sweep.batches import Queue, Work
-from simval.sweep.cells import read_cells
-from simval.sweep.cluster import WAIT
-from simval.sweep.crew import Crew, gathered
-from simval.sweep.endings import ENDINGS, Ending, ending_of, worse
-from simval.sweep.folder import check_same, create, keep, locked, write
+from simval.sweep.cells import Ending, worse
+from simval.sweep.cluster import WAIT, clustered
+from simval.sweep.executors import Compute, Queue, Work, pooled, serial
 from simval.sweep.grid import Chosen
+from simval.sweep.identity import Stated, here
 from simval.sweep.machines import environments
-from simval.sweep.paths import require_plugins
-from simval.sweep.run import Run, load_run, write_table
-from simval.sweep.seal import seal, unseal
-from simval.sweep.suite import Suite, load_suite
+from simval.sweep.run import Run, completed, load_run, write_table
+from simval.sweep.suite import Suite, load_suite, require_plugins
 from simval.verdict import ALPHA
+
+FIXED = ("suite", "grid", "versions", "source", "models", "files", "machine")
+"""What must be equal for a run to be resumed. The commit may differ where only texts
+changed: the numbers depend on the source itself."""
+
+PART = "run.sqlite.part"
 
 
 @runtime_checkable
@@ -51,6 +61,14 @@ class Watch(Progress, Protocol):
 
     def expect(self, cells: Sequence[Cell], workers: int | None) -> None:
         """Note the cells to come in their order, and how many are computed at once."""
+
+
+@runtime_checkable
+class Teller(Protocol):
+    """A progress that is told too what becomes of the workers."""
+
+    def tell(self, words: str) -> None:
+        """Say it."""
 
 
 class Silence:
@@ -145,69 +163,84 @@ def drive(
     wait = nonnegative_number("wait", wait, "s")
     require_plugins(suite.cells)
     known = provenance.manifest(suite)
-    with gathered(workers, scheduler, wait, mixed_kernels, progress) as crew:
+    told: list[str] = []
+
+    def tell(words: str) -> None:
+        told.append(words)
+        if isinstance(progress, Teller):
+            progress.tell(words)
+
+    stated = Stated(driver=here(), mixed=mixed_kernels)
+    with _computing(workers, scheduler, stated, wait, tell) as compute:
         # no folder is created before it is known that cells can be computed
         if resume and _is_file(folder / "run.sqlite"):
-            check_same(folder, suite, known)
+            _check_same(folder, suite, known)
         else:
-            create(folder, suite, known, resume)
-        _fill(folder, suite, crew, progress, work)
+            _create(folder, suite, known, resume)
+        started, wall = datetime.now(UTC), time.perf_counter()
+        places = provenance.places(suite.grid)
+        with locked(folder), store.writing(folder / "run.sqlite") as database:
+            store.reopen(database)
+            _write(folder / "timing.json", json.dumps({"plugins": places}) + "\n")
+            pending = store.unfinished(database)
+            done = len(suite.cells) - len(pending)
+            worst = cast(Ending, store.entry(database, "worst") or "stored")
+            progress.start(len(suite.cells), done, worst if done else "stored")
+            if isinstance(progress, Watch):
+                at_once = workers if scheduler is None else None
+                progress.expect(Chosen(suite.cells, pending), at_once)
+            queue = Queue(suite.cells, pending, ALPHA, work, stated)
+            _compute(database, folder, compute, queue, progress, worst)
+            manifest = store.manifest(database)
+            counts = store.entry(database, "machines")
+            manifest["environments"] = environments(counts)
+            store.keep_manifest(database, manifest)
+            spent = store.times(database)
+            timing = {
+                "started": started.isoformat(timespec="seconds"),
+                "committed": provenance.commit_date(),
+                "wall_seconds": round(time.perf_counter() - wall, 3),
+                "workers": workers if scheduler is None else scheduler,
+                "told": told,
+                "host": platform.node(),
+                "finished_before": done,
+                "cpu_seconds": round(sum(seconds for _, seconds, _ in spent), 3),
+                "processors": os.cpu_count(),
+                "cells": {name: round(seconds, 4) for name, seconds, _ in spent},
+                "calls": {name: timed for name, _, timed in spent if timed},
+                "plugins": places,
+            }
+            write_table(database, folder / "results.csv")
+            _write(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n")
+            _write(folder / "timing.json", json.dumps(timing, indent=2) + "\n")
+            store.complete(database, folder)
 
 
-def _fill(
-    folder: Path, suite: Suite, crew: Crew, progress: Progress, work: Work | None
-) -> None:
-    """Compute the missing cells of a run, and write its table."""
-    started, wall = datetime.now(UTC), time.perf_counter()
-    places = provenance.places(suite.grid)
-    with locked(folder), store.writing(folder / "run.sqlite") as database:
-        unseal(database)
-        write(folder / "timing.json", json.dumps({"plugins": places}) + "\n")
-        done = _compute(database, folder, suite, crew, progress, work)
-        spent = dict(store.seconds(database))
-        timing = {
-            "started": started.isoformat(timespec="seconds"),
-            "committed": provenance.commit_date(),
-            "wall_seconds": round(time.perf_counter() - wall, 3),
-            "workers": crew.where,
-            "told": crew.told,
-            "host": platform.node(),
-            "finished_before": done,
-            "cpu_seconds": round(sum(spent.values()), 3),
-            "processors": os.cpu_count(),
-            "cells": {name: round(value, 4) for name, value in spent.items()},
-            "calls": store.times(database),
-            "plugins": places,
-        }
-        manifest = store.manifest(database)
-        manifest["environments"] = environments(store.entry(database, store.MACHINES))
-        store.keep_manifest(database, manifest)
-        store.keep(database, store.WORST, None)
-        write_table(database, folder / "results.csv")
-        write(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n")
-        write(folder / "timing.json", json.dumps(timing, indent=2) + "\n")
-        seal(database, folder)
+@contextmanager
+def _computing(
+    workers: int, scheduler: str | None, stated: Stated, wait: float, tell: Any
+) -> Iterator[Compute]:
+    """Find who computes."""
+    if scheduler is not None:
+        with clustered(scheduler, stated, wait, tell) as compute:
+            yield compute
+    else:
+        yield serial if workers == 1 else partial(pooled, workers=workers)
 
 
 def _compute(
     database: sqlite3.Connection,
     folder: Path,
-    suite: Suite,
-    crew: Crew,
+    compute: Compute,
+    queue: Queue,
     progress: Progress,
-    work: Work | None,
-) -> int:
-    """Compute the missing cells; return how many were finished before."""
-    cells, pending = suite.cells, store.unfinished(database)
-    done = len(cells) - len(pending)
-    worst = _worst_stored(database, suite) if done and pending else "stored"
-    progress.start(len(cells), done, worst)
-    if isinstance(progress, Watch):
-        at_once = crew.where if isinstance(crew.where, int) else None
-        progress.expect(Chosen(cells, pending), at_once)
-    for batch in crew.compute(Queue(cells, pending, ALPHA, work, crew.stated)):
+    worst: Ending,
+) -> None:
+    """Compute the missing cells, and store each batch that ends."""
+    for batch in compute(queue):
         for each in batch:
-            keep(folder / "artifacts", each.artifacts)
+            for name, content in each.artifacts.items():
+                _write(folder / "artifacts" / name, content)
             if each.ending not in ("failed", "refused"):
                 worst = worse(worst, each.ending)
         store.finish(database, batch, worst)
@@ -217,7 +250,80 @@ def _compute(
     if left:
         msg = f"{left} cells came back neither finished nor failed"
         raise RuntimeError(msg)
-    return done
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keep a run folder for one driver."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError:
+        msg = f"another sweep is at work in {folder}; wait for it or stop it"
+        raise InputError(msg) from None
+    finally:
+        os.close(handle)
+
+
+def _create(folder: Path, suite: Suite, known: Mapping[str, Any], resume: bool) -> None:
+    """Make the folder of a new run, with every cell pending."""
+    try:
+        # a run that was stopped before its store was complete left only a part of it
+        begun = (
+            resume
+            and folder.is_dir()
+            and all(p.name.startswith(PART) for p in folder.iterdir())
+        )
+        if folder.exists() and not begun:
+            msg = f"{folder} exists; choose another folder, or --resume to continue it"
+            raise InputError(msg)
+        folder.mkdir(parents=True, exist_ok=begun)
+        for left in folder.iterdir():
+            left.unlink()
+    except OSError as error:
+        msg = f"cannot make {folder}: {error}; choose a folder that can be written"
+        raise InputError(msg) from None
+    # The store appears under its name only when it is complete.
+    try:
+        store.create(folder / PART, suite.cells, known)
+        (folder / PART).rename(folder / "run.sqlite")
+    except BaseException:  # a run that did not start must not block the next one
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _check_same(folder: Path, suite: Suite, known: Mapping[str, Any]) -> None:
+    """Refuse to resume a run of another suite, version or source, or a damaged one."""
+    with store.opened(folder / "run.sqlite") as database:
+        earlier = store.manifest(database)
+        names = zip_longest(store.names(database), (c.name for c in suite.cells))
+        same = all(a == b for a, b in names)
+    changed = provenance.differences(
+        {key: earlier.get(key) for key in FIXED},
+        # through JSON, as the earlier one went
+        json.loads(json.dumps({key: known[key] for key in FIXED})),
+    )
+    if not changed and not same:
+        changed = ["the cells differ"]
+    if changed:
+        msg = (
+            f"{folder} was started with another suite or version and cannot be "
+            f"resumed: {'; '.join(changed)}; use a new folder"
+        )
+        raise InputError(msg)
+
+
+def _write(path: Path, content: str | bytes | Mapping[str, Any]) -> None:
+    """Write a text, bytes or arrays as a file that appears only when it is complete."""
+    path.parent.mkdir(exist_ok=True)
+    with completed(path) as file:
+        if isinstance(content, Mapping):
+            buffer = io.BytesIO()  # a zip file is not written from front to back
+            np.savez(buffer, **content)
+            file.write(buffer.getvalue())
+        else:
+            file.write(content.encode() if isinstance(content, str) else content)
 
 
 def _is_file(path: Path) -> bool:
@@ -226,16 +332,3 @@ def _is_file(path: Path) -> bool:
     except OSError as error:
         msg = f"cannot use {path}: {error}; choose another folder"
         raise InputError(msg) from None
-
-
-def _worst_stored(database: sqlite3.Connection, suite: Suite) -> Ending:
-    """Worst ending of the cells that an earlier session finished."""
-    kept = store.entry(database, store.WORST)
-    if kept in ENDINGS:
-        return cast(Ending, kept)
-    worst: Ending = "stored"  # by a version that did not keep it
-    for cell in read_cells(database):
-        if cell.status == "done":
-            own = suite.cells[cell.position]
-            worst = worse(worst, ending_of(own, cell.rows, ALPHA / len(suite.cells)))
-    return worst

@@ -1,141 +1,146 @@
 """The store of a run: one SQLite file, one transaction for each batch of cells.
 
 The driver of a sweep is the only writer. A cell is stored completely or not at all, so
-a run that was killed at any moment can be resumed. The write-ahead log goes to the
-operating system at each commit and to the disk now and then: a killed program loses
-the batches in flight, a power cut the last ones stored at most; `--resume` computes
-them again.
+a run that was killed at any moment can be resumed: a killed program loses the batches
+in flight, a power cut the last ones stored at most, and `--resume` computes them again.
 
-Each cell has a digest of all that is stored of it, written in the same transaction, and
-so has the manifest: later damage to a store is detected (`simval.sweep.cells`).
+Damage is found by SQLite's own check of its pages and by digests (SHA-256), each
+written in the transaction of what it covers: one of each cell with its rows, one of the
+entries that say what the run is, and, once the run is complete, one of all cells and
+one of each file beside the store. What fails its digest is never passed on.
+
+Numbers are stored as they are: a column without a type keeps every bit.
 """
 
+import hashlib
 import json
 import sqlite3
-from array import array
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from simval.errors import InputError
 from simval.studies.study import Cell
-from simval.sweep.connections import explained, fold, to_read, to_write
-from simval.sweep.documents import (
-    DamagedError,
-    checked_call,
-    checked_manifest,
-    read_json,
-)
-from simval.sweep.entries import (
+from simval.sweep.cells import (
     CELL_FIELDS,
-    NAMED,
     ROW_FIELDS,
+    CellResult,
+    DamagedError,
     Done,
-    Stored,
     cell_entry,
+    cell_result,
     digest_of,
     digest_of_entries,
 )
-from simval.sweep.machines import counted
 
-SCHEMA_VERSION = 2
-ROW_COLUMNS = ", ".join(f'"{name}"' for name in NAMED)
-
-TIMES = "times of "
-"""What the entry begins with that holds the times of a cell."""
-
-FILES = "files"
-"""Entry of the digests of the files beside the store."""
-
-WORST = "worst"
-"""Entry of the worst ending of the finished cells."""
-
-MACHINES = "machines"
-"""Entry of the number of finished cells by the machine that computed them."""
+SCHEMA_VERSION = 3
+PATIENCE = 30.0
+"""Seconds that one waits for another program that writes to the store."""
 
 TABLES = f"""
-CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE cells (
-  position INTEGER PRIMARY KEY, cell TEXT UNIQUE NOT NULL, study TEXT NOT NULL,
-  seed INTEGER NOT NULL, parameters TEXT NOT NULL,
-  status TEXT NOT NULL CHECK (status IN ('pending', 'done', 'failed')),
-  error TEXT NOT NULL DEFAULT '', seconds REAL NOT NULL DEFAULT 0,
-  digest TEXT NOT NULL DEFAULT '');
+  position INTEGER PRIMARY KEY, cell TEXT, study TEXT, seed INTEGER, parameters TEXT,
+  status TEXT, error TEXT, seconds REAL, times TEXT, digest TEXT);
 CREATE TABLE rows (
-  cell INTEGER NOT NULL REFERENCES cells (position), ordinal INTEGER NOT NULL,
-  {", ".join(f'"{name}"' for name in ROW_FIELDS)},
-  PRIMARY KEY (cell, ordinal));
+  cell INTEGER, ordinal INTEGER, {", ".join(f'"{name}"' for name in ROW_FIELDS)},
+  PRIMARY KEY (cell, ordinal)) WITHOUT ROWID;
 """
+BESIDE = ("results.csv", "manifest.json", "timing.json", "artifacts/*")
+"""Files of a run beside its store."""
+
+
+@contextmanager
+def explained(path: Path) -> Iterator[None]:
+    """Turn errors of SQLite, and damaged content, into one sentence."""
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        if "no such table" in str(error) or "no such column" in str(error):
+            msg = f"{path} is not the store of a run: {error}"
+        else:
+            msg = f"cannot use {path}: {error}; is the disk full or read-only?"
+        raise InputError(msg) from None
+    except (sqlite3.Error, DamagedError, UnicodeDecodeError) as error:
+        msg = (
+            f"{path} is damaged or not the store of a run: {error}; restore it from a "
+            "copy, or run the suite again in a new folder"
+        )
+        raise InputError(msg) from None
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open the store of a run to read from it.
+    """Open the store of a run to read from it: one snapshot, its pages sound.
 
     Raises
     ------
     InputError
-        If there is no such file, it is no store, it is of another schema, or it is
-        damaged.
+        If there is no such file, it is no store, of another version, or damaged.
     """
-    with explained(path), closing(to_read(path, TABLES, SCHEMA_VERSION)) as database:
-        database.row_factory = sqlite3.Row
+    if not path.is_file():
+        msg = f"{path} does not exist, so {path.parent} is no run folder"
+        raise InputError(msg)
+    with explained(path), closing(_connected(path)) as database:
+        database.execute("PRAGMA query_only = 1")
         database.execute("BEGIN")
+        given = entry(database, "schema")
+        if given != str(SCHEMA_VERSION):
+            msg = (
+                f"{path} has schema {given!s:.20}; this program reads {SCHEMA_VERSION};"
+                " use the version of simval that wrote it"
+            )
+            raise InputError(msg)
+        found = database.execute("PRAGMA quick_check(1)").fetchone()[0]
+        _require(found == "ok", f"its pages do not fit together ({found!s:.200})")
+        same = entry(database, "digest") == _digest_of_entries(database)
+        _require(same, "what it says of the run is not what the sweep stored (SHA-256)")
         yield database
 
 
 @contextmanager
 def writing(path: Path) -> Iterator[sqlite3.Connection]:
     """Open the store of a run to add to it."""
-    with explained(path), closing(to_write(path, TABLES, SCHEMA_VERSION)) as database:
+    with opened(path):
+        pass  # it is one
+    with explained(path), closing(_connected(path)) as database:
+        database.execute("PRAGMA journal_mode = WAL")  # readers do not wait
+        database.execute("PRAGMA synchronous = NORMAL")
         yield database
-        fold(database)  # one file again when all is done
+        with suppress(sqlite3.OperationalError):  # somebody reads: the log stays
+            database.execute("PRAGMA journal_mode = DELETE")  # one file again
 
 
-def create(path: Path, cells: Iterable[Cell], manifest: str) -> None:
+def _connected(path: Path) -> sqlite3.Connection:
+    where = f"{path.absolute().as_uri()}?mode=rw"
+    return sqlite3.connect(where, uri=True, timeout=PATIENCE)
+
+
+def create(path: Path, cells: Iterable[Cell], manifest: Mapping[str, Any]) -> None:
     """Make a new store with every cell pending."""
-    entries = (
-        ("schema", str(SCHEMA_VERSION)),
-        ("manifest", manifest),
-        ("manifest digest", digest_of(manifest)),
-    )
+    pending = (cell_entry(i, cell, "pending") for i, cell in enumerate(cells))
     with explained(path), closing(sqlite3.connect(path)) as database, database:
-        # at once, as nobody has the file open yet
-        database.execute("PRAGMA journal_mode = WAL")
         database.executescript(TABLES)
-        database.executemany("INSERT INTO meta VALUES (?, ?)", entries)
+        keep(database, schema=str(SCHEMA_VERSION), manifest=json.dumps(manifest))
         marks = ", ".join("?" * (1 + len(CELL_FIELDS)))
         database.executemany(
             f"INSERT INTO cells VALUES ({marks})",
-            (
-                (*entry, digest_of_entries(entry, ()))
-                for i, cell in enumerate(cells)
-                for entry in (cell_entry(i, cell, "pending", "", 0.0),)
-            ),
+            ((*each, digest_of_entries(each, ())) for each in pending),
         )
-
-
-def stored_cell(
-    database: sqlite3.Connection, position: int
-) -> tuple[sqlite3.Row, list[Stored]]:
-    """Read the entry of a cell and its rows."""
-    cursor = database.cursor()
-    cursor.row_factory = sqlite3.Row
-    query = "SELECT * FROM cells WHERE position = ?"
-    cell = cursor.execute(query, (position,)).fetchone()
-    cursor.row_factory = None
-    query = f"SELECT {ROW_COLUMNS} FROM rows WHERE cell = ? ORDER BY ordinal"
-    return cell, cursor.execute(query, (position,)).fetchall()
-
-
-def digest_of_cell(cell: sqlite3.Row, rows: Iterable[Stored]) -> str:
-    """Digest of all that is stored of a cell."""
-    return digest_of_entries([cell[name] for name in CELL_FIELDS], rows)
 
 
 def finish(database: sqlite3.Connection, batch: Sequence[Done], worst: str) -> None:
     """Store cells that have ended with their rows, in one transaction."""
+    machines = Counter(
+        done.machine
+        for done in batch
+        if done.machine and done.ending not in ("failed", "refused")
+    )
     marks = ", ".join("?" * (2 + len(ROW_FIELDS)))
     with database:
         database.executemany(
@@ -143,85 +148,118 @@ def finish(database: sqlite3.Connection, batch: Sequence[Done], worst: str) -> N
             chain.from_iterable(done.rows for done in batch),
         )
         database.executemany(
-            "UPDATE cells SET status = ?, error = ?, seconds = ?, digest = ? "
-            "WHERE position = ?",
+            "UPDATE cells SET status = ?, error = ?, seconds = ?, times = ?, "
+            "digest = ? WHERE position = ?",
             ((*done.cell[5:], done.digest, done.cell[0]) for done in batch),
         )
-        for done in batch:
-            times = json.dumps(dict(done.times)) if done.times else None
-            _set(database, f"{TIMES}{done.cell[1]}", times)
-        _set(database, WORST, worst)
-        _set(database, MACHINES, counted(entry(database, MACHINES), batch))
+        machines.update(json.loads(entry(database, "machines") or "{}"))
+        keep(database, worst=worst, machines=json.dumps(machines))
 
 
 def keep_manifest(database: sqlite3.Connection, content: Mapping[str, Any]) -> None:
     """Replace the manifest, in one transaction."""
-    text = json.dumps(content)
     with database:
-        _set(database, "manifest", text)
-        _set(database, "manifest digest", digest_of(text))
+        keep(database, manifest=json.dumps(content))
 
 
-def manifest(database: sqlite3.Connection) -> dict[str, Any]:
-    """Read the manifest: what the numbers of the run depend on."""
-    text = entry(database, "manifest")
-    content = checked_manifest(text)
-    if entry(database, "manifest digest") != digest_of(text):
-        msg = "the manifest is not what the sweep stored (its SHA-256 differs)"
-        raise DamagedError(msg)
-    return content
-
-
-def keep(database: sqlite3.Connection, key: str, value: str | None) -> None:
-    """Set an entry of the store, in one transaction."""
+def complete(database: sqlite3.Connection, folder: Path) -> None:
+    """Note that the run is complete, with the digests of its files and of all cells."""
     with database:
-        _set(database, key, value)
+        files = json.dumps(_digests_of_files(folder))
+        keep(database, worst=None, files=files, complete=_digest_of_cells(database))
 
 
-def _set(database: sqlite3.Connection, key: str, value: str | None) -> None:
-    database.execute("DELETE FROM meta WHERE key = ?", (key,))
-    if value is not None:
-        database.execute("INSERT INTO meta VALUES (?, ?)", (key, value))
+def reopen(database: sqlite3.Connection) -> None:
+    """Take that note away, before files are written again."""
+    with database:
+        keep(database, files=None, complete=None)
 
 
-def size(database: sqlite3.Connection) -> int:
-    """Number of rows that were stored, which is found at once."""
-    least, most = (
-        int(database.execute(f"SELECT {which}(rowid) FROM rows").fetchone()[0] or 0)
-        for which in ("min", "max")
-    )
-    if least < 0:
-        msg = f"its rows are numbered from {least}"
-        raise DamagedError(msg)
-    return most
+def keep(database: sqlite3.Connection, **entries: str | None) -> None:
+    """Set entries of the store, or take them away, with a digest of all."""
+    for key, value in entries.items():
+        database.execute("DELETE FROM meta WHERE key = ?", (key,))
+        if value is not None:
+            database.execute("INSERT INTO meta VALUES (?, ?)", (key, value))
+    values = ("digest", _digest_of_entries(database))
+    database.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", values)
 
 
-def entries(database: sqlite3.Connection) -> dict[str, Any]:
-    """All that the store says of the run itself, but for the digests of its files."""
-    query = "SELECT key, value FROM meta WHERE key != ? ORDER BY key"
-    return dict(database.execute(query, (FILES,)).fetchall())
+def _digest_of_entries(database: sqlite3.Connection) -> str:
+    query = "SELECT key, value FROM meta WHERE key != 'digest' ORDER BY key"
+    return digest_of(database.execute(query).fetchall())
 
 
-def sealed(database: sqlite3.Connection) -> dict[str, str]:
-    """The digests of the files beside the store, as the sweep left them."""
-    text = entry(database, FILES)
-    digests = {} if text is None else read_json("the list of files", text)
-    if not isinstance(digests, dict):
-        msg = f"the list of files is {digests!r:.60}, not an object"
-        raise DamagedError(msg)
-    return digests
+def _digest_of_cells(database: sqlite3.Connection) -> str:
+    query = "SELECT digest FROM cells ORDER BY position"
+    return digest_of(database.execute(query).fetchall())
 
 
-def times(database: sqlite3.Connection) -> dict[str, Any]:
-    """What was timed in each cell, by its name."""
-    query = "SELECT key, value FROM meta WHERE substr(key, 1, ?) = ? ORDER BY key"
-    found = database.execute(query, (len(TIMES), TIMES))
+def _digests_of_files(folder: Path) -> dict[str, str]:
+    files = sorted(chain.from_iterable(map(folder.glob, BESIDE)))
     return {
-        key.removeprefix(TIMES): checked_call(
-            f"entry {key!r:.60}", read_json(f"the entry {key!r:.60}", value)
-        )
-        for key, value in found
+        file.relative_to(folder).as_posix(): _digest_of_file(file)
+        for file in files
+        if file.suffix != ".part"
     }
+
+
+def _digest_of_file(file: Path) -> str:
+    try:
+        with file.open("rb") as content:
+            return hashlib.file_digest(content, "sha256").hexdigest()
+    except OSError as error:
+        msg = f"cannot read {file}: {error.strerror}; is it a file, and yours to read?"
+        raise InputError(msg) from None
+
+
+def read_cells(
+    database: sqlite3.Connection, order: Literal["position", "cell"] = "position"
+) -> Iterator[CellResult]:
+    """Read the cells one by one, each with its rows and checked by its digest.
+
+    In the order of the suite (``position``), or by their names (``cell``).
+
+    Raises
+    ------
+    DamagedError
+        With the cell that is not what the sweep stored.
+    """
+    query = f"SELECT {', '.join(CELL_FIELDS)}, digest FROM cells ORDER BY {order}"
+    columns = ", ".join(f'"{name}"' for name in ("cell", "ordinal", *ROW_FIELDS))
+    of_cell = f"SELECT {columns} FROM rows WHERE cell = ? ORDER BY ordinal"
+    total = size = 0
+    for *cell, digest in database.execute(query):
+        rows = database.execute(of_cell, (cell[0],)).fetchall()
+        total, size = total + 1, size + len(rows)
+        same = digest == digest_of_entries(cell, rows)
+        _require(same, f"cell {cell[1]!s:.300} is not what the sweep stored (SHA-256)")
+        yield cell_result(cell, rows)
+    stated = manifest(database)["cells"]
+    _require(total == stated, f"it has {total} cells; its suite has {stated}")
+    found = database.execute("SELECT count(*) FROM rows").fetchone()[0]
+    _require(size == found, f"it has {found - size} rows of no cell")
+
+
+def check_complete(database: sqlite3.Connection, folder: Path) -> None:
+    """Refuse a complete run if it or one of its files is not what the sweep wrote.
+
+    A missing file is no damage: a store alone can be judged.
+    """
+    stated = entry(database, "complete")
+    if stated is None:
+        return
+    same = stated == _digest_of_cells(database)
+    _require(same, "its cells are not those that the sweep stored (SHA-256)")
+    known = json.loads(entry(database, "files"))
+    for name, digest in _digests_of_files(folder).items():
+        if known.get(name) != digest:
+            msg = (
+                f"{folder / name} is not what the sweep wrote (its SHA-256 differs); "
+                "restore it from a copy, take it away, or write it again with "
+                "`simval sweep ... --resume`"
+            )
+            raise InputError(msg)
 
 
 def entry(database: sqlite3.Connection, key: str) -> Any:
@@ -231,16 +269,56 @@ def entry(database: sqlite3.Connection, key: str) -> Any:
     return value[0] if value else None
 
 
-def unfinished(database: sqlite3.Connection) -> Sequence[int]:
+class _Grid(BaseModel):
+    model_config = ConfigDict(strict=True, extra="allow")
+    seed: Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)]
+    __pydantic_extra__: dict[str, dict[str, Any]]
+
+
+class _Manifest(BaseModel):
+    """What every reader of a run may rely upon; there may be more."""
+
+    model_config = ConfigDict(strict=True, extra="allow")
+    suite: str
+    title: str
+    grid: _Grid
+    cells: Annotated[int, Field(ge=0)]
+    versions: dict[str, str]
+    git: dict[str, str | bool | None]
+    models: dict[str, str]
+    machine: dict[str, Any]
+    source: str = ""
+    files: dict[str, str] = Field(default_factory=dict)
+    environments: list[dict[str, Any]] = Field(default_factory=list)
+
+
+def manifest(database: sqlite3.Connection) -> dict[str, Any]:
+    """Read the manifest: what the numbers of the run depend on."""
+    try:
+        content: dict[str, Any] = json.loads(entry(database, "manifest"))
+        _Manifest.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        msg = f"`{key}` of its manifest is {first['input']!r:.60}: {first['msg']}"
+        raise DamagedError(msg) from None
+    except (ValueError, TypeError) as error:
+        msg = f"its manifest cannot be read ({error})"
+        raise DamagedError(msg) from None
+    return content
+
+
+def parameters(database: sqlite3.Connection) -> list[str]:
+    """Names of the parameters of the finished cells, sorted."""
+    query = "SELECT DISTINCT parameters FROM cells WHERE status = 'done'"
+    found = (json.loads(each[0]) for each in database.execute(query))
+    return sorted(set(chain.from_iterable(found)))
+
+
+def unfinished(database: sqlite3.Connection) -> list[int]:
     """List the cells that have no result."""
     query = "SELECT position FROM cells WHERE status != 'done' ORDER BY position"
-    return array("q", (entry[0] for entry in database.execute(query)))
-
-
-def finished(database: sqlite3.Connection) -> Sequence[int]:
-    """List the finished cells by their names."""
-    query = "SELECT position FROM cells WHERE status = 'done' ORDER BY cell"
-    return array("q", (entry[0] for entry in database.execute(query)))
+    return [each[0] for each in database.execute(query)]
 
 
 def count(
@@ -261,16 +339,24 @@ def failures(database: sqlite3.Connection, most: int) -> list[tuple[str, str]]:
         "SELECT cell, error FROM cells WHERE status = 'failed' ORDER BY position "
         "LIMIT ?"
     )
-    return [(entry[0], entry[1]) for entry in database.execute(query, (most,))]
+    return database.execute(query, (most,)).fetchall()
 
 
-def seconds(database: sqlite3.Connection) -> Iterator[tuple[str, float]]:
-    """Read the name and the CPU time of each cell."""
-    query = "SELECT cell, seconds FROM cells ORDER BY position"
-    return ((entry[0], entry[1]) for entry in database.execute(query))
+def times(database: sqlite3.Connection) -> list[tuple[str, float, dict[str, Any]]]:
+    """Name, CPU time and what was timed, of each cell."""
+    query = "SELECT cell, seconds, times FROM cells ORDER BY position"
+    return [
+        (name, seconds, json.loads(timed or "{}"))
+        for name, seconds, timed in database.execute(query)
+    ]
 
 
 def names(database: sqlite3.Connection) -> Iterator[str]:
     """Read the names of the cells."""
     query = "SELECT cell FROM cells ORDER BY position"
-    return (entry[0] for entry in database.execute(query))
+    return (each[0] for each in database.execute(query))
+
+
+def _require(sound: bool, words: str) -> None:
+    if not sound:
+        raise DamagedError(words)

@@ -9,14 +9,19 @@
 
 Each value is checked against the study's own parameters; what is left out takes the
 study's default. `--set attitude.noise_std=1e-3,1e-2` on the command line wins.
+
+Paths in a suite file are relative to the file and stay inside its folder. A command may
+run any program, so its words need not lie in the folder; words that are files in it are
+resolved.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import resources
-from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from math import prod
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -30,11 +35,11 @@ from pydantic.fields import FieldInfo
 
 from simval.errors import InputError
 from simval.files import MOST_DOCUMENT, parsed_toml, read_text
+from simval.plugins.names import file_of, located
 from simval.studies import STUDIES
+from simval.studies.plugin import PluginParameters
 from simval.studies.study import Cell
 from simval.sweep.grid import Grid, Table, table
-from simval.sweep.paths import kept_inside
-from simval.sweep.size import require_size
 from simval.text import did_you_mean, shown
 from simval.vocabulary import builtin_suites
 from simval.whole import exact
@@ -42,6 +47,9 @@ from simval.whole import exact
 Model = TypeVar("Model", bound=BaseModel)
 NonEmpty = Field(min_length=1)
 WHOLE = BeforeValidator(exact)
+MOST_CELLS: Final = 2_000_000
+"""The bill of `docs/cluster.md` is of 1e6, whose store takes 8.5 GB; at a second a cell
+twice as many are 23 days of one processor."""
 MOST_FAULTS = 20
 """Of a file that are told one by one; who sees so many reads no more."""
 Seed = Annotated[int, Field(ge=0, lt=2**63), WHOLE]
@@ -160,7 +168,7 @@ def expand(name: str, content: Mapping[str, Any]) -> Suite:
             f"add a table for one of {', '.join(STUDIES)}"
         )
         raise InputError(msg)
-    require_size(name, model)
+    _require_size(name, model)
     seeds = _as_list(model.seed)  # type: ignore[attr-defined]
     cells = Grid(seeds, [_table(name, key, getattr(model, key)) for key in studies])
     _check_names(name, cells)
@@ -299,3 +307,86 @@ def _explain(error: Any, model: type[BaseModel]) -> str:
 
 def _as_list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
+
+
+def _require_size(name: str, suite: BaseModel) -> None:
+    """Refuse a suite of more cells than a run can have, by its axes alone.
+
+    Raises
+    ------
+    InputError
+        With the axes that make it so large.
+    """
+    content = suite.model_dump(exclude_none=True)
+    seeds = len(_as_list(content.pop("seed", 1)))
+    tables = {study: grid for study, grid in content.items() if isinstance(grid, dict)}
+    cells = seeds * sum(
+        prod(len(_as_list(value)) for value in grid.values())
+        for grid in tables.values()
+    )
+    if cells <= MOST_CELLS:
+        return
+    axes = {"seed": seeds} | {
+        f"{study}.{key}": len(_as_list(value))
+        for study, grid in tables.items()
+        for key, value in grid.items()
+    }
+    longest = sorted(axes, key=lambda axis: -axes[axis])[:3]
+    listed = ", ".join(f"{axes[axis]:,} of `{axis}`" for axis in longest)
+    msg = (
+        f"suite {name} has {cells:,} cells ({listed}); a run may have "
+        f"{MOST_CELLS:,}, so shorten an axis, or split the suite into several"
+    )
+    raise InputError(msg)
+
+
+def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Check the paths of a suite file and resolve them.
+
+    Raises
+    ------
+    InputError
+        If a path is absolute, has a ``..``, or leads out of the folder by a link.
+    """
+
+    def kept(value: Any, key: str) -> Any:
+        if isinstance(value, list):
+            return [kept(v, key) for v in value]
+        if not isinstance(value, str):
+            return value
+        if file_of(value):
+            _require_inside(name, key, value, folder)
+        return located(value, str(folder))
+
+    resolved = dict(content)
+    for study in resolved.keys() & STUDIES.keys():
+        table, field = resolved[study], STUDIES[study].parameters.plugin
+        if isinstance(table, Mapping) and field in table:
+            resolved[study] = {**table, field: kept(table[field], field)}
+    return resolved
+
+
+def require_plugins(cells: Iterable[Cell]) -> None:
+    """Check that the plug-ins of some cells exist, before anything is computed."""
+    for cell in cells:
+        own = cell.parameters
+        if isinstance(own, PluginParameters) and (gone := own.missing()):
+            msg = (
+                f"`{cell.study}.{own.plugin}`: {gone}; give FILE.py, FILE.py:NAME or "
+                "the name of an installed plug-in, in a suite relative to its file"
+            )
+            raise InputError(msg)
+
+
+def _require_inside(name: str, key: str, text: str, folder: Path) -> None:
+    path = file_of(text)
+    parts = {*PurePosixPath(path).parts, *PureWindowsPath(path).parts}
+    rooted = PurePosixPath(path).is_absolute() or PureWindowsPath(path).anchor
+    target = (folder / path).resolve()
+    if rooted or ".." in parts or not target.is_relative_to(folder.resolve()):
+        msg = (
+            f"suite {name}, `{key}`: {text!r} leaves the folder of the suite; paths in "
+            "a suite file must be relative and stay inside it: move the file there, or "
+            "give it on the command line (--plugin, --set)"
+        )
+        raise InputError(msg)

@@ -10,9 +10,8 @@ if it is lost once more, it has failed.
 from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 
-from simval.sweep.batches import Queue
-from simval.sweep.entries import Done
-from simval.sweep.executors import failed
+from simval.sweep.cells import Done
+from simval.sweep.executors import Queue, failed
 
 RETURNS = 3
 """How often a cell comes back before it is computed by itself: as many losses as dask

@@ -10,8 +10,8 @@ from power.fault import Fault, after, wrapped
 from simval.results import Outcome
 from simval.statistics import NEES
 from simval.studies import attitude
-from simval.sweep import crew, executors, store
-from simval.sweep.entries import Done, digest_of_entries
+from simval.sweep import executors, runner, store
+from simval.sweep.cells import Done, digest_of_entries
 
 
 def run_faults() -> list[Fault]:
@@ -71,7 +71,7 @@ def _samples() -> list[Fault]:
 def _under_the_name(own: Done, other: Done) -> Done:
     """Rows of another cell as if they were a cell's own, with a digest to match."""
     rows = [(own.cell[0], *row[1:]) for row in other.rows]
-    digest = digest_of_entries(own.cell, (row[1:] for row in rows))
+    digest = digest_of_entries(own.cell, rows)
     return other._replace(cell=own.cell, rows=rows, digest=digest)
 
 
@@ -88,18 +88,18 @@ def _cells() -> list[Fault]:
         msg = "crashed on purpose"
         raise RuntimeError(msg)
 
-    def fewer(original: Any, path: Any, cells: Any, manifest: str) -> Any:
+    def fewer(original: Any, path: Any, cells: Any, manifest: Any) -> Any:
         return original(path, list(cells)[:-1], manifest)
 
     return [
-        _fault("a worker drops a cell", wrapped(crew, "serial", drop), stops=True),
+        _fault("a worker drops a cell", wrapped(runner, "serial", drop), stops=True),
         _fault(
             "results under another cell's name",
-            wrapped(crew, "serial", swapped),
+            wrapped(runner, "serial", swapped),
             baseline=OTHERS,
         ),
         _fault("a cell crashes", wrapped(executors, "execute", crash), crash=True),
-        _fault("the store lacks a cell", wrapped(store, "create", fewer)),
+        _fault("the store lacks a cell", wrapped(store, "create", fewer), stops=True),
     ]
 
 
