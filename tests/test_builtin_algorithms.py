@@ -220,7 +220,6 @@ def test_a_cell_brings_its_time_and_no_row_of_it(tmp_path):
     assert load_run(tmp_path / "run").timing["calls"] == before
 
 
-
 @pytest.mark.ci
 def test_what_differs_from_least_squares_by_rounding_is_judged_by_it():
     """It was inconclusive: a remainder of its rounding, and no spread beside it."""

@@ -333,25 +333,6 @@ def test_a_row_twice_and_a_cell_that_crashed_are_said_once(tiny_run, tmp_path):
     assert [f.check for f in findings(result) if f.cell.name == lost] == ["failed"]
 
 
-@pytest.mark.parametrize(
-    ("sql", "words"),
-    [
-        (
-            "UPDATE rows SET n = 9223372036854775807 "
-            "WHERE family = 'nees' AND controlled = 0 AND entries = json_array()",
-            "`n` is",
-        ),
-        ("UPDATE rows SET cell = -1 WHERE cell = 0", "cell -1"),
-        ("UPDATE cells SET seed = 99 WHERE position = 0", "is stored as .* with 99"),
-        ("UPDATE cells SET study = 'scene' WHERE position = 0", "is stored as scene"),
-    ],
-)
-def test_a_run_that_contradicts_itself_is_refused(tiny_run, sql, words):
-    edited(tiny_run, sql)
-    with pytest.raises(InputError, match=f"is damaged: .*{words}"):
-        load_run(tiny_run)
-
-
 @pytest.mark.slow
 def test_other_processor_kernels_pass_beside_the_baseline(simval, tmp_path):
     suite = tmp_path / "suite.toml"

@@ -75,9 +75,7 @@ def grown(folder, rows):
         for place, (seed, study, parameters) in enumerate(asked):
             name = _name(study, parameters, seed)
             database.execute(
-                "INSERT INTO cells "
-                "(position, cell, study, seed, parameters, status) "
-                "VALUES (?, ?, ?, ?, ?, 'done')",
+                "INSERT INTO cells VALUES (?, ?, ?, ?, ?, 'done', '', 0.0, '', '')",
                 (place, name, study, seed, json.dumps(parameters)),
             )
             own = content[like[study, parameters["noise_std"]]]
