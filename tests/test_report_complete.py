@@ -4,17 +4,14 @@ import importlib
 import re
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import rows_by_name
 from small_runs import cell_of
 
 from simval.judge import judge_run
 from simval.report import drawings, render, tables
-from simval.report.layout import laid_out
 from simval.report.page import SECTIONS, sections
-from simval.report.paint import STYLE, _figure
-from simval.report.panels import BarPanel, DotPanel, Drawing, Panel, Series
+from simval.report.panels import BarPanel, DotPanel, Panel
 from simval.report.section import Context
 from simval.report.sections import attitude, convergence, other, statistics
 from simval.report.slope import fitted_slope
@@ -342,94 +339,6 @@ def test_a_formula_has_one_colour_on_all_figures(tmp_path):
                 assert series.colour == colours[series.label], drawing.name
                 seen.add(series.label)
     assert seen == set(colours)
-
-
-WORDS = ("scale", "spread", "0.9", "misalignment", "accelerometer", "noise", "of", "a",
-         "m/s²", "σ²/g²", "residual",
-         "W" * 60, "magnetometer", "poses", "12")  # fmt: skip
-
-
-def some_words(rng, most):
-    return " ".join(rng.choice(WORDS, size=int(rng.integers(1, most + 1))))
-
-
-def some_panel(rng):
-    size, log = 10.0 ** rng.integers(-4, 6), bool(rng.integers(2))
-    x = size * (1.0 + np.arange(4.0))
-    words = {"title": some_words(rng, 12), "x_label": some_words(rng, 12)}
-    if rng.random() < 0.4:
-        count = int(rng.integers(1, 17))
-        values = np.linspace(-1.0, 1.0, count)
-        names = [some_words(rng, 6) for _ in range(count)]
-        return BarPanel(
-            names=names, measured=values, band=values * 0, predicted=values, **words
-        )
-    series = [
-        Series(label=some_words(rng, 5), x=x, y=x * k)
-        for k in range(1, int(rng.integers(2, 8)))
-    ]
-    return Panel(
-        y_label=some_words(rng, 8), series=series, log_x=log, log_y=log, **words
-    )
-
-
-def clipped(drawing):
-    """Words of a figure that reach out of it."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.text import Text
-
-    with mpl.rc_context(STYLE):
-        figure = _figure(laid_out(drawing))
-        renderer = FigureCanvasAgg(figure).get_renderer()
-        figure.draw_without_rendering()  # everything has its place, and no colour
-        beyond = {
-            label
-            for axes in figure.axes
-            for axis in (axes.xaxis, axes.yaxis)
-            for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks())
-            for label in (tick.label1, tick.label2)
-            if not min(axis.get_view_interval()) <= tick.get_loc()
-            <= max(axis.get_view_interval())
-        }  # fmt: skip
-        found = []
-        for text in figure.findobj(Text):
-            if text in beyond or not text.get_visible() or not text.get_text().strip():
-                continue
-            box = text.get_window_extent(renderer)
-            inside = box.x0 >= 0 and box.y0 >= 0
-            inside &= box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1
-            if not inside:
-                found.append((text.get_text(), box.extents.round()))
-    return found
-
-
-def whole(count, seed):
-    rng = np.random.default_rng(seed)
-    for _ in range(count):
-        panels = [some_panel(rng) for _ in range(int(rng.integers(1, 5)))]
-        drawing = Drawing(
-            name="a",
-            caption="",
-            alternative="",
-            panels=panels,
-            columns=int(rng.integers(1, 4)),
-        )
-        assert not clipped(drawing), drawing
-
-
-@pytest.mark.ci
-def test_no_label_is_clipped(tmp_path):
-    found = {d.name: d for d in drawings(of_study(made(tmp_path), "ladder"))}
-    assert not clipped(found["ladder"])
-    whole(3, 12)
-
-
-@pytest.mark.slow
-def test_no_label_of_many_is_clipped(tmp_path):
-    for drawing in drawings(made(tmp_path)):
-        assert not clipped(drawing), drawing.name
-    whole(150, 1212)
 
 
 def test_the_titles_of_further_studies_are_sentences_of_their_own(tiny_run):

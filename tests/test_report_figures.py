@@ -17,12 +17,10 @@ from simval.report.findings import (
     percent,
     slopes_said,
 )
-from simval.report.layout import SLACK, entries, laid_out, legend_rows
-from simval.report.panels import DotPanel, Drawing, Panel, Series
+from simval.report.panels import DotPanel, Series
 from simval.report.parameters import axis_words, setting_words
 from simval.report.ratio import SEEN, limits, ratio, ratio_bars, ratio_panel
 from simval.report.slope import Z95, Slope, simultaneous
-from simval.report.ticks import log_ticks
 from simval.report.units import MILLIRADIAN, of_row
 
 X = np.array([0.001, 0.01, 0.1])
@@ -220,28 +218,6 @@ def test_shares_are_percent(share, words):
     assert percent(share) == words
 
 
-@pytest.mark.parametrize(
-    ("low", "high"),
-    [(11.0, 44.0), (18.0, 21.0), (0.97, 1.03), (1e-7, 2e3), (9.1, 9.9), (1e-15, 1.0),
-     (0.0021, 0.0029), (4e5, 9e5)],
-)  # fmt: skip
-def test_a_logarithmic_axis_has_two_labels_at_least(low, high):
-    ticks, labels = log_ticks(low, high, np.empty(0))
-    assert len(ticks) == len(labels) >= 2
-    assert all(low <= tick <= high for tick in ticks)
-    assert len(set(labels)) == len(labels)
-    assert len(ticks) <= 10
-
-
-def test_the_few_places_of_the_data_are_the_ticks():
-    assert log_ticks(10.0, 48.0, np.array([12.0, 20.0, 40.0]))[1] == ["12", "20", "40"]
-    # too near to each other, or one alone: round numbers
-    assert "39" not in log_ticks(10.0, 48.0, np.array([12.0, 39.0, 40.0]))[1]
-    assert len(log_ticks(20.0, 80.0, np.array([40.0]))[1]) >= 2
-    assert log_ticks(0.0, 1.0, np.empty(0)) == ([], [])
-    assert log_ticks(1.0, np.inf, np.empty(0)) == ([], [])
-
-
 def test_a_setting_is_spelled_with_its_unit():
     words = setting_words
     assert words("calibration", "noise_std", 0.02) == "noise 0.02 m/s²"
@@ -330,46 +306,3 @@ def test_the_palette_is_the_only_place_of_colours():
         if path.name not in ("palette.py", "paint.py"):
             found = re.findall(r"#[0-9a-fA-F]{6}\b", path.read_text(encoding="utf-8"))
             assert not found, path
-
-
-def panel_of(labels, **more):
-    series = [Series(label=label, x=X, y=X, line="-") for label in labels]
-    return Panel(title="", x_label="x", y_label="y", series=series, **more)
-
-
-def test_a_legend_is_below_its_axes_with_as_many_columns_as_fit():
-    few = panel_of(["a", "b", "c"])
-    assert legend_rows(few, 4.3) == (3, 1)
-    long = panel_of(["a rather long label of a curve"] * 4)
-    columns, lines = legend_rows(long, 4.3)
-    assert (columns, lines) == (1, 4)
-    assert legend_rows(panel_of([""]), 4.3) == (1, 0)
-    assert entries(panel_of(["a"], references=((1.0, "limit"),))) == ["a", "limit"]
-    assert 0.0 < SLACK < 1.0
-
-
-def test_no_legend_is_over_the_curves():
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    from simval.report.paint import STYLE, _figure
-
-    words = ["simulated", "order 2", "order 4, source", "order 4, complete", "exact"]
-    drawing = Drawing(
-        name="x", caption="", alternative="", panels=[panel_of(words)] * 2, columns=2
-    )
-    with mpl.rc_context(STYLE):
-        figure = _figure(laid_out(drawing))
-        renderer = FigureCanvasAgg(figure).get_renderer()
-        figure.draw_without_rendering()  # everything has its place
-        for axes in figure.axes:
-            legend = axes.get_legend().get_window_extent(renderer)
-            label = axes.xaxis.label.get_window_extent(renderer)
-            assert legend.y1 <= label.y0 + 1.0
-            assert legend.y0 >= 0.0
-    assert (
-        laid_out(drawing).heights[0]
-        > laid_out(
-            Drawing(name="x", caption="", alternative="", panels=[panel_of(["a"])])
-        ).heights[0]
-    )

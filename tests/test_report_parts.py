@@ -1,24 +1,16 @@
 """Parts of the report: numbers in words, slopes, bands, pixels, tables."""
 
-import io
 import math
-import re
-from base64 import b64decode
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import rows_by_name
-from matplotlib.image import imread
 from rounding import EPS
 from rows_by_name import cell
 
 from simval.judge.findings import reproduce
-from simval.report.axes import MANY
 from simval.report.curves import grouped, varying
 from simval.report.measures import moment
-from simval.report.paint import svg
-from simval.report.panels import Drawing, Panel, Series
 from simval.report.slope import fitted_slope, order, simultaneous
 from simval.report.table import Column, Table, csv_text, sort_key, text
 from simval.report.words import measured, slugs
@@ -123,59 +115,6 @@ def test_simultaneous_bands_cover_together():
     # power: the band of one point does not hold for forty
     alone = np.all(np.abs(rng.standard_normal((20_000, 40))) < simultaneous(1), axis=1)
     assert alone.mean() < 0.2
-
-
-def drawing(series):
-    panel = Panel(title="", x_label="", y_label="", series=(series,))
-    return Drawing(name="x", caption="", alternative="", panels=[panel])
-
-
-def pixels(text):
-    """The pictures within an SVG: where they are painted, as rows of booleans."""
-    found = re.findall(r"base64,([^\"]*)", text)
-    return [imread(io.BytesIO(b64decode(each)))[:, :, 3] > 0.0 for each in found]
-
-
-@pytest.mark.ci
-def test_many_points_are_pixels_and_none_is_left_out():
-    rng = np.random.default_rng(7)
-    n = 20_000
-    x, y = rng.uniform(1, 10, n), rng.uniform(1, 10, n)
-    band = rng.uniform(0.0, 0.1, n)
-    band[1234] = 50.0
-    series = Series(label="many", x=x, y=y, band=band)
-    text = svg(drawing(series))
-    # as vectors it takes some hundred bytes a point
-    assert len(text) < 200_000
-    assert "many</text>" in text  # words stay words
-    assert text == svg(drawing(series))
-    # the widest bar reaches above all the others, and nothing else does
-    painted = max(pixels(text), key=np.size)
-    above = painted[-(len(painted) // 8) :]  # the rows of the file go upwards
-    assert 0 < above.any(axis=0).sum() <= 20  # a cap, some points wide
-
-
-def test_a_line_of_many_points_keeps_its_extremes():
-    x = np.arange(200_000.0)
-    y = np.sin(x / 1e4)
-    y[77_777] = 9.0
-    y[99_999] = -9.0
-    line = Series(label="", x=x, y=y, line="-")
-    panel = Panel(title="", x_label="", y_label="", series=(line,), log_x=False)
-    linear = replace(panel, log_y=False)
-    figure = Drawing(name="x", caption="", alternative="", panels=[linear])
-    (painted,) = pixels(svg(figure))
-    for row, place in ((painted[-1], 77_777), (painted[0], 99_999)):
-        # the line is 1.4 points wide of some 300: a hundredth of the axis is enough
-        middle = np.flatnonzero(row).mean() / painted.shape[1]
-        assert middle == pytest.approx(place / 200_000, abs=0.01)
-
-
-def test_few_points_stay_vectors():
-    x = np.linspace(1.0, 10.0, MANY)
-    assert pixels(svg(drawing(Series(label="", x=x, y=x)))) == []
-    x = np.linspace(1.0, 10.0, MANY + 1)
-    assert len(pixels(svg(drawing(Series(label="", x=x, y=x))))) > 0
 
 
 def test_csv_is_exact_and_no_formula_for_a_spreadsheet():

@@ -14,16 +14,13 @@ from simval.judge import compare_algorithms
 from simval.judge.algorithms import ACCURACY
 from simval.report.contest import contest_of
 from simval.report.curves import bars
-from simval.report.layout import NAMES, WIDE_NAMES, broken
-from simval.report.named import placed
 from simval.report.page import context_of
-from simval.report.paint import svg
+from simval.report.paint import placed, svg
 from simval.report.panels import Drawing
 from simval.report.ratio import limits
 from simval.report.sections.algorithm_figures import dots
 from simval.report.sections.summary import attitude_figure
 from simval.report.table import Column, Table, csv_text, text
-from simval.report.ticks import log_ticks
 from simval.report.units import MILLIRADIAN
 from simval.statistics import EXACT, RMS
 
@@ -41,14 +38,6 @@ def test_a_column_has_its_own_unit_on_the_page_and_si_in_the_file():
     assert first == ["0.0125", "0.00025", "1", ""]
 
 
-@pytest.mark.parametrize("place", [40.0, 0.5, 0.002])
-def test_a_single_place_is_a_tick_among_others(place):
-    ticks, labels = log_ticks(place / 2.2, place * 2.2, np.array([place]))
-    assert f"{place:g}" in labels
-    assert len(ticks) >= 2
-    assert np.all(np.diff(np.log(ticks)) / np.log(2.2**2) >= 0.1), "labels are apart"
-
-
 def test_an_axis_of_ratios_does_not_reach_below_zero_for_nothing():
     one, far = np.array([0.9, 1.1]), np.array([2.0, 30.0])
     near = limits([one], [np.array([0.1, 0.1])])
@@ -58,12 +47,6 @@ def test_an_axis_of_ratios_does_not_reach_below_zero_for_nothing():
     assert high > 31.0
     low, _ = limits([far], [np.array([5.0, 1.0])])
     assert low < -3.0, "a bar that reaches there is whole"
-
-
-def test_a_long_name_is_broken_at_a_seam():
-    assert broken("filterpy_quaternion.py:UKF", NAMES).split("\n")[0][-1] in "_:"
-    assert "".join(broken("a" * 60, NAMES).split("\n")) == "a" * 60
-    assert "\n" not in broken("imumaster_ekf.py:EKF", WIDE_NAMES)
 
 
 def test_bars_say_their_values_where_they_end():

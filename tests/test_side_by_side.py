@@ -14,7 +14,6 @@ from simval.plugins.attitudes import CLASSES
 from simval.plugins.loading import BUILTIN
 from simval.report import render
 from simval.report.contest import answer_of, contest_of
-from simval.report.named import _percent
 from simval.report.page import sections
 from simval.report.paint import svg
 from simval.report.section import Context
@@ -143,22 +142,6 @@ def test_where_none_fails_there_is_a_sentence_and_no_map(tmp_path, undrawn):
     assert [d.name for d in section.drawings] == ["estimator-accuracy"]
     assert "No algorithm fails in any of 16 classes of exact cases" in section.body
     assert "No algorithm" not in algorithms.section(context_of(league(tmp_path))).body
-
-
-@pytest.mark.parametrize(
-    ("share", "words"),
-    [
-        (1e-3, "<1"),
-        (0.00999, "<1"),
-        (0.01, "1"),
-        (0.3, "30"),
-        (0.99, "99"),
-        (0.9999, ">99"),
-        (1.0, "100"),
-    ],
-)
-def test_a_class_that_fails_a_little_is_never_called_whole_or_none(share, words):
-    assert _percent(share) == words
 
 
 @pytest.mark.ci

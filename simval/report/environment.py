@@ -9,10 +9,9 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-from simval.report.axes import MANY
 from simval.report.live import silent
 from simval.report.paint import svg
-from simval.report.panels import Drawing
+from simval.report.panels import MANY, Drawing
 from simval.report.table import sort_key, text
 from simval.report.words import measured, number
 

@@ -15,9 +15,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from simval.report.axes import MANY, placed
-from simval.report.layout import POINTS
-from simval.report.panels import AnyPanel, DotPanel, Drawing, Panel, Series
+from simval.report.panels import MANY, AnyPanel, DotPanel, Drawing, Panel, Series
 
 DISC = 5.0
 """Radius within which a point is met, points: somewhat more than its mark."""
@@ -30,13 +28,15 @@ def name_parts(figure: Figure, panels: Sequence[AnyPanel]) -> None:
             if str(artist.get_gid()).startswith("series-"):
                 artist.set_gid(f"{artist.get_gid()}-{i}")
         legend = axes.get_legend()
-        labels = _labels(panel)
+        # in lines, which may end within a word
+        labels = ["".join(label.split()) for label in _labels(panel)]
         if legend is None:
             continue
         entries = zip(legend.legend_handles, legend.get_texts(), strict=True)
         for handle, text in entries:
-            if handle is not None and text.get_text() in labels:
-                name = f"key-{labels.index(text.get_text())}-{i}"
+            words = "".join(text.get_text().split())
+            if handle is not None and words in labels:
+                name = f"key-{labels.index(words)}-{i}"
                 handle.set_gid(name)
                 text.set_gid(name)
 
@@ -59,15 +59,17 @@ def with_keys(text: str, panels: Sequence[AnyPanel]) -> str:
     return re.sub(r'<g id="key-(\d+)-(\d+)"', of_entry, text)
 
 
-def points(figure: Figure, panels: Sequence[AnyPanel]) -> str:
+def points(
+    figure: Figure, panels: Sequence[AnyPanel], placed: Sequence[Sequence[Series]]
+) -> str:
     """Discs with titles over the points of a figure that has been drawn."""
-    scale, height = POINTS / figure.dpi, POINTS * figure.get_figheight()
+    height = figure.bbox.height  # a pixel is a point
     groups = []
     for i, (panel, axes) in enumerate(zip(panels, figure.axes, strict=True)):
-        drawn = placed(panel)
+        drawn = placed[i]
         keys = _keys(panel) or [[] for _ in drawn]  # those of bars are not switched
         for series, own in zip(drawn, keys, strict=True):
-            discs = _discs(series, axes, scale, height)
+            discs = _discs(series, axes, height)
             if not discs:
                 continue
             label = " ".join(f"{panel.title}, {series.label}".strip(", ").split())
@@ -86,7 +88,7 @@ def silent(drawing: Drawing) -> bool:
     return any(len(series.notes) > MANY for series in every)
 
 
-def _discs(series: Series, axes: Any, scale: float, height: float) -> str:
+def _discs(series: Series, axes: Any, height: float) -> str:
     """The points of a series that are within its axes."""
     if not len(series.notes) == len(series.x) <= MANY:
         return ""
@@ -94,7 +96,7 @@ def _discs(series: Series, axes: Any, scale: float, height: float) -> str:
     low, high = axes.bbox.padded(1.0).get_points()
     inside = np.all((pixels >= low) & (pixels <= high), axis=1)
     return "".join(
-        f'<circle cx="{scale * x:.1f}" cy="{height - scale * y:.1f}" r="{DISC:g}" '
+        f'<circle cx="{x:.1f}" cy="{height - y:.1f}" r="{DISC:g}" '
         f'role="img"><title>{escape(words, quote=False)}</title></circle>\n'
         for (x, y), words, within in zip(pixels, series.notes, inside, strict=True)
         if within

@@ -6,7 +6,7 @@ second order ochre, the source's fourth order pink, the complete fourth order gr
 exact answer in the ink of the words, the Cramér-Rao bound grey and dotted.
 
 Every colour has a contrast of at least 3 to the paper, white and dark
-(tests/test_palette.py), and is told apart with every kind of colour vision, or by its
+(tests/test_report_figures.py), and is told apart with every kind of colour vision, or by its
 marker or line.
 """
 

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.report.axes import near
 from simval.report.curves import Curve
-from simval.report.panels import DotPanel, Panel, Series
+from simval.report.panels import DotPanel, Panel, Series, near
 from simval.shapes import Bool, Float
 
 SEEN = 1.0
