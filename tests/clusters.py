@@ -5,12 +5,12 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
 
 from places import ROOT
-from test_executors import free_port
 
 from simval.sweep import store
 
@@ -41,6 +41,12 @@ def copy_of_source(folder, **changes):
         assert old in text
         file.write_text(text.replace(old, new))
     return folder
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
 class Cluster:

@@ -1,4 +1,4 @@
-"""Workers that die, locally and on a real cluster; random kills; a full disk."""
+"""Local workers that die; random kills; a full disk."""
 
 import contextlib
 import hashlib
@@ -6,7 +6,6 @@ import os
 import random
 import resource
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -17,9 +16,7 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
-from simval.errors import InputError
 from simval.sweep import (
-    cluster,
     executors,
     load_run,
     load_suite,
@@ -27,7 +24,6 @@ from simval.sweep import (
     store,
 )
 from simval.sweep.executors import Queue
-from simval.sweep.suite import expand
 
 pytestmark = pytest.mark.ci
 
@@ -308,106 +304,3 @@ def test_a_full_disk_is_a_clear_error_and_resumable(
     assert "Traceback" not in err
     run_suite(str(tiny_suite), folder, resume=True)
     assert digest(folder) == digest(tiny_run)
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-@pytest.fixture
-def scheduled(tmp_path):
-    """A real scheduler and two workers; gives the address and the workers."""
-    pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
-    address = f"tcp://127.0.0.1:{free_port()}"
-    base = [sys.executable, "-m", "distributed.cli.dask_scheduler"]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    here = {**quiet, "cwd": tmp_path, "env": environment(tmp_path, "slow:0.3")}
-    port = address.rpartition(":")[2]
-    words = ["--host", "127.0.0.1", "--port", port, "--no-dashboard"]
-    scheduler = subprocess.Popen([*base, *words], **here)
-    worker = [sys.executable, "-m", "distributed.cli.dask_worker", address]
-    worker += ["--nthreads", "1", "--no-nanny", "--no-dashboard"]
-    workers = [subprocess.Popen(worker, **here) for _ in range(2)]
-    yield address, workers
-    for process in (*workers, scheduler):
-        process.kill()
-        process.wait()
-
-
-def wait_for_workers(address, count):
-    from distributed import Client
-
-    with Client(address, timeout=30) as client:
-        client.wait_for_workers(count, timeout=60)
-
-
-def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
-    scheduled, tiny_suite, tiny_run, tmp_path
-):
-    address, workers = scheduled
-    wait_for_workers(address, 2)
-
-    class KillOne:
-        def start(self, total, done, worst):
-            pass
-
-        def advance(self, name, ending):
-            if workers[0].poll() is None:
-                workers[0].send_signal(signal.SIGKILL)
-
-    folder = tmp_path / "clustered"
-    run = run_suite(str(tiny_suite), folder, scheduler=address, progress=KillOne())
-    assert workers[0].wait(timeout=10) == -signal.SIGKILL
-    assert {cell.status for cell in run.cells} == {"done"}
-    assert digest(folder) == digest(tiny_run)
-
-
-@pytest.mark.slow
-def test_a_plugin_on_a_cluster_fails_alone(scheduled, tmp_path):
-    address, _ = scheduled
-    wait_for_workers(address, 2)
-    plugins = {
-        "raises": "raise ValueError('mine')",
-        "crashes": "os.kill(os.getpid(), signal.SIGSEGV)",
-        "hangs": "os.fork(); time.sleep(600)",
-    }
-    for name, body in plugins.items():
-        (tmp_path / f"{name}.py").write_text(
-            "import os, signal, time\nfrom simval.plugins import Calibrator\n"
-            f"def work(poses, g):\n    {body}\n"
-            f"it = Calibrator(name={name!r}, calibrate=work)\n"
-        )
-    content = {
-        "attitude": {"noise_std": 0.02, "samples": 65_536},
-        "calibrator": {
-            "algorithm": [str(tmp_path / f"{name}.py") for name in plugins],
-            "trials": 32,
-            "time_limit": 30.0,
-        },
-    }
-    suite = expand("mixed", content)
-    run = run_suite(suite, tmp_path / "clustered", scheduler=address)
-    errors = {
-        Path(cell.parameters["algorithm"]).stem: cell.error
-        for cell in run.cells
-        if cell.status == "failed"
-    }
-    assert errors.keys() == plugins.keys()
-    assert "raised ValueError: mine" in errors["raises"]
-    assert "was killed by SIGSEGV" in errors["crashes"]
-    assert "did not end within 30 s" in errors["hangs"]
-    alone = run_suite(
-        expand("alone", {"attitude": content["attitude"]}), tmp_path / "1"
-    )
-    assert run.of("attitude")[0].rows == alone.cells[0].rows
-
-
-def test_no_scheduler_is_a_clear_error(tiny_suite, tmp_path, monkeypatch):
-    pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
-    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 1.0)
-    suite = load_suite(str(tiny_suite))
-    address = f"tcp://127.0.0.1:{free_port()}"
-    with pytest.raises(InputError, match="there is no scheduler at"):
-        run_suite(suite, tmp_path / "none", scheduler=address)

@@ -10,20 +10,18 @@ from types import ModuleType, SimpleNamespace
 import pytest
 from test_executors import Fragile
 
-from simval.errors import InputError, LostClusterError
+from simval.errors import InputError
 from simval.judge.baseline import environment, environment_changes
-from simval.sweep import executors, identity, load_run, provenance, run_suite, source
-from simval.sweep.identity import Stated, StrangerError, differing, here
-from simval.sweep.machines import other_machines
-from simval.sweep.roster import Roster, question
-from simval.sweep.source import PACKAGE, Loaded, loaded, source_hash
+from simval.sweep import executors, identity, load_run, provenance, run_suite
+from simval.sweep.identity import Stated, StrangerError, differing, here, other_machines
+from simval.sweep.provenance import PACKAGE, Loaded, loaded, source_hash
 from simval.sweep.suite import expand
 
 OTHERS = {
-    "source code": {"source": "0" * 64},
-    "set of model files": {"models": "0" * 64},
-    "numpy is": {"versions": {**here().versions, "numpy": "0.1"}},
-    "mine is 1, the driver's absent": {"versions": {**here().versions, "mine": "1"}},
+    "source code": {"code": {**here().code, "source code": "0" * 64}},
+    "set of model files": {"code": {**here().code, "set of model files": "0" * 64}},
+    "numpy is": {"code": {**here().code, "numpy": "0.1"}},
+    "mine is 1, the driver's absent": {"code": {**here().code, "mine": "1"}},
     "processor kernels": {"machine": {**here().machine, "kernels": ["none"]}},
     "linear_algebra": {"machine": {**here().machine, "linear_algebra": "other"}},
     "libc": {"machine": {**here().machine, "libc": "glibc 1.0"}},
@@ -45,7 +43,7 @@ def test_each_difference_is_refused_in_words(words):
 def test_the_same_process_is_no_stranger():
     stated = pickle.loads(pickle.dumps(Stated(driver=here())))
     assert json.loads(stated.require()) == here().machine
-    assert here().source == source_hash() == loaded().source
+    assert here().code["source code"] == source_hash() == loaded().source
 
 
 def test_a_refusal_travels():
@@ -58,7 +56,7 @@ def test_a_refusal_travels():
 def test_a_local_process_that_differs_stops_the_sweep(tmp_path, monkeypatch, workers):
     suite = expand("one", {"attitude": {"samples": 65_536}})
     # as if the source had changed between the start of the driver and of its workers
-    stated = Stated(driver=replace(here(), source="0" * 64))
+    stated = Stated(driver=replace(here(), **OTHERS["source code"]))
     monkeypatch.setattr("simval.sweep.runner.Stated", lambda **words: stated)
     if workers == 2:  # a pool in this process
         monkeypatch.setattr(executors, "_pool", lambda workers: Answering(None))
@@ -91,7 +89,7 @@ def test_a_file_that_changes_before_it_is_loaded_is_seen(tmp_path, monkeypatch):
     root.mkdir()
     for name in ("early", "late", "same"):
         (root / f"{name}.py").write_text("x = 1\n")
-    monkeypatch.setattr(source, "PACKAGE", root)
+    monkeypatch.setattr(provenance, "PACKAGE", root)
 
     def load(name):
         module = ModuleType(f"simval.{name}")
@@ -108,7 +106,7 @@ def test_a_file_that_changes_before_it_is_loaded_is_seen(tmp_path, monkeypatch):
     assert own.changed() == ["late.py"]
     assert own.changed() == []
     monkeypatch.setattr(
-        identity, "loaded", lambda: SimpleNamespace(changed=lambda: "x")
+        provenance, "loaded", lambda: SimpleNamespace(changed=lambda: "x")
     )
     with pytest.raises(StrangerError, match="x changed on the disk"):
         identity.require_as_read()
@@ -138,83 +136,3 @@ def test_the_gate_knows_of_other_machines(tiny_run):
     own = {**manifest["machine"], "processor": "other"}
     changed = {**manifest, "machine": own, "environments": []}
     assert len(environment_changes({**kept, "machine": before}, changed)) == 1
-
-
-class Futures:
-    """A client whose workers answer what they are told to."""
-
-    status = "running"
-
-    def __init__(self, **answers):
-        self.answers = answers
-
-    def nthreads(self):
-        return dict.fromkeys(self.answers, 2)
-
-    def submit(self, function, *, workers, pure, priority):
-        answer = self.answers[workers[0]]
-        return SimpleNamespace(
-            done=lambda: answer is not None,
-            status="error" if isinstance(answer, Exception) else "finished",
-            result=lambda timeout: fetched(answer),
-            exception=lambda timeout: fetched(answer),
-        )
-
-
-def fetched(answer):
-    """An answer on its way, or none where it was lost with its worker."""
-    if answer is LOST:
-        raise TimeoutError
-    return answer
-
-
-LOST = "lost"
-
-
-def test_the_question_travels_as_code():
-    cloudpickle = pytest.importorskip("cloudpickle")
-    data = cloudpickle.dumps(question())
-    assert pickle.loads(data)() == here()
-    loaded_by_name = cloudpickle.dumps(here)
-    assert len(data) > 2 * len(loaded_by_name)
-
-
-def test_a_worker_computes_once_it_has_answered_and_is_the_same():
-    said = []
-    other = replace(here(), source="0" * 64)
-    gone = ModuleNotFoundError("No module named 'simval.sweep.identity'")
-    client = Futures(
-        good=here(), silent=None, other=other, twin=other, old=gone, odd={"a": 1}
-    )
-    roster = Roster(client, Stated(driver=here()), said.append)
-    roster.look()
-    roster.look()
-    assert roster.threads == {"good": 2}
-    assert roster.asked  # the silent one, for which nobody waits
-    assert roster.refused.keys() == {"other", "twin", "old", "odd"}
-    assert len(said) == 3  # twins once
-    assert any("cannot load this version of simval (ModuleNot" in s for s in said)
-    client.answers = {"silent": here()}
-    roster.look()
-    assert not roster.threads.keys() - {"silent"}
-    assert not roster.refused
-    client.status = "connecting"
-    with pytest.raises(OSError, match="does not answer"):
-        roster.look()
-    assert issubclass(LostClusterError, Exception)
-    assert LostClusterError.exit_code == 3
-
-
-def test_an_answer_that_is_lost_with_its_worker_is_asked_for_again():
-    client = Futures(back=LOST)
-    roster = Roster(client, Stated(driver=here()), print)
-    for _ in range(4):  # asked, lost, asked, lost
-        roster.look()
-        roster._at -= 10.0
-    assert not roster.threads
-    assert not roster.refused
-    client.answers = {"back": here()}
-    for _ in range(3):
-        roster.look()
-        roster._at -= 10.0
-    assert roster.threads == {"back": 2}

@@ -5,7 +5,7 @@ import json
 from stores import rewritten
 
 from simval.sweep import load_run
-from simval.sweep.machines import mixture
+from simval.sweep.identity import mixture
 
 NAME = "attitude(geometry=3,noise_std=0.02,samples=65536)@1"
 OTHER = "openblas 0.0 Nehalem"

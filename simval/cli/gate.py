@@ -38,8 +38,8 @@ from simval.judge.formats import (
     to_markdown,
 )
 from simval.sweep import load_run
+from simval.sweep.provenance import source_hash
 from simval.sweep.run import Run
-from simval.sweep.source import source_hash
 from simval.text import one_line
 from simval.verdict import Answer
 

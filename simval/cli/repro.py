@@ -8,7 +8,7 @@ from simval.cli.rounding import beside_theory
 from simval.errors import InputError
 from simval.results import Row
 from simval.sweep.cells import REFUSED
-from simval.sweep.machines import mixture
+from simval.sweep.identity import mixture
 from simval.sweep.provenance import differences, file_hashes, versions
 from simval.sweep.repro import Repetition, find_cell, repeat
 from simval.sweep.run import Run, load_run

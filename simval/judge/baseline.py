@@ -21,7 +21,7 @@ from simval.plugins.names import is_file
 from simval.results import Check, Row
 from simval.statistics import Statistic
 from simval.studies.study import spelled
-from simval.sweep.machines import other_machines
+from simval.sweep.identity import other_machines
 from simval.sweep.provenance import differences
 from simval.sweep.run import MAX_SAMPLES, Run
 

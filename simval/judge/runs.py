@@ -43,7 +43,7 @@ from simval.judge.steps import (
 )
 from simval.results import Row
 from simval.statistics import Statistic
-from simval.sweep.machines import other_machines
+from simval.sweep.identity import other_machines
 from simval.sweep.provenance import differences
 from simval.sweep.run import CellResult, Run
 from simval.verdict import ALPHA

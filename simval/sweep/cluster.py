@@ -1,8 +1,16 @@
-"""Cells on a running dask.distributed cluster, whose workers may come and go."""
+"""Cells on a running dask.distributed cluster, whose workers may come and go.
+
+Each batch carries what the driver states of itself, and a worker that differs answers
+with the reason in words (`simval.sweep.identity`). It gets no further batch, and what
+it was given goes to another one. Batch and statement travel as bytes, and the function
+that looks at them as code: what travels by its name makes a worker without that module
+break its connection and end.
+"""
 
 import logging
 import time
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -10,11 +18,8 @@ from typing import Any
 
 from simval.errors import InputError, LostClusterError
 from simval.sweep.cells import Done
-from simval.sweep.errand import errand
-from simval.sweep.executors import Batch, Compute, Flying, Queue, windowed
-from simval.sweep.identity import Stated, StrangerError
-from simval.sweep.roster import Roster, Tell, question
-from simval.sweep.suspects import Suspects
+from simval.sweep.executors import Batch, Compute, Flying, Queue, failed, windowed
+from simval.sweep.identity import Stated, StrangerError, refusal
 
 CONNECT_TIMEOUT = 10.0  # s
 
@@ -28,8 +33,14 @@ first, from a file system that may be slow."""
 PAUSE = 0.1
 """Between two looks for a worker while there is none, s."""
 
+AGE = 1.0
+"""How old the list of workers may be, s."""
+
 AHEAD = 2
 """Batches in flight for each thread: one at work, one that waits for it."""
+
+Tell = Callable[[str], None]
+"""Says to the user what becomes of the workers."""
 
 
 @contextmanager
@@ -37,10 +48,6 @@ def clustered(
     address: str, stated: Stated, wait: float, tell: Tell
 ) -> Iterator[Compute]:
     """Connect to a running dask.distributed cluster.
-
-    The scheduler gives a batch whose worker is lost to another one. If it loses worker
-    after worker, its cells are given out alone, those that go on so by themselves at
-    the end, and one that still does is stored as failed.
 
     Raises
     ------
@@ -62,85 +69,152 @@ def clustered(
             msg = f"there is no scheduler at {address}: {error}; start `dask scheduler`"
             raise InputError(msg) from None
         with client:
-            crowd = Crowd(client, Roster(client, stated, tell), address, wait, tell)
-            crowd.begin()
-            yield partial(_by_cluster, crowd)
+            cluster = Cluster(client, address, stated, wait, tell)
+            cluster.begin()
+            yield partial(_by_cluster, cluster)
 
 
-class Crowd:
-    """Whoever computes on a cluster: it hands out batches, and waits for workers."""
+def answering() -> Callable[[bytes, bytes], Any]:
+    """What a worker does with a batch, as code: without one it says whether it may.
+
+    A worker that differs answers with its address and why: lines, or the words of an
+    error.
+    """
+
+    def answer(stated: bytes, batch: bytes) -> Any:
+        import pickle
+
+        from distributed import get_worker
+
+        try:
+            pickle.loads(stated).require()
+            from simval.sweep.executors import computed
+            from simval.sweep.identity import StrangerError
+        except Exception as error:
+            words = f"{type(error).__name__}: {error}"
+            return get_worker().address, getattr(error, "lines", words)
+        try:
+            return computed(pickle.loads(batch)) if batch else []
+        except StrangerError as error:
+            return get_worker().address, error.lines
+
+    return answer
+
+
+class Cluster:
+    """The workers of a scheduler: it hands out batches, and waits for workers."""
 
     def __init__(
-        self, client: Any, roster: Roster, address: str, wait: float, tell: Tell
+        self, client: Any, address: str, stated: Stated, wait: float, tell: Tell
     ) -> None:
-        self.client, self.roster, self.address = client, roster, address
-        self._wait, self._tell = wait, tell
+        from distributed.protocol.pickle import dumps
+
+        self.client, self.address = client, address
+        self._wait, self._tell, self._dumps = wait, tell, dumps
+        self._stated = dumps(stated)
         self._executor = client.get_executor(pure=False)
-        self._errand = errand()
-        self.suspects = Suspects()
-        self._given: dict[Future[list[Done]], frozenset[str]] = {}
+        self._seen = -AGE
+        self._threads: dict[str, int] = {}  # of the workers that may compute
+        self._refused: dict[str, tuple[str, ...]] = {}  # of those there, why not
 
     def begin(self) -> None:
-        """Wait for the first worker that may compute."""
+        """Wait for the first worker that may compute: each is asked what it is."""
         try:
-            self._await_one(at_start=True)
+            self._await(self._answered({}), at_start=True)
         except (OSError, CancelledError) as error:
             raise self.lost(error) from None
 
     def submit(self, function: Any, batch: Batch) -> Future[list[Done]]:
-        """Hand a batch to the workers that may compute it, and to no other.
+        """Hand a batch to the workers that may compute it.
 
-        Where all may, the scheduler is left to choose: it then knows which batch a
-        worker died of. One that joins just now may get the batch before it is asked
-        what it is; the errand asks it.
+        Of several that join or leave just now the scheduler may choose another one,
+        which then answers for itself.
         """
-        from distributed.protocol.pickle import dumps
-
-        errand = self._errand, dumps(batch.stated), dumps(batch)
-        if not (self.roster.refused or self.roster.asked):
+        errand = answering(), self._stated, self._dumps(batch)
+        if not self._refused:
             return self._executor.submit(*errand)
-        fit = sorted(self.roster.threads)
-        future = self._executor.submit(*errand, workers=fit)
-        self._given[future] = frozenset(fit)
-        return future
+        fit = {"workers": sorted(self._threads), "allow_other_workers": True}
+        return self._executor.submit(*errand, **fit)
 
-    def window(self, flying: Flying, queue: Queue) -> int:
-        """How many batches to keep in flight: twice the number of threads.
+    def window(self) -> int:
+        """How many batches to keep in flight: it follows workers that join and leave.
 
-        It follows the workers that join and leave. A batch all of whose workers have
-        left comes back.
+        Raises
+        ------
+        LostClusterError
+            If no worker that may compute is there, and none joins in time.
         """
-        self.roster.look()
-        self._given = {f: fit for f, fit in self._given.items() if f in flying}
-        for future, fit in self._given.items():
-            if not (future.done() or fit & self.roster.threads.keys()):
-                self.suspects.came_back(flying.pop(future).places, queue)
-                future.cancel()
-        if not self.roster.threads:
-            self._await_one()
-        return AHEAD * sum(self.roster.threads.values())
+        self._look()
+        if not self._threads:
+            self._await(lambda: bool(self._threads))
+        return AHEAD * sum(self._threads.values())
+
+    def refuse(self, address: str, lines: tuple[str, ...]) -> None:
+        """Give a worker nothing more; of many that are alike say so once."""
+        known = self._refused.values()
+        if lines not in known:
+            self._tell(f"worker {address} computes nothing: {'; '.join(lines)}")
+        self._threads.pop(address, None)
+        self._refused[address] = lines
 
     def lost(self, error: BaseException) -> LostClusterError:
         """Say that the scheduler is gone."""
         reason = str(error) or "it ended, or the connection broke"
         return LostClusterError(f"lost the scheduler at {self.address}: {reason}")
 
-    def _await_one(self, at_start: bool = False) -> None:
+    def _look(self) -> None:
+        """See who is there, if the last look is old enough."""
+        now = time.monotonic()
+        if now - self._seen < AGE and self._threads:
+            return
+        self._seen = now
+        if self.client.status != "running":
+            msg = "it does not answer"
+            raise OSError(msg)
+        there = dict(self.client.nthreads())
+        self._refused = {a: why for a, why in self._refused.items() if a in there}
+        self._threads = {a: n for a, n in there.items() if a not in self._refused}
+
+    def _answered(self, asked: dict[str, Any]) -> Callable[[], bool]:
+        """Ask every worker, and say whether one has answered that it may compute."""
+
+        def somebody() -> bool:
+            for address in self._threads.keys() - asked.keys():
+                question = (answering(), self._stated, b"")
+                options = {"workers": [address], "pure": False, "priority": 1}
+                asked[address] = self.client.submit(*question, **options)
+            for address in [a for a in self._threads if asked[a].done()]:
+                answer = asked[address]
+                if answer.status != "finished":
+                    self.refuse(address, (f"it does not answer ({answer.status})",))
+                    continue
+                error = refusal(answer.result())
+                if error is None:
+                    return True
+                self.refuse(address, error.lines)
+            return False
+
+        return somebody
+
+    def _await(self, somebody: Callable[[], bool], at_start: bool = False) -> None:
         """Wait until a worker may compute.
 
         While there is none, a question to any is open, so that a cluster that grows on
         demand sees a demand.
         """
         start = time.monotonic()
-        demand = self.client.submit(question(), pure=False)
+        demand = self.client.submit(answering(), self._stated, b"", pure=False)
         said = False
         try:
-            while not self._somebody():
-                patience = max(self._wait, ANSWER) if self.roster.asked else self._wait
+            while True:
+                self._look()
+                if somebody():
+                    return
+                patience = max(self._wait, ANSWER) if self._threads else self._wait
                 late = time.monotonic() - start >= patience
-                if late or (at_start and self._all_differ()):
+                if late or (at_start and self._refused and not self._threads):
                     raise self._nobody(at_start)
-                if not (said or self.roster.asked):
+                if not (said or self._threads):
                     self._tell(
                         f"the scheduler at {self.address} has no worker that may "
                         f"compute; waiting {self._wait:g} s for one"
@@ -151,15 +225,8 @@ class Crowd:
             with suppress(Exception):  # the scheduler may be what is lost
                 demand.cancel()
 
-    def _somebody(self) -> bool:
-        self.roster.look()
-        return bool(self.roster.threads)
-
-    def _all_differ(self) -> bool:
-        return bool(self.roster.refused) and not self.roster.asked
-
     def _nobody(self, at_start: bool) -> InputError | LostClusterError:
-        refused = self.roster.refused
+        refused = self._refused
         if refused:
             lines = dict.fromkeys(line for each in refused.values() for line in each)
             msg = (
@@ -170,35 +237,48 @@ class Crowd:
         else:
             msg = (
                 f"the scheduler at {self.address} has no worker"
-                + (" that answers" if self.roster.asked else "")
+                + (" that answers" if self._threads else "")
                 + f", and none joined within {self._wait:g} s; "
                 f"start `dask worker {self.address}`, or wait longer with --wait"
             )
         return InputError(msg) if at_start else LostClusterError(msg)
 
 
-def _by_cluster(crowd: Crowd, queue: Queue) -> Iterator[Sequence[Done]]:
+def _by_cluster(cluster: Cluster, queue: Queue) -> Iterator[Sequence[Done]]:
+    """Compute on a cluster; of a cell that kills its workers say so.
+
+    The scheduler gives up a batch after it has lost so many workers (dask's
+    `allowed-failures`) that had it, at work or waiting. Its cells are then given out
+    alone, those that are lost so after all others, each by itself; one that is lost
+    even then has failed.
+    """
     from distributed.scheduler import KilledWorker
 
     flying: Flying = {}
-    window = partial(crowd.window, flying, queue)
-    while queue or flying or crowd.suspects:
+    last: deque[tuple[int, str]] = deque()  # cells for the end, and why
+    tried: set[int] = set()  # those of them that were given out
+    while queue or flying or last:
         if not (queue or flying):
-            yield crowd.suspects.next(queue)
+            place, why = last.popleft()
+            if place in tried:
+                yield [failed(*queue.alone(place).cells[0], why)]
+                continue
+            tried.add(place)
+            queue.give_back([place])
         try:
-            yield from windowed(crowd, queue, flying, window, (KilledWorker,))
+            yield from windowed(cluster, queue, flying, cluster.window, (KilledWorker,))
         except KilledWorker:
-            _killed(crowd, flying, queue, KilledWorker)
+            last.extend(_given_up(flying, queue, KilledWorker))
         except StrangerError as error:
-            crowd.roster.refuse(error.worker, error.lines)
+            cluster.refuse(error.worker, error.lines)
         except (CancelledError, OSError) as error:
-            raise crowd.lost(error) from None
+            raise cluster.lost(error) from None
 
 
-def _killed(
-    crowd: Crowd, flying: Flying, queue: Queue, kind: type[BaseException]
-) -> None:
-    """Give out the cells of batches that lose their workers alone, then one by one."""
+def _given_up(
+    flying: Flying, queue: Queue, kind: type[BaseException]
+) -> Iterator[tuple[int, str]]:
+    """Cells that were lost alone, and why; those of larger batches are given out so."""
     for future in [future for future in flying if future.done()]:
         error = future.exception()
         if isinstance(error, kind):
@@ -206,7 +286,7 @@ def _killed(
             if len(places) > 1:
                 queue.give_back(places)
             else:
-                crowd.suspects.keep(places[0], f"every worker was lost: {error}")
+                yield places[0], f"every worker was lost: {error}"
 
 
 def _end(client: Any) -> None:

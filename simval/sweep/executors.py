@@ -104,15 +104,15 @@ class Queue:
         self._cells, self._pending, self._stated = cells, pending, stated
         self._alpha, self._work = alpha / max(len(cells), 1), work
         self._next = 0
-        self._alone: deque[int] = deque()
+        self._back: deque[Batch] = deque()  # before all others
 
     def __bool__(self) -> bool:
-        return bool(self._alone) or self._next < len(self._pending)
+        return bool(self._back) or self._next < len(self._pending)
 
     def take(self, at_once: int) -> Batch:
         """The next batch, where so many are at work at once."""
-        if self._alone:
-            return self.alone(self._alone.popleft())
+        if self._back:
+            return self._back.popleft()
         left = len(self._pending) - self._next
         most = min(CELLS, max(1, left // (SHARES * at_once)))
         batch: list[tuple[int, Cell]] = []
@@ -131,9 +131,13 @@ class Queue:
         """A batch of one cell."""
         return Batch((self._cell(place),), self._alpha, self._work, self._stated)
 
+    def put_back(self, batch: Batch) -> None:
+        """Have a batch computed by somebody else, before all others."""
+        self._back.append(batch)
+
     def give_back(self, places: Iterable[int]) -> None:
         """Have some cells computed alone, before all others."""
-        self._alone.extend(places)
+        self._back.extend(map(self.alone, places))
 
     def _cell(self, place: int) -> tuple[int, Cell]:
         return place, self._cells[place]
@@ -274,7 +278,7 @@ def windowed(
                 try:
                     flying[_submitted(executor, batch)] = batch
                 except BaseException:
-                    queue.give_back(batch.places)
+                    queue.put_back(batch)
                     raise
             ended = wait(flying, timeout=PAUSE, return_when=FIRST_COMPLETED).done
             lost = [future for future in ended if _is_lost(future, lost_as)]
@@ -310,7 +314,7 @@ def _landed(future: Future[list[Done]], batch: Batch, queue: Queue) -> Sequence[
     if error is None:
         return future.result()
     if isinstance(error, StrangerError):
-        queue.give_back(batch.places)
+        queue.put_back(batch)
         raise error
     if len(batch.cells) > 1:
         queue.give_back(batch.places)

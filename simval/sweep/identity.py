@@ -2,7 +2,9 @@
 
 The driver states what its own numbers depend on, and each batch of cells carries the
 statement. A process that differs refuses the batch in words: its rows would be those
-of another program under the same manifest.
+of another program under the same manifest. Other processor kernels, which round
+otherwise, may compute where that is asked for; the run then says how many cells each
+kind of machine has computed.
 """
 
 import hashlib
@@ -14,23 +16,17 @@ from typing import Any
 
 from simval.errors import InputError
 from simval.sweep import provenance
-from simval.sweep.source import loaded
 from simval.text import one_line
 
 SHOWN = 12
-"""Characters of a SHA-256 that a message shows."""
-
-KERNELS = "processor kernels"
-"""What a difference begins with that `--mixed-kernels` allows."""
+"""Characters that a message shows of a SHA-256, or of a version."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identity:
     """What the numbers of a process depend on, beside the cell."""
 
-    source: str  # SHA-256
-    models: str  # SHA-256 of all model files
-    versions: Mapping[str, str]
+    code: Mapping[str, str]  # SHA-256 of source and models, versions, by their names
     machine: Mapping[str, Any]
 
 
@@ -75,17 +71,14 @@ class StrangerError(InputError):
         )
 
 
-def unable(words: str) -> tuple[str, ...]:
-    """Say of a process that it has no such version."""
-    return (f"it cannot load this version of simval ({one_line(words)})",)
-
-
 def refusal(answer: object) -> StrangerError | None:
-    """The refusal of a worker that may not even have the words for one."""
+    """The refusal of a worker, which may not even have the words for one."""
     if not isinstance(answer, tuple):
         return None
     worker, why = answer
-    return StrangerError(unable(why) if isinstance(why, str) else tuple(why), worker)
+    if isinstance(why, str):
+        why = (f"it cannot load this version of simval ({one_line(why)})",)
+    return StrangerError(tuple(why), worker)
 
 
 def require_as_read() -> None:
@@ -96,7 +89,7 @@ def require_as_read() -> None:
     StrangerError
         If it has.
     """
-    names = loaded().changed()
+    names = provenance.loaded().changed()
     if names:
         words = f"{', '.join(names)} changed on the disk while it was at work"
         raise StrangerError((words,))
@@ -107,9 +100,11 @@ def here() -> Identity:
     """The identity of this process, from when it was first asked for."""
     models = json.dumps(provenance.model_hashes(), sort_keys=True)
     return Identity(
-        source=loaded().source,
-        models=hashlib.sha256(models.encode()).hexdigest(),
-        versions=provenance.versions(),
+        code={
+            "source code": provenance.loaded().source,
+            "set of model files": hashlib.sha256(models.encode()).hexdigest(),
+            **provenance.versions(),
+        },
         machine=provenance.machine(),
     )
 
@@ -117,26 +112,21 @@ def here() -> Identity:
 def differing(
     driver: Identity, own: Identity, *, mixed: bool = False
 ) -> tuple[str, ...]:
-    """Say in words how a process differs from the driver."""
+    """Say in words how a process differs from the driver.
+
+    Kernels of another processor round otherwise: `mixed` allows them.
+    """
     lines = [
-        f"its {key} is {_short(there)}, the driver's {_short(needed)}"
-        for key, there, needed in (
-            ("source code", own.source, driver.source),
-            ("set of model files", own.models, driver.models),
-        )
-        if there != needed
-    ]
-    lines += [
-        f"{name} is {own.versions.get(name, 'absent')}, the driver's "
-        f"{driver.versions.get(name, 'absent')}"
-        for name in sorted({*own.versions, *driver.versions})
-        if own.versions.get(name) != driver.versions.get(name)
+        f"its {name} is {own.code.get(name, 'absent')[:SHOWN]}, the driver's "
+        f"{driver.code.get(name, 'absent')[:SHOWN]}"
+        for name in sorted({*own.code, *driver.code})
+        if own.code.get(name) != driver.code.get(name)
     ]
     if not mixed and machine_text(own.machine) != machine_text(driver.machine):
         words = provenance.differences(driver.machine, own.machine)
         lines.append(
-            f"{KERNELS} ({'; '.join(words)}, the driver's first), so the last bits "
-            "would differ: allow them with --mixed-kernels"
+            f"processor kernels ({'; '.join(words)}, the driver's first), so the last "
+            "bits would differ: allow them with --mixed-kernels"
         )
     return tuple(lines)
 
@@ -146,5 +136,41 @@ def machine_text(machine: Mapping[str, Any]) -> str:
     return json.dumps(dict(machine), sort_keys=True)
 
 
-def _short(digest: str) -> str:
-    return digest[:SHOWN] or "unknown"
+def environments(kept: str | None) -> list[dict[str, Any]]:
+    """Machines with the number of their cells, most cells first.
+
+    Of the store's entry, which counts the finished cells of each machine.
+    """
+    counted = json.loads(kept or "{}").items()
+    return [
+        {"machine": json.loads(machine), "cells": cells}
+        for machine, cells in sorted(counted, key=lambda item: (-item[1], item[0]))
+    ]
+
+
+def other_machines(manifest: Mapping[str, Any]) -> list[Any]:
+    """Machines that computed cells of a run beside the driver's, in a fixed order."""
+    own = manifest.get("machine")
+    found = [each["machine"] for each in manifest.get("environments", ())]
+    return sorted((each for each in found if each != own), key=json.dumps)
+
+
+def mixture(manifest: Mapping[str, Any]) -> str:
+    """Which machines computed a run, in words; empty if only the driver's did."""
+    others = other_machines(manifest)
+    if not others:
+        return ""
+    own = manifest["machine"]
+    cells = {
+        machine_text(each["machine"]): each["cells"]
+        for each in manifest["environments"]
+    }
+    counts = [cells.get(machine_text(machine), 0) for machine in (own, *others)]
+    parts = [f"{counts[0]} of its cells by the driver's"]
+    for count, other in zip(counts[1:], others, strict=True):
+        words = ", ".join(provenance.differences(own, other))
+        parts.append(f"{count} by one that differs ({words})")
+    return (
+        f"{len(parts)} kinds of machine computed this run, so the last bits may "
+        f"differ: {'; '.join(parts)}"
+    )

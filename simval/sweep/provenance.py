@@ -2,15 +2,22 @@
 
 It holds suite, seeds, versions, commit, model files and processor kernels. Times, host
 and dates are stored separately and never compared.
+
+Modules are imported when they are used, so a process that works for hours can load a
+file of the package that was changed since it started, beside others that were not; so
+it keeps the digests of all files as they were (`Loaded`).
 """
 
 import hashlib
 import os
 import platform
 import subprocess
+import sys
 from collections.abc import Iterator, Mapping
+from functools import cache
 from importlib import metadata
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -20,10 +27,10 @@ from simval.plugins.loading import sources
 from simval.plugins.names import portable
 from simval.scene import models_folder
 from simval.studies import STUDIES
-from simval.sweep.source import loaded
 from simval.sweep.suite import Suite
 from simval.sweep.threads import linear_algebra
 
+PACKAGE = Path(__file__).resolve().parents[1]
 PACKAGES = ("simval", "numpy", "scipy", "mujoco-core", "pydantic")
 
 
@@ -175,3 +182,71 @@ def _git(root: Path, *words: str) -> str | None:
     except (OSError, subprocess.SubprocessError):
         return None  # git is not installed, or this is not a repository
     return done.stdout.strip()
+
+
+def source_hash() -> str:
+    """SHA-256 of all the package's own source on the disk, Python and C."""
+    return _whole(_digests())
+
+
+def _digests() -> dict[str, bytes]:
+    """SHA-256 of each file."""
+    files = sorted([*PACKAGE.rglob("*.py"), *PACKAGE.rglob("*.c")])
+    return {
+        str(file.relative_to(PACKAGE)): digest
+        for file in files
+        if (digest := _digest(file))
+    }
+
+
+def _digest(file: Path) -> bytes:
+    try:
+        return hashlib.sha256(file.read_bytes()).digest()
+    except OSError:  # removed meanwhile
+        return b""
+
+
+def _whole(digests: Mapping[str, bytes]) -> str:
+    digest = hashlib.sha256()
+    for name, own in digests.items():
+        digest.update(name.encode() + b"\0")
+        digest.update(own)
+    return digest.hexdigest()
+
+
+class Loaded:
+    """The source as it was when this process first asked for it."""
+
+    def __init__(self) -> None:
+        self._digests = _digests()
+        self._seen = set(_modules())
+        self.source = _whole(self._digests)
+
+    def changed(self) -> list[str]:
+        """Files that were changed on the disk before this process loaded them."""
+        own = _modules()
+        fresh = own.keys() - self._seen
+        self._seen |= fresh
+        found = []
+        for name in sorted(fresh):
+            file = Path(str(own[name].__file__)).resolve()
+            if file.is_relative_to(PACKAGE) and file.suffix == ".py":
+                short = str(file.relative_to(PACKAGE))
+                if _digest(file) != self._digests.get(short):
+                    found.append(short)
+        return found
+
+
+def _modules() -> dict[str, ModuleType]:
+    package = PACKAGE.name + "."
+    return {
+        name: module
+        for name, module in sys.modules.copy().items()
+        if name.startswith(package) and getattr(module, "__file__", None)
+    }
+
+
+@cache
+def loaded() -> Loaded:
+    """The source of this process."""
+    return Loaded()

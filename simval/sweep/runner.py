@@ -31,8 +31,7 @@ from simval.sweep.cells import Ending, worse
 from simval.sweep.cluster import WAIT, clustered
 from simval.sweep.executors import Compute, Queue, Work, pooled, serial
 from simval.sweep.grid import Chosen
-from simval.sweep.identity import Stated, here
-from simval.sweep.machines import environments
+from simval.sweep.identity import Stated, environments, here
 from simval.sweep.run import Run, completed, load_run, write_table
 from simval.sweep.suite import Suite, load_suite, require_plugins
 from simval.verdict import ALPHA

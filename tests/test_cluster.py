@@ -1,0 +1,533 @@
+"""Sweeps on real clusters on loopback: the bytes of one process, whatever is lost.
+
+No worker mixes other numbers into a run, and what cannot go on says so and is resumed.
+"""
+
+import hashlib
+import json
+import pickle
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import Future
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from clusters import (
+    OTHER_KERNELS,
+    Cluster,
+    copy_of_source,
+    ended,
+    finished,
+    free_port,
+    plain,
+    poisoned,
+    until,
+    without_simval,
+)
+
+from simval.errors import InputError
+from simval.judge import write_baseline
+from simval.results import Outcome
+from simval.sweep import cluster as clusters
+from simval.sweep import executors, load_run, run_suite
+from simval.sweep.executors import Queue, computed
+from simval.sweep.identity import Stated, here, refusal
+from simval.sweep.runner import Silence
+from simval.sweep.suite import expand
+
+cloudpickle = pytest.importorskip("cloudpickle")
+distributed = pytest.importorskip("distributed")
+
+UNABLE = (
+    "computes nothing: it cannot load this version of simval "
+    "(ModuleNotFoundError: No module named 'simval')"
+)
+
+
+def digest(folder):
+    return hashlib.sha256((folder / "results.csv").read_bytes()).hexdigest()
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory):
+    """A suite of twelve cells of a tenth of a second."""
+    path = tmp_path_factory.mktemp("twelve") / "suite.toml"
+    path.write_text(
+        "[attitude]\n"
+        f"geometry = {list(range(1, 13))}\nnoise_std = 0.02\nsamples = 65536\n"
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def alone(suite, tmp_path_factory):
+    """The table of those cells, computed by one process."""
+    folder = tmp_path_factory.mktemp("alone") / "run"
+    run_suite(str(suite), folder)
+    return digest(folder)
+
+
+@pytest.fixture
+def stranger(tmp_path):
+    """The same version, whose study of attitudes draws a thousandth more noise."""
+    old = "sigma = parameters.noise_std"
+    new = "sigma = 1.001 * parameters.noise_std"
+    return copy_of_source(tmp_path / "stranger", studies__attitude=(old, new))
+
+
+def slow(tmp_path, seconds=0.3, kind="slow"):
+    """A worker whose cells take their time, or kill it."""
+    words = f"{kind}:{seconds}"
+    return {"SIMVAL_TEST_POISON": words, "source": poisoned(tmp_path)}
+
+
+# Workers that differ.
+
+
+@pytest.mark.ci
+def test_a_worker_of_other_source_computes_nothing(suite, alone, stranger, tmp_path):
+    with Cluster(tmp_path) as cluster:
+        cluster.join(**slow(tmp_path))
+        cluster.join(source=stranger)
+        cluster.await_workers(2)
+        code, _, err = ended(cluster.sweep(suite, tmp_path / "run"))
+    assert code == 0, err
+    assert err.count("computes nothing: its source code is") == 1
+    assert digest(tmp_path / "run") == alone
+
+
+@pytest.mark.ci
+def test_a_stranger_that_joins_late_computes_nothing_though_it_is_alone(
+    suite, alone, stranger, tmp_path
+):
+    folder = tmp_path / "run"
+    with Cluster(tmp_path) as cluster:
+        good = cluster.join(**slow(tmp_path, 0.5))
+        cluster.await_workers(1)
+        driver = cluster.sweep(suite, folder, "--wait", 8)
+        until(lambda: finished(folder) > 0)
+        cluster.join(source=stranger)
+        cluster.await_workers(2)
+        good.kill()
+        code, _, err = ended(driver)
+    assert code == 3, err
+    assert "its source code is" in err
+    assert "every worker at" in err
+    assert f"to continue: simval sweep {suite} --out {folder}" in err
+    assert "Traceback" not in err
+    assert 0 < finished(folder) < 12
+    run_suite(str(suite), folder, resume=True)
+    assert digest(folder) == alone
+
+
+class Joins(Silence):
+    """After the first cell a worker without simval joins; what is said is kept."""
+
+    def __init__(self, cluster, source):
+        self.cluster, self.source, self.said = cluster, source, []
+
+    def advance(self, name, ending):
+        if len(self.cluster.workers) == 1:
+            self.cluster.join(source=self.source)
+            self.cluster.await_workers(2)
+
+    def tell(self, words):
+        self.said.append(words)
+
+
+@pytest.mark.ci
+def test_one_without_this_version_says_so_of_its_first_batch(suite, alone, tmp_path):
+    with Cluster(tmp_path) as cluster:
+        cluster.join(**slow(tmp_path, 0.4))
+        cluster.await_workers(1)
+        progress = Joins(cluster, without_simval(tmp_path))
+        words = {"scheduler": cluster.address, "progress": progress}
+        run = run_suite(str(suite), tmp_path / "run", **words)
+        ends = [worker.poll() for worker in cluster.workers]
+    assert ends == [None, None]  # its connection did not break
+    (line,) = progress.said
+    assert line.startswith("worker tcp://127.0.0.1:")
+    assert line.endswith(UNABLE)
+    assert run.timing["told"] == progress.said
+    assert digest(tmp_path / "run") == alone
+
+
+def test_what_a_worker_is_given_names_no_module_of_ours(monkeypatch):
+    # as on a worker that has none: what was loaded is hidden, and nothing is found
+    data, stated = (
+        cloudpickle.dumps(clusters.answering()),
+        pickle.dumps(Stated(driver=here())),
+    )
+    worker = SimpleNamespace(address="tcp://there")
+    monkeypatch.setattr(distributed, "get_worker", lambda: worker)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "simval"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "simval", None)
+    answer = pickle.loads(data)(stated, b"not looked at")
+    monkeypatch.undo()
+    error = refusal(answer)
+    assert error.worker == "tcp://there"
+    (line,) = error.lines
+    assert line.startswith("it cannot load this version of simval (ModuleNotFound")
+
+
+@pytest.mark.slow
+def test_other_kernels_compute_where_that_is_asked_for(suite, tmp_path, simval):
+    ours, there = (machine(words) for words in ({}, OTHER_KERNELS))
+    if ours == there:
+        pytest.skip("this processor has no kernels to leave out")
+    with Cluster(tmp_path) as cluster:
+        cluster.join(**OTHER_KERNELS)
+        cluster.await_workers(1)
+        code, _, err = ended(cluster.sweep(suite, tmp_path / "refused"))
+        assert code == 2, err
+        assert "every worker" in err
+        assert "processor kernels (" in err
+        assert "--mixed-kernels" in err
+        assert not (tmp_path / "refused").exists()
+        cluster.join()
+        cluster.await_workers(2)
+        driver = cluster.sweep(suite, tmp_path / "mixed", "--mixed-kernels")
+        code, _, err = ended(driver)
+        assert code == 0, err
+    run = load_run(tmp_path / "mixed")
+    machines = {json.dumps(each["machine"]) for each in run.manifest["environments"]}
+    assert sum(each["cells"] for each in run.manifest["environments"]) == 12
+    assert any("Nehalem" in each for each in machines)
+    alone = run_suite(str(suite), tmp_path / "alone")
+    assert alone.manifest["machine"] == run.manifest["machine"] == ours
+    write_baseline(tmp_path / "baseline.json", alone, "alone")
+    words = ("gate", tmp_path / "mixed", "--baseline", tmp_path / "baseline.json")
+    code, out, _ = simval(*words)
+    assert code == 0, out
+    assert "another environment than the baseline's" in out
+    assert "other machines" in out
+
+
+def machine(words):
+    """What a process of such an environment says of its machine."""
+    script = "import json; from simval.sweep.provenance import machine as m; "
+    done = subprocess.run(
+        [sys.executable, "-c", f"{script}print(json.dumps(m()))"],
+        env=plain(**words),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return json.loads(done.stdout)
+
+
+# What is lost.
+
+
+def lost(suite, tmp_path, which):
+    """Kill the only worker, or the scheduler, in the middle of a sweep."""
+    folder = tmp_path / "run"
+    with Cluster(tmp_path) as cluster:
+        worker = cluster.join(**slow(tmp_path, 0.5))
+        cluster.await_workers(1)
+        driver = cluster.sweep(suite, folder, "--wait", 2)
+        until(lambda: finished(folder) > 0)
+        (worker if which == "worker" else cluster.scheduler).kill()
+        code, out, err = ended(driver)
+    assert 0 < finished(folder) < 12
+    run = run_suite(str(suite), folder, resume=True)
+    assert {cell.status for cell in run.cells} == {"done"}
+    assert f"to continue: simval sweep {suite} --out {folder} --scheduler" in err
+    assert "Traceback" not in err + out
+    return code, err
+
+
+@pytest.mark.ci
+def test_all_workers_lost_is_said_and_resumed(suite, tmp_path):
+    code, err = lost(suite, tmp_path, "worker")
+    assert code == 3, err
+    assert "none joined within 2 s" in err
+
+
+@pytest.mark.slow
+def test_a_scheduler_killed_is_one_line(suite, tmp_path):
+    code, err = lost(suite, tmp_path, "scheduler")
+    assert code == 3, err
+    (line,) = [line for line in err.splitlines() if line.startswith("error: ")]
+    assert line.startswith("error: lost the scheduler at tcp://")
+    assert len(err.splitlines()) < 12  # progress, and no foreign words
+    assert "distributed" not in err
+
+
+def test_no_scheduler_is_a_clear_error(suite, tmp_path, monkeypatch):
+    monkeypatch.setattr(clusters, "CONNECT_TIMEOUT", 1.0)
+    address = f"tcp://127.0.0.1:{free_port()}"
+    with pytest.raises(InputError, match="there is no scheduler at"):
+        run_suite(str(suite), tmp_path / "none", scheduler=address)
+
+
+@pytest.mark.slow
+def test_no_worker_is_waited_for_so_long_and_said(suite, tmp_path):
+    with Cluster(tmp_path) as cluster:
+        cluster.await_workers(0)
+        code, _, err = ended(cluster.sweep(suite, tmp_path / "run", "--wait", 1))
+        assert code == 2, err
+        assert "has no worker that may compute; waiting 1 s for one" in err
+        assert f"start `dask worker {cluster.address}`" in err
+        assert not (tmp_path / "run").exists()
+        # one that joins meanwhile is used, and Ctrl-C ends the wait
+        driver = cluster.sweep(suite, tmp_path / "run")
+        time.sleep(1.0)
+        cluster.join()
+        assert ended(driver)[0] == 0
+        cluster.workers[0].kill()
+        driver = cluster.sweep(suite, tmp_path / "new")
+        assert "waiting 60 s" in driver.stderr.readline()
+        driver.send_signal(signal.SIGINT)
+        start = time.monotonic()
+        assert ended(driver)[0] == 130
+        assert time.monotonic() - start < 30.0
+
+
+class Comings(Silence):
+    """Workers join, say goodbye and are killed while the cells go on."""
+
+    def __init__(self, cluster, tmp_path):
+        self.cluster, self.ended, self.words = cluster, 0, slow(tmp_path)
+
+    def advance(self, name, ending):
+        self.ended += 1
+        workers = self.cluster.workers
+        match self.ended:
+            case 1:
+                workers[0].kill()  # with a batch at work
+            case 3:
+                self.cluster.join(**self.words)
+                self.cluster.await_workers(2)
+            case 5:
+                workers[1].send_signal(signal.SIGTERM)  # says goodbye
+            case 7:
+                workers[2].kill()  # now there is none
+                workers[2].wait()
+                self.cluster.join(**self.words)
+
+
+@pytest.mark.ci
+def test_workers_come_and_go_and_the_bytes_stay(suite, alone, tmp_path):
+    with Cluster(tmp_path) as cluster:
+        for _ in range(2):
+            cluster.join(**slow(tmp_path))
+        cluster.await_workers(2)
+        progress = Comings(cluster, tmp_path)
+        words = {"scheduler": cluster.address, "progress": progress}
+        run = run_suite(str(suite), tmp_path / "run", **words)
+    assert {cell.status for cell in run.cells} == {"done"}
+    assert digest(tmp_path / "run") == alone
+
+
+ADAPTIVE = """
+import sys
+from distributed import LocalCluster
+if __name__ == "__main__":
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as c:
+        c.adapt(minimum=1, maximum=3, interval="200ms", target_duration="1s")
+        print(c.scheduler_address, flush=True)
+        sys.stdin.read()
+"""
+
+
+@pytest.mark.slow
+def test_an_adaptive_cluster_grows_with_the_demand(suite, alone, tmp_path):
+    (tmp_path / "adaptive.py").write_text(ADAPTIVE)
+    most = [0]
+
+    class Counts(Silence):
+        def advance(self, name, ending):
+            with distributed.Client(address, timeout=30) as client:
+                most[0] = max(most[0], len(client.nthreads()))
+
+    process = subprocess.Popen(
+        [sys.executable, str(tmp_path / "adaptive.py")],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        cwd=tmp_path,
+        env=plain(**{"OMP_NUM_THREADS": "1", **slow(tmp_path, 0.6)}),
+    )
+    try:
+        address = process.stdout.readline().strip()
+        words = {"scheduler": address, "progress": Counts()}
+        run_suite(str(suite), tmp_path / "run", **words)
+    finally:
+        process.communicate("", timeout=60)
+    assert digest(tmp_path / "run") == alone
+    assert most[0] > 1
+
+
+# Cells that kill their workers.
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("allowed", [0, 3])
+def test_a_cell_that_kills_its_workers_fails_alone(tmp_path, allowed):
+    """Beside a worker that is refused; others wait beside it, and are computed."""
+    content = {"noise_std": [0.01, 0.02, 0.03, 0.04], "samples": 65_536}
+    suite = expand("bad", {"attitude": content})
+    settings = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": str(allowed)}
+    with Cluster(tmp_path, **settings) as cluster:
+        cluster.join(source=without_simval(tmp_path))
+        cluster.join(nanny=True, **slow(tmp_path, 0.03, "kill"))
+        cluster.await_workers(2)
+        run_suite(suite, tmp_path / "run", scheduler=cluster.address)
+    run = load_run(tmp_path / "run")
+    failed = [cell for cell in run.cells if cell.status != "done"]
+    assert [cell.parameters["noise_std"] for cell in failed] == [0.03]
+    assert "every worker was lost" in failed[0].error
+    assert UNABLE in run.timing["told"][0]
+
+
+class Executes:
+    """A client that runs tasks here, as an executor of its own."""
+
+    status = "running"
+
+    def __init__(self):
+        self.tasks = []
+
+    def nthreads(self):
+        return {"a": 1}
+
+    def get_executor(self, pure):
+        return self
+
+    def submit(self, function, stated, batch, **options):
+        if not batch:
+            return SimpleNamespace(
+                done=lambda: True,
+                status="finished",
+                result=list,
+                cancel=lambda: None,
+            )
+        future = Future()
+        self.tasks.append((future, pickle.loads(batch)))
+        return future
+
+
+def nothing(cell):
+    """A cell without rows, at once."""
+    return Outcome(rows=())
+
+
+@pytest.mark.ci
+def test_a_cell_that_waits_beside_a_deadly_one_is_not_failed_with_it(monkeypatch):
+    # the scheduler blames all tasks that a worker had, those that waited too
+    from distributed.scheduler import KilledWorker
+
+    monkeypatch.setattr(executors, "PAUSE", 0.0)
+    stated, client = Stated(driver=here()), Executes()
+    cluster = clusters.Cluster(client, "tcp://here", stated, 1.0, print)
+    cluster.begin()
+    content = {"geometry": [1, 2, 3, 4], "samples": 65_536}
+    cells = expand("some", {"attitude": content}).cells
+    queue = Queue(cells, range(4), 1e-3, nothing, stated)
+    deadly, trials, window = 2, [], cluster.window
+
+    def dying():
+        left = [(f, batch) for f, batch in client.tasks if not f.done()]
+        held = {place for _, batch in left for place in batch.places}
+        trials.extend([held] if deadly in held else [])
+        for future, batch in left:
+            if deadly in held:
+                last = SimpleNamespace(address="a")
+                future.set_exception(KilledWorker("cell", last, 3))
+            else:
+                future.set_result(computed(batch))
+        return window()
+
+    monkeypatch.setattr(cluster, "window", dying)
+    done = [each for some in clusters._by_cluster(cluster, queue) for each in some]
+    assert sorted((each.cell[0], each.cell[5]) for each in done) == [
+        (0, "done"),
+        (1, "done"),
+        (2, "failed"),
+        (3, "done"),
+    ]
+    assert {2, 3} in trials
+    assert trials[-1] == {deadly}
+
+
+@pytest.mark.slow
+def test_a_plugin_on_a_cluster_fails_alone(tmp_path):
+    plugins = {
+        "raises": "raise ValueError('mine')",
+        "crashes": "os.kill(os.getpid(), signal.SIGSEGV)",
+        "hangs": "os.fork(); time.sleep(600)",
+    }
+    for name, body in plugins.items():
+        (tmp_path / f"{name}.py").write_text(
+            "import os, signal, time\nfrom simval.plugins import Calibrator\n"
+            f"def work(poses, g):\n    {body}\n"
+            f"it = Calibrator(name={name!r}, calibrate=work)\n"
+        )
+    content = {
+        "attitude": {"noise_std": 0.02, "samples": 65_536},
+        "calibrator": {
+            "algorithm": [str(tmp_path / f"{name}.py") for name in plugins],
+            "trials": 32,
+            "time_limit": 30.0,
+        },
+    }
+    with Cluster(tmp_path) as cluster:
+        cluster.join()
+        cluster.join()
+        words = {"scheduler": cluster.address}
+        run = run_suite(expand("mixed", content), tmp_path / "run", **words)
+    errors = {
+        Path(cell.parameters["algorithm"]).stem: cell.error
+        for cell in run.cells
+        if cell.status == "failed"
+    }
+    assert errors.keys() == plugins.keys()
+    assert "raised ValueError: mine" in errors["raises"]
+    assert "was killed by SIGSEGV" in errors["crashes"]
+    assert "did not end within 30 s" in errors["hangs"]
+    suite = expand("alone", {"attitude": content["attitude"]})
+    alone = run_suite(suite, tmp_path / "1")
+    assert run.of("attitude")[0].rows == alone.cells[0].rows
+
+
+# Certificates.
+
+
+@pytest.fixture
+def certificate(tmp_path):
+    """A key and a certificate of one's own; the settings that use them."""
+    if shutil.which("openssl") is None:
+        pytest.skip("the program openssl, which makes the certificates, is not here")
+    words = "openssl req -x509 -newkey rsa:2048 -nodes -days 1 -subj /CN=simval"
+    command = [*words.split(), "-keyout", "key.pem", "-out", "cert.pem"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    tls = "DASK_DISTRIBUTED__COMM__TLS__"
+    settings = {f"{tls}CA_FILE": str(tmp_path / "cert.pem")}
+    for role in ("SCHEDULER", "WORKER", "CLIENT"):
+        settings[f"{tls}{role}__KEY"] = str(tmp_path / "key.pem")
+        settings[f"{tls}{role}__CERT"] = str(tmp_path / "cert.pem")
+    return {**settings, "DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "true"}
+
+
+@pytest.mark.ci
+def test_a_cluster_with_certificates_takes_no_other_driver(
+    suite, alone, certificate, tmp_path
+):
+    with Cluster(tmp_path, scheme="tls", **certificate) as cluster:
+        cluster.join()
+        code, _, err = ended(cluster.sweep(suite, tmp_path / "run", **certificate))
+        assert code == 0, err
+        for address in (cluster.address, cluster.address.replace("tls", "tcp")):
+            driver = cluster.sweep(suite, tmp_path / "other", address=address)
+            code, _, err = ended(driver)
+            assert code == 2, err
+            assert "there is no scheduler at" in err
+            assert "Traceback" not in err
+    assert digest(tmp_path / "run") == alone
