@@ -18,7 +18,8 @@ from simval.cli.outputs import OUT, Command
 def command(**options: Any) -> int:
     """Write the table of RUN (a folder, or `latest`) as Parquet.
 
-    Needs the extras `pandas` and `parquet`. The last line printed is the path of the file.
+    Needs the extras `pandas` and `parquet`. The last line printed is the path of the
+    file.
     """
     from simval.cli.export import run
 
