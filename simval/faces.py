@@ -30,7 +30,7 @@ class Face(ModuleType):
         return value
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Let no module hide the public name that it holds, as `theory.gyroscope_bias`.
+        """Let no module hide the public name that it holds, as `scene.render`.
 
         The import system binds each module to its name in the package.
         """

@@ -15,7 +15,7 @@ from simval.geometry import (
     normalize,
     random_quaternions,
 )
-from simval.theory.orders import (
+from simval.theory.expansion import (
     quadratic_covariance,
     quadratic_form,
     second_order_bias,

@@ -9,9 +9,9 @@ from rows_by_name import named
 from simval.streams import Streams
 from simval.studies import attitude_geometries
 from simval.studies.attitude_geometries import _covariances, regular_geometries
-from simval.theory.expansion import scaled_error_moments
-from simval.theory.orders import (
+from simval.theory.expansion import (
     complete_fourth_covariance,
+    scaled_error_moments,
     second_order_bias,
     second_order_covariance,
     tangent_projector,

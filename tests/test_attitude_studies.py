@@ -9,9 +9,12 @@ from simval.errors import UnmeasurableError
 from simval.streams import Streams, cell_key
 from simval.studies import attitude_efficiency, attitude_limits, attitude_order
 from simval.theory import attitude_moments
-from simval.theory.flips import flip_probability
-from simval.theory.noise import noise_covariances
-from simval.theory.two_vector import true_vectors, two_vector_geometry
+from simval.theory.exact import flip_probability
+from simval.theory.two_vector import (
+    noise_covariances,
+    true_vectors,
+    two_vector_geometry,
+)
 from simval.verdict import judge
 
 
@@ -40,12 +43,13 @@ def test_every_formula_shows_its_order(geometry, noise):
 
 def test_a_formula_with_a_term_missing_fails(monkeypatch):
     # power: the complete fourth order without the terms of x2 is of second order
-    from simval.theory import orders
+    from simval.theory import attitude
+    from simval.theory.expansion import paper_fourth_covariance
 
     monkeypatch.setattr(
-        orders,
+        attitude,
         "complete_fourth_covariance",
-        lambda m: orders.paper_fourth_covariance(m.q, m.P),
+        lambda m: paper_fourth_covariance(m.q, m.P),
     )
     outcome = run(attitude_order, geometry=3)
     assert answers(outcome).count("fail") == 1

@@ -21,8 +21,7 @@ from simval.studies.expanded import (
     reduced_share,
 )
 from simval.studies.magnetometer_scenario import scenario
-from simval.theory.calibration import calibration_moments
-from simval.theory.calibration_expansion import calibration_expansion
+from simval.theory.calibration import calibration_expansion, calibration_moments
 
 A = np.array([[1.0, 0.5, 0.0], [0.0, 2.0, -0.3]])
 H = 0.05 * np.array([[[1.0, 0.4, 0], [0.4, 2, 0], [0, 0, -1]], np.diag([0, 1.0, 3])])

@@ -44,10 +44,10 @@ def test_a_name_that_is_not_there():
 
 
 def test_a_module_does_not_hide_the_name_that_it_holds():
-    module = importlib.import_module("simval.theory.gyroscope_bias")
-    face = importlib.import_module("simval.theory")
-    assert face.gyroscope_bias is module.gyroscope_bias
-    assert face.plans is importlib.import_module("simval.theory.plans")
+    module = importlib.import_module("simval.scene.render")
+    face = importlib.import_module("simval.scene")
+    assert face.render is module.render
+    assert face.models is importlib.import_module("simval.scene.models")
 
 
 def test_faces_import_nothing():

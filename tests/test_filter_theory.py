@@ -20,7 +20,7 @@ from simval.theory import (
     VectorSensor,
     filter_bound,
     filter_prediction,
-    filtering,
+    filter_recursion,
 )
 from simval.theory.filter_model import left_jacobian
 
@@ -47,7 +47,7 @@ def test_parts_of_a_long_path_join(monkeypatch):
     path, truth = wobble(50), model(every=4)
     whole = filter_bound(path, truth, keep=7)
     apart = filter_prediction(path, truth, keep=7)
-    monkeypatch.setattr(filtering, "TOGETHER", 8)
+    monkeypatch.setattr(filter_recursion, "TOGETHER", 8)
     found = filter_bound(path, truth, keep=7)
     np.testing.assert_array_equal(found.kept, np.arange(6, 50, 7))
     assert off(found.covariance, whole.covariance) < ROUNDING
@@ -322,7 +322,8 @@ def test_first_order_of_a_step():
         [(after(step * e) - after(-step * e)) / (2 * step) for e in np.eye(6)], axis=1
     )
     np.testing.assert_allclose(plain.step(0, model())[0], F, rtol=0, atol=1e-9)
-    steps = filtering.steps_of(path, model(), np.ones((1, 2), dtype=bool), slice(0, 1))
+    active = np.ones((1, 2), dtype=bool)
+    steps = filter_recursion.steps_of(path, model(), active, slice(0, 1))
     np.testing.assert_allclose(steps.F[0], F, rtol=0, atol=1e-9)
     # the reading that turns with the error: y - A_hat r = [v x] dtheta
     A = Rotation.from_quat(path.attitude[1])

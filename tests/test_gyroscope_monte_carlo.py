@@ -15,7 +15,7 @@ from tumbles import ACCELEROMETER, GYROSCOPE, WALK, M, fitted, readings, tumble
 from simval.calibrate import calibrate, calibrate_gyroscope, moves_between
 from simval.calibrate.gyroscope import fit as fit_module
 from simval.theory.gyroscope import MovePath, gyroscope_moments
-from simval.theory.gyroscope_bias import gyroscope_bias
+from simval.theory.joint_bias import gyroscope_bias
 
 TRUTH = np.concatenate([ACCELEROMETER.parameters, M.ravel(), GYROSCOPE.B])
 EVERY, ACC, OWN, MATRIX = slice(None), slice(0, 9), slice(9, 21), slice(9, 18)

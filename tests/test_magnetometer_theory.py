@@ -23,7 +23,6 @@ from simval.sensor import MODELS, AccelerometerModel, MagnetometerModel, forms
 from simval.theory import magnetometer as own
 from simval.theory import (
     magnetometer_moments,
-    magnetometer_poses,
     plan_magnetometer,
     plans,
 )
@@ -235,7 +234,7 @@ def test_theory_and_fit_agree_on_what_is_least():
     theta = fit.parameters.copy()
     theta[-1] = np.sin(theta[-1])
     y = np.concatenate([body, iron], axis=1)
-    c = magnetometer_poses.equations(problem, theta, y)
+    c = own.equations(problem, theta, y)
     score = np.einsum("nia,na->i", own._pull(problem, theta, y, problem.sigma), c)
     step = fit.covariance @ score  # what is left to go
     assert np.all(np.abs(step[:-1]) < 1e-6 * fit.sd[:-1])
@@ -355,7 +354,7 @@ def test_a_peer_s_least_squares_ends_in_the_same_place():
     root = np.linalg.inv(np.linalg.cholesky(reach @ np.swapaxes(reach, -1, -2)))
 
     def rows(x):
-        c = magnetometer_poses.equations(problem, theta + x * fit.sd, y)
+        c = own.equations(problem, theta + x * fit.sd, y)
         return np.matvec(root, c).ravel()
 
     start = np.random.default_rng(1).standard_normal(22)

@@ -17,7 +17,7 @@ from simval.noise.rounding import rounding_step
 from simval.noise.squares import Problem, fitted
 from simval.sensor import NoiseModel
 from simval.streams import cell_key, stream
-from simval.theory.noise_bound import noise_bound
+from simval.theory.coloured_noise import noise_bound
 
 KEY = cell_key("test noise fit")
 RATE = 100.0

@@ -19,7 +19,7 @@ from simval.statistics import (
 from simval.streams import Streams, cell_key
 from simval.studies import find_study
 from simval.studies.noise_model import LAGS, REMAINDERS, SECOND, Parameters, _theory
-from simval.theory.sampled_noise import LONGEST, sampled_allan_law
+from simval.theory.coloured_noise import LONGEST, sampled_allan_law
 
 STREAMS = Streams(1, cell_key("test noise study"))
 

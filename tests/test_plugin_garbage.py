@@ -31,8 +31,8 @@ from simval.streams import Streams
 from simval.studies import estimator
 from simval.studies.attitude import random_geometry
 from simval.sweep import load_run
-from simval.theory.estimator_classes import CLASSES as CLASSES_OF_ESTIMATORS
-from simval.theory.triad import triad_covariance
+from simval.theory.estimators import CLASSES as CLASSES_OF_ESTIMATORS
+from simval.theory.estimators import triad_covariance
 from simval.verdict import judge
 
 STREAMS = Streams(1, (1,))

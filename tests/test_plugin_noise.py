@@ -25,7 +25,7 @@ from simval.studies.attitude import random_geometry
 from simval.studies.estimator_setting import Setting
 from simval.studies.study import Cell
 from simval.theory import cubature_moments
-from simval.theory.triad import triad_bias
+from simval.theory.estimators import triad_bias
 from simval.verdict import judge
 
 STREAMS = Streams(1, (1,))

@@ -5,7 +5,7 @@ import pytest
 
 from simval.geometry import normalize, random_quaternions
 from simval.theory import attitude_moments
-from simval.theory.remainder import RANGE, expansion_remainders
+from simval.theory.attitude import RANGE, expansion_remainders
 
 
 def shares(seed, count):

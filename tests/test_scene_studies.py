@@ -22,8 +22,8 @@ from simval.studies.scoring import (
     score,
     thinned,
 )
-from simval.theory.carry import PARTS, UP, calibration_parts, carrier, corrected
 from simval.theory.magnetometer import magnetometer_moments
+from simval.theory.propagation import PARTS, UP, calibration_parts, carrier, corrected
 
 
 @pytest.fixture(autouse=True, scope="module")

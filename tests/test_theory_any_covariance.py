@@ -12,15 +12,21 @@ from simval.attitude.kernel import normalize_columns, raw_quaternion
 from simval.errors import InputError, RefusedError
 from simval.studies import attitude_order
 from simval.studies.attitude import random_geometry
-from simval.theory import any_covariance, attitude_moments, cubature_moments, oracle
-from simval.theory.any_covariance import exact_moments_any
+from simval.theory import attitude_moments, cubature_moments, exact
 from simval.theory.cubature import covariance_roots
-from simval.theory.directions import about_d2
+from simval.theory.exact import (
+    about_d2,
+    exact_moments,
+    exact_moments_any,
+    flip_probability,
+)
 from simval.theory.expansion import half_noise
-from simval.theory.flips import flip_probability
-from simval.theory.noise import noise_covariances, tangent_covariances
-from simval.theory.oracle import exact_moments
-from simval.theory.two_vector import true_vectors, two_vector_geometry
+from simval.theory.two_vector import (
+    noise_covariances,
+    tangent_covariances,
+    true_vectors,
+    two_vector_geometry,
+)
 
 
 def full(seed, size):
@@ -76,7 +82,7 @@ def test_cubature_agrees_where_it_can(kind):
 def test_the_step_in_log_s_is_converged(monkeypatch):
     geometry = two_vector_geometry(*random_geometry(3))
     found = exact_moments_any(geometry, full(3, 0.03))
-    monkeypatch.setattr(any_covariance, "_STEP", 0.06)
+    monkeypatch.setattr(exact, "_STEP", 0.06)
     fine = exact_moments_any(geometry, full(3, 0.03))
     assert relative(found[0], fine[0]) < 1e-11
     assert relative(found[1], fine[1]) < 1e-11
@@ -85,9 +91,9 @@ def test_the_step_in_log_s_is_converged(monkeypatch):
 def test_the_difference_of_two_rules_bounds_the_error():
     geometry = two_vector_geometry(*random_geometry(7))
     C1, C2 = half_noise(geometry, full(7, 0.15))
-    rules = any_covariance._direction_rules(geometry.d2, C2)
+    rules = exact._rules_any(geometry.d2, C2)
     found = [
-        any_covariance._moments(geometry, C1, u, w / w.sum())[1]
+        exact._moments_any(geometry, C1, u, w / w.sum())[1]
         for u, w in (next(rules) for _ in range(5))
     ]
     gaps = [relative(a, b) for a, b in pairwise(found)]
@@ -127,7 +133,7 @@ def test_noise_on_some_vectors_only(noisy, rank):
 
 
 def test_what_is_not_resolved_is_refused(monkeypatch):
-    monkeypatch.setattr(any_covariance, "_NODES", (6, 8))
+    monkeypatch.setattr(exact, "_NODES", (6, 8))
     with pytest.raises(RefusedError, match=r"needed 1e-09.*use another frame"):
         attitude_moments(*random_geometry(2), full(2, 0.1), "exact", "plain")
     with pytest.raises(InputError, match="order='exact'"):
@@ -184,7 +190,7 @@ def test_flips_by_an_average_over_directions(number):
     geometry = two_vector_geometry(*random_geometry(number))
     sizes = geometry.norm * np.random.default_rng(number).uniform(0.2, 1.0, 4)
     noise = noise_covariances(sizes)
-    tau1, tau2 = oracle._isotropic_halves(noise)
+    tau1, tau2 = exact._isotropic_halves(noise)
     u, weights = about_d2(geometry.d2, tau2, (1200, 600))
     e, s = geometry.q[:3], geometry.q[3]
     along = np.cross(geometry.d1, u) @ e + s * (u @ geometry.s1)

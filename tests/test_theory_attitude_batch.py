@@ -16,19 +16,22 @@ from simval.streams import Streams
 from simval.studies import attitude_vectors, vectors_setting
 from simval.studies.stated_covariance import closed_form_square
 from simval.theory import (
-    any_covariance,
     attitude_bound,
     attitude_moments,
     cubature_moments,
+    exact,
     multiplicative_moments,
     sufficient_order,
 )
-from simval.theory.attitude_samples import BLOCK
-from simval.theory.combined import column_matrix, combined_moments
+from simval.theory.attitude import BLOCK
 from simval.theory.cubature import covariance_roots
-from simval.theory.noise import noise_of_samples
-from simval.theory.orders import tangent_projector
-from simval.theory.two_vector import MIN_NORM, column_norms, true_vectors
+from simval.theory.expansion import column_matrix, combined_moments, tangent_projector
+from simval.theory.two_vector import (
+    MIN_NORM,
+    column_norms,
+    noise_of_samples,
+    true_vectors,
+)
 
 FORMULAS = [
     (order, frame, {})
@@ -137,7 +140,7 @@ def test_exact_moments_of_a_batch(monkeypatch):
         np.testing.assert_array_equal(many.covariance[i], one.covariance)
         np.testing.assert_array_equal(many.bias[i], one.bias)
     # a rule that is too coarse for the second, whose noise is not isotropic
-    monkeypatch.setattr(any_covariance, "_NODES", (3, 4))
+    monkeypatch.setattr(exact, "_NODES", (3, 4))
     with pytest.raises(RefusedError, match=r"^sample \(1,\): the quadrature"):
         attitude_moments(q[:2], r1[:2], r2[:2], 25.0 * noise, "exact")
 

@@ -17,9 +17,9 @@ from simval.geometry import (
     random_quaternions,
 )
 from simval.theory import attitude_moments
-from simval.theory.combined import column_matrix as theory_columns
-from simval.theory.cramer_rao import attitude_bound
 from simval.theory.cubature import cubature_moments
+from simval.theory.estimators import attitude_bound
+from simval.theory.expansion import column_matrix as theory_columns
 from simval.theory.series import series_moments
 
 

@@ -26,13 +26,15 @@ from simval.geometry import (
 )
 from simval.theory import attitude_moments
 from simval.theory.attitude import multiplicative_moments
-from simval.theory.combined import column_matrix
 from simval.theory.cubature import cubature_moments, smolyak_hermite
-from simval.theory.expansion import scaled_error_moments
-from simval.theory.noise import noise_covariances
-from simval.theory.orders import second_order_bias, second_order_covariance
+from simval.theory.expansion import (
+    column_matrix,
+    scaled_error_moments,
+    second_order_bias,
+    second_order_covariance,
+)
 from simval.theory.series import series_moments
-from simval.theory.two_vector import two_vector_geometry
+from simval.theory.two_vector import noise_covariances, two_vector_geometry
 
 
 def of_the_sign_of_q(q, normal):

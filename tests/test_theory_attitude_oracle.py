@@ -7,10 +7,13 @@ from scipy import integrate
 
 from simval.attitude.kernel import normalize_columns, raw_quaternion
 from simval.geometry import attitude_matrix, normalize, random_quaternions
-from simval.theory import attitude_moments, directions, oracle
-from simval.theory.noise import noise_covariances
-from simval.theory.oracle import one_minus_a, one_minus_b
-from simval.theory.two_vector import column_norms, two_vector_geometry
+from simval.theory import attitude_moments, exact
+from simval.theory.exact import one_minus_a, one_minus_b
+from simval.theory.two_vector import (
+    column_norms,
+    noise_covariances,
+    two_vector_geometry,
+)
 
 
 def shares_by_quadrature(rho):
@@ -63,14 +66,14 @@ def test_branches_meet():
 
 
 def moments_by_rule(g, noise, rule):
-    tau1, tau2 = oracle._isotropic_halves(noise)
+    tau1, tau2 = exact._isotropic_halves(noise)
     u, weights = (
-        directions._about_d1(g, tau1, tau2, rule[1:])
+        exact._about_d1(g, tau1, tau2, rule[1:])
         if rule[0] == "d1"
-        else directions.about_d2(g.d2, tau2, rule[1:])
+        else exact.about_d2(g.d2, tau2, rule[1:])
     )
     return (
-        *oracle._moments_given_directions(g, tau1, u, weights),
+        *exact._moments_given_directions(g, tau1, u, weights),
         weights.sum(),
     )
 
@@ -93,7 +96,7 @@ def test_two_quadratures_in_different_coordinates_agree():
         g = two_vector_geometry(q, r1, r2, frame)
         for sigma in (0.03, 0.3):
             noise = noise_covariances(sigma * rng.uniform(0.1, 1.0, 4))
-            bias, covariance = oracle.exact_moments(g, noise)
+            bias, covariance = exact.exact_moments(g, noise)
             fine_bias, fine, total = moments_by_rule(g, noise, ("d1", 32, 1200))
             # weights of some 1e4 nodes
             assert total == pytest.approx(1.0, abs=100 * EPS)
@@ -105,7 +108,7 @@ def test_two_quadratures_in_different_coordinates_agree():
 def test_density_integrates_to_one(k):
     # the polar range may be cut only where the density has fallen below rounding
     d2 = np.array([0.1, -0.3, 0.2])
-    _, weights = directions.about_d2(d2, np.linalg.norm(d2) / k, (96, 4))
+    _, weights = exact.about_d2(d2, np.linalg.norm(d2) / k, (96, 4))
     assert weights.sum() == pytest.approx(1.0, abs=1e-13)
 
 
@@ -117,7 +120,7 @@ def test_too_few_nodes_are_noticed():
     g = two_vector_geometry(q, r1, r2, "plain")
     noise = noise_covariances([0.003, 0.03, 0.003, 0.03])
     coarse = moments_by_rule(g, noise, ("d2", 64, 32))
-    found = oracle.exact_moments(g, noise)
+    found = exact.exact_moments(g, noise)
     fine = moments_by_rule(g, noise, ("d1", 32, 1200))
     # the weights alone are exact on any panel
     assert coarse[2] == pytest.approx(1.0, abs=100 * EPS)
@@ -128,9 +131,9 @@ def test_too_few_nodes_are_noticed():
 def test_rules_agree_relative_to_what_they_find():
     bias = np.array([1e-4, 0.0, 0.0, 0.0])
     # 0.01 of one or of the other of the two, 1 % apart
-    assert oracle._relative(1.01 * bias, bias) == pytest.approx(0.01, rel=0.02)
+    assert exact._relative(1.01 * bias, bias) == pytest.approx(0.01, rel=0.02)
     # below 1e-6 a bias of rounded quaternions has no such digits to give
-    assert oracle._relative(1e-15 + 0.0 * bias, 0.0 * bias) < 3e-9
+    assert exact._relative(1e-15 + 0.0 * bias, 0.0 * bias) < 3e-9
 
 
 @pytest.mark.parametrize("std", [0.0, [0.0, 0.1, 0.0, 0.1], [0.1, 0.0, 0.1, 0.0]])

@@ -1,8 +1,8 @@
 """Independent routes to the moments: series, cubature through the public estimator.
 
 `quaternion` below is eq. (8) of the source typed in plain arithmetic; the closed
-forms of `simval.theory.orders` share no step with it: they use the Legendre series of
-the normalisation and Isserlis' theorem, the series and the cubature neither.
+forms of `simval.theory.expansion` share no step with it: they use the Legendre series
+of the normalisation and Isserlis' theorem, the series and the cubature neither.
 """
 
 from itertools import permutations
@@ -16,9 +16,9 @@ from simval.attitude import two_vector_quaternion
 from simval.geometry import random_quaternions
 from simval.theory import attitude_moments
 from simval.theory.cubature import cubature_moments
-from simval.theory.noise import noise_covariances, tangent_covariances
-from simval.theory.orders import quadratic_form
+from simval.theory.expansion import quadratic_form
 from simval.theory.series import series_moments
+from simval.theory.two_vector import noise_covariances, tangent_covariances
 
 
 def quaternion(b1, b2, r1, r2):

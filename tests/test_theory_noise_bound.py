@@ -5,7 +5,7 @@ import pytest
 from rounding import EPS
 
 from simval.errors import InputError
-from simval.theory.noise_bound import noise_bound
+from simval.theory.coloured_noise import noise_bound
 
 N, B, K = 0.02, 0.05, 0.3
 

@@ -14,7 +14,7 @@ from simval.streams import Streams
 from simval.studies import attitude, estimator
 from simval.studies.attitude import random_geometry
 from simval.theory import attitude_moments
-from simval.theory.unit_length import (
+from simval.theory.expansion import (
     predicted_defect,
     unit_length_defect,
     unit_length_rounding,

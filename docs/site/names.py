@@ -85,7 +85,7 @@ class NamesInCode(SphinxTransform):
 
 
 def _in_full(text: str) -> str:
-    """A name that leaves the first word out, as ``theory.orders`` does, with it."""
+    """A name that leaves the first word out, as ``theory.expansion`` does, with it."""
     short = _SHORT.match(text) and exists(f"simval.{text}")
     return f"simval.{text}" if short else text
 

@@ -20,7 +20,7 @@ With ``components="matrix"`` the answer is the matrix M itself, ``active`` if
 ``kind`` is the class of estimators that it belongs to: Wahba's optimum with equal
 weights, or with the inverse variances of the pairs, TRIAD with the first pair exact,
 the two-vector closed form in its best frame, or its four columns combined
-(`simval.theory.estimator_classes`). Its leading bias and covariance are then those of
+(`simval.theory.estimators`). Its leading bias and covariance are then those of
 its class.
 
 `make` is called anew for each trial with what the filter `reads`, by name, and makes an

@@ -7,7 +7,7 @@ beside four predictions: second order, the source's fourth order, the complete f
 order and the exact answer.
 
 A truncated formula is allowed the remainder that theory states for it
-(`simval.theory.remainder`). Where :math:`|\bar q|/\sigma` is below `RANGE` the
+(`simval.theory.attitude`). Where :math:`|\bar q|/\sigma` is below `RANGE` the
 expansions are reported and not judged; nor is the source's fourth order anywhere,
 because it leaves out terms of its own order.
 
@@ -16,7 +16,7 @@ the Taylor polynomial as a control variate; its moments have a standard error of
 next order, so they see errors of a prediction that plain samples cannot.
 
 Truth and estimate have length 1, so mean and covariance of the error owe each other
-:math:`\mathrm{tr}\,C + m^T m = 2 q^T m` (`simval.theory.unit_length`): samples and the
+:math:`\mathrm{tr}\,C + m^T m = 2 q^T m` (`simval.theory.expansion`): samples and the
 exact answer are held to it to rounding, and what each truncated formula misses it by is
 reported.
 """
@@ -54,9 +54,13 @@ from simval.statistics import (
 from simval.streams import Streams
 from simval.studies.refusing import LEAST_NOISE
 from simval.studies.study import Cost, StudyParameters
-from simval.theory.attitude import AttitudeMoments, attitude_moments
-from simval.theory.remainder import RANGE, expansion_remainders
-from simval.theory.unit_length import (
+from simval.theory.attitude import (
+    RANGE,
+    AttitudeMoments,
+    attitude_moments,
+    expansion_remainders,
+)
+from simval.theory.expansion import (
     predicted_defect,
     unit_length_defect,
     unit_length_rounding,

@@ -31,7 +31,7 @@ from simval.streams import Streams
 from simval.studies.refusing import LEAST_NOISE
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import attitude_moments
-from simval.theory.cramer_rao import attitude_bound
+from simval.theory.estimators import attitude_bound
 from simval.theory.two_vector import true_vectors
 
 TITLE = "Efficiency: what the closed form costs beside the Cramer-Rao bound"

@@ -34,16 +34,17 @@ from simval.streams import Streams
 from simval.studies.attitude import random_geometry
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import attitude_moments
-from simval.theory.expansion import scaled_error_moments
-from simval.theory.noise import noise_covariances, tangent_covariances
-from simval.theory.orders import (
+from simval.theory.expansion import (
     complete_fourth_covariance,
     quadratic_covariance,
+    scaled_error_moments,
     second_order_bias,
     second_order_covariance,
 )
 from simval.theory.two_vector import (
     TwoVectorGeometry,
+    noise_covariances,
+    tangent_covariances,
     true_vectors,
     two_vector_geometry,
 )

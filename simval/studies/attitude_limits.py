@@ -26,9 +26,12 @@ from simval.streams import Streams
 from simval.studies.attitude import PREDICTORS
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import attitude_moments
-from simval.theory.flips import flip_probability
-from simval.theory.noise import noise_covariances
-from simval.theory.two_vector import true_vectors, two_vector_geometry
+from simval.theory.exact import flip_probability
+from simval.theory.two_vector import (
+    noise_covariances,
+    true_vectors,
+    two_vector_geometry,
+)
 
 TITLE = "Limits: the noise at which each attitude formula breaks down"
 SECTION = "closeness"

@@ -4,7 +4,7 @@ In each numbered random geometry the isotropic noise is raised until the covaria
 the bias of each formula are off by 1 % and by 10 % of the exact ones. Quantiles of
 :math:`|\bar q|/\sigma` there say what that ratio is worth as a rule. What else decides
 is the geometry itself, through the ratio of one order to the one before,
-:math:`\rho = |C_4 - C_2|/|C_2|` (`simval.theory.remainder`), in closed form; its
+:math:`\rho = |C_4 - C_2|/|C_2|` (`simval.theory.attitude`), in closed form; its
 quantiles at the same noise are there too.
 """
 

@@ -34,8 +34,11 @@ from simval.studies.refusing import refusing
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import AttitudeMoments, attitude_moments
 from simval.theory.cubature import cubature_moments
-from simval.theory.noise import noise_covariances, tangent_covariances
-from simval.theory.two_vector import true_vectors
+from simval.theory.two_vector import (
+    noise_covariances,
+    tangent_covariances,
+    true_vectors,
+)
 
 TITLE = "Convergence order: how fast each attitude formula becomes exact"
 SECTION = "orders"

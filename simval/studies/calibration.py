@@ -46,8 +46,11 @@ from simval.studies.drawn import Drawn, drawn_rows
 from simval.studies.expanded import Expanded, beside, noise_row
 from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.study import Cost, StudyParameters
-from simval.theory.calibration import CalibrationMoments, calibration_moments
-from simval.theory.calibration_expansion import calibration_expansion
+from simval.theory.calibration import (
+    CalibrationMoments,
+    calibration_expansion,
+    calibration_moments,
+)
 
 TITLE = "Calibration recovery: tumble, distort, average the holds, calibrate"
 SECTION = "calibration"

@@ -7,7 +7,7 @@ a second tumble, and estimates the attitude in closed form. The true attitude is
 simulator's own.
 
 The prediction carries the noise of each sensor through the calibration to the attitude
-(`simval.theory.carry`), for the number of samples in each interval.
+(`simval.theory.propagation`), for the number of samples in each interval.
 Each part of the budget is also measured by itself: with the noise of one sensor in one
 of the two tumbles only, and all else at the truth.
 """
@@ -38,8 +38,8 @@ from simval.studies.magnetometer_scenario import true_magnetometer
 from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.scoring import RATE, Tumble, detect, mean_of, pure, thinned
 from simval.studies.study import Cost, StudyParameters
-from simval.theory.carry import PARTS, UP, Wanted, calibration_parts, carrier
-from simval.theory.magnetometer_poses import Problem, problem_of
+from simval.theory.magnetometer import Problem, problem_of
+from simval.theory.propagation import PARTS, UP, Wanted, calibration_parts, carrier
 
 TITLE = "Error budget: tumble, calibrate both sensors, gravity and field to attitude"
 SECTION = "budget"

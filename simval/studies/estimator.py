@@ -102,7 +102,7 @@ from simval.studies.estimator_setting import (
 )
 from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.studies.refusing import LEAST_NOISE
-from simval.theory.unit_length import unit_length_defect, unit_length_rounding
+from simval.theory.expansion import unit_length_defect, unit_length_rounding
 
 
 def failure_rows(

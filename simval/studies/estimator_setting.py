@@ -73,7 +73,7 @@ from simval.studies.attitude import random_geometry
 from simval.text import message_of
 from simval.theory import wahba_bound
 from simval.theory.cubature import cubature_moments, smolyak_hermite
-from simval.theory.estimator_classes import OF_TWO_VECTORS, class_moments
+from simval.theory.estimators import OF_TWO_VECTORS, class_moments
 from simval.theory.series import Series, algebra, series_moments
 
 MeanAndCovariance = tuple[Float[Array, " p"], Float[Array, "p p"]]

@@ -13,9 +13,9 @@ standard error, and the worst instant by the exact law over trials: rows of one 
 are correlated and are never counted as samples (`simval.consistency`).
 
 The root mean square error stands beside the posterior Cramer-Rao bound
-(`simval.theory.filtering`). Where the filter is told otherwise, or a calibration left
-an error (`simval.studies.filter_scenarios`), or a sensor reads what it should
-not, theory predicts what the reference filter then does; another filter is only shown.
+(`simval.theory.filter_recursion`). Where the filter is told otherwise, or a calibration
+left an error (`simval.studies.filter_scenarios`), or a sensor reads what it should not,
+theory predicts what the reference filter then does; another filter is only shown.
 """
 
 from collections.abc import Mapping

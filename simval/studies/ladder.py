@@ -51,8 +51,11 @@ from simval.studies.expanded import (
 )
 from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.study import Cost, StudyParameters
-from simval.theory.calibration import CalibrationMoments, calibration_moments
-from simval.theory.calibration_expansion import calibration_expansion
+from simval.theory.calibration import (
+    CalibrationMoments,
+    calibration_expansion,
+    calibration_moments,
+)
 
 TITLE = "Bias ladder: bias, spread and efficiency of each calibration residual"
 SECTION = "ladder"

@@ -57,8 +57,7 @@ from simval.streams import Streams
 from simval.studies.drawn import KEPT, correlation_row
 from simval.studies.response import MET, apart
 from simval.studies.study import Cost, StudyParameters
-from simval.theory.noise_bound import noise_bound
-from simval.theory.sampled_noise import sampled_allan_law
+from simval.theory.coloured_noise import noise_bound, sampled_allan_law
 
 TITLE = "Noise model: are N, B and K at the bound, and do their intervals hold?"
 SECTION = None

@@ -7,18 +7,35 @@ from simval.faces import present
 if TYPE_CHECKING:
     from simval.theory.attitude import (
         AttitudeMoments,
+        SufficientOrder,
         attitude_moments,
         multiplicative_moments,
+        sufficient_order,
     )
     from simval.theory.calibration import CalibrationMoments, calibration_moments
-    from simval.theory.cramer_rao import AttitudeBound, attitude_bound
     from simval.theory.cubature import cubature_moments
-    from simval.theory.filter_budget import FilterPrediction, filter_prediction
-    from simval.theory.filter_calibration import calibration_error
-    from simval.theory.filter_errors import CalibrationError, RowError
-    from simval.theory.filter_model import FilterModel, FilterPath, VectorSensor
-    from simval.theory.filter_start import FirstUpdate, first_update
-    from simval.theory.filtering import FilterBound, filter_bound
+    from simval.theory.estimators import (
+        AttitudeBound,
+        attitude_bound,
+        loss_noncentrality,
+        wahba_bound,
+        wahba_moments,
+    )
+    from simval.theory.filter_budget import (
+        FilterPrediction,
+        FirstUpdate,
+        filter_prediction,
+        first_update,
+    )
+    from simval.theory.filter_model import (
+        CalibrationError,
+        FilterModel,
+        FilterPath,
+        RowError,
+        VectorSensor,
+        calibration_error,
+    )
+    from simval.theory.filter_recursion import FilterBound, filter_bound
     from simval.theory.gyroscope import (
         GyroscopeMoments,
         MovePath,
@@ -26,7 +43,7 @@ if TYPE_CHECKING:
         gyroscope_moments,
         nine_axis_moments,
     )
-    from simval.theory.gyroscope_bias import gyroscope_bias
+    from simval.theory.joint_bias import gyroscope_bias
     from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
     from simval.theory.plans import (
         GyroscopePlan,
@@ -38,8 +55,6 @@ if TYPE_CHECKING:
         pose_noise,
     )
     from simval.theory.series import series_moments
-    from simval.theory.sufficient import SufficientOrder, sufficient_order
-    from simval.theory.wahba import loss_noncentrality, wahba_bound, wahba_moments
 else:
     present(__name__, __file__)
 

@@ -26,7 +26,7 @@ from simval.arrays import Array, physical_array, shaped_array
 from simval.errors import InputError, RefusedError
 from simval.moments import Moments
 from simval.shapes import Float
-from simval.theory.noise import checked_covariances
+from simval.theory.two_vector import checked_covariances
 
 Estimator = Callable[..., Any]
 """``estimator(v1, ..., vk)`` takes k batches (n, 3) and returns (n, p)."""

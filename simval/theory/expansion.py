@@ -1,5 +1,6 @@
-r"""Gaussian moments of the scaled error x of the two-vector quaternion.
+r"""Error of the two-vector quaternion, expanded in the noise.
 
+**Gaussian moments of the scaled error x.**
 With :math:`z_1 = (\Delta d_1, \Delta s_1)` and :math:`z_2 = \Delta d_2`, independent
 and Gaussian, eq. (39) of Peng and Choukroun divided by :math:`|\bar q^t|` is
 
@@ -12,16 +13,81 @@ All that the expansions to fourth order need of x are
    G_{abc} = E[(x_2)_a (x_1)_b (x_1)_c];  \tag{X2}
 
 the mean of x and every odd moment vanish.
+
+**Bias and covariance of the normalised error, order by order.**
+The estimate is :math:`\hat q = (q - x)/|q - x|`, and the Legendre series of
+:math:`1/|q - x|` gives the terms of the error :math:`q - \hat q`, with
+:math:`u = q^T x` and :math:`r = x^T x`,
+
+.. math::
+   & x - u q, \\
+   & u x + (r/2 - 3u^2/2) q, \\
+   & (3u^2/2 - r/2) x - (5u^3/2 - 3ur/2) q, \\
+   & (5u^3/2 - 3ur/2) x - (35u^4 - 30u^2 r + 3r^2)/8\, q.  \tag{O1}
+
+Polarised forms of degree n are written :math:`Q_n`. With :math:`x = x_1 + x_2`
+(X1) and Gaussian noise, through fourth order in the noise,
+
+.. math::
+   e_2 = \Pi x_2 + Q_2(x_1, x_1),\quad e_3 = 2 Q_2(x_1, x_2) + Q_3(x_1, x_1, x_1),
+   \\ C = \Pi P \Pi + \mathrm{cov}(e_2) + E[e_1 e_3^T] + E[e_3 e_1^T].  \tag{O2}
+
+To second order the bias is :math:`P q + \tfrac12\mathrm{tr}(Q P) q` with
+:math:`Q = I - 3 q q^T` and the covariance :math:`\Pi P \Pi`, P the covariance of x;
+nothing there is special to the estimator but P itself, and no distribution is assumed,
+only an error of mean zero.
+
+Source: Peng and Choukroun, sections 4 and 5. Its fourth-order covariance keeps
+:math:`Q_2(x_1, x_1)` only; the other terms of (O2) are of the same order, so it is
+accurate to second order, like the linear one (docs/attitude.md).
+
+**Bias and covariance of any unit estimate.**
+Truth and estimate have length 1, so sample by sample
+:math:`|q - \hat q|^2 = 2 - 2 q^T\hat q = 2 q^T (q - \hat q)`. With the mean m and the
+covariance C of :math:`q - \hat q`,
+
+.. math:: \mathrm{tr}\,C + m^T m = 2 q^T m,  \tag{L1}
+
+whatever the estimator, the noise and its size. An approximation of m and C can be held
+to it without any oracle: what it misses by is of the order of what it leaves out. It
+also says which way a bias points: inward, by half of the mean square.
+
+**The combined four-column estimator, to second order.**
+With the symmetric scalar part the four columns, mapped back to the original frame,
+are a matrix M that is bilinear in the pairs :math:`(b_1, r_1)` and
+:math:`(b_2, r_2)`; without noise :math:`M = q p^T` with :math:`|p| = |r_1 \times r_2|`.
+The estimate is the direction of :math:`M M^T c`, c the greatest column: one power step
+towards the top left singular vector. To first order in the change dM of M both are
+
+.. math:: \Delta\hat q = -\Pi\, dM\, p/|p|^2,\quad \Pi = I - q q^T,  \tag{C1}
+
+whichever column c is. With :math:`dM_j` the change along component j of the noise on
+the four vectors and :math:`\Sigma_{jk}` its covariance, the covariance is
+
+.. math:: P = \Pi \Big(\sum_{jk} \Sigma_{jk}\, dM_j\, p\, p^T dM_k^T\Big) \Pi / |p|^4,
+   \tag{C2}
+
+and second-order perturbation of the eigenvector of :math:`M M^T` gives the bias
+
+.. math:: -\Pi \sum_{jk} \Sigma_{jk} \left(dM_j dM_k^T q
+   - 2\, dM_j p\, p^T dM_k^T q/|p|^2\right)/|p|^2 + \tfrac12 \mathrm{tr}(P)\, q.
+   \tag{C3}
+
+The power step leaves out terms of third order in the tangent plane, so (C2) and (C3)
+hold for it too. Which column is the greatest matters from the third order on: near a
+tie of two columns the fourth-order remainder is not smooth in the noise.
 """
 
 from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 
 from simval.arrays import Array
 from simval.geometry import cross_matrix
-from simval.shapes import Float
-from simval.theory.two_vector import TwoVectorGeometry
+from simval.moments import Moments
+from simval.shapes import Float, Shaped
+from simval.theory.two_vector import TwoVectorGeometry, column_maps
 
 # eps[j, a, k] with (v x w)_a = sum eps[j, a, k] v_j w_k
 _LEVI_CIVITA = np.stack([cross_matrix(row) for row in np.eye(3)])
@@ -108,3 +174,247 @@ def scaled_error_moments(
     V = spread.reshape(flat) @ B.reshape(flat).swapaxes(-1, -2)
     half = J1[..., None, :, :] @ spread @ J2[..., None, :, :].swapaxes(-1, -2)
     return ScaledErrorMoments(q=geometry.q, P=P, V=V, G=half + half.swapaxes(-1, -2))
+
+
+def tangent_projector(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4"]:
+    r"""Projector :math:`\Pi = I - q q^T` onto the plane tangent to the sphere at q."""
+    return np.eye(4) - _outer(q, q)
+
+
+def normalization_matrix(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4"]:
+    """Matrix Q of source eq. (50)."""
+    return np.eye(4) - 3.0 * _outer(q, q)
+
+
+def second_order_bias(
+    q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
+) -> Float[Array, "... 4"]:
+    """Mean of q - qhat, source eq. (52)."""
+    half_trace = 0.5 * _trace(normalization_matrix(q) @ P)
+    return np.matvec(P, q) + half_trace[..., None] * q
+
+
+def second_order_covariance(
+    q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
+) -> Float[Array, "... 4 4"]:
+    """Covariance of q - qhat, source eq. (63) without its last term."""
+    projector = tangent_projector(q)
+    covariance: Array = projector @ P @ projector
+    return covariance
+
+
+def quadratic_form(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4 4"]:
+    """Tensor T of the second-order term of (O1): component b is x' T[b] x."""
+    half = 0.5 * np.eye(4)[:, :, None] * q[..., None, None, :]
+    square = q[..., :, None, None] * normalization_matrix(q)[..., None, :, :]
+    return half + half.swapaxes(-1, -2) + 0.5 * square
+
+
+def quadratic_covariance(
+    q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
+) -> Float[Array, "... 4 4"]:
+    """Covariance of Q2(x1, x1): Terms 1 to 6 of source section 5, less the mean."""
+    scaled = quadratic_form(q) @ P[..., None, :, :]
+    turned = _flat(scaled.swapaxes(-1, -2))
+    covariance: Array = 2.0 * _flat(scaled) @ turned.swapaxes(-1, -2)
+    return covariance
+
+
+def paper_fourth_covariance(
+    q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
+) -> Float[Array, "... 4 4"]:
+    """The source's fourth-order covariance, its section 5, misprints put right."""
+    return second_order_covariance(q, P) + quadratic_covariance(q, P)
+
+
+def complete_fourth_covariance(moments: ScaledErrorMoments) -> Float[Array, "... 4 4"]:
+    """Covariance of q - qhat through fourth order, eq. (O2)."""
+    q, P, G = moments.q, moments.P, moments.G
+    T = quadratic_form(q)
+    projector = tangent_projector(q)
+    bilinear = projector @ moments.V @ projector
+    # E[Pi x2 Q2'], E[x1 2 Q2(x1, x2)'] and E[x1 Q3']
+    mixed = projector @ _flat(G) @ _flat(T).swapaxes(-1, -2)
+    # sum over c and d of G[d, a, c] T[b, c, d]
+    by_a = _flat(np.moveaxis(G, -3, -1))
+    second_third = 2.0 * by_a @ _flat(T).swapaxes(-1, -2)
+    third = P @ _mean_cubic_gradient(q, P)
+    half = mixed + projector @ (second_third + third)
+    return paper_fourth_covariance(q, P) + bilinear + half + half.swapaxes(-1, -2)
+
+
+def complete_fourth_bias(moments: ScaledErrorMoments) -> Float[Array, "... 4"]:
+    """Mean of q - qhat through fourth order."""
+    q, P = moments.q, moments.P
+    from_bilinear = np.sum(
+        quadratic_form(q) * moments.V[..., None, :, :], axis=(-2, -1)
+    )
+    return (
+        second_order_bias(q, P)
+        + from_bilinear
+        + _cubic_bias(q, moments.G)
+        + _quartic_bias(q, P)
+    )
+
+
+def _mean_cubic_gradient(
+    q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
+) -> Float[Array, "... 4 4"]:
+    # E of the derivative of Q3's component b along c, (4, 4) as [c, b]
+    Pq, trace = np.matvec(P, q), _trace(P)[..., None]
+    along = _dot(q, Pq)
+    return (
+        3.0 * _outer(q, Pq)
+        - P
+        + (1.5 * along - 0.5 * trace)[..., None] * np.eye(4)
+        - _outer((7.5 * along - 1.5 * trace) * q - 3.0 * Pq, q)
+    )
+
+
+def _cubic_bias(
+    q: Float[Array, "... 4"], G: Float[Array, "... 4 4 4"]
+) -> Float[Array, "... 4"]:
+    # E[3 Q3(x1, x1, x2)]: the gradient of Q3 at x1 along x2
+    qG = np.vecmat(q, _flat(G)).reshape(*q.shape, 4)  # contracts x2 with q
+    contracted = np.trace(G, axis1=-3, axis2=-2)  # E[(x1.x2) x1]
+    along = np.matvec(np.matvec(G, q[..., None, :]), q)  # E[x2 u^2]
+    squared = np.trace(G, axis1=-2, axis2=-1)  # E[x2 r]
+    turned = np.vecmat(q, qG)
+    inside = 7.5 * _dot(turned, q) - 1.5 * _trace(qG)[..., None]
+    inside = inside - 3.0 * _dot(q, contracted)
+    return 3.0 * turned - contracted + 1.5 * along - 0.5 * squared - inside * q
+
+
+def _quartic_bias(
+    q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
+) -> Float[Array, "... 4"]:
+    # E[Q4(x1, x1, x1, x1)] by Isserlis' theorem
+    Pq, trace = np.matvec(P, q), _trace(P)[..., None]
+    along = _dot(q, Pq)
+    vector = (7.5 * along - 1.5 * trace) * Pq - 3.0 * np.matvec(P, Pq)
+    inside = (
+        105.0 * along**2
+        - 30.0 * (along * trace + 2.0 * _dot(Pq, Pq))
+        + 3.0 * (trace**2 + 2.0 * np.sum(P * P, axis=(-2, -1))[..., None])
+    )
+    return vector - inside / 8.0 * q
+
+
+def _outer(a: Array, b: Array) -> Array:
+    return a[..., :, None] * b[..., None, :]
+
+
+def _trace(matrices: Array) -> Any:
+    return np.trace(matrices, axis1=-2, axis2=-1)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    # (..., 1), to multiply vectors with
+    return np.vecdot(a, b)[..., None]
+
+
+def _flat(tensor: Float[Array, "... 4 4 4"]) -> Float[Array, "... 4 16"]:
+    return tensor.reshape(*tensor.shape[:-2], 16)
+
+
+EPS = float(np.finfo(np.float64).eps)
+_LEAST = EPS**2
+"""A mean square below this is one of rounding errors."""
+
+
+def unit_length_defect(mean_square: float, inward: float) -> float:
+    """Left less right of (L1), over the left: of a mean square and q'm."""
+    return (mean_square - 2.0 * inward) / max(mean_square, _LEAST)
+
+
+def predicted_defect(predicted: Moments, q: Float[Array, "4"]) -> float:
+    """Defect of a predicted bias and covariance about a true quaternion."""
+    square = float(np.trace(predicted.second_moment))
+    return unit_length_defect(square, float(q @ predicted.bias))
+
+
+def unit_length_rounding(mean_square: float, off: float = 0.0) -> float:
+    r"""Size of the defect that rounding alone can make.
+
+    A normalised quaternion has a squared length within 8 roundings of 1 (squares, sum,
+    root, division), 4 eps; so has the truth. Each error and mean is rounded by its own
+    size at most, which is the RMS: eps times the RMS in each of four components, times
+    the depth of the sums, 16 and less by pairs. What else the squared length of an
+    estimate may be off by is `off`.
+    """
+    rms = float(np.sqrt(mean_square))
+    return (8.0 * EPS + 64.0 * EPS * rms + off) / max(mean_square, _LEAST)
+
+
+def column_matrix(
+    b1: Shaped[Array, "... 3"],
+    b2: Shaped[Array, "... 3"],
+    r1: Shaped[Array, "... 3"],
+    r2: Shaped[Array, "... 3"],
+) -> Shaped[Array, "... 4 4"]:
+    """Four columns with the symmetric scalar, mapped back, from any vectors."""
+    columns = []
+    for turn, back in column_maps():
+        d1, s1 = (b1 - turn * r1) / 2, (b1 + turn * r1) / 2
+        d2, s2 = (b2 - turn * r2) / 2, (b2 + turn * r2) / 2
+        scalar = np.sum(s1 * d2 - s2 * d1, axis=-1, keepdims=True) / 2
+        qbar = np.concatenate([np.cross(d1, d2), scalar], axis=-1)
+        columns.append(qbar @ back.T)
+    return np.stack(columns, axis=-1)
+
+
+def combined_moments(
+    vectors: Float[Array, "... 4 3"],
+    q: Float[Array, "... 4"],
+    noise: Float[Array, "... 4 3 3"],
+    means: Float[Array, "... 4 3"],
+) -> tuple[Float[Array, "... 4"], Float[Array, "... 4 4"]]:
+    """Bias and covariance of q - qhat of the combined estimator, to second order."""
+    M, changes = _bilinear(vectors)
+    p = np.vecmat(q, M)
+    squared = np.vecdot(p, p)[..., None, None]
+    projector = tangent_projector(q)
+    # dM p / |p|^2 and dM' q, one row for each of 12 components of the noise
+    moved = np.matvec(changes, p[..., None, :]) / squared
+    turned = np.vecmat(q[..., None, :], changes)
+    spread = _weighted(noise, moved)
+    across = moved @ projector
+    P = across.swapaxes(-1, -2) @ spread @ projector
+    bent = np.sum(np.matvec(changes, _weighted(noise, turned)), axis=-2)
+    bent = bent / squared[..., 0] - 2.0 * np.vecmat(np.matvec(moved, q), spread)
+    bent = bent + np.vecmat(means.reshape(*means.shape[:-2], 12), moved)
+    inward = 0.5 * np.trace(P, axis1=-2, axis2=-1)[..., None] * q
+    return inward - np.matvec(projector, bent), (P + P.swapaxes(-1, -2)) / 2.0
+
+
+def _weighted(
+    noise: Float[Array, "... 4 3 3"], rows: Float[Array, "... 12 4"]
+) -> Float[Array, "... 12 4"]:
+    # Sigma times the rows, vector by vector: their noise is independent
+    apart = rows.reshape(*rows.shape[:-2], 4, 3, 4)
+    return (noise @ apart).reshape(rows.shape)
+
+
+def _bilinear(
+    vectors: Float[Array, "... 4 3"],
+) -> tuple[Float[Array, "... 4 4"], Float[Array, "... 12 4 4"]]:
+    # M, and its change along each component of b1, b2, r1, r2
+    batch = vectors.shape[:-2]
+    first = vectors[..., ::2, :].reshape(*batch, 6)
+    second = vectors[..., 1::2, :].reshape(*batch, 6)
+    by_first = second @ _TENSOR.swapaxes(0, 1).reshape(6, 96)
+    by_second = first @ _TENSOR.reshape(6, 96)
+    changes = np.stack([by_first, by_second], axis=-2).reshape(*batch, 2, 2, 3, 4, 4)
+    M = np.vecmat(first, by_first.reshape(*batch, 6, 16)).reshape(*batch, 4, 4)
+    return M, changes.swapaxes(-5, -4).reshape(*batch, 12, 4, 4)
+
+
+def _tensor() -> Float[Array, "6 6 4 4"]:
+    # M by the components of (b1, r1) and of (b2, r2), in both of which it is linear
+    first, second = np.eye(6)[:, None], np.eye(6)[None]
+    return column_matrix(
+        first[..., :3], second[..., :3], first[..., 3:], second[..., 3:]
+    )
+
+
+_TENSOR: Final = _tensor()

@@ -1,4 +1,4 @@
-r"""What an attitude filter meets: a path, sensors with their noise, and a start.
+r"""Model of an attitude filter: path, sensors, start, and errors of its readings.
 
 The path is the truth: attitudes A of the body before the first row and at every row,
 and the turn :math:`\phi_k` of the body between, :math:`A_k = e^{-[\phi_k\times]}
@@ -16,6 +16,23 @@ The error is truth against estimate, body side: :math:`A = e^{-[\delta\theta\tim
 
 and a measurement's information on the attitude is :math:`\Omega_i = [v_i\times]^T
 R_i^{-1} [v_i\times]` with :math:`v_i = A r_i`.
+
+**Errors of readings that a filter takes for true.** A reading is off by :math:`B_k c`.
+With the parameters c of a matrix E, row by row, a gyroscope reads :math:`\omega + E
+\omega`, or with a sensitivity to the specific force :math:`\omega + E f`, and a vector
+sensor :math:`v + E v + e`; so
+
+.. math:: B = I \otimes x^T, \quad x = \omega,\ f, \qquad B = [I \otimes v^T,\ I].
+   \tag{F6}
+
+**Errors left by a calibration.** A reading is corrected by :math:`\hat M (y - \hat B)`.
+With errors dM and dB of the two it is off, to first order, by
+
+.. math:: E x + e, \qquad E = \mathrm{d}M\, M^{-1}, \qquad e = -M\, \mathrm{d}B,
+   \tag{F13}
+
+x being what is to be read. A constant e of a gyroscope is a part of the bias that a
+filter estimates, and belongs to its start.
 """
 
 from dataclasses import dataclass
@@ -24,7 +41,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arguments import instance, whole_number
+from simval.arguments import choice, instance, whole_number
 from simval.arrays import Array, frozen, physical_array
 from simval.errors import InputError
 from simval.geometry import (
@@ -35,6 +52,7 @@ from simval.geometry import (
     rotation_vector,
     unit_quaternions,
 )
+from simval.sensor import forms
 from simval.shapes import Float
 
 LONGEST: Final = 1e6  # s, of a step: eleven days
@@ -291,3 +309,232 @@ def covariance_matrix(name: str, value: Any, size: int) -> Float[Array, "p p"]:
         )
         raise InputError(msg)
     return (P + P.T) / 2.0
+
+
+GYROSCOPE: Final = "gyroscope"
+G_SENSITIVITY: Final = "g-sensitivity"
+MATRIX: Final = 9
+AFFINE: Final = 12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CalibrationError:
+    """Constant error of a sensor's calibration, eq. (F6).
+
+    Attributes
+    ----------
+    of : str
+        ``gyroscope`` (scale and misalignment, 9), ``g-sensitivity`` (of the gyroscope,
+        rad/s per m/s^2, 9), or the name of a vector sensor (9, then the offset, 3).
+    covariance : Array or None
+        Of the parameters, (9, 9) or (12, 12); None is zero.
+    value : Array or None
+        Known mean of them, (9,) or (12,); None is zero.
+    force : Array or None
+        Specific force, average over each step, body axes, m/s^2, (T, 3): of the
+        ``g-sensitivity`` alone.
+
+    Raises
+    ------
+    InputError
+        If a shape does not fit, or the covariance is none.
+    """
+
+    of: str
+    covariance: Float[Array, "p p"] | None = None
+    value: Float[Array, " p"] | None = None
+    force: Float[Array, "T 3"] | None = None
+
+    def __post_init__(self) -> None:
+        instance("of", self.of, str)
+        p = self.parameters
+        if self.covariance is not None:
+            given = covariance_matrix("covariance", self.covariance, p)
+            object.__setattr__(self, "covariance", frozen(given))
+        if self.value is not None:
+            value = physical_array("value", self.value, (p,))
+            if value.shape != (p,):
+                msg = f"`value` of {self.of} has shape {value.shape}; give ({p},)"
+                raise InputError(msg)
+            object.__setattr__(self, "value", frozen(value))
+        if (self.force is not None) != (self.of == G_SENSITIVITY):
+            msg = (
+                f"`force` is {'' if self.force is not None else 'not '}given for "
+                f"{self.of}; the g-sensitivity needs it, and nothing else has it"
+            )
+            raise InputError(msg)
+        if self.force is not None:
+            force = physical_array("force", self.force, (None, 3))
+            object.__setattr__(self, "force", frozen(force))
+
+    @property
+    def parameters(self) -> int:
+        """How many parameters it has."""
+        return MATRIX if self.of in (GYROSCOPE, G_SENSITIVITY) else AFFINE
+
+    @property
+    def name(self) -> str:
+        """What it is called in a budget."""
+        return "g-sensitivity" if self.of == G_SENSITIVITY else f"{self.of} calibration"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RowError:
+    """Known error of every reading of a sensor.
+
+    Attributes
+    ----------
+    of : str
+        ``gyroscope``, rad/s, or the name of a vector sensor, its unit.
+    rows : Array
+        What is read less what is true, body axes, (T, 3).
+
+    Raises
+    ------
+    InputError
+        If the rows are no finite (T, 3).
+    """
+
+    of: str
+    rows: Float[Array, "T 3"]
+
+    def __post_init__(self) -> None:
+        instance("of", self.of, str)
+        rows = physical_array("rows", self.rows, (None, 3))
+        if rows.ndim != 2 or len(rows) == 0:
+            msg = f"`rows` of {self.of} has shape {rows.shape}; give one of each step"
+            raise InputError(msg)
+        object.__setattr__(self, "rows", frozen(rows))
+
+    @property
+    def parameters(self) -> int:
+        """One: its size."""
+        return 1
+
+
+Error = CalibrationError | RowError
+
+
+def channel(error: Error) -> str:
+    """Whose readings are off."""
+    return GYROSCOPE if error.of == G_SENSITIVITY else error.of
+
+
+def by_parameters(
+    error: Error, truth: Float[Array, "t 3"], rows: slice
+) -> Float[Array, "t 3 p"]:
+    """B of eq. (F6) of some rows, whose true reading is `truth`."""
+    if isinstance(error, RowError):
+        return error.rows[rows, :, None]
+    if error.force is not None:
+        return _kron(error.force[rows])
+    if error.of == GYROSCOPE:
+        return _kron(truth)
+    offset = np.broadcast_to(np.eye(3), (len(truth), 3, 3))
+    return np.concatenate([_kron(truth), offset], axis=-1)
+
+
+def check_errors(errors: Any, sensors: tuple[str, ...], T: int) -> tuple[Error, ...]:
+    """Require errors of sensors that there are, one for each of T steps.
+
+    Raises
+    ------
+    InputError
+        If an error is of another sensor, or has another number of rows.
+    """
+    known = (GYROSCOPE, G_SENSITIVITY, *sensors)
+    if not isinstance(errors, list | tuple):
+        msg = f"`errors` is {type(errors).__name__}; give a list of errors, or ()"
+        raise InputError(msg)
+    for each in errors:
+        if not isinstance(each, Error):
+            msg = (
+                f"`errors` has {type(each).__name__}; give errors of a calibration "
+                "(`CalibrationError`) or of rows (`RowError`)"
+            )
+            raise InputError(msg)
+        if each.of not in known:
+            msg = f"`errors` has one of {each.of!r}; there are {', '.join(known)}"
+            raise InputError(msg)
+        rows = each.rows if isinstance(each, RowError) else each.force
+        if rows is not None and rows.shape != (T, 3):
+            msg = (
+                f"the error of {each.of} has rows of shape {rows.shape}; the path has "
+                f"{T} steps, so give ({T}, 3)"
+            )
+            raise InputError(msg)
+    return tuple(errors)
+
+
+def _kron(x: Float[Array, "t 3"]) -> Float[Array, "t 3 9"]:
+    return (np.eye(3)[:, :, None] * x[:, None, None, :]).reshape(len(x), 3, 9)
+
+
+def calibration_error(
+    of: str, matrix: Any, covariance: Any, *, form: str | None = None
+) -> CalibrationError:
+    """Errors of readings that are corrected by an uncertain calibration, eq. (F13).
+
+    Parameters
+    ----------
+    of : str
+        ``gyroscope``, or the name of a vector sensor.
+    matrix : array_like
+        M of the calibration, (3, 3).
+    covariance : array_like
+        Of M row by row and then B, (12, 12), as of a gyroscope's or a magnetometer's
+        calibration; of the gyroscope M alone will do, (9, 9).
+    form : {"triangular", "upper", "symmetric"}, optional
+        That the covariance is of the nine parameters of an accelerometer in this form.
+
+    Returns
+    -------
+    CalibrationError
+        For `filter_prediction`.
+
+    Raises
+    ------
+    InputError
+        If a shape does not fit, or M is singular or not of the form.
+    """
+    instance("of", of, str)
+    M = physical_array("matrix", matrix, (3, 3))
+    if M.shape != (3, 3) or not np.linalg.cond(M) < 1.0 / np.finfo(float).eps:
+        msg = f"`matrix` of {of} must be one matrix of full rank, (3, 3)"
+        raise InputError(msg)
+    if of == G_SENSITIVITY:
+        msg = (
+            "the g-sensitivity G is a matrix of its own; give `CalibrationError` the "
+            "covariance of M G, row by row"
+        )
+        raise InputError(msg)
+    J = np.zeros((12, 12))
+    J[:9, :9] = np.kron(np.eye(3), np.linalg.inv(M).T)
+    J[9:, 9:] = -M
+    if form is not None:
+        J = J @ _of_form(form, M)
+    if of == GYROSCOPE:
+        J = J[:9, :9]
+    C = physical_array("covariance", covariance, (None, None))
+    sizes = {J.shape[1], 12 if of == GYROSCOPE else J.shape[1]}
+    if C.ndim != 2 or C.shape[0] != C.shape[1] or len(C) not in sizes:
+        wanted = " or ".join(f"({n}, {n})" for n in sorted(sizes))
+        msg = f"`covariance` of {of} has shape {C.shape}; give {wanted}"
+        raise InputError(msg)
+    own = C[: J.shape[1], : J.shape[1]]
+    return CalibrationError(of=of, covariance=J @ own @ J.T)
+
+
+def _of_form(form: str, M: Float[Array, "3 3"]) -> Float[Array, "12 9"]:
+    # M row by row and B, by the nine parameters of a form
+    form = choice("form", form, forms.MODELS)
+    theta = forms.from_gram(form, M.T @ M, np.zeros(3))
+    off = float(np.abs(forms.matrix(form, theta) - M).max())
+    # 1e-6 of it: a matrix that was written with seven digits
+    if not off <= 1e-6 * np.abs(M).max():
+        msg = f"`matrix` is no {form} one, by {off:.1e}; give that of the covariance"
+        raise InputError(msg)
+    J = np.zeros((12, 9))
+    J[:9, :6] = forms.matrix_derivatives(form, theta).reshape(6, 9).T
+    J[9:, 6:] = np.eye(3)
+    return J

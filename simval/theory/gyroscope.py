@@ -50,8 +50,7 @@ from simval.sensor import (
     forms,
 )
 from simval.shapes import Float
-from simval.theory.magnetometer import NAMES
-from simval.theory.magnetometer_poses import dip_angle
+from simval.theory.magnetometer import NAMES, dip_angle
 
 PARAMETERS: Final = 21
 NINE_AXES: Final = 34

@@ -42,7 +42,7 @@ from simval.shapes import Float
 from simval.theory import magnetometer
 from simval.theory.calibration import calibration_moments
 from simval.theory.gyroscope import GYROSCOPE, MovePath, gyroscope_moments
-from simval.theory.magnetometer_poses import problem_of
+from simval.theory.magnetometer import problem_of
 from simval.turns import MATRIX, best_next_turn, judge, turn_rows, turns_of
 
 _PIECES: Final = 24  # of a move: a standard deviation is good to a thousandth of itself

@@ -24,7 +24,7 @@ from simval.errors import InputError, RefusedError
 from simval.moments import Moments
 from simval.shapes import Float
 from simval.theory.cubature import covariance_roots
-from simval.theory.noise import checked_covariances
+from simval.theory.two_vector import checked_covariances
 
 Scalar = Union["Series", float]
 

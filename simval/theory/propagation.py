@@ -1,4 +1,4 @@
-r"""The way of an error from the readings to the attitude, linearised.
+r"""Linear error propagation from the readings to the attitude.
 
 The predicted error budget carries each source of noise through the calibration of both
 sensors to the attitude. With the 22 parameters :math:`\theta` of the accelerometer and
@@ -29,15 +29,14 @@ from simval.arrays import Array, frozen
 from simval.geometry import compose, conjugate
 from simval.sensor import forms
 from simval.shapes import Float, Inexact
-from simval.theory.expansion import mean_linear_error
-from simval.theory.magnetometer_poses import (
+from simval.theory.expansion import mean_linear_error, tangent_projector
+from simval.theory.magnetometer import (
     PARAMETERS,
     Problem,
     jacobian,
     reach_of,
     weights_of,
 )
-from simval.theory.orders import tangent_projector
 from simval.theory.two_vector import two_vector_geometry
 
 PARTS = (

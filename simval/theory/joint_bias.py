@@ -5,7 +5,7 @@ and of unit variance, W the weights at the truth. Along noise m the estimate mov
 :math:`T_m = -H^{-1} J^T W\, \partial_m r`, :math:`H = J^T W J`, and to second order
 
 .. math:: E\,\delta\theta = -H^{-1} \sum_m \big( \dot J_m^T W \dot r_m
-   + \tfrac12 J^T W\, \ddot r_m \big), \tag{Y3}
+   + \tfrac12 J^T W\, \ddot r_m \big), \tag{Y4}
 
 the dots along the line :math:`s \mapsto (\theta + s T_m,\ s\,e_m)`. The rows are the
 norms of the rests, :math:`|M_a(y_i - b_a)|^2/g^2 - 1`, the gaps
@@ -61,7 +61,7 @@ def gyroscope_bias(
     g: float = 9.80665,
     form: str = "triangular",
 ) -> Float[Array, "12"]:
-    """Predict the second-order bias of a joint calibration, eq. (Y3).
+    """Predict the second-order bias of a joint calibration, eq. (Y4).
 
     Parameters
     ----------

@@ -1,0 +1,442 @@
+r"""Attitude estimators of two and more vectors: bound, moments, and their classes.
+
+**Cramer-Rao bound of two noisy vector pairs.** The measurements are :math:`b_i = A(q)
+r_i^t + n_{bi}` and :math:`r_i = r_i^t + n_{ri}`; the unknowns are the attitude, three
+small body-frame angles :math:`\theta` with :math:`A = (I - [\theta\times]) A(q)`, and
+the two true reference directions, two angles each, which nobody asked for. With W the
+inverse noise covariances,
+
+.. math:: J = \sum_i \begin{bmatrix} B_i^T W_{bi} B_i & B_i^T W_{bi} A T_i \\ \cdot &
+   T_i^T (A^T W_{bi} A + W_{ri}) T_i \end{bmatrix},\quad B_i = [b_i^t \times],
+   \tag{R1}
+
+T_i the plane tangent at :math:`r_i^t`, whose rows fall away where it is known exactly;
+the bound on :math:`\theta` is the inverse of the Schur complement of the nuisance
+block. A quaternion error is :math:`\Delta q = \Xi\, \theta/2` to first order.
+
+**TRIAD, which fits the first pair exactly, to second order.** With :math:`b_i = A r_i`
+and the noise :math:`\nu_i = n_{bi} - A n_{ri}` of a pair, the estimate :math:`(I -
+[\theta\times]) A` takes the first reference to the first body vector, :math:`b_1 \times
+\theta = \nu_1`, and the second into their plane, :math:`n^T (b_2 \times \theta - \nu_2)
+= 0`, n the unit normal along :math:`b_1 \times b_2`. With sine s and cosine c of the
+angle between the vectors,
+
+.. math:: \theta = -b_1 \times \nu_1 + b_1\, (c\, n^T \nu_1 - n^T \nu_2) / s. \tag{TR1}
+
+The frame of noisy vectors v1, v2 is turned by a rotation vector whose mean is, along
+:math:`e_1 = v_1`, :math:`e_2 = e_3 \times e_1` and the normal :math:`e_3`, with
+:math:`C_i` the covariances in these axes,
+
+.. math:: \bar\phi = \begin{bmatrix}
+   (c s\,C_{1,13} - c^2 C_{1,23} - C_{2,23}) / s^2 - C_{1,23} / 2 \\
+   C_{1,13} - c\,C_{1,23} / (2 s) \\ -C_{1,12} - c\,C_{1,33} / (2 s) \end{bmatrix},
+   \quad E[\theta] = A \bar\phi_r - \bar\phi_b. \tag{TR2}
+
+It is the expansion of :math:`v_1/|v_1|` and of the normal to second order; body and
+reference frames have the same mean, and the estimate none, where their noise is equal.
+
+**The weighted least-squares attitude, to second order.** Davenport's K is bilinear in
+the body and the reference vectors, and the estimate is the eigenvector of its greatest
+eigenvalue. With R the pseudo-inverse of :math:`\lambda - K`, and dK the change of K,
+second-order perturbation gives
+
+.. math:: \hat q - q = R\,dK q + R\,dK R\,dK q - (q^T dK q) R^2 dK q
+   - \tfrac12 |R\,dK q|^2 q.  \tag{W4}
+
+The third term vanishes: normalised noise is across its vector, and so
+:math:`q^T dK q = \sum_i a_i\,n_i^T b_i = 0`. The bilinear part of dK has mean zero for
+independent noise; what normalising vectors adds is the mean of `normalized_noise`. So,
+over independent directions j of the noise and with :math:`\bar n` its mean,
+
+.. math:: C = \sum_j (R\,dK_j q)(R\,dK_j q)^T, \quad
+   m = -R\,dK[\bar n] q - \sum_j \big(\dots\big),  \tag{W5}
+
+the bracket being the second and the last term of (W4). When weights are inverse
+variances and the noise is isotropic, twice the smallest loss is chi-square with 2n - 3
+degrees of freedom; body vectors displaced by :math:`c_i` make it non-central,
+
+.. math:: \delta = \min_\theta \sum_i a_i |c_i - [b_i\times]\theta|^2.  \tag{W6}
+
+**Classes of estimators**, whose rotation error has a second-order bias and covariance:
+
+====================  ==========================================================
+``wahba``             equal weights, unit vectors: (W5)
+``weighted wahba``    weights of the inverse variances: (W5)
+``triad``             the first pair exactly: (TR1), (TR2)
+``closed form``       the two-vector formula in its best fixed frame, as it stands
+``combined``          the same from its four columns together
+====================  ==========================================================
+
+A quaternion's error :math:`e = q - \hat q` is the rotation vector
+:math:`\theta = -2\, \mathrm{vec}(q^{-1} e)` on the body side, to third order.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from simval.arguments import choice
+from simval.arrays import Array, finite_array, frozen
+from simval.errors import GeometryError, InputError
+from simval.geometry import attitude_matrix, compose, conjugate, cross_matrix, normalize
+from simval.moments import Moments
+from simval.shapes import Float
+from simval.theory.attitude import attitude_moments
+from simval.theory.cubature import covariance_roots
+from simval.theory.two_vector import (
+    MIN_NORM,
+    noise_covariances,
+    normalized_noise,
+    require_one,
+    true_vectors,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AttitudeBound:
+    """Lowest covariance of an unbiased attitude estimate.
+
+    Attributes
+    ----------
+    rotation : Array
+        Covariance of the body-frame rotation error, rad^2, (3, 3).
+    quaternion : Array
+        Covariance of the additive quaternion error, (4, 4), of rank 3.
+    """
+
+    rotation: Float[Array, "3 3"]
+    quaternion: Float[Array, "4 4"]
+
+    def __post_init__(self) -> None:
+        for name in ("rotation", "quaternion"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+def attitude_bound(q: Any, r1: Any, r2: Any, noise_std: Any) -> AttitudeBound:
+    """Cramer-Rao bound (R1) of the two-vector problem.
+
+    Parameters
+    ----------
+    q : array_like
+        True quaternion, (4,).
+    r1, r2 : array_like
+        True reference vectors, (3,).
+    noise_std : array_like
+        As in `simval.theory.attitude_moments`; full covariances must be regular, but a
+        reference may have no noise at all.
+
+    Returns
+    -------
+    AttitudeBound
+        The bound; sigma^2 (or the scale of the covariances) enters linearly.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong or a noise covariance is singular.
+    GeometryError
+        If the vectors are parallel.
+    """
+    require_one(q, r1, r2)
+    unit_q, vectors, _ = true_vectors(q, r1, r2)
+    return bound_of(unit_q, vectors, noise_covariances(noise_std))
+
+
+def bound_of(
+    unit_q: Float[Array, "4"],
+    vectors: Float[Array, "m 3"],
+    noise: Float[Array, "m 3 3"],
+) -> AttitudeBound:
+    """The bound from true body vectors, then as many reference vectors.
+
+    Raises
+    ------
+    InputError
+        If a noise covariance is singular.
+    """
+    n, A = len(vectors) // 2, attitude_matrix(unit_q)
+    known = [i >= n and not matrix.any() for i, matrix in enumerate(noise)]
+    if not np.all((np.linalg.eigvalsh(noise)[:, 0] > 0.0) | known):
+        msg = (
+            "`noise_std` has a direction without noise, whose information is infinite; "
+            "the bound needs regular covariances, or references without any noise, so "
+            "give each direction some noise"
+        )
+        raise InputError(msg)
+    information = np.zeros((3, 3))
+    for i in range(n):
+        b, r = vectors[i], vectors[n + i]
+        B = cross_matrix(b)
+        own = B.T @ np.linalg.solve(noise[i], B)
+        information += own if known[n + i] else own - _lost(B, A, r, noise[[i, n + i]])
+    rotation = np.linalg.solve(information, np.eye(3))
+    rotation = (rotation + rotation.T) / 2.0
+    e, s = unit_q[:3], unit_q[3]
+    half_xi = 0.5 * np.vstack([s * np.eye(3) + cross_matrix(e), -e])
+    return AttitudeBound(rotation=rotation, quaternion=half_xi @ rotation @ half_xi.T)
+
+
+def _lost(B: Array, A: Array, r: Array, noise: Array) -> Array:
+    # information that the unknown direction of r takes away
+    T = np.linalg.svd(r[None, :])[2][1:].T
+    W_AT = np.linalg.solve(noise[0], A @ T)
+    nuisance = (A @ T).T @ W_AT + T.T @ np.linalg.solve(noise[1], T)
+    mixed = B.T @ W_AT
+    lost: Array = mixed @ np.linalg.solve(nuisance, mixed.T)
+    return lost
+
+
+def triad_covariance(q: Any, r1: Any, r2: Any, noise_std: Any) -> Float[Array, "3 3"]:
+    """Covariance of TRIAD's body-frame rotation error by (TR1), rad^2.
+
+    Raises
+    ------
+    InputError
+        If an argument has a wrong shape or value.
+    GeometryError
+        If the vectors are parallel.
+    """
+    _, (b1, b2, _, _), A = true_vectors(q, r1, r2)
+    normal = np.cross(b1, b2)
+    sine, cosine = float(np.linalg.norm(normal)), float(b1 @ b2)
+    n = normal / sine
+    maps = (
+        np.outer(b1, n) * (cosine / sine) - cross_matrix(b1),
+        -np.outer(b1, n) / sine,
+    )
+    noise = noise_covariances(noise_std)
+    pairs = (noise[i] + A @ noise[2 + i] @ A.T for i in range(2))
+    return np.sum([L @ pair @ L.T for L, pair in zip(maps, pairs, strict=True)], axis=0)
+
+
+def triad_bias(q: Any, r1: Any, r2: Any, noise_std: Any) -> Float[Array, "3"]:
+    """Mean of TRIAD's body-frame rotation error by (TR2), rad.
+
+    Raises
+    ------
+    InputError
+        If an argument has a wrong shape or value.
+    GeometryError
+        If the vectors are parallel.
+    """
+    _, vectors, A = true_vectors(q, r1, r2)
+    noise = noise_covariances(noise_std)
+    body, reference = (_mean_turn(vectors[i : i + 2], noise[i : i + 2]) for i in (0, 2))
+    return A @ reference - body
+
+
+def _mean_turn(v: Float[Array, "2 3"], noise: Float[Array, "2 3 3"]) -> Array:
+    # mean rotation vector of the frame of two vectors, in the axes of the vectors
+    normal = np.cross(v[0], v[1])
+    s, c = float(np.linalg.norm(normal)), float(v[0] @ v[1])
+    axes = np.stack([v[0], np.cross(normal / s, v[0]), normal / s], axis=1)
+    first, second = axes.T @ noise @ axes
+    about_first = (c * s * first[0, 2] - c * c * first[1, 2] - second[1, 2]) / s**2
+    turn = np.array(
+        [
+            about_first - first[1, 2] / 2.0,
+            first[0, 2] - c * first[1, 2] / (2.0 * s),
+            -first[0, 1] - c * first[2, 2] / (2.0 * s),
+        ]
+    )
+    mean: Array = axes @ turn
+    return mean
+
+
+def wahba_moments(
+    q: Any, references: Any, noise_std: Any, weights: Any = None
+) -> Moments:
+    """Bias and covariance of q - qhat of the weighted least-squares attitude, (W5).
+
+    Parameters
+    ----------
+    q : array_like
+        True quaternion, reference to body, vector first, (4,); its sign is kept.
+    references : array_like
+        True reference vectors, (n, 3), n >= 2; normalised here.
+    noise_std : array_like
+        Noise of the unit vectors: one standard deviation for each axis, (2n,) for
+        b1 ... bn, r1 ... rn, or (2n, 3, 3) covariances, each in its own frame.
+    weights : array_like, optional
+        Weight of each pair, (n,), above zero; default equal.
+
+    Returns
+    -------
+    Moments
+        Prediction to second order; no samples.
+
+    Raises
+    ------
+    InputError
+        If an argument has a wrong shape or value.
+    GeometryError
+        If the vectors are parallel.
+    """
+    unit_q, vectors = _true_pairs(q, references)
+    n = len(vectors) // 2
+    a = _weights(weights, n)
+    means, noise = normalized_noise(vectors, noise_covariances(noise_std, 2 * n))
+    K = np.einsum("n,nij->ij", a, _gain(vectors[:n], vectors[n:]))
+    R = _resolvent(K, unit_q, float(np.sum(a)))
+    roots = covariance_roots(noise).swapaxes(1, 2)  # rows are the noise directions
+    changes = np.concatenate(
+        [
+            a[:, None, None, None] * _gain(roots[:n], vectors[n:, None]),
+            a[:, None, None, None] * _gain(vectors[:n, None], roots[n:]),
+        ]
+    ).reshape(-1, 4, 4)
+    pulled = changes @ unit_q  # dK_j q
+    moved = pulled @ R
+    second = np.einsum("ab,jbc,jc->a", R, changes, moved)
+    drift = np.einsum("n,nij->ij", a, _gain(means[:n], vectors[n:]))
+    drift = drift + np.einsum("n,nij->ij", a, _gain(vectors[:n], means[n:]))
+    bias = 0.5 * np.sum(moved**2) * unit_q - second - R @ drift @ unit_q
+    return Moments(bias=bias, covariance=moved.T @ moved)
+
+
+def wahba_bound(q: Any, references: Any, noise_std: Any) -> AttitudeBound:
+    """Cramer-Rao bound of attitude from n vector pairs; see `attitude_bound`.
+
+    Parameters
+    ----------
+    q : array_like
+        True quaternion, (4,).
+    references : array_like
+        True reference vectors, (n, 3), n >= 2.
+    noise_std : array_like
+        As in `wahba_moments`; full covariances must be regular.
+
+    Returns
+    -------
+    AttitudeBound
+        The bound.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong or a noise covariance is singular.
+    GeometryError
+        If the vectors are parallel.
+    """
+    unit_q, vectors = _true_pairs(q, references)
+    return bound_of(unit_q, vectors, noise_covariances(noise_std, len(vectors)))
+
+
+def loss_noncentrality(
+    q: Any, references: Any, displacements: Any, weights: Any
+) -> float:
+    """Non-centrality of twice the loss when body vectors are displaced, eq. (W6).
+
+    Parameters
+    ----------
+    q : array_like
+        True quaternion, (4,).
+    references : array_like
+        True reference vectors, (n, 3).
+    displacements : array_like
+        What is added to the body vectors before noise, (n, 3); small beside one.
+    weights : array_like
+        Inverse variances of the pairs, (n,).
+
+    Returns
+    -------
+    float
+        The non-centrality; zero where the displaced vectors fit another attitude.
+
+    Raises
+    ------
+    InputError, GeometryError
+        As `wahba_moments`.
+    """
+    _, vectors = _true_pairs(q, references)
+    n = len(vectors) // 2
+    shift = finite_array("displacements", displacements, (n, 3))
+    root = np.sqrt(_weights(weights, n))[:, None]
+    body = vectors[:n]
+    across = root * (shift - np.sum(shift * body, axis=1)[:, None] * body)
+    design = (root[:, :, None] * cross_matrix(body)).reshape(3 * n, 3)
+    turn = np.linalg.lstsq(design, across.reshape(-1), rcond=None)[0]
+    return float(np.sum((across.reshape(-1) - design @ turn) ** 2))
+
+
+def _gain(b: Array, r: Array) -> Array:
+    # the symmetric matrix with q' K q = b' A(q) r, bilinear in b and r
+    outer = b[..., :, None] * r[..., None, :]
+    turn = np.cross(b, r)
+    trace = np.trace(outer, axis1=-2, axis2=-1)[..., None, None]
+    top = np.concatenate(
+        [outer + outer.swapaxes(-1, -2) - trace * np.eye(3), turn[..., None]], axis=-1
+    )
+    bottom = np.concatenate([turn[..., None, :], trace], axis=-1)
+    return np.concatenate([top, bottom], axis=-2)
+
+
+def _resolvent(K: Array, q: Array, top: float) -> Array:
+    # pseudo-inverse of top - K, whose kernel is q
+    values, vectors = np.linalg.eigh(top * np.eye(4) - K + top * np.outer(q, q))
+    inverse = (vectors / values) @ vectors.T
+    R: Array = inverse - np.outer(q, q) / top
+    return R
+
+
+def _true_pairs(q: Any, references: Any) -> tuple[Array, Array]:
+    unit_q = normalize(finite_array("q", q, (4,)))
+    r = normalize(finite_array("references", references, (None, 3)))
+    if unit_q.ndim != 1 or r.ndim != 2 or len(r) < 2:
+        msg = (
+            f"`q` has shape {unit_q.shape} and `references` {r.shape}; give one "
+            "quaternion (4,) and two or more vectors (n, 3)"
+        )
+        raise InputError(msg)
+    sine = float(np.linalg.norm(np.cross(r[0], r), axis=1).max())
+    if not sine >= MIN_NORM:
+        msg = (
+            f"the sine of the greatest angle between `references` is {sine:.2e}; it "
+            f"must be {MIN_NORM:g} or more, so choose vectors that are farther apart"
+        )
+        raise GeometryError(msg)
+    return unit_q, np.concatenate([r @ attitude_matrix(unit_q).T, r])
+
+
+def _weights(weights: Any, n: int) -> Array:
+    a = np.ones(n) if weights is None else finite_array("weights", weights, (n,))
+    if a.ndim != 1 or not np.all(a > 0.0):
+        msg = f"`weights` has shape {a.shape}; give {n} numbers above 0"
+        raise InputError(msg)
+    return a
+
+
+OF_TWO_VECTORS: Final = ("triad", "closed form", "combined")
+CLASSES: Final = ("wahba", "weighted wahba", *OF_TWO_VECTORS)
+
+
+def class_moments(
+    kind: str, q: Any, references: Any, noise_std: Any, weights: Any = None
+) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
+    """Mean, rad, and covariance, rad^2, of the body-side rotation error of a class.
+
+    The `weights` are those of ``weighted wahba``, one for each reference.
+
+    Raises
+    ------
+    InputError
+        If an argument has a wrong shape or value.
+    GeometryError
+        If the vectors are parallel, or the frame is singular at this attitude.
+    """
+    kind = choice("kind", kind, CLASSES)
+    if kind == "triad":
+        given = q, references[0], references[1], noise_std
+        return triad_bias(*given), triad_covariance(*given)
+    truth = normalize(np.asarray(q, dtype=float))
+    if kind in ("wahba", "weighted wahba"):
+        used = weights if kind == "weighted wahba" else None
+        additive = wahba_moments(truth, references, noise_std, used)
+    else:
+        frame = "combined" if kind == "combined" else None
+        r1, r2 = references
+        additive = attitude_moments(truth, r1, r2, noise_std, frame=frame)
+        truth = additive.q_true
+    turned = np.stack([compose(conjugate(truth), e)[:3] for e in np.eye(4)], axis=1)
+    return -2.0 * turned @ additive.bias, 4.0 * turned @ additive.covariance @ turned.T
