@@ -1,12 +1,11 @@
 """Random logs, good and bad: a tumble of holds, and what real hardware does to it.
 
-`good(rng)` draws a sensor, a pose set and its recording; each function of `FAULTS`
+`good(rng)` draws a sensor, a pose set and its recording; each of `FAULTS`
 damages one as one kind of broken sensor, cable or logger would. A fault leaves its
 mark where it can do harm: in the holds.
 """
 
 import itertools
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -77,7 +76,7 @@ def path_of(directions, rng):
     return np.concatenate(parts), np.array(holds)
 
 
-def good(rng, size=1.0):
+def good(rng, size=1.0, poses=spread_poses):
     """A good log: m/s^2, or counts of 12 to 16 bits over 2 to 8 g.
 
     Its noise is a third of a count or more; of less see `coarse`.
@@ -87,7 +86,7 @@ def good(rng, size=1.0):
     sensor = sensor_of(rng, gain, size)
     # less leaves rests of one value, which set no threshold
     sigma = max(10 ** rng.uniform(-2.5, -1.3), 0.3 / gain if counts else 0.0)
-    force, holds = path_of(spread_poses(rng), rng)
+    force, holds = path_of(poses(rng), rng)
     raw = sensor.distort(G * force, rng)
     raw = raw + sigma * gain * rng.standard_normal(raw.shape)
     if counts:
@@ -109,8 +108,22 @@ def coarse(rng, least, most):
     return Recorded(samples=raw, sensor=sensor, holds=holds, sigma=sigma)
 
 
-def _with(rec, samples):
-    return replace(rec, samples=samples)
+FAULTS = {}
+"""By name: what damages a recording; it is given a copy of the rows."""
+
+
+def with_rows(rec, rows):
+    """The same recording with other rows."""
+    return replace(rec, samples=rows)
+
+
+def _fault(damage):
+    def damaged(rec, rng):
+        found = damage(rec, rng, rec.samples.copy())
+        return found if isinstance(found, Recorded) else with_rows(rec, found)
+
+    FAULTS[damage.__name__] = damaged
+    return damaged
 
 
 def _gain(rec):
@@ -128,9 +141,10 @@ def _some(rec, rng, count=None):
     return rec.holds[1 + rng.choice(len(rec.holds) - 1, count, replace=False)]
 
 
-def dead_axis(rec, rng):
+@_fault
+def dead_axis(rec, rng, x):
     """One axis shows electrical noise about a constant, white or wandering."""
-    x, axis = rec.samples.copy(), rng.integers(3)
+    axis = rng.integers(3)
     n, unit = len(x), _gain(rec)
     noise = 10 ** rng.uniform(-3, 0) * unit * rng.standard_normal(n)
     kind = rng.integers(3)
@@ -145,26 +159,27 @@ def dead_axis(rec, rng):
         leak = 10 ** rng.uniform(-3, -1)
         noise += leak * (x[:, (axis + 1) % 3] - x[:, (axis + 1) % 3].mean())
     x[:, axis] = rng.uniform(-10, 10) * unit + noise
-    return _with(rec, x)
+    return x
 
 
-def stuck_axis(rec, rng):
+@_fault
+def stuck_axis(rec, rng, x):
     """One axis shows one value for ever."""
-    x = rec.samples.copy()
     x[:, rng.integers(3)] = rng.choice([0.0, 1.0, -32768.0, 5.3 * _gain(rec)])
-    return _with(rec, x)
+    return x
 
 
-def stuck_from(rec, rng):
+@_fault
+def stuck_from(rec, rng, x):
     """One axis stops at a value half-way."""
-    x, row, axis = rec.samples.copy(), _middle(rec, rng), rng.integers(3)
+    row, axis = _middle(rec, rng), rng.integers(3)
     x[row:, axis] = x[row, axis]
-    return _with(rec, x)
+    return x
 
 
-def wrap(rec, rng):
+@_fault
+def wrap(rec, rng, x):
     """Some axes wrap around at a span from 0.6 of the sphere's to eight times it."""
-    x = rec.samples.copy()
     axes = rng.choice(3, int(rng.integers(1, 4)), replace=False)
     if _gain(rec) < 10:  # m/s^2: any span
         span = 2 * G * rng.uniform(0.6, 8)
@@ -176,10 +191,11 @@ def wrap(rec, rng):
         if _gain(rec) >= 10:
             start = np.round(start)
         x[:, axis] = (x[:, axis] - start) % span + rng.choice([start, -span / 2, 0.0])
-    return _with(rec, x)
+    return x
 
 
-def wrap_signed(rec, rng):
+@_fault
+def wrap_signed(rec, rng, x):
     """Unsigned counts of 8, 12 or 16 bits read as signed ones."""
     bits = int(rng.choice([8, 12, 16]))
     full = 2.0**bits
@@ -192,142 +208,139 @@ def wrap_signed(rec, rng):
     return replace(rec, samples=wrapped, sensor=sensor)
 
 
-def clipped(rec, rng):
+@_fault
+def clipped(rec, rng, x):
     """One axis, or all, cut at 0.7 to 0.97 of g, in numbers or before the noise."""
-    x = rec.samples - rec.sensor.B
+    x -= rec.sensor.B
     axes = [int(rng.integers(3))] if rng.random() < 0.5 else [0, 1, 2]
     level = rng.uniform(0.7, 0.97) * G * _gain(rec)
     for axis in axes:
         x[:, axis] = np.clip(x[:, axis], -level, level)
         if rng.random() < 0.5:
             x[:, axis] += rec.sigma * rng.standard_normal(len(x))
-    return _with(rec, x + rec.sensor.B)
+    return x + rec.sensor.B
 
 
-def units(rec, rng):
+@_fault
+def units(rec, rng, x):
     """m/s^2 become g, mg, ft/s^2 or the reverse half-way."""
-    x, row = rec.samples.copy(), _middle(rec, rng)
+    row = _middle(rec, rng)
     x[row:] = x[row:] * rng.choice([1 / G, 1000 / G, 3.28084, G, 1 / 16.0])
-    return _with(rec, x)
+    return x
 
 
-def gain_change(rec, rng):
+@_fault
+def gain_change(rec, rng, x):
     """The gain of one axis, or of all, changes half-way by 2 % to a factor of 4."""
-    x, row = rec.samples.copy(), _middle(rec, rng)
+    row = _middle(rec, rng)
     axes = [int(rng.integers(3))] if rng.random() < 0.5 else [0, 1, 2]
     x[row:, axes] *= np.exp(rng.choice([-1, 1]) * 10 ** rng.uniform(-1.7, 0.14))
-    return _with(rec, x)
+    return x
 
 
-def bias_jump(rec, rng):
+@_fault
+def bias_jump(rec, rng, x):
     """The bias of one axis jumps half-way by 0.2 to 5 m/s^2."""
-    x, row = rec.samples.copy(), _middle(rec, rng)
+    row = _middle(rec, rng)
     x[row:, rng.integers(3)] += (
         rng.choice([-1, 1]) * 10 ** rng.uniform(-0.7, 0.7) * (_gain(rec))
     )
-    return _with(rec, x)
+    return x
 
 
-def sign_flip(rec, rng):
+@_fault
+def sign_flip(rec, rng, x):
     """One axis, or all, change sign half-way."""
-    x, row = rec.samples.copy(), _middle(rec, rng)
+    row = _middle(rec, rng)
     axes = [int(rng.integers(3))] if rng.random() < 0.7 else [0, 1, 2]
     x[row:, axes] *= -1
-    return _with(rec, x)
+    return x
 
 
-def same_channel(rec, rng):
+@_fault
+def same_channel(rec, rng, x):
     """Two axes are the same wire, with a gain and noise of their own."""
-    x = rec.samples.copy()
     one, two = rng.choice(3, 2, replace=False)
     x[:, two] = x[:, one]
     if rng.random() < 0.6:
         x[:, two] = rng.choice([1.0, -1.0, 0.9]) * x[:, one]
         x[:, two] += 2 * rec.sigma * rng.standard_normal(len(x))
-    return _with(rec, x)
+    return x
 
 
-def swapped_axes(rec, rng):
+@_fault
+def swapped_axes(rec, rng, x):
     """Two axes change places half-way."""
-    x, row = rec.samples.copy(), _middle(rec, rng)
+    row = _middle(rec, rng)
     one, two = rng.choice(3, 2, replace=False)
     x[row:, [one, two]] = x[row:, [two, one]]
-    return _with(rec, x)
+    return x
 
 
-def repeated_block(rec, rng):
+@_fault
+def repeated_block(rec, rng, x):
     """A buffer of 1 to 20 s is written twice, over what came later."""
-    x = rec.samples.copy()
     size = int(rng.integers(100, 2000))
     a, b = rng.integers(0, len(x) - size, 2)
     x[b : b + size] = rec.samples[a : a + size]
-    return _with(rec, x)
+    return x
 
 
-def frozen_sensor(rec, rng):
+@_fault
+def frozen_sensor(rec, rng, x):
     """The sensor stops in a turn and stays there for some seconds."""
-    x = rec.samples.copy()
     for start, stop in _some(rec, rng):
         row = int(start - rng.integers(10, 30))
         x[row:stop] = x[row]
-    return _with(rec, x)
+    return x
 
 
-def frozen_axis(rec, rng):
+@_fault
+def frozen_axis(rec, rng, x):
     """One axis stops in a turn and stays there for some seconds."""
-    x, axis = rec.samples.copy(), rng.integers(3)
+    axis = rng.integers(3)
     for start, stop in _some(rec, rng):
         row = int(start - rng.integers(10, 30))
         x[row:stop, axis] = x[row, axis]
-    return _with(rec, x)
+    return x
 
 
-def zero_rows(rec, rng):
+@_fault
+def zero_rows(rec, rng, x):
     """Lost packets are written as zeros: single rows, or seconds of them."""
-    x = rec.samples.copy()
     if rng.random() < 0.5:
         x[rng.random(len(x)) < 10 ** rng.uniform(-4, -1)] = 0.0
     else:
         for start, stop in _some(rec, rng):
             x[start - 10 : stop + 10] = 0.0
-    return _with(rec, x)
+    return x
 
 
-def spikes(rec, rng):
+@_fault
+def spikes(rec, rng, x):
     """Single rows far off, on one axis."""
-    x, axis = rec.samples.copy(), rng.integers(3)
+    axis = rng.integers(3)
     hit = rng.random(len(x)) < 10 ** rng.uniform(-4, -1.5)
     x[hit, axis] += 10 ** rng.uniform(-1, 2) * _gain(rec) * rng.choice([-1, 1])
-    return _with(rec, x)
+    return x
 
 
-def lost_packets(rec, rng):
+@_fault
+def lost_packets(rec, rng, x):
     """Rows are missing, and nobody counted them."""
     keep = rng.random(len(rec.samples)) > 0.1
     for start, stop in _some(rec, rng):
         keep[start - 40 : stop - 120] = False
-    return _with(rec, rec.samples[keep])
+    return x[keep]
 
 
-def pushed(rec, rng):
+@_fault
+def pushed(rec, rng, x):
     """One to three holds pushed, dropped or on a shaking table: 0.5 to 5 m/s^2 off."""
-    x = rec.samples.copy()
     for start, stop in _some(rec, rng):
         push = normalize(rng.standard_normal(3)) * rng.uniform(0.5, 5) * _gain(rec)
         x[start:stop] += np.round(push) if _gain(rec) > 10 else push
-    return _with(rec, x)
-
-
-Fault = Callable[[Recorded, np.random.Generator], Recorded]
-FAULTS: dict[str, Fault] = {
-    f.__name__: f
-    for f in (
-        dead_axis, stuck_axis, stuck_from, wrap, wrap_signed, clipped, units,
-        gain_change, bias_jump, sign_flip, same_channel, swapped_axes,
-        repeated_block, frozen_sensor, frozen_axis, zero_rows, spikes, lost_packets,
-        pushed,
-    )
-}  # fmt: skip
+    return x
 
 
 def wrong(rec, fit):

@@ -1,17 +1,16 @@
 """Simulated logs with a recorded truth of which everything is known."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-import pytest
-from places import RECORDINGS
 from scipy.spatial.transform import Rotation
+from written import written
 
 from simval.geometry import attitude_matrix, compose, conjugate, normalize
 from simval.logs import Truth
 from simval.recorded.attitudes import of_vector, turned
 
-BROAD = RECORDINGS / "broad"
 G = 9.81
 FIELD = 48e-6 * np.array([np.cos(1.1), 0.0, -np.sin(1.1)])
 
@@ -153,14 +152,6 @@ def made(
     )
 
 
-def needs_broad(name):
-    """Path of a trial of BROAD, by Laidig, Caruso, Cereatti and Seel (CC BY 4.0)."""
-    path = BROAD / f"{name}.mat"
-    if not path.is_file():
-        pytest.skip(f"the recording {path} is not here: see docs/filters_recorded.md")
-    return str(path)
-
-
 def write_log(path, log, *, truth=True):
     """Write a log as text, with its truth beside the readings on the same clock."""
     header = "t [s],ax [m/s^2],ay [m/s^2],az [m/s^2],wx [rad/s],wy [rad/s],wz [rad/s]"
@@ -169,6 +160,4 @@ def write_log(path, log, *, truth=True):
     if truth:
         header += ",opt_q_0,opt_q_1,opt_q_2,opt_q_3"
         columns.append(log.truth.components)
-    table = np.column_stack(columns)
-    np.savetxt(path, table, fmt="%.12g", delimiter=",", header=header, comments="")
-    return str(path)
+    return str(written(Path(path), header, *columns))

@@ -7,6 +7,7 @@ from rows_by_name import cell, row
 from scipy.spatial.transform import Rotation
 from test_gyroscope_fit import GENERIC, rolled
 from tumbles import ACCELEROMETER, GYROSCOPE
+from written import written
 
 from simval.calibrate import calibrate, moves_between
 from simval.errors import InputError, RefusedError
@@ -108,14 +109,8 @@ def test_a_reading_at_the_end_of_the_range_is_refused_and_one_below_it_is_not(si
 
 
 def truth_file(tmp_path, q, time=None):
-    path = tmp_path / "truth.txt"
     time = 0.01 * np.arange(len(q)) if time is None else time
-    lines = [
-        " ".join(["nan" if np.isnan(x) else f"{x:.17g}" for x in (t, *each)])
-        for t, each in zip(time, q, strict=True)
-    ]
-    path.write_text("\n".join(["t[s] qw qx qy qz", *lines]) + "\n")
-    return str(path)
+    return str(written(tmp_path / "truth.txt", "t[s],qw,qx,qy,qz", time, q))
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -170,12 +165,7 @@ def test_a_stated_rate_tells_the_tick_of_a_counter(tmp_path, tick, rate):
     force = np.random.default_rng(1).standard_normal((rows, 3))
     for off, good in ((0.0, True), (0.09, True), (-0.09, True), (0.12, False)):
         time = np.arange(rows) / rate / tick
-        path = tmp_path / "log.txt"
-        lines = [
-            f"{t:.15g} {' '.join(f'{x:.4f}' for x in y)}"
-            for t, y in zip(time, force, strict=True)
-        ]
-        path.write_text("\n".join(["t ax ay az", *lines]) + "\n")
+        path = written(tmp_path / "log.txt", "t,ax,ay,az", time, force, form="{:.15g}")
         if good:
             log = read_log(str(path), rate=rate * (1.0 + off))
             assert log.rate == pytest.approx(rate, rel=1e-9)

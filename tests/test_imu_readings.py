@@ -5,8 +5,6 @@ import tomllib
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from rounding import EPS
 from scipy import stats
 
@@ -303,36 +301,3 @@ def test_a_bad_table_is_named(tmp_path, old, new, message):
     path.write_text(FILE.replace(old, new))
     with pytest.raises(InputError, match=message):
         load_imu(path)
-
-
-GARBAGE = [None, True, "a", -1.0, [], {}, [1.0], [[1.0, 2.0]], 1e400, float("nan"), {
-    "T": 1
-}, [[float("nan")] * 3] * 3, 10**400, ["a", "b", "c"], [[0.0] * 3] * 3]  # fmt: skip
-
-
-@pytest.mark.ci
-@given(st.data())
-def test_no_damaged_file_becomes_a_traceback(tmp_path_factory, data):
-    values = tomllib.loads(FILE)
-    for _ in range(data.draw(st.integers(1, 3))):
-        table = data.draw(
-            st.sampled_from([values, *filter(_is_table, values.values())])
-        )
-        name = data.draw(st.sampled_from([*table, "x"]))
-        if data.draw(st.booleans()):
-            table.pop(name, None)
-        else:
-            table[name] = data.draw(st.sampled_from(GARBAGE))
-    path = tmp_path_factory.mktemp("damaged") / "imu.json"
-    path.write_text(json.dumps(values))
-    try:
-        raw = read_imu(load_imu(path), MOTION, stream(1, KEY, 0))
-    except InputError:
-        return
-    assert np.all(np.isfinite(raw.accelerometer.raw))
-    assert raw.gyroscope is None or np.all(np.isfinite(raw.gyroscope.raw))
-    assert raw.magnetometer is None or np.all(np.isfinite(raw.magnetometer.raw))
-
-
-def _is_table(value):
-    return isinstance(value, dict)

@@ -4,7 +4,8 @@ import re
 
 import numpy as np
 import pytest
-from places import RECORDINGS
+from places import recording
+from written import written
 
 from simval.errors import InputError
 from simval.logs import read_log
@@ -14,10 +15,7 @@ ROWS[:, 0] = 0.01 * np.arange(10)
 
 
 def write(folder, rows, separator=" ", header=""):
-    path = folder / "log.txt"
-    lines = [separator.join(repr(float(x)) for x in row) for row in rows]
-    path.write_text(header + "\n".join(lines) + "\n")
-    return path
+    return written(folder / "log.txt", header.rstrip("\n"), rows, mark=separator)
 
 
 @pytest.mark.parametrize("separator", [" ", "\t", ",", ", ", ";"])
@@ -128,11 +126,6 @@ def test_a_rate_must_be_a_positive_number(tmp_path, rate):
         read_log(write(tmp_path, ROWS[:, 1:4]), rate=rate)
 
 
-def test_a_rate_that_contradicts_the_time_column_is_refused(tmp_path):
-    with pytest.raises(InputError, match="time column says 100 Hz and `rate` 200"):
-        read_log(write(tmp_path, ROWS[:, :4]), rate=200.0)
-
-
 @pytest.mark.parametrize(
     "columns", ["t,ax,ay", "t,ax,ay,ay", "t,ax,ay,up", "t,-,ay,az"]
 )
@@ -142,13 +135,11 @@ def test_names_that_do_not_fit_are_refused(tmp_path, columns):
 
 
 def test_real_logs_read_whole():
-    if not RECORDINGS.is_dir():
-        pytest.skip(f"the real recordings are not there: {RECORDINGS}")
-    log = read_log(RECORDINGS / "xsens" / "xsens_acc.mat")
+    log = read_log(recording("xsens/xsens_acc.mat"))
     assert log.accelerometer.shape == (51175, 3)
     assert abs(log.rate - 100.0) < 0.1  # nominal 100 Hz, its clock is 1e-4 off
     np.testing.assert_array_equal(log.accelerometer[0], [33108.0, 33329.0, 36429.0])
-    other = read_log(RECORDINGS / "mpu9150" / "imu0.log", rate=100.0)
+    other = read_log(recording("mpu9150/imu0.log"), rate=100.0)
     np.testing.assert_array_equal(other.accelerometer[0], [-8.42090, 0.06710, 5.24511])
     assert other.gyro is not None
     np.testing.assert_array_equal(other.gyro[0], [0.03515, 0.00213, 0.04155])

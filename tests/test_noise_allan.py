@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from rounding import EPS
 
-from simval.errors import InputError
 from simval.noise import allan_variance, averaging_counts
 from simval.streams import cell_key, stream
 
@@ -51,15 +50,6 @@ def test_equal_to_a_plain_loop(n):
         np.testing.assert_allclose(each, expected, rtol=0, atol=64 * n * EPS)
 
 
-def test_blocks_of_rows_join(monkeypatch):
-    signal = stream(3, KEY, 0).standard_normal(1000)
-    counts = [1, 7, 400]
-    whole = allan_variance(signal, counts)
-    monkeypatch.setattr("simval.noise.allan._BLOCK", 13)
-    # the same squares in another order of adding
-    np.testing.assert_allclose(allan_variance(signal, counts), whole, rtol=1000 * EPS)
-
-
 @pytest.mark.parametrize("offset", [0.0, 1.0, 32768.0, 1e9])
 def test_a_constant_changes_nothing(offset):
     whole = np.round(1000.0 * stream(4, KEY, 0).standard_normal(5000))
@@ -68,14 +58,6 @@ def test_a_constant_changes_nothing(offset):
     limit = 1e-13 + counts * EPS * offset / 1000.0 * 10.0
     found = allan_variance(whole + offset, counts) / allan_variance(whole, counts)
     assert np.all(np.abs(found - 1.0) <= limit)
-
-
-def test_a_line_has_the_variance_of_its_slope():
-    found = allan_variance(0.25 * np.arange(1000.0), [1, 10, 100])
-    # differences of neighbouring averages are all slope times m
-    np.testing.assert_allclose(
-        found, (0.25 * np.array([1, 10, 100])) ** 2 / 2.0, rtol=1e-10
-    )
 
 
 @pytest.mark.slow  # a busy memory makes it ten times as slow
@@ -95,24 +77,3 @@ def test_counts_are_even_on_a_log_scale():
     assert np.all(np.diff(counts) > 0)
     octaves = counts[np.searchsorted(counts, 64) :: 3]
     np.testing.assert_array_equal(octaves, 64 * 2 ** np.arange(len(octaves)))
-
-
-@pytest.mark.parametrize(
-    ("rows", "counts", "words"),
-    [
-        ([1.0, np.nan, 2.0, 3.0], [1], "non-finite"),
-        ([1.0, np.inf, 2.0, 3.0], [1], "non-finite"),
-        (["a", "b", "c"], [1], "numbers"),
-        (3.0, [1], "shape"),
-        ([1.0, 2.0], [1], "3 rows or more"),
-        (np.zeros(10), [6], "averages of 1 to 5"),
-        (np.zeros(10), [0], "averages of 1 to 5"),
-        (np.zeros(10), [1.5], "whole numbers"),
-        (np.zeros(10), [], "whole numbers"),
-        (np.zeros(10), [[1]], "whole numbers"),
-        (np.zeros(10), [1e300], "must be|beyond|whole numbers"),
-    ],
-)
-def test_garbage_ends_in_words(unchecked, rows, counts, words):
-    with pytest.raises(InputError, match=words):
-        allan_variance(rows, counts)

@@ -5,15 +5,16 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from places import RECORDINGS
+from places import recording
+from written import written
 
 from simval.cli.noise_units import DEGREE, FLOOR, printed
-from simval.errors import InputError, RefusedError
-from simval.logs import Log, read_log
+from simval.errors import RefusedError
+from simval.logs import Log
 from simval.multiposition import calibrate_log
 from simval.multiposition.noise import log_noise, require_even
 from simval.multiposition.pose_noise import mean_noise, own_noise, pose_noise
-from simval.noise import NoiseFile, load_noise, noise_of
+from simval.noise import load_noise, noise_of
 from simval.poses import fibonacci_sphere
 from simval.sensor import NoiseModel
 from simval.streams import cell_key, stream
@@ -29,13 +30,6 @@ def static(rows=3000, seed=0):
     rng = stream(1, KEY, seed)
     force = np.array([0.3, -0.4, 9.79]) + FORCE.draw(rows, RATE, rng)
     return force, TURN.draw(rows, RATE, rng)
-
-
-def written(path, header, *columns):
-    rows = np.column_stack(columns)
-    lines = [",".join(repr(float(x)) for x in row) for row in rows]
-    path.write_text("\n".join([header, *lines]) + "\n")
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -81,25 +75,6 @@ def test_the_numbers_of_a_log_at_rest(simval, still):
     assert found["kalibr"]["update_rate"] == pytest.approx(RATE, rel=1e-9)
 
 
-def test_the_printed_table(simval, still):
-    code, out, _ = simval("noise", still)
-    assert code == 0
-    for words in (
-        "gyro: deg/s, as the header says",
-        "accelerometer: m/s^2, as its mean length at rest",
-        "gyro, white noise N, rad/s/sqrt(Hz)",
-        "deg/sqrt(h)",
-        "accelerometer_noise_density:",
-        "degrees of freedom",
-    ):
-        assert words in out
-    # what is not seen is printed as a bound in every unit
-    bound = next(line for line in out.splitlines() if "<" in line)
-    assert bound.count("<") >= 3
-    assert "nan" not in out
-    assert "inf" not in out
-
-
 @pytest.mark.ci
 @pytest.mark.parametrize("kind", [".svg", ".png"])
 def test_the_figure(simval, still, tmp_path, kind):
@@ -113,24 +88,6 @@ def test_the_figure(simval, still, tmp_path, kind):
     code, _, err = simval("noise", still, "--figure", tmp_path / f"no/where{kind}")
     assert code == 2
     assert "cannot write" in err
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--figure", "a.pdf"], ".svg or .png"),
-        (["--gyro-unit", "furlongs"], "must be one of"),
-        (["--gyro-unit", "nan"], "must be one of"),
-        (["--accelerometer-unit", "-1"], "must be one of"),
-        (["--rest", "-3"], "rest|seconds"),
-        (["--rate", "250"], "rate"),
-    ],
-)
-def test_options_that_are_none(simval, still, words, said):
-    code, _, err = simval("noise", still, *words)
-    assert code == 2
-    assert any(each in err for each in said.split("|"))
 
 
 def test_units_of_data_sheets():
@@ -341,15 +298,6 @@ def test_the_noise_of_a_pose_is_at_the_length_of_its_rest(long_first):
     np.testing.assert_array_equal(found.white, white)
 
 
-def test_a_file_of_another_unit_is_refused(long_first):
-    force, _ = static(3000, 4)
-    axes = noise_of(1000.0 * force, RATE)
-    file = NoiseFile(accelerometer=axes, si_per_raw=1e-3, gravity_raw=1e4)
-    intervals = np.array([[0, 3000]])
-    with pytest.raises(InputError, match="another sensor, range or unit"):
-        pose_noise(long_first, intervals, np.ones(1), file)
-
-
 def test_too_short_a_rest_says_how_long_it_must_be(long_first):
     with pytest.raises(RefusedError, match="is shorter than"):
         own_noise(long_first, np.array([[0, 900], [1000, 1300], [1400, 1700]]))
@@ -375,64 +323,6 @@ def test_plan_takes_the_noise_of_a_file(simval, still, tmp_path):
         code, _, err = simval("plan", *words)
         assert code == expected
         assert said in err
-
-
-def damage(data, *keys, value):
-    *path, last = keys
-    for key in path:
-        data = data[key]
-    data[last] = value
-
-
-X = ("sensors", "accelerometer", "axes", "x")
-
-
-@pytest.mark.parametrize(
-    ("keys", "value"),
-    [
-        (("format",), "other"),
-        (("sensors",), None),
-        (("sensors", "accelerometer"), {}),
-        (X, None),
-        ((*X, "allan_variance"), [1.0]),
-        ((*X, "allan_variance"), None),
-        ((*X, "rows_to_an_average"), "many"),
-        ((*X, "squares_per_row"), [-1.0, 0.0, 0.0, 0.0]),
-        ((*X, "fitted_lengths"), [5, 2]),
-        ((*X, "coefficients"), [1, 2]),
-        ((*X, "coefficients"), {"N": {"value": "big"}}),
-        ((*X, "rate_hz"), 0),
-        ((*X, "rows"), 1e400),
-        ((*X, "statements"), 5),
-        (("sensors", "accelerometer", "gravity_raw"), None),
-    ],
-)
-def test_damaged_noise_files_end_in_words(simval, still, tmp_path, keys, value):
-    data = damage_source(simval, still)
-    damage(data, *keys, value=value)
-    path = tmp_path / "noise.json"
-    path.write_text(json.dumps(data))
-    code, _, err = simval("plan", "--noise", path, "--hold", 1)
-    assert code == 2, err
-    assert "noise.json" in err
-
-
-_SOURCE = {}
-
-
-def damage_source(simval, still):
-    if "text" not in _SOURCE:
-        _SOURCE["text"] = simval("noise", still, "--json")[1]
-    return json.loads(_SOURCE["text"])
-
-
-@pytest.mark.parametrize("content", ["", "{", "[]", "3", "\ud800"])
-def test_files_that_are_no_json(simval, tmp_path, content):
-    path = tmp_path / "noise.json"
-    path.write_bytes(content.encode("utf-8", "surrogatepass"))
-    code, _, err = simval("plan", "--noise", path, "--hold", 1)
-    assert code == 2
-    assert "noise.json" in err
 
 
 def garbage():
@@ -479,13 +369,6 @@ def test_a_huge_offset_costs_digits_and_nothing_else(simval, tmp_path):
 # Real recordings
 
 
-def recording(name):
-    path = RECORDINGS / name
-    if not path.exists():
-        pytest.skip(f"the recording {path} is not on this machine")
-    return path
-
-
 @pytest.mark.ci
 def test_mpu6050_at_rest(simval):
     """449 s: N of the gyro 1.3, 1.9, 1.6e-4; B and K bounds; the model fits."""
@@ -515,16 +398,6 @@ def test_xsens_first_49_seconds(simval):
         assert axis["fitted_lengths"][0] > 0
         assert "not white" in axis["statements"][0]
     assert sensor["axes"]["z"]["coefficients"]["B"]["value"] is not None
-
-
-@pytest.mark.ci
-def test_what_white_noise_leaves_unexplained_on_xsens():
-    """Chi-square per degree of freedom 20 by white noise, 1.7 by the Allan variance."""
-    log = read_log(recording("xsens/xsens_acc.mat"))
-    result = calibrate_log(log, g=9.81744)
-    assert result.pose_noise.source == "log"
-    assert 15.0 < result.white_chi2_per_dof < 25.0
-    assert 0.8 < result.diagnosis.chi2_per_dof < 2.5
 
 
 def test_a_page_of_readings_that_do_not_vary_has_no_empty_panel(simval, tmp_path):

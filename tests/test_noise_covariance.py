@@ -5,7 +5,6 @@ import pytest
 from rounding import EPS
 from scipy import stats
 
-from simval.errors import InputError
 from simval.noise import (
     allan_covariance,
     allan_law,
@@ -141,11 +140,3 @@ def test_long_lags_keep_their_digits():
         size = np.sqrt(np.diagonal(matrix))
         assert np.all(np.isfinite(matrix))
         assert np.linalg.eigvalsh(matrix / np.outer(size, size)).min() > 0.0
-
-
-@pytest.mark.parametrize(
-    ("counts", "words"), [([0.0], "above 0"), ([-1.0], "above 0"), (["a"], "numbers")]
-)
-def test_garbage_ends_in_words(unchecked, counts, words):
-    with pytest.raises(InputError, match=words):
-        allan_law(counts)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from simval.errors import InputError, RefusedError
+from simval.errors import RefusedError
 from simval.noise import (
     allan_covariance,
     allan_law,
@@ -254,34 +254,6 @@ def test_steps_are_found_and_none_invented():
     # last digits of a reading are no step of a converter
     last = 9.8 * (1.0 + np.finfo(float).eps * rng.integers(0, 5, 2000))
     assert rounding_step(last) == 0.0
-
-
-@pytest.mark.parametrize(
-    ("rows", "words"),
-    [
-        (np.full((600, 3), np.nan), "non-finite"),
-        (np.where(np.arange(600) == 5, np.inf, 1.0), "non-finite"),
-        ("nothing", "numbers"),
-        (np.zeros((2, 600, 3)), r"\(n,\) or \(n, signals\)"),
-        (np.zeros((600, 0)), r"\(n,\) or \(n, signals\)"),
-        (np.zeros(()), r"\(n,\) or \(n, signals\)"),
-        (np.full(600, 1e40), "check its unit"),
-    ],
-)
-def test_garbage_ends_in_words(unchecked, rows, words):
-    with pytest.raises(InputError, match=words):
-        noise_of(rows, RATE)
-
-
-def test_short_records_are_refused():
-    with pytest.raises(RefusedError, match="499 rows at rest are too few"):
-        noise_of(np.zeros((499, 3)), RATE)
-
-
-@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf, "fast", None])
-def test_a_rate_that_is_none_is_refused(unchecked, rate):
-    with pytest.raises(InputError, match="rate_hz"):
-        noise_of(np.zeros((600, 3)), rate)
 
 
 def test_odd_signals_get_no_coefficients_but_words():

@@ -4,11 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from places import RECORDINGS
+from places import recording
+from written import written
 
 from simval.cli.noise_units import FLOOR, printed
 from simval.errors import InputError, RefusedError
-from simval.logs import Log
+from simval.logs import Log, read_log
 from simval.multiposition.calibration import white_noise
 from simval.multiposition.compass import compass_pose_noise
 from simval.multiposition.imu import require_alive
@@ -176,14 +177,11 @@ FORCE = NoiseModel(white_raw_per_sqrt_hz=0.002)
 FIELD = NoiseModel(white_raw_per_sqrt_hz=0.02)  # uT
 
 
-def written(path, compass, header="mx [uT],my [uT],mz [uT]"):
-    rng = stream(1, KEY, 7)
+def log_with(path, compass, header="mx [uT],my [uT],mz [uT]"):
     rows = len(compass)
-    force = np.array([0.3, -0.4, 9.79]) + FORCE.draw(rows, RATE, rng)
-    columns = np.column_stack([np.arange(rows) / RATE, force, compass])
-    lines = [",".join(repr(float(x)) for x in row) for row in columns]
-    path.write_text("\n".join([f"t,ax,ay,az,{header}", *lines]) + "\n")
-    return path
+    force = np.array([0.3, -0.4, 9.79]) + FORCE.draw(rows, RATE, stream(1, KEY, 7))
+    time = np.arange(rows) / RATE
+    return written(path, f"t,ax,ay,az,{header}", time, force, compass)
 
 
 def field(rows, each=1.0):
@@ -198,7 +196,7 @@ def logs(tmp_path_factory):
     """Logs at rest whose magnetometer is as fast as the log, and a third as fast."""
     folder = tmp_path_factory.mktemp("compass")
     return {
-        each: written(folder / f"{each}.csv", field(2400, each)) for each in (1.0, 3.0)
+        each: log_with(folder / f"{each}.csv", field(2400, each)) for each in (1.0, 3.0)
     }
 
 
@@ -222,33 +220,10 @@ def test_the_numbers_of_a_log(simval, logs, each):
     assert len(load_noise(file).magnetometer) == 3
 
 
-def test_the_printed_table(simval, logs):
-    code, out, _ = simval("noise", logs[3.0])
-    assert code == 0
-    for words in (
-        "magnetometer: uT, as the header says",
-        "magnetometer, white noise N, T/sqrt(Hz)",
-        "one-sided nT/sqrt(Hz)",
-        "each reading stands in 3 rows",
-        "magnetometer, how far the model holds",
-    ):
-        assert words in out
-    assert "nan" not in out
-
-
-@pytest.mark.ci
-def test_the_figure_has_its_panel(simval, logs, tmp_path):
-    path = tmp_path / "allan.svg"
-    assert simval("noise", logs[1.0], "--figure", path)[0] == 0
-    content = path.read_text()
-    assert "magnetometer, Allan deviation" in content
-    assert "deviation, " in content
-
-
 @pytest.mark.ci
 def test_what_is_left_out_is_said(simval, tmp_path):
     compass = damaged("geometric", stream(1, KEY, 9))[:1200]
-    path = written(tmp_path / "log.csv", compass)
+    path = log_with(tmp_path / "log.csv", compass)
     code, out, err = simval("noise", path)
     assert code == 0, err
     assert "left out          the magnetometer" in out
@@ -264,26 +239,13 @@ def test_what_is_left_out_is_said(simval, tmp_path):
     [("gauss", 1e-4), ("nT", 1e-9), ("1.5e-7", 1.5e-7), ("mgauss", 1e-7)],
 )
 def test_a_stated_unit(simval, tmp_path, unit, scale):
-    path = written(tmp_path / "log.csv", field(700), header="mx,my,mz")
+    path = log_with(tmp_path / "log.csv", field(700), header="mx,my,mz")
     silent = json.loads(simval("noise", path, "--json")[1])["sensors"]["magnetometer"]
     assert silent["si_per_raw"] is None
     assert "give --magnetometer-unit" in silent["unit"]
     code, out, err = simval("noise", path, "--magnetometer-unit", unit, "--json")
     assert code == 0, err
     assert json.loads(out)["sensors"]["magnetometer"]["si_per_raw"] == scale
-
-
-@pytest.mark.ci
-def test_units_that_are_none(simval, logs, tmp_path):
-    code, _, err = simval("noise", logs[1.0], "--magnetometer-unit", "furlongs")
-    assert code == 2
-    assert "must be one of T, mT, uT, nT, gauss, mgauss" in err
-    path = tmp_path / "three.csv"
-    text = logs[1.0].read_text().splitlines()
-    path.write_text("\n".join(",".join(line.split(",")[:4]) for line in text))
-    code, _, err = simval("noise", path, "--magnetometer-unit", "uT")
-    assert code == 2
-    assert "has no magnetometer" in err
 
 
 def test_units_of_data_sheets():
@@ -381,12 +343,7 @@ def test_a_slow_magnetometer_is_not_saturated():
 @pytest.mark.ci
 def test_broad_is_left_out_with_the_reason():
     """Its rows are interpolated from 100 Hz: 29 % repeat, one or three in a row."""
-    name = "broad/05_undisturbed_slow_rotation_with_breaks_B.mat"
-    path = RECORDINGS / name
-    if not path.exists():
-        pytest.skip(f"the recording {path} is not on this machine")
-    from simval.logs import read_log
-
+    path = recording("broad/05_undisturbed_slow_rotation_with_breaks_B.mat")
     found = log_noise(read_log(path, 285.714))
     assert found.magnetometer == ()
     assert "29 % of its rows repeat" in found.left_out["magnetometer"]

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from scipy.integrate import quad
 
-from simval.noise import allan_covariance, allan_law, covariance_forms
+from simval.noise import allan_covariance, allan_law
 from simval.noise.squares import RIDGE
 from simval.statistics import (
     ALLAN_ERROR,
@@ -61,17 +61,6 @@ def test_the_intervals_cover_at_their_rate():
     found = rows("intervals")
     assert sum(row.statistic.family == COVERAGE for row in found) == 3
     require_near(found)
-
-
-@pytest.mark.ci
-def test_a_covariance_twice_as_large_is_seen(monkeypatch):
-    def doubled(*arguments):
-        return 2.0 * covariance_forms(*arguments)
-
-    monkeypatch.setattr("simval.studies.noise_model.covariance_forms", doubled)
-    seen = [row for row in rows("known weights") if row.statistic.family == ALLAN_ERROR]
-    limit = stats.norm.isf(1e-3 / (2 * len(seen)))
-    assert max(excess(row) for row in seen) > limit
 
 
 def weights_at(theory, truth):

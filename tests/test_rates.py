@@ -4,17 +4,18 @@ import json
 
 import numpy as np
 import pytest
-from places import RECORDINGS
+from places import recording
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from true_sensor import MODEL, G
+from written import written
 
 from simval.cli import run
 from simval.errors import InputError, RefusedError
 from simval.logs import Log, read_log
 from simval.multiposition import calibrate_log
 from simval.poses import fibonacci_sphere
-from simval.statics import detector, evened
+from simval.statics import evened
 
 POSES = 24
 
@@ -98,31 +99,6 @@ def test_the_same_motion_at_any_rate_gives_the_same_rests(rate):
 def test_jitter_lost_rows_and_coloured_noise_change_nothing(rate, how):
     motion = Motion(np.random.default_rng(33))
     require_right(motion, recorded(motion, rate, np.random.default_rng(34), **how))
-
-
-@pytest.mark.parametrize(
-    ("name", "values"),
-    [("FLOOR_MULTIPLE", (1.2, 10.0)), ("FLOOR_QUANTILE", (0.01, 0.2))],
-)
-def test_the_noise_floor_decides_little(monkeypatch, name, values):
-    motion = Motion(np.random.default_rng(41), turn=(4.0, 7.0))  # two fifths at rest
-    log = recorded(motion, 25.0, np.random.default_rng(42), band=5.0)
-    rests = require_right(motion, log).intervals
-    for value in values:
-        monkeypatch.setattr(detector, name, value)
-        found = require_right(motion, log).intervals
-        # the ends move where the motion is as small as the noise: half a window
-        assert abs(found - rests).max() <= 13
-
-
-@pytest.mark.parametrize("quantile", [0.5, 0.7])
-def test_a_log_needs_rests_in_more_than_the_noise_floor_s_share(monkeypatch, quantile):
-    motion = Motion(np.random.default_rng(41), turn=(8.0, 14.0))  # a fifth at rest
-    log = recorded(motion, 25.0, np.random.default_rng(42))
-    require_right(motion, log)
-    monkeypatch.setattr(detector, "FLOOR_QUANTILE", quantile)
-    with pytest.raises(RefusedError):
-        calibrate_log(log, g=G)
 
 
 def test_a_clock_that_changes_its_rate():
@@ -210,9 +186,7 @@ def test_decimated_recordings_give_the_same_answer(step):
     Poses and their errors are the same, and the rows left are a part of the others; the
     two answers differ by the noise of the means, a fifth of what limits them at 100 Hz.
     """
-    if not RECORDINGS.is_dir():
-        pytest.skip(f"the real recordings are not there: {RECORDINGS}")
-    log = read_log(RECORDINGS / "xsens" / "xsens_acc.mat")
+    log = read_log(recording("xsens/xsens_acc.mat"))
     whole, part = (
         calibrate_log(each, g=9.81744) for each in (log, decimated(log, step))
     )
@@ -232,12 +206,11 @@ def test_the_command_takes_the_accelerometer_and_says_so(tmp_path, capsys):
     field = 48.0 * log.accelerometer / G + [12.0, -3.0, 5.0]
     path = tmp_path / "log.csv"
     header = "mx,my,mz,acc_x,acc_y,acc_z,time_ms"
-    table = np.column_stack([field, log.accelerometer, 1000.0 * log.time])
-    np.savetxt(path, table, "%.9g", ",", header=header, comments="")
+    written(path, header, field, log.accelerometer, 1000.0 * log.time)
     assert run(["calibrate", str(path), "--g", "9.81", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["columns"]["ax"] == [4, "acc_x"]
-    assert found["rate"] == pytest.approx(25.0, rel=1e-6)  # of nine digits
+    assert found["rate"] == pytest.approx(25.0, rel=1e-6)
     assert found["clock_unit_seconds"] == 1e-3
     assert np.abs(np.array(found["B"]) - [0.3, -0.2, 0.1]).max() < 0.01
     assert run(["calibrate", str(path), "--g", "9.81"]) == 0

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from recorded_logs import needs_broad
+from places import recording
 
 from simval.errors import RefusedError
 from simval.logs import read_log, read_truth
@@ -19,7 +19,7 @@ TRANSLATION = "10_undisturbed_slow_translation_A"
 
 @cache
 def aligned(name, world=None):
-    path = needs_broad(name)
+    path = str(recording(f"broad/{name}.mat"))
     log = read_log(path, RATE)
     return align(
         read_truth(path, stem="opt_quat", clock=log.time),
@@ -66,9 +66,11 @@ def test_both_trials_have_the_same_delay():
 
 @pytest.mark.ci
 def test_the_truth_of_the_other_trial_is_refused():
-    path = needs_broad(BREAKS)
+    path = str(recording(f"broad/{BREAKS}.mat"))
     log = read_log(path, RATE)
-    other = read_truth(needs_broad(TRANSLATION), stem="opt_quat", rate=RATE)
+    other = read_truth(
+        str(recording(f"broad/{TRANSLATION}.mat")), stem="opt_quat", rate=RATE
+    )
     with pytest.raises(RefusedError, match="follows the gyroscope"):
         align(
             other,

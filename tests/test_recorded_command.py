@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from filter_examples import BOLD, GOOD, HANGS, RAISES
 from recorded_logs import made, write_log
+from written import written
 
 from simval.cli import run
 
@@ -19,14 +20,8 @@ def folder(tmp_path_factory):
     log = made(31, seconds=42.0, rate=25.0, **words)
     write_log(folder / "log.csv", log)
     write_log(folder / "bare.csv", log, truth=False)
-    table = np.column_stack([log.truth.time + 100.0, log.truth.components])
-    np.savetxt(
-        folder / "mocap.csv",
-        table,
-        delimiter=",",
-        header="t,q_x,q_y,q_z,q_w",
-        comments="",
-    )
+    own = log.truth.time + 100.0, log.truth.components
+    written(folder / "mocap.csv", "t,q_x,q_y,q_z,q_w", *own)
     for name, source in {
         "mine": GOOD,
         "bold": BOLD,

@@ -8,7 +8,7 @@ from scipy.stats import binom
 from simval.geometry import attitude_error, compose, random_quaternions
 from simval.recorded.attitudes import of_vector
 from simval.recorded.consistency import ALPHA, judged, normalised, whiteness
-from simval.recorded.errors import convergence, errors_of, rms, table
+from simval.recorded.errors import errors_of
 
 
 def errors(truth, estimate, rest=None):
@@ -43,12 +43,6 @@ def test_heading_and_inclination_by_euler_angles():
     np.testing.assert_allclose(found.inclination, apart, rtol=0, atol=1e-12)
 
 
-def test_the_sign_of_a_heading():
-    truth = np.tile([0.0, 0.0, 0.0, 1.0], (3, 1))
-    west = np.tile([0.0, 0.0, np.sin(0.1), np.cos(0.1)], (3, 1))
-    assert errors(truth, west).heading == pytest.approx(0.2)
-
-
 def test_body_errors_are_those_of_a_covariance_on_the_body_side():
     rng = np.random.default_rng(2)
     truth = random_quaternions(50, rng)
@@ -58,37 +52,6 @@ def test_body_errors_are_those_of_a_covariance_on_the_body_side():
     np.testing.assert_allclose(
         found.total, attitude_error(truth, compose(truth, of_vector(off))), atol=1e-13
     )
-
-
-def test_rms_by_parts():
-    truth = np.tile([0.0, 0.0, 0.0, 1.0], (400, 1))
-    size = np.where(np.arange(400) < 200, 0.01, 0.03)
-    turn = size[:, None] * [0.0, 0.0, 1.0]
-    found = table(errors(truth, compose(truth, of_vector(turn)), np.arange(400) < 200))
-    assert found["rest"]["heading"].value == pytest.approx(0.01)
-    assert found["moving"]["heading"].value == pytest.approx(0.03)
-    assert found["all"]["total"].value == pytest.approx(np.sqrt(0.0005))
-    assert found["all"]["inclination"].value < 1e-15
-    assert np.isnan(rms(np.ones(3)).value)
-
-
-def test_convergence():
-    time = np.arange(6000) / 100.0
-    truth = np.tile([0.0, 0.0, 0.0, 1.0], (6000, 1))
-    size = 0.01 + 0.5 * np.exp(-time / 3.0)
-    found = errors(truth, compose(truth, of_vector(size[:, None] * [1.0, 0.0, 0.0])))
-    begins = np.arange(0.0, 51.0)
-    by_hand = [
-        b
-        for b in begins
-        if np.mean(size[(time >= b) & (time < b + 10.0)] ** 2) <= 4.0e-4 * 1.001
-    ]
-    assert convergence(found) == by_hand[0]
-    assert 5.0 < by_hand[0] < 20.0
-    growing = errors(
-        truth, compose(truth, of_vector(0.01 * time[:, None] * [1.0, 0.0, 0.0]))
-    )
-    assert convergence(growing) == 0.0
 
 
 def ornstein_uhlenbeck(rng, count, memory, size=3):

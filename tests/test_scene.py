@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from simval.errors import InputError, SimulationError
 from simval.geometry import attitude_matrix
 from simval.poses import cube_corners, cube_faces, fibonacci_sphere
-from simval.scene import find_scene, scenes, simulate
+from simval.scene import scenes, simulate
 from simval.scene.driven import gimbal_angles
 from simval.scene.models import load_model, model_path
 from simval.scene.motion import minimum_jerk
@@ -188,14 +188,6 @@ def test_bad_requests_are_refused():
         simulate("gimbal", site_offset=[0, 0])
 
 
-def test_every_scene_has_a_model_and_says_what_happens():
-    for name, scene in scenes().items():
-        assert scene.name == name
-        assert scene.model.is_file()
-        assert scene.summary
-        load_model(scene.model)
-
-
 @pytest.mark.parametrize(
     ("name", "parameters", "least"),
     [
@@ -218,23 +210,6 @@ def test_every_scene_keeps_its_own_bound(name, parameters, least):
     assert rate.max(initial=0.0) <= trajectory.rest_rate
     planned = set(trajectory.hold_indices()) | set(trajectory.unsettled)
     assert planned == set(range(len(planned)))
-
-
-def test_a_scene_of_an_installed_package_is_found_by_its_name(monkeypatch, unchecked):
-    from importlib import metadata
-
-    class Point:
-        def load(self):
-            return find_scene("gimbal")
-
-    def offered(*, group, name):
-        assert group == "simval.plugins"
-        return [Point()] if name == "theirs" else []
-
-    monkeypatch.setattr(metadata, "entry_points", offered)
-    assert find_scene("theirs").name == "gimbal"
-    with pytest.raises(InputError, match="no scene 'nobodys'"):
-        find_scene("nobodys")
 
 
 def deepest_after(friction, attitude, seconds=1.0):

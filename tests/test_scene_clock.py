@@ -23,13 +23,6 @@ def added(timestep, rows):
     return np.add.accumulate(steps)
 
 
-def test_the_oracle_adds_one_by_one():
-    time, clock = 0.0, added(0.0017, 2000)
-    for row in clock:
-        assert row == time
-        time += 0.0017
-
-
 @pytest.mark.parametrize(
     ("seconds", "timestep"),
     [

@@ -10,7 +10,7 @@ from PIL import Image
 from simval.cli import run
 from simval.errors import InputError
 from simval.logs import read_log
-from simval.scene import average_rates, frames, render, render_file, simulate
+from simval.scene import average_rates, render, render_file, simulate
 from simval.scene.draw import CAMERA
 from simval.scene.models import load_model, model_path
 from simval.scene.signal import header, motion_of, write_signal
@@ -149,16 +149,6 @@ def test_the_same_seed_gives_the_same_file(tmp_path, sensor):
     assert paths[0].read_bytes() != paths[2].read_bytes()
 
 
-def test_it_says_what_it_did(capsys):
-    assert run(["scene", "shaker", "--set", "poses=4", "--set", "settle_time=0.5"]) == 0
-    said = capsys.readouterr().out
-    assert "left out  1 that still moved" in said or "rests     4" in said
-    assert run(["scene", "pivot", "--set", "turns=0.2", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["parameters"]["turns"] == 0.2
-    assert told["scene"] == "pivot"
-
-
 @pytest.mark.ci
 @pytest.mark.parametrize(
     ("words", "code", "message"),
@@ -213,27 +203,6 @@ def test_an_animation_has_its_frames_and_moves(picture, tmp_path):
         film.seek(film.n_frames - 1)
         last = np.asarray(film.convert("RGB")).astype(int)
     assert (np.abs(first - last).max(axis=2) > 50).sum() > 100
-
-
-@pytest.mark.ci
-def test_pictures_that_cannot_be_drawn_say_why(picture, monkeypatch, tmp_path):
-    with pytest.raises(InputError, match="outside the run"):
-        render("gimbal", time=1e6, poses=2)
-    with pytest.raises(InputError, match="this scene allows"):
-        render("gimbal", width=100_000, poses=2)
-    with pytest.raises(InputError, match="`seconds` is nan"):
-        render_file(tmp_path / "film.gif", "gimbal", seconds=float("nan"))
-    with pytest.raises(InputError, match=r"no parameter `directions` .*`poses`"):
-        render("gimbal", directions=2)
-
-
-@pytest.mark.ci
-def test_a_machine_that_cannot_draw_is_told_what_to_install(monkeypatch):
-    monkeypatch.delenv("MUJOCO_GL", raising=False)
-    monkeypatch.setattr(frames, "BACKENDS", ("disable",))  # MuJoCo then draws nothing
-    with pytest.raises(InputError, match=r"install EGL.*libegl1.*or OSMesa") as caught:
-        render("gimbal", poses=2)
-    assert "disable: " in str(caught.value)
 
 
 @pytest.mark.slow

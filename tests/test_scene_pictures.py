@@ -5,9 +5,6 @@ the machine cannot draw.
 """
 
 import io
-import os
-import sys
-from contextlib import closing
 
 import mujoco
 import numpy as np
@@ -36,7 +33,6 @@ from simval.scene.engine import instants
 from simval.scene.frames import Frame
 from simval.scene.globe import EDGE, RADIUS, Directions, placed, seen
 from simval.scene.models import load_model, model_path
-from simval.scene.render import draw_frames
 from simval.scene.run import write_script
 
 SHORT = {"poses": 3, "first_hold": 0.3, "hold_time": 0.2, "move_time": 0.3}
@@ -262,39 +258,3 @@ def test_an_arrow_ends_where_its_letter_is(drawable):
         excess = [part[..., colour] - part[..., 0] for part in (near, far)]
         assert (excess[0] > 60).sum() > 5  # blue or green, just inside
         assert (excess[1] > 60).sum() == 0  # none just beyond
-
-
-@pytest.mark.ci
-def test_a_child_that_breaks_down_in_the_middle_is_an_error(monkeypatch, drawable):
-    words = "import sys; sys.stdout.buffer.write(bytes(80 + 36)); sys.exit('lost')"
-    monkeypatch.setattr(frames, "BACKENDS", ("first", "second"))
-    monkeypatch.delenv("MUJOCO_GL", raising=False)
-    whole = frames.subprocess.Popen
-    monkeypatch.setattr(
-        frames.subprocess,
-        "Popen",
-        lambda _, **rest: whole([sys.executable, "-c", words], **rest),
-    )
-    model = load_model(model_path("gimbal")).model
-    job = {"qpos": np.zeros((2, 3)), "force": np.zeros((2, 3)), "size": [4, 3]}
-    with closing(frames.drawn_frames(model, job)) as drawn:
-        assert next(drawn).pixels.shape == (3, 4, 3)
-        with pytest.raises(InputError, match=r"first: lost\); install"):
-            next(drawn)
-
-
-@pytest.mark.ci
-def test_a_child_that_says_nothing_is_given_up(monkeypatch):
-    monkeypatch.setattr(frames, "TIMEOUT", 0.3)
-    monkeypatch.setenv("MUJOCO_GL", "egl")
-    whole = frames.subprocess.Popen
-    monkeypatch.setattr(
-        frames.subprocess,
-        "Popen",
-        lambda _, **rest: whole(
-            [sys.executable, "-c", "input()"], **{**rest, "stdin": -1}
-        ),
-    )
-    with pytest.raises(InputError, match=r"egl: no answer within 0.3 s"):
-        next(draw_frames("gimbal", [0.0], 40, 30, {"poses": 2}))
-    assert "MUJOCO_GL" in os.environ

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from rounding import EPS
 from true_sensor import PARAMETERS
 
-from simval.errors import InputError
 from simval.sensor import MODELS, AccelerometerModel, convert, forms
 
 COUNTS = np.array([-0.0036, 0.0092, -0.021, 2.4e-3, 2.43e-3, 2.41e-3, 33e3, 33e3, 32e3])
@@ -147,28 +146,6 @@ def test_no_form_for_a_matrix_that_is_not_positive():
         assert np.isnan(forms.from_gram(model, gram, np.zeros(3))[:6]).any()
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"T": np.eye(2)}, "`T` has shape"),
-        ({"K": [1.0, np.nan, 1.0]}, "`K` has 1 non-finite"),
-        ({"K": [1.0, 0.0, 1.0]}, "singular"),
-        ({"B": [1.0]}, "`B` has shape"),
-        ({"noise_std": -1.0}, "`noise_std` is -1.0"),
-        ({"noise_std": np.nan}, "`noise_std` is nan"),
-    ],
-)
-def test_a_sensor_that_cannot_be(change, words):
-    good = {"T": np.eye(3), "K": np.ones(3), "B": np.zeros(3)}
-    with pytest.raises(InputError, match=words):
-        AccelerometerModel(**(good | change))
-
-
-def test_unknown_form_is_named():
-    with pytest.raises(InputError, match="'lower'"):
-        forms.names("lower")
-
-
 def test_the_symmetric_form_as_a_sensor():
     symmetric, _ = convert(PARAMETERS, None, source="triangular", target="symmetric")
     model = AccelerometerModel.from_parameters(symmetric, model="symmetric")
@@ -176,14 +153,3 @@ def test_the_symmetric_form_as_a_sensor():
     assert model.K.shape == (3, 3)
     # there and back through a square root of condition 1.1, numbers of size 1
     np.testing.assert_allclose(model.parameters, PARAMETERS, rtol=0, atol=8 * EPS)
-
-
-def test_a_refused_argument_is_named_with_its_unit():
-    for name in ("source", "target"):
-        forms_of = {"source": "triangular", "target": "symmetric", name: "square"}
-        with pytest.raises(InputError, match=f"^`{name}` is 'square'"):
-            convert(PARAMETERS, None, **forms_of)
-    with pytest.raises(
-        InputError, match=r"^`noise_std` is -1.0; .* 0 raw units or more"
-    ):
-        AccelerometerModel.from_parameters(PARAMETERS, noise_std=-1.0)

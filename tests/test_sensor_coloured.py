@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from simval.errors import InputError
 from simval.sensor import NoiseModel
 from simval.streams import cell_key, stream
 
@@ -129,37 +128,6 @@ def test_axes_are_independent():
         assert np.abs(correlation).max() < stats.norm.isf(1e-4 / 12) * np.sqrt(
             1.5 / 20_000
         )
-
-
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"flicker_raw": -1.0}, "flicker_raw"),
-        ({"white_raw_per_sqrt_hz": [1.0, 2.0]}, "one number or three"),
-        ({"walk_raw_per_sqrt_s": np.nan}, "non-finite"),
-        ({"walk_raw_per_sqrt_s": "much"}, "numbers"),
-    ],
-)
-def test_values_that_are_none_are_refused(unchecked, values, words):
-    with pytest.raises(InputError, match=words):
-        NoiseModel(**values)
-
-
-@pytest.mark.parametrize(
-    ("n", "rate", "words"),
-    [
-        (0, RATE, "`n` is 0"),
-        (2.5, RATE, "`n` is 2.5"),
-        (10**9, RATE, "from 1 to"),
-        (10, 0.0, "rate_hz"),
-        (10, np.nan, "rate_hz"),
-    ],
-)
-def test_rows_and_rates_that_are_none_are_refused(unchecked, n, rate, words):
-    with pytest.raises(InputError, match=words):
-        NoiseModel().draw(n, rate, stream(1, KEY, 0))
-    with pytest.raises(InputError, match="`rng`"):
-        NoiseModel().draw(1, RATE, 5)
 
 
 def test_one_row_is_a_row():

@@ -3,13 +3,10 @@
 import json
 
 import numpy as np
-import pytest
 from rounding import EPS
 from scipy import stats
 
-from simval.errors import InputError
 from simval.sensor import AccelerometerModel, Effects, load_sensor, read_sensor
-from simval.sensor.effects import effects_from
 from simval.streams import cell_key, stream
 
 KEY = cell_key("test realism")
@@ -23,33 +20,6 @@ FORCE = np.tile([3.0, -4.0, 8.0], (N, 1))
 
 def read(effects, model=MODEL, force=FORCE, seed=1):
     return read_sensor(model, effects, TIME, force, stream(seed, KEY, 0))
-
-
-def test_without_effects_it_is_the_plain_model():
-    readings = read(Effects())
-    plain = MODEL.distort(FORCE, np.random.default_rng(0))
-    # two orders of a 3 x 3 solve, condition 1.1
-    np.testing.assert_allclose(readings.raw, plain, rtol=0, atol=64 * EPS * 10)
-    for name in ("vibration_m_s2", "bias_walk_raw", "noise_raw"):
-        assert not getattr(readings, name).any()
-    assert not readings.out_of_range.any()
-    assert not readings.saturated.any()
-
-
-def test_noise_has_its_level_on_each_axis_and_is_white():
-    levels = np.array([0.1, 0.02, 0.5])
-    readings = read(Effects(noise_std_raw=levels))
-    error = readings.raw - read(Effects()).raw
-    # y + n loses eps of the reading
-    np.testing.assert_allclose(error, readings.noise_raw, rtol=0, atol=1e-14)
-    # chi-square with N degrees of freedom, 6 limits, one false alarm in 1e4 seeds
-    spread = N * readings.noise_raw.var(axis=0) / levels**2
-    low, high = stats.chi2.ppf([1e-4 / 6, 1 - 1e-4 / 6], N - 1)
-    assert np.all((low < spread) & (spread < high))
-    # power: 5 % more would be seen
-    assert np.all(spread * 1.05**2 > high)
-    lag = np.mean(readings.noise_raw[1:] * readings.noise_raw[:-1], axis=0) / levels**2
-    assert np.abs(lag).max() < stats.norm.isf(1e-4 / 6) / np.sqrt(N)
 
 
 def test_the_models_noise_is_taken_where_the_effects_state_none():
@@ -142,50 +112,6 @@ def test_range_and_saturation_stop_where_they_say():
     assert both.raw.min() == -10.0
 
 
-def test_one_effect_leaves_the_numbers_of_the_others_alone():
-    alone = read(Effects(noise_std_raw=0.1))
-    together = read(
-        Effects(
-            noise_std_raw=0.1,
-            bias_walk_raw_per_sqrt_s=0.2,
-            vibration_m_s2=1.0,
-            vibration_hz=7.0,
-        )
-    )
-    np.testing.assert_array_equal(alone.noise_raw, together.noise_raw)
-    np.testing.assert_array_equal(alone.raw, read(Effects(noise_std_raw=0.1)).raw)
-    assert np.any(alone.raw != read(Effects(noise_std_raw=0.1), seed=2).raw)
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"noise_std_raw": -1.0}, "`noise_std_raw` is -1.0"),
-        ({"noise_std_raw": [1.0, 2.0]}, "one number or three"),
-        ({"noise_std_raw": "much"}, "`noise_std_raw` is not"),
-        ({"bias_walk_raw_per_sqrt_s": float("nan")}, "non-finite"),
-        ({"vibration_hz": -3.0}, "`vibration_hz`"),
-        ({"range_g": 0.0}, "`range_g` is 0.0"),
-        ({"range_g": float("nan")}, "`range_g` is nan"),
-        ({"quantum_raw": float("inf")}, "`quantum_raw`"),
-        ({"limits_raw": [3.0, 1.0]}, "least and the greatest"),
-        ({"limits_raw": [1.0]}, "`limits_raw` has shape"),
-        ({"colour": 1}, "no effect `colour`; there are noise_std_raw"),
-    ],
-)
-def test_bad_effects_are_refused(values, message):
-    with pytest.raises(InputError, match=message):
-        effects_from(values, Effects)
-
-
-def test_rows_that_do_not_belong_together_are_refused():
-    rng = np.random.default_rng(0)
-    with pytest.raises(InputError, match="of one recording"):
-        read_sensor(MODEL, Effects(), TIME[:-1], FORCE, rng)
-    with pytest.raises(InputError, match="does not increase"):
-        read_sensor(MODEL, Effects(), TIME[::-1], FORCE, rng)
-
-
 def test_a_sensor_file_is_read_in_either_form(tmp_path):
     values = {"T": MODEL.T.tolist(), "K": MODEL.K.tolist(), "B": MODEL.B.tolist()}
     toml = tmp_path / "sensor.toml"
@@ -199,23 +125,3 @@ def test_a_sensor_file_is_read_in_either_form(tmp_path):
         model, effects = load_sensor(path)
         np.testing.assert_array_equal(model.matrix, MODEL.matrix)
         assert effects.quantum_raw == (0.0 if path is written else 0.5)
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("T = [[1", "cannot be parsed"),
-        ("K = [1, 1, 1]", "lacks T, B"),
-        ("T = [[1,0,0],[0,1,0],[0,0,1]]\nK = [1,1]\nB = [0,0,0]", "`K` has shape"),
-        ("T = [[1,0,0],[0,1,0],[0,0,1]]\nK = [1,1,0]\nB = [0,0,0]", "singular"),
-        ("T = [[1,0,0],[0,1,0],[0,0,1]]\nK = [1,1,1]\nB = [0,0,0]\nC = 1", "`C`"),
-    ],
-)
-def test_bad_sensor_files_are_refused(tmp_path, content, message):
-    path = tmp_path / "sensor.toml"
-    path.write_text(content)
-    with pytest.raises(InputError, match=message) as caught:
-        load_sensor(path)
-    assert str(path) in str(caught.value)
-    with pytest.raises(InputError, match="cannot read"):
-        load_sensor(tmp_path / "absent.toml")

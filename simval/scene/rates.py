@@ -17,6 +17,7 @@ from typing import Final
 
 import numpy as np
 
+from simval.arguments import instance, whole_number
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.geometry import compose, conjugate, rotation_vector
@@ -50,13 +51,9 @@ def average_rates(trajectory: Trajectory, every: int = 1) -> Float[Array, "m 3"]
         If the body turns by more than a radian in a step, so that attitudes do not tell
         how, or fewer than two rows would be kept.
     """
-    kept = range(0, len(trajectory.time), every) if every >= 1 else ()
-    if len(kept) < 2:
-        msg = (
-            f"`every` is {every} for {len(trajectory.time)} rows; it must be 1 or more "
-            "and leave two rows"
-        )
-        raise InputError(msg)
+    instance("trajectory", trajectory, Trajectory)
+    every = whole_number("every", every, 1, len(trajectory.time) - 1)
+    kept = range(0, len(trajectory.time), every)
     S = increments(trajectory.attitude)
     total = np.add.reduceat(S[: kept[-1]], np.arange(0, kept[-1], every), axis=0)
     rates = total / np.diff(trajectory.time[::every])[:, None]
