@@ -23,8 +23,6 @@ from simval.sensor import MODELS, AccelerometerModel, MagnetometerModel, forms
 from simval.theory import magnetometer as own
 from simval.theory import (
     magnetometer_moments,
-    plan_magnetometer,
-    plans,
 )
 
 NOISE = {"accelerometer_std": BODY_STD, "magnetometer_std": IRON_STD}
@@ -253,71 +251,6 @@ def test_eight_poses_have_rank_and_seven_have_not():
 def test_singular_sets_have_their_rank(q, rank):
     with pytest.raises(GeometryError, match=f"rank {rank} of 22"):
         predicted(made(q))
-
-
-def test_tilts_cost_what_they_cost():
-    """RMS of M's error bars beside that of attitudes of all kinds."""
-
-    def bars(q):
-        found = plan_magnetometer(
-            q, np.radians(60.0), accelerometer_noise=1e-4, magnetometer_noise=5e-3
-        )
-        return np.sqrt(np.mean(found.sd[9:18] ** 2))
-
-    rms = {tilt: bars(tilted(40, tilt, 3)) for tilt in (20.0, 45.0)}
-    even = {n: bars(random_set(n, 3).q) for n in (12, 40, 160)}
-    # of 20 drawn sets of each kind: 13 to 30 times, 1.9 to 2.8 times
-    assert 10.0 < rms[20.0] / even[40] < 40.0
-    assert 1.7 < rms[45.0] / even[40] < 3.5
-    assert even[12] / even[40] > np.sqrt(
-        40 / 12
-    )  # few poses cost more than their number
-    assert even[40] / even[160] == pytest.approx(2.0, rel=0.15)
-
-
-@pytest.mark.ci
-def test_a_plan_predicts_what_a_fit_states():
-    body = AccelerometerModel(T=np.eye(3), K=np.full(3, G), B=np.zeros(3))
-    iron = MagnetometerModel(M=np.eye(3), b=np.zeros(3))
-    case = random_set(20, 5, body=body, iron=iron, field=1.0)
-    found = plan_magnetometer(
-        case.q, np.radians(60.0), accelerometer_noise=1e-4, magnetometer_noise=5e-3
-    )
-    fit = calibrate_magnetometer(
-        case.body, case.iron, G, 1.0, accelerometer_std=1e-4, magnetometer_std=5e-3
-    )
-    assert found.names == fit.names
-    assert found.rank == 22
-    np.testing.assert_allclose(found.sd[9:], fit.sd[9:], rtol=1e-8)
-    more = made(np.vstack([case.q, found.next_attitude]), 60.0, body, iron, 1.0)
-    again = calibrate_magnetometer(
-        more.body, more.iron, G, 1.0, accelerometer_std=1e-4, magnetometer_std=5e-3
-    )
-    np.testing.assert_allclose(found.sd_next[9:], again.sd[9:], rtol=1e-8)
-    # no candidate does better: each is tried, with the sensors of the fit
-    total = np.sum(again.sd[9:] ** 2)
-    for q in plans.candidate_attitudes()[::7]:
-        other = predicted(
-            made(np.vstack([case.q, q])), body=body, iron=iron, g=G, field=1.0,
-            accelerometer_std=1e-4, magnetometer_std=5e-3,
-        )  # fmt: skip
-        assert np.sum(other.sd[9:] ** 2) >= total * (1.0 - 1e-9)
-
-
-def test_a_plan_grows_to_full_rank_from_nothing():
-    q = random_quaternions(1, np.random.default_rng(1))
-    ranks = []
-    for _ in range(10):
-        found = plan_magnetometer(
-            q, 1.0, accelerometer_noise=1e-4, magnetometer_noise=5e-3
-        )
-        ranks.append(found.rank)
-        assert np.isfinite(found.sd).all() == (found.rank == 22)
-        q = np.vstack([q, found.next_attitude])
-    assert ranks[:4] == [3, 6, 9, 12]  # three equations each, none of them wasted
-    assert 22 in ranks
-    assert len(np.unique(np.round(plans.candidate_attitudes(), 9), axis=0)) == 156
-    np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, rtol=1e-12)
 
 
 def test_what_no_theory_is_made_of_is_refused(unchecked):

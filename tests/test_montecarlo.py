@@ -1,7 +1,7 @@
-"""Streaming moments against direct formulas, known distributions and shuffled work."""
+"""Streaming moments, their order of sums, and variance reduction."""
 
-from concurrent.futures import ThreadPoolExecutor
-from time import sleep
+from functools import reduce
+from threading import Event
 
 import numpy as np
 import pytest
@@ -10,11 +10,14 @@ from scipy import stats
 
 from simval.errors import InputError
 from simval.montecarlo import (
+    METHODS,
     mean_square,
     moments_of,
     simulate,
+    simulate_reduced,
+    taylor,
 )
-from simval.montecarlo.plain import _in_order, batch_means, merged, sums_of
+from simval.montecarlo.plain import batch_means, merged, summed, sums_of
 from simval.streams import Streams, cell_key
 
 MIX = np.array([[1.0, 0.0], [0.6, 0.8]])
@@ -81,52 +84,11 @@ def test_mean_square_is_the_nees():
     assert error == pytest.approx(squares.std() / np.sqrt(squares.size), rel=0.09)
 
 
-def test_blocks_merge_to_the_whole_in_order_and_by_pieces():
-    streams = Streams(3, cell_key("merge"))
-    blocks = [sampler(streams.block(i), 256) for i in range(8)]
-    pieces = [sums(block, 16) for block in blocks]
-    left = pieces[0]
-    for piece in pieces[1:]:
-        left = merged(left, piece)
-    whole = sums(np.concatenate(blocks, axis=1), 16)
-    # another order of the same additions: 128 batches, 1e-13 relative to the spread
-    np.testing.assert_allclose(left.mean, whole.mean, rtol=1e-13)
-    np.testing.assert_allclose(left.scatter, whole.scatter, rtol=1e-11, atol=1e-15)
-
-
 def test_the_same_streams_give_the_same_bits_and_others_do_not():
     first, again, other = run(5000), run(5000), run(5000, seed=6)
     assert np.array_equal(first.mean, again.mean)
     assert np.array_equal(first.scatter, again.scatter)
     assert not np.array_equal(first.mean, other.mean)
-
-
-@pytest.mark.parametrize("threads", [2, 3])
-def test_threads_do_not_change_the_bits(threads):
-    streams = Streams(5, cell_key("test"))
-    setting = {"samples": 90_000, "block": 1024, "batch": 64}
-    one = simulate(sampler, streams, **setting)
-    many = simulate(sampler, streams, threads=threads, **setting)
-    assert np.array_equal(one.mean, many.mean)
-    assert np.array_equal(one.scatter, many.scatter)
-
-
-def test_results_leave_the_pool_in_the_order_of_the_groups():
-    """Fewer may wait than there are groups, and the first to start ends last."""
-    groups = [range(k, k + 1) for k in range(12)]
-    started = []
-
-    def work(group):
-        started.append(group)
-        sleep(2e-3 * (group.start % 3 == 0))
-        return group
-
-    with ThreadPoolExecutor(3) as pool:
-        found = []
-        for group in _in_order(pool, work, groups, ahead=4):
-            found.append(group)
-            assert len(started) <= len(found) + 4  # no more than that wait
-    assert found == groups
 
 
 def test_bad_requests_are_refused_in_words():
@@ -155,3 +117,212 @@ def test_two_batches_have_a_standard_error():
     expected = np.abs(errors[:, 0] - errors[:, 1]) / 2
     found = moments_of(sums(errors, 1)).bias_error
     np.testing.assert_allclose(found, expected, rtol=1e-14)
+
+
+BLOCKS, BATCH = 70, 4  # five groups of 16 blocks, the last one short
+
+
+def means(number):
+    """Batch means of a block, of sizes for which the order of sums shows."""
+    rng = np.random.default_rng(number)
+    return batch_means(10.0 ** (number % 7) * rng.standard_normal((3, 16)), BATCH)
+
+
+def of_groups(size, order=lambda groups: groups):
+    groups = [range(k, min(k + size, BLOCKS)) for k in range(0, BLOCKS, size)]
+    parts = [np.concatenate([means(k) for k in group]) for group in groups]
+    return reduce(merged, order([sums_of(part, BATCH) for part in parts]))
+
+
+def same(a, b):
+    equal = np.array_equal(a.mean, b.mean) and np.array_equal(a.scatter, b.scatter)
+    return equal and (a.batches, a.batch) == (b.batches, b.batch)
+
+
+def test_sums_are_of_sixteen_blocks_merged_from_the_first_on():
+    found = summed(means, BLOCKS, BATCH, 1)
+    assert same(found, of_groups(16))
+    # power: another order and other groups are told apart by their bits
+    assert not same(found, of_groups(16, lambda parts: parts[::-1]))
+    assert not same(
+        found, of_groups(16, lambda parts: [parts[1], parts[0], *parts[2:]])
+    )
+    assert not same(found, of_groups(15))
+    assert not same(found, of_groups(17))
+    # and they are the sums: mean and scatter of all batches at once
+    every = np.concatenate([means(number) for number in range(BLOCKS)])
+    off = every - every.mean(axis=0)
+    # a few hundred sums of numbers up to the greatest
+    size = np.abs(every).max(axis=0)
+    assert np.all(np.abs(found.mean - every.mean(axis=0)) <= 1e-13 * size)
+    np.testing.assert_allclose(
+        found.scatter, off.T @ off, rtol=0, atol=1e-12 * np.outer(size, size).max()
+    )
+
+
+@pytest.mark.parametrize("last", [0, 1, 3])
+@pytest.mark.parametrize("threads", [2, 5])
+def test_a_group_that_ends_last_keeps_its_place(threads, last):
+    """One group waits until all the others are done that may run without it."""
+    expected, gate, done = summed(means, BLOCKS, BATCH, 1), Event(), []
+
+    def held(number):
+        if number == 16 * last:
+            gate.wait(10.0)
+        done.append(number)
+        if len({k for k in done if k // 16 != last}) == BLOCKS - of_group(last):
+            gate.set()
+        return means(number)
+
+    found = summed(held, BLOCKS, BATCH, threads)
+    assert gate.is_set()
+    assert done[-1] // 16 == last  # it was indeed the last one
+    assert same(found, expected)
+
+
+def of_group(number):
+    return min(16, BLOCKS - 16 * number)
+
+
+def test_each_block_has_the_stream_of_its_number():
+    streams = Streams(3, cell_key("order"))
+    drawn = []
+
+    def drawing(rng, count):
+        drawn.append(rng.standard_normal((2, count)))
+        return drawn[-1]
+
+    simulate(drawing, streams, samples=5 * 8, block=8, batch=2)
+    for number, block in enumerate(drawn):
+        np.testing.assert_array_equal(
+            block, streams.block(number).standard_normal((2, 8))
+        )
+    assert len(drawn) == 5
+
+
+SLOPE = np.array([[0.3, -0.1, 0.2], [0.0, 0.5, 0.1]])
+BEND = np.array([[0.2, 0.0, 0.1], [0.0, -0.3, 0.0]])
+
+
+def errors(x):
+    """Cubic errors of three normals with moments known in closed form.
+
+    e_i = a_i.x + b_i.(x^2 - 1) + c_i x_0^3, all in powers of single normals, so that
+    `known` follows from E x^2 = 1, E x^4 = 3, E x^6 = 15 and nothing else.
+    """
+    cubic = np.array([[0.05], [-0.04]]) * x[0] ** 3
+    return SLOPE @ x + BEND @ (x**2 - 1.0) + cubic
+
+
+def known():
+    cubic = np.array([0.05, -0.04])
+    covariance = SLOPE @ SLOPE.T + 2.0 * BEND @ BEND.T
+    covariance += 3.0 * (np.outer(SLOPE[:, 0], cubic) + np.outer(cubic, SLOPE[:, 0]))
+    return np.zeros(2), covariance + 15.0 * np.outer(cubic, cubic)
+
+
+def found(method, samples=2**17, seed=3):
+    streams = Streams(seed, cell_key("reduction"))
+    setting = {"dimension": 3, "method": method, "samples": samples}
+    return moments_of(simulate_reduced(errors, streams, **setting))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_moments_are_unbiased_within_their_standard_errors(method):
+    moments = found(method)
+    bias, covariance = known()
+    # 5 comparisons, one false alarm in 1e4; Student's t for the 32 scramblings
+    dof = 31 if method == "sobol" else 500
+    limit = stats.t.isf(1e-4 / (2 * 5), dof)
+    upper = np.triu_indices(2)
+    # what is left after antithetic pairs can be rounding only, with no error to see
+    floor = 1e-13
+    z_bias = np.abs(moments.bias - bias) / (moments.bias_error + floor)
+    z_cov = np.abs(moments.covariance - covariance) / (moments.covariance_error + floor)
+    assert z_bias.max() < limit
+    assert z_cov[upper].max() < limit
+    # Power: a covariance off by 5 % is rejected.
+    wrong = np.abs(moments.covariance - 1.05 * covariance)
+    assert (wrong / moments.covariance_error).max() > limit
+
+
+@pytest.mark.ci
+def test_standard_errors_are_those_of_repeated_runs():
+    for method in ("plain", "both", "sobol"):
+        runs = [found(method, 2**13, seed) for seed in range(60)]
+        spread = np.std([m.covariance[0, 0] for m in runs], ddof=1)
+        stated = np.sqrt(np.mean([m.covariance_error[0, 0] ** 2 for m in runs]))
+        # the spread of 60 runs is known to 1/sqrt(118) = 9 %, so 4 of them
+        assert 0.63 < spread / stated < 1.37, method
+
+
+def test_every_reduction_reduces_what_it_is_for():
+    plain = found("plain")
+    # In pairs only the even part is left, of variance 2 b.b = 0.1, in n/2 pairs.
+    even = np.sqrt(2.0 * BEND[0] @ BEND[0] / (plain.samples / 2))
+    assert found("antithetic").samples == plain.samples / 2
+    # 512 batches know the standard error to 1/sqrt(1022) = 3 %, 4 of them
+    assert found("antithetic").bias_error[0] == pytest.approx(even, rel=0.13)
+    assert found("control").covariance_error[0, 0] < 0.7 * plain.covariance_error[0, 0]
+    both = found("both")
+    assert both.bias_error[0] < 1e-9  # the odd cubic and the known polynomial are all
+    assert found("sobol").covariance_error[0, 0] < 0.3 * plain.covariance_error[0, 0]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_same_streams_give_the_same_bits_of_each_method(method):
+    first, again, other = (found(method, 2**12, seed) for seed in (3, 3, 4))
+    for name in ("bias", "covariance", "covariance_error"):
+        assert np.array_equal(getattr(first, name), getattr(again, name))
+    assert not np.array_equal(first.covariance, other.covariance)
+    # a pair of evaluations is one sample; Sobol points are rounded up to 32 times 2^k
+    assert first.samples == 2**12 / (2 if method in ("antithetic", "both") else 1)
+
+
+def test_taylor_polynomial_is_that_of_the_errors():
+    polynomial = taylor(errors, 3)
+    # central differences leave STEP^2 / 6 of the third derivative (6 c) in the slope
+    expected = SLOPE + np.array([[0.05, 0, 0], [-0.04, 0, 0]]) * 0.03**2
+    np.testing.assert_allclose(polynomial.slope, expected, rtol=0, atol=1e-12)
+    for i in range(2):
+        np.testing.assert_allclose(
+            polynomial.bend[i], 2.0 * np.diag(BEND[i]), rtol=0, atol=1e-11
+        )
+
+
+def test_a_mixed_second_derivative_is_found_too():
+    polynomial = taylor(lambda x: (x[0] * x[2] + 0.5 * x[1] ** 2)[None], 3)
+    expected = [[[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]]
+    # differences of a polynomial in whole numbers: exact
+    np.testing.assert_allclose(polynomial.bend, expected, rtol=0, atol=4 * EPS)
+
+
+def test_known_features_match_quadrature():
+    polynomial = taylor(errors, 3)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(4)  # exact to degree 7
+    grid = np.array(np.meshgrid(nodes, nodes, nodes)).reshape(3, -1)
+    mass = np.prod(np.meshgrid(weights, weights, weights), axis=0).reshape(-1)
+    mass /= mass.sum()
+    value = polynomial(grid)
+    second = (value * mass) @ value.T
+    expected = np.concatenate([value @ mass, second[np.triu_indices(2)]])
+    # sums of some tens of products below 1
+    np.testing.assert_allclose(polynomial.features(), expected, rtol=0, atol=40 * EPS)
+
+
+def test_covariance_is_unbiased_where_the_mean_is_known_better_than_its_samples():
+    # Few evaluations under the control variate: dividing by n - 1, as for plain
+    # samples, would be wrong by 1/n, which is far beyond this standard error.
+    def nearly_linear(x):
+        return SLOPE @ x + 1e-5 * x[0] ** 3
+
+    streams = Streams(1, cell_key("few"))
+    setting = {"dimension": 3, "method": "both", "samples": 4096}
+    moments = moments_of(simulate_reduced(nearly_linear, streams, **setting))
+    cubic = np.full(2, 1e-5)
+    exact = SLOPE @ SLOPE.T + 15.0 * np.outer(cubic, cubic)
+    exact += 3.0 * (np.outer(SLOPE[:, 0], cubic) + np.outer(cubic, SLOPE[:, 0]))
+    error = moments.covariance_error
+    # five standard errors; dividing by n - 1 is off by 1/4096, six times as much
+    assert np.abs(moments.covariance - exact).max() < 5.0 * error.max()
+    assert exact[0, 0] / 4096 > 5.0 * error.max()

@@ -76,13 +76,6 @@ def test_a_sample_of_a_batch_is_the_single_one(formula):
     check_samples(batch, formula, [*ends, *range(20, len(batch[0]), 80)])
 
 
-@pytest.mark.slow  # thousands of single calls for each formula
-@pytest.mark.parametrize("formula", FORMULAS)
-def test_thousands_of_samples_are_the_single_ones(formula):
-    batch = random_batch(5000, 2)
-    check_samples(batch, formula, range(len(batch[0])))
-
-
 def test_the_forms_of_the_noise_are_told_by_their_last_axes():
     q, r1, r2, _ = random_batch(6, 3)
     q, r1, r2 = q[:4], r1[:4], r2[:4]
