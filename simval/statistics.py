@@ -80,7 +80,16 @@ class Family:
 BIAS = Family("bias", "bias", margin=0.02, scale="sample", better="zero")
 SD = Family("sd", "standard deviation", least=0.0)
 COVARIANCE = Family("covariance", "covariance", margin=0.02, scale="variances")
+BIAS_ALONG = Family(
+    "bias_along", "bias along the predicted one", margin=0.02, scale="sample",
+    better="zero",
+)  # fmt: skip
+COVARIANCE_ALONG = Family(
+    "covariance_along", "covariance along the predicted one", margin=0.02
+)
+SPREAD = Family("spread", "RMS of the standard deviations", least=0.0)
 RMS = Family("rms", "RMS error", least=0.0)
+RMS_OVER_NOISE = Family("rms_over_noise", "RMS error over the noise", least=0.0)
 RMS_DIFFERENCE = Family(
     "rms_difference", "RMS less least squares'", "rad", 0.02, "sample"
 )
@@ -319,6 +328,9 @@ NEXT_ORDER = Family(
     "next order over the second, where a formula reaches a limit",
     least=0.0,
     better=None,
+)
+LEFT_OUT = Family(
+    "left_out", "relative distance of a formula from the exact theory", least=0.0
 )
 UNIT_LENGTH = Family(
     "unit_length",

@@ -62,6 +62,11 @@ def calibration(noise, poses, off=1.002):
         for theory in ("first order", "Cramer-Rao"):
             numbers = (k * size, off, relative, TRIALS)
             rows.append(row(f"rms[{letter}]", theory, *numbers, unit=unit))
+        rows.append(row(f"spread[{letter}]", "first order", *numbers, unit=unit))
+        bias = (k * size**2, off, 0.5, TRIALS)
+        rows.append(row(f"bias_along[{letter}]", "second order", *bias, unit=unit))
+    whole = (1.0, off, relative / np.sqrt(3.0), TRIALS)
+    rows.append(row("rms_over_bound", "first order", *whole))
     for entry in ("S_xy", "K_x", "K_y", "B_x"):
         unit = "m/s²" if entry == "B_x" else "1"
         numbers = (0.1 * size, off, 1.0 / np.sqrt(2.0 * TRIALS), TRIALS)
@@ -86,6 +91,14 @@ def attitude(noise, geometry, off=0.9999, n=4_000_000):
             name = f"covariance[{axis},{axis}]"
             rows.append(row(name, theory, *numbers, check=check))
             rows.append(row(f"bias[{axis}]", theory, size**2, 1.0, 1e-3, n))
+        for name, k in (("bias_along", 1.7), ("covariance_along", 0.6)):
+            rows.append(row(name, theory, k * size**2, 1.0, 1e-3, n))
+        if theory != "exact":
+            for part in ("bias", "covariance"):
+                left = rows_by_name.row(f"left_out[{part}]", size**2, predictor=theory)
+                rows.append(left)
+    rows.append(row("rms_over_noise", "exact", size / noise, off, 2.5e-4, n))
+    rows.append(rows_by_name.row("norm", 1.0))
     rows.append(rows_by_name.row("norm_over_noise", 1.0 / noise))
     values = {"noise_std": noise, "geometry": geometry, "samples": n}
     return cell_of("attitude", rows, **values)

@@ -57,7 +57,8 @@ def test_a_study_is_one_module_and_one_name(checkout):
     assert "PASS: " in called(checkout, "gate", "run", "--no-baseline")
     called(checkout, "report", "run")
     page = (checkout / "run" / "report.html").read_text(encoding="utf-8")
-    assert 'id="figure-study-coin"' in page
+    assert 'id="figure-coin"' in page
+    assert "The share of heads agrees with theory" in page
     assert "coverage[heads]" in page
 
 

@@ -11,6 +11,7 @@ from scipy import stats
 from simval.errors import InputError
 from simval.montecarlo import (
     METHODS,
+    along,
     mean_square,
     moments_of,
     simulate,
@@ -67,6 +68,25 @@ def test_moments_and_their_errors_match_the_known_distribution(batch):
     assert np.abs((found.covariance - 1.05 * truth) / found.covariance_error).max() > (
         limit
     )
+
+
+def test_a_weighted_sum_of_moments_has_the_error_of_its_own_correlations():
+    tilt, weight = np.array([0.6, -0.8]), np.array([[0.5, -0.3], [-0.3, 0.2]])
+    found = moments_of(run(100_000, 64))
+    value, error = along(run(100_000, 64), tilt)
+    assert value == pytest.approx(tilt @ found.bias, rel=1e-12)
+    assert error == pytest.approx(
+        np.sqrt(tilt @ MIX @ MIX.T @ tilt / 100_000), rel=0.09
+    )
+    value, error = along(run(100_000, 64), weight)
+    assert value == pytest.approx(np.sum(weight * found.covariance), rel=1e-12)
+    # against the scatter of 200 runs, which is known to 5 %: four times that
+    many = [along(run(2048, 16, seed), weight) for seed in range(200)]
+    values, errors = np.array(many).T
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(values.std(ddof=1), rel=0.2)
+    # power: entries as if independent would be off by more
+    apart = np.hypot.reduce((weight * found.covariance_error).ravel())
+    assert abs(apart / along(run(100_000, 64), weight)[1] - 1.0) > 0.2
 
 
 def test_mean_square_is_the_nees():

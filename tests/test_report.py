@@ -412,19 +412,6 @@ def test_artifacts_become_figures(tiny_run, undrawn):
     assert len("".join(pictures)) < 300_000
 
 
-@pytest.mark.ci
-def test_a_budget_becomes_a_figure(tiny_run):
-    run = edited_run(
-        tiny_run,
-        "DELETE FROM rows WHERE ordinal > 1",
-        "UPDATE rows SET family = 'budget', entries = json_array('noise') "
-        "WHERE ordinal = 0 AND cell = 2",
-    )
-    page = render(run)
-    assert '<section id="budget"' in page
-    assert "noise</text>" in page
-
-
 def renamed(study):
     """Statements that give one study another name, in the suite too."""
     return (

@@ -75,9 +75,10 @@ def calibration_line(run, noise, poses):
         ]
     )
     t, k, b = rows[:, 0] * (1e3, 1e6, 1e3)
-    ratio, error = rows[:, 0] / rows[:, 2], rows[:, 1] / rows[:, 2]
-    whole = np.sqrt((ratio**2).mean())
-    size = measured(whole, (ratio * error).mean() / whole)
+    at = {"noise_std": noise, "poses": poses}
+    size = measured(
+        *value(run, "calibration", "rms_over_bound", "first order", **at)[:2]
+    )
     return (
         f"Calibration T {t:.2g} mrad, K {k:.2g} ppm, B {b:.2g} mm/s²; {size} × the "
         f"bound noise {noise:g} m/s², {poses} poses, 4,096 trials"

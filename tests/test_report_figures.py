@@ -21,7 +21,7 @@ from simval.report.panels import DotPanel, Series
 from simval.report.parameters import axis_words, setting_words
 from simval.report.ratio import SEEN, limits, ratio, ratio_bars, ratio_panel
 from simval.report.slope import Z95, Slope, simultaneous
-from simval.report.units import MILLIRADIAN, of_row
+from simval.units import MILLIRADIAN, of_row
 
 X = np.array([0.001, 0.01, 0.1])
 
@@ -115,15 +115,15 @@ FAR = simultaneous(3, SURE)
     [
         (
             [1.0, -0.5, 0.0],
-            "The sd is at theory within 1 % in all 3 values (most: a1).",
+            "The sd agrees with theory within 1 % in all 3 values (most: a1).",
         ),
         ([BAND - 0.01, 0.0, 0.0], "within 2.4 % in all 3 values (most: a1)."),
         (
             [BAND + 0.01, 0.0, 0.0],
-            "; 1 value outside the band, by up to 2.4 standard errors, "
-            "which chance does to one figure in 21.",
+            "; 1 of 3 values lies 2.4 standard errors off, outside the band; "
+            "chance does so in one figure of 21.",
         ),
-        ([FAR - 0.01, 0.0, 0.0], "chance does to one figure in 9,"),
+        ([FAR - 0.01, 0.0, 0.0], "chance does so in one figure of 9,"),
         (
             [0.0, FAR + 0.01, 0.0],
             "The sd: 1 of 3 values is off theory, the farthest by 4.2",
@@ -141,9 +141,11 @@ def test_a_finding_says_what_the_points_do(sigmas, said):
 
 def test_a_finding_of_one_point_and_of_none():
     one = agrees("The sd", [made([0.5])])
-    assert one == "The sd is at theory: one value, 0.5 % off, 0.5 standard errors."
+    assert (
+        one == "The sd agrees with theory: one value, 0.5 % off, 0.5 standard errors."
+    )
     still = made([0.0], error=0.0)
-    assert agrees("It", [still]) == "It is at theory: one value, rounding off."
+    assert agrees("It", [still]) == "It agrees with theory: one value, rounding off."
     alone = made([1.0, 1.0], prediction=np.array([np.nan, np.nan]))
     said = "It: 2 values, and no prediction to compare with."
     assert agrees("It", [alone]) == said
@@ -154,7 +156,8 @@ def test_what_theory_leaves_out_is_not_held_against_it():
     sigmas, rest = [0.0, 50.0, 0.0], np.array([0.0, 1.1, 0.0])  # of 2, so 55 errors
     said = agrees("It", [made(sigmas, remainder=rest)])
     assert (
-        "in 2 of 3 values; 1 differs by 50 %, which theory itself leaves open" in said
+        "in 2 of 3 values; 1 agrees with theory within its stated remainder, 50 %"
+        in said
     )
     # power: a remainder that does not reach, and none
     assert "off theory" in agrees("It", [made(sigmas, remainder=rest / 2.0)])

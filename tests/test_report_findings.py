@@ -131,14 +131,14 @@ def agrees_with(sentence, found):
         assert most is None or named(found["within"][1], most)
     if found["allowed"]:
         count, share = re.search(
-            r"(\d+) differs? by (?:up to )?([\d.]+) %", sentence
+            r"(\d+) agrees? with .* within its stated remainder, ([\d.]+) %", sentence
         ).groups()
         assert int(count) == found["allowed"]
         assert same(percents(share), found["most"][0])
-    for word in ("outside the band", "cannot be told from zero"):
-        key = "outside" if word.startswith("outside") else "unseen"
-        if 0 < found[key] < found["compared"]:
-            assert re.search(rf"{found[key]} (?:values? )?{word}", sentence)
+    if found["outside"]:
+        assert f"; {found['outside']} of {found['compared']} value" in sentence
+    if 0 < found["unseen"] < found["compared"]:
+        assert f"{found['unseen']} cannot be told from zero" in sentence
 
 
 def checked(run, rows):
@@ -147,7 +147,7 @@ def checked(run, rows):
     for section in sections(run):
         for drawing in section.drawings:
             said = " ".join((drawing.finding, drawing.fold))
-            assert not (" at theory within" in said and not drawing.claims), said
+            assert not (" agrees with theory" in said and not drawing.claims), said
             for claim in drawing.claims:
                 # what begins with a geometry is about it alone, else about all
                 alone = re.match(r" ?Random geometry no. (\d+): ", said)
@@ -250,7 +250,7 @@ def test_findings_are_of_all_rows_of_the_table(tmp_path):
 @pytest.mark.slow
 def test_findings_of_two_hundred_random_suites_are_of_all_rows(tmp_path, monkeypatch):
     # a slope is no claim, and fitting them takes most of the time
-    monkeypatch.setattr("simval.report.noise.fitted_slope", lambda *curve: None)
+    monkeypatch.setattr("simval.report.gallery.fitted_slope", lambda *curve: None)
     assert family(range(200), tmp_path / "run") > 800
 
 

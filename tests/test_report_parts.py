@@ -4,18 +4,14 @@ import math
 
 import numpy as np
 import pytest
-import rows_by_name
-from rounding import EPS
 from rows_by_name import cell
 
 from simval.judge.findings import reproduce
 from simval.report.curves import grouped, varying
-from simval.report.measures import moment
 from simval.report.slope import fitted_slope, order, simultaneous
 from simval.report.table import Column, Table, csv_text, sort_key, text
 from simval.report.words import measured, slugs
 from simval.results import CellName
-from simval.statistics import BIAS, COVARIANCE, EXACT
 
 
 @pytest.mark.parametrize(
@@ -151,60 +147,3 @@ def test_cells_are_grouped_by_what_varies_beside_the_axis():
     groups = grouped(cells, "noise_std")
     assert next(iter(groups)) == "12 poses, gimbal"
     assert [len(g) for g in groups.values()] == [2, 2, 2, 2]
-
-
-@pytest.mark.ci
-def test_the_projected_moment_is_unbiased_where_the_norm_is_not():
-    """Of a bias below its noise the norm is the noise, the projection is not."""
-    rng = np.random.default_rng(8)
-    truth, error = np.array([3e-4, -4e-4, 0.0]), 1e-3
-    values, norms = [], []
-    spreads = [  # of independent entries
-        rows_by_name.row(
-            f"covariance[{a},{b}]", 1.0, prediction=float(a == b), predictor="exact"
-        )
-        for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
-    ]
-    for _ in range(4000):
-        seen = truth + error * rng.standard_normal(3)
-        rows = spreads + [
-            rows_by_name.row(
-                f"bias[{n}]",
-                v,
-                standard_error=error,
-                prediction=float(p),
-                predictor="exact",
-            )
-            for n, v, p in zip("xyz", seen, truth, strict=True)
-        ]
-        value, spread, size, *_ = moment(BIAS, EXACT)(cell(rows))
-        values.append(value)
-        norms.append(np.linalg.norm(seen))
-    # a norm of three numbers
-    assert size == pytest.approx(5e-4, rel=4 * EPS, abs=0)
-    assert spread == pytest.approx(
-        error, rel=4 * EPS, abs=0
-    )  # a unit vector's projection
-    # 4000 draws: standard error 1.6e-5, 4 of them allowed
-    assert abs(np.mean(values) - 5e-4) < 6.4e-5
-    assert np.mean(norms) > 1.5e-3
-
-
-def test_an_off_diagonal_entry_counts_twice():
-    matrix = np.array([[2.0, 1.0], [1.0, 3.0]])
-    rows = [
-        rows_by_name.row(
-            f"covariance[{a},{b}]",
-            matrix[i, j],
-            standard_error=0.1,
-            prediction=matrix[i, j],
-            predictor="exact",
-        )
-        for i, a in enumerate("xy")
-        for j, b in enumerate("xy")
-        if j >= i
-    ]
-    value, _, size, *_ = moment(COVARIANCE, EXACT)(cell(rows))
-    # a norm of nine numbers
-    assert size == pytest.approx(np.linalg.norm(matrix), rel=9 * EPS, abs=0)
-    assert value == pytest.approx(np.linalg.norm(matrix), rel=9 * EPS, abs=0)

@@ -10,12 +10,11 @@ from rows_by_name import cell
 
 from simval.report import tables
 from simval.report.curves import curve, statistic
-from simval.report.measures import moment
 from simval.report.notes import Measured, folder_of, located, note
 from simval.report.page import sections
-from simval.report.units import MILLIRADIAN
-from simval.statistics import BIAS, EXACT, RMS
+from simval.statistics import RMS
 from simval.sweep import load_run
+from simval.units import MILLIRADIAN
 
 
 def test_a_note_says_number_prediction_cell_and_command():
@@ -67,21 +66,6 @@ def test_notes_stay_with_their_points_when_a_curve_is_sorted():
     assert [n.splitlines()[0].split("n = ")[1] for n in c.notes] == [
         str(k + 1) for k in order
     ]
-
-
-def test_a_moment_says_the_fewest_samples_of_its_rows():
-    rows = [
-        rows_by_name.row(
-            f"bias[{name}]",
-            1e-3,
-            standard_error=1e-4,
-            n=n,
-            prediction=1e-3,
-            predictor="exact",
-        )
-        for name, n in (("x", 300), ("y", 200), ("z", 400))
-    ]
-    assert moment(BIAS, EXACT)(cell(rows)).n == 200
 
 
 @pytest.mark.ci

@@ -19,10 +19,10 @@ from simval.report.paint import placed, svg
 from simval.report.panels import Drawing
 from simval.report.ratio import limits
 from simval.report.sections.algorithm_figures import dots
-from simval.report.sections.summary import attitude_figure
+from simval.report.sections.summary import figures
 from simval.report.table import Column, Table, csv_text, text
-from simval.report.units import MILLIRADIAN
 from simval.statistics import EXACT, RMS
+from simval.units import MILLIRADIAN
 
 
 def test_a_column_has_its_own_unit_on_the_page_and_si_in_the_file():
@@ -71,9 +71,9 @@ def test_bars_say_their_values_where_they_end():
 
 def test_the_first_screen_says_degrees(tmp_path):
     run = small_runs.accuracy(tmp_path)
-    figure = attitude_figure(context_of(run))
-    points = figure.panels[0].series[0]
-    assert figure.panels[0].y_label == "RMS error, degrees"
+    figure = figures(context_of(run))[1]
+    points = figure.panels[0].series[-1]
+    assert figure.panels[0].y_label == "RMS error, °"
     # an angle is twice the length of the quaternion's error
     sizes = sorted(cell.row(RMS(), EXACT).value for cell in run.of("attitude"))
     angles = np.degrees(2.0 * np.array(sizes))

@@ -201,7 +201,8 @@ def test_a_calibrator_by_what_it_leaves(tmp_path, monkeypatch):
 @pytest.fixture
 def alone(monkeypatch):
     """A page of this section only."""
-    monkeypatch.setattr("simval.report.page.SECTIONS", (algorithms,))
+    own = {"Algorithms": {"algorithms": "Algorithms side by side"}}
+    monkeypatch.setattr("simval.report.page.GROUPS", own)
 
 
 def test_the_same_run_gives_the_same_bytes(tmp_path, alone, undrawn):

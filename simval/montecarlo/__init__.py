@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from simval.montecarlo.plain import (
         Sampler,
         Sums,
+        along,
         mean_square,
         moments_of,
         simulate,
@@ -22,6 +23,7 @@ __all__ = [
     "Sampler",
     "Sums",
     "Taylor",
+    "along",
     "compiled",
     "mean_square",
     "moments_of",

@@ -287,6 +287,43 @@ def mean_square(sums: Sums, weight: Float[Array, "p p"]) -> tuple[float, float]:
     return float(direction @ sums.mean), float(np.sqrt(max(variance, 0.0)))
 
 
+def along(sums: Sums, weight: Array) -> tuple[float, float]:
+    """Weighted sum of the biases, or of the covariances, and its standard error.
+
+    Parameters
+    ----------
+    sums : Sums
+        Of two batches or more.
+    weight : Array
+        Weights of the biases, (p,), or symmetric ones of the covariances, (p, p).
+
+    Returns
+    -------
+    value, standard_error : float
+        Both in the unit of the weighted sum; the entries' own correlations are in it.
+
+    Raises
+    ------
+    InputError
+        If the weights do not fit, or if there are fewer than two batches.
+    """
+    moments = moments_of(sums)
+    p, variance = sums.size, _variance(sums)
+    rows, columns = _upper(p)
+    weight = physical_array("weight", weight, ())
+    if weight.shape not in ((p,), (p, p)):
+        msg = f"`weight` has shape {weight.shape}; it must be ({p},) or ({p}, {p})"
+        raise InputError(msg)
+    if weight.ndim == 1:
+        direction = np.concatenate([weight, np.zeros(len(rows))])
+        value = float(weight @ moments.bias)
+    else:  # of C = E ee' - bb', linearised as in `moments_of`
+        twice = np.where(rows == columns, 1.0, 2.0) * weight[rows, columns]
+        direction = np.concatenate([-2.0 * weight @ moments.bias, twice])
+        value = float(np.sum(weight * moments.covariance))
+    return value, float(np.sqrt(max(direction @ variance @ direction, 0.0)))
+
+
 @cache
 def _upper(p: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Row and column of each entry of the upper triangle, in reading order."""

@@ -6,8 +6,8 @@
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
-from simval.report.units import DEGREE, MILLIRADIAN, Unit
 from simval.report.words import spelled
+from simval.units import DEGREE, MILLIRADIAN, Unit
 from simval.verdict import Answer
 
 SHOWN = 3

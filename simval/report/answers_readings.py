@@ -12,8 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from simval.report.answers import angle, in_unit, percent, rounded
-from simval.report.measures import GROUPS, part
-from simval.report.units import OF_A_CALIBRATION, PPM
 from simval.report.words import measured
 from simval.results import Row
 from simval.statistics import (
@@ -37,10 +35,12 @@ from simval.statistics import (
     RMS_RATIO,
     SCALE_BIAS,
     SD,
+    SPREAD,
     SQUARED_ERROR,
     VARIANCE_OVER_BOUND,
 )
 from simval.sweep.run import CellResult
+from simval.units import OF_A_CALIBRATION, PPM
 
 MEAN = SQUARED_ERROR("mean")  # over the parameters of a gyroscope
 BOUND = "\N{MULTIPLICATION SIGN} the bound"
@@ -55,20 +55,17 @@ class Reading(NamedTuple):
 
 
 def _calibration(cell: CellResult) -> Reading | None:
-    rows = [cell.row(RMS(name), CRAMER_RAO) for name in GROUPS]
+    rows = [cell.row(RMS(name), CRAMER_RAO) for name in "TKB"]
     good = [row for row in rows if row is not None and _sound(row)]
-    if len(good) < len(GROUPS):
+    over = cell.row(RMS_OVER_BOUND(), FIRST_ORDER)
+    if len(good) < len(rows) or over is None:
         return None
-    ratio = np.array([row.value / (row.prediction or 1.0) for row in good])
-    error = np.array([row.standard_error / (row.prediction or 1.0) for row in good])
-    whole = float(np.sqrt(np.mean(ratio**2)))
-    # the three come from the same trials: their errors are taken as one and the same
-    spread = float(np.mean(ratio * error)) / whole
     sizes = ", ".join(
         f"{name} {in_unit(row.value, OF_A_CALIBRATION[name])}"
-        for name, row in zip(GROUPS, good, strict=True)
+        for name, row in zip("TKB", good, strict=True)
     )
-    return Reading(f"{sizes}; {measured(whole, spread)} {BOUND}", whole, good[0].n)
+    ratio = measured(over.value, over.standard_error)
+    return Reading(f"{sizes}; {ratio} {BOUND}", over.value, over.n)
 
 
 def _attitude(cell: CellResult) -> Reading | None:
@@ -87,14 +84,14 @@ def _filter(cell: CellResult) -> Reading | None:
 
 
 def _magnetometer(cell: CellResult) -> Reading | None:
-    whole, dip = part(SD, "M", FIRST_ORDER)(cell), cell.row(SD("dip"), FIRST_ORDER)
+    whole, dip = (cell.row(s, FIRST_ORDER) for s in (SPREAD("M"), SD("dip")))
     over = cell.row(VARIANCE_OVER_BOUND("M"), CRAMER_RAO)
     if whole is None or dip is None or over is None or not over.value > 0.0:
         return None
     root = float(np.sqrt(over.value))
     ratio = measured(root, over.standard_error / 2.0 / root)
-    said = f"M {percent(whole[0])}, dip {angle(dip.value)}; {ratio} {BOUND}"
-    return Reading(said, whole[0], dip.n)
+    said = f"M {percent(whole.value)}, dip {angle(dip.value)}; {ratio} {BOUND}"
+    return Reading(said, whole.value, dip.n)
 
 
 def _gyroscope(cell: CellResult) -> Reading | None:

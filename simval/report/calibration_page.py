@@ -37,11 +37,11 @@ from simval.report.log_page import (
 from simval.report.panels import COLOURS, Drawing, Series, SpherePanel
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
-from simval.report.units import MILLIMETRE_PER_SECOND_SQUARED, MILLIRADIAN, PPM, Unit
 from simval.sensor import forms
 from simval.shapes import Float
 from simval.statics import interval_means
 from simval.text import chance_words
+from simval.units import MILLIMETRE_PER_SECOND_SQUARED, MILLIRADIAN, PPM, Unit
 
 BARS = {
     "known sigma": "The error bars are those of the noise that was measured.",

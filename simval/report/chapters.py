@@ -11,25 +11,47 @@ from simval.report.section import Section
 from simval.studies import STUDIES
 from simval.verdict import WORST_FIRST, Answer, Verdict
 
-GROUPS: Mapping[str, tuple[str, ...]] = {
-    "Algorithms": ("algorithms", "overview"),
-    "Needs attention": ("failures", "disagreements"),
-    "Calibration": ("calibration", "poses", "ladder", "magnetometer", "gyroscope"),
-    "Attitude": (
-        "attitude",
-        "orders",
-        "geometries",
-        "closeness",
-        "ranges",
-        "vectors",
-        "estimators",
-        "budget",
-    ),
-    "Filters": ("filters",),
-    "Scenes and more": ("scene", "statics", "convergence", "other"),
-    "Checks and numbers": ("statistics", "checks", "numbers", "provenance"),
+GROUPS: Mapping[str, Mapping[str, str]] = {
+    "Algorithms": {
+        "algorithms": "Algorithms side by side",
+        "overview": "Simulation beside theory",
+    },
+    "Needs attention": {
+        "failures": "What was not measured",
+        "disagreements": "Failing checks",
+    },
+    "Calibration": {
+        "calibration": "Calibration error against noise",
+        "poses": "Number and geometry of the poses",
+        "ladder": "Bias ladder",
+        "magnetometer": "Magnetometer",
+        "gyroscope": "Gyroscope",
+    },
+    "Attitude": {
+        "attitude": "Attitude error against noise",
+        "orders": "Order of the attitude formulas",
+        "geometries": "Attitude formulas over many geometries",
+        "closeness": "Closeness to singularity",
+        "ranges": "Range of each attitude formula",
+        "vectors": "Weighted vectors",
+        "estimators": "What an estimator costs",
+        "budget": "Error budget",
+    },
+    "Filters": {"filters": "Attitude filters"},
+    "Scenes and more": {
+        "scene": "Scenes",
+        "statics": "Static intervals",
+        "convergence": "Convergence of the solvers",
+        "other": "Further studies",
+    },
+    "Checks and numbers": {
+        "statistics": "Efficiency, coverage and consistency",
+        "checks": "Checks",
+        "numbers": "All numbers",
+        "provenance": "Provenance",
+    },
 }
-"""Anchors of the sections under each heading, in the order of the page."""
+"""Titles of the sections under each heading, by their anchors, in the page's order."""
 
 ALWAYS_OPEN = ("failures", "disagreements")
 WITHOUT_SECTION = "other"

@@ -21,11 +21,11 @@ from simval.report.parameters import axis_words
 from simval.report.part import part_of
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
-from simval.report.units import value_words
 from simval.report.words import spelled
 from simval.statistics import Statistic
 from simval.sweep import Run
 from simval.sweep.run import CellResult
+from simval.units import value_words
 
 MAX_FIGURES = 12
 OPEN = 3

@@ -12,11 +12,11 @@ from simval.report.palette import BOUND, THEORY
 from simval.report.panels import COLOURS, MARKERS, BarPanel, Series
 from simval.report.parameters import setting_words
 from simval.report.slope import simultaneous
-from simval.report.units import RELATIVE, Unit
 from simval.results import Row
 from simval.shapes import Float
 from simval.statistics import FAMILIES, Statistic
 from simval.sweep.run import CellResult
+from simval.units import RELATIVE, Unit
 
 PREFERRED = ("noise_std", "poses")
 """Parameters that make the best axis, the best one first."""

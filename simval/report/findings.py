@@ -187,7 +187,7 @@ def agrees(subject: str, curves: Sequence[Curve], *, theory: str = "theory") -> 
     if found.compared == 1 and not found.allowed:
         sigmas = f", {found.farthest:.1f} standard errors" if found.farthest else ""
         off = percent(found.within)
-        return f"{subject} is at {theory}: one value, {off} off{sigmas}."
+        return f"{subject} agrees with {theory}: one value, {off} off{sigmas}."
     return f"{_where(subject, found, theory)}{_chance(found)}."
 
 
@@ -225,16 +225,16 @@ def _where(subject: str, found: Agreement, theory: str) -> str:
     words = []
     if plain:
         words.append(
-            f"{subject} is at {theory} within {percent(found.within)} in {every} values"
-            f"{_named(found.names[0])}"
+            f"{subject} agrees with {theory} within {percent(found.within)} in {every} "
+            f"values{_named(found.names[0])}"
         )
     if found.allowed:
         several = found.allowed > 1
         who = "" if plain else f"{subject}: "
         words.append(
-            f"{who}{found.allowed} {'differ' if several else 'differs'} by "
-            f"{'up to ' if several else ''}{percent(found.most)}, which {theory} "
-            f"itself leaves open{_named(found.names[1])}"
+            f"{who}{found.allowed} {'agree' if several else 'agrees'} with {theory} "
+            f"within its stated remainder, {percent(found.most)}"
+            f"{_named(found.names[1])}"
         )
     if found.unseen:
         who = "" if words else f"{subject}: "
@@ -252,11 +252,12 @@ def _chance(found: Agreement) -> str:
         return ""
     alone = 2.0 * float(scipy.special.ndtr(-found.farthest))
     rate = -np.expm1(found.compared * np.log1p(-alone))
+    verb, most = ("lies", "") if found.outside == 1 else ("lie", "up to ")
     place = f" ({found.names[2]})" if found.names[2] else ""
     return (
-        f"; {_count(found.outside, 'value')} outside the band, by up to "
-        f"{found.farthest:.1f} standard errors{place}, which chance does to one figure "
-        f"in {1.0 / rate:,.0f}"
+        f"; {found.outside} of {_count(found.compared, 'value')} {verb} {most}"
+        f"{found.farthest:.1f} standard errors off{place}, outside the band; chance "
+        f"does so in one figure of {1.0 / rate:,.0f}"
     )
 
 

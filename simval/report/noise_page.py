@@ -16,8 +16,8 @@ from simval.report.log_page import LogPage, Reply
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
 from simval.report.section import made
 from simval.report.table import Column, Table
-from simval.report.units import Unit
 from simval.shapes import Float
+from simval.units import Unit
 
 AXES = "xyz"
 WORDS = {"N": "white noise", "B": "flicker", "K": "random walk", "Q": "rounding"}

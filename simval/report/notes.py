@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 from simval.change import EFFORT
 from simval.judge.findings import reproduce
 from simval.report.parameters import setting_words
-from simval.report.units import Unit
 from simval.report.words import measured, number, spelled
 from simval.sweep import Run
 from simval.sweep.run import CellResult
+from simval.units import Unit
 
 
 class Measured(NamedTuple):

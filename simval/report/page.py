@@ -10,77 +10,43 @@ from simval.errors import InputError
 from simval.judge import compare_runs, judge_run
 from simval.report.answers import linked
 from simval.report.answers_before import comparable
-from simval.report.chapters import groups
+from simval.report.chapters import GROUPS, groups
 from simval.report.environment import template
+from simval.report.gallery import elsewhere, section_of
 from simval.report.notes import located
 from simval.report.panels import Drawing
 from simval.report.part import part_of
-from simval.report.section import Against, Context, Section, Shown
+from simval.report.section import Against, Context, Section
 from simval.report.sections import (
     algorithms,
-    attitude,
-    budget,
-    calibration,
     checks,
-    closeness,
     convergence,
     disagreements,
-    estimators,
     failures,
     filters,
-    geometries,
-    gyroscope,
-    ladder,
-    magnetometer,
     numbers,
-    orders,
     other,
     overview,
-    poses,
     provenance,
-    ranges,
     scene,
     statics,
     statistics,
     summary,
-    vectors,
 )
 from simval.report.sections.algorithms import has_user_code
 from simval.report.table import Table
-from simval.statistics import Statistic
 from simval.studies import STUDIES
 from simval.sweep import Run
 from simval.verdict import ALPHA
 
-SECTIONS: tuple[ModuleType, ...] = (
-    summary,
-    algorithms,
-    overview,
-    failures,
-    disagreements,
-    calibration,
-    poses,
-    ladder,
-    magnetometer,
-    gyroscope,
-    attitude,
-    orders,
-    geometries,
-    closeness,
-    ranges,
-    vectors,
-    estimators,
-    budget,
-    filters,
-    scene,
-    statics,
-    convergence,
-    other,
-    statistics,
-    checks,
-    numbers,
-    provenance,
-)
+OWN: Mapping[str, ModuleType] = {
+    module.__name__.rpartition(".")[2]: module
+    for module in (
+        summary, algorithms, overview, failures, disagreements, filters, scene,
+        statics, convergence, other, statistics, checks, numbers, provenance,
+    )
+}  # fmt: skip
+"""Sections that are more than what studies declare, by their anchors."""
 
 
 def render(
@@ -158,11 +124,18 @@ def sections(run: Run, alpha: float = ALPHA) -> tuple[Section, ...]:
 
 
 def _sections(context: Context) -> tuple[Section, ...]:
-    found = [
-        replace(section, elsewhere=_elsewhere(context, module))
-        for module in SECTIONS
-        if (section := module.section(context)) is not None
-    ]
+    titles = {"summary": "Verdict"}
+    for group in GROUPS.values():
+        titles |= group
+    found = []
+    for anchor, title in titles.items():
+        own = OWN.get(anchor)
+        section = (
+            section_of(context, anchor, title) if own is None else own.section(context)
+        )
+        if section is not None:
+            more = elsewhere(context, anchor, getattr(own, "SHOWN", ()))
+            found.append(replace(section, elsewhere=more))
     anchors = {section.anchor for section in found}
     return tuple(_linked(section, anchors) for section in found)
 
@@ -174,22 +147,6 @@ def _linked(section: Section, anchors: Container[str]) -> Section:
         return section
     answers = tuple(linked(block, anchors) for block in blocks)
     return replace(section, values={**section.values, "answers": answers})
-
-
-def _elsewhere(context: Context, module: ModuleType) -> tuple[str, ...]:
-    """Statistics of a section's study that the section does not show."""
-    study, shown = getattr(module, "SHOWN", Shown("", ()))
-    partly = {each.family for each in shown if isinstance(each, Statistic)}
-    names: dict[str, None] = {}
-    for cell in context.cells(study):
-        for row in cell.rows:
-            what = row.statistic
-            if what in shown or (what.family in shown and not what.controlled):
-                continue
-            # where a part of a family is shown, the others by their full names
-            whole = what if what.family in partly else replace(what, entries=())
-            names[str(whole)] = None
-    return tuple(names)
 
 
 def _unfolded(page: str) -> str:

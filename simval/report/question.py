@@ -26,13 +26,13 @@ from simval.report.curves import (
     statistic,
     varying,
 )
-from simval.report.measures import GROUPS
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.section import Context
-from simval.report.units import OF_A_CALIBRATION, value_words
 from simval.report.words import spelled
 from simval.statistics import CRAMER_RAO, RMS
+from simval.studies.calibration import PARTS
 from simval.sweep.run import CellResult
+from simval.units import OF_A_CALIBRATION, value_words
 
 AXES = {"poses": "number of poses"}
 """Words of a parameter where its name is not enough."""
@@ -77,7 +77,7 @@ def _of_calibration(cells: Sequence[CellResult], axes: Sequence[str]) -> Drawing
     groups, rest = first(grouped(alike, axis))
     measured = {
         letter: found
-        for letter in GROUPS
+        for letter in "TKB"
         if (found := _curves(groups, statistic(RMS(letter), CRAMER_RAO), axis))
     }
     if not measured:
@@ -138,7 +138,7 @@ def _panel(
 ) -> Panel:
     alone = len(measured) == 1
     return Panel(
-        title=GROUPS[letter],
+        title=PARTS[letter],
         x_label=name,
         y_label=f"RMS error, {OF_A_CALIBRATION[letter].name}",
         series=tuple(

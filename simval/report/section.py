@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from markupsafe import Markup
 
@@ -12,7 +12,6 @@ from simval.report.notes import folder_of
 from simval.report.panels import Drawing
 from simval.report.part import Part
 from simval.report.table import Table
-from simval.statistics import Family, Statistic
 from simval.sweep import Run
 from simval.sweep.run import CellResult
 from simval.verdict import Verdict
@@ -80,16 +79,11 @@ class Section:
     def body(self) -> Markup:
         """The part, drawn: its own template, else its figures and tables in order."""
         text = template(self.anchor, "plain").render(
-            drawings=self.drawings, tables=self.tables, **self.values
+            drawings=self.drawings,
+            tables=self.tables,
+            **{"about": "", **self.values},
         )
         return Markup(text)  # escaped within the template
-
-
-class Shown(NamedTuple):
-    """What a section draws or tabulates; the rest of the study is named below it."""
-
-    study: str
-    statistics: tuple[Family | Statistic, ...]
 
 
 def made(

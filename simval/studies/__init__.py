@@ -14,8 +14,11 @@ It is a module with four names:
   of the cell's random streams (``streams.block(i)`` is the generator of block i).
   It returns rows (`simval.results`) of statistics (`simval.statistics`), and
   artifacts for the report;
-- ``SECTION``: the section of the report that shows it, or None: then its numbers are
-  drawn and tabulated along what varies.
+- ``SECTION``: the section of the report that shows it, or None: then it is among the
+  further studies.
+
+Where it has ``FIGURES``, the report draws these (`simval.figures`: data, no drawing),
+else its numbers along what varies; ``ABOUT`` stands above them.
 
 A study that runs a user's code has a fifth, ``compute``: what ``run`` asks a child
 process to do.

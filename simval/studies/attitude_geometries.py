@@ -12,22 +12,25 @@ A judged row holds :math:`C_4` to an independent route: in the first geometries 
 extrapolated from the exact moments at two noise levels, without any expansion.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import count, islice
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from pydantic import Field
 
 from simval.arrays import Array
 from simval.errors import GeometryError
+from simval.figures import Distribution, Listing, entries, predictor
 from simval.results import Outcome, limit, unjudged
 from simval.statistics import (
     EXACT,
     LEADING_ERROR_RATIO,
     LEADING_TERM_OFF,
     NEARER,
+    ORDER_2,
     ORDER_2_PRINTED,
+    ORDER_4,
     ORDER_4_SOURCE,
 )
 from simval.streams import Streams
@@ -48,10 +51,12 @@ from simval.theory.two_vector import (
     true_vectors,
     two_vector_geometry,
 )
+from simval.units import PERCENT
 
 TITLE = "Geometries: which attitude formula is nearer to the truth, and how often"
 SECTION = "geometries"
 
+COMPARED: Final = (ORDER_4_SOURCE, ORDER_2_PRINTED)
 QUANTILES: Final = {"least": 0.0, "5%": 0.05, "median": 0.5, "95%": 0.95, "most": 1.0}
 
 CHECKED: Final = 6
@@ -100,16 +105,20 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             known = _extrapolated(truth, geometry, noise)
             off[i] = np.linalg.norm(leading - known) / np.linalg.norm(leading)
     rows = list(limit(LEADING_TERM_OFF(), off.max(), MOST_OFF, EXACT, n=CHECKED))
-    labels = (ORDER_4_SOURCE, ORDER_2_PRINTED)
-    for label, found in zip(labels, ratios.T, strict=True):
+    for label, found in zip(COMPARED, ratios.T, strict=True):
         values = np.quantile(found, list(QUANTILES.values()))
         statistics = LEADING_ERROR_RATIO.each(QUANTILES)
         rows += unjudged(statistics, values, predictor=label)
         rows += unjudged(NEARER(), float(np.mean(found < 1.0)), predictor=label)
-    p = parameters
-    name = f"attitude-geometries-{p.noise}-{p.frame}-{p.geometries}.npz"
-    artifact = dict(zip(labels, ratios.T, strict=True))
+    artifact = dict(zip(COMPARED, ratios.T, strict=True))
+    name = artifact_of(parameters.model_dump())
     return Outcome(rows=tuple(rows), artifacts={name: artifact})
+
+
+def artifact_of(named: Mapping[str, Any]) -> str:
+    """File of the ratios of a cell with these parameters."""
+    noise, frame, count = (named[key] for key in ("noise", "frame", "geometries"))
+    return f"attitude-geometries-{noise}-{frame}-{count}.npz"
 
 
 Truth = tuple[Array, Array, Array]
@@ -160,3 +169,37 @@ def _extrapolated(truth: Truth, geometry: TwoVectorGeometry, noise: Array) -> Ar
         terms.append((exact.covariance - linear.covariance) / size**4)
     found: Array = geometry.back.T @ (4.0 * terms[1] - terms[0]) @ geometry.back / 3.0
     return found
+
+
+FIGURES = (
+    Distribution(
+        name="geometries",
+        asked="Is a formula nearer to the truth than the second order?",
+        says="Share of geometries in which a formula is nearer: {each}.",
+        about=[NEARER],
+        named=predictor,
+        unit=PERCENT,
+        file=artifact_of,
+        arrays=lambda parameters: {"": {name: name for name in COMPARED}},
+        upright={ORDER_4: 0.0, ORDER_2: 1.0},
+        axis="leading error / the second order's",
+        value="share of geometries",
+        caption=(
+            "Share of geometries in which the leading error of a formula's covariance, "
+            "the term in σ⁴ that it has wrong, is at most so many times that of the "
+            "second order. To the left of 1 (dashed) a formula is nearer to the truth "
+            "than the second order; the complete fourth order, which is of higher "
+            "order, is at 0. The geometries are numbered, so no chance is involved."
+        ),
+    ),
+    Listing(
+        name="geometries",
+        caption=(
+            "Leading error of each formula's covariance over the second order's: "
+            "quantiles over the geometries"
+        ),
+        rows=[LEADING_ERROR_RATIO, NEARER, LEADING_TERM_OFF],
+        keys={"formula": predictor},
+        column=lambda row: entries(row) or row.statistic.family.words,
+    ),
+)

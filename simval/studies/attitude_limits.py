@@ -14,6 +14,7 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.attitude.kernel import column_matrix, raw_quaternion
+from simval.figures import Figure, Listing, entry, predictor
 from simval.results import Outcome, Row, plain, unjudged
 from simval.shapes import Float
 from simval.statistics import (
@@ -150,3 +151,40 @@ def _flip_rows(
 def _norms(vectors: Float[Array, "12 n"]) -> Float[Array, "4 n"]:
     norms: Array = np.linalg.norm(column_matrix(vectors, symmetric=False), axis=1)
     return norms
+
+
+AT_ONE_PERCENT = [LIMIT_RATIO(part, "1%") for part in ("covariance", "bias")]
+FIGURES = (
+    Figure(
+        name="limits",
+        asked="From where on does a formula hold?",
+        says="The covariance is within 1 % where |q̄| / σ is at least {most_each}.",
+        about=AT_ONE_PERCENT[:1],
+        rows=AT_ONE_PERCENT,
+        along="norm",
+        panels=lambda row: f"{row.statistic.entries[0]}: least |q̄| / σ",
+        lines=predictor,
+        value="|q̄| / σ",
+        compared=False,
+        log_x=False,
+        columns=2,
+        caption=(
+            "How far from singular a geometry must be, in units of the noise, for each "
+            "formula to be within 1 % of the exact answer."
+        ),
+    ),
+    Listing(
+        name="limits-shares",
+        caption="Least |q̄| / σ at which each formula is within 1 % and 10 %",
+        rows=[LIMIT_RATIO],
+        keys={"formula": predictor, "moment": entry(0)},
+        column=entry(1),
+    ),
+    Listing(
+        name="limits",
+        caption="How often the raw sign flips, and how often free selection differs",
+        rows=[FLIP_RATE, OTHER_SELECTION_RATE],
+        keys={},
+        predicted=True,
+    ),
+)

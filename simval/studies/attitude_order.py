@@ -8,6 +8,7 @@ order, 6 for the complete fourth order. The source's fourth order leaves out ter
 its own order, so its slope is 4 too. No chance is involved.
 """
 
+from dataclasses import replace
 from functools import partial
 from typing import Annotated, Literal
 
@@ -17,6 +18,7 @@ from pydantic import Field
 from simval.arrays import Array
 from simval.attitude import two_vector_quaternion
 from simval.errors import GeometryError
+from simval.figures import Figure, Listing, along_entry, predictor
 from simval.moments import Moments
 from simval.results import Outcome, Row, exact, unjudged
 from simval.shapes import Float
@@ -168,3 +170,48 @@ def _rows(
         *exact(slope(), value, order, label, TOLERANCE),
         *unjudged(statistics, gap, predictor=label),
     )
+
+
+def _moment(row: Row) -> str:
+    return "bias" if row.statistic.family == BIAS_ORDER else "covariance"
+
+
+_COVARIANCE = Figure(
+    name="orders",
+    asked="How fast does each formula become exact?",
+    says="What is left out has the slope {each}.",
+    about=[COVARIANCE_ORDER, BIAS_ORDER],
+    rows=[COVARIANCE_ERROR],
+    along=along_entry,
+    axis="noise of each unit vector, relative",
+    lines=predictor,
+    over=("geometry",),
+    value="distance from the truth",
+    compared=False,
+    caption=(
+        "Distance of each formula's covariance from the truth (the exact oracle, or "
+        "cubature for noise that is not isotropic), a line for each geometry, computed "
+        "without sampling. The second order has slope 4, the complete fourth order 6; "
+        "the source's fourth order falls like the second, because it leaves out terms "
+        "of its own order."
+    ),
+)
+FIGURES = (
+    _COVARIANCE,
+    replace(
+        _COVARIANCE,
+        name="orders-bias",
+        fold="The same of the bias",
+        says="",
+        rows=[BIAS_ERROR],
+        caption="Distance of each formula's bias from the truth.",
+    ),
+    Listing(
+        name="orders",
+        caption="Slopes of every formula, noise and moment, and the stated order",
+        rows=[BIAS_ORDER, COVARIANCE_ORDER],
+        keys={"formula": predictor, "moment": _moment},
+        column=lambda row: "slope",
+        predicted=True,
+    ),
+)

@@ -25,11 +25,13 @@ from simval.attitude import (
     consistency,
     wahba_covariance,
 )
+from simval.figures import Figure, Listing, entry
 from simval.results import Outcome, Row, exact, nees, plain, unjudged
 from simval.statistics import (
     CHI_SQUARE_3,
     COVARIANCE_OFF,
     FIRST_ORDER,
+    INCONSISTENT_RATE,
     NEES,
     RESPONSE,
     RMS_OVER_BOUND,
@@ -216,3 +218,49 @@ def _test_rows(
         off,
         linear_losses(setting.body, setting.std, x, displaced),
     )
+
+
+def _family(row: Row) -> str:
+    return row.statistic.family.words
+
+
+FIGURES = (
+    Figure(
+        name="vectors",
+        asked="What does each estimator of weighted vectors cost?",
+        what="The simulated error",
+        says="The RMS error over the bound is at most {most_each}.",
+        rows=[RMS_OVER_BOUND],
+        by=FIRST_ORDER,
+        along="ratio",
+        lines=entry(0),
+        value="RMS error / bound",
+        level=1.0,
+        log_y=False,
+        ratio=False,
+        caption=(
+            "RMS error over the Cramér-Rao bound against how unequal the noise is: "
+            "the first vector's is fixed, the others have so many times as much."
+        ),
+    ),
+    Listing(
+        name="vectors",
+        caption="Error of each estimator in each setting, and its covariance",
+        rows=[RMS_OVER_BOUND, SQUARED_ERROR, NEES],
+        keys={"estimator": entry(0)},
+        column=_family,
+        predicted=True,
+    ),
+    Listing(
+        name="vectors-test",
+        caption=(
+            "Chi-square test of the loss: share of good samples that it refuses, and "
+            "of samples with a second vector turned by the shift that it finds"
+        ),
+        claim="Chi-square test of the loss: the share that it refuses",
+        rows=[INCONSISTENT_RATE],
+        keys={},
+        column=entry(0),
+        predicted=True,
+    ),
+)

@@ -13,22 +13,25 @@ Both predictions are allowed the remainder that theory states for them
 trial that must recover the truth to `RECOVERED`, or to what the scene's rests allow.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
 
 from simval.arrays import Array, frozen
 from simval.calibrate import calibrate
-from simval.montecarlo import Sums, mean_square, moments_of, simulate
+from simval.figures import Figure, Listing, entries, of_calibration
+from simval.montecarlo import Sums, along, mean_square, moments_of, simulate
 from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.scene import simulate_cached
 from simval.sensor import AccelerometerModel
 from simval.shapes import Float
 from simval.statistics import (
     BIAS,
+    BIAS_ALONG,
     CRAMER_RAO,
     EFFICIENCY,
     FIRST_ORDER,
@@ -36,8 +39,10 @@ from simval.statistics import (
     NOISE_OF_MEAN,
     RECOVERY,
     RMS,
+    RMS_OVER_BOUND,
     SD,
     SECOND_ORDER,
+    SPREAD,
     TRUTH,
 )
 from simval.streams import Streams
@@ -101,7 +106,7 @@ class Parameters(StudyParameters):
         readings = self.poses * self.hold_time * 500.0  # at 500 Hz
         trials = self.trials if self.noise_std > 0.0 else 0
         seconds = 0.006 * self.poses + trials * (5e-5 + 1e-7 * readings)
-        return Cost(seconds, 35 if trials else 3)
+        return Cost(seconds, 44 if trials else 3)
 
 
 def true_sensor(noise_std: float) -> AccelerometerModel:
@@ -188,6 +193,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             *_group_rows(sums, predicted),
             *drawn_rows(samples),
             *response_rows(sensor, means, g),
+            *_pooled_rows(sums, predicted),
         )
     )
 
@@ -268,9 +274,159 @@ def _group_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
     return rows
 
 
+def _pooled_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
+    """Errors of all nine parameters together, and bias and spread of T, K and B.
+
+    They repeat what judged rows say entry by entry, so they are not judged again.
+    """
+    rows: list[Row] = []
+    n = sums.samples
+    second_moment = predicted.covariance + np.outer(predicted.bias, predicted.bias)
+    bound = np.diagonal(predicted.cramer_rao)
+    all_nine = np.array([1.0] * 6 + [G**-2] * 3) / 9.0
+    over = np.concatenate([np.full(3, 1 / (3 * bound[p].sum())) for _, p, _ in GROUPS])
+    for statistic, weight, by in (
+        (RMS("all"), all_nine, FIRST_ORDER),
+        (RMS("all"), all_nine, CRAMER_RAO),
+        (RMS_OVER_BOUND(), over, FIRST_ORDER),
+    ):
+        matrix = second_moment if by == FIRST_ORDER else predicted.cramer_rao
+        expected = float(np.sqrt(weight @ np.diagonal(matrix)))
+        square, error = mean_square(sums, np.diag(weight))
+        rms = float(np.sqrt(square))
+        rows += unjudged(statistic, rms, error / (2 * rms), n, expected, by)
+    for name, part, unit in GROUPS:
+        each = np.zeros(9)
+        each[part] = 1.0 / 3.0
+        expected = float(np.sqrt(each @ predicted.sd**2))
+        left = expected * predicted.variance_remainder / 2.0
+        square, error = along(sums, np.diag(each))
+        sd = float(np.sqrt(square))
+        rows += unjudged(
+            SPREAD(name, unit=unit), sd, error / (2 * sd), n, expected, FIRST_ORDER,
+            left,
+        )  # fmt: skip
+        size = float(np.sqrt(each @ predicted.bias**2))
+        weight = each * predicted.bias / size
+        rows += unjudged(
+            BIAS_ALONG(name, unit=unit), *along(sums, weight), n, size, SECOND_ORDER,
+            float(np.abs(weight) @ predicted.bias_remainder),
+        )  # fmt: skip
+    return rows
+
+
 def _nees_row(sums: Sums, predicted: CalibrationMoments) -> tuple[Row, ...]:
     weight = np.linalg.inv(predicted.covariance)
     value, error = mean_square(sums, weight)
     expected = 9.0 + float(predicted.bias @ weight @ predicted.bias)
     left = expected * predicted.variance_remainder
     return nees(NEES(), value, error, sums.samples, expected, FIRST_ORDER, left)
+
+
+def _noisy(parameters: Mapping[str, Any]) -> bool:
+    return bool(parameters["noise_std"] > 0.0)
+
+
+def _part(row: Row) -> str:
+    return PARTS[row.statistic.entries[0]]
+
+
+ABOUT = (
+    "A simulated body is tumbled through poses; each sample is distorted with the "
+    "true T, K, B and noise; the means of the holds are calibrated from their lengths "
+    "alone. Error: estimate minus truth."
+)
+PARTS = {"T": "misalignment T", "K": "scale K", "B": "bias B", "all": "T, K and B / g"}
+_RMS = Figure(
+    name="calibration",
+    asked="Is the error what theory says, and at the Cramér-Rao bound?",
+    what="The RMS error",
+    rows=RMS.each("TKB"),
+    by=FIRST_ORDER,
+    bound=CRAMER_RAO,
+    along="noise_std",
+    panels=_part,
+    unit=of_calibration,
+    slope=1.0,
+    where=_noisy,
+    caption=(
+        "RMS error of T, K and B. Theory: first-order covariance and second-order bias."
+    ),
+)
+FIGURES = (
+    _RMS,
+    replace(
+        _RMS,
+        name="calibration-bias",
+        asked="Is there a bias, and is it what theory says?",
+        what="The bias",
+        rows=[BIAS_ALONG],
+        claimed=[BIAS],
+        scale=(SD, FIRST_ORDER, "the scatter"),
+        by=SECOND_ORDER,
+        bound="",
+        slope=2.0,
+        caption=(
+            "Bias alone (estimate minus truth), projected on the direction that theory "
+            "predicts. Hollow triangles: upper limits, where these trials cannot tell "
+            "the bias from zero; where no ratio is below, none can be seen."
+        ),
+    ),
+    replace(
+        _RMS,
+        name="calibration-sd",
+        asked="Is the spread what theory says?",
+        what="The standard deviation alone",
+        rows=[SPREAD],
+        claimed=[SD],
+        bound="",
+        fold="{claim}",
+        caption="Standard deviation alone, RMS over the three entries.",
+    ),
+    replace(
+        _RMS,
+        name="calibration-together",
+        asked="",
+        what="",
+        rows=[RMS("all")],
+        fold="RMS error of all nine parameters together",
+        columns=2,
+        caption="RMS error of all nine parameters, B in units of g.",
+    ),
+    replace(
+        _RMS,
+        name="summary-calibration",
+        section="summary",
+        asked="",
+        panels=lambda row: "calibration",
+        lines=lambda row: f"{_part(row)}, {of_calibration(row).name}",
+        value="RMS error",
+        single=True,
+        ratio=False,
+        slope=None,
+        caption="Calibration error against noise.",
+    ),
+    replace(
+        _RMS,
+        name="poses",
+        section="poses",
+        asked="How many poses are needed?",
+        what="",
+        says="{many} poses instead of {few}: {gains} times more accurate by theory.",
+        along="poses",
+        several=True,
+        slope=-0.5,
+        caption=(
+            "RMS error against the number of poses, for each noise level. Expected "
+            "slope: -1/2 once the directions are spread evenly."
+        ),
+    ),
+    Listing(
+        name="calibration-recovery",
+        caption="Without noise: relative error of what was recovered, and its limit",
+        rows=[RECOVERY],
+        keys={"of": entries},
+        predicted=True,
+        where=lambda parameters: not _noisy(parameters),
+    ),
+)

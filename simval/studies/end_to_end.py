@@ -22,6 +22,7 @@ from pydantic import Field
 from simval.arrays import Array
 from simval.attitude import two_vector_quaternion
 from simval.calibrate import calibrate_magnetometer
+from simval.figures import Figure, entry
 from simval.geometry import attitude_error, compose, conjugate, normalize
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, nees, plain, unjudged
@@ -287,3 +288,20 @@ def _root_mean_square(
     rms = np.sqrt(squares.mean(axis=1))
     error = squares.std(axis=1, ddof=1) / np.sqrt(squares.shape[1])
     return rms, error / (2.0 * rms)
+
+
+FIGURES = (
+    Figure(
+        name="budget",
+        asked="What does each source of error contribute?",
+        what="Every part",
+        says="Most comes from the {most_of}: {most}.",
+        about=BUDGET.each(PARTS[:-1]),
+        rows=[BUDGET],
+        lines=entry(0),
+        caption=(
+            "Contributions to the attitude error. Predicted: carried from the noise "
+            "through the calibration to the attitude."
+        ),
+    ),
+)

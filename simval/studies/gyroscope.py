@@ -22,6 +22,7 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.calibrate import GyroscopeFit
+from simval.figures import Figure
 from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.statistics import (
@@ -46,6 +47,7 @@ from simval.studies.gyroscope_tumble import ROWS, Estimator, Tumble
 from simval.studies.refusing import refusing
 from simval.studies.response import apart
 from simval.studies.study import Cost, StudyParameters
+from simval.units import PPM
 
 TITLE = "Gyroscope: do the error bars of a calibration between rests hold?"
 SECTION = "gyroscope"
@@ -184,3 +186,41 @@ def _judged(
         *judge(SQUARED_ERROR("mean"), *mean(over), 1.0, CRAMER_RAO, RELATIVE),
         *shift(BIAS.each(NAMES[:p], UNITS[:p]), *several, 0.0, NO_BIAS, small),
     )
+
+
+KINDS = {
+    STRAIGHT: "straight lines between samples",
+    AVERAGES: "averages with their coning",
+    "bound": "noise alone",
+}
+THINNED_ROWS = [RECOVERY("M", kind, rate) for kind in KINDS for rate in THINNED]
+
+
+def _kind(row: Row) -> str:
+    return KINDS[row.statistic.entries[1]]
+
+
+FIGURES = (
+    Figure(
+        name="gyroscope",
+        asked="How fast must a gyroscope be read for its calibration?",
+        says="Error of M over these rates: {each}.",
+        about=[*THINNED_ROWS, SD("M", "bound")],
+        rows=THINNED_ROWS,
+        along=lambda row: ROWS / THINNED[row.statistic.entries[2]],
+        axis="rows per second, Hz",
+        lines=_kind,
+        value="error of M",
+        unit=PPM,
+        compared=False,
+        floor=SD("M", "bound"),
+        columns=2,
+        caption=(
+            "Greatest error of M in a calibration without noise, by the rate of the "
+            "rows. Runge-Kutta on samples integrates straight lines between them and "
+            "is of second order; averages over a step with their coning are of the "
+            "fourth. Dotted: the least standard deviation that noise allows an entry "
+            "of M in this cell (Cramér-Rao), root mean square."
+        ),
+    ),
+)

@@ -23,6 +23,7 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.calibrate import calibrate
+from simval.figures import Figure, Listing, of_calibration, predictor
 from simval.moments import Moments
 from simval.montecarlo import moments_of, simulate
 from simval.poses import fibonacci_sphere
@@ -31,6 +32,7 @@ from simval.sensor import AccelerometerModel
 from simval.shapes import Float
 from simval.statistics import (
     BIAS,
+    BIAS_ALONG,
     EFFICIENCY,
     FIRST_ORDER,
     MANY_POSES,
@@ -90,7 +92,7 @@ class Parameters(StudyParameters):
         """Cost of a cell: two fits for each pair."""
         passes = 1.0 if self.residual in ("squared", "adjusted") else 5.0
         one = 2e-5 + passes * 4e-7 * self.poses
-        return Cost(2.0 * self.trials * one, 29)
+        return Cost(2.0 * self.trials * one, 30)
 
 
 def true_sensor(scale_spread: float) -> AccelerometerModel:
@@ -143,6 +145,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             *beside(rows, _spreads(*known.mirrored_sd(pairs), predicted)),
             *correlation_row(drawn),
             *response_rows(sensor, G * directions, G, residual),
+            *_scale_rows(pairs, known, predicted),
         )
     )
 
@@ -156,6 +159,26 @@ def _bias_rows(
         *stated(known.mirrored_mean(pairs), predicted.bias, left, n), n,
         predicted.bias, SECOND_ORDER, left,
     )  # fmt: skip
+
+
+def _scale_rows(
+    pairs: Float[Array, "2 t 9"], known: Expanded, predicted: CalibrationMoments
+) -> tuple[Row, ...]:
+    """Bias of the three scales along the predicted one; its entries are judged."""
+    n, bias, left = pairs.shape[1], predicted.bias[3:6], predicted.bias_remainder[3:6]
+    size = float(np.sqrt(np.mean(bias**2)))
+    if not size > 0.0:  # theory has none at this order
+        return ()
+    weight = bias / size / 3.0
+    found = reduced_mean(
+        pairs.mean(axis=0)[:, 3:6] @ weight,
+        known.second[:, 3:6] @ weight,
+        float(known.mean_second[3:6] @ weight),
+    )
+    rest = float(np.abs(weight) @ left)
+    return unjudged(
+        BIAS_ALONG("K"), *stated(found, size, rest, n), n, size, SECOND_ORDER, rest
+    )
 
 
 def _spread_rows(measured: Moments, predicted: CalibrationMoments) -> tuple[Row, ...]:
@@ -208,3 +231,48 @@ def _rung_rows(
         many = RUNGS[parameters.residual]
         rows += unjudged(SCALE_BIAS(), *found, samples, many, MANY_POSES)
     return rows
+
+
+ALONG_NOISE = Figure(
+    name="ladder-noise",
+    rows=[BIAS_ALONG],
+    by=SECOND_ORDER,
+    along="noise_std",
+    axis="noise of a pose mean, m/s²",
+    lines="residual",
+    unit=of_calibration,
+    slope=2.0,
+    caption="",
+)
+FIGURES = (
+    Figure(
+        name="ladder",
+        asked="What does each residual of a calibration cost in bias?",
+        what="The bias of K",
+        says=(
+            "The bias of the scale is greatest for {most_of}, {most}, and least for "
+            "{least_of}, {least}."
+        ),
+        rows=[SCALE_BIAS],
+        claimed=BIAS.each(("K_x", "K_y", "K_z")),
+        by=SECOND_ORDER,
+        lines="residual",
+        least="noise_std",
+        ratio=False,
+        value="relative bias of the scale",
+        beside=[ALONG_NOISE],
+        caption=(
+            "Bias of the scale at the smallest noise of each residual, a panel for "
+            "each sensor and number of poses; it does not fall with more poses. Then "
+            "the bias of K along the predicted one, against the noise. Hollow "
+            "triangles: upper limits."
+        ),
+    ),
+    Listing(
+        name="ladder",
+        caption="Bias of the scale in units of σ²/g², by theory and for many poses",
+        rows=[SCALE_BIAS],
+        keys={"theory": predictor},
+        predicted=True,
+    ),
+)

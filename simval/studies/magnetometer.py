@@ -24,7 +24,8 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.calibrate import ellipsoid_then_rotation
-from simval.results import Outcome, Row, limit, nees, plain
+from simval.figures import Figure
+from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.statistics import (
     BIAS,
@@ -38,6 +39,7 @@ from simval.statistics import (
     RECOVERY,
     SD,
     SECOND_ORDER,
+    SPREAD,
     TRUTH,
     VARIANCE_OVER_BOUND,
     Statistic,
@@ -98,7 +100,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell: both calibrations for each trial."""
-        return Cost(0.8 + self.trials * (2e-4 + 2.5e-5 * self.poses), 101)
+        return Cost(0.8 + self.trials * (2e-4 + 2.5e-5 * self.poses), 102)
 
 
 @refusing("lower the noise or give more `poses`")
@@ -141,6 +143,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
                 parameters.accelerometer_noise,
                 parameters.field_noise,
             ),
+            *_spread_row(seen["error"], predicted),
         )
     )
 
@@ -201,6 +204,20 @@ def _parameter_rows(
             predicted.sd * (predicted.variance_remainder / 2.0),
         ),
     ]  # fmt: skip
+
+
+def _spread_row(
+    error: Float[Array, "t 22"], predicted: MagnetometerMoments
+) -> tuple[Row, ...]:
+    """Standard deviation of M, RMS over its entries, which are judged one by one."""
+    part, n = PARTS["M"], len(error)
+    squares = np.mean((error - error.mean(axis=0))[:, part] ** 2, axis=1)
+    sd = float(np.sqrt(n / (n - 1) * squares.mean()))
+    expected = float(np.sqrt(np.mean(predicted.sd[part] ** 2)))
+    return unjudged(
+        SPREAD("M"), sd, np.std(squares) / np.sqrt(n) / (2.0 * sd), n, expected,
+        FIRST_ORDER, expected * predicted.variance_remainder / 2.0,
+    )  # fmt: skip
 
 
 def _bound_rows(seen: dict[str, Array], predicted: MagnetometerMoments) -> list[Row]:
@@ -279,3 +296,30 @@ def _mean_row(
         statistic, values.mean(), np.std(values, ddof=1) / np.sqrt(n), n,
         prediction, predictor, remainder,
     )  # fmt: skip
+
+
+WORDS = {"M": "matrix M", "b": "hard iron b"}
+
+
+def _called(row: Row) -> str:
+    what, *recipe = row.statistic.entries
+    return ", ".join((WORDS.get(what, what), *recipe))
+
+
+FIGURES = (
+    Figure(
+        name="magnetometer",
+        asked="Does the weighted fit reach the bound, and what does the recipe cost?",
+        what="The variance",
+        says="The variance is at most {most} times the bound ({most_of}).",
+        rows=[VARIANCE_OVER_BOUND],
+        lines=_called,
+        value="variance over the bound",
+        columns=2,
+        caption=(
+            "Variance over the Cramér-Rao bound, mean over the entries of a matrix or "
+            "vector: the weighted fit of all 22 parameters, which reaches 1, and the "
+            "usual recipe, an ellipsoid for each sensor and then the turn between them."
+        ),
+    ),
+)

@@ -13,6 +13,7 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.errors import GeometryError, InputError
+from simval.figures import Figure
 from simval.geometry import attitude_matrix, compose, conjugate
 from simval.poses import observability
 from simval.results import Outcome, Row, exact, limit, unjudged
@@ -139,3 +140,22 @@ def _same_instant(trajectory: Trajectory) -> tuple[Row, ...]:
         *exact(RATE_LAG(), lag, 0.0, SAME_ROW, 0.5 + LAG_ROUNDING, len(step)),
         *exact(RATE_SCALE(), scale, 1.0, ATTITUDE, left, len(step)),
     )
+
+
+FIGURES = (
+    Figure(
+        name="poses-condition",
+        section="poses",
+        fold="Condition number of the calibration, for each scene",
+        rows=[CONDITION],
+        along="poses",
+        panels=lambda row: "geometry of the poses",
+        value="condition number",
+        compared=False,
+        several=True,
+        caption=(
+            "Condition number of the calibration's normalised Jacobian: how many times "
+            "worse the worst determined combination of parameters is than the best."
+        ),
+    ),
+)

@@ -1,6 +1,6 @@
 """What a study is: a name, its parameters, and a pure function of a cell."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -9,6 +9,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from simval.arguments import MOST
+from simval.figures import Shown
 from simval.results import Outcome
 from simval.streams import Streams, cell_key
 from simval.whole import exact
@@ -84,6 +85,10 @@ class Study:
         ``run(parameters, streams) -> Outcome``, pure.
     section : str or None
         Section of the report that shows it; None draws it along what varies.
+    shown : sequence of Figure, Distribution and Listing
+        What the section shows of it.
+    about : str
+        What the section says before them.
     """
 
     name: str
@@ -91,6 +96,8 @@ class Study:
     parameters: type[StudyParameters]
     run: Callable[[Any, Streams], Outcome]
     section: str | None
+    shown: Sequence[Shown] = ()
+    about: str = ""
 
 
 def study_of(module: Any) -> Study:
@@ -101,6 +108,8 @@ def study_of(module: Any) -> Study:
         parameters=module.Parameters,
         run=module.run,
         section=module.SECTION,
+        shown=getattr(module, "FIGURES", ()),
+        about=getattr(module, "ABOUT", ""),
     )
 
 

@@ -18,9 +18,9 @@ from simval.plugins.loading import BESIDE
 from simval.report.answers import LEAST_DEGREES
 from simval.report.contest import Contest, answer_of
 from simval.report.table import Column, Kind, Table
-from simval.report.units import DEGREE, MILLIRADIAN, PPM, Unit, of_row
 from simval.results import Row
 from simval.sweep.run import CellResult
+from simval.units import DEGREE, MILLIRADIAN, PPM, Unit, of_row
 from simval.verdict import Verdict
 
 MAX_SETTINGS = 4

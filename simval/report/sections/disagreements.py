@@ -12,11 +12,11 @@ from simval.report.palette import THEORY
 from simval.report.panels import GREY, Drawing, Panel, Series
 from simval.report.parameters import axis_words
 from simval.report.section import Context, Section, made
-from simval.report.units import value_words
 from simval.report.words import spelled
 from simval.results import Row
 from simval.statistics import Statistic
 from simval.sweep.run import CellResult
+from simval.units import value_words
 from simval.verdict import Verdict
 
 MAX_FIGURES = 6  # for the size of a page; the table names all

@@ -12,7 +12,7 @@ from simval.judge.algorithms import algorithm_of
 from simval.report.artifacts import arrays, is_left, shaped
 from simval.report.attitudes import turning
 from simval.report.curves import MAX_GROUPS, first, grouped
-from simval.report.section import Context, Section, Shown, made
+from simval.report.section import Context, Section, made
 from simval.report.sections.filter_figures import (
     budget,
     costs,
@@ -40,10 +40,9 @@ from simval.studies.filter import artifact_of
 from simval.studies.filter_rows import HEADING, INCLINATION
 from simval.sweep.run import CellResult
 
-SHOWN = Shown(
-    "filter",
-    (RMS, RMS_AT, BOUND_AT, NEES(), NEES_AT, DIVERGED, BUDGET_AT, NIS,
-     SETTLING, RMS_OVER_BOUND),
+SHOWN = (
+    RMS, RMS_AT, BOUND_AT, NEES(), NEES_AT, DIVERGED, BUDGET_AT, NIS, SETTLING,
+    RMS_OVER_BOUND,
 )  # fmt: skip
 
 

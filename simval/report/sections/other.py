@@ -16,15 +16,16 @@ from simval.report.curves import (
     varying,
 )
 from simval.report.findings import Claim, claiming
+from simval.report.gallery import shown_of
 from simval.report.panels import Drawing, Panel, Series
 from simval.report.parameters import axis_words
 from simval.report.section import Context, Section, made
 from simval.report.table import NUMBERS, Column, Table, numbers_of
-from simval.report.units import value_words
 from simval.report.words import slug, spelled
 from simval.statistics import BUDGET, COVERAGE, COVERAGE_NORMAL, EFFICIENCY, NEES
 from simval.studies import STUDIES
 from simval.sweep.run import CellResult
+from simval.units import value_words
 
 ELSEWHERE = (EFFICIENCY, COVERAGE, COVERAGE_NORMAL, NEES, BUDGET)
 MAX_PANELS = 6  # for the size of a page, as is `MAX_ROWS`
@@ -35,11 +36,7 @@ def section(context: Context) -> Section | None:
     """Make the section."""
     studies = dict.fromkeys(cell.study for cell in context.run.cells)
     parts = [
-        (
-            context.titles.get(study, study),
-            _drawing(study, cells),
-            numbers(study, cells),
-        )
+        (context.titles.get(study, study), *_shown(context, study, cells))
         for study in studies
         if (cells := context.cells(study)) and not _has_section(study)
     ]
@@ -48,8 +45,8 @@ def section(context: Context) -> Section | None:
     return made(
         "other",
         "Further studies",
-        [drawing for _, drawing, _ in parts if drawing is not None],
-        [table for _, _, table in parts],
+        [drawing for _, drawings, _ in parts for drawing in drawings],
+        [table for _, _, tables in parts for table in tables],
         parts=parts,
         found=" ".join(f"{title}.".replace("?.", "?") for title, _, _ in parts),
     )
@@ -57,6 +54,17 @@ def section(context: Context) -> Section | None:
 
 def _has_section(study: str) -> bool:
     return study in STUDIES and STUDIES[study].section is not None
+
+
+def _shown(
+    context: Context, study: str, cells: Sequence[CellResult]
+) -> tuple[list[Drawing], list[Table]]:
+    """What a study declares, or a figure of its statistics; and all its numbers."""
+    known = study in STUDIES and STUDIES[study].shown
+    drawings, tables = shown_of(context, "other", [study]) if known else ([], [])
+    if not known and (drawing := _drawing(study, cells)) is not None:
+        drawings.append(drawing)
+    return drawings, [*tables, numbers(study, cells)]
 
 
 def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:

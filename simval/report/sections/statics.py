@@ -1,6 +1,6 @@
 """Detected static intervals over the readings."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,29 +8,18 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.report.artifacts import arrays, listed, shaped
-from simval.report.curves import axis_of, curves, first, grouped, statistic
-from simval.report.findings import Claim, claiming
+from simval.report.gallery import shown_of
 from simval.report.panels import COLOURS, Drawing, Panel, Series
-from simval.report.parameters import axis_words, setting_words
-from simval.report.section import Context, Section, Shown, made
-from simval.report.sections.other import scored
+from simval.report.parameters import setting_words
+from simval.report.section import Context, Section, made
 from simval.report.words import slug
-from simval.statistics import CHI_SQUARE_9, IMPURE, NEES, PRECISION, RECALL
 from simval.studies.detector import artifact_of
 from simval.sweep.run import CellResult
 
 MAX_LOGS = 2  # drawn; for the size of a page
 Spans = tuple[tuple[float, float], ...]
 """Begin and end of each interval, s."""
-SCORES = (
-    (PRECISION(), "", "share"),
-    (RECALL(), "", "share"),
-    (IMPURE(), "", "intervals"),
-    (NEES("all"), "", "squared error"),
-    (NEES("pure"), CHI_SQUARE_9, "squared error"),
-)
 NEEDED = ("time", "signal", "intervals")
-SHOWN = Shown("detector", (PRECISION, RECALL, IMPURE, NEES))
 
 
 def section(context: Context) -> Section | None:
@@ -52,50 +41,10 @@ def section(context: Context) -> Section | None:
             titles.get(f.name, f.stem) for i, f in enumerate(files) if i not in chosen
         ]
         drawings[-1] = replace(drawings[-1], left_out=rest)
-    scores = _scores(context.cells("detector"))
-    if scores is not None:
-        drawings.append(scores)
+    drawings += shown_of(context, "statics")[0]
     if not drawings:
         return None
     return made("statics", "Static intervals", drawings, logs=len(files), shown=shown)
-
-
-def _scores(cells: Sequence[CellResult]) -> Drawing | None:
-    if not cells:
-        return None
-    axis = axis_of(cells)
-    groups, left_out = first(grouped(cells, axis))
-    panels = []
-    for name, predictor, label in SCORES:
-        measured = curves(groups, statistic(name, predictor), axis)
-        if measured:
-            title = ": ".join((name.family.words, *name.entries))
-            words = axis_words("detector", axis)
-            panel = scored(title, words, "1", measured, predictor)
-            panels.append(replace(panel, y_label=label))
-    drawing = Drawing(
-        name="detector",
-        asked="Are the intervals pure, and is what is calibrated from them true?",
-        caption=(
-            "The detector's intervals beside what the simulation knows to be at rest: "
-            "precision is the share of their samples that are at rest, recall the "
-            "share of resting samples that they contain; impure intervals have a "
-            "sample that is not at rest. Below, the normalised squared error of the "
-            "nine parameters calibrated from all intervals, and from the pure ones "
-            "only, which theory puts at 9. Bars: 95 % for all points of a panel "
-            "together."
-        ),
-        alternative=f"Scores of the static detector over {axis}",
-        panels=panels,
-        left_out=left_out,
-    )
-    claim = Claim(
-        subject="The squared error from pure intervals",
-        cells=cells,
-        what=[NEES("pure")],
-        by=CHI_SQUARE_9,
-    )
-    return claiming(drawing, claim)
 
 
 def _drawing(file: Path, titles: Mapping[str, str]) -> Drawing | None:

@@ -20,7 +20,7 @@ from simval.report.findings import Claim, behind, claiming
 from simval.report.notes import Measured
 from simval.report.panels import Drawing, Panel
 from simval.report.parameters import axis_words
-from simval.report.section import Context, Section, Shown, made
+from simval.report.section import Context, Section, made
 from simval.report.words import spelled
 from simval.results import Row
 from simval.statistics import COVERAGE, EFFICIENCY, NEES, Family, Statistic
@@ -58,7 +58,7 @@ ASKED = {
 MAX_PANELS = 9  # for the size of a page, as is `MAX_KINDS`
 MAX_KINDS = 4
 """Statistics of a family drawn one by one; of more, their mean."""
-SHOWN = Shown("coverage", (COVERAGE, NEES))
+SHOWN = (COVERAGE, NEES)
 OF_THEIR_OWN = ("filter",)
 """Studies that draw these families along time, in a section of their own."""
 

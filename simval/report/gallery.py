@@ -1,0 +1,790 @@
+"""Figures of declared data (`simval.figures`), all drawn the same way.
+
+The bars of a figure hold for all of its points together (95 %); the sentence above it
+is about all rows of its families, drawn or not.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from simval.change import EFFORT
+from simval.figures import (
+    VARYING,
+    Distribution,
+    Figure,
+    Listing,
+    Picture,
+    belongs,
+    entries,
+    words,
+)
+from simval.report import palette
+from simval.report.artifacts import arrays, is_left, shaped
+from simval.report.curves import (
+    MAX_GROUPS,
+    Curve,
+    axis_of,
+    bar_width,
+    bars,
+    first,
+    grouped,
+    position,
+    read,
+    triple,
+    varying,
+)
+from simval.report.distribution import share_at_most
+from simval.report.findings import Claim, behind, claiming, limited, slopes_said
+from simval.report.palette import BOUND, GREY
+from simval.report.panels import (
+    COLOURS,
+    MARKERS,
+    AnyPanel,
+    BarPanel,
+    Drawing,
+    Panel,
+    Series,
+)
+from simval.report.parameters import axis_words, setting_words
+from simval.report.ratio import ratio_bars, ratio_panel
+from simval.report.section import Context, Section, made
+from simval.report.slope import fitted_slope, order
+from simval.report.table import Column, Table
+from simval.report.words import FORMULAS, slug, spelled
+from simval.results import Row
+from simval.statistics import (
+    EXACT,
+    FAMILIES,
+    ORDER_2,
+    ORDER_2_PRINTED,
+    ORDER_4,
+    ORDER_4_SOURCE,
+    Family,
+    Statistic,
+)
+from simval.studies import STUDIES
+from simval.sweep.run import CellResult
+from simval.units import RELATIVE, Unit, of_row
+
+STYLES = {
+    ORDER_2: (palette.ORDER_2, "--"),
+    ORDER_4_SOURCE: (palette.ORDER_4_SOURCE, "-."),
+    ORDER_4: (palette.ORDER_4_COMPLETE, "-"),
+    EXACT: (palette.EXACT, ":"),
+    ORDER_2_PRINTED: (palette.ORDER_2_PRINTED, "-"),
+}
+"""Colour and line of each formula, the same in all figures."""
+LINES = ("-", "--", ":", "-.")
+FEW = 12
+"""Points of a line that are marked."""
+ROOM = 1.35
+"""Axis of a distribution over its greatest value: the legend has its place there."""
+MAX_ROWS = 120
+"""Rows of a table on the page."""
+
+POINTS = " Points: measured; bars hold for all of the figure (95 %). Lines: predicted."
+BARS = (
+    " Bars: measured, with 95 % intervals that hold for all of a panel. "
+    "Diamonds: predicted."
+)
+
+Cells = Sequence[CellResult]
+
+
+class Point(NamedTuple):
+    """A row of a cell, and its place in a figure."""
+
+    panel: str
+    line: str
+    x: float
+    cell: CellResult
+    row: Row
+
+
+def section_of(context: Context, anchor: str, title: str) -> Section | None:
+    """All that studies declare for a section; None without anything."""
+    drawings, tables = shown_of(context, anchor)
+    if not drawings and not tables:
+        return None
+    own = [s for n, s in STUDIES.items() if s.section == anchor and context.cells(n)]
+    about = " ".join(filter(None, (study.about for study in own)))
+    return made(anchor, title, drawings, tables, about=about)
+
+
+def shown_of(
+    context: Context, anchor: str, studies: Iterable[str] = STUDIES
+) -> tuple[list[Drawing], list[Table]]:
+    """All figures and tables that studies declare for a section."""
+    drawings: list[Drawing] = []
+    tables: list[Table] = []
+    slopes: list[tuple[Any, ...]] = []
+    for name, study in ((name, STUDIES[name]) for name in studies):
+        cells = context.cells(name)
+        for shown in study.shown if cells else ():
+            if (shown.section or study.section or "other") != anchor:
+                continue
+            if isinstance(shown, Listing):
+                tables += listed(shown, cells)
+            elif isinstance(shown, Distribution):
+                drawings += distributed(shown, context, cells)
+            else:
+                drawings += drawn(shown, cells)
+                for each in (shown, *shown.beside):
+                    slopes += slopes_of(each, cells)
+    return drawings, [*slope_tables(anchor, slopes), *tables]
+
+
+def elsewhere(
+    context: Context, anchor: str, more: Sequence[Family | Statistic] = ()
+) -> tuple[str, ...]:
+    """Statistics of a section's studies that nothing of theirs, nor `more`, shows."""
+    names: dict[str, None] = {}
+    for name, study in STUDIES.items():
+        if study.section != anchor:
+            continue
+        wanted = [*more, *(each for shown in study.shown for each in _wanted(shown))]
+        partly = {each.family for each in wanted if isinstance(each, Statistic)}
+        for row in (row for cell in context.cells(name) for row in cell.rows):
+            if not belongs(row, wanted):
+                # where a part of a family is shown, the others by their full names
+                what = row.statistic
+                whole = what if what.family in partly else replace(what, entries=())
+                names[str(whole)] = None
+    return tuple(names)
+
+
+def _wanted(shown: Figure | Distribution | Listing) -> list[Family | Statistic]:
+    """Families and statistics that something shows."""
+    if isinstance(shown, Distribution):
+        return [*shown.about]
+    if isinstance(shown, Listing):
+        return [*shown.rows]
+    every = (shown, *shown.beside)
+    axes = [FAMILIES[name] for each in every if (name := str(each.along)) in FAMILIES]
+    rows = (row for each in every for row in each.rows)
+    return [*rows, *shown.claimed, *shown.about, *axes]
+
+
+# ---- figures of rows
+
+
+def drawn(figure: Figure, cells: Cells) -> list[Drawing]:
+    """Draw a figure of the cells of its study: one, or one for each group of cells."""
+    figure, cells = _settled(figure, cells)
+    groups, left_out = first(_groups(figure, cells))
+    if figure.single and groups:
+        label = max(reversed(groups), key=lambda key: _places(figure, groups[key]))
+        groups, left_out = {label: groups[label]}, ()
+    apart = figure.each or figure.single
+    drawings: list[Drawing] = []
+    for label, own in groups.items() if apart else [("", cells)]:
+        alone = {"": own} if apart else groups
+        parts = [*_panels(figure, alone)]
+        for each in figure.beside:
+            parts += _panels(each, first(_groups(*_settled(each, own)))[0])
+        panels = _in_order([part for part in parts if part])
+        if not panels:
+            continue
+        marks = BARS if figure.along == "" else POINTS if figure.compared else ""
+        drawing = Drawing(
+            name=slug(f"{figure.name} {label if figure.each else ''}"),
+            caption=f"{_begun(label)}{'. ' * bool(label)}{figure.caption}{marks}",
+            alternative=f"{figure.asked or figure.caption} Panels: "
+            f"{'; '.join(panel.title for panel in panels)}",
+            panels=panels,
+            columns=figure.columns,
+        )
+        if not drawings:  # the first says what is so of every cell
+            drawings.append(_said(figure, drawing, cells))
+            continue
+        drawing = behind(drawing, *_claims(figure, own), before=f"{_begun(label)}: ")
+        drawings.append(replace(drawing, fold=drawing.fold or label))
+    if drawings:
+        drawings[-1] = replace(drawings[-1], left_out=left_out)
+    return drawings
+
+
+def _in_order(parts: Sequence[Sequence[AnyPanel]]) -> list[AnyPanel]:
+    """Panels part by part, or those of the same thing side by side in three columns."""
+    alike = len(parts) == 3 and len({len(part) for part in parts}) == 1
+    if alike:
+        parts = [*zip(*parts, strict=True)]
+    return [panel for part in parts for panel in part]
+
+
+def _said(figure: Figure, drawing: Drawing, cells: Cells) -> Drawing:
+    """The drawing with its question and what its rows say."""
+    claims, before = _claims(figure, cells), sentence(figure, cells)
+    drawing = replace(drawing, asked=figure.asked)
+    if figure.scale and claims and claims[0].found.unseen == claims[0].found.compared:
+        family, by, whole = figure.scale
+        scale = Claim(subject="", cells=cells, what=[family], by=by)
+        said = limited(figure.what, claims[0], scale, whole)
+        return replace(drawing, finding=f"{before}{said}", claims=claims[:1])
+    if figure.fold == "{claim}":
+        return behind(drawing, *claims, asked=figure.asked, before=before)
+    drawing = claiming(drawing, *claims, before=before)
+    return replace(drawing, fold=figure.fold, asked="" if figure.fold else figure.asked)
+
+
+def _claims(figure: Figure, cells: Cells) -> list[Claim]:
+    """That all rows of a figure are at theory, a claim for each subject."""
+    if not figure.compared or not figure.what:
+        return []
+    subjects, claimed = figure.what.split("; "), figure.claimed or figure.rows
+    rows = [claimed] if len(subjects) == 1 else [[each] for each in claimed]
+    claims = [
+        Claim(subject=what, cells=cells, what=own, by=figure.by, theory=figure.theory)
+        for what, own in zip(subjects, rows, strict=True)
+    ]
+    return [claim for claim in claims if claim.found.points]
+
+
+def _settled(figure: Figure, cells: Cells) -> tuple[Figure, Cells]:
+    """The figure with its axis, and the cells that it is about."""
+    own = [c for c in cells if figure.where(c.parameters) and rows_of(figure, c)]
+    if figure.along == VARYING:
+        figure = replace(figure, along=axis_of(own))
+    if figure.least:
+        own = [
+            cell
+            for group in grouped(own, figure.least).values()
+            for least in [min(each.parameters[figure.least] for each in group)]
+            for cell in group
+            if cell.parameters[figure.least] == least
+        ]
+    return figure, own
+
+
+def _groups(figure: Figure, cells: Cells) -> dict[str, tuple[CellResult, ...]]:
+    """Cells that differ only in what makes a line and its places."""
+    named = (figure.along, figure.lines, figure.least, *figure.over)
+    groups = grouped(cells, *(each for each in named if isinstance(each, str)))
+    few = 1 if figure.several else 0
+    return {k: own for k, own in groups.items() if _places(figure, own) > few}
+
+
+def _places(figure: Figure, cells: Cells) -> int:
+    """Places on the axis."""
+    return len({_place(figure, rows_of(figure, cell)[0], cell) for cell in cells})
+
+
+def rows_of(figure: Figure, cell: CellResult) -> list[Row]:
+    """Rows of a cell that a figure draws."""
+    return [
+        row
+        for row in cell.rows
+        if belongs(row, figure.rows) and figure.by in (None, row.predictor)
+    ]
+
+
+def _line(figure: Figure, row: Row, cell: CellResult) -> str:
+    """What tells a line or a bar from the others of its group of cells."""
+    if isinstance(figure.lines, str):
+        return str(cell.parameters[figure.lines])
+    return "" if figure.lines is None else figure.lines(row)
+
+
+def _place(figure: Figure, row: Row, cell: CellResult) -> float | None:
+    if figure.along == "":
+        return 0.0
+    if callable(figure.along):
+        return figure.along(row)
+    return position(cell, figure.along)
+
+
+def _unit(picture: Picture, row: Row) -> Unit:
+    if callable(picture.unit):
+        return picture.unit(row)
+    return picture.unit or of_row(row.unit)
+
+
+def _value(name: str, unit: Unit) -> str:
+    return name if unit == RELATIVE else f"{name}, {unit.name}"
+
+
+def _begun(label: str) -> str:
+    return label[:1].upper() + label[1:]
+
+
+Panels = tuple[list[AnyPanel], list[AnyPanel]]
+"""What was measured, and measured over predicted."""
+
+
+def _panels(figure: Figure, groups: Mapping[str, Cells]) -> Panels:
+    """Panels of a figure."""
+    if figure.along == "":
+        return _bars(figure, groups)
+    points = [
+        Point(
+            panel=label if figure.panels is None else figure.panels(row),
+            line=", ".join(filter(None, (_line(figure, row, cell), own_label))),
+            x=place,
+            cell=cell,
+            row=row,
+        )
+        for label, cells in groups.items()
+        for own_label in ["" if figure.panels is None else label]
+        for cell in cells
+        for row in rows_of(figure, cell)
+        if (place := _place(figure, row, cell)) is not None
+    ]
+    return _lines(figure, points)
+
+
+def _bars(figure: Figure, groups: Mapping[str, Cells]) -> Panels:
+    """A panel of bars for each group of cells, and the ratios of all of them."""
+    panels: list[BarPanel] = []
+    curves = []
+    for label, cells in groups.items():
+        found = [(cell, row) for cell in cells for row in rows_of(figure, cell)]
+        seeds = len({cell.seed for cell in cells}) > 1
+        names = [
+            f"{_line(figure, row, cell)}{f', seed {cell.seed}' if seeds else ''}"
+            for cell, row in found
+        ]
+        row = found[0][1]
+        unit = _unit(figure, row)
+        value = _value(figure.value or row.statistic.family.words, unit)
+        title = label or spelled(cells[0].study)
+        panels.append(bars(found, names, title, value, unit))
+        places = [Point("", label, float(i), *each) for i, each in enumerate(found)]
+        curves.append(_curve(label, places))
+    if not figure.ratio or any(p.names != panels[0].names for p in panels):
+        return [*panels], []
+    ratios = ratio_bars("over theory", panels[0].names, curves, bar_width(curves))
+    return [*panels], [ratios] if ratios else []
+
+
+def _curve(label: str, points: Sequence[Point]) -> Curve:
+    """A line of rows, sorted along the axis."""
+    points = sorted(points, key=lambda point: (point.x, *triple(point.row)))
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not drawn
+        values = [(p.x, *read(p.row)[:4]) for p in points]
+        x, value, error, prediction, rest = np.array(values, dtype=float).T
+    return Curve(
+        label=label,
+        x=x,
+        value=value,
+        error=error,
+        prediction=prediction,
+        remainder=rest,
+        sources=[(p.cell, read(p.row)) for p in points],
+    )
+
+
+def _curves(figure: Figure, points: Sequence[Point]) -> dict[str, list[Curve]]:
+    """Curves of each panel, in the units of a person."""
+    found: dict[str, dict[tuple[str, str], list[Point]]] = {}
+    for point in points:
+        key = point.line, point.cell.name if figure.over else ""
+        found.setdefault(point.panel, {}).setdefault(key, []).append(point)
+    return {
+        panel: [
+            _curve(line, own).scaled(_unit(figure, own[0].row))
+            for (line, _), own in lines.items()
+        ]
+        for panel, lines in found.items()
+    }
+
+
+def _lines(figure: Figure, points: Sequence[Point]) -> Panels:
+    """Points with predictions over the axis, and below them the ratio of both."""
+    every = _curves(figure, points)
+    names = list(dict.fromkeys(point.line for point in points))
+    z = bar_width(c for curves in every.values() for c in curves)
+    values: list[AnyPanel] = []
+    ratios: list[AnyPanel] = []
+    for title, curves in every.items():
+        own = [p for p in points if p.panel == title]
+        row, study = own[0].row, own[0].cell.study
+        theories = _theories(figure, curves, own)
+        series = [*theories]
+        for c in curves:
+            for s in _series(figure, c, names.index(c.label), z):
+                known = any(s.label == other.label for other in series)
+                series.append(replace(s, label="") if known else s)
+        series += [*_resolved(figure, own), *_floor(figure, own)]
+        axis = figure.axis or axis_words(study, str(figure.along))
+        title = title or spelled(study)
+        value = figure.value or row.statistic.family.words
+        units = {_unit(figure, p.row) for p in own}
+        values.append(
+            Panel(
+                title=title,
+                x_label=axis,
+                y_label=value if len(units) > 1 else _value(value, *units),
+                series=series,
+                log_x=figure.log_x,
+                log_y=figure.log_y,
+                references=((figure.level, ""),) if figure.level is not None else (),
+                dodge=figure.compared,
+            )
+        )
+        if figure.compared and figure.ratio:
+            over = [s for c in curves for s in _over(c, theories)]
+            words = f"{title} over {figure.theory}"
+            below = ratio_panel(words, axis, curves, z, over, log_x=figure.log_x)
+            ratios += [] if below is None else [below]
+    return values, ratios
+
+
+def _series(figure: Figure, c: Curve, place: int, z: float) -> list[Series]:
+    """A line: its prediction and measured points, or what is not sampled alone."""
+    if figure.compared:
+        predicted = c.predicted("-", "theory")
+        if len(predicted.x) == 1:  # no line
+            predicted = replace(predicted, line="", marker="D")
+        measured = c.points(z, place)
+        known = figure.theories or not np.isfinite(c.prediction).any()
+        return [measured] if known else [predicted, measured]
+    label = FORMULAS.get(c.label, c.label)
+    colour, line = STYLES.get(
+        c.label, (COLOURS[place % len(COLOURS)], LINES[place // len(COLOURS) % 4])
+    )
+    whole = Series(label=label, x=c.x, y=c.value, colour=colour, line=line)
+    if len(c.x) > FEW or (c.label in STYLES and len(c.x) > 1):
+        return [whole]
+    marker = MARKERS[place % len(MARKERS)]
+    marked = replace(whole, line="", marker=marker, notes=c.notes)
+    return [marked] if len(c.x) == 1 else [replace(whole, label=""), marked]
+
+
+def _theories(
+    figure: Figure, curves: Sequence[Curve], points: Sequence[Point]
+) -> list[Series]:
+    """Lines of the other predictions of the same statistics."""
+    series: list[Series] = []
+    for by in (*figure.theories, *filter(None, (figure.bound,))):
+        name = "Cramér-Rao bound" if by == figure.bound else FORMULAS.get(by, by)
+        colour, style = STYLES.get(by, (BOUND, ":"))
+        for line in dict.fromkeys(c.label for c in curves):
+            own = {
+                (p.x, _unit(figure, p.row).factor * r.prediction)
+                for p in points
+                if p.line == line
+                for r in p.cell.rows
+                if r.key == (p.row.statistic, by) and r.prediction is not None
+            }
+            if own:
+                x, y = np.array(sorted(own), dtype=float).T
+                label = "" if any(s.label == name for s in series) else name
+                series.append(Series(label=label, x=x, y=y, colour=colour, line=style))
+    return series
+
+
+def _over(c: Curve, theories: Sequence[Series]) -> Iterator[Series]:
+    """Other predictions over the one that a curve is divided by."""
+    x, place = np.unique(c.x, return_index=True)
+    for line in theories:
+        own = c.prediction[place]
+        if np.array_equal(line.x, x) and not np.array_equal(line.y, own):
+            yield replace(line, label="", y=line.y / own)
+
+
+def _resolved(figure: Figure, points: Sequence[Point]) -> list[Series]:
+    """Relative standard error of what the lines are distances from."""
+    found = {
+        (p.x, r.standard_error / abs(r.prediction))
+        for p in points
+        for r in p.cell.rows
+        if r.statistic.family == figure.resolved.get(p.panel)
+        and r.predictor == EXACT
+        and r.prediction
+    }
+    if not found:
+        return []
+    x, y = np.array(sorted(found)).T
+    return [Series(label="standard error", x=x, y=y, colour=GREY, line=":")]
+
+
+def _floor(figure: Figure, points: Sequence[Point]) -> list[Series]:
+    """A value of the cells across the axis."""
+    unit, own = _unit(figure, points[0].row), {p.cell.name: p.cell for p in points}
+    values = {
+        unit.factor * row.value
+        for cell in own.values()
+        for row in cell.rows
+        if row.statistic == figure.floor
+    }
+    x = np.array([f(p.x for p in points) for f in (min, max)])
+    name = "Cramér-Rao bound"
+    return [
+        Series(label=name, x=x, y=np.full(2, value), colour=BOUND, line=":")
+        for value in sorted(values)
+    ]
+
+
+# ---- sentences
+
+
+def sentence(picture: Picture, cells: Cells) -> str:
+    """What the rows of a figure say, by its template, with a space; empty without."""
+    figure = picture if isinstance(picture, Figure) else None
+    rows = picture.about or (figure.rows if figure else ())
+    by = figure.by if figure and not picture.about else None
+    own = [
+        (cell, row)
+        for cell in cells
+        for row in cell.rows
+        if belongs(row, rows) and by in (None, row.predictor) and np.isfinite(row.value)
+    ]
+    if not own or not picture.says:
+        return ""
+    named = picture.named or (figure.lines if figure else None) or entries
+
+    def called(cell: CellResult, row: Row) -> str:
+        label = str(cell.parameters[named]) if isinstance(named, str) else named(row)
+        return FORMULAS.get(label, label)
+
+    def said(*values: float) -> str:
+        unit = _unit(picture, own[0][1])
+        numbers = dict.fromkeys(f"{unit.factor * value:.3g}" for value in values)
+        return _joined(" to ".join(numbers), unit)
+
+    ranked = sorted(own, key=lambda pair: abs(pair[1].value))
+    lines: dict[str, list[float]] = {}
+    for cell, row in own:
+        lines.setdefault(called(cell, row), []).append(row.value)
+    ends = {"least": ranked[0], "most": ranked[-1]}
+    told = {name: said(row.value) for name, (_, row) in ends.items()}
+    told |= {
+        f"{name}_of": ", ".join(
+            filter(None, (called(*pair), _where(pair[0], cells, named)))
+        )
+        for name, pair in ends.items()
+    }
+    told["each"] = "; ".join(
+        f"{said(min(v), max(v))} for {name}" for name, v in lines.items()
+    )
+    told["most_each"] = "; ".join(
+        f"{said(max(v))} for {name}" for name, v in lines.items()
+    )
+    if figure and "{gains}" in figure.says:
+        told |= _gains(figure, own)
+    return f"{picture.says.format(**told)} " if "" not in told.values() else ""
+
+
+def _joined(number: str, unit: Unit) -> str:
+    if unit == RELATIVE:
+        return number
+    return f"{number}\N{NO-BREAK SPACE}{unit.name}"
+
+
+def _gains(figure: Figure, own: Sequence[tuple[CellResult, Row]]) -> dict[str, str]:
+    """Ends of the axis, and theory's lines at one over those at the other."""
+    lines: dict[tuple[Any, ...], list[tuple[float, float]]] = {}
+    for cell, row in own:
+        rest = {k: v for k, v in cell.parameters.items() if k != figure.along}
+        place = _place(figure, row, cell)
+        if place is not None and row.prediction:
+            key = row.statistic, str(rest), cell.seed
+            lines.setdefault(key, []).append((place, row.prediction))
+    ends = [(min(line), max(line)) for line in lines.values()]
+    few, many = min(a for (a, _), _ in ends), max(b for _, (b, _) in ends)
+    with np.errstate(all="ignore"):
+        gains = [
+            float(np.divide(x, y)) for (a, x), (b, y) in ends if few == a < b == many
+        ]
+    told = dict.fromkeys(f"{f(gains):.2g}" for f in (min, max)) if gains else ()
+    return {"few": f"{few:g}", "many": f"{many:g}", "gains": " to ".join(told)}
+
+
+def _where(cell: CellResult, cells: Cells, without: object = None) -> str:
+    """What sets a cell apart from the others of its study."""
+    keys = [key for key in varying(cells) if key not in (*EFFORT, without)]
+    return ", ".join(setting_words(cell.study, k, cell.parameters.get(k)) for k in keys)
+
+
+# ---- slopes
+
+
+def slopes_of(figure: Figure, cells: Cells) -> list[tuple[Any, ...]]:
+    """Each line of a figure: what it is, of which cells, its curve, leading order."""
+    rows: list[tuple[Any, ...]] = []
+    figure, cells = _settled(figure, cells)
+    for label, own in _groups(figure, cells).items() if figure.slope else ():
+        points = [
+            Point(words(row), _line(figure, row, cell), place, cell, row)
+            for cell in own
+            for row in rows_of(figure, cell)
+            if (place := _place(figure, row, cell)) is not None
+        ]
+        for what, curves in _curves(figure, points).items():
+            for c in curves:
+                leading = figure.slope
+                if isinstance(leading, Mapping):
+                    leading = leading.get(c.label)
+                where = ", ".join(filter(None, (c.label, label)))
+                rows.append((what, where, c, leading))
+    return rows
+
+
+def slope_tables(anchor: str, lines: Sequence[tuple[Any, ...]]) -> list[Table]:
+    """A table of fitted slopes, theory's own and the leading orders, if there are any.
+
+    A line without chance has the slope between its two smallest places.
+    """
+    rows, found = [], []
+    for what, where, c, leading in lines:
+        slope, own = "needs two places on the axis", None
+        if len(np.unique(c.x)) > 1 and not c.error.any():
+            exact = order(c.x, c.value)
+            slope = "" if exact is None else f"{exact:.3f}"
+        elif len(np.unique(c.x)) > 1:
+            fitted = fitted_slope(c.x, c.value, c.error)
+            own = fitted_slope(c.x, c.prediction, c.error)
+            slope = str(fitted or "not distinguishable from zero in these trials")
+            found.append((fitted, own))
+        rows.append((what, where, slope, own and round(own.value, 4), leading))
+    said, well = slopes_said(found)
+    table = Table(
+        name=f"{anchor}-slopes",
+        fold=(said if found else "Slopes along the axis") if well else "",
+        caption="Slopes along the axis, with 95 % intervals",
+        columns=(
+            Column("statistic"),
+            Column("of"),
+            Column("fitted"),
+            Column("of theory's own line", "number"),
+            Column("leading order", "number"),
+        ),
+        rows=rows,
+        shown=MAX_ROWS,
+    )
+    return [table] if any(len(np.unique(c.x)) > 1 for _, _, c, _ in lines) else []
+
+
+# ---- distributions
+
+
+def distributed(picture: Distribution, context: Context, cells: Cells) -> list[Drawing]:
+    """Draw the artifacts of the cells of a study: one figure, or one for each cell."""
+    folder = context.run.folder / "artifacts"
+    found = [
+        (cell, _distributions(picture, folder / file, cell))
+        for cell in cells
+        if is_left(folder / (file := picture.file(cell.parameters)))
+    ]
+    shown, rest = found[:MAX_GROUPS], [_where(c, cells) for c, _ in found[MAX_GROUPS:]]
+    groups = [[pair] for pair in shown] if picture.each else [shown] if shown else []
+    drawings = []
+    for i, group in enumerate(groups):
+        where = _begun(_where(group[0][0], cells)) if picture.each else ""
+        own = [cell for cell, _ in group] if picture.each else cells
+        said = f"{where}{': ' * bool(where)}{sentence(picture, own)}".strip()
+        drawings.append(
+            Drawing(
+                name=slug(f"{picture.name} {where}" if i else picture.name),
+                asked="" if i else picture.asked,
+                finding="" if i else said,
+                fold=said if i else "",
+                caption=picture.caption,
+                alternative=f"{picture.asked} {said}",
+                panels=[panel for _, panels in group for panel in panels],
+                columns=picture.columns,
+            )
+        )
+    if drawings:
+        drawings[-1] = replace(drawings[-1], left_out=rest)
+    return drawings
+
+
+def _distributions(picture: Distribution, file: Any, cell: CellResult) -> list[Panel]:
+    """A panel for each set of arrays of an artifact."""
+    content, panels = arrays(file), []
+    for title, lines in picture.arrays(cell.parameters).items():
+        values = {k: shaped(file, content, name, None) for k, name in lines.items()}
+        end = ROOM * max(float(each.max()) for each in values.values())
+        series = [
+            Series(
+                label=FORMULAS.get(name, name),
+                x=np.full(2, place),
+                y=np.array([0.0, 1.0]),
+                colour=STYLES[name][0],
+                line=STYLES[name][1],
+            )
+            for name, place in picture.upright.items()
+        ]
+        for i, (name, each) in enumerate(values.items()):
+            style = STYLES.get(name, (COLOURS[i % len(COLOURS)], LINES[i % 4]))
+            series.append(share_at_most(FORMULAS.get(name, name), each, end, *style))
+        panels.append(
+            Panel(
+                title=title or _where(cell, [cell]) or file.stem,
+                x_label=picture.axis,
+                y_label=picture.value,
+                series=series,
+                log_x=False,
+                log_y=False,
+                references=[(share, "") for share in picture.references],
+            )
+        )
+    return panels
+
+
+# ---- tables
+
+
+def listed(listing: Listing, cells: Cells) -> list[Table]:
+    """A table of rows: a line for each cell and key; none without rows."""
+    cells = [c for c in cells if listing.where(c.parameters)]
+    parameters = [key for key in varying(cells) if key not in EFFORT]
+    parameters += ["seed"] if len({cell.seed for cell in cells}) > 1 else []
+    lines: dict[tuple[Any, ...], dict[str, Row]] = {}
+    for cell in cells:
+        values = {**cell.parameters, "seed": cell.seed}
+        for row in (row for row in cell.rows if belongs(row, listing.rows)):
+            keys = (key(row) for key in listing.keys.values())
+            name = (*(values.get(k) for k in parameters), *keys)
+            lines.setdefault(name, {}).setdefault(listing.column(row), row)
+    if not lines:
+        return []
+    columns: list[Column] = []
+    for i, key in enumerate(parameters):
+        numeric = all(isinstance(name[i], int | float) for name in lines)
+        title = axis_words(cells[0].study, key)
+        columns.append(Column(title, "number" if numeric else "text", 19))
+    columns += map(Column, listing.keys)
+    fields: list[tuple[str, Callable[[Row], Any]]] = []
+    for title in dict.fromkeys(title for line in lines.values() for title in line):
+        own = [line[title] for line in lines.values() if title in line]
+        sampled = any(row.standard_error > 0.0 for row in own)
+        columns.append(Column(title, "measured" if sampled else "number"))
+        fields.append((title, _measured if sampled else _plain))
+        if listing.predicted and any(row.prediction is not None for row in own):
+            columns.append(Column("predicted", "number"))
+            fields.append((title, _predicted))
+    fold = listing.caption
+    if listing.claim:
+        claim = Claim(subject=listing.claim, cells=cells, what=listing.rows)
+        fold = "" if claim.found.off else claim.said
+    rows = [
+        (*keys, *(get(line[title]) if title in line else None for title, get in fields))
+        for keys, line in lines.items()
+    ]
+    return [
+        Table(
+            name=listing.name,
+            fold=fold,
+            caption=listing.caption,
+            columns=columns,
+            rows=rows,
+            shown=MAX_ROWS,
+        )
+    ]
+
+
+def _measured(row: Row) -> tuple[float, float]:
+    return row.value, row.standard_error
+
+
+def _plain(row: Row) -> float:
+    return row.value
+
+
+def _predicted(row: Row) -> float | None:
+    return row.prediction
