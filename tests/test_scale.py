@@ -6,7 +6,6 @@ import itertools
 import re
 import subprocess
 import sys
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -50,31 +49,6 @@ def small(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(executors, "CELLS", 1)
         return swept(tmp_path_factory.mktemp("scale") / "small", suite_of(CELLS))
-
-
-def test_the_cells_of_a_million_take_no_memory():
-    suite_of(10)  # what is imported for it
-    tracemalloc.start()
-    suite = suite_of(1_000_000)
-    names = [cell.name for cell in itertools.islice(suite.cells, 1000)]
-    last = suite.cells[-1].name
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert len(suite.cells) == 1_000_000
-    assert len({*names, last}) == 1001
-    assert peak < 4 * MEBIBYTE  # 900 MiB when all were held
-
-
-@pytest.mark.ci
-def test_the_queue_of_ten_thousand_cells_takes_their_places_only():
-    suite = suite_of(10_000)
-    tracemalloc.start()
-    queue = Queue(suite.cells, range(10_000), 1e-3)
-    count = sum(len(queue.take(2).cells) for _ in iter(lambda: bool(queue), False))
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert count == 10_000
-    assert peak < MEBIBYTE
 
 
 @pytest.mark.parametrize("at_once", [1, 4, 100])

@@ -30,7 +30,6 @@ from simval.sweep import provenance, store
 from simval.sweep.cells import Ending, worse
 from simval.sweep.cluster import WAIT, clustered
 from simval.sweep.executors import Compute, Queue, Work, pooled, serial
-from simval.sweep.grid import Chosen
 from simval.sweep.identity import Stated, environments, here
 from simval.sweep.run import Run, completed, load_run, write_table
 from simval.sweep.suite import Suite, load_suite, require_plugins
@@ -187,7 +186,7 @@ def drive(
             progress.start(len(suite.cells), done, worst if done else "stored")
             if isinstance(progress, Watch):
                 at_once = workers if scheduler is None else None
-                progress.expect(Chosen(suite.cells, pending), at_once)
+                progress.expect([suite.cells[k] for k in pending], at_once)
             queue = Queue(suite.cells, pending, ALPHA, work, stated)
             _compute(database, folder, compute, queue, progress, worst)
             manifest = store.manifest(database)

@@ -15,10 +15,11 @@ run any program, so its words need not lie in the folder; words that are files i
 resolved.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from importlib import resources
+from itertools import product
 from math import prod
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Final, TypeVar
@@ -38,8 +39,7 @@ from simval.files import MOST_DOCUMENT, parsed_toml, read_text
 from simval.plugins.names import file_of, located
 from simval.studies import STUDIES
 from simval.studies.plugin import PluginParameters
-from simval.studies.study import Cell
-from simval.sweep.grid import Grid, Table, table
+from simval.studies.study import Cell, StudyParameters
 from simval.text import did_you_mean, shown
 from simval.vocabulary import builtin_suites
 from simval.whole import exact
@@ -47,9 +47,8 @@ from simval.whole import exact
 Model = TypeVar("Model", bound=BaseModel)
 NonEmpty = Field(min_length=1)
 WHOLE = BeforeValidator(exact)
-MOST_CELLS: Final = 2_000_000
-"""The bill of `docs/cluster.md` is of 1e6, whose store takes 8.5 GB; at a second a cell
-twice as many are 23 days of one processor."""
+MOST_CELLS: Final = 200_000
+"""All cells of a run are held in memory, with some 80 rows of 0.3 kB each."""
 MOST_FAULTS = 20
 """Of a file that are told one by one; who sees so many reads no more."""
 Seed = Annotated[int, Field(ge=0, lt=2**63), WHOLE]
@@ -66,7 +65,7 @@ class Suite:
     title : str
         One line for people.
     cells : sequence of Cell
-        The units of work, in the order of the file; each is made when it is asked for.
+        The units of work: all of the grid for each seed in turn.
     grid : mapping
         The file's content after overrides, for the manifest.
     """
@@ -169,35 +168,44 @@ def expand(name: str, content: Mapping[str, Any]) -> Suite:
         )
         raise InputError(msg)
     _require_size(name, model)
+    points = [
+        (study, parameters)
+        for study in studies
+        for parameters in _points(name, study, getattr(model, study))
+    ]
     seeds = _as_list(model.seed)  # type: ignore[attr-defined]
-    cells = Grid(seeds, [_table(name, key, getattr(model, key)) for key in studies])
+    cells = tuple(Cell(study, own, seed) for seed in seeds for study, own in points)
     _check_names(name, cells)
     grid = {"seed": seeds} | {key: getattr(model, key).model_dump() for key in studies}
     return Suite(name, model.title, cells, grid)  # type: ignore[attr-defined]
 
 
-def _table(name: str, study: str, content: BaseModel) -> Table:
+def _points(name: str, study: str, content: BaseModel) -> Iterator[StudyParameters]:
+    """Every combination of the values of a study's axes; the last is the fastest."""
     model = STUDIES[study].parameters
     axes = {key: _as_list(value) for key, value in content.model_dump().items()}
-    return table(study, axes, partial(validated, f"suite {name}, {study}", model))
+    for values in product(*axes.values()):
+        point = dict(zip(axes, values, strict=True))
+        yield validated(f"suite {name}, {study}", model, point)
 
 
-def _check_names(name: str, cells: Grid) -> None:
-    pair = cells.repeated()
-    if pair is None:
-        return
-    cell, other = pair
-    msg = f"suite {name} has the cell {cell.name} twice; remove the repeated value"
-    theirs, ours = (c.parameters.model_dump() for c in (other, cell))
-    clash = [
-        repr(v) for k in ours if ours[k] != theirs[k] for v in (theirs[k], ours[k])
-    ]
-    if clash:
-        msg = (
-            f"suite {name}: {' and '.join(clash)} would both be the cell "
-            f"{cell.name}, since its name omits folders; rename one of the files"
-        )
-    raise InputError(msg)
+def _check_names(name: str, cells: Iterable[Cell]) -> None:
+    known: dict[str, Cell] = {}
+    for cell in cells:
+        other = known.setdefault(cell.name, cell)
+        if other is cell:
+            continue
+        msg = f"suite {name} has the cell {cell.name} twice; remove the repeated value"
+        theirs, ours = (c.parameters.model_dump() for c in (other, cell))
+        clash = [
+            repr(v) for k in ours if ours[k] != theirs[k] for v in (theirs[k], ours[k])
+        ]
+        if clash:
+            msg = (
+                f"suite {name}: {' and '.join(clash)} would both be the cell "
+                f"{cell.name}, since its name omits folders; rename one of the files"
+            )
+        raise InputError(msg)
 
 
 def _annotated(info: FieldInfo) -> Any:
@@ -310,34 +318,22 @@ def _as_list(value: Any) -> list[Any]:
 
 
 def _require_size(name: str, suite: BaseModel) -> None:
-    """Refuse a suite of more cells than a run can have, by its axes alone.
-
-    Raises
-    ------
-    InputError
-        With the axes that make it so large.
-    """
+    """Refuse a suite of more cells than a run can have, by its axes alone."""
     content = suite.model_dump(exclude_none=True)
-    seeds = len(_as_list(content.pop("seed", 1)))
-    tables = {study: grid for study, grid in content.items() if isinstance(grid, dict)}
-    cells = seeds * sum(
-        prod(len(_as_list(value)) for value in grid.values())
-        for grid in tables.values()
-    )
-    if cells <= MOST_CELLS:
-        return
-    axes = {"seed": seeds} | {
-        f"{study}.{key}": len(_as_list(value))
-        for study, grid in tables.items()
-        for key, value in grid.items()
-    }
-    longest = sorted(axes, key=lambda axis: -axes[axis])[:3]
-    listed = ", ".join(f"{axes[axis]:,} of `{axis}`" for axis in longest)
-    msg = (
-        f"suite {name} has {cells:,} cells ({listed}); a run may have "
-        f"{MOST_CELLS:,}, so shorten an axis, or split the suite into several"
-    )
-    raise InputError(msg)
+    axes = {"seed": len(_as_list(content.pop("seed", 1)))}
+    cells = 0
+    for study, grid in content.items():
+        if isinstance(grid, dict):
+            own = {f"{study}.{k}": len(_as_list(v)) for k, v in grid.items()}
+            cells += axes["seed"] * prod(own.values())
+            axes |= own
+    if cells > MOST_CELLS:
+        longest = max(axes, key=axes.__getitem__)
+        msg = (
+            f"suite {name} has {cells:,} cells ({axes[longest]:,} of `{longest}`); a "
+            f"run may have {MOST_CELLS:,}, so shorten an axis, or split the suite"
+        )
+        raise InputError(msg)
 
 
 def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
