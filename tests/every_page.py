@@ -70,10 +70,9 @@ BROKEN = (
 
 def every_page(folder):
     """Paths of the pages by name, all written by the commands that a user runs."""
-    suite, log = folder / "suite.toml", folder / "log <b> & c.csv"
+    suite = folder / "suite.toml"
     suite.write_text(SUITE)
     (folder / "own.toml").write_text(OWN)
-    (folder / "imu.toml").write_text(SENSOR)
     sound, broken, own = (folder / name for name in ("sound", "broken", "own"))
     _run("sweep", suite, "--out", sound, "--quiet")
     shutil.copytree(sound, broken)
@@ -84,28 +83,56 @@ def every_page(folder):
         for word in ("--plugin", EXAMPLES / name)
     ]
     _run("sweep", folder / "own.toml", "--out", own, "--quiet", *plugins)
-    signal = ["--sensor", folder / "imu.toml", "--out", log, "--every", "5"]
-    _run("scene", "gimbal", *signal, "--set", "poses=20", "--set", "move_time=3")
-    still = folder / "still.csv"
-    _write_still(still)
     pages = {
         name: folder / f"{name}.html"
-        for name in (
-            "sound", "failing", "algorithms", "compared", "calibrated", "filtered",
-            "noise",
-        )
-    }  # fmt: skip
+        for name in ("sound", "failing", "algorithms", "compared")
+    }
     _run("report", sound, "--out", pages["sound"])
     _run("report", broken, "--out", pages["failing"])
     _run("report", own, "--out", pages["algorithms"])
     _run("compare", sound, broken, "--out", pages["compared"])
-    found = folder / "calibration.json"
-    _run("calibrate", log, "--report", pages["calibrated"], "--out", found)
-    filters = ["--plugin", "simval:mekf", "--plugin", EXAMPLES / "complementary.py"]
-    told = ["--truth", "log", "--calibration", found]
-    _run("filter", log, *filters, *told, "--report", pages["filtered"])
-    _run("noise", still, "--report", pages["noise"])
+    for name, words in log_commands(folder).items():
+        pages[name] = folder / f"{name}.html"
+        _run(*words, "--report", pages[name])
     return pages
+
+
+def log_commands(folder):
+    """Commands that write a page of a log: five logs, with faults and without."""
+    log, odd, blind, still, stuck = (
+        folder / name
+        for name in (
+            "log <b> & c.csv",
+            "odd.csv",
+            "blind.csv",
+            "still.csv",
+            "stuck.csv",
+        )
+    )
+    (folder / "imu.toml").write_text(SENSOR)
+    signal = ["--sensor", folder / "imu.toml", "--out", log, "--every", "10"]
+    _run("scene", "gimbal", *signal, "--set", "poses=20", "--set", "move_time=3")
+    header, rows = log.read_text().partition("\n")[::2]
+    rows = np.loadtxt(rows.splitlines(), delimiter=",")
+    _write(blind, header.split(",true")[0], rows[:, :10])
+    rests = np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows[:, -1])) + 1)
+    leant = next(
+        rest for rest in rests[10:] if rows[rest[0], -1]
+    )  # somebody leant on it
+    rows[leant, 1:4] += [20.0, 0.0, 0.0]
+    _write(odd, header.split(",wx")[0], rows[:, :4])
+    _write_still(still, stuck)
+    found = folder / "calibration.json"
+    _run("calibrate", log, "--out", found)
+    own = ["--plugin", EXAMPLES / "complementary.py", "--calibration", found]
+    return {
+        "calibrated": ("calibrate", log),
+        "outlier": ("calibrate", odd),
+        "filtered": ("filter", log, "--plugin", "simval:mekf", *own, "--truth", "log"),
+        "blind": ("filter", blind, *own),
+        "noise": ("noise", still, "--gyro-unit", "1e-3"),
+        "stuck": ("noise", stuck),
+    }
 
 
 def _run(*words):
@@ -113,13 +140,18 @@ def _run(*words):
     assert code in (0, 1), (code, words)
 
 
-def _write_still(path):
-    """A log at rest with white noise and a walk of the bias, raw counts."""
+def _write_still(still, stuck):
+    """Logs at rest with white noise and a walk of the bias, raw counts; one stuck."""
     rng = np.random.default_rng(5)
-    n = 60_000
+    n = 20_000
     white = 5.0 * rng.standard_normal((n, 6))
     walk = 0.02 * np.cumsum(rng.standard_normal((n, 6)), axis=0)
     rows = np.column_stack([np.arange(n) / 100.0, white + walk])
     rows[:, 3] += 4096.0
-    header = "t,ax,ay,az,wx,wy,wz"
-    np.savetxt(path, rows, delimiter=",", header=header, comments="", fmt="%.3f")
+    _write(still, "t,ax,ay,az,wx,wy,wz", rows)
+    rows[:, 4:] = 3.0
+    _write(stuck, "t,ax,ay,az,wx,wy,wz", rows[:6000])
+
+
+def _write(path, header, rows):
+    np.savetxt(path, rows, delimiter=",", header=header, comments="", fmt="%.8g")

@@ -30,7 +30,8 @@ with_nu = pytest.mark.skipif(
 )
 
 NAMES = (
-    "sound", "failing", "algorithms", "compared", "calibrated", "filtered", "noise",
+    "sound", "failing", "algorithms", "compared", "calibrated", "outlier", "filtered",
+    "blind", "noise", "stuck",
 )  # fmt: skip
 WIDTHS, SCHEMES = (380, 1280), ("light", "dark")
 
