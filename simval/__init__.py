@@ -65,8 +65,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """List the public names too, though they are not imported yet."""
-    import sys
-
-    from simval.faces import offered
-
-    return offered(sys.modules[__name__])
+    return sorted({*globals(), *__all__})

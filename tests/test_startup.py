@@ -96,10 +96,9 @@ def test_a_package_that_fails_says_why():
     program = (
         "import mujoco\nsys.modules['mujoco._version'] = None\n"
         "try: mujoco.MjModel\n"
-        "except ImportError as error: print(error, '__path__' in vars(mujoco))\n"
+        "except ImportError as error: print(error)\n"
         "del sys.modules['mujoco._version']; print(mujoco.MjModel.__name__)"
     )
-    *_, said, found = told(program).splitlines()
-    assert "mujoco" in said
-    assert said.endswith("False")  # it runs again when it is asked again
-    assert found == "MjModel"
+    *said, found = told(program).splitlines()
+    assert "mujoco" in "".join(said)
+    assert found == "MjModel"  # it runs again when it is asked again

@@ -4,33 +4,26 @@ The established estimators are in `simval.attitude.comparators`, not imported he
 need `scipy.spatial`.
 """
 
-from typing import TYPE_CHECKING
-
-from simval.faces import present
-
-if TYPE_CHECKING:
-    from simval.attitude.checks import Validity
-    from simval.attitude.estimator import (
-        AttitudeEstimate,
-        estimate_attitude,
-        two_vector_quaternion,
-    )
-    from simval.attitude.singular import (
-        Case,
-        SequentialEstimate,
-        SingularSolution,
-        sequential_quaternion,
-        singular_solution,
-        turn_is_singular,
-    )
-    from simval.attitude.wahba import (
-        Consistency,
-        consistency,
-        wahba_covariance,
-        wahba_quaternion,
-    )
-else:
-    present(__name__, __file__)
+from simval.attitude.checks import Validity
+from simval.attitude.estimator import (
+    AttitudeEstimate,
+    estimate_attitude,
+    two_vector_quaternion,
+)
+from simval.attitude.singular import (
+    Case,
+    SequentialEstimate,
+    SingularSolution,
+    sequential_quaternion,
+    singular_solution,
+    turn_is_singular,
+)
+from simval.attitude.wahba import (
+    Consistency,
+    consistency,
+    wahba_covariance,
+    wahba_quaternion,
+)
 
 __all__ = [
     "AttitudeEstimate",

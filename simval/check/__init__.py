@@ -5,14 +5,7 @@ folder that goes again; `check_function` takes a function that only this process
 Both answer with a `Checked`: the gate's result, and what the plug-ins declare.
 """
 
-from typing import TYPE_CHECKING
-
-from simval.faces import present
-
-if TYPE_CHECKING:
-    from simval.check.measure import Checked, check_function, check_plugin
-    from simval.check.words import told
-else:
-    present(__name__, __file__)
+from simval.check.measure import Checked, check_function, check_plugin
+from simval.check.words import told
 
 __all__ = ["Checked", "check_function", "check_plugin", "told"]

@@ -6,32 +6,25 @@ algorithms of one, and `trend_of` finds the steps in a series. All of them say w
 moved, which way and by how much with the same words: `Step` and `Move`.
 """
 
-from typing import TYPE_CHECKING
-
-from simval.faces import present
-
-if TYPE_CHECKING:
-    from simval.judge.algorithms import (
-        AlgorithmComparison,
-        Merit,
-        compare_algorithms,
-    )
-    from simval.judge.baseline import BASELINE, read_baseline, write_baseline
-    from simval.judge.comparison import Comparison
-    from simval.judge.findings import Finding, findings
-    from simval.judge.gate import (
-        Gap,
-        GateResult,
-        Spent,
-        headline,
-        judge_run,
-        samples_spent,
-    )
-    from simval.judge.runs import Difference, RunComparison, compare_runs, match
-    from simval.judge.steps import Move, Step, moved
-    from simval.judge.trend import Break, Line, Trend, read_runs, trend_of
-else:
-    present(__name__, __file__)
+from simval.judge.algorithms import (
+    AlgorithmComparison,
+    Merit,
+    compare_algorithms,
+)
+from simval.judge.baseline import BASELINE, read_baseline, write_baseline
+from simval.judge.comparison import Comparison
+from simval.judge.findings import Finding, findings
+from simval.judge.gate import (
+    Gap,
+    GateResult,
+    Spent,
+    headline,
+    judge_run,
+    samples_spent,
+)
+from simval.judge.runs import Difference, RunComparison, compare_runs, match
+from simval.judge.steps import Move, Step, moved
+from simval.judge.trend import Break, Line, Trend, read_runs, trend_of
 
 __all__ = [
     "BASELINE",

@@ -22,15 +22,8 @@ not a number in a column that is taken, is refused with the file and the line, a
 repaired. Recorded attitudes (`simval.logs.truth`) may be missing in any row.
 """
 
-from typing import TYPE_CHECKING
-
-from simval.faces import present
-
-if TYPE_CHECKING:
-    from simval.logs.columns import Column
-    from simval.logs.log import Log, read_log
-    from simval.logs.truth import Truth, read_truth
-else:
-    present(__name__, __file__)
+from simval.logs.columns import Column
+from simval.logs.log import Log, read_log
+from simval.logs.truth import Truth, read_truth
 
 __all__ = ["Column", "Log", "Truth", "read_log", "read_truth"]

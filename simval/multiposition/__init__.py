@@ -9,14 +9,7 @@ The log shows a sensor that is held still in many poses. The way of a calibratio
 logger leaves in them, and `health` decides whether the fit may be given out.
 """
 
-from typing import TYPE_CHECKING
-
-from simval.faces import present
-
-if TYPE_CHECKING:
-    from simval.multiposition.calibration import LogCalibration, calibrate_log
-    from simval.multiposition.imu import ImuCalibration, calibrate_sensors
-else:
-    present(__name__, __file__)
+from simval.multiposition.calibration import LogCalibration, calibrate_log
+from simval.multiposition.imu import ImuCalibration, calibrate_sensors
 
 __all__ = ["ImuCalibration", "LogCalibration", "calibrate_log", "calibrate_sensors"]

@@ -7,18 +7,11 @@ bound where the recording does not show it. Everything is in the readings' own u
 frame and no gravity enters.
 """
 
-from typing import TYPE_CHECKING
-
-from simval.faces import present
-
-if TYPE_CHECKING:
-    from simval.noise.allan import allan_variance, averaging_counts
-    from simval.noise.covariance import allan_covariance, allan_law, covariance_forms
-    from simval.noise.files import NoiseFile, load_noise
-    from simval.noise.measure import noise_of
-    from simval.noise.model import AxisNoise, Coefficient
-else:
-    present(__name__, __file__)
+from simval.noise.allan import allan_variance, averaging_counts
+from simval.noise.covariance import allan_covariance, allan_law, covariance_forms
+from simval.noise.files import NoiseFile, load_noise
+from simval.noise.measure import noise_of
+from simval.noise.model import AxisNoise, Coefficient
 
 __all__ = [
     "AxisNoise",

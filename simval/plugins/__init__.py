@@ -7,24 +7,17 @@ JSON. What it declares about its conventions is checked without noise before any
 is measured.
 """
 
-from typing import TYPE_CHECKING
-
 from simval.errors import PluginError
-from simval.faces import present
-
-if TYPE_CHECKING:
-    from simval.plugins.loading import find_plugin
-    from simval.plugins.probe import probe_calibrator, probe_estimator
-    from simval.plugins.programs import (
-        command_calibrator,
-        command_estimator,
-        command_filter,
-    )
-    from simval.plugins.protocol import Calibrator, Estimator, Filter
-    from simval.plugins.runs import run_filter
-    from simval.plugins.worlds import find_world
-else:
-    present(__name__, __file__)
+from simval.plugins.loading import find_plugin
+from simval.plugins.probe import probe_calibrator, probe_estimator
+from simval.plugins.programs import (
+    command_calibrator,
+    command_estimator,
+    command_filter,
+)
+from simval.plugins.protocol import Calibrator, Estimator, Filter
+from simval.plugins.runs import run_filter
+from simval.plugins.worlds import find_world
 
 __all__ = [
     "Calibrator",

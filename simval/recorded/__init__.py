@@ -7,14 +7,7 @@ meaning (`attitudes`), clock and axes (`search`, `turns`, `fit`) and world (`wor
 each with an error bar (`blocks`).
 """
 
-from typing import TYPE_CHECKING
-
-from simval.faces import present
-
-if TYPE_CHECKING:
-    from simval.recorded.alignment import Alignment, align
-    from simval.recorded.evaluation import Evaluation, evaluate
-else:
-    present(__name__, __file__)
+from simval.recorded.alignment import Alignment, align
+from simval.recorded.evaluation import Evaluation, evaluate
 
 __all__ = ["Alignment", "Evaluation", "align", "evaluate"]

@@ -6,18 +6,11 @@ Each section is one module in `sections`, with a function ``section(context)`` t
 returns the section, or None where the run has nothing for it, and one template.
 """
 
-from typing import TYPE_CHECKING
-
-from simval.faces import present
-
-if TYPE_CHECKING:
-    from simval.report.calibration_page import render_calibration
-    from simval.report.comparison import render_comparison
-    from simval.report.page import drawings, render, tables
-    from simval.report.paint import png, svg_file
-    from simval.report.table import csv_text
-else:
-    present(__name__, __file__)
+from simval.report.calibration_page import render_calibration
+from simval.report.comparison import render_comparison
+from simval.report.page import drawings, render, tables
+from simval.report.paint import png, svg_file
+from simval.report.table import csv_text
 
 __all__ = [
     "csv_text",

@@ -1,26 +1,19 @@
 """Sensor models: what a sensor does to a force, a rate or a field, and its inverse."""
 
-from typing import TYPE_CHECKING
-
-from simval.faces import present
-
-if TYPE_CHECKING:
-    from simval.sensor.coloured import NoiseModel
-    from simval.sensor.effects import (
-        Effects,
-        GyroscopeEffects,
-        MagnetometerEffects,
-        Readings,
-    )
-    from simval.sensor.files import load_imu, load_sensor
-    from simval.sensor.forms import MODELS, convert, names
-    from simval.sensor.gyroscope import GyroscopeModel
-    from simval.sensor.gyroscope_forms import GyroscopeFactors, gyroscope_factors
-    from simval.sensor.imu import ImuModel, ImuReadings, Motion, read_imu, read_sensor
-    from simval.sensor.magnetometer import MagnetometerModel
-    from simval.sensor.model import AccelerometerModel
-else:
-    present(__name__, __file__)
+from simval.sensor.coloured import NoiseModel
+from simval.sensor.effects import (
+    Effects,
+    GyroscopeEffects,
+    MagnetometerEffects,
+    Readings,
+)
+from simval.sensor.files import load_imu, load_sensor
+from simval.sensor.forms import MODELS, convert, names
+from simval.sensor.gyroscope import GyroscopeModel
+from simval.sensor.gyroscope_forms import GyroscopeFactors, gyroscope_factors
+from simval.sensor.imu import ImuModel, ImuReadings, Motion, read_imu, read_sensor
+from simval.sensor.magnetometer import MagnetometerModel
+from simval.sensor.model import AccelerometerModel
 
 __all__ = [
     "MODELS",

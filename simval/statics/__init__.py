@@ -14,26 +14,19 @@ or longer at any rate: 101 and 100 samples at 100 Hz. All is relative to the res
 variance: raw counts and SI units give the same intervals.
 """
 
-from typing import TYPE_CHECKING
-
-from simval.faces import present
-
-if TYPE_CHECKING:
-    from simval.statics.detector import (
-        Rest,
-        initial_rest,
-        intervals_below,
-    )
-    from simval.statics.even import SLOWEST_NOISE, WHITE, WINDOWS, evened
-    from simval.statics.intervals import (
-        Intervals,
-        interval_counts,
-        interval_means,
-    )
-    from simval.statics.turns import Cut, still_parts
-    from simval.statics.variance import variance_magnitude
-else:
-    present(__name__, __file__)
+from simval.statics.detector import (
+    Rest,
+    initial_rest,
+    intervals_below,
+)
+from simval.statics.even import SLOWEST_NOISE, WHITE, WINDOWS, evened
+from simval.statics.intervals import (
+    Intervals,
+    interval_counts,
+    interval_means,
+)
+from simval.statics.turns import Cut, still_parts
+from simval.statics.variance import variance_magnitude
 
 __all__ = [
     "SLOWEST_NOISE",

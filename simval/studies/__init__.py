@@ -29,14 +29,12 @@ imported when its study is asked for: the child process of a plug-in needs no ot
 study never plots, prints or judges.
 """
 
-import sys
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import import_module
 
 from simval import vocabulary
 from simval.errors import InputError
-from simval.faces import offered
 from simval.studies.study import Study, StudyParameters, study_of
 from simval.text import did_you_mean
 
@@ -67,11 +65,6 @@ class _Studies(Mapping[str, Study]):
 
 
 STUDIES: Mapping[str, Study] = _Studies()
-
-
-def __dir__() -> list[str]:
-    """List what a completion should offer."""
-    return offered(sys.modules[__name__])
 
 
 def find_study(name: str) -> Study:

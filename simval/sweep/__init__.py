@@ -5,15 +5,8 @@ results in SQLite, `provenance` notes what the numbers depend on, `run` reads a
 finished run back.
 """
 
-from typing import TYPE_CHECKING
-
-from simval.faces import present
-
-if TYPE_CHECKING:
-    from simval.sweep.run import Run, load_run
-    from simval.sweep.runner import run_suite
-    from simval.sweep.suite import Suite, load_suite, suite_schema
-else:
-    present(__name__, __file__)
+from simval.sweep.run import Run, load_run
+from simval.sweep.runner import run_suite
+from simval.sweep.suite import Suite, load_suite, suite_schema
 
 __all__ = ["Run", "Suite", "load_run", "load_suite", "run_suite", "suite_schema"]

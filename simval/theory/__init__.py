@@ -1,62 +1,55 @@
 """Predictions: what the errors must be. Imports nothing that it predicts."""
 
-from typing import TYPE_CHECKING
-
-from simval.faces import present
-
-if TYPE_CHECKING:
-    from simval.theory.attitude import (
-        AttitudeMoments,
-        SufficientOrder,
-        attitude_moments,
-        multiplicative_moments,
-        sufficient_order,
-    )
-    from simval.theory.calibration import CalibrationMoments, calibration_moments
-    from simval.theory.cubature import cubature_moments
-    from simval.theory.estimators import (
-        AttitudeBound,
-        attitude_bound,
-        loss_noncentrality,
-        wahba_bound,
-        wahba_moments,
-    )
-    from simval.theory.filter_budget import (
-        FilterPrediction,
-        FirstUpdate,
-        filter_prediction,
-        first_update,
-    )
-    from simval.theory.filter_model import (
-        CalibrationError,
-        FilterModel,
-        FilterPath,
-        RowError,
-        VectorSensor,
-        calibration_error,
-    )
-    from simval.theory.filter_recursion import FilterBound, filter_bound
-    from simval.theory.gyroscope import (
-        GyroscopeMoments,
-        MovePath,
-        NineAxisMoments,
-        gyroscope_moments,
-        nine_axis_moments,
-    )
-    from simval.theory.joint_bias import gyroscope_bias
-    from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
-    from simval.theory.plans import (
-        GyroscopePlan,
-        MagnetometerPlan,
-        Plan,
-        plan,
-        plan_gyroscope,
-        plan_magnetometer,
-        pose_noise,
-    )
-    from simval.theory.series import series_moments
-else:
-    present(__name__, __file__)
+from simval.theory.attitude import (
+    AttitudeMoments,
+    SufficientOrder,
+    attitude_moments,
+    multiplicative_moments,
+    sufficient_order,
+)
+from simval.theory.calibration import CalibrationMoments, calibration_moments
+from simval.theory.cubature import cubature_moments
+from simval.theory.estimators import (
+    AttitudeBound,
+    attitude_bound,
+    loss_noncentrality,
+    wahba_bound,
+    wahba_moments,
+)
+from simval.theory.filter_budget import (
+    FilterPrediction,
+    FirstUpdate,
+    filter_prediction,
+    first_update,
+)
+from simval.theory.filter_model import (
+    CalibrationError,
+    FilterModel,
+    FilterPath,
+    RowError,
+    VectorSensor,
+    calibration_error,
+)
+from simval.theory.filter_recursion import FilterBound, filter_bound
+from simval.theory.gyroscope import (
+    GyroscopeMoments,
+    MovePath,
+    NineAxisMoments,
+    gyroscope_moments,
+    nine_axis_moments,
+)
+from simval.theory.joint_bias import gyroscope_bias
+from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
+from simval.theory.plans import (
+    GyroscopePlan,
+    MagnetometerPlan,
+    Plan,
+    plan,
+    plan_gyroscope,
+    plan_magnetometer,
+    pose_noise,
+)
+from simval.theory.series import series_moments
 
 __all__ = [
     "AttitudeBound",

@@ -1,17 +1,10 @@
 """Calibration of a gyroscope, alone or with the accelerometer, between rests."""
 
-from typing import TYPE_CHECKING
-
-from simval.faces import present
-
-if TYPE_CHECKING:
-    from simval.calibrate.gyroscope.calibration import calibrate_gyroscope
-    from simval.calibrate.gyroscope.imu import calibrate_imu
-    from simval.calibrate.gyroscope.moves import Moves, moves_between
-    from simval.calibrate.gyroscope.pair import ImuFit
-    from simval.calibrate.gyroscope.result import GyroscopeFit
-else:
-    present(__name__, __file__)
+from simval.calibrate.gyroscope.calibration import calibrate_gyroscope
+from simval.calibrate.gyroscope.imu import calibrate_imu
+from simval.calibrate.gyroscope.moves import Moves, moves_between
+from simval.calibrate.gyroscope.pair import ImuFit
+from simval.calibrate.gyroscope.result import GyroscopeFit
 
 __all__ = [
     "GyroscopeFit",
