@@ -4,7 +4,7 @@ Numbers come first: what moved, by study and kind of statistic, the largest firs
 a figure of each with both curves; then every common value.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,6 @@ from simval.judge.runs import origin_of
 from simval.judge.trend import WAYS
 from simval.report.curves import Curve, axis_of, bar_width, curve, grouped, statistic
 from simval.report.environment import template
-from simval.report.moves import SHOWN, moves_table, told
 from simval.report.notes import located
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.parameters import axis_words
@@ -27,6 +26,8 @@ from simval.sweep import Run
 from simval.sweep.run import CellResult
 from simval.units import value_words
 
+SHOWN = 400
+"""Rows of a table, or cells of one run only, that a page shows; the rest is counted."""
 MAX_FIGURES = 12
 OPEN = 3
 """Figures that are seen at once; the others are behind a fold."""
@@ -95,6 +96,53 @@ def comparison_sections(
             names=(a.folder.name, b.folder.name),
         ),
     )
+
+
+def told(move: Move) -> str:
+    """A move as a sentence."""
+    return f"{move.way.capitalize()}: {move.sentence}."
+
+
+def moves_table(moves: Sequence[Move], figures: Sequence[str | None]) -> Table:
+    """Make the table of what moved: numbers first, the largest first."""
+    return Table(
+        name="moves",
+        caption="What moved, largest first; standard errors, before and after are "
+        "those of the value that moved most",
+        columns=(
+            Column("which way", "answer"),
+            Column("what"),
+            Column("by how much"),
+            Column("standard errors", "number"),
+            Column("cells"),
+            Column("before", "number", 5),
+            Column("after", "number", 5),
+            Column("unit", "unit"),
+            Column("figure", "figure"),
+        ),
+        rows=[
+            (
+                move.way,
+                f"{spelled(move.study)}, {move.what}",
+                move.size,
+                _few_digits(move.worst.sigmas),
+                f"{move.cells} of {move.of}",
+                move.worst.before,
+                move.worst.after,
+                move.worst.statistic.unit,
+                figure,
+            )
+            for move, figure in zip(moves, figures, strict=True)
+        ],
+        shown=SHOWN,
+    )
+
+
+def _few_digits(sigmas: float | None) -> float | None:
+    """Standard errors with the digits that mean something."""
+    if sigmas is None or not np.isfinite(sigmas):
+        return None
+    return round(sigmas) if abs(sigmas) >= 100.0 else float(f"{sigmas:.2g}")
 
 
 def _drawings(a: Run, b: Run, comparison: RunComparison) -> list[Drawing]:
