@@ -47,16 +47,16 @@ def compile_and_run():
 def attack(library):
     import numpy as np
 
-    from simval.montecarlo import fused, normals
+    from simval.montecarlo import fused
     from simval.streams import Streams, cell_key
 
     spec = importlib.util.spec_from_file_location("_simval_fused", library)
     block = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(block)
     rng, streams = np.random.default_rng(1), Streams(1, cell_key("sanitized"))
-    right = [normals.lanes(streams, 0), np.ones(9), 0.1, np.ones(4), np.empty((3, 14))]
+    right = [fused.lanes(streams, 0), np.ones(9), 0.1, np.ones(4), np.empty((3, 14))]
     block.batches(*right)
-    expected = fused.in_numpy(normals.lanes(streams, 0), 3, *right[1:4])
+    expected = fused.in_numpy(fused.lanes(streams, 0), 3, *right[1:4])
     if not np.array_equal(right[4], expected):
         sys.exit("the block has other bits than the NumPy form")
     kinds = ["f8", "f4", "u8", "i8", "u1", "c16", ">f8", "?"]

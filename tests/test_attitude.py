@@ -7,8 +7,8 @@ from rounding import EPS
 from scipy.spatial.transform import Rotation
 
 from simval.attitude import Validity, estimate_attitude, two_vector_quaternion
-from simval.attitude.checks import block_validity
 from simval.attitude.comparators import ESTIMATORS, align_vectors, davenport, triad
+from simval.attitude.estimator import block_validity
 from simval.attitude.kernel import raw_quaternion
 from simval.errors import GeometryError, InputError
 from simval.geometry import (

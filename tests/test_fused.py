@@ -16,7 +16,7 @@ from scipy import stats
 from simval.attitude.kernel import FRAMES, normalize_columns, raw_quaternion
 from simval.errors import InputError
 from simval.geometry import attitude_matrix
-from simval.montecarlo import compiled, fused, moments_of, normals, simulate_closed_form
+from simval.montecarlo import compiled, fused, moments_of, simulate_closed_form
 from simval.montecarlo.plain import batch_means, sums_of
 from simval.streams import Streams, cell_key
 from simval.studies import attitude
@@ -31,11 +31,11 @@ needs_block = pytest.mark.skipif(
 
 
 def words(batches, block=0, streams=STREAMS):
-    return normals.draws(normals.lanes(streams, block), batches)
+    return fused.draws(fused.lanes(streams, block), batches)
 
 
 def numpy_form(block, batches, mean, noise, q):
-    x = normals.normals(words(batches, block))
+    x = fused.normals(words(batches, block))
     return fused.averages(x, mean, noise, q)
 
 
@@ -57,7 +57,7 @@ class Other:
 
 
 def test_a_block_with_other_bits_is_not_used(monkeypatch):
-    assert fused.TRIED * normals.BATCH >= attitude.BLOCK
+    assert fused.TRIED * fused.BATCH >= attitude.BLOCK
     assert fused.reproduces(Other(1.0, None))
     for batches in [(None,), (1,), (200, None), (-1, None), (fused.TRIED // 2, -1)]:
         assert not fused.reproduces(Other(1.0 + 2.0**-52, *batches)), batches
@@ -128,26 +128,26 @@ def test_both_forms_have_the_same_bits(block):
     found = fused.batch_means_of(STREAMS, block, batches, **known)
     assert np.array_equal(found, numpy_form(block, batches, mean, noise, q))
     # power: one normal in 2304 that is off by 1e-9 is another mean
-    x = normals.normals(words(batches, block))
+    x = fused.normals(words(batches, block))
     x[:, 5] *= 1.0 + 1e-9
     assert not np.array_equal(found, fused.averages(x, mean, noise, q))
 
 
 def test_the_words_are_those_of_numpys_own_generator():
     # the state machine written out: what the compiled block does, step by step
-    state = normals.lanes(STREAMS, 3)
+    state = fused.lanes(STREAMS, 3)
     a, b, c, count = (list(map(int, row)) for row in state)
     mask, first = 2**64 - 1, []
-    for step in range(normals.WARM + 4):
+    for step in range(fused.WARM + 4):
         out = [(x + y + n) & mask for x, y, n in zip(a, b, count, strict=True)]
         count = [n + 1 for n in count]
         a = [y ^ (y >> 11) for y in b]
         b = [(z + (z << 3)) & mask for z in c]
         turned = [((z << 24) | (z >> 40)) & mask for z in c]
         c = [(z + x) & mask for z, x in zip(turned, out, strict=True)]
-        if step >= normals.WARM:
+        if step >= fused.WARM:
             first += out
-    assert normals.draws(state, 1).ravel()[: len(first)].tolist() == first
+    assert fused.draws(state, 1).ravel()[: len(first)].tolist() == first
 
 
 def test_the_normals_are_box_and_mullers():
@@ -166,13 +166,13 @@ def test_the_normals_are_box_and_mullers():
     radius = np.sqrt(-2.0 * np.log(u))
     expected = np.hstack([radius * c, radius * s])
     # some ten roundings of 2^-53 in each factor; t near 0 or u near 1 is as exact
-    np.testing.assert_allclose(normals.normals(raw), expected, rtol=2e-15, atol=0)
+    np.testing.assert_allclose(fused.normals(raw), expected, rtol=2e-15, atol=0)
 
 
 def test_the_ends_of_the_words():
     ends = np.array([0, 2**64 - 1, 2**63, 2**12 - 1, 2**12], dtype=np.uint64)
     radii, angles = np.meshgrid(ends, ends)
-    x = normals.normals(np.hstack([radii.ravel(), angles.ravel()])[None])
+    x = fused.normals(np.hstack([radii.ravel(), angles.ravel()])[None])
     assert np.isfinite(x).all()
     # u of 2^-52 gives the greatest normal, u of 1 gives zero
     assert np.abs(x).max() == pytest.approx(np.sqrt(104 * np.log(2)), rel=1e-14)
@@ -188,7 +188,7 @@ def test_the_trials_are_those_of_the_closed_form(frame):
         vectors, frame, q, noise, STREAMS, samples=1, block=256 * batches
     )
     # vectors whose sums and differences have this noise: that of r is minus or plus b's
-    x = normals.normals(words(batches)).reshape(batches, 9, 256)
+    x = fused.normals(words(batches)).reshape(batches, 9, 256)
     d1, s1, d2 = x.transpose(1, 0, 2).reshape(3, 3, -1) * np.sqrt(2) * noise
     turn = np.array([1.0 if frame in ("plain", k) else -1.0 for k in "xyz"])[:, None]
     drawn = vectors + np.concatenate(
@@ -236,7 +236,7 @@ def test_the_law_is_that_of_the_plain_pass():
 
 @pytest.mark.ci
 def test_moments_of_the_normals_to_the_eighth():
-    x = np.concatenate([normals.normals(words(64, k)).ravel() for k in range(8)])
+    x = np.concatenate([fused.normals(words(64, k)).ravel() for k in range(8)])
     limit = stats.norm.isf(1e-4 / (2 * 8))
     moments = {1: 0, 2: 1, 3: 0, 4: 3, 5: 0, 6: 15, 7: 0, 8: 105}
 
@@ -270,7 +270,7 @@ def test_the_steps_of_the_radius_are_not_felt():
 
 def test_the_bits_of_the_words_are_fair_and_apart():
     """Each bit of each lane, and the distance of neighbours in lane, time and block."""
-    raw = np.stack([words(48, k).reshape(-1, normals.LANES) for k in range(4)])
+    raw = np.stack([words(48, k).reshape(-1, fused.LANES) for k in range(4)])
     limit = stats.norm.isf(
         1e-4 / (2 * 64 * 64)
     )  # one false alarm in 1e4 seeds, as below
@@ -331,8 +331,8 @@ def test_eight_million_trials_have_the_exact_moments(geometry, sigma):
 
 
 def test_lanes_blocks_and_pairs_are_independent():
-    blocks = [normals.normals(words(16, k)) for k in range(16)]
-    raw = [words(16, k).reshape(-1, normals.LANES).T.astype(float) for k in range(16)]
+    blocks = [fused.normals(words(16, k)) for k in range(16)]
+    raw = [words(16, k).reshape(-1, fused.LANES).T.astype(float) for k in range(16)]
     n = blocks[0].size
 
     def correlation(a, b):
@@ -345,7 +345,7 @@ def test_lanes_blocks_and_pairs_are_independent():
     squares = [b**2 for b in blocks]
     found += [correlation(a[:, :half].ravel(), a[:, half:].ravel()) for a in squares]
     for each in raw:
-        lanes = np.corrcoef(each)[np.triu_indices(normals.LANES, 1)]
+        lanes = np.corrcoef(each)[np.triu_indices(fused.LANES, 1)]
         found += list(lanes * np.sqrt(each.shape[1]))
     limit = stats.norm.isf(1e-4 / (2 * len(found)))
     assert np.abs(found).max() < limit
@@ -393,7 +393,7 @@ def test_samples_are_rounded_up_to_whole_blocks():
 @needs_block
 def test_the_block_refuses_what_is_no_argument():
     rng = np.random.default_rng(1)
-    state = normals.lanes(STREAMS, 0)
+    state = fused.lanes(STREAMS, 0)
     right = [state, np.ones(9), 0.1, np.ones(4), np.empty((3, 14))]
     fused._compiled().batches(*right)
     locked = np.empty((3, 14))
@@ -420,5 +420,5 @@ def test_the_block_refuses_what_is_no_argument():
             fused._compiled().batches(*given)
         except (ValueError, TypeError, BufferError):
             continue
-        assert given[0].nbytes == 4 * 8 * normals.LANES
+        assert given[0].nbytes == 4 * 8 * fused.LANES
         assert given[4].nbytes % (14 * 8) == 0

@@ -4,9 +4,9 @@ The established estimators are in `simval.attitude.comparators`, not imported he
 need `scipy.spatial`.
 """
 
-from simval.attitude.checks import Validity
 from simval.attitude.estimator import (
     AttitudeEstimate,
+    Validity,
     estimate_attitude,
     two_vector_quaternion,
 )

@@ -35,8 +35,7 @@ from numpy.typing import NDArray
 from simval.arguments import whole_number
 from simval.arrays import Array, real_number
 from simval.attitude import kernel
-from simval.attitude.checks import Mask
-from simval.attitude.estimator import valid_batch
+from simval.attitude.estimator import Mask, valid_batch
 from simval.errors import InputError
 from simval.geometry import normalize
 from simval.shapes import Bool, Float, Int
@@ -105,9 +104,7 @@ def singular_solution(
     InputError, GeometryError
         As `two_vector_quaternion`; also if the tolerance is not in (0, 1).
     """
-    if not 0.0 < real_number("tolerance", tolerance, "") < 1.0:
-        msg = f"`tolerance` is {shown(tolerance)}; it must be between 0 and 1"
-        raise InputError(msg)
+    _require_tolerance(tolerance)
     vectors, shape = valid_batch(b1, b2, r1, r2)
     v1, v2, u1, u2 = (normalize(v) for v in vectors)
     d1, d2 = (v1 - u1) / 2, (v2 - u2) / 2
@@ -126,6 +123,12 @@ def singular_solution(
     q[case[:, 0] == Case.A] = [0.0, 0.0, 0.0, 1.0]
     q[case[:, 0] == Case.REGULAR] = np.nan
     return SingularSolution(q=q.reshape(*shape, 4), case=case.reshape(shape))
+
+
+def _require_tolerance(value: Any) -> None:
+    if not 0.0 < real_number("tolerance", value, "") < 1.0:
+        msg = f"`tolerance` is {shown(value)}; it must be between 0 and 1"
+        raise InputError(msg)
 
 
 def _norm(v: Float[Array, "n 3"]) -> Float[Array, "n 1"]:
@@ -256,9 +259,7 @@ def turn_is_singular(
         As `two_vector_quaternion`; also if the axis is out of range.
     """
     axis = whole_number("axis", axis, 0, 2)
-    if not 0.0 < real_number("tolerance", tolerance, "") < 1.0:
-        msg = f"`tolerance` is {shown(tolerance)}; it must be between 0 and 1"
-        raise InputError(msg)
+    _require_tolerance(tolerance)
     (v1, v2, u1, u2), shape = valid_batch(b1, b2, r1, r2)
     across = np.arange(3) != axis
     d1 = (v1 - u1) / 2 + across * u1

@@ -25,7 +25,7 @@ import numpy as np
 import scipy
 
 from simval.arrays import GREATEST, LEAST, Array, finite_array
-from simval.attitude.checks import MIN_SINE
+from simval.attitude.estimator import MIN_SINE
 from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, normalize
 from simval.shapes import Float

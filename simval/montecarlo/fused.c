@@ -1,6 +1,6 @@
 /* Trials of the two-vector closed form in one pass: draw, estimate, average.
 
-   The NumPy form of every step is in simval/montecarlo/normals.py and fused.py, equal to
+   The NumPy form of every step is in simval/montecarlo/fused.py, equal to
    the bit: here as there a number is made by IEEE additions, multiplications, divisions
    and square roots in one fixed order, so neither the width of a vector register nor the
    compiler's version changes a bit. Contraction to fused multiply-adds is off

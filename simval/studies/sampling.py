@@ -4,7 +4,7 @@ Streams: blocks of neighbouring numbers, of this seed and of another, of this ce
 of one that differs in a bit of its key, must be as independent as they are named. Their
 mean square and their strongest correlation are judged by `simval.studies.drawn`.
 
-Pairs of Box and Muller (`simval.montecarlo.normals`): r cos a and r sin a are normal
+Pairs of Box and Muller (`simval.montecarlo.fused`): r cos a and r sin a are normal
 and independent only if the angle a is uniform. Their sum over the root of 2 and
 r cos 2a are normal, too. Mean squares of these four tell a mean of cos 2a, sin 2a or
 cos 4a that is not 0: an axis, a diagonal or an octant that is preferred.
@@ -28,7 +28,7 @@ from pydantic import Field
 from simval.arrays import Array
 from simval.consistency import mean_of_trials
 from simval.montecarlo import Sums, moments_of, simulate
-from simval.montecarlo.normals import BATCH, NORMALS, draws, lanes, normals
+from simval.montecarlo.fused import BATCH, NORMALS, draws, lanes, normals
 from simval.results import Outcome, Row, exact
 from simval.shapes import Float
 from simval.statics import initial_rest, variance_magnitude

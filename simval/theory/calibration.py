@@ -273,19 +273,24 @@ def _shares(sigma: Float[Array, " n"]) -> Float[Array, " n"]:
     return np.where(alike, 1.0, sigma.min() / np.where(alike, 1.0, sigma)) ** 2
 
 
+def _weights(
+    p: _Geometry, residual: str, shares: Float[Array, " n"]
+) -> tuple[Array, Array, Array, Array]:
+    """A of eq. (K1), its derivatives by q and by the parameters, and b."""
+    weighted = residual in ("weighted", "sampson")
+    a = 0.25 / p.q * shares if weighted else np.ones_like(p.q)
+    by_q = -a / p.q if weighted else np.zeros_like(p.q)
+    by_theta = by_q[:, None] * (0.5 * p.turn)
+    factor = {"norm": -0.75 * p.d, "sampson": 0.5 * by_theta}
+    return a, by_q, by_theta, factor.get(residual, np.zeros_like(p.d))
+
+
 def _moments(
     p: _Geometry, sigma: Float[Array, " n"], residual: str
 ) -> tuple[Float[Array, "9 9"], Float[Array, "9"]]:
     # first-order covariance and second-order bias of the solution of eq. (K1)
-    weighted = residual in ("weighted", "sampson")
-    a = 0.25 / p.q * _shares(sigma) if weighted else np.ones_like(p.q)
-    slope = -a / p.q if weighted else np.zeros_like(p.q)  # da/dq
-    a_theta, a_along = slope[:, None] * (0.5 * p.turn), slope * p.q_along
-    b = np.zeros_like(p.d)
-    if residual == "norm":
-        b = -0.75 * p.d
-    elif residual == "sampson":
-        b = 0.5 * a_theta
+    a, slope, a_theta, b = _weights(p, residual, _shares(sigma))
+    a_along = slope * p.q_along
     s2, steep = sigma**2, 4.0 * p.q  # steep: sum over k of c_k^2
     inverse = np.linalg.inv((p.d * a[:, None]).T @ p.d)
     back = p.d @ inverse  # rows p_i = H^-1 d_i
@@ -381,15 +386,7 @@ def calibration_expansion(
     x = np.linalg.solve(model.matrix, g * u.T).T
     theta = forms.from_gram("triangular", model.matrix.T @ model.matrix, model.B)
     p = _geometry("triangular", theta, x, g)
-    weighted = residual in ("weighted", "sampson")
-    a = 0.25 / p.q if weighted else np.ones_like(p.q)
-    slope = -a / p.q if weighted else np.zeros_like(p.q)
-    a_turn = slope[:, None] * (0.5 * p.turn)
-    b = np.zeros_like(p.d)
-    if residual == "norm":
-        b = -0.75 * p.d
-    elif residual == "sampson":
-        b = 0.5 * a_turn
+    a, slope, a_turn, b = _weights(p, residual, np.ones_like(p.q))
     quadric = model.matrix.T @ model.matrix / g**2
     ax = x @ quadric
     first = forms.matrix_derivatives("triangular", theta)

@@ -20,7 +20,7 @@ from simval.montecarlo import (
     simulate,
     simulate_closed_form,
 )
-from simval.montecarlo.normals import lanes
+from simval.montecarlo.fused import lanes
 from simval.montecarlo.plain import sums_of
 from simval.shapes import Float
 from simval.streams import Streams

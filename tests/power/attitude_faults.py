@@ -11,7 +11,7 @@ import numpy as np
 from power.fault import Fault, after, everywhere, replaced, wrapped
 from simval.arrays import Array
 from simval.montecarlo import fused
-from simval.montecarlo import normals as pairs
+from simval.montecarlo import fused as pairs
 from simval.streams import Streams
 from simval.studies import attitude, attitude_order
 from simval.theory.attitude import AttitudeMoments, attitude_moments
