@@ -441,7 +441,7 @@ def test_an_entry_of_a_legend_hides_its_series_and_nothing_else(opened, keyboard
         f"[...document.querySelectorAll('{FIGURE} [role=button]')]"
         ".map(b => [b.dataset.key, b.getAttribute('aria-pressed')])"
     )
-    assert len(buttons) == 3
+    assert len(buttons) >= 3
     assert all(pressed == "true" for _, pressed in buttons)
     before = tab.run(SHOWN % FIGURE)
     assert all(shown for _, shown in before)
