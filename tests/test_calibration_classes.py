@@ -10,7 +10,7 @@ from simval.geometry import normalize
 from simval.plugins.probe import G, probe_sensor
 from simval.poses import cube_faces, fibonacci_sphere
 from simval.sensor import AccelerometerModel
-from simval.sensor.estimated import (
+from simval.sensor.models import (
     ALL,
     CLASSES,
     mean_square_left,

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
 from simval.sensor import GyroscopeModel, gyroscope_factors
-from simval.sensor.gyroscope_forms import FACTORS
+from simval.sensor.forms import FACTORS
 
 M = 2.1e-4 * (
     np.eye(3)
@@ -40,19 +40,6 @@ def test_noise_of_a_sample_is_the_walk_over_the_root_of_the_step():
     )
     # sd of a variance of 3e5 numbers: sqrt(2 / 3e5) = 0.26 %; one false alarm in 1e4
     assert abs((raw - B).var() / (0.04 / 0.01) - 1.0) < 3.9 * np.sqrt(2 / 3e5)
-
-
-def test_another_form_of_the_accelerometer_turns_the_gyroscope():
-    """The physics stays: the rate that is told is the same vector in turned axes."""
-    Q = Rotation.from_rotvec([0.02, -0.01, 0.03]).as_matrix()
-    raw, force = SEED.normal(size=(2, 20, 3))
-    model = sensor(G=G)
-    turned = model.in_frame(Q).correct(raw, specific_force=force @ Q.T)
-    np.testing.assert_allclose(
-        turned, model.correct(raw, specific_force=force) @ Q.T, rtol=1e-11
-    )
-    with pytest.raises(InputError, match="from a rotation matrix"):
-        model.in_frame(1.001 * Q)
 
 
 def rebuilt(form, found):

@@ -12,9 +12,7 @@ from simval.noise import (
     averaging_counts,
     covariance_forms,
 )
-from simval.noise.measure import noise_of
-from simval.noise.rounding import rounding_step
-from simval.noise.squares import Problem, fitted
+from simval.noise.fit import Problem, fitted, noise_of, rounding_step
 from simval.sensor import NoiseModel
 from simval.streams import cell_key, stream
 from simval.theory.coloured_noise import noise_bound

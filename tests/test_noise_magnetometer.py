@@ -15,7 +15,7 @@ from simval.multiposition.compass import compass_pose_noise
 from simval.multiposition.imu import require_alive
 from simval.multiposition.noise import log_noise
 from simval.noise import NoiseFile, load_noise, noise_of
-from simval.noise.held import noise_of_readings, own_readings, rows_to_a_reading
+from simval.noise.fit import noise_of_readings, own_readings, rows_to_a_reading
 from simval.sensor import NoiseModel
 from simval.streams import cell_key, stream
 

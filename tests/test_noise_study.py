@@ -8,7 +8,7 @@ from scipy import stats
 from scipy.integrate import quad
 
 from simval.noise import allan_covariance, allan_law
-from simval.noise.squares import RIDGE
+from simval.noise.fit import RIDGE
 from simval.statistics import (
     ALLAN_ERROR,
     COVERAGE,

@@ -10,7 +10,7 @@ from simval.errors import InputError, RefusedError
 from simval.geometry import attitude_error
 from simval.logs import read_log
 from simval.noise import noise_of
-from simval.noise.files import NoiseFile
+from simval.noise.model import NoiseFile
 from simval.recorded.run import filter_input
 from simval.recorded.signals import FIELDS, rests_of_log, signals, with_gyro_unit
 from simval.recorded.told import start_of

@@ -13,8 +13,8 @@ import pytest
 from scipy import stats
 
 from simval.calibrate import calibrate
+from simval.noise import allan as quadrature
 from simval.noise import allan_covariance, covariance_forms
-from simval.noise import covariance as quadrature
 from simval.plugins import Filter, find_plugin
 from simval.poses import fibonacci_sphere
 from simval.results import CellName

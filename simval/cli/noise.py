@@ -23,9 +23,8 @@ from simval.errors import InputError, RefusedError
 from simval.logs import Log, read_log
 from simval.multiposition.noise import LogNoise, log_noise
 from simval.noise import AxisNoise
-from simval.noise.files import AXES, FORMAT, axis_to_json
+from simval.noise.model import AXES, FORMAT, axis_to_json, largest
 from simval.noise.model import UNITS as RAW
-from simval.noise.model import largest
 from simval.text import interval_words
 
 SI = {"accelerometer": "m/s^2", "gyro": "rad/s", "magnetometer": "T"}

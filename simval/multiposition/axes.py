@@ -7,7 +7,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import RefusedError, SaturatedError
 from simval.logs import Log
-from simval.noise.held import rows_to_a_reading
+from simval.noise.fit import rows_to_a_reading
 from simval.shapes import Float
 
 AXES: Final = "xyz"

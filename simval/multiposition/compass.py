@@ -15,7 +15,7 @@ from simval.multiposition.pose_noise import (
     require_one_unit,
 )
 from simval.noise import AxisNoise, NoiseFile
-from simval.noise.held import noise_of_readings, rows_to_a_reading
+from simval.noise.fit import noise_of_readings, rows_to_a_reading
 from simval.shapes import Float
 from simval.statics import Intervals
 

@@ -11,7 +11,7 @@ from simval.errors import RefusedError
 from simval.logs import Log
 from simval.multiposition.rests import find_rests
 from simval.noise import AxisNoise
-from simval.noise.held import noise_of_readings
+from simval.noise.fit import noise_of_readings
 from simval.shapes import Float
 from simval.statics import WINDOWS, Intervals, interval_means
 

@@ -1,17 +1,21 @@
 r"""Noise model of a sensor at rest: what its readings do when nothing happens.
 
 White noise N, flicker B and a random walk K of each axis, from the overlapping Allan
-variance and its covariance in closed form (`simval.noise.covariance`), by generalised
+variance and its covariance in closed form (`simval.noise.allan`), by generalised
 least squares (`simval.noise.squares`): each coefficient with an interval, or an upper
 bound where the recording does not show it. Everything is in the readings' own unit; no
 frame and no gravity enters.
 """
 
-from simval.noise.allan import allan_variance, averaging_counts
-from simval.noise.covariance import allan_covariance, allan_law, covariance_forms
-from simval.noise.files import NoiseFile, load_noise
-from simval.noise.measure import noise_of
-from simval.noise.model import AxisNoise, Coefficient
+from simval.noise.allan import (
+    allan_covariance,
+    allan_law,
+    allan_variance,
+    averaging_counts,
+    covariance_forms,
+)
+from simval.noise.fit import noise_of
+from simval.noise.model import AxisNoise, Coefficient, NoiseFile, load_noise
 
 __all__ = [
     "AxisNoise",

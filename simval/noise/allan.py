@@ -1,4 +1,4 @@
-r"""Overlapping Allan variance of a rate signal, by cumulative sums.
+r"""Overlapping Allan variance of a rate signal, its law and its covariance.
 
 With :math:`x_k = y_1 + \dots + y_k` and averages over m of n rows,
 
@@ -7,6 +7,31 @@ With :math:`x_k = y_1 + \dots + y_k` and averages over m of n rows,
 
 The mean of the signal cancels in it, and is taken off first, so that the sums stay
 small and lose no digits.
+
+**Covariance**, in closed form. The sum of a rate signal's rows has the generalised
+covariance
+
+.. math:: R(t) = -\tfrac12 N^2 |t| + \tfrac1{2\pi} B^2 t^2 \ln|t|
+   + \tfrac1{12} K^2 |t|^3 + Q^2 [t = 0]  \tag{V1}
+
+and its second differences over m and m' rows, weights w = (1, -2, 1), are correlated by
+
+.. math:: c(t) = \sum_{a, b = -1}^{1} w_a w_b\, R(t + b m' - a m),\qquad
+   \sigma^2(m) = \frac{c(0)}{2 m^2}
+   = \frac{3 Q^2}{m^2} + \frac{N^2}{m} + \frac{2 \ln 2}{\pi} B^2 + \frac{K^2 m}{3}
+   \tag{V2, V3}
+
+t the distance of their middles. For normal noise the covariance of two Allan variances,
+averages over n and n' such differences, is then
+
+.. math:: \mathrm{cov}(m, m') = \frac{1}{2 m^2 m'^2 n n'} \sum_{j, k} c(t_j - t_k)^2.
+   \tag{V4}
+
+All is in rows: one row is the unit of time, so that each of the four is a variance in
+the readings' unit squared. As c is linear in them, (V4) is a quadratic form
+in the four whose matrix depends on the lengths alone: it is made once for all signals.
+The law of :math:`B` and :math:`K` is that of averages of a continuous signal; that of
+samples differs by a share of :math:`1/(2 m^2)` for the walk.
 """
 
 from typing import Any, Final
@@ -129,3 +154,210 @@ def _of_one(
             total += float(part @ part)
         found[k] = total / (2.0 * m * m * count)
     return found
+
+
+KINDS: Final = ("N", "B", "K", "Q")  # of coefficients, in the order of all arrays
+EDGE: Final = 6  # lags beside each of the nine at which c has a kink that are summed
+NODES: Final = 36
+"""Lags from one kink of c to the next: each one where there are no more; else those at
+the edges, and the nodes of a quadrature between them, which leaves up to 6e-4 of a
+variance of (V4) (`tests/test_study_allowances.py`)."""
+REACH: Final = 20.0  # lags over m + m' where c, flicker's alone, ends: 1e-5 of (V4)
+SERIES: Final = 16.0  # |t|/m from which the second difference of flicker is a series
+_SIGNS: Final = np.array([-1.0, 0.0, 1.0])
+_WEIGHTS: Final = np.array([1.0, -2.0, 1.0])
+
+
+def allan_law(counts: Any) -> Float[np.ndarray, "m 4"]:
+    """Allan variance that one unit of N^2, B^2, K^2 and Q^2 leaves, eq. (V3).
+
+    Parameters
+    ----------
+    counts : array_like
+        Rows to an average, (m,), above 0; need not be whole.
+
+    Returns
+    -------
+    Array
+        In the order of `KINDS`, all in units of rows, (m, 4).
+
+    Raises
+    ------
+    InputError
+        If a count is not above 0.
+    """
+    m = physical_array("counts", counts, (None,))
+    if not np.all(m > 0.0):
+        msg = f"`counts` has {m.min():g}; rows to an average are above 0"
+        raise InputError(msg)
+    floor = np.full(m.shape, 2.0 * np.log(2.0) / np.pi)
+    return np.stack([1.0 / m, floor, m / 3.0, 3.0 / m**2], axis=-1)
+
+
+def covariance_forms(counts: Any, n: int) -> Float[np.ndarray, "m m 4 4"]:
+    """Matrices of the quadratic forms (V4) in (N^2, B^2, K^2, Q^2).
+
+    Parameters
+    ----------
+    counts : array_like
+        Rows to an average, (m,).
+    n : int
+        Rows of the signal.
+
+    Returns
+    -------
+    Array
+        For each pair of lengths, in the order of `KINDS`, (m, m, 4, 4).
+
+    Raises
+    ------
+    InputError
+        If a count does not fit into the signal.
+    """
+    n = whole_number("n", n, LEAST_ROWS)
+    lengths = checked_counts(counts, n)
+    first, second = np.triu_indices(len(lengths))
+    forms = np.empty((len(lengths), len(lengths), 4, 4))
+    for start in range(0, len(first), 256):  # 256 pairs at a time: 30 MB
+        pairs = slice(start, start + 256)
+        some = _pair_forms(lengths[first[pairs]], lengths[second[pairs]], n)
+        forms[first[pairs], second[pairs]] = some
+        forms[second[pairs], first[pairs]] = some
+    return forms
+
+
+def allan_covariance(
+    forms: Float[np.ndarray, "m m 4 4"], squares: Float[np.ndarray, "4"]
+) -> Float[np.ndarray, "m m"]:
+    """Covariance (V4) of the Allan variances of a signal.
+
+    Parameters
+    ----------
+    forms : Array
+        From `covariance_forms`, (m, m, 4, 4).
+    squares : Array
+        N^2, B^2, K^2 and Q^2 in units of rows, (4,).
+
+    Returns
+    -------
+    Array
+        Unit of the readings to the fourth, (m, m).
+    """
+    return np.einsum("mnij,i,j->mn", forms, squares, squares)
+
+
+def _pair_forms(
+    m: Int[np.ndarray, " p"], other: Int[np.ndarray, " p"], n: int
+) -> Float[np.ndarray, "p 4 4"]:
+    # the sums over lags for pairs of lengths
+    one, two = m[:, None].astype(float), other[:, None].astype(float)
+    many = (n - 2 * m + 1)[:, None], (n - 2 * other + 1)[:, None]
+    # lag of the middles = lag of the starts + m - m'
+    low = -(many[1] - 1) + one - two
+    high = many[0] - 1 + one - two
+    kinks = (one[..., None] * _SIGNS[:, None] + two[..., None] * _SIGNS).reshape(-1, 9)
+    lags, share = _lags(kinks, REACH * (one + two), low, high)
+    pairs = _pairs_at(lags, one, two, many)
+    smooth = _smooth(lags, one, two)
+    forms = np.zeros((len(m), 4, 4))
+    forms[:, :3, :3] = np.einsum("pil,pjl,pl->pij", smooth, smooth, share * pairs)
+    # Q: a sum over the nine lags at which its c is not zero
+    weight = np.multiply.outer(_WEIGHTS, _WEIGHTS).ravel()
+    at = weight * _pairs_at(kinks, one, two, many)
+    mixed = np.einsum("pil,pl->pi", _smooth(kinks, one, two), at)
+    forms[:, 3, :3] = forms[:, :3, 3] = mixed
+    same = kinks[:, :, None] == kinks[:, None, :]
+    forms[:, 3, 3] = np.einsum("pl,pln,n->p", at, same, weight)
+    norm = 2.0 * one * one * two * two * many[0] * many[1]
+    return forms / norm[..., None]
+
+
+def _lags(
+    kinks: Float[np.ndarray, "p 9"],
+    reach: Float[np.ndarray, "p 1"],
+    low: Float[np.ndarray, "p 1"],
+    high: Float[np.ndarray, "p 1"],
+) -> tuple[Float[np.ndarray, "p l"], Float[np.ndarray, "p l"]]:
+    # lags from end to end, and for how many of the whole ones each stands
+    ends = np.concatenate([-reach, np.sort(kinks, axis=1), reach], axis=1)
+    ends = np.clip(ends, low, high)
+    start, length = ends[:, :-1, None], np.diff(ends, axis=1)[..., None]
+    step = np.arange(NODES)
+    few = length < NODES
+    each = 1.0 * (step <= length) - 0.5 * (step == 0) - 0.5 * (step == length)
+    inner, between = _thinned(length)
+    lags = start + np.where(few, np.minimum(step, length), inner)
+    share = np.where(few, each, between)
+    count = len(ends)
+    half = np.full((count, 2), 0.5)
+    return (
+        np.concatenate([lags.reshape(count, -1), ends[:, [0, -1]]], axis=1),
+        np.concatenate([share.reshape(count, -1), half], axis=1),
+    )
+
+
+def _thinned(
+    length: Float[np.ndarray, "p s 1"],
+) -> tuple[Float[np.ndarray, "p s l"], Float[np.ndarray, "p s l"]]:
+    # the edges one by one, and a quadrature, closer to its ends, of what is between
+    x, weight = np.polynomial.legendre.leggauss(NODES - 2 * EDGE)
+    angle = 0.5 * np.pi * (x + 1.0)
+    wide = length - 2.0 * (EDGE - 1.0)
+    inner = EDGE - 1.0 + wide * (0.5 - 0.5 * np.cos(angle))
+    edge = np.broadcast_to(np.arange(EDGE), (*length.shape[:-1], EDGE))
+    ones = np.ones(EDGE)
+    ones[[0, -1]] = 0.5
+    share = 0.25 * np.pi * wide * np.sin(angle) * weight
+    ones = np.broadcast_to(ones, edge.shape)
+    return (
+        np.concatenate([edge, inner, length - edge], axis=-1),
+        np.concatenate([ones, share, ones], axis=-1),
+    )
+
+
+def _pairs_at(
+    lags: Float[np.ndarray, "p l"],
+    one: Float[np.ndarray, "p 1"],
+    two: Float[np.ndarray, "p 1"],
+    many: tuple[Int[np.ndarray, "p 1"], Int[np.ndarray, "p 1"]],
+) -> Float[np.ndarray, "p l"]:
+    # pairs of differences whose middles are so far apart
+    start = lags - one + two
+    count = np.minimum(many[0], many[1] + start) - np.maximum(0.0, start)
+    return np.maximum(count, 0.0)
+
+
+def _smooth(
+    lags: Float[np.ndarray, "p l"],
+    one: Float[np.ndarray, "p 1"],
+    two: Float[np.ndarray, "p 1"],
+) -> Float[np.ndarray, "p 3 l"]:
+    # c(t) of one unit of N^2, B^2 and K^2: the shorter difference in closed form
+    return sum(
+        weight * _second_difference(np.abs(lags + sign * two), one)
+        for sign, weight in zip(_SIGNS, _WEIGHTS, strict=True)
+    )
+
+
+def _second_difference(
+    t: Float[np.ndarray, "p l"], m: Float[np.ndarray, "p 1"]
+) -> Float[np.ndarray, "p 3 l"]:
+    # R(t + m) - 2 R(t) + R(t - m) for t >= 0, without loss of digits where t >> m;
+    # m^2 ln m is left out of flicker's: what is the same at all t cancels in c
+    inside = np.minimum(t, m)  # beyond m the differences of |t| and |t|^3 are lines
+    white = inside - m
+    cube = inside**2 * (6.0 * m - 2.0 * inside) + 2.0 * m**3 - 6.0 * m**2 * inside
+    walk = (cube + 6.0 * m**2 * t) / 12.0
+    r = t / m
+    far = np.maximum(r, SERIES)
+    series = 2.0 * np.log(far) + 3.0 - 1.0 / (6.0 * far**2) - 1.0 / (30.0 * far**4)
+    near = np.minimum(r, SERIES)
+    direct = _log_square(near + 1.0) - 2.0 * _log_square(near) + _log_square(near - 1.0)
+    flicker = m**2 * np.where(r < SERIES, direct, series) / (2.0 * np.pi)
+    return np.stack([white, flicker, walk], axis=1)
+
+
+def _log_square(t: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    # t^2 ln|t|, 0 at 0
+    size = np.abs(t)
+    return np.asarray(t * t * np.log(np.where(size > 0.0, size, 1.0)))

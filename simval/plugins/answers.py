@@ -40,7 +40,7 @@ from simval.plugins.protocol import (
     Filter,
 )
 from simval.sensor import forms
-from simval.sensor.estimated import FIXED, places_of
+from simval.sensor.models import FIXED, places_of
 from simval.shapes import Bool, Float
 from simval.text import message_of, words_of
 

@@ -45,7 +45,7 @@ from simval.plugins.noise import VectorNoise, vector_noise
 from simval.plugins.protocol import Calibrator, Estimator
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel, forms
-from simval.sensor.estimated import ALL, own_sensor
+from simval.sensor.models import ALL, own_sensor
 from simval.shapes import Bool, Float
 
 NEAR = 0.01

@@ -60,7 +60,7 @@ from simval.plugins.attitudes import (
 )
 from simval.plugins.noise import READABLE
 from simval.sensor import forms
-from simval.sensor.estimated import ALL, CLASSES
+from simval.sensor.models import ALL, CLASSES
 from simval.text import one_line
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import InputError, RefusedError
 from simval.noise import AxisNoise, noise_of
-from simval.noise.files import NoiseFile
+from simval.noise.model import NoiseFile
 from simval.plugins.runs import Told
 from simval.recorded.attitudes import of_matrix
 from simval.recorded.signals import Signals

@@ -1,19 +1,22 @@
 """Sensor models: what a sensor does to a force, a rate or a field, and its inverse."""
 
-from simval.sensor.coloured import NoiseModel
 from simval.sensor.effects import (
     Effects,
     GyroscopeEffects,
     MagnetometerEffects,
+    NoiseModel,
     Readings,
 )
 from simval.sensor.files import load_imu, load_sensor
-from simval.sensor.forms import MODELS, convert, names
-from simval.sensor.gyroscope import GyroscopeModel
-from simval.sensor.gyroscope_forms import GyroscopeFactors, gyroscope_factors
+from simval.sensor.forms import (
+    MODELS,
+    GyroscopeFactors,
+    convert,
+    gyroscope_factors,
+    names,
+)
 from simval.sensor.imu import ImuModel, ImuReadings, Motion, read_imu, read_sensor
-from simval.sensor.magnetometer import MagnetometerModel
-from simval.sensor.model import AccelerometerModel
+from simval.sensor.models import AccelerometerModel, GyroscopeModel, MagnetometerModel
 
 __all__ = [
     "MODELS",

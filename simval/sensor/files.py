@@ -45,10 +45,8 @@ from simval.sensor.effects import (
     MagnetometerEffects,
     effects_from,
 )
-from simval.sensor.gyroscope import GyroscopeModel
 from simval.sensor.imu import ImuModel
-from simval.sensor.magnetometer import MagnetometerModel
-from simval.sensor.model import AccelerometerModel
+from simval.sensor.models import AccelerometerModel, GyroscopeModel, MagnetometerModel
 from simval.shapes import Float
 from simval.text import shown
 

@@ -33,10 +33,12 @@ from simval.sensor.effects import (
     streams_of,
     white_std,
 )
-from simval.sensor.gyroscope import GyroscopeModel
-from simval.sensor.magnetometer import MagnetometerModel
-from simval.sensor.model import AccelerometerModel
-from simval.sensor.rows import unscaled
+from simval.sensor.models import (
+    AccelerometerModel,
+    GyroscopeModel,
+    MagnetometerModel,
+    unscaled,
+)
 from simval.shapes import Float
 
 

@@ -54,7 +54,7 @@ from simval.plugins.runs import Places, require_no_memory
 from simval.poses import cube_faces, fibonacci_sphere
 from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.sensor import AccelerometerModel, forms
-from simval.sensor.estimated import ALL, mean_square_left, own_sensor, places_of
+from simval.sensor.models import ALL, mean_square_left, own_sensor, places_of
 from simval.shapes import Float
 from simval.statistics import (
     BELOW_BOUND,

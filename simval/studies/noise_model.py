@@ -38,7 +38,7 @@ from simval.noise import (
     averaging_counts,
     covariance_forms,
 )
-from simval.noise.squares import RIDGE, Problem, ends, fitted
+from simval.noise.fit import RIDGE, Problem, ends, fitted
 from simval.results import Outcome, Row, exact, plain
 from simval.sensor import NoiseModel
 from simval.shapes import Float, Int
@@ -66,7 +66,7 @@ BLOCK = 24  # trials; part of the promise of equal bits
 RATE = 100.0  # Hz
 WHITE = 1.0  # per root Hz; the others are shares of it, the unit cancels
 REMAINDERS = (0.03, 0.08, 0.2)  # of a fit's N, B and K squared: measured, see above
-LAGS = 1e-3  # of (V4): what its quadrature leaves, `simval.noise.covariance.NODES`
+LAGS = 1e-3  # of (V4): what its quadrature leaves, `simval.noise.allan.NODES`
 SECOND = 0.5
 """Of what (V4) is said to grow by: what that may be off by, beside `LAGS`; the most was
 0.52, at B = 10 N (`test_covariance_of_samples`, tests/test_noise_study.py)."""

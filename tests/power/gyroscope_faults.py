@@ -146,7 +146,7 @@ def noise_faults() -> list[Fault]:
         ),
         made(
             "formula",
-            "(V4) of half the averages",  # of `simval.noise.covariance`
+            "(V4) of half the averages",  # of `simval.noise.allan`
             after(noise_model, "allan_covariance", lambda v: 2.0 * v),
         ),
     ]

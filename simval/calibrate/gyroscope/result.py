@@ -30,7 +30,7 @@ class GyroscopeFit(ShownFit):
 
     Leading axes ``...`` are empty for one recording and (trials,) for a batch; a trial
     that was refused is NaN in every number. The gyroscope's axes are those of the
-    accelerometer's form (`model`): see the gauge in `simval.sensor.gyroscope`.
+    accelerometer's form (`model`): see the gauge in `simval.sensor.models`.
 
     Attributes
     ----------
@@ -170,7 +170,7 @@ class GyroscopeFit(ShownFit):
         """Return one fit beside another form of the accelerometer.
 
         The accelerometer's axes turn by Q and M becomes Q M, the gauge of
-        `simval.sensor.gyroscope`; Q depends on the accelerometer's parameters, so the
+        `simval.sensor.models`; Q depends on the accelerometer's parameters, so the
         covariance of all 21 is carried together.
 
         Parameters
