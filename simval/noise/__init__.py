@@ -2,7 +2,7 @@ r"""Noise model of a sensor at rest: what its readings do when nothing happens.
 
 White noise N, flicker B and a random walk K of each axis, from the overlapping Allan
 variance and its covariance in closed form (`simval.noise.allan`), by generalised
-least squares (`simval.noise.squares`): each coefficient with an interval, or an upper
+least squares (`simval.noise.fit`): each coefficient with an interval, or an upper
 bound where the recording does not show it. Everything is in the readings' own unit; no
 frame and no gravity enters.
 """
