@@ -1,5 +1,6 @@
 """Stores of runs, changed on purpose: as another sweep would have left them, or not."""
 
+import hashlib
 import sqlite3
 from contextlib import closing, contextmanager
 from itertools import groupby
@@ -7,6 +8,11 @@ from operator import itemgetter
 
 from simval.sweep import load_run, store
 from simval.sweep.cells import CELL_FIELDS, digest_of_entries
+
+
+def digest(folder):
+    """Digest of the table of a run."""
+    return hashlib.sha256((folder / "results.csv").read_bytes()).hexdigest()
 
 
 @contextmanager

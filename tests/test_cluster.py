@@ -3,7 +3,6 @@
 No worker mixes other numbers into a run, and what cannot go on says so and is resumed.
 """
 
-import hashlib
 import json
 import pickle
 import shutil
@@ -28,6 +27,7 @@ from clusters import (
     until,
     without_simval,
 )
+from stores import digest
 
 from simval.errors import InputError
 from simval.judge import write_baseline
@@ -36,7 +36,7 @@ from simval.sweep import cluster as clusters
 from simval.sweep import executors, load_run, run_suite
 from simval.sweep.executors import Queue, computed
 from simval.sweep.identity import Stated, here, refusal
-from simval.sweep.runner import Silence
+from simval.sweep.runner import Progress
 from simval.sweep.suite import expand
 
 cloudpickle = pytest.importorskip("cloudpickle")
@@ -46,10 +46,6 @@ UNABLE = (
     "computes nothing: it cannot load this version of simval "
     "(ModuleNotFoundError: No module named 'simval')"
 )
-
-
-def digest(folder):
-    return hashlib.sha256((folder / "results.csv").read_bytes()).hexdigest()
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +120,7 @@ def test_a_stranger_that_joins_late_computes_nothing_though_it_is_alone(
     assert digest(folder) == alone
 
 
-class Joins(Silence):
+class Joins(Progress):
     """After the first cell a worker without simval joins; what is said is kept."""
 
     def __init__(self, cluster, source):
@@ -289,7 +285,7 @@ def test_no_worker_is_waited_for_so_long_and_said(suite, tmp_path):
         assert time.monotonic() - start < 30.0
 
 
-class Comings(Silence):
+class Comings(Progress):
     """Workers join, say goodbye and are killed while the cells go on."""
 
     def __init__(self, cluster, tmp_path):
@@ -341,7 +337,7 @@ def test_an_adaptive_cluster_grows_with_the_demand(suite, alone, tmp_path):
     (tmp_path / "adaptive.py").write_text(ADAPTIVE)
     most = [0]
 
-    class Counts(Silence):
+    class Counts(Progress):
         def advance(self, name, ending):
             with distributed.Client(address, timeout=30) as client:
                 most[0] = max(most[0], len(client.nthreads()))

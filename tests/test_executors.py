@@ -1,7 +1,6 @@
 """Local workers that die; random kills; a full disk."""
 
 import contextlib
-import hashlib
 import os
 import random
 import resource
@@ -15,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from places import ROOT
+from stores import digest
 
 from simval.sweep import (
     executors,
@@ -28,10 +28,6 @@ from simval.sweep.executors import Queue
 pytestmark = pytest.mark.ci
 
 SITE = "import poison; poison.install()\n"
-
-
-def digest(folder):
-    return hashlib.sha256((folder / "results.csv").read_bytes()).hexdigest()
 
 
 def environment(tmp_path, poison):

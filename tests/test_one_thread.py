@@ -16,7 +16,7 @@ from simval.results import Outcome, unjudged
 from simval.statistics import RMS
 from simval.sweep import executors
 from simval.sweep.identity import here
-from simval.sweep.runner import Silence, drive
+from simval.sweep.runner import Progress, drive
 from simval.sweep.suite import expand
 from simval.sweep.threads import ONE_THREAD, VARIABLES, _libraries, linear_algebra
 
@@ -99,8 +99,7 @@ if __name__ == "__main__":
 def swept(folder, workers):
     """Run a suite of such cells."""
     suite = expand("shared", {"attitude": {"geometry": [1, 2], "samples": 65_536}})
-    options = {"workers": workers, "scheduler": None, "resume": False}
-    drive(suite, Path(folder), progress=Silence(), work=shared, **options)
+    drive(suite, Path(folder), workers=workers, progress=Progress(), work=shared)
 
 
 def run(tmp_path, name, workers, **words):

@@ -1,7 +1,6 @@
 """Many cells: in bounded memory, in few tasks and transactions, in the same bytes."""
 
 import dataclasses
-import hashlib
 import itertools
 import re
 import subprocess
@@ -10,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 from light_cells import light, suite_of
+from stores import digest
 
 from simval.errors import InputError
 from simval.judge import baseline, judge_run, write_baseline
@@ -18,29 +18,17 @@ from simval.results import Outcome, Row
 from simval.statistics import BIAS
 from simval.sweep import executors, load_run, store
 from simval.sweep.executors import Queue, computed
-from simval.sweep.runner import Silence, drive
+from simval.sweep.runner import Progress, drive
 from simval.sweep.suite import expand
 
 MEBIBYTE = 1 << 20
 CELLS = 30
 
 
-def swept(folder, suite, *, workers=1, resume=False, progress=None, work=light):
+def swept(folder, suite, *, resume=False, progress=None, work=light):
     """A sweep of cells that cost nothing."""
-    drive(
-        suite,
-        folder,
-        workers=workers,
-        scheduler=None,
-        resume=resume,
-        progress=progress or Silence(),
-        work=work,
-    )
+    drive(suite, folder, resume=resume, progress=progress or Progress(), work=work)
     return folder
-
-
-def digest(folder):
-    return hashlib.sha256((folder / "results.csv").read_bytes()).hexdigest()
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +90,7 @@ def test_a_transaction_holds_a_batch_and_the_bytes_do_not_show_it(
         assert len(stored_in) == -(-CELLS // each)  # transactions
 
 
-class Stops(Silence):
+class Stops(Progress):
     """Stops a sweep after so many cells."""
 
     def __init__(self, after):
@@ -139,15 +127,7 @@ def test_a_worker_makes_the_digest_that_the_store_gives(tmp_path):
     def odd(cell):
         return dataclasses.replace(light(cell), rows=rows)
 
-    drive(
-        suite,
-        tmp_path / "odd",
-        workers=1,
-        scheduler=None,
-        resume=False,
-        progress=Silence(),
-        work=odd,
-    )
+    swept(tmp_path / "odd", suite, work=odd)
     with store.opened(tmp_path / "odd" / "run.sqlite") as database:
         cells = list(store.read_cells(database))  # checks each digest
     assert {len(cell.rows) for cell in cells} == {len(rows)}

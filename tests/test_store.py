@@ -21,7 +21,7 @@ from simval.errors import InputError
 from simval.results import Outcome, Row
 from simval.statistics import FAMILIES, Statistic
 from simval.sweep import load_run, run_suite, store
-from simval.sweep.runner import Silence, drive
+from simval.sweep.runner import Progress, drive
 from simval.sweep.suite import expand
 
 QUICK, NIGHTLY = 24, 200
@@ -156,7 +156,7 @@ def test_what_is_no_store_is_refused(tmp_path, content):
         load_run(tmp_path / "nowhere")
 
 
-class Reads(Silence):
+class Reads(Progress):
     """Reads the run after each cell, and keeps a snapshot open to its end."""
 
     def __init__(self, folder):
@@ -175,8 +175,7 @@ class Reads(Silence):
 def test_readers_and_the_sweep_do_not_wait_for_each_other(tmp_path):
     suite = expand("read", {"attitude": {"geometry": [1, 2, 3], "samples": 65_536}})
     reads = Reads(tmp_path / "run")
-    options = {"workers": 1, "scheduler": None, "resume": False, "work": light}
-    drive(suite, tmp_path / "run", progress=reads, **options)
+    drive(suite, tmp_path / "run", progress=reads, work=light)
     assert reads.counts == [1, 2, 3]
     assert len(load_run(tmp_path / "run").cells) == 3
     reads.kept[0].close()
@@ -256,8 +255,8 @@ def test_every_row_is_read_as_it_was_written(
     )
     folder = tmp_path_factory.mktemp("row") / "run"
     suite = expand("one", {"attitude": {"samples": 65_536}})
-    options = {"workers": 1, "scheduler": None, "resume": False, "progress": Silence()}
-    drive(suite, folder, work=lambda cell: Outcome(rows=(row,)), **options)
+    work = lambda cell: Outcome(rows=(row,))  # noqa: E731
+    drive(suite, folder, progress=Progress(), work=work)
     (found,) = load_run(folder).cells[0].rows
     same = None if prediction is None or prediction != prediction else prediction
     assert repr((found.value, found.prediction)) == repr((value, same))

@@ -1,6 +1,5 @@
 """Runs: same bits for any number of workers, resume after a kill, honest failures."""
 
-import hashlib
 import json
 import math
 import re
@@ -11,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from stores import edited
+from stores import digest, edited
 
 from simval.errors import InputError
 from simval.judge import compare_runs
@@ -26,10 +25,6 @@ from simval.sweep import (
     run_suite,
 )
 from simval.sweep.runner import locked
-
-
-def digest(folder):
-    return hashlib.sha256((folder / "results.csv").read_bytes()).hexdigest()
 
 
 @pytest.mark.ci

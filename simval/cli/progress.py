@@ -14,7 +14,7 @@ from simval.cli.interruption import heed
 from simval.cli.time_left import TimeLeft, told
 from simval.studies.study import Cell, canonical
 from simval.sweep.cells import Ending, worse
-from simval.sweep.runner import Silence
+from simval.sweep.runner import Progress
 
 LOG_INTERVAL = 5.0
 """Seconds between the lines of a log; a terminal is drawn ten times a second."""
@@ -38,7 +38,7 @@ def bar(total: int, what: str, *, done: int = 0, unit: str = " runs") -> "tqdm[A
     )
 
 
-class Quiet(Silence):
+class Quiet(Progress):
     """A progress that says nothing, and stops a sweep whose Ctrl-C was dropped."""
 
     def advance(self, name: str, ending: Ending) -> None:
@@ -50,7 +50,7 @@ class Quiet(Silence):
         click.echo(words, err=True)
 
 
-class CellBar:
+class CellBar(Progress):
     """Progress of a sweep: how many cells, how long still, which are at work.
 
     On a terminal a line that is drawn again; elsewhere a line now and then. Used as a

@@ -18,7 +18,7 @@ from datetime import UTC, datetime
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Protocol, cast, runtime_checkable
+from typing import Any, cast
 
 import numpy as np
 
@@ -42,41 +42,20 @@ changed: the numbers depend on the source itself."""
 PART = "run.sqlite.part"
 
 
-@runtime_checkable
-class Progress(Protocol):
-    """Receives the progress of the driver."""
+class Progress:
+    """Receives the progress of the driver; by itself it says nothing."""
 
     def start(self, total: int, done: int, worst: Ending) -> None:
         """Begin."""
 
-    def advance(self, name: str, ending: Ending) -> None:
-        """Note that one more cell has ended."""
-
-
-@runtime_checkable
-class Watch(Progress, Protocol):
-    """A progress that is told too which cells will be computed."""
-
     def expect(self, cells: Sequence[Cell], workers: int | None) -> None:
         """Note the cells to come in their order, and how many are computed at once."""
 
-
-@runtime_checkable
-class Teller(Protocol):
-    """A progress that is told too what becomes of the workers."""
+    def advance(self, name: str, ending: Ending) -> None:
+        """Note that one more cell has ended."""
 
     def tell(self, words: str) -> None:
-        """Say it."""
-
-
-class Silence:
-    """A progress without output."""
-
-    def start(self, total: int, done: int, worst: Ending) -> None:
-        """Do nothing."""
-
-    def advance(self, name: str, ending: Ending) -> None:
-        """Do nothing."""
+        """Say what becomes of the workers of a cluster."""
 
 
 def run_suite(
@@ -106,7 +85,7 @@ def run_suite(
         Resume an interrupted run in `out`: finished cells are kept, failed and missing
         ones are computed.
     progress : Progress, optional
-        Called for each cell that ends.
+        A subclass is called for each cell that ends.
     wait : float, default 60
         Seconds to wait for a worker of the scheduler while there is none.
     mixed_kernels : bool, default False
@@ -134,7 +113,7 @@ def run_suite(
         workers=workers,
         scheduler=None if scheduler is None else instance("scheduler", scheduler, str),
         resume=switch("resume", resume),
-        progress=progress or Silence(),
+        progress=progress or Progress(),
         wait=wait,
         mixed_kernels=switch("mixed_kernels", mixed_kernels),
     )
@@ -145,9 +124,9 @@ def drive(
     suite: Suite,
     folder: Path,
     *,
-    workers: int,
-    scheduler: str | None,
-    resume: bool,
+    workers: int = 1,
+    scheduler: str | None = None,
+    resume: bool = False,
     progress: Progress,
     work: Work | None = None,
     wait: float = WAIT,
@@ -165,8 +144,7 @@ def drive(
 
     def tell(words: str) -> None:
         told.append(words)
-        if isinstance(progress, Teller):
-            progress.tell(words)
+        progress.tell(words)
 
     stated = Stated(driver=here(), mixed=mixed_kernels)
     with _computing(workers, scheduler, stated, wait, tell) as compute:
@@ -184,9 +162,8 @@ def drive(
             done = len(suite.cells) - len(pending)
             worst = cast(Ending, store.entry(database, "worst") or "stored")
             progress.start(len(suite.cells), done, worst if done else "stored")
-            if isinstance(progress, Watch):
-                at_once = workers if scheduler is None else None
-                progress.expect([suite.cells[k] for k in pending], at_once)
+            at_once = workers if scheduler is None else None
+            progress.expect([suite.cells[k] for k in pending], at_once)
             queue = Queue(suite.cells, pending, ALPHA, work, stated)
             _compute(database, folder, compute, queue, progress, worst)
             manifest = store.manifest(database)
