@@ -7,9 +7,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from written import written
 
-from simval.geometry import attitude_matrix, compose, conjugate, normalize
+from simval.geometry import (
+    attitude_matrix,
+    compose,
+    conjugate,
+    from_rotation_vector,
+    normalize,
+)
 from simval.logs import Truth
-from simval.recorded.attitudes import of_vector, turned
+from simval.recorded.attitudes import turned
 
 G = 9.81
 FIELD = 48e-6 * np.array([np.cos(1.1), 0.0, -np.sin(1.1)])
@@ -89,7 +95,9 @@ def made(
     first = normalize(rng.standard_normal(4))
 
     def attitude(t):
-        return compose(np.broadcast_to(first, (len(t), 4)), of_vector(vector(t)))
+        return compose(
+            np.broadcast_to(first, (len(t), 4)), from_rotation_vector(vector(t))
+        )
 
     fine = 4
     inner = (time[:-1, None] + np.arange(fine + 1) / fine / rate).ravel()
@@ -110,8 +118,10 @@ def made(
     turned_field = Rotation.from_rotvec(west[:, None] * [0, 0, 1]).apply(FIELD)
     field = np.matvec(A, turned_field) + field_noise * rng.standard_normal(rates.shape)
     axes = 0.3 * rng.standard_normal(3)
-    drawn = of_vector(rng.standard_normal(3))
-    world = drawn if world is None else of_vector(np.array(world, dtype=float))
+    drawn = from_rotation_vector(rng.standard_normal(3))
+    world = (
+        drawn if world is None else from_rotation_vector(np.array(world, dtype=float))
+    )
     middle = time.mean()
     seen = (truth_time - offset + drift * middle) / (1.0 + drift)  # log's clock
     # A_sensor = A(axes) A_marker, and the truth's world is A(world) of NWU
@@ -120,10 +130,11 @@ def made(
             np.broadcast_to(conjugate(world), (len(truth_time), 4)),
             attitude(seen),
         ),
-        np.broadcast_to(conjugate(of_vector(axes)), (len(truth_time), 4)),
+        np.broadcast_to(conjugate(from_rotation_vector(axes)), (len(truth_time), 4)),
     )
     noisy = compose(
-        marker, of_vector(truth_noise * rng.standard_normal((len(truth_time), 3)))
+        marker,
+        from_rotation_vector(truth_noise * rng.standard_normal((len(truth_time), 3))),
     )
     rests = [
         [int((start + 0.5) * rate), int(min(stop - 0.5, seconds - 0.1) * rate)]

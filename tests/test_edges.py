@@ -14,8 +14,7 @@ from simval.errors import InputError, RefusedError
 from simval.judge.gate import gaps_of
 from simval.logs import read_log
 from simval.logs.truth import read_truth
-from simval.recorded.attitudes import Attitudes
-from simval.recorded.turns import stretches
+from simval.recorded.attitudes import Attitudes, stretches
 from simval.sensor import AccelerometerModel, Effects, read_sensor
 from simval.sweep.run import Run
 from simval.theory import VectorSensor

@@ -15,10 +15,9 @@ from scipy.spatial.transform import Rotation
 from simval.check.words import unjudged, why
 from simval.errors import PluginError
 from simval.filters.mekf import Mekf
-from simval.geometry import compose
+from simval.geometry import compose, from_rotation_vector
 from simval.plugins import Filter, find_plugin, find_world
 from simval.plugins.runs import FilterOutput
-from simval.recorded.attitudes import of_vector
 from simval.studies import filter as study
 from simval.studies.filter_rows import Answers
 from simval.studies.filter_scenarios import course, drawn
@@ -44,7 +43,7 @@ class Faulty(Mekf):
         q = found["attitude"]
         if "mounting" in fault:
             turn = np.broadcast_to(fault["mounting"], (*q.shape[:-1], 3))
-            found["attitude"] = compose(q, of_vector(turn))
+            found["attitude"] = compose(q, from_rotation_vector(turn))
         if "inverse" in fault:
             found["attitude"] = q * [-1.0, -1.0, -1.0, 1.0]
         found["covariance"] = found["covariance"] * fault.get("factor", 1.0)
@@ -56,7 +55,9 @@ class Faulty(Mekf):
         before, b = self.before, self.b
         super()._step(h, rate + 2.0 * b if "bias sign" in self.fault else rate)
         if "doubled" in self.fault:
-            self.q = compose(self.q, of_vector(np.cross(before, self.before) / 12.0))
+            self.q = compose(
+                self.q, from_rotation_vector(np.cross(before, self.before) / 12.0)
+            )
 
     def _correct(self, some, y):
         b = self.b

@@ -19,8 +19,7 @@ from simval.calibrate import calibrate
 from simval.cli import noise_units, run
 from simval.cli.reproduced import command_again
 from simval.poses import fibonacci_sphere
-from simval.recorded.consistency import Consistency
-from simval.recorded.errors import Rms
+from simval.recorded.errors import Consistency, Rms
 from simval.report.calibration_page import KINDS, kinds_of, readable
 from simval.report.filter_page import replies
 from simval.report.log_page import FOLDERS, envelope

@@ -9,7 +9,7 @@ import still_logs
 from simval.calibrate.gyroscope import moves_between
 from simval.errors import InputError
 from simval.multiposition import calibrate_log, calibrate_sensors
-from simval.recorded.signals import signals
+from simval.recorded.settings import signals
 
 
 def lossy(seed, *, clock, bursts):

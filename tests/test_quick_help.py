@@ -13,7 +13,7 @@ from simval.calibrate.arguments import choices
 from simval.cli import COMMANDS
 from simval.judge import BASELINE
 from simval.plugins.attitudes import FRAMES
-from simval.recorded.run import TIME_LIMIT
+from simval.recorded.evaluation import TIME_LIMIT
 from simval.scene import scenes
 from simval.studies import STUDIES
 from simval.verdict import ALPHA

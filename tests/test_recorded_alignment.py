@@ -15,29 +15,27 @@ from simval.geometry import (
     attitude_matrix,
     compose,
     conjugate,
+    from_rotation_vector,
     random_quaternions,
 )
 from simval.logs import read_log, read_truth
 from simval.plugins.runs import FilterOutput
 from simval.recorded import align, evaluate
+from simval.recorded.alignment import fit_turns, likely_offsets, polar
 from simval.recorded.attitudes import (
     Meaning,
     after,
     attitudes,
     meanings,
     of_matrix,
-    of_vector,
     rotated,
     rotation_vector,
+    stretches,
     turned,
 )
-from simval.recorded.blocks import mean_with_error, quantile
-from simval.recorded.evaluation import turned_words
-from simval.recorded.fit import fit_turns, polar
-from simval.recorded.run import FilterRun
-from simval.recorded.search import likely_offsets
-from simval.recorded.signals import Signals, rests_of_log
-from simval.recorded.turns import stretches
+from simval.recorded.errors import mean_with_error, quantile
+from simval.recorded.evaluation import FilterRun, turned_words
+from simval.recorded.settings import Signals, rests_of_log
 
 
 def aligned(log, **changes):
@@ -92,7 +90,7 @@ def test_a_quaternion_in_another_order_is_the_same_motion_in_other_frames():
 def test_between_rows_of_sixth_order():
     def attitude(t):
         waves = [np.sin(2.0 * t), np.cos(3.0 * t + 1.0), np.sin(2.5 * t + 2.0)]
-        return of_vector(np.stack(waves, axis=1))
+        return from_rotation_vector(np.stack(waves, axis=1))
 
     fine = np.linspace(2.0, 8.0, 999)
     errors = []
@@ -119,7 +117,10 @@ def test_error_bars_hold():
             drift=3e-5,
         )
         found = aligned(log)
-        off = turned(of_vector(log.axes)[None], of_vector(found.rotation)[None])[0]
+        off = turned(
+            from_rotation_vector(log.axes)[None],
+            from_rotation_vector(found.rotation)[None],
+        )[0]
         halves = [each.half for each in found.axes]
         world = rotation_vector(of_matrix(found.world.matrix @ log.world))
         inside[k] = np.abs(
@@ -237,7 +238,10 @@ def test_the_nearest_rotation():
         Q = polar(L)
         np.testing.assert_allclose(Q @ Q.T, np.eye(3), atol=1e-14)
         assert np.linalg.det(Q) > 0.0
-        nearby = attitude_matrix(of_vector(1e-3 * rng.standard_normal((50, 3)))) @ Q
+        nearby = (
+            attitude_matrix(from_rotation_vector(1e-3 * rng.standard_normal((50, 3))))
+            @ Q
+        )
         assert (np.linalg.norm(nearby - L, axis=(1, 2)) > np.linalg.norm(Q - L)).all()
 
 
@@ -291,7 +295,7 @@ def test_a_log_of_simval_scene(tmp_path):
     field = log.magnetometer + 1e-7 * rng.standard_normal(log.gyro.shape)
     force = log.accelerometer + 1e-2 * rng.standard_normal(log.gyro.shape)
     q = np.roll(truth.components, -1, axis=1)
-    put = of_vector(np.array([0.3, -0.2, 1.0]))
+    put = from_rotation_vector(np.array([0.3, -0.2, 1.0]))
     moved = after(q, np.array(conjugate(put)))
     recorded = replace(
         truth,
@@ -302,7 +306,7 @@ def test_a_log_of_simval_scene(tmp_path):
     given = recorded, log.time, rate, force, field, rests_of_log(log)
     found = align(*given, "estimated")
     assert abs(found.offset.value - 4.321) < 6.0 * found.offset.sd < 1e-3
-    off = turned(put[None], of_vector(found.rotation)[None])[0]
+    off = turned(put[None], from_rotation_vector(found.rotation)[None])[0]
     sd = np.sqrt(np.diagonal(found.errors.rotation))
     assert (np.abs(off) < 6.0 * sd).all()
     assert found.world.name == "NWU"

@@ -10,7 +10,7 @@ from simval.errors import RefusedError
 from simval.logs import read_log, read_truth
 from simval.recorded import align
 from simval.recorded.attitudes import Meaning
-from simval.recorded.signals import rests_of_log
+from simval.recorded.settings import rests_of_log
 
 RATE = 2000.0 / 7.0  # Hz, as their `sampling_rate` has it
 BREAKS = "05_undisturbed_slow_rotation_with_breaks_B"

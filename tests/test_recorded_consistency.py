@@ -5,10 +5,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
-from simval.geometry import attitude_error, compose, random_quaternions
-from simval.recorded.attitudes import of_vector
-from simval.recorded.consistency import ALPHA, judged, normalised, whiteness
-from simval.recorded.errors import errors_of
+from simval.geometry import (
+    attitude_error,
+    compose,
+    from_rotation_vector,
+    random_quaternions,
+)
+from simval.recorded.errors import ALPHA, errors_of, judged, normalised, whiteness
 
 
 def errors(truth, estimate, rest=None):
@@ -47,10 +50,12 @@ def test_body_errors_are_those_of_a_covariance_on_the_body_side():
     rng = np.random.default_rng(2)
     truth = random_quaternions(50, rng)
     off = 0.3 * rng.standard_normal((50, 3))
-    found = errors(truth, compose(truth, of_vector(off)))
+    found = errors(truth, compose(truth, from_rotation_vector(off)))
     np.testing.assert_allclose(found.body, off, rtol=0, atol=1e-13)
     np.testing.assert_allclose(
-        found.total, attitude_error(truth, compose(truth, of_vector(off))), atol=1e-13
+        found.total,
+        attitude_error(truth, compose(truth, from_rotation_vector(off))),
+        atol=1e-13,
     )
 
 

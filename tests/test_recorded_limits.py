@@ -5,8 +5,15 @@ import pytest
 from rounding import EPS
 from scipy import stats
 
-from simval.recorded.blocks import Measured, block_of, mean_with_error
-from simval.recorded.errors import Errors, convergence, rms, table
+from simval.recorded.errors import (
+    Errors,
+    Measured,
+    block_of,
+    convergence,
+    mean_with_error,
+    rms,
+    table,
+)
 
 OFF = 1e-6  # of a limit
 

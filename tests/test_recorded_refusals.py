@@ -9,9 +9,8 @@ from test_recorded_alignment import aligned
 from written import written
 
 from simval.errors import GeometryError, InputError, RefusedError, SimvalError
-from simval.geometry import attitude_error, normalize
+from simval.geometry import attitude_error, from_rotation_vector, normalize
 from simval.logs import read_truth
-from simval.recorded.attitudes import of_vector
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +42,7 @@ def test_noise_is_no_truth(log):
 def test_one_axis_is_not_enough(log):
     time = log.time
     angle = np.sin(time) + 0.3 * np.sin(2.7 * time)
-    components = of_vector(angle[:, None] * [0.0, 0.0, 1.0])
+    components = from_rotation_vector(angle[:, None] * [0.0, 0.0, 1.0])
     rate = np.gradient(angle, time)[:, None] * [0.0, 0.0, 1.0]
     with pytest.raises((GeometryError, RefusedError), match=r"ax[ei]s|two ways"):
         aligned(replace(log, gyro=rate), components=components)

@@ -11,9 +11,14 @@ from simval.geometry import attitude_error
 from simval.logs import read_log
 from simval.noise import noise_of
 from simval.noise.model import NoiseFile
-from simval.recorded.run import filter_input
-from simval.recorded.signals import FIELDS, rests_of_log, signals, with_gyro_unit
-from simval.recorded.told import start_of
+from simval.recorded.evaluation import filter_input
+from simval.recorded.settings import (
+    FIELDS,
+    rests_of_log,
+    signals,
+    start_of,
+    with_gyro_unit,
+)
 
 SI = (1.0, "m/s^2")
 

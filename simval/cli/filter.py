@@ -18,9 +18,15 @@ from simval.logs import Log, Truth, read_log, read_truth
 from simval.logs.truth import quaternion_stems
 from simval.noise import load_noise
 from simval.recorded import Alignment, Evaluation, align, evaluate
-from simval.recorded.run import filters_of, run_on_log
-from simval.recorded.signals import Signals, rests_of_log, signals, with_gyro_unit
-from simval.recorded.told import Start, start_of
+from simval.recorded.evaluation import filters_of, run_on_log
+from simval.recorded.settings import (
+    Signals,
+    Start,
+    rests_of_log,
+    signals,
+    start_of,
+    with_gyro_unit,
+)
 from simval.recorded.world import TruthWorld
 from simval.statics import interval_means
 

@@ -7,8 +7,7 @@ import numpy as np
 
 from simval.logs import Truth
 from simval.recorded import Alignment, Evaluation
-from simval.recorded.blocks import Measured
-from simval.recorded.consistency import Consistency
+from simval.recorded.errors import Consistency, Measured
 from simval.recorded.evaluation import norths
 
 

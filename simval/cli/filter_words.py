@@ -7,12 +7,10 @@ import numpy as np
 
 from simval.logs import Truth
 from simval.recorded import Alignment, Evaluation
-from simval.recorded.blocks import Measured
-from simval.recorded.consistency import Consistency
-from simval.recorded.errors import Rms
+from simval.recorded.alignment import polar
+from simval.recorded.errors import Consistency, Measured, Rms
 from simval.recorded.evaluation import turned_words
-from simval.recorded.fit import polar
-from simval.recorded.signals import Signals
+from simval.recorded.settings import Signals
 from simval.recorded.world import World
 from simval.text import interval_words
 

@@ -13,7 +13,7 @@ from simval.arrays import Array
 from simval.errors import InputError
 from simval.logs.columns import Column
 from simval.logs.names import SECONDS
-from simval.logs.table import Table
+from simval.logs.tables import Table
 from simval.shapes import Float
 
 GAP = 5.0  # s; beyond it a recording was stopped and begun again

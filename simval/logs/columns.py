@@ -7,7 +7,7 @@ from pathlib import PurePath
 
 from simval.errors import InputError
 from simval.logs.names import SECONDS, Channel, Kind, channel
-from simval.logs.table import Table
+from simval.logs.tables import Table
 
 NAMES = ("t", "ax", "ay", "az", "wx", "wy", "wz", "mx", "my", "mz")
 SENSORS = {"gyroscope": NAMES[4:7], "magnetometer": NAMES[7:]}  # beside the first

@@ -10,10 +10,7 @@ from simval.arrays import Array, frozen, positive_number
 from simval.errors import InputError
 from simval.logs.clock import read_clock, require_finite
 from simval.logs.columns import NAMES, SENSORS, Column, chosen, several
-from simval.logs.content import decoded, file_bytes, is_matlab
-from simval.logs.matlab import matlab_table
-from simval.logs.table import Table
-from simval.logs.text import text_table
+from simval.logs.tables import Table, read_table
 from simval.shapes import Float
 
 
@@ -140,7 +137,7 @@ def read_log(
     """
     if rate is not None:
         rate = positive_number("rate", rate, "Hz")
-    table = _table(str(path))
+    table = read_table(str(path))
     picked = chosen(table, columns)
     unclear = several(table) if columns is None else ()
     try:
@@ -177,10 +174,3 @@ def _rows(table: Table, picked: tuple[Column, ...]) -> dict[str, Float[Array, " 
     values = table.numbers([each.place for each in picked if each.role != "t"])
     require_finite(table, values)
     return dict(zip(roles, values.T, strict=True))
-
-
-def _table(path: str) -> Table:
-    content = file_bytes(path)
-    if is_matlab(path, content):
-        return matlab_table(path, content)
-    return text_table(path, decoded(path, content))

@@ -1,5 +1,13 @@
-"""Rows of numbers in a text file, with the line that each came from."""
+"""Rows of numbers in a text file, with the line that each came from.
 
+First the dialect of its fields (separator and decimal mark), then the line of names
+above the rows, then the rows.
+"""
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,9 +15,170 @@ from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import InputError
-from simval.logs.dialect import Dialect, judged
-from simval.logs.header import Line, header_names, header_of, is_names
+from simval.logs.names import channel, is_known, is_unit
 from simval.shapes import Bool, Float
+
+SAMPLE = 64  # lines, spread over the file, by which the dialect is judged
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """One way to write a row."""
+
+    mark: str | None  # separator; None is white space
+    comma: bool  # whether the decimal mark is a comma
+    width: int = 0  # fields of a row
+
+    def fields(self, line: str) -> list[str]:
+        """Fields of a line, without quotes and blanks around them."""
+        fields = line.split(self.mark)
+        if '"' in line and self.mark is not None:
+            try:
+                fields = next(csv.reader([line], delimiter=self.mark), fields)
+            except csv.Error:  # a field of more than 128 KiB: split as it stands
+                return fields
+        return [field.strip().strip("\"'").strip() for field in fields]
+
+    def is_number(self, field: str) -> bool:
+        """Return whether a field is a number, NaN and infinity among them."""
+        if self.comma:
+            if "." in field:
+                return False
+            field = field.replace(",", ".", 1)
+        try:
+            float(field)
+        except ValueError:
+            return False
+        return "_" not in field
+
+    def numbers(self, line: str) -> list[bool]:
+        """Return which fields of a line are numbers."""
+        return [self.is_number(field) for field in self.fields(line)]
+
+
+# in this order where a file can be read in two ways: `1,2` is two numbers, not one
+DIALECTS = (
+    *(Dialect(mark, False) for mark in ("\t", ";", "|", ",", None)),
+    *(Dialect(mark, True) for mark in ("\t", ";", "|", None)),
+    Dialect(",", True),  # "1,5","2,3": each in quotes
+)
+
+
+def dialect_of(lines: Sequence[str]) -> Dialect:
+    """Return the dialect that reads the greatest share of the fields as numbers."""
+    picked = np.unique(np.linspace(0, len(lines) - 1, SAMPLE).astype(int))
+    sample = [lines[k] for k in picked]
+    best = max(DIALECTS, key=lambda each: _share(each, sample))
+    widths = Counter(len(best.fields(line)) for line in sample if _is_row(best, line))
+    width = widths.most_common(1)[0][0] if widths else 0
+    return Dialect(best.mark, best.comma, width)
+
+
+def _share(dialect: Dialect, sample: Sequence[str]) -> float:
+    return float(np.mean([np.mean(dialect.numbers(line)) for line in sample]))
+
+
+def _is_row(dialect: Dialect, line: str) -> bool:
+    return any(dialect.numbers(line))
+
+
+Line = tuple[int, str]
+# white space outside of brackets, which hold a unit: a whole file in one line is quick
+_BLANK = re.compile(r"\s+(?![^\[(\])]{0,80}[\])])")
+
+
+def header_names(line: str, mark: str | None = "") -> list[str]:
+    """Split a line of names."""
+    if mark == "":
+        mark = next((each for each in "\t;,|" if each in line), None)
+    if mark is not None:
+        return Dialect(mark, False).fields(line)
+    names: list[str] = []
+    for word in _BLANK.split(line.strip()):
+        if names and word[:1] in ("[", "("):
+            names[-1] += " " + word
+        else:
+            names.append(word.strip("\"'"))
+    return names
+
+
+def is_names(fields: list[str]) -> bool:
+    """Return whether fields name three axes or more; a sentence never does."""
+    channels = map(channel, fields)
+    return sum(each.axis != "" and each.kind != "other" for each in channels) >= 3
+
+
+def header_of(
+    path: str, dialect: Dialect, above: list[Line], comments: tuple[str, ...]
+) -> tuple[tuple[str, ...] | None, list[Line]]:
+    """Find the names of the columns among the lines above the rows.
+
+    Raises
+    ------
+    InputError
+        If a line names channels, but not as many as there are columns.
+    """
+    others: list[Line] = []
+    names: tuple[str, ...] | None = None
+    units: list[str] = []
+    for number, line in reversed(above):
+        remark = line.lstrip().startswith(comments)
+        bare = line.lstrip().lstrip("#%/").strip() if remark else line
+        if names is None and not (remark and _is_sentence(dialect, bare)):
+            fields = _fitting(dialect, bare)
+            if not others and fields and not units and _all_units(fields):
+                units = fields
+                continue
+            if fields and (not others or is_names(fields)):
+                names = _with_units(fields, units)
+                continue
+            _require_no_names(path, dialect, number, bare)
+        if not remark:
+            others.append((number, line))
+    return names, others[::-1]
+
+
+def _is_sentence(dialect: Dialect, remark: str) -> bool:
+    # a remark is a header if it names axes, or has a word for each column, mostly known
+    fields = _fitting(dialect, remark)
+    known = 2 * sum(map(is_known, fields)) >= max(len(fields), 1)
+    return not (known or is_names(header_names(remark)))
+
+
+def _fitting(dialect: Dialect, line: str) -> list[str]:
+    # the line's names if there are as many as columns and none is a number
+    for mark in (dialect.mark, "", None):
+        fields = header_names(line, mark)
+        if fields[-1:] == [""] and len(fields) == dialect.width + 1:
+            fields = fields[:-1]
+        if len(fields) == dialect.width and not any(map(dialect.is_number, fields)):
+            return fields
+    return []
+
+
+def _all_units(fields: list[str]) -> bool:
+    return any(fields) and all(is_unit(field) for field in fields if field)
+
+
+def _with_units(names: list[str], units: list[str]) -> tuple[str, ...]:
+    if not units:
+        return tuple(names)
+    pairs = zip(names, units, strict=True)
+    return tuple(
+        f"{name} [{unit.strip('[]() ')}]" if unit else name for name, unit in pairs
+    )
+
+
+def _require_no_names(path: str, dialect: Dialect, number: int, line: str) -> None:
+    fields = header_names(line)
+    if is_names(fields):
+        msg = (
+            f"{path}, line {number}: the header has {len(fields)} names, but a row has "
+            f"{dialect.width} fields; give one name to each column (are decimal commas "
+            "and separating commas mixed?), or name them with --columns"
+        )
+        raise InputError(msg)
+
 
 COMMENTS = ("#", "%", "//")
 MOST_LINE = 2**20
@@ -105,7 +274,7 @@ def text_table(path: str, text: str) -> TextTable:
         msg = f"{path} is empty: it has no row of numbers; record or export it again"
         raise InputError(msg)
     _require_short(path, every)
-    dialect = judged([line for _, line in lines])
+    dialect = dialect_of([line for _, line in lines])
     first = _first_row(dialect, lines)
     if first is None:
         msg = _no_row(path, lines)

@@ -17,11 +17,8 @@ from simval.arrays import Array, frozen, positive_number
 from simval.errors import InputError
 from simval.logs.clock import times_of
 from simval.logs.columns import SKIP, Column
-from simval.logs.content import decoded, file_bytes, is_matlab
-from simval.logs.matlab import matlab_table
 from simval.logs.names import SECONDS, channel
-from simval.logs.table import Table
-from simval.logs.text import text_table
+from simval.logs.tables import Table, read_table
 from simval.shapes import Float
 
 Scalar = Literal["first", "last", "unstated"]
@@ -104,7 +101,7 @@ def read_truth(
         If the file cannot be read, it is not clear which columns are meant, or they
         hold no quaternions of length 1.
     """
-    table = _table(path)
+    table = read_table(path)
     places, scalar = (
         _by_names(table, stem) if columns is None else _given(table, columns)
     )
@@ -126,15 +123,8 @@ def read_truth(
 
 def quaternion_stems(path: str) -> list[str]:
     """Names of the quaternions that the header of a file seems to have."""
-    table = _table(path)
+    table = read_table(path)
     return [stem for stem, _, _ in _groups(table) if _NAMED.search(stem.rstrip("_.- "))]
-
-
-def _table(path: str) -> Table:
-    content = file_bytes(path)
-    if is_matlab(path, content):
-        return matlab_table(path, content)
-    return text_table(path, decoded(path, content))
 
 
 def _groups(table: Table) -> list[tuple[str, list[int], Scalar]]:

@@ -1,10 +1,10 @@
 """Attitude filters over recorded logs, with recorded truth and without.
 
-A log is brought to SI units (`signals`), a filter is told of its noise and started from
-its first rest (`told`), run in a child (`run`), and measured (`evaluation`). Recorded
-attitudes are read by `simval.logs`, and aligned before anything is compared: their
-meaning (`attitudes`), clock and axes (`search`, `turns`, `fit`) and world (`world`),
-each with an error bar (`blocks`).
+A log is brought to SI units, and a filter is told of its noise and started from its
+first rest (`settings`), run in a child and measured (`evaluation`). Recorded attitudes
+are read by `simval.logs`, and aligned before anything is compared: their meaning
+(`attitudes`), clock and axes (`alignment`) and world (`world`), each with an error bar
+(`errors`).
 """
 
 from simval.recorded.alignment import Alignment, align

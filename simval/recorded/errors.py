@@ -1,23 +1,111 @@
-r"""Errors of a filter against the truth: in all, of heading, of inclination.
+r"""Errors of a filter against the truth, their error bars, and verdicts from them.
 
-In the world, the error is the quaternion :math:`d = \hat q * q^*` with vector part
-(x, y, z), z up, and scalar s. Heading is the turn about the vertical that is nearest to
-it, inclination what is left:
+**Error bars** of a fit whose residuals are correlated leave out one block at a time.
+The rows are cut into blocks of time with equal shares of the information. Residuals
+within a block may be correlated in any way; between blocks they are taken as
+independent. At the solution, where residuals r with derivatives J are orthogonal to
+instruments Z (J itself in least squares), and :math:`H_b, g_b` are a block's share of
+Z'J and Z'r,
+
+.. math:: \delta_b = (H - H_b)^{-1} g_b, \quad
+   \mathrm{cov} = \tfrac{B - 1}{B} \sum_b (\delta_b - \bar\delta)(\delta_b -
+   \bar\delta)'. \tag{R2}
+
+What all blocks have in common, as a constant error of the model, does not show in it.
+
+**Errors** in all, of heading, of inclination: in the world, the error is the quaternion
+:math:`d = \hat q * q^*` with vector part (x, y, z), z up, and scalar s. Heading is the
+turn about the vertical that is nearest to it, inclination what is left:
 
 .. math:: \psi = 2 \arctan(z / s), \quad
    \iota = 2 \arctan\frac{\sqrt{x^2 + y^2}}{\sqrt{s^2 + z^2}}, \quad
    \cos\tfrac{\theta}{2} = \cos\tfrac{\psi}{2} \cos\tfrac{\iota}{2}. \tag{R4}
+
+**Verdicts** on a covariance: NEES, NIS, whiteness. The normalised squared error of one
+recording is correlated over its whole length, so its mean is judged by blocks,
+:math:`e' P^{-1} e` with P the filter's covariance and the truth's own: its noise, and
+the error bars of its axes and world. Blocks are as many of `COUNTS` as leave their
+means uncorrelated; Student's t then gives the interval. A recording can only show a
+mean that is off by its own scatter or more.
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
+import scipy
 
 from simval.arrays import Array, frozen
-from simval.consistency import heading_and_inclination, rotation_error
-from simval.recorded.blocks import mean_with_error
-from simval.shapes import Bool, Float
+from simval.consistency import (
+    heading_and_inclination,
+    normalised_squares,
+    rotation_error,
+)
+from simval.shapes import Bool, Float, Int
+
+BLOCKS: Final = 24
+"""As many as Student's t with one less is 4 % wider than the normal; more are shorter,
+and their neighbours are no longer independent."""
+
+COVERAGE: Final = 0.95
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measured:
+    """A number with its error bar."""
+
+    value: float
+    sd: float
+    dof: int  # of its standard deviation
+
+    @property
+    def half(self) -> float:
+        """Half width of the 95 % interval, Student's t."""
+        return self.sd * quantile(self.dof)
+
+
+def quantile(dof: int, coverage: float = COVERAGE) -> float:
+    """Two-sided quantile of Student's t."""
+    return float(scipy.special.stdtrit(dof, 0.5 + 0.5 * coverage))
+
+
+def block_of(
+    weight: Float[Array, " m"], blocks: int = BLOCKS
+) -> tuple[Int[np.ndarray, " m"], int]:
+    """Block of each row, of equal shares of a weight, and how many there are."""
+    share = np.cumsum(weight) / np.sum(weight)
+    found = np.minimum((share * blocks * (1.0 - 1e-12)).astype(int), blocks - 1)
+    _, number = np.unique(found, return_inverse=True)
+    return number, int(number[-1]) + 1
+
+
+def jackknife(
+    instruments: Float[Array, "m k p"],
+    rows: Float[Array, "m k p"],
+    residuals: Float[Array, "m k"],
+    block: Int[np.ndarray, " m"],
+) -> Float[Array, "p p"]:
+    """Covariance of a solution by eq. (R2)."""
+    count, p = int(block.max()) + 1, rows.shape[-1]
+    each_H = np.einsum("mkp,mkq->mpq", instruments, rows)
+    each_g = np.einsum("mkp,mk->mp", instruments, residuals)
+    H, g = np.zeros((count, p, p)), np.zeros((count, p))
+    np.add.at(H, block, each_H)
+    np.add.at(g, block, each_g)
+    moved = np.linalg.solve(H.sum(axis=0) - H, g[..., None])[..., 0]
+    off = moved - moved.mean(axis=0)
+    return (count - 1) / count * off.T @ off
+
+
+def mean_with_error(
+    values: Float[Array, "m k"], blocks: int = BLOCKS
+) -> tuple[Float[Array, " k"], Float[Array, "k k"], int]:
+    """Mean of correlated rows, its covariance by blocks, and degrees of freedom."""
+    block, count = block_of(np.ones(len(values)), min(blocks, len(values)))
+    mean = values.mean(axis=0)
+    rows = np.broadcast_to(np.eye(values.shape[1]), (*values.shape, values.shape[1]))
+    return mean, jackknife(rows, rows, mean - values, block), count - 1
+
 
 SETTLED: Final = 2.0
 """Times the RMS error of the last half of the log: below, a filter has converged."""
@@ -112,3 +200,93 @@ def convergence(errors: Errors) -> float:
     counts = np.maximum(last - first, 1)
     below = ((sums[last] - sums[first]) / counts <= limit) & (last > first)
     return float(begins[np.argmax(below)]) if below.any() else np.nan
+
+
+COUNTS: Final = (24, 12, 6)
+"""Blocks that are tried, most first."""
+
+ALPHA: Final = 0.01
+"""False-alarm rate of a verdict, both sides together; measured in
+tests/test_recorded_consistency.py for errors that last up to a twentieth of the log."""
+
+Verdict = Literal["consistent", "overconfident", "underconfident", "not judged"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Consistency:
+    """A mean normalised square, what it should be, and a verdict."""
+
+    mean: float
+    expected: float
+    low: float  # of the interval at `ALPHA`
+    high: float
+    blocks: int
+    verdict: Verdict
+
+
+def normalised(
+    errors: Float[Array, "k m"], covariance: Float[Array, "k m m"]
+) -> Float[Array, " k"]:
+    """Squares e' P^-1 e; NaN where P is not positive."""
+    good = np.linalg.eigvalsh(covariance)[:, 0] > 0.0
+    filled = np.where(good[:, None, None], covariance, np.eye(errors.shape[1]))
+    return np.where(good, normalised_squares(errors, filled), np.nan)
+
+
+def judged(values: Float[Array, " k"], expected: float) -> Consistency:
+    """Judge the mean of correlated squares.
+
+    Overconfident is a mean above what it should be: errors beyond the covariance.
+    """
+    values = values[np.isfinite(values)]
+    if len(values) < 10 * COUNTS[-1]:
+        return Consistency(
+            mean=float(values.mean()) if len(values) else np.nan,
+            expected=expected,
+            low=np.nan,
+            high=np.nan,
+            blocks=0,
+            verdict="not judged",
+        )
+    means = _block_means(values)
+    # of the logarithm: the means of few independent squares are skewed
+    logs = np.log(np.maximum(means, 1e-12 * expected))
+    mean = float(means.mean())
+    spread = float(logs.std(ddof=1)) / np.sqrt(len(means))
+    width = spread * quantile(len(means) - 1, 1.0 - ALPHA)
+    low, high = mean * np.exp(-width), mean * np.exp(width)
+    verdict: Verdict = "consistent"
+    if low > expected:
+        verdict = "overconfident"
+    elif high < expected:
+        verdict = "underconfident"
+    return Consistency(
+        mean=mean,
+        expected=expected,
+        low=low,
+        high=high,
+        blocks=len(means),
+        verdict=verdict,
+    )
+
+
+def _block_means(values: Float[Array, " k"]) -> Float[Array, " b"]:
+    for count in COUNTS:
+        means = np.array([part.mean() for part in np.array_split(values, count)])
+        off = means - means.mean()
+        square = float(off @ off)
+        lag = float(off[1:] @ off[:-1]) / square if square > 0.0 else 0.0
+        if lag < 1.0 / np.sqrt(count):
+            break
+    return means
+
+
+def whiteness(
+    innovation: Float[Array, "k m"], covariance: Float[Array, "k m m"]
+) -> Float[Array, " m"]:
+    """Correlation of each whitened innovation with the next one; white noise has 0."""
+    factor = np.linalg.cholesky(covariance)
+    white = np.linalg.solve(factor, innovation[..., None])[..., 0]
+    square = np.sum(white**2, axis=0)
+    both = np.sum(white[1:] * white[:-1], axis=0)
+    return np.where(square > 0.0, both / np.where(square > 0.0, square, 1.0), 0.0)

@@ -19,7 +19,7 @@ from simval.arrays import Array, frozen
 from simval.errors import GeometryError, RefusedError
 from simval.plugins.attitudes import AXES, FRAMES, Frame
 from simval.recorded.attitudes import of_matrix, rotated, rotation_vector
-from simval.recorded.blocks import mean_with_error, quantile
+from simval.recorded.errors import mean_with_error, quantile
 from simval.shapes import Bool, Float
 from simval.statics import Intervals
 

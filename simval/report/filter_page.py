@@ -8,8 +8,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.logs import Log
 from simval.recorded import Evaluation
-from simval.recorded.consistency import ALPHA, Consistency
-from simval.recorded.errors import Rms
+from simval.recorded.errors import ALPHA, Consistency, Rms
 from simval.recorded.evaluation import WithTruth, turned_words
 from simval.report.answers import rounded
 from simval.report.log_page import (
