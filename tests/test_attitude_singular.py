@@ -160,13 +160,6 @@ def test_an_axis_close_to_a_vector_is_taken_from_the_other(near):
     assert attitude_error(q, found.q) < 40 * EPS
 
 
-def test_empty_batches():
-    none = np.empty((0, 3))
-    assert singular_solution(none, none, none, none).q.shape == (0, 4)
-    assert sequential_quaternion(none, none, none, none).q.shape == (0, 4)
-    assert turn_is_singular(none, none, none, none, 0).shape == (0,)
-
-
 def test_batches_and_bad_options():
     r1, r2 = np.tile(X, (2, 3, 1)), np.tile(Y, (2, 3, 1))
     assert singular_solution(r1, r2, X, Y).case.tolist() == [[1, 1, 1]] * 2

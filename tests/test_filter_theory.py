@@ -337,47 +337,46 @@ def test_first_order_of_a_step():
     np.testing.assert_allclose(steps.H[0, 0], cross(A.inv().apply(UP)), atol=1e-14)
 
 
+STILL = np.tile([0, 0, 0, 1.0], (3, 1))
+FEW = VectorSensor(name="a", reference=UP, std=1.0, rows=np.ones(4, bool))
 BAD = [
-    (lambda: FilterPath(dt=[0.1], attitude=np.tile([0, 0, 0, 1.0], (3, 1))), "T steps"),
-    (lambda: FilterPath(dt=[0.1, 0.0], attitude=np.tile([0, 0, 0, 1.0], (3, 1))),
-     "0 s at index 1"),
-    (lambda: VectorSensor(name="a", reference=[0, 0, 0], std=1.0), "not zero"),
-    (lambda: VectorSensor(name="a", reference=UP, std=0.0), "above 0"),
-    (lambda: VectorSensor(name="a", reference=UP, std=[1.0, 2.0]), "or three"),
-    (lambda: VectorSensor(name="a", reference=UP, std=1.0, rows=np.ones(3)), "True or"),
-    (lambda: VectorSensor(name="a", reference=UP, std=1.0, rows=0), "`rows` is 0"),
-    (lambda: replace(model(), gyroscope_noise=-1.0), "0 or more"),
-    (lambda: replace(model(), sensors=()), "one or more"),
-    (lambda: replace(model(), sensors=sensors()[:1] * 2), "its own name"),
-    (lambda: replace(model(), start=np.diag([1, 1, 1, 1, 1, -1.0])), "no covariance"),
-    (lambda: replace(model(), start=np.triu(np.ones((6, 6)))), "no covariance"),
-    (lambda: replace(model(), start=np.eye(3)), r"must be \(6, 6\)"),
-    (lambda: filter_bound(wobble(5), model(), keep=6), "1 to 5"),
-    (lambda: filter_bound(wobble(5), model(), keep=[1, 1]), "increase"),
-    (lambda: filter_bound(wobble(5), model(), keep=[5]), "0 to 4"),
-    (lambda: filter_bound(wobble(5), model(), keep="all"), "whole number, from 1 to 5"),
-    (lambda: filter_bound(wobble(5), replace(model(), sensors=(
-        VectorSensor(name="a", reference=UP, std=1.0, rows=np.ones(4, bool)),))),
-     "4 values for 5 steps"),
-    (lambda: filter_prediction(wobble(5), model(), told=replace(
-        model(), sensors=sensors()[:1])), "must be the same"),
-    (lambda: filter_prediction(wobble(5), model(), start_error=np.ones((2, 6))),
-     "needs"),
-    (lambda: filter_prediction(wobble(5), model(), errors=[
-        CalibrationError(of="barometer")]), "there are gyroscope"),
-    (lambda: filter_prediction(wobble(5), model(), errors=[
-        RowError(of="gyroscope", rows=np.ones((4, 3)))]), r"give \(5, 3\)"),
-    (lambda: filter_prediction(wobble(5), model(), errors=[3]), "`errors`"),
-    (lambda: CalibrationError(of="gyroscope", value=np.ones(12)), r"\(9\)"),
-    (lambda: CalibrationError(of="g-sensitivity"), "`force` is not given"),
-    (lambda: CalibrationError(of="gyroscope", force=np.ones((5, 3))), "`force` is giv"),
-    (lambda: RowError(of="gyroscope", rows=[[0, 0, np.nan]]), "non-finite"),
-    (lambda: filter_prediction(wobble(5), model()).nees(4), "`size`"),
-]  # fmt: skip
+    lambda: FilterPath(dt=[0.1], attitude=STILL),
+    lambda: FilterPath(dt=[0.1, 0.0], attitude=STILL),
+    lambda: VectorSensor(name="a", reference=[0, 0, 0], std=1.0),
+    lambda: VectorSensor(name="a", reference=UP, std=0.0),
+    lambda: VectorSensor(name="a", reference=UP, std=[1.0, 2.0]),
+    lambda: VectorSensor(name="a", reference=UP, std=1.0, rows=np.ones(3)),
+    lambda: VectorSensor(name="a", reference=UP, std=1.0, rows=0),
+    lambda: replace(model(), gyroscope_noise=-1.0),
+    lambda: replace(model(), sensors=()),
+    lambda: replace(model(), sensors=sensors()[:1] * 2),
+    lambda: replace(model(), start=np.diag([1, 1, 1, 1, 1, -1.0])),
+    lambda: replace(model(), start=np.triu(np.ones((6, 6)))),
+    lambda: replace(model(), start=np.eye(3)),
+    *(lambda k=k: filter_bound(wobble(5), model(), keep=k) for k in (6, [1, 1], [5])),
+    lambda: filter_bound(wobble(5), model(), keep="all"),
+    lambda: filter_bound(wobble(5), replace(model(), sensors=(FEW,))),
+    lambda: filter_prediction(
+        wobble(5), model(), told=replace(model(), sensors=sensors()[:1])
+    ),
+    lambda: filter_prediction(wobble(5), model(), start_error=np.ones((2, 6))),
+    *(
+        lambda e=e: filter_prediction(wobble(5), model(), errors=[e])
+        for e in (
+            CalibrationError(of="barometer"),
+            RowError(of="gyroscope", rows=np.ones((4, 3))),
+            3,
+        )
+    ),
+    lambda: CalibrationError(of="gyroscope", value=np.ones(12)),
+    lambda: CalibrationError(of="g-sensitivity"),
+    lambda: CalibrationError(of="gyroscope", force=np.ones((5, 3))),
+    lambda: RowError(of="gyroscope", rows=[[0, 0, np.nan]]),
+    lambda: filter_prediction(wobble(5), model()).nees(4),
+]
 
 
-@pytest.mark.parametrize("number", range(len(BAD)))
-def test_refusals(number):
-    make, words = BAD[number]
-    with pytest.raises(InputError, match=words):
-        make()
+def test_what_cannot_be_predicted_is_refused():
+    for make in BAD:
+        with pytest.raises(InputError):
+            make()

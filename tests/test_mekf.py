@@ -271,10 +271,10 @@ BAD = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("change", "words"), BAD)
-def test_refusals(change, words):
-    with pytest.raises(InputError, match=words):
-        Mekf(**{**TOLD, "start": [0.0, 0, 0, 1.0], **change})
+def test_refusals():
+    for change, words in BAD:
+        with pytest.raises(InputError, match=words):
+            Mekf(**{**TOLD, "start": [0.0, 0, 0, 1.0], **change})
 
 
 @pytest.mark.parametrize(

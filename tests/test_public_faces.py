@@ -19,6 +19,7 @@ from simval.calibrate import calibrate, diagnose, load_calibration, save_calibra
 from simval.errors import SimvalError
 from simval.sensor import AccelerometerModel, Effects
 from simval.streams import Streams
+from simval.theory.coloured_noise import noise_bound
 
 pytestmark = pytest.mark.usefixtures("unchecked")  # garbage goes everywhere
 
@@ -251,6 +252,21 @@ FACES = {
         {**PAIRS, "frame": "best", "length_tolerance": 0.5},
         {**BATCHES, "frame": "choice", "length_tolerance": "length"},
     ),
+    "estimate_attitude": (
+        attitude.estimate_attitude,
+        {**PAIRS, "weights": [1.0, 2.0], "noise_std": 0.1, "false_alarm": 0.01},
+        {"weights": "array", "noise_std": "positive", "false_alarm": "positive"},
+    ),
+    "wahba_quaternion": (
+        attitude.wahba_quaternion,
+        {"b": VECTORS[:2], "r": VECTORS[2:], "weights": [1.0, 2.0]},
+        {"b": "batch", "r": "batch", "weights": "array"},
+    ),
+    "consistency": (
+        attitude.consistency,
+        {"b": VECTORS[:2], "r": VECTORS[2:], "noise_std": 0.1},
+        {"b": "batch", "r": "batch", "noise_std": "positive"},
+    ),
     "singular_solution": (
         attitude.singular_solution,
         {**PAIRS, "tolerance": 1e-12},
@@ -277,6 +293,25 @@ FACES = {
         theory.multiplicative_moments,
         {"additive": theory.attitude_moments(Q, R1, R2, 0.01)},
         {"additive": "object"},
+    ),
+    "wahba_moments": (
+        theory.wahba_moments,
+        {"q": Q, "references": VECTORS[2:], "noise_std": 0.01, "weights": [1.0, 2.0]},
+        {"q": "any length", "references": "any length", "noise_std": "noise",
+         "weights": "array"},
+    ),
+    "loss_noncentrality": (
+        theory.loss_noncentrality,
+        {"q": Q, "references": VECTORS[2:], "displacements": 1e-3 * np.ones((2, 3)),
+         "weights": [1.0, 2.0]},
+        {"q": "any length", "references": "any length", "displacements": "array",
+         "weights": "array"},
+    ),
+    "noise_bound": (
+        noise_bound,
+        {"n": 100, "rate_hz": 10.0, "white": 1.0, "flicker": 0.1, "walk": 0.1},
+        {"n": "count", "rate_hz": "positive", "white": "positive",
+         "flicker": "number", "walk": "number"},
     ),
     "attitude_bound": (
         theory.attitude_bound, TRUTH, {**TRUTHS, "noise_std": "noise"}
@@ -347,6 +382,15 @@ FACES = {
         {"sampler": "object", "streams": "object", "samples": "count",
          "block": "count", "batch": "count", "threads": "count"},
     ),
+    "simulate_closed_form": (
+        montecarlo.simulate_closed_form,
+        {"vectors": np.arange(12.0)[:, None], "frame": "x", "q": np.ones(4),
+         "noise_std": 0.1, "streams": STREAMS, "samples": 512, "block": 256,
+         "threads": 1},
+        {"vectors": "array", "frame": "choice", "q": "array", "noise_std": "number",
+         "streams": "object", "samples": "count", "block": "count",
+         "threads": "count"},
+    ),
     "batch_means": (
         montecarlo.plain.batch_means,
         {"errors": DIRECTIONS.T, "batch": 7},
@@ -397,6 +441,13 @@ ALLOWED = {
     ("Effects", "limits_raw", "None"),
     ("attitude_moments", "frame", "None"),
     ("sufficient_order", "frame", "None"),
+    ("estimate_attitude", "weights", "None"),
+    ("estimate_attitude", "noise_std", "None"),
+    ("wahba_quaternion", "weights", "None"),
+    ("wahba_moments", "weights", "None"),
+    ("wahba_moments", "weights", "huge"),  # their ratio counts
+    ("loss_noncentrality", "weights", "None"),
+    ("loss_noncentrality", "weights", "huge"),
     ("calibration_moments", "noise_std", "None"),
     ("plan", "sensor", "None"),
     ("initial_rest", "count", "None"),
@@ -415,7 +466,6 @@ ALLOWED = {
 }
 # the callable is the caller's, and so is what it raises
 CALLABLES = {"estimator", "sampler", "errors"}
-QUICK = ("calibrate", "AccelerometerModel", "two_vector_quaternion", "plan", "simulate")
 
 
 def accepted(face, known=None, allowed=None):
@@ -441,10 +491,7 @@ def accepted(face, known=None, allowed=None):
     return found, tried
 
 
-@pytest.mark.parametrize(
-    "face",
-    [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in FACES],
-)
+@pytest.mark.parametrize("face", FACES)
 def test_bad_values_are_refused_in_words(face):
     found, tried = accepted(face)
     assert found == []

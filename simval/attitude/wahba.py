@@ -230,7 +230,8 @@ def _pairs(b: Any, r: Any) -> tuple[Array, Array]:
 
 def _require_spread(name: str, vectors: Array) -> None:
     # refuse zero vectors and samples whose vectors are all parallel to their first
-    lengths = np.linalg.norm(vectors, axis=-1)
+    with np.errstate(over="ignore"):  # infinite is too long
+        lengths = np.linalg.norm(vectors, axis=-1)
     wrong = np.argwhere(~((lengths >= LEAST) & (lengths <= GREATEST)))
     if len(wrong):
         msg = (

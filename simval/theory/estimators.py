@@ -77,7 +77,7 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arguments import choice
-from simval.arrays import Array, finite_array, frozen
+from simval.arrays import Array, finite_array, frozen, physical_array
 from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, compose, conjugate, cross_matrix, normalize
 from simval.moments import Moments
@@ -351,7 +351,10 @@ def loss_noncentrality(
     """
     _, vectors = _true_pairs(q, references)
     n = len(vectors) // 2
-    shift = finite_array("displacements", displacements, (n, 3))
+    shift = physical_array("displacements", displacements, (n, 3))
+    if shift.ndim != 2:
+        msg = f"`displacements` has shape {shift.shape}; give one for each pair, (n, 3)"
+        raise InputError(msg)
     root = np.sqrt(_weights(weights, n))[:, None]
     body = vectors[:n]
     across = root * (shift - np.sum(shift * body, axis=1)[:, None] * body)
