@@ -4,35 +4,21 @@ Then the figure over the one that says most is on the first screen, a curve for 
 value of the others: "how many poses do I need, and how long?"
 """
 
-from collections.abc import Mapping, Sequence
-
-import numpy as np
+from collections.abc import Sequence
+from dataclasses import replace
 
 from simval.change import EFFORT
-from simval.report.answers import in_unit, rounded
+from simval.figures import Figure
+from simval.report.answers import rounded
 from simval.report.answers_readings import headline_row
 from simval.report.answers_wrong import NOISES, typical
-from simval.report.curves import (
-    PREFERRED,
-    Curve,
-    Groups,
-    Measure,
-    bar_width,
-    curves,
-    first,
-    grouped,
-    numeric,
-    spans,
-    statistic,
-    varying,
-)
-from simval.report.panels import Drawing, Panel, Series
+from simval.report.curves import PREFERRED, numeric, spans, varying
+from simval.report.gallery import drawn
+from simval.report.panels import Drawing, Panel
 from simval.report.section import Context
 from simval.report.words import spelled
-from simval.statistics import CRAMER_RAO, RMS
-from simval.studies.calibration import PARTS
+from simval.studies import STUDIES
 from simval.sweep.run import CellResult
-from simval.units import OF_A_CALIBRATION, value_words
 
 AXES = {"poses": "number of poses"}
 """Words of a parameter where its name is not enough."""
@@ -59,142 +45,77 @@ def axes_of_question(cells: Sequence[CellResult]) -> tuple[str, ...]:
 def question_figure(context: Context) -> Drawing | None:
     """The error over the parameters that the suite asks about."""
     axes = axes_of_question(context.run.cells)
-    cells = [cell for cell in context.run.cells if cell.rows]
+    cells: Sequence[CellResult] = [cell for cell in context.run.cells if cell.rows]
     if not axes or not cells:
         return None
-    of_calibration = cells[0].study == "calibration"
-    return (_of_calibration if of_calibration else _of_any)(cells, axes)
-
-
-def _words(axes: Sequence[str]) -> str:
-    return " and the ".join(AXES.get(axis, spelled(axis)) for axis in axes)
-
-
-def _of_calibration(cells: Sequence[CellResult], axes: Sequence[str]) -> Drawing | None:
-    """Misalignment, scale and bias, each in its own unit, at the middle noise."""
-    alike, axis = typical(cells, poses=False), axes[0]
-    name = AXES.get(axis, spelled(axis))
-    groups, rest = first(grouped(alike, axis))
-    measured = {
-        letter: found
-        for letter in "TKB"
-        if (found := _curves(groups, statistic(RMS(letter), CRAMER_RAO), axis))
-    }
-    if not measured:
+    left_out: list[str] = []
+    figure = _of_any(cells)
+    if cells[0].study == "calibration":  # each part in its unit, at the middle noise
+        noises = {cell.parameters["noise_std"] for cell in cells}
+        cells = typical(cells, poses=False)
+        noises.remove(here := cells[0].parameters["noise_std"])
+        left_out = [f"noise {level:g} m/s²" for level in sorted(noises)]
+        figure = replace(
+            next(f for f in STUDIES["calibration"].shown if isinstance(f, Figure)),
+            what="",
+            value="RMS error",
+            slope=None,
+            caption=f"RMS error of T, K and B at a noise of {here:g} m/s².",
+        )
+    if figure is None:
         return None
-    z = bar_width(c for found in measured.values() for c in found)
-    noises = {cell.parameters["noise_std"] for cell in cells}
-    here = alike[0].parameters["noise_std"]
-    labels = list(dict.fromkeys(c.label for own in measured.values() for c in own))
-    told = [_ends(measured, label) for label in dict.fromkeys((labels[0], labels[-1]))]
-    x = next(iter(measured.values()))[0].x
-    return Drawing(
+    axis = AXES.get(axes[0], spelled(axes[0]))
+    figure = replace(
+        figure,
         name="summary-question",
-        asked=f"How does the error depend on the {_words(axes)}?",
-        finding=f"From {x[0]:g} to {x[-1]:g} the RMS errors change: {'; '.join(told)}.",
-        caption=(
-            f"RMS error over the {name} at a noise of {here:g} m/s². Points: "
-            f"simulation with bars of {z:.2f} standard errors, 95 % for all "
-            "together; dotted: Cramér-Rao bound."
-        ),
-        alternative=f"RMS error of misalignment, scale and bias over the {name}",
+        along=axes[0],
+        axis=axis,
+        ratio=False,
+        several=True,
+    )
+    drawing = next(iter(drawn(figure, cells)), None)
+    if drawing is None:
+        return None
+    panels = [panel for panel in drawing.panels if isinstance(panel, Panel)]
+    names = " and the ".join(AXES.get(each, spelled(each)) for each in axes)
+    x = panels[0].series[0].x
+    ends = ", ".join(_ends(panel, figure.value) for panel in panels)
+    return replace(
+        drawing,
+        asked=f"How does the error depend on the {names}?",
+        finding=f"From {x[0]:g} to {x[-1]:g}: {ends}.",
         panels=[
-            _panel(
-                letter,
-                place,
-                [c.scaled(OF_A_CALIBRATION[letter]) for c in own],
-                z,
-                name,
+            replace(
+                panel,
+                log_x=spans(LITTLE, [s.x for s in panel.series]),
+                log_y=spans(LITTLE, [s.y for s in panel.series]),
             )
-            for place, (letter, own) in enumerate(measured.items())
+            for panel in panels
         ],
-        left_out=[
-            *(f"noise {level:g} m/s²" for level in sorted(noises - {here})),
-            *rest,
-        ],
+        left_out=[*left_out, *drawing.left_out],
     )
 
 
-def _curves(groups: Groups, measure: Measure, axis: str) -> list[Curve]:
-    """Curves along the axis, not single points."""
-    return [c for c in curves(groups, measure, axis) if len(np.unique(c.x)) > 1]
-
-
-def _ends(measured: Mapping[str, Sequence[Curve]], label: str) -> str:
-    """From where to where each error goes in one group."""
-    units = OF_A_CALIBRATION
-    ends = [
-        f"{letter} from {rounded(c.value[0] * units[letter].factor)} to "
-        f"{in_unit(c.value[-1], units[letter])}"
-        for letter, own in measured.items()
-        for c in own
-        if c.label == label
-    ]
-    return f"{', '.join(ends)}{f' ({label})' if label else ''}"
-
-
-def _panel(
-    letter: str, place: int, measured: Sequence[Curve], z: float, name: str
-) -> Panel:
-    alone = len(measured) == 1
-    return Panel(
-        title=PARTS[letter],
-        x_label=name,
-        y_label=f"RMS error, {OF_A_CALIBRATION[letter].name}",
-        series=tuple(
-            series
-            for i, c in enumerate(measured)
-            for series in (
-                c.points(z, place if alone else i, "" if alone else None),
-                c.predicted(":"),
-            )
-        ),
-        log_x=spans(LITTLE, [c.x for c in measured]),
-        log_y=spans(LITTLE, [c.value for c in measured]),
-    )
-
-
-def _of_any(cells: Sequence[CellResult], axes: Sequence[str]) -> Drawing | None:
-    """The statistic that the study is told by, for each noise level."""
+def _of_any(cells: Sequence[CellResult]) -> Figure | None:
+    """The statistic that a study is told by."""
     row = next((row for cell in cells if (row := headline_row(cell))), None)
     if row is None:
         return None
-    axis = axes[0]
-    groups, left_out = first(grouped(cells, axis))
-    measured = _curves(groups, statistic(row.statistic, row.predictor), axis)
-    if not measured:
-        return None
-    name, z = AXES.get(axis, spelled(axis)), bar_width(measured)
     entries = row.statistic.entries
     what = row.statistic.family.words + (f" ({', '.join(entries)})" if entries else "")
-    series: list[Series] = []
-    for i, c in enumerate(measured):
-        series.append(c.points(z, i))
-        if np.isfinite(c.prediction).all():
-            series.append(c.predicted())
-    c, unit = measured[0], "" if row.unit == "1" else f" {row.unit}"
-    return Drawing(
-        name="summary-question",
-        asked=f"How does it depend on the {_words(axes)}?",
-        finding=(
-            f"From {c.x[0]:g} to {c.x[-1]:g} the {what} goes from "
-            f"{rounded(c.value[0], 3)} to {rounded(c.value[-1], 3)}{unit}"
-            f"{f' ({c.label})' if c.label else ''}."
-        ),
-        caption=(
-            f"{what[:1].upper()}{what[1:]} over the {name}. Points: simulation with "
-            "bars that hold for all together (95 %); lines: theory."
-        ),
-        alternative=f"{what} over the {name}, simulated points beside theory",
-        panels=[
-            Panel(
-                title=what,
-                x_label=name,
-                y_label=value_words(row.unit),
-                series=tuple(series),
-                log_x=spans(LITTLE, [c.x for c in measured]),
-                log_y=spans(LITTLE, [c.value for c in measured]),
-            )
-        ],
-        left_out=left_out,
+    return Figure(
+        name="", rows=[row.statistic], by=row.predictor, value=what,
+        caption=f"{what[:1].upper()}{what[1:]}.",
+    )  # fmt: skip
+
+
+def _ends(panel: Panel, value: str) -> str:
+    """From where to where the first and the last line of a panel go."""
+    unit = panel.y_label.removeprefix(value).lstrip(", ")
+    measured = [series for series in panel.series if not series.line]
+    lines = dict.fromkeys((measured[0], measured[-1]))
+    return ", ".join(
+        f"{panel.title} from {rounded(s.y[0])} to {rounded(s.y[-1])} {unit}".rstrip()
+        + f" ({s.label})" * (len(lines) > 1)
+        for s in lines
     )
