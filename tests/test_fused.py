@@ -383,21 +383,7 @@ def test_the_block_refuses_what_is_no_argument():
     state = fused.lanes(STREAMS, 0)
     right = [state, np.ones(9), 0.1, np.ones(4), np.empty((3, 14))]
     fused._compiled().batches(*right)
-    locked = np.empty((3, 14))
-    locked.flags.writeable = False
-    wrong = {
-        0: [state[:3], state.astype(np.int64), state.astype(float), state.T, None],
-        1: [np.ones(8), np.ones(9, np.float32), np.ones(18)[::2], "text", b"12345678"],
-        2: ["x", None, 1j],
-        3: [np.ones(5), np.empty(0), np.ones(4, np.int64), np.ones(4, ">f8")],
-        4: [np.empty((3, 13)), np.empty(0), locked, np.empty((28, 2)).T[:, ::2]],
-    }
-    for place, values in wrong.items():
-        for value in values:
-            given = [*right[:place], value, *right[place + 1 :]]
-            with pytest.raises((ValueError, TypeError, BufferError)):
-                fused._compiled().batches(*given)
-    for _ in range(300):  # and of any shape and kind at random
+    for _ in range(300):  # of any shape and kind at random
         given = list(right)
         for place in rng.integers(0, 5, size=rng.integers(1, 4)):
             shape = tuple(rng.integers(0, 20, size=rng.integers(0, 4)))

@@ -115,15 +115,6 @@ def test_leading_axes_broadcast():
     assert empty.covariance.shape == (0, 4, 4)
 
 
-def test_one_geometry_keeps_its_shapes():
-    q, r1, r2, noise = (v[0] for v in random_batch(3, 5))
-    for frame in (None, "combined"):
-        one = attitude_moments(q, r1, r2, noise, 2, frame)
-        assert (one.bias.shape, one.covariance.shape) == ((4,), (4, 4))
-        assert isinstance(one.frame, str)
-        assert isinstance(one.norm, float)
-
-
 def test_exact_moments_of_a_batch(monkeypatch):
     q, r1, r2, noise = random_batch(4, 6)
     noise = np.stack([0.01**2 * np.broadcast_to(np.eye(3), (4, 3, 3)), noise[1]])

@@ -8,7 +8,6 @@ from rounding import EPS, relative
 from simval.attitude import two_vector_quaternion
 from simval.attitude.comparators import davenport
 from simval.attitude.kernel import column_matrix
-from simval.errors import GeometryError, InputError
 from simval.geometry import (
     attitude_error,
     attitude_matrix,
@@ -258,28 +257,3 @@ def test_bound_equals_the_full_fisher_matrix():
     found = attitude_bound(q, *vectors[2:], noise).quaternion
     # central differences: h^2 = 1e-10, amplified by the conditioning of the weights
     assert relative(found, expected) < 1e-6
-
-
-def test_weighted_q_method_reaches_the_bound():
-    q, vectors, rng = geometry(6, apart)
-    std = np.array([1e-3, 1e-2, 1e-3, 1e-2])
-    count = 20_000
-    noisy = vectors[:, None] + std[:, None, None] * rng.standard_normal((4, count, 3))
-    weights = (1 / (std[0] ** 2 + std[2] ** 2), 1 / (std[1] ** 2 + std[3] ** 2))
-    bound = np.trace(attitude_bound(q, *vectors[2:], std).rotation)
-    squares = attitude_error(q, davenport(*noisy, weights)) ** 2 / bound
-    error = squares.std() / np.sqrt(count)
-    assert abs(squares.mean() - 1.0) < 4.4 * error  # 1e-5 two-sided
-    # power: equal weights do not reach it
-    plain = attitude_error(q, davenport(*noisy)) ** 2 / bound
-    assert plain.mean() - 1.0 > 4.4 * plain.std() / np.sqrt(count)
-
-
-def test_refusals():
-    q, vectors, _ = geometry(1, apart)
-    with pytest.raises(InputError, match="theory of order 2 only"):
-        attitude_moments(q, *vectors[2:], 0.01, 4, "combined")
-    with pytest.raises(GeometryError, match="farther apart"):
-        attitude_bound(q, vectors[2], vectors[2], 0.01)
-    with pytest.raises(InputError, match="without noise"):
-        attitude_bound(q, *vectors[2:], [0.01, 0.0, 0.01, 0.01])
