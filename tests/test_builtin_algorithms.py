@@ -1,7 +1,5 @@
 """The package's own algorithms as plug-ins, beside a user's; and the time of a call."""
 
-import time
-
 import numpy as np
 import pytest
 import rows_by_name
@@ -34,7 +32,7 @@ from simval.streams import Streams
 from simval.studies import estimator
 from simval.studies import plugin as call_time
 from simval.sweep import load_run, run_suite
-from simval.sweep.suite import expand, load_suite
+from simval.sweep.suite import expand
 from simval.verdict import judge
 
 ESTIMATORS = (
@@ -164,39 +162,7 @@ def test_a_name_that_is_none_is_refused_with_those_there_are(word, near, tmp_pat
     assert not (tmp_path / "run").exists()
 
 
-def test_a_suite_names_them_as_any_other(tmp_path):
-    file = tmp_path / "s.toml"
-    file.write_text('[estimator]\nalgorithm = ["simval:wahba", "simval:closed-form"]\n')
-    names = [cell.parameters.algorithm for cell in load_suite(str(file)).cells]
-    assert names == ["simval:wahba", "simval:closed-form"]
-
-
 # the time of a call
-
-
-def burning(milliseconds):
-    """A function that takes this much processor time."""
-
-    def work(*given):
-        end = time.process_time() + 1e-3 * milliseconds
-        while time.process_time() < end:
-            pass
-
-    return work
-
-
-def test_the_ratio_is_that_of_the_work(monkeypatch):
-    monkeypatch.setattr(call_time, "BUDGET", np.inf)  # a busy machine may take longer
-    found = call_time._in_turns(burning(6.0), burning(2.0))
-    # each call ends at the first look at the clock after its time: at most 10 % late
-    assert found["seconds"] == pytest.approx(6e-3, rel=0.1)
-    assert found["ratio"] == pytest.approx(3.0, rel=0.2)
-    assert found["turns"] == call_time.TURNS
-
-
-def test_slow_calls_have_fewer_turns(monkeypatch):
-    monkeypatch.setattr(call_time, "BUDGET", 0.0)
-    assert call_time._in_turns(burning(1.0), burning(1.0))["turns"] == 3
 
 
 @pytest.mark.ci

@@ -9,9 +9,8 @@ from places import EXAMPLES
 
 from simval.errors import InputError
 from simval.plugins import Calibrator, PluginError, find_plugin, probe_calibrator
-from simval.plugins.answers import calibration_of
-from simval.plugins.probe import G, probe_sensor
-from simval.poses import cube_faces, fibonacci_sphere
+from simval.plugins.probe import G
+from simval.poses import cube_faces
 from simval.streams import Streams
 from simval.studies import calibrator
 from simval.sweep.suite import expand
@@ -244,33 +243,6 @@ def test_an_answer_outside_the_class_is_refused(estimates, answer, words):
 
 
 @pytest.mark.parametrize(
-    "estimates",
-    [
-        *(
-            (),
-            ("scale",),
-            ("misalignment", "bias"),
-            ("misalignment",),
-            ("bias", "bias"),
-        ),
-        *(("bias", "scale", "bias"), ("Bias",), ("bias", 1), "bias", None, 3, {"bias"}),
-        *(np.array(["bias"]), [["bias"]], ("scale", "bias", "temperature")),
-    ],
-)
-def test_what_is_estimated_must_be_a_known_class(estimates):
-    with pytest.raises(PluginError, match=r"`estimates` is .*; it must be declared as"):
-        Calibrator(name="c", calibrate=print, estimates=estimates)
-
-
-def test_the_order_of_what_is_estimated_does_not_matter():
-    for words in (("bias", "scale"), ["scale", "bias"]):
-        plugin = Calibrator(name="c", calibrate=print, estimates=words)
-        assert plugin.estimates == ("scale", "bias")
-    with pytest.raises(PluginError, match="`form` is 'upper', but a calibrator of sca"):
-        Calibrator(name="c", calibrate=print, estimates=words, form="upper")
-
-
-@pytest.mark.parametrize(
     "values",
     [
         {"poses": 8},
@@ -286,31 +258,6 @@ def test_poses_of_a_cell_must_fit_their_set(values):
         InputError, match=r"r: `poses` is|calibrator.poses`|pose_set|sensor"
     ):
         expand("s", {"calibrator": {"algorithm": SIX, **values}})
-
-
-def test_a_type_a_covariance_of_less_is_judged_by_its_own_law(monkeypatch):
-    sound = lengths(("scale", "bias"))
-    values = {"trials": 32, "sensor": "own class"}
-    plain = named(rows_of(sound, monkeypatch, **values))["nees", "claim"].value
-
-    def scaled(poses, g, noise_std):
-        matrix, bias, covariance = sound.calibrate(poses, g, noise_std)
-        answer = {"matrix": matrix, "B": bias, "covariance": covariance}
-        return answer | {"covariance_kind": "type A", "dof": 18}
-
-    plugin = dataclasses.replace(sound, calibrate=scaled)
-    found = named(rows_of(plugin, monkeypatch, **values))["nees", "claim"].value
-    assert found == pytest.approx(plain * 16 / 18, rel=1e-12, abs=0)
-
-
-def test_a_covariance_can_be_probed_with_a_stated_noise():
-    # the probe states some noise: a covariance of none would not be one
-    plugin = lengths(("scale", "bias"))
-    sensor = probe_sensor()
-    raw = sensor.distort(G * fibonacci_sphere(24), np.random.default_rng(0))
-    with pytest.raises(PluginError, match="not positive definite"):
-        calibration_of(plugin, raw, G, 0.0)
-    probe_calibrator(plugin)
 
 
 def test_an_answer_that_never_varies_is_no_estimate(monkeypatch):

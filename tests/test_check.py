@@ -14,23 +14,18 @@ from places import EXAMPLES, ROOT
 from scipy import stats
 
 from simval.attitude.comparators import davenport
-from simval.check import check_function, check_plugin, told
+from simval.check import check_function, told
 from simval.check.measure import suite_of
 from simval.check.words import to_json
 from simval.errors import InputError
 from simval.plugins import Calibrator, Estimator, find_plugin
 from simval.plugins.loading import Meant
-from simval.sweep import load_run
 
 FILE = Path(garbage_estimators.__file__)
-NOT_HERE = ("shouts", "kills")  # by what they do to the process that has them
-MEASURED = ("known to fail", "no half turns", "caches", "above a noise")
+
+MEASURED = ("known to fail", "no half turn about y", "caches", "above a noise")
 """Of those that the probe lets through, the ones of every day; the night has all."""
-HERE = [
-    name
-    for name, (code, _) in SAID.items()
-    if name not in NOT_HERE and (code in (3, 4) or name in MEASURED)
-]
+HERE = [name for name, (code, _) in SAID.items() if code in (3, 4) or name in MEASURED]
 CLEAN = {"components": "xyzs", "matrix": "passive"}
 QUICK = {"noise_std": 0.05, "samples": 1024}
 
@@ -49,12 +44,6 @@ def test_garbage_and_its_clean_twins_here(name):
     assert re.search(words, told(checked))
 
 
-def test_there_are_kinds_enough():
-    codes = [code for code, _ in SAID.values()]
-    assert codes.count(0) >= 7
-    assert len(codes) - codes.count(0) >= 40
-
-
 @pytest.mark.slow  # three processes for each
 @pytest.mark.parametrize("name", SAID)
 def test_garbage_and_its_clean_twins_by_the_command(simval, name):
@@ -66,28 +55,6 @@ def test_garbage_and_its_clean_twins_by_the_command(simval, name):
 
 
 ANSWERS = {0: "pass", 1: "fail", 3: "inconclusive", 4: "fail"}
-
-
-@pytest.mark.slow  # a process for each
-def test_the_gate_finds_the_same(simval, tmp_path):
-    suite = tmp_path / "suite.toml"
-    shutil.copy(FILE, tmp_path)
-    suite.write_text(
-        "[estimator]\nnoise_std = 0.05\nsamples = 1024\nalgorithm = "
-        + json.dumps([f"{FILE.name}:{name}" for name in SAID])
-    )
-    run, report = tmp_path / "run", tmp_path / "gate.json"
-    code, _, err = simval("sweep", suite, "--out", run, "--quiet", "--workers", 2)
-    assert code == 4, err
-    assert simval("gate", run, "--no-baseline", "--json", report)[0] == 4
-    findings = json.loads(report.read_text())["findings"]
-    for cell in load_run(run).cells:
-        name = cell.parameters["algorithm"].partition(":")[2]
-        answers = {f["answer"] for f in findings if f["cell"] == cell.name}
-        worst = next(a for a in ("fail", "inconclusive", "pass") if a in answers)
-        assert worst == ANSWERS[SAID[name][0]], name
-        if SAID[name][0] == 4:
-            assert cell.ending == "crashed"
 
 
 @pytest.mark.ci
@@ -137,26 +104,6 @@ def test_the_command_tells_what_fails_and_what_to_do(simval, tmp_path, monkeypat
 def test_what_cannot_be_checked_is_exit_code_2(simval, words, complaint):
     code, out, err = simval("check", *words)
     assert (code, out) == (2, "")
-    assert complaint in err
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize(
-    ("text", "complaint"),
-    [
-        ("1 / 0", "fails with ZeroDivisionError"),
-        ("x = 1", "holds no Estimator, Calibrator, Filter or Scene"),
-        (
-            "from simval.plugins import Estimator\n"
-            "e = Estimator(name='e', estimate=print, components='wxyz', matrix='a')",
-            "`components` is 'wxyz'; it must be declared as one of",
-        ),
-    ],
-)
-def test_a_file_that_cannot_be_loaded_is_exit_code_2(simval, tmp_path, text, complaint):
-    (tmp_path / "bad.py").write_text(text)
-    code, _, err = simval("check", tmp_path / "bad.py")
-    assert code == 2
     assert complaint in err
 
 
@@ -310,22 +257,3 @@ def test_a_sound_estimator_passes_at_the_stated_rate():
     wrong = Estimator(name="small", estimate=davenport, covariance=small, **CLEAN)
     seeds = 20
     assert failures(wrong) >= 18
-
-
-@pytest.mark.slow  # six processes
-def test_two_plugins_of_a_file_are_told_apart(tmp_path):
-    path = tmp_path / "two.py"
-    path.write_text(
-        "from simval.plugins import Calibrator, Estimator\n"
-        "def no(*v):\n    raise ValueError('no')\n"
-        "a = Estimator(name='both', estimate=no, components='xyzs', matrix='active')\n"
-        "b = Calibrator(name='both', calibrate=lambda *v: None)\n"
-    )
-    checked = check_plugin(str(path))
-    text = told(checked)
-    assert checked.result.exit_code == 4
-    assert "both, estimator: CRASHED" in text
-    assert "crashed: the cell crashed: both raised ValueError: no" in text
-    assert "both, calibrator: REFUSED" in text
-    assert "both answered with NoneType; it must be (matrix, bias)" in text
-    assert str(tmp_path) not in text

@@ -1,7 +1,6 @@
 """Commands that take all trials at once, and programs that get that wrong."""
 
 import json
-import shlex
 import sys
 import time
 
@@ -24,7 +23,6 @@ from simval.plugins.noise import vector_noise
 from simval.plugins.probe import G, probe_sensor
 from simval.plugins.programs import fault_of, in_batch, invocation_of
 from simval.poses import fibonacci_sphere
-from simval.results import Outcome
 from simval.streams import Streams
 from simval.studies import calibrator
 
@@ -106,28 +104,6 @@ def test_one_of_many_is_what_it_is_alone():
         alone = calibration_of(plugin, poses, G, 0.01)
         assert np.array_equal(alone.matrix, each.matrix)
         assert np.array_equal(alone.bias, each.bias)
-
-
-@pytest.mark.slow  # a process for each of 32 trials
-def test_the_forms_measure_the_same_numbers():
-    rows = []
-    for word in ("command.py {poses} {g}", "lines.py < {trials}"):
-        name, _, words = word.partition(" ")
-        parameters = calibrator.Parameters(
-            algorithm=f"command: {sys.executable} {EXAMPLES / name} {words}", trials=32
-        )
-        assert in_batch(parameters.algorithm) == ("trials" in word)
-        rows.append(calibrator.compute(parameters, Streams(1, (1,))).rows)
-    assert rows[0] == rows[1]
-
-
-def test_readings_are_handed_over_in_several_turns(monkeypatch):
-    parameters = calibrator.Parameters(
-        algorithm=str(EXAMPLES / "ellipsoid.py"), trials=80
-    )
-    rows = calibrator.compute(parameters, Streams(1, (1,))).rows
-    monkeypatch.setattr(calibrator, "AT_ONCE", 2 * 16 * 72)  # 32, 32 and 16 trials
-    assert calibrator.compute(parameters, Streams(1, (1,))).rows == rows
 
 
 GOOD = lines()
@@ -226,14 +202,6 @@ def test_how_a_program_reads_and_writes_is_its_own_affair(tmp_path, body):
     assert time.monotonic() - begun < 20.0
 
 
-@pytest.mark.slow  # 64 MB
-@pytest.mark.skipif(sys.platform != "linux", reason="limits differ elsewhere")
-def test_a_flood_is_ended_in_a_cell():
-    parameters = calibrator.Parameters(algorithm="command: yes {trials}", trials=32)
-    with pytest.raises(PluginError, match="`yes` was killed by SIGXFSZ"):
-        calibrator.run(parameters, Streams(1, (1,)))
-
-
 def replaced(old, *new, count=-1):
     return lambda rng, line: line.replace(old, rng.choice(new), count)
 
@@ -248,24 +216,6 @@ FAULTS = (
     replaced(b"[", b"{", b"[[", b"", count=1),
     replaced(b"1.0", b"null", b"NaN", b"1e999", b'"1"', b"[]", b"true"),
 )
-
-
-def damaged(rng):
-    """Good lines, one to three of them with random faults, in random order."""
-    found = [line.encode() for line in GOOD]
-    for _ in range(rng.integers(1, 4)):
-        k = rng.integers(TRIALS)
-        found[k] = FAULTS[rng.integers(len(FAULTS))](rng, found[k])
-    rng.shuffle(found)
-    return b"\n".join(found)
-
-
-@pytest.mark.ci
-def test_no_damaged_output_passes(tmp_path):
-    rng = np.random.default_rng(15)
-    for _ in range(100):
-        with pytest.raises(PluginError, match=r".{30}"):
-            answered(printing(tmp_path, damaged(rng)))
 
 
 # what is wrong with the words is found before anything is run
@@ -299,35 +249,6 @@ def test_words_that_cannot_be_meant_are_refused(words, fault):
     assert not in_batch(f"command: {words}")
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "awk '{ print $1 }' {poses}",
-        """sh -c 'echo "{a}"' {log}""",
-        "./fit {poses} < x",
-        "sh -c 'a\n< {trials}\nb' {poses_folder} '<' x",
-        "./fit --in={trials} --g:{g}",
-    ],
-)
-def test_words_that_are_no_placeholders_are_left_alone(words):
-    command = f"command: {words}"
-    if "< {trials}\n" in words:  # inside a word of its own shell it is still a place
-        assert "must be the only one" in fault_of(command)
-        return
-    assert fault_of(command) == ""
-    assert list(invocation_of(command).words) == shlex.split(words)
-
-
-def test_the_time_limit_of_a_batch_is_for_all_trials(monkeypatch):
-    seen = []
-    monkeypatch.setattr(
-        calibrator, "isolated", lambda *given: seen.append(given[3]) or Outcome(rows=())
-    )
-    parameters = calibrator.Parameters(algorithm="command: x < {trials}", trials=1024)
-    calibrator.run(parameters, Streams(1, (1,)))
-    assert seen == [300.0 + calibrator.AROUND]
-
-
 # declared in a file of Python
 
 
@@ -358,13 +279,6 @@ def test_an_estimator_may_be_a_program(tmp_path):
     wrong = command_estimator(words, components="sxyz", matrix="passive")
     with pytest.raises(PluginError, match='declare components="xyzs"'):
         probe_estimator(wrong)
-
-
-@pytest.mark.slow
-def test_a_program_passes_the_whole_probe(tmp_path):
-    words = program(tmp_path, QUEST)
-    made = command_estimator(words, components="xyzs", matrix="passive", name="svd")
-    assert probe_estimator(made) <= 1e-13
 
 
 @pytest.mark.ci

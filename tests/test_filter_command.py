@@ -186,22 +186,6 @@ def test_a_program_that_holds_its_answers_back_is_asked_once(program, monkeypatc
     assert len(found.attitude[0]) == ROWS
 
 
-def test_a_process_for_each_trial(program, monkeypatch):
-    """One of each of two trials; then one again, one beside another, one alone."""
-    started = []
-    begin = commands._Process.__init__
-
-    def counted(self, *words):
-        begin(self, *words)
-        started.append(self.process)
-
-    monkeypatch.setattr(commands._Process, "__init__", counted)
-    two, _ = tumbling(2, 5)
-    run_filter(program("right"), two, np.arange(5), "NWU")
-    assert len(started) == 2 + 1 + 2 + 1
-    assert [process.returncode for process in started] == [0] * 6
-
-
 def test_a_program_that_is_not_there_is_told():
     filter = command_filter("./no-such-filter", components="xyzs", matrix="active")
     assert filter.name == "no-such-filter"
@@ -285,20 +269,6 @@ def test_a_file_holds_filters(tmp_path):
     (still,) = (each for each in held if each.name == "still")
     assert still.declared["world"] == "none"
     assert still.declared == declarations(find_plugin(f"{file}:still", Filter))
-
-
-def test_an_installed_package_offers_a_filter(monkeypatch):
-    from importlib.metadata import EntryPoint
-
-    from simval.plugins import loading
-
-    point = EntryPoint("mine", "filters_that_are_wrong:OFFERED", "simval.plugins")
-    import filters_that_are_wrong
-
-    offered = declared(Rate, name="offered")
-    monkeypatch.setattr(filters_that_are_wrong, "OFFERED", offered, raising=False)
-    monkeypatch.setattr(loading, "points_of", lambda name: (point,))
-    assert find_plugin("mine", Filter) is offered
 
 
 def test_a_command_word_is_told_where_a_filter_is_declared():

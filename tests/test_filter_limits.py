@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from simval.consistency import diverged, instant_scores, settled_at
+from simval.consistency import diverged
 from simval.geometry import from_rotation_vector
 from simval.moments import Moments
 from simval.plugins.runs import FilterOutput
@@ -14,7 +14,6 @@ from simval.studies.filter_rows import (
     consistency_rows,
     error_rows,
     lost_row,
-    root_mean_square,
 )
 
 TRIALS, ROWS, SD = 40, 12, 0.01
@@ -68,17 +67,6 @@ def test_an_error_may_be_two_per_cent_over_the_bound():
     assert error_rows(answers, bound, judged=False)[0].check == "record"
 
 
-@pytest.mark.parametrize(("bound", "most"), [(0.02, 3 * np.sqrt(3) * 0.02), (1e-4, 0)])
-def test_an_error_has_settled_within_three_bounds_or_a_degree(bound, most):
-    most = most or np.radians(1.0)
-    for factor, share in ((1 - 1e-6, 1.0), (1 + 1e-6, 0.0)):
-        errors = np.zeros((TRIALS, ROWS, 3))
-        errors[:, :, 0] = factor * most
-        bounds = np.tile(bound**2 * np.eye(3), (ROWS - 1, 1, 1))
-        rows = by_name(error_rows(answers_of(errors), bounds, judged=False))
-        assert rows["settling_trials"].value == share
-
-
 def test_squares_may_be_off_by_a_hundredth_and_no_instant_by_far():
     rows = by_name(consistency_rows(answers_of(drawn()), judged=True))
     assert rows["nees"].prediction == 3.0
@@ -97,15 +85,6 @@ def test_squares_may_be_off_by_a_hundredth_and_no_instant_by_far():
     assert pairs.remainder == 0.01
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_score_of_an_instant_is_a_normal_quantile_with_its_sign(sign):
-    # far into either tail of chi-square with 120 degrees of freedom
-    law = stats.chi2(120)
-    total = law.isf(stats.norm.sf(5.0)) if sign > 0 else law.ppf(stats.norm.sf(5.0))
-    squares = np.full((TRIALS, 1), total / TRIALS)
-    assert instant_scores(squares, 3)[0] == pytest.approx(5.0 * sign, rel=1e-9)
-
-
 def test_a_trial_has_strayed_beyond_thirty_degrees():
     for degrees, share in ((29.999, 0.0), (30.001, 0.25)):
         angle = np.zeros((4, 6))
@@ -118,22 +97,6 @@ def test_a_trial_has_strayed_beyond_thirty_degrees():
         errors[1, 2, 2], errors[1, 5, 2] = errors[1, 5, 2], 0.0  # in its first half
         (row,) = lost_row(answers_of(errors), judged=True)
         assert row.value == 0.0
-
-
-def test_settled_is_the_first_row_from_which_it_stays():
-    angle = np.array([[3.0, 1, 3, 1, 1], [1, 1, 1, 1, 1], [1, 1, 1, 1, 3]])
-    found = settled_at(angle, np.arange(5.0), np.full(5, 2.0))
-    np.testing.assert_array_equal(found, [3.0, 0.0, np.inf])
-
-
-def test_a_root_has_half_the_relative_error_of_its_square():
-    values = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
-    squares = np.array([2.5, 12.5, 30.5])
-    root, error, n = root_mean_square(values)
-    assert (root, n) == (pytest.approx(np.sqrt(squares.mean())), 3)
-    step = squares.std(ddof=1) / np.sqrt(3)
-    assert error == pytest.approx(step / (2 * root), rel=1e-12)
-    assert root_mean_square(np.zeros((3, 2))) == (0.0, 0.0, 3)
 
 
 # --- what a covariance that an estimator states may leave out -------------------------

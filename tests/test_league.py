@@ -35,7 +35,6 @@ HELPERS = (
     "tuning.py",
 )  # fmt: skip
 ADAPTERS = sorted(f for f in LEAGUE.glob("*.py") if f.name not in HELPERS)
-MARK = "<!-- made by facts.py -->"
 
 
 @pytest.fixture
@@ -117,16 +116,6 @@ def test_the_suite_names_every_adapter():
     assert sorted(named) == sorted(expected)
 
 
-def test_the_page_shows_the_facts_of_every_algorithm(facts):
-    stored = json.loads((LEAGUE / "facts.json").read_text())
-    page = (LEAGUE / "README.md").read_text()
-    for study, own in suites().items():
-        assert list(stored["facts"][study]) == own["algorithm"]
-    assert facts.tables(stored["facts"], stored["filters"]) in page.split(MARK)[1]
-    for name, version in stored["versions"].items():
-        assert f"{name} {version}" in page
-
-
 @pytest.mark.slow
 def test_a_missing_package_does_not_end_a_run(tmp_path):
     for name in ("adapting.py", "mag_cal_sensor.py"):
@@ -178,17 +167,6 @@ def test_the_version_of_an_imported_package_is_part_of_a_plugin(tmp_path, monkey
             parameters.require_same_sources()
     finally:
         loading._distributions.cache_clear()
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["", "import", "\0", "from . import x", "import os, sys", "import simval, scipy",
-     "x = '" + "(" * 9999, "import nothing_that_is_there.at_all", "(" * 5000],
-)  # fmt: skip
-def test_a_file_without_foreign_imports_has_no_versions(tmp_path, text):
-    file = tmp_path / "plugin.py"
-    file.write_text(text)
-    assert imported_versions([str(file), str(tmp_path / "gone.py"), "x.xml"]) == {}
 
 
 @pytest.mark.league

@@ -55,39 +55,6 @@ def test_quaternions_are_those_of_scipy(league, drawn):
         np.testing.assert_array_equal(quaternions.turn_of(q, q).round(15), 0.0)
 
 
-def test_a_covariance_goes_to_the_rotation_vector_and_back(league, drawn):
-    quaternions = league("quaternions")
-    P = np.diag([1.0, 4.0, 9.0]) + 0.5
-    for q, v in zip(*drawn, strict=True):
-        e = 1e-6 * v  # the second order is 1e-12 of e's square, 1e-7 of e
-        moved = quaternions.turned(q, e) - q
-        np.testing.assert_allclose(
-            quaternions.turn_rates(q) @ e / 2.0, moved, rtol=0.0, atol=1e-11
-        )
-        of_q = quaternions.of_quaternion(q, P)
-        np.testing.assert_allclose(
-            quaternions.of_rotation(q, of_q), P, rtol=0.0, atol=40 * ROUNDING
-        )
-
-
-def test_a_compass_gives_the_heading_and_none_near_the_vertical(league, drawn):
-    field = np.array([2e-5, 0.0, 4e-5])
-    own = league("compass").Compass(9.8, field, 0.02, 2e-7)
-    for q in drawn[0]:
-        R = Rotation.from_quat(q, scalar_first=True).as_matrix()  # body to NED
-        heading, variance = own(R.T @ [0.0, 0.0, -9.8], R.T @ field)
-        level = np.hypot(R[0, 0], R[1, 0])
-        if level < 0.17:
-            assert heading is variance is None
-            continue
-        assert heading == pytest.approx(np.arctan2(R[1, 0], R[0, 0]), abs=1e-12)
-        # 1 mrad of the field, 2 * 2 mrad of the vertical through the dip
-        sd = np.hypot(2e-7 / 2e-5, 2.0 * 0.02 / 9.8)
-        assert variance == pytest.approx((sd / level) ** 2, rel=1e-12)
-    up = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-    assert own(up.T @ [0.0, 0.0, -9.8], up.T @ field) == (None, None)
-
-
 def test_each_tuned_filter_has_a_default_beside_it(league):
     table = league("filter_facts")
     study = {
@@ -148,53 +115,6 @@ def test_tuned_gains_are_at_a_minimum(file, league):
         assert len(first) == len(inspect.signature(maker).parameters) or file == (
             "imufusion_ahrs"
         )
-
-
-@needs_packages
-def test_the_heading_gradient_of_two_packages_is_not_by_the_body_s_turn(drawn):
-    attipy = pytest.importorskip("attipy._statespace")
-    smsfusion = pytest.importorskip("smsfusion._ins")
-
-    def heading(rotation):
-        R = rotation.as_matrix()
-        return np.arctan2(R[1, 0], R[0, 0])
-
-    step = 1e-6
-    for q in drawn[0] * np.sign(drawn[0][:, :1]):
-        own = Rotation.from_quat(q, scalar_first=True)
-        gibbs = 2.0 * q[1:] / q[0]
-        body, whole = np.zeros(3), np.zeros(3)
-        for i, e in enumerate(step * np.eye(3)):
-            sides = [heading(own * Rotation.from_rotvec(s * e)) for s in (1, -1)]
-            body[i] = (sides[0] - sides[1]) / (2 * step)
-            sides = [
-                heading(
-                    Rotation.from_quat([1.0, *(gibbs + s * e) / 2], scalar_first=True)
-                )
-                for s in (1, -1)
-            ]
-            whole[i] = (sides[0] - sides[1]) / (2 * step)
-        if max(np.abs(body).max(), np.abs(whole).max()) > 10.0:
-            continue  # near the vertical, or across the turn's end
-        for theirs in (smsfusion._dhda_head(q), attipy._dyawda(q)):
-            np.testing.assert_allclose(theirs, whole, rtol=0.0, atol=1e-6)
-            assert np.abs(theirs - body).max() > 1e-3
-
-
-@needs_packages
-def test_what_the_page_says_of_ahrs():
-    filters = pytest.importorskip("ahrs.filters")
-    rows = np.tile([[0.0, 0.0, 9.8]], (20, 1)), np.tile([[0.5, 0.0, 0.8]], (20, 1))
-    rates = 1e-3 * np.random.default_rng(0).standard_normal((20, 3))
-    with pytest.raises(ValueError, match="could not be broadcast"):
-        filters.EKF(magnetic_ref=60.0).update(
-            np.array([1.0, 0.0, 0.0, 0.0]), rates[0], rows[0][0], rows[1][0]
-        )
-    np.testing.assert_allclose(
-        filters.ROLEQ(magnetic_ref=60.0).m_ref, [np.sqrt(3) / 2, 0, 0.5], atol=1e-12
-    )  # which is (cos, 0, sin) of 30 degrees
-    lengths = np.linalg.norm(filters.FKF(gyr=rates, acc=rows[0], mag=rows[1]).Q, axis=1)
-    assert lengths[-1] < 0.5
 
 
 @needs_packages

@@ -1,17 +1,14 @@
 """A plug-in is who it is, not where it lies: names, streams, stores, tables, pages."""
 
-import os
-import re
 import shlex
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 from places import EXAMPLES, ROOT
 
 from simval.errors import InputError
-from simval.plugins.names import portable, without_folders
+from simval.plugins.names import without_folders
 from simval.results import Outcome, unjudged
 from simval.statistics import BIAS
 from simval.sweep import executors, load_run, load_suite, provenance, run_suite
@@ -199,35 +196,3 @@ def test_only_fields_that_name_files_are_paths(tmp_path, key, value):
 def test_a_text_without_folders(text, left):
     assert without_folders(text, ["/home/u", "/"]) == left
     assert without_folders(left, ["/home/u", "/"]) == left
-
-
-def _random_name(rng):
-    letters = list("abcxyz059._- äß'")
-    word = "".join(rng.choice(letters, size=rng.integers(1, 9)))
-    return f"n{word.strip()}"
-
-
-@pytest.mark.slow
-def test_a_name_is_the_same_in_any_folder():
-    # a thousand random folders, files and kinds of value, with a fixed seed
-    rng = np.random.default_rng(12)
-    for _ in range(1000):
-        places = [
-            os.path.join("/", *(_random_name(rng) for _ in range(rng.integers(1, 6))))
-            for _ in range(2)
-        ]
-        file, inner = f"{_random_name(rng)}.py", _random_name(rng)
-        quoted = re.sub(r"([^\w/.-])", r"\\\1", file)
-        for form in (
-            "{place}/" + file,
-            "{place}/" + file + f":{inner}",
-            "command: {quoted}/" + quoted + " {{poses}} --g {{g}} m/s",
-            "command: python {quoted}/" + quoted + " {{log}}",
-        ):
-            names = set()
-            for place in places:
-                escaped = re.sub(r"([^\w/.-])", r"\\\1", place)
-                names.add(portable(form.format(place=place, quoted=escaped)))
-            (name,) = names
-            assert not any(place in name for place in places)
-            assert portable(name) == name

@@ -15,7 +15,7 @@ from simval.plugins.answers import calibration_of
 from simval.plugins.attitudes import sound_rows
 from simval.plugins.probe import probe_sensor
 from simval.poses import fibonacci_sphere
-from simval.results import CellName, Outcome
+from simval.results import CellName
 from simval.streams import Streams
 from simval.studies import calibrator
 from simval.theory.calibration import calibration_moments
@@ -139,26 +139,3 @@ def test_an_attitude_is_of_unit_length_to_a_millionth(off):
         matrix[:2, 1] = np.sin(angle), np.cos(angle)
         assert sound_rows(matrix[None], "matrix")[0] == good
     assert not sound_rows(np.diag([1.0, 1.0, -1.0])[None], "matrix")[0]
-
-
-@pytest.mark.parametrize(
-    ("algorithm", "trials", "seconds"),
-    [
-        ("mine.py", 512, 50.0),  # once for all
-        ("command: mine {poses}", 64, 50.0),  # for every 64 trials
-        ("command: mine {poses}", 65, 100.0),
-        ("command: mine {poses}", 512, 400.0),
-        ("command: mine {trials}", 512, 170.0),  # for all, and two minutes around them
-    ],
-)
-def test_a_calibrator_has_its_time(monkeypatch, algorithm, trials, seconds):
-    given = []
-
-    def isolated(compute, parameters, streams, limit, kind):
-        given.append(limit)
-        return Outcome(rows=())
-
-    monkeypatch.setattr(calibrator, "isolated", isolated)
-    values = {"algorithm": algorithm, "trials": trials, "time_limit": 50.0}
-    calibrator.run(calibrator.Parameters(**values), Streams(1, (1,)))
-    assert given == [seconds]

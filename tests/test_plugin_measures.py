@@ -1,7 +1,5 @@
 """What the studies of plug-ins see, and that code and numbers belong together."""
 
-import dataclasses
-import json
 import os
 import pickle
 import re
@@ -28,14 +26,11 @@ from simval.plugins import (
     Estimator,
     PluginError,
     answers,
-    probe_calibrator,
-    probe_estimator,
 )
 from simval.plugins.loading import overrides_of
 from simval.plugins.probe import probe_sensor
 from simval.plugins.programs import MOVE, RATE, REST, log_of
 from simval.poses import fibonacci_sphere
-from simval.results import Outcome
 from simval.scene import models_folder
 from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator
@@ -89,59 +84,6 @@ def limits(plugin, monkeypatch, noise_std=0.05, geometry=3):
     return {str(row.statistic): row for row in rows if row.check == "limit"}
 
 
-def beyond(function, size):
-    """A fast path for large batches, which is broken."""
-
-    def estimate(*vectors):
-        q = two_vector_quaternion(*vectors)
-        return function(q, vectors) if len(q) > size else q
-
-    return dataclasses.replace(GOOD, estimate=estimate)
-
-
-def overwritten(q, vectors):
-    vectors[0][:] = 0.0
-    return q
-
-
-@pytest.mark.parametrize(
-    ("function", "words"),
-    [
-        (lambda q, _: turned(q, [0.17, 0, 0]), r"row \d+ is 0.1\d* rad from the truth"),
-        (lambda q, _: np.roll(q, 1, axis=0), "but in one of 1024 its row"),
-        (
-            lambda q, v: (
-                turned(q, [0.17, 0, 0])
-                if np.abs(np.linalg.norm(v[0], axis=1) - 1).max() > 1e-9
-                else q
-            ),
-            "not what it is when alone",
-        ),
-        (overwritten, "changes its input"),
-    ],
-)
-def test_a_large_batch_is_probed(function, words):
-    probe_estimator(GOOD)
-    with pytest.raises(PluginError, match=words):
-        probe_estimator(beyond(function, 100))
-
-
-def test_the_covariance_of_a_large_batch_is_probed():
-    def covariance(b1, *others):
-        return leading(b1, *others, factor=2.0 if len(b1) > 100 else 1.0)
-
-    sound = Estimator(
-        name="d",
-        estimate=davenport,
-        components="sxyz",
-        matrix="passive",
-        covariance=leading,
-    )
-    probe_estimator(sound)
-    with pytest.raises(PluginError, match="its covariance"):
-        probe_estimator(dataclasses.replace(sound, covariance=covariance))
-
-
 @pytest.mark.parametrize("geometry", range(6))
 @pytest.mark.parametrize("noise_std", [0.001, 0.05])
 def test_a_sound_bias_is_of_second_order(geometry, noise_std, monkeypatch):
@@ -149,21 +91,6 @@ def test_a_sound_bias_is_of_second_order(geometry, noise_std, monkeypatch):
     for name in ("cubature_bias", "cubature_bias_at_small_noise"):
         assert rows[name].value <= rows[name].prediction
     assert rows["cubature_bias_at_small_noise"].prediction < 3e-6  # no blank cheque
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize("size", [0.17, 1e-3, 1e-4])
-def test_a_constant_error_that_the_probe_cannot_see_fails(size, monkeypatch):
-    # right as long as there is no noise, and by itself wherever it stands
-    def estimate(b1, b2, r1, r2):
-        q = two_vector_quaternion(b1, b2, r1, r2)
-        angle = np.einsum("ni,ni->n", b1, b2) - np.einsum("ni,ni->n", r1, r2)
-        return np.where(np.abs(angle)[:, None] > 1e-7, turned(q, [size, 0, 0]), q)
-
-    wrong = dataclasses.replace(GOOD, estimate=estimate)
-    probe_estimator(wrong)
-    row = limits(wrong, monkeypatch, 0.01)["cubature_bias_at_small_noise"]
-    assert row.value > row.prediction
 
 
 @pytest.mark.ci
@@ -224,13 +151,6 @@ def test_a_covariance_that_is_wrong_at_one_noise_alone_fails_there(noise, monkey
         assert over.value > over.prediction
         half = rows["claim_off_at_half_noise"]
         assert half.value <= half.prediction  # which alone would let it pass
-
-
-def test_a_calibrator_without_misalignment_is_told_so():
-    sensor = probe_sensor()
-    six = Calibrator(name="six", calibrate=lambda p, g: (np.diag(sensor.K), sensor.B))
-    with pytest.raises(PluginError, match=r"S_zy: -?\S+ instead of 0\.05.*misalign"):
-        probe_calibrator(six)
 
 
 # a log for a command
@@ -306,17 +226,6 @@ def test_a_type_a_covariance_is_judged_by_its_own_law(monkeypatch):
     assert scaled == pytest.approx(plain * 13 / 15, rel=100 * EPS, abs=0)
     with pytest.raises(PluginError, match="14 poses or more"):
         answering(monkeypatch, covariance_kind="type A", dof=4)
-
-
-def test_the_time_limit_of_a_command_grows_with_its_trials(monkeypatch):
-    seen = []
-    monkeypatch.setattr(
-        calibrator, "isolated", lambda *given: seen.append(given[3]) or Outcome(rows=())
-    )
-    for algorithm in ("command: x {poses}", str(EXAMPLES / "ellipsoid.py")):
-        parameters = calibrator.Parameters(algorithm=algorithm, trials=1024)
-        calibrator.run(parameters, STREAMS)
-    assert seen == [300.0 * 16, 300.0]
 
 
 # the code that was measured is the code that was meant
@@ -472,17 +381,6 @@ def test_a_command_in_a_suite_finds_its_files_in_the_suite_s_folder(suite_of_a_c
         "calibrator(algorithm=command: python fit.py {poses} {g},"
     )
     assert provenance.file_hashes(suite.grid).keys() == {"fit.py"}
-
-
-@pytest.mark.slow  # 32 trials, each a process of its own
-def test_a_run_of_a_command_does_not_name_its_folder(suite_of_a_command, tmp_path):
-    run = run_suite(load_suite("suites/s.toml"), tmp_path / "run")
-    assert [cell.status for cell in run.cells] == ["done"]
-    assert str(tmp_path) not in (tmp_path / "run" / "results.csv").read_text()
-    assert str(tmp_path) not in json.dumps(run.manifest)
-    (suite_of_a_command / "my tools" / "fit.py").write_text("changed")
-    with pytest.raises(InputError, match=r"files\.fit\.py"):
-        run_suite(load_suite("suites/s.toml"), tmp_path / "run", resume=True)
 
 
 def test_words_that_are_no_files_stay_what_they_are(tmp_path, monkeypatch):

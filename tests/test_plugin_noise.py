@@ -15,9 +15,9 @@ from simval.attitude import (
 )
 from simval.attitude.comparators import davenport, triad
 from simval.errors import InputError, PluginError
-from simval.geometry import attitude_matrix, random_quaternions
-from simval.plugins import Calibrator, Estimator, probe_estimator
-from simval.plugins.noise import GREATEST, NAMED, vector_noise
+from simval.geometry import attitude_matrix
+from simval.plugins import Estimator, probe_estimator
+from simval.plugins.noise import NAMED, vector_noise
 from simval.plugins.probe import rotation_error
 from simval.streams import Streams
 from simval.studies import calibrator, estimator
@@ -124,21 +124,6 @@ def test_bad_words_of_noise_are_refused(text, words):
     assert words in str(caught.value)
     with pytest.raises(ValidationError, match=r"`noise` is "):
         estimator.Parameters(algorithm="any", noise=text, noise_std=1e-4)
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_random_words_of_noise_are_refused_or_mean_noise(seed):
-    rng = np.random.default_rng(seed)
-    pieces = np.array(["1", "0", "-1", "1e9", "nan", "all", "[", "]", ",", "{}", "π"])
-    text = " ".join(rng.choice(pieces, rng.integers(1, 7)))
-    try:
-        noise = vector_noise(text)
-    except InputError:
-        with pytest.raises(InputError, match=r"^`noise` is "):
-            vector_noise(text)
-    else:
-        assert noise.noisy
-        assert noise.relative.max() <= GREATEST
 
 
 def test_no_vector_drowns():
@@ -380,31 +365,3 @@ def test_weighted_vectors_reach_the_bound(vectors, monkeypatch):
     assert not failed
     assert rows["efficiency"].value == pytest.approx(1.0, abs=2e-3)
     assert rows["efficiency"].value < 1.0
-
-
-def test_calibrators_meet_the_same_noise(monkeypatch):
-    seen = {}
-
-    def reading(name):
-        def fit(poses, g):
-            seen.setdefault(name, []).append(poses.copy())
-            raise RuntimeError
-
-        return Calibrator(name=name, calibrate=fit)
-
-    monkeypatch.setattr(calibrator, "probe_calibrator", lambda *_: 0.0)
-    for name in ("a", "b"):
-        monkeypatch.setattr(calibrator, "find_plugin", lambda *_, n=name: reading(n))
-        cell = Cell("calibrator", calibrator.Parameters(algorithm=name), 7)
-        with pytest.raises(PluginError):
-            calibrator.compute(cell.parameters, cell.streams)
-    assert np.array_equal(seen["a"][0], seen["b"][0])
-
-
-def test_random_attitudes_have_the_bound_of_their_noise():
-    # tangent noise has the bound of the same noise in every direction
-    rng = np.random.default_rng(4)
-    assert len(random_quaternions(2, rng)) == 2
-    for noise in ("body", "tangent"):
-        bound = Setting(PLAIN, 5, 2, noise).bound(0.01)
-        assert np.allclose(bound, Setting(PLAIN, 5).bound(0.01), rtol=1e-13, atol=0)

@@ -3,7 +3,6 @@
 import os
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -23,7 +22,7 @@ from simval.plugins.answers import calibration_of
 from simval.plugins.probe import probe_sensor
 from simval.poses import fibonacci_sphere
 from simval.streams import Streams
-from simval.studies import calibrator, custom_scene, estimator
+from simval.studies import calibrator, custom_scene
 from simval.sweep import load_run
 
 pytestmark = pytest.mark.ci
@@ -38,34 +37,6 @@ def test_a_command_that_floods_us_is_ended_and_leaves_nothing(tmp_path, monkeypa
     ):
         calibrator.run(parameters, Streams(1, (1,)))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_claimed_covariance_is_judged(tmp_path):
-    # the sound one of the probe's tests, written out, and one that claims too much
-    text = ALIGN.partition("align = ")[0]
-    text += """
-def _covariance(b1, b2, r1, r2, noise_std):
-    size = (b1**2 + b2**2).sum(axis=1)[:, None, None]
-    H = size * np.eye(3) - b1[:, :, None] * b1[:, None] - b2[:, :, None] * b2[:, None]
-    return noise_std**2 * np.linalg.inv(H)
-
-align = Estimator(name="align", estimate=_align, components="xyzs", matrix="active",
-                  covariance=_covariance, claim=CLAIM)
-"""
-    rows = {}
-    for claim in ("2", '"exact"'):
-        path = tmp_path / f"claim{len(claim)}.py"
-        path.write_text(text.replace("CLAIM", claim))
-        parameters = estimator.Parameters(
-            algorithm=str(path), noise_std=0.05, samples=1024
-        )
-        found = estimator.compute(parameters, Streams(1, (1,))).rows
-        rows[claim] = {str(row.statistic): row for row in found}
-    earned = rows["2"]["claim_off_at_half_noise"]
-    assert 0.0 < earned.value <= earned.prediction
-    assert rows["2"]["nees"].remainder > 0.0
-    assert rows['"exact"']["nees"].remainder == 0.0
-    assert "claim_off_at_half_noise" not in rows['"exact"']
 
 
 def test_a_scene_of_ones_own(tmp_path):
@@ -85,28 +56,6 @@ def test_a_scene_of_ones_own(tmp_path):
         custom_scene.run(custom_scene.Parameters(scene="freefall"), Streams(1, (1,)))
 
 
-def gated(folder, *plugin):
-    """From an empty folder to a gated run, by the commands of the documentation."""
-
-    def call(*words):
-        return subprocess.run(
-            [sys.executable, "-m", "simval", *words],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            timeout=900,
-        )
-
-    (folder / "suite.toml").write_text("[attitude]\nsamples = 65536\n")
-    words = ("sweep", "suite.toml", *plugin, "--workers", "1", "--quiet")
-    assert call(*words, "--out", "first").returncode == 0
-    first = call("gate", "first")
-    assert first.returncode == 1, first.stdout + first.stderr  # writes the baseline
-    done = call("gate", "first")
-    assert done.returncode == 0, done.stdout + done.stderr
-    return load_run(folder / "first")
-
-
 def test_a_plugin_is_gated_beside_the_built_in_ones(simval, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("align.py").write_text(ALIGN)
@@ -121,30 +70,6 @@ def test_a_plugin_is_gated_beside_the_built_in_ones(simval, tmp_path, monkeypatc
         "simval:wahba",
         "simval:triad",
     ]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("plugin", "study", "cells"),
-    [("align.py", "estimator", 3), ("ellipsoid.py", "calibrator", 2)],
-)
-def test_worked_examples_from_an_empty_folder_to_a_gated_run(
-    tmp_path, plugin, study, cells
-):
-    shutil.copy(EXAMPLES / plugin, tmp_path)
-    lines = (EXAMPLES / plugin).read_text().splitlines()
-    assert sum(bool(line.strip()) for line in lines) < 15
-    run = gated(tmp_path, "--plugin", plugin)
-    assert len(run.of(study)) == cells  # with the built-in ones
-
-
-@pytest.mark.slow
-def test_an_external_command_from_an_empty_folder_to_a_gated_run(tmp_path):
-    shutil.copy(EXAMPLES / "command.py", tmp_path)
-    words = f"command: {sys.executable} command.py {{poses}} {{g}}"
-    # as few trials as a judgement needs: each is a process of its own
-    run = gated(tmp_path, "--plugin", words, "--set", "calibrator.trials=896")
-    assert len(run.of("calibrator")) == 2  # with the built-in one
 
 
 def test_an_external_command_is_probed():

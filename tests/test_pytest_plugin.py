@@ -4,7 +4,6 @@ import os
 import re
 import subprocess
 import sys
-from importlib import metadata
 
 import pytest
 from places import ROOT
@@ -27,11 +26,6 @@ def ended(pytester):
         return pytester.runpytest_inprocess(*words, "-p", "no:cacheprovider")
 
     return run
-
-
-def test_it_is_installed_with_the_package():
-    (point,) = metadata.entry_points(group="pytest11", name="simval")
-    assert point.value == "simval.pytest_plugin"
 
 
 @pytest.mark.ci
@@ -130,14 +124,6 @@ def test_settings_of_a_test_do_not_change_the_answer(ended):
     ended(text, "-W", "error::RuntimeWarning").assert_outcomes(passed=1)
 
 
-def test_a_pass_shows_its_table_where_asked(ended):
-    text = f"{HEAD}\ndef test_mine(simval_estimator):\n    simval_estimator("
-    result = ended(f"{text}davenport, {WORDS}, seed=2)\n", "-rP")
-    result.assert_outcomes(passed=1)
-    assert "davenport, estimator: PASS" in str(result.stdout)
-    assert "RMS error, rad" in str(result.stdout)
-
-
 def collected(folder, *words):
     """Collect nothing in an empty folder; gives the modules that it imported."""
     program = (
@@ -161,20 +147,6 @@ def test_it_imports_nothing_until_it_is_asked(tmp_path):
     ours = {name for name in beside if name.startswith("simval")}
     assert ours == {"simval", "simval.pytest_plugin"}
     assert beside - ours <= {"typing"}
-
-
-@pytest.mark.ci
-def test_a_users_pytest_warns_of_nothing(tmp_path):
-    """Nor of how simval is installed; an editable one made before this needs anew."""
-    (tmp_path / "test_mine.py").write_text("def test_mine():\n    pass\n")
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert re.fullmatch(r"\.\s+\[100%\]\n1 passed in [\d.]+s\n", done.stdout)
 
 
 MINE = (
