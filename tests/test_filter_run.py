@@ -35,15 +35,13 @@ def check_refused(name, seeds):
 
 @pytest.mark.parametrize("name", WRONG)
 def test_wrong_filters_are_refused_in_words(name):
-    check_refused(name, range(5))
+    check_refused(name, range(8))
 
 
 @pytest.mark.parametrize("name", RIGHT)
 def test_right_filters_are_accepted(name):
-    for seed in range(5):
-        filter = RIGHT[name](np.random.default_rng(seed))
-        found = run_filter(filter, GIVEN, KEEP, "NWU")
-        assert found.attitude.shape == (3, len(KEEP), 4)
+    found = run_filter(RIGHT[name], GIVEN, KEEP, "NWU")
+    assert found.attitude.shape == (3, len(KEEP), 4)
 
 
 @pytest.mark.parametrize("first", [0, 1030])

@@ -138,13 +138,7 @@ def _has_bound(row: Row) -> bool:
 
 
 def limit_of(text: str) -> Limit:
-    """Read a limit.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
+    """Read a limit."""
     found = _FORM.fullmatch(str(text))
     try:
         name, sign, number, unit = found.groups() if found else ("", "", "", "")
@@ -161,13 +155,7 @@ def limit_of(text: str) -> Limit:
 
 
 def missed_limits(limits: Iterable[str], cells: Sequence[CellResult]) -> Iterator[str]:
-    """Say which limits are missed, where, and by what.
-
-    Raises
-    ------
-    InputError
-        If a limit is none, or limits nothing that was measured.
-    """
+    """Say which limits are missed, where, and by what."""
     done = [cell for cell in cells if cell.status == "done"]
     for limit in map(limit_of, limits):
         rows = [(cell, row) for cell in done for row in cell.rows if limit.of(row)]
@@ -261,11 +249,6 @@ def check_plugin(
     -------
     Checked
         What was measured, and the gate's answer.
-
-    Raises
-    ------
-    UnusablePluginError
-        If there is no such plug-in, or it cannot be loaded.
     """
     plugins = meant(plugin)
     suite = suite_of(plugins, seed)

@@ -75,13 +75,7 @@ def answers(
     noise: VectorNoise | None,
     *more: Any,
 ) -> list[Any]:
-    """Answers of a function of the estimator: one for a batch, else one for each row.
-
-    Raises
-    ------
-    PluginError
-        If it raises, or changes what it is given.
-    """
+    """Answers of a function: one for a batch, else one for each row."""
     given, words = stacked(estimator, vectors), handed(estimator, vectors, noise)
     kept = [a.copy() for a in (*given, *words.values())]
     if estimator.batch:
@@ -290,13 +284,7 @@ def _fault(array: NDArray[np.generic]) -> str:
 
 
 def check_covariance(name: str, matrices: Float[Array, "... p p"]) -> None:
-    """Require symmetric and positive definite matrices.
-
-    Raises
-    ------
-    PluginError
-        If one is not.
-    """
+    """Require symmetric and positive definite matrices."""
     scale = np.abs(matrices).max(axis=(-2, -1), keepdims=True)
     skew = np.abs(matrices - np.swapaxes(matrices, -1, -2)) / np.maximum(scale, 1e-300)
     if not float(skew.max()) <= 1e-9:
@@ -461,13 +449,7 @@ class Form:
 
 
 def form_of(filter: Filter, answer: Any, lead: tuple[int, ...]) -> Form:
-    """Form of a first answer; `lead` is () or, of a batch, the number of trials.
-
-    Raises
-    ------
-    PluginError
-        If it is no answer.
-    """
+    """Form of a first answer; `lead` is () or, of a batch, the number of trials."""
     kind = _kind(answer)
     words = _words(filter.name, kind, answer)
     given = dict(zip(words, _values(kind, words, answer), strict=True))

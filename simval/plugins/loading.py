@@ -303,13 +303,7 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
 
 
 def overrides_of(plugins: tuple[str, ...]) -> list[str]:
-    """Overrides that put some plug-ins, and no others, into a suite.
-
-    Raises
-    ------
-    UnusablePluginError
-        As `chosen`.
-    """
+    """Overrides that put some plug-ins, and no others, into a suite."""
     return spelled(chosen(plugins))
 
 
@@ -319,13 +313,7 @@ def spelled(words: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def chosen(plugins: tuple[str, ...]) -> dict[str, list[str]]:
-    """Some plug-ins, by the field that takes them.
-
-    Raises
-    ------
-    UnusablePluginError
-        If one cannot be used, or holds no plug-in.
-    """
+    """Some plug-ins, by the field that takes them."""
     values: dict[str, list[str]] = {}
     for plugin in plugins:
         if "," in plugin:
@@ -337,13 +325,7 @@ def chosen(plugins: tuple[str, ...]) -> dict[str, list[str]]:
 
 
 def meant(plugin: str) -> list[Meant]:
-    """Plug-ins that a word means; each is loaded in a child.
-
-    Raises
-    ------
-    UnusablePluginError
-        If one cannot be used, or none is held.
-    """
+    """Plug-ins that a word means; each is loaded in a child."""
     if plugin.startswith(COMMAND):
         command = command_calibrator(plugin)
         return [Meant(command.taken_by, plugin, command.name, declarations(command))]
@@ -374,11 +356,6 @@ def offer(plugin: str) -> list[tuple[str, str, dict[str, str]]]:
     """Load a file or a package, and list the plug-ins in it.
 
     For each the field that takes it, its name, and what it declares.
-
-    Raises
-    ------
-    UnusablePluginError
-        If it cannot be loaded, or holds no plug-in.
     """
     is_file = plugin.endswith(".py")
     try:

@@ -18,7 +18,6 @@ that no theory of ours stands behind the verdict.
 
 from dataclasses import replace
 from itertools import product
-from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +41,7 @@ from simval.plugins.attitudes import (
     tail,
 )
 from simval.plugins.noise import VectorNoise, vector_noise
-from simval.plugins.protocol import Calibrator, Estimator
+from simval.plugins.protocol import Calibrator, Estimator, alternatives
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel, forms
 from simval.sensor.models import ALL, own_sensor
@@ -180,13 +179,7 @@ def probe_covariance(
     vectors: list[Float[Array, "n 3"]],
     noise: VectorNoise,
 ) -> None:
-    """Check the leading term of a covariance.
-
-    Raises
-    ------
-    PluginError
-        If it is not the covariance of the estimator's own errors.
-    """
+    """Check the leading term of a covariance."""
     told = noise.small(SPREAD_NOISE)
     claimed = covariances_of(estimator, vectors, told)
     seen = {
@@ -245,9 +238,6 @@ def _trace(matrices: Float[Array, "n 3 3"]) -> Float[Array, " n"]:
     return np.trace(matrices, axis1=-2, axis2=-1)
 
 
-ORDERS: Final[tuple[Literal["xyzs", "sxyz"], ...]] = ("xyzs", "sxyz")
-DIRECTIONS: Final[tuple[Literal["active", "passive"], ...]] = ("active", "passive")
-
 ALIKE = 1e-2
 """Of an angle, by which turns about one axis may differ and be the same."""
 
@@ -274,21 +264,23 @@ def what_fits(
             "answer the same each time"
         )
     fits = {}
-    for other in _conventions(estimator):
+    for other in _alike(estimator):
         fits[other] = ~failing(other, truth, vectors, noise)
         if fits[other].all():
-            return f"declare {_words(other)} instead"
+            return f"declare {other.spelled()} instead"
     for other in fits:
         if words := nearly_right(other, truth, vectors, noise):
             return (
                 words
-                if _same(other, estimator)
-                else f"declare {_words(other)} instead; {words}"
+                if not other.spelled(estimator)
+                else f"declare {other.spelled()} instead; {words}"
             )
     if words := _fitting_frame(estimator, len(vectors) // 2, len(truth), noise):
         return words
     # of equals the declared one, which is told without its words
-    best = max(fits, key=lambda other: (fits[other].sum(), _same(other, estimator)))
+    best = max(
+        fits, key=lambda other: (fits[other].sum(), not other.spelled(estimator))
+    )
     count, number = int(fits[best].sum()), len(truth)
     classes = _classes(best if count else estimator, len(vectors) // 2, noise)
     if not count:
@@ -296,12 +288,12 @@ def what_fits(
             f"no order or direction of the components fits any of {number} rows "
             f"{classes}: is it b = A r, with body vectors first?{_fixed(estimator)}"
         )
-    words = f"with {_words(best)} "
+    words = f"with {best.spelled()} "
     wrong = int(np.flatnonzero(~fits[best])[0])
     q = quaternions_of(best, vectors, noise)
     off = float(attitude_error(truth[wrong], q[wrong]))
     return (
-        f"{'' if _same(best, estimator) else words}{count} of {number} rows fit, "
+        f"{'' if not best.spelled(estimator) else words}{count} of {number} rows fit, "
         f"row {wrong}, {_turn(truth[wrong])}, does not, by {off:.3g} rad {classes}"
     )
 
@@ -334,20 +326,6 @@ def nearly_right(
     return f"its conventions fit, its precision does not: {cause}"
 
 
-def _conventions(estimator: Estimator) -> list[Estimator]:
-    """The estimator in each order and direction that its answers can have."""
-    matrix = estimator.components == "matrix"
-    orders = (estimator.components,) if matrix else ORDERS
-    return [
-        replace(estimator, components=components, matrix=direction)
-        for components, direction in product(orders, DIRECTIONS)
-    ]
-
-
-def _words(estimator: Estimator) -> str:
-    return f'components="{estimator.components}", matrix="{estimator.matrix}"'
-
-
 def _fitting_frame(
     estimator: Estimator, vectors: int, count: int, noise: VectorNoise | None
 ) -> str:
@@ -358,10 +336,10 @@ def _fitting_frame(
         for dip in dict.fromkeys((None, estimator.dip)):
             fixed = replace(estimator, reference=frame, vertical=vertical, dip=dip)
             truth, exact = fixed.observed().generic(count, np.random.default_rng(1))
-            for other in _conventions(fixed):
+            for other in _alike(fixed):
                 if not failing(other, truth, exact, noise).any():
                     words = f'declare reference="{frame}", vertical="{vertical}"'
-                    return f"{words} and {_words(other)} instead"
+                    return f"{words} and {other.spelled()} instead"
     return ""
 
 
@@ -373,8 +351,11 @@ def _fixed(estimator: Estimator) -> str:
     return f" It was tried with {dip}: declare the dip that it was written for"
 
 
-def _same(other: Estimator, estimator: Estimator) -> bool:
-    return (other.components, other.matrix) == (estimator.components, estimator.matrix)
+def _alike(estimator: Estimator) -> list[Estimator]:
+    """The estimator in each order and direction that its form of answer can have."""
+    matrix = estimator.components == "matrix"
+    every = alternatives(estimator)
+    return [each for each in every if (each.components == "matrix") == matrix]
 
 
 def _turn(q: Float[Array, "4"]) -> str:

@@ -97,13 +97,7 @@ OUTPUT, ERRORS = "stdout", "stderr"
 def run(
     words: Sequence[str], folder: Path, seconds: float, given: Path | None = None
 ) -> int:
-    """Run a program that prints into files of a folder, and wait for it alone.
-
-    Raises
-    ------
-    CrashedPluginError
-        If it cannot be run, or does not end in time.
-    """
+    """Run a program that prints into files of a folder, and wait for it alone."""
     with (
         (folder / OUTPUT).open("wb") as output,
         (folder / ERRORS).open("wb") as errors,
@@ -142,13 +136,7 @@ def failure(program: str, code: int, folder: Path) -> str:
 
 
 def json_object(who: str, printed: bytes) -> dict[str, Any]:
-    """Read one JSON object; `who` is who printed it.
-
-    Raises
-    ------
-    PluginError
-        If it is anything else, too long, or has a key twice.
-    """
+    """Read one JSON object; `who` is who printed it."""
     if len(printed) > ANSWER_LIMIT:
         msg = f"{who} printed more than {ANSWER_LIMIT} bytes; print one object"
         raise PluginError(msg)

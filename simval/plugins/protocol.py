@@ -40,18 +40,17 @@ Attitudes of a filter are declared likewise, from its world frame
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from itertools import product
 from pathlib import Path
-from typing import Any, ClassVar, Final, Literal, get_args
+from types import MappingProxyType, NoneType
+from typing import Any, ClassVar, Final, Literal, TypeVar, get_args, get_origin
 
 from simval.arrays import Array
 from simval.errors import PluginError
 from simval.plugins.attitudes import (
-    FRAMES,
     GREATEST_DIP,
     MAY_FAIL,
-    VERTICALS,
-    WORLDS,
     FixedReferences,
     Frame,
     Observed,
@@ -59,76 +58,51 @@ from simval.plugins.attitudes import (
     World,
 )
 from simval.plugins.noise import READABLE
-from simval.sensor import forms
 from simval.sensor.models import ALL, CLASSES
 from simval.text import one_line
 
 
-def require_name(name: Any) -> None:
-    """Refuse what cannot stand in a list of names.
-
-    Raises
-    ------
-    PluginError
-        With what may be declared.
-    """
-    if not (
-        isinstance(name, str)
-        and name.isprintable()
-        and name == name.strip()
-        and "," not in name
-        and 0 < len(name) <= 60
-    ):
-        msg = (
-            f"`name` is {name!r}; give a printable word of at most 60 characters, with "
-            "no comma in it and no space around it: it is written in lists of names"
-        )
-        raise PluginError(msg)
-
-
-def require_words(field: str, names: Any, known: tuple[str, ...]) -> None:
-    """Refuse what is not a tuple of known names.
-
-    Raises
-    ------
-    PluginError
-        With what may be declared.
-    """
-    if not (
-        isinstance(names, tuple)
-        and all(type(name) is str and name in known for name in names)
-    ):
-        words = ", ".join(repr(name) for name in known)
-        msg = f"`{field}` is {names!r}; it must be a tuple of names out of {words}"
-        raise PluginError(msg)
-
-
-def require_one_of(name: str, value: Any, allowed: tuple[str | int, ...]) -> None:
-    """Refuse what is not one of the allowed values, of the very type.
-
-    Raises
-    ------
-    PluginError
-        With what may be declared.
-    """
+def _require(field: str, value: Any, kind: Any, known: tuple[str, ...]) -> None:
+    """Refuse a declaration that is not of its annotated kind, in words."""
+    if NoneType in get_args(kind):
+        if value is None:
+            return
+        (kind,) = (each for each in get_args(kind) if each is not NoneType)
+    allowed: tuple[Any, ...] = get_args(kind) if get_origin(kind) is Literal else ()
+    allowed = (True, False) if kind is bool else allowed
     # of the very type: 2 == 2.0, 1 == True, and an array is equal to nothing at all
-    if not any(type(value) is type(word) and value == word for word in allowed):
-        words = ", ".join(repr(word) for word in allowed)
-        msg = f"`{name}` is {value!r}; it must be declared as one of {words}"
+    fits = [type(value) is type(word) and value == word for word in allowed]
+    wanted = ""
+    if field == "name" and not _is_name(value):
+        wanted = (
+            "give a printable word of at most 60 characters, with no comma in it and "
+            "no space around it: it is written in lists of names"
+        )
+    elif allowed and not any(fits):
+        wanted = f"it must be declared as one of {', '.join(map(repr, allowed))}"
+    elif known and not _are_names(value, known):
+        wanted = f"it must be a tuple of names out of {', '.join(map(repr, known))}"
+    elif get_origin(kind) is Callable and not callable(value):
+        wanted = "it must be a function"
+    if wanted:
+        msg = f"`{field}` is {value!r}; {wanted}"
         raise PluginError(msg)
 
 
-def require_function(name: str, value: Any) -> None:
-    """Refuse what cannot be called.
+def _is_name(value: Any) -> bool:
+    return (
+        isinstance(value, str)
+        and value.isprintable()
+        and value == value.strip()
+        and "," not in value
+        and 0 < len(value) <= 60
+    )
 
-    Raises
-    ------
-    PluginError
-        With what may be declared.
-    """
-    if not callable(value):
-        msg = f"`{name}` is {value!r}; it must be a function"
-        raise PluginError(msg)
+
+def _are_names(values: Any, known: tuple[str, ...]) -> bool:
+    return isinstance(values, tuple) and all(
+        type(value) is str and value in known for value in values
+    )
 
 
 def declarations(plugin: Any) -> dict[str, str]:
@@ -165,7 +139,10 @@ def _spelled(value: Any) -> str:
 
 Claim = Literal["exact", 2, 4]
 Components = Literal["xyzs", "sxyz", "matrix"]
+Form = Literal["triangular", "upper", "symmetric"]
 Kind = Literal["wahba", "weighted wahba", "triad", "closed form", "combined"]
+
+Own = TypeVar("Own", bound="Algorithm")
 
 SCENE = "custom_scene.scene"
 """Field of a study that takes a `simval.scene.Scene`."""
@@ -180,8 +157,50 @@ class Plugin:
     runs: ClassVar[str]
 
 
+class Algorithm(Plugin):
+    """A plug-in that is measured: what it declares is checked by its annotations."""
+
+    __slots__ = ()
+    conventions: ClassVar[tuple[str, ...]] = ()
+    """Fields that a probe may find to be others than they are declared."""
+    known: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType({})
+    """What tuples of names may hold, by field."""
+
+    def __post_init__(self) -> None:
+        every: Any = type(self)
+        for each in fields(every):
+            known = self.known.get(each.name, ())
+            _require(each.name, getattr(self, each.name), each.type, known)
+
+    def spelled(self, than: "Algorithm | None" = None) -> str:
+        """Its conventions as they are declared, or those that are others than those."""
+        return ", ".join(
+            f'{name}="{value}"'
+            for name in self.conventions
+            if (value := getattr(self, name)) is not None
+            and (than is None or value != getattr(than, name))
+        )
+
+
+def alternatives(algorithm: Own) -> list[Own]:
+    """An algorithm in every convention, declared or not."""
+    own: Any = algorithm
+    kinds = {each.name: each.type for each in fields(own)}
+    names = algorithm.conventions
+    return [
+        replace(own, **dict(zip(names, chosen, strict=True)))
+        for chosen in product(*(_literals(kinds[name]) for name in names))
+    ]
+
+
+def _literals(kind: Any) -> tuple[Any, ...]:
+    """Words of a literal, which may be left out too."""
+    args = get_args(kind)
+    return get_args(args[0]) if NoneType in args else args
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Estimator(Plugin):
+class Estimator(Algorithm):
     """An attitude estimator from vector observations.
 
     Attributes
@@ -225,6 +244,10 @@ class Estimator(Plugin):
 
     taken_by: ClassVar[str] = "estimator.algorithm"
     runs: ClassVar[str] = "estimate"
+    conventions: ClassVar[tuple[str, ...]] = ("components", "matrix")
+    known: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+        {"fails_at": MAY_FAIL, "reads": READABLE}
+    )
 
     name: str
     estimate: Callable[..., Any]
@@ -244,22 +267,8 @@ class Estimator(Plugin):
     series: bool = False
 
     def __post_init__(self) -> None:
-        require_name(self.name)
-        require_one_of("components", self.components, get_args(Components))
-        require_one_of("matrix", self.matrix, ("active", "passive"))
-        require_one_of("side", self.side, ("body", "reference"))
-        require_one_of("claim", self.claim, ("exact", 2, 4))
-        require_one_of("takes", self.takes, ("pairs", "vectors"))
-        require_one_of("batch", self.batch, (True, False))
-        require_one_of("series", self.series, (True, False))
-        if self.kind is not None:
-            require_one_of("kind", self.kind, get_args(Kind))
-        require_words("fails_at", self.fails_at, MAY_FAIL)
-        require_words("reads", self.reads, READABLE)
+        Algorithm.__post_init__(self)
         _check_frame(self)
-        require_function("estimate", self.estimate)
-        if self.covariance is not None:
-            require_function("covariance", self.covariance)
 
     @property
     def fixed(self) -> FixedReferences | None:
@@ -287,7 +296,7 @@ class Estimator(Plugin):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Calibrator(Plugin):
+class Calibrator(Algorithm):
     """A calibrator from readings at rest.
 
     Attributes
@@ -309,14 +318,12 @@ class Calibrator(Plugin):
 
     name: str
     calibrate: Callable[..., Any]
-    form: str = "triangular"
+    form: Form = "triangular"
     noise_std: bool = False
     estimates: tuple[str, ...] = ALL
 
     def __post_init__(self) -> None:
-        require_name(self.name)
-        require_function("calibrate", self.calibrate)
-        require_one_of("form", self.form, forms.MODELS)
+        Algorithm.__post_init__(self)
         object.__setattr__(self, "estimates", _estimates(self.estimates, self.form))
 
 
@@ -332,11 +339,8 @@ class BatchCalibrator(Calibrator):
 
 
 def _check_frame(estimator: Estimator) -> None:
-    require_one_of("vertical", estimator.vertical, VERTICALS)
     dip = estimator.dip
-    if estimator.reference is not None:
-        require_one_of("reference", estimator.reference, FRAMES)
-    elif estimator.vertical != "up" or dip is not None:
+    if estimator.reference is None and (estimator.vertical != "up" or dip is not None):
         msg = (
             f"`vertical` is {estimator.vertical!r} and `dip` is {dip!r}; they say what "
             "the vectors of a fixed frame are, so declare its `reference` as well"
@@ -400,7 +404,7 @@ gyroscope; noise per axis and row of the others, m/s^2 and T."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Filter(Plugin):
+class Filter(Algorithm):
     """An attitude filter over gyroscope, accelerometer and magnetometer.
 
     Attributes
@@ -430,6 +434,13 @@ class Filter(Plugin):
 
     taken_by: ClassVar[str] = "filter.algorithm"
     runs: ClassVar[str] = "make"
+    conventions: ClassVar[tuple[str, ...]] = (
+        "world",
+        "components",
+        "matrix",
+        "accelerometer",
+    )
+    known: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType({"reads": READS})
 
     name: str
     make: Callable[..., Any]
@@ -441,16 +452,3 @@ class Filter(Plugin):
     side: Literal["body", "reference"] = "body"
     reads: tuple[str, ...] = ()
     batch: bool = False
-
-    def __post_init__(self) -> None:
-        require_name(self.name)
-        require_function("make", self.make)
-        require_one_of("components", self.components, get_args(Components))
-        require_one_of("matrix", self.matrix, ("active", "passive"))
-        require_one_of("accelerometer", self.accelerometer, get_args(Force))
-        require_one_of("magnetometer", self.magnetometer, (True, False))
-        require_one_of("side", self.side, ("body", "reference"))
-        require_one_of("batch", self.batch, (True, False))
-        require_words("reads", self.reads, READS)
-        if self.world is not None:
-            require_one_of("world", self.world, WORLDS)

@@ -260,13 +260,7 @@ def readings_of(
 
 @contextmanager
 def making(filter: Filter, readings: Readings) -> Iterator[Callable[..., Any]]:
-    """Make a filter anew, give the function that steps it, and close it afterwards.
-
-    Raises
-    ------
-    PluginError
-        If it cannot be made or closed, or what is made cannot be stepped.
-    """
+    """Make a filter anew, give the function that steps it, and close it afterwards."""
     # its own copies, which it may keep and change
     own = {
         word: value.copy() if isinstance(value, np.ndarray) else value
@@ -436,11 +430,6 @@ def require_the_same_again(
     """Require that a fresh filter answers the same readings with the same bits.
 
     Of a batch, which is all trials, it is asked for the beginning alone.
-
-    Raises
-    ------
-    PluginError
-        If it does not.
     """
     if readings.lead:
         readings = _beginning(readings, max(AGAIN, int(rows[0]) + 1))
@@ -460,13 +449,7 @@ def require_the_same_again(
 
 
 def require_a_life_of_its_own(filter: Filter, one: Readings, other: Readings) -> None:
-    """Require that two filters, stepped by turns, answer as each does alone.
-
-    Raises
-    ------
-    PluginError
-        If they do not.
-    """
+    """Require that two filters, stepped by turns, answer as each does alone."""
     one, other = _beginning(one), _beginning(other)
     rows = np.arange(len(one.dt))
     alone = run_of(filter, one, rows)
@@ -491,13 +474,7 @@ def require_a_life_of_its_own(filter: Filter, one: Readings, other: Readings) ->
 
 
 def require_trials_alone(filter: Filter, batch: Readings, alone: Readings) -> None:
-    """Require that the first trial of a batch is what it is alone.
-
-    Raises
-    ------
-    PluginError
-        If it is not.
-    """
+    """Require that the first trial of a batch is what it is alone."""
     batch, alone = _beginning(batch), _beginning(alone)
     rows = np.arange(len(batch.dt))
     runs = [run_of(filter, own, rows) for own in (batch, alone)]
@@ -516,13 +493,7 @@ def require_trials_alone(filter: Filter, batch: Readings, alone: Readings) -> No
 def require_an_even_pace(
     filter: Filter, readings: Readings, runs: Sequence[Run]
 ) -> None:
-    """Require that a row takes no longer the more rows there were before.
-
-    Raises
-    ------
-    PluginError
-        If it does.
-    """
+    """Require that a row takes no longer the more rows there were before."""
     first, last = _ends(runs)
     if not last > SUSPICIOUS * first:
         return

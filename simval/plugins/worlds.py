@@ -26,8 +26,7 @@ With the errors :math:`\theta` and :math:`\beta` as estimate minus truth,
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from itertools import product
-from typing import Final, Literal, get_args
+from typing import Final
 
 import numpy as np
 
@@ -43,7 +42,7 @@ from simval.geometry import (
 )
 from simval.plugins.attitudes import WORLDS
 from simval.plugins.child import where_it_lives
-from simval.plugins.protocol import Components, Filter, Force
+from simval.plugins.protocol import Filter, alternatives
 from simval.plugins.runs import (
     FilterInput,
     Run,
@@ -152,9 +151,6 @@ JUDGED: Final = 2.0
 """What a filter that has settled moves by, in seconds from which it is judged."""
 
 
-DECLARED: Final = ("world", "components", "matrix", "accelerometer")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stray:
     """How far one declaration strays."""
@@ -191,7 +187,7 @@ class Trial:
 
     def stray(self, declared: Filter) -> Stray:
         """How far one declaration strays; at a glance first, if it starts at once."""
-        key = tuple(getattr(declared, word) for word in DECLARED)
+        key = tuple(getattr(declared, word) for word in declared.conventions)
         if key not in self.strays:
             self.strays[key] = self._stray(declared)
         return self.strays[key]
@@ -318,13 +314,7 @@ of the bias both are 0, and there is no verdict."""
 
 
 def require_signs(filter: Filter, told: Told, world: str, rate: float) -> None:
-    """Check the sign of the bias, and of its covariance with the attitude.
-
-    Raises
-    ------
-    PluginError
-        If one is the other way round.
-    """
+    """Check the sign of the bias, and of its covariance with the attitude."""
     still = path(told, rate, SECONDS, 0.0)
     given = replace(
         still.given,
@@ -390,8 +380,6 @@ def _beginning(given: FilterInput) -> FilterInput:
 def _numbers(values: Float[Array, "3"]) -> str:
     return ", ".join(f"{value:.2g}" for value in values)
 
-
-DIRECTIONS: Final[tuple[Literal["active", "passive"], ...]] = ("active", "passive")
 
 PREFERRED: Final = ("NWU", "NED", *(w for w in WORLDS if w not in ("NWU", "NED")))
 """Of worlds that are the same to a filter the scenes' is taken, or the usual one."""
@@ -472,13 +460,7 @@ def _lasting(trial: Trial, filter: Filter, alike: list[Stray]) -> list[Stray]:
 
 
 def _chosen(filter: Filter, alike: list[Stray]) -> Stray:
-    """The declared one of the worlds in which a filter stays, or one that is its own.
-
-    Raises
-    ------
-    PluginError
-        If it is left open, and cannot be found.
-    """
+    """The declared one of the worlds in which a filter stays, or one of its own."""
     order = (filter.world, *PREFERRED)
     best = min(alike, key=lambda each: order.index(each.declared.world))
     if filter.world is not None or len(alike) == 1 or _any_north(filter):
@@ -493,11 +475,11 @@ def _chosen(filter: Filter, alike: list[Stray]) -> Stray:
 
 def _misdeclared(trial: Trial, filter: Filter, off: Stray) -> PluginError:
     """Say which declaration fits a filter that strays, or what was tried."""
-    tried = trial.all_of(_declarations(filter))
+    tried = trial.all_of(alternatives(filter))
     fits = [each for each in tried if each.judged <= STAYS]
     if not fits and off.error is not None:
         return off.error
-    as_declared = _said(filter, None)
+    as_declared = filter.spelled()
     where = (
         f"fails as it is declared ({as_declared}: {off.error})"
         if off.error is not None
@@ -512,20 +494,10 @@ def _misdeclared(trial: Trial, filter: Filter, off: Stray) -> PluginError:
         fits = [each for each in after if each.judged <= STAYS] or fits
     best = min(fits, key=lambda each: (_changes(each.declared, filter), each.judged))
     msg = (
-        f"{filter.name} {where}; declare {_said(best.declared, filter)}: so it stays "
+        f"{filter.name} {where}; declare {best.declared.spelled(filter)}: so it stays "
         f"within {np.degrees(best.judged):.2g} degrees"
     )
     return PluginError(msg)
-
-
-def _declarations(filter: Filter) -> list[Filter]:
-    """The filter in each convention, those of its own form of answer first."""
-    return [
-        replace(filter, components=form, matrix=matrix, accelerometer=force, world=w)
-        for form, matrix, force, w in product(
-            get_args(Components), DIRECTIONS, get_args(Force), WORLDS
-        )
-    ]
 
 
 def _changes(other: Filter, filter: Filter) -> tuple[int, bool]:
@@ -535,21 +507,10 @@ def _changes(other: Filter, filter: Filter) -> tuple[int, bool]:
     """
     changed = [
         word
-        for word in DECLARED
+        for word in filter.conventions
         if getattr(filter, word) not in (None, getattr(other, word))
     ]
     return len(changed), "accelerometer" in changed
-
-
-def _said(filter: Filter, than: Filter | None) -> str:
-    """Declarations, or those that are others than another's."""
-    pairs = [
-        f'{word}="{value}"'
-        for word in DECLARED
-        if (value := getattr(filter, word)) is not None
-        and (than is None or value != getattr(than, word))
-    ]
-    return ", ".join(pairs)
 
 
 def _what_was_tried(filter: Filter, tried: list[Stray]) -> str:
@@ -558,7 +519,7 @@ def _what_was_tried(filter: Filter, tried: list[Stray]) -> str:
     hint = ""
     if filter.magnetometer and inclined.inclination <= STAYS:
         hint = (
-            f". Its inclination stays, with {_said(inclined.declared, None)}, and "
+            f". Its inclination stays, with {inclined.declared.spelled()}, and "
             "its heading does not: does it use the magnetometer (if not, declare "
             "magnetometer=False), and is its north that of the field it `reads`?"
         )

@@ -141,13 +141,7 @@ class Setting:
 def setting_of(
     plugin: Calibrator, *, faces: bool, poses: int, own_class: bool, noise_std: float
 ) -> Setting:
-    """Sensor, poses and theory of a cell.
-
-    Raises
-    ------
-    PluginError
-        If the poses do not show what is estimated.
-    """
+    """Sensor, poses and theory of a cell."""
     directions = fibonacci_sphere(poses)
     if faces:
         directions = np.tile(cube_faces(), (poses // FACES, 1))

@@ -101,13 +101,7 @@ def geometry_of(
 
 
 def require_fitting(plugin: Estimator, vectors: int, noise: VectorNoise) -> None:
-    """Check that a plug-in can be measured with these vectors and this noise.
-
-    Raises
-    ------
-    PluginError
-        If it cannot.
-    """
+    """Check that a plug-in can be measured with these vectors and this noise."""
     if vectors != 2 and (plugin.takes == "pairs" or plugin.reference is not None):
         what = "two pairs" if plugin.takes == "pairs" else "the two fixed references"
         msg = (
@@ -263,13 +257,7 @@ AXES = ("x", "y", "z")
 
 
 def series_of(setting: Setting, noise_std: float, order: int) -> Moments:
-    """Mean and covariance of the rotation error, on the plug-in's side.
-
-    Raises
-    ------
-    PluginError
-        If the plug-in cannot work with power series, with what it did.
-    """
+    """Mean and covariance of the rotation error, on the plug-in's side."""
     plugin, told = setting.plugin, setting.noise.at(noise_std)
     truth = [v[None] for v in setting.truth]
     raised: list[Exception] = []
@@ -318,13 +306,7 @@ def _terms(
     truth: list[Array],
     noise: VectorNoise,
 ) -> tuple[Float[Array, "... t"], NDArray[np.bool_]]:
-    """Terms of its answer to power series, and which entries are plain numbers.
-
-    Raises
-    ------
-    PluginError
-        If it cannot work with them.
-    """
+    """Terms of its answer to power series, and which entries are plain numbers."""
     tables = algebra(*size)
     rows = [[Series(own, tables) for own in v] for v in given]
     vectors = [np.array([v], dtype=object) for v in rows]

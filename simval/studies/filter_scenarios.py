@@ -96,13 +96,7 @@ class Wrong:
 
 
 def wrong_of(parts: Sequence[str]) -> Wrong:
-    """Read the words.
-
-    Raises
-    ------
-    InputError
-        If they are none of the table, or X is not allowed.
-    """
+    """Read the words."""
     found: dict[str, float] = {}
     for part in parts:
         name, _, number = part.rpartition(" ")
@@ -183,13 +177,7 @@ def spelled(text: str) -> str:
 
 
 def scenario_of(text: str) -> tuple[str, Wrong]:
-    """Name of a scenario, and what is wrong in it.
-
-    Raises
-    ------
-    InputError
-        If there is no such scenario, or what follows its name cannot be read.
-    """
+    """Name of a scenario, and what is wrong in it."""
     name, *parts = text.split(", ")
     if name not in NAMES:
         msg = (

@@ -207,13 +207,7 @@ class PluginParameters(StudyParameters):
         return tuple(path for path in self._sources if os.path.isabs(path))
 
     def require_same_sources(self) -> None:
-        """Check that the code is what it was when these parameters were made.
-
-        Raises
-        ------
-        PluginError
-            If a file or a package is another one, or is not on this machine.
-        """
+        """Check that the code is what it was when these parameters were made."""
         if changed := sorted(_changes(self._sources, sources(self.word))):
             msg = (
                 "the plug-in is not what it was when the sweep was begun: "
@@ -263,13 +257,7 @@ def isolated(
 
 @contextmanager
 def opened(parameters: PluginParameters, time_limit: float) -> Iterator[Child]:
-    """Open a process for a plug-in; what cannot be measured is the plug-in's doing.
-
-    Raises
-    ------
-    PluginError
-        As `isolated`.
-    """
+    """Open a process for a plug-in; what cannot be measured is the plug-in's doing."""
     parameters.require_same_sources()
     # numbers that overflow are judged, not announced
     with (
