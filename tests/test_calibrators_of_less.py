@@ -49,10 +49,9 @@ def lengths(estimates, factor=1.0, off=0.0):
     )
 
 
-def rows_of(plugin, monkeypatch, **values):
-    monkeypatch.setattr(calibrator, "find_plugin", lambda *_: plugin)
+def rows_of(plugin, **values):
     parameters = calibrator.Parameters(algorithm="any", **values)
-    return calibrator.compute(parameters, STREAMS).rows
+    return calibrator.outcome(plugin, parameters, STREAMS).rows
 
 
 def named(rows):
@@ -65,11 +64,9 @@ LESS = (("scale", "bias"), ("bias",))
 @pytest.mark.ci
 @pytest.mark.parametrize("pose_set", ["sphere", "faces"])
 @pytest.mark.parametrize("estimates", LESS)
-def test_a_sound_calibrator_of_less_passes_in_its_own_class(
-    estimates, pose_set, monkeypatch
-):
+def test_a_sound_calibrator_of_less_passes_in_its_own_class(estimates, pose_set):
     values = {"sensor": "own class", "pose_set": pose_set, "trials": 1024}
-    rows = rows_of(lengths(estimates), monkeypatch, **values)
+    rows = rows_of(lengths(estimates), **values)
     judged = judge(rows_by_name.named(rows))
     assert {v.answer for v in judged if v.row.check != "record"} == {"pass"}
     found = named(rows)
@@ -92,19 +89,19 @@ def test_a_sound_calibrator_of_less_passes_in_its_own_class(
     ("wrong", "what"),
     [({"factor": 1.3}, "nees"), ({"off": 2e-3}, "bias[B_z]")],
 )
-def test_a_wrong_calibrator_of_less_fails(wrong, what, monkeypatch):
+def test_a_wrong_calibrator_of_less_fails(wrong, what):
     plugin = lengths(("scale", "bias"), **wrong)
-    assert what in failed(plugin, monkeypatch, sensor="own class", trials=512)
+    assert what in failed(plugin, sensor="own class", trials=512)
 
 
 @pytest.mark.ci
 @pytest.mark.parametrize("pose_set", ["sphere", "faces"])
 @pytest.mark.parametrize("estimates", LESS)
 def test_of_the_full_sensor_it_is_judged_by_what_its_class_converges_to(
-    estimates, pose_set, monkeypatch
+    estimates, pose_set
 ):
     plugin = lengths(estimates)
-    rows = rows_of(plugin, monkeypatch, pose_set=pose_set, trials=256)
+    rows = rows_of(plugin, pose_set=pose_set, trials=256)
     verdicts = judge(rows_by_name.named(rows))
     assert overall(verdicts) != "fail"
     found = named(rows)
@@ -126,17 +123,17 @@ def test_of_the_full_sensor_it_is_judged_by_what_its_class_converges_to(
     assert all(row.value <= row.prediction for row in settled)
     # power: a tenth of what is left, put into one bias
     off = lengths(estimates, off=0.02)
-    assert "settled[B_z]" in failed(off, monkeypatch, pose_set=pose_set, trials=32)
+    assert "settled[B_z]" in failed(off, pose_set=pose_set, trials=32)
 
 
-def failed(plugin, monkeypatch, **values):
-    rows = rows_of(plugin, monkeypatch, **values)
+def failed(plugin, **values):
+    rows = rows_of(plugin, **values)
     verdicts = judge(rows_by_name.named(rows))
     return {str(v.row.statistic) for v in verdicts if v.answer == "fail"}
 
 
 @pytest.mark.ci
-def test_what_goes_wrong_in_noise_alone_is_seen_of_the_full_sensor(monkeypatch):
+def test_what_goes_wrong_in_noise_alone_is_seen_of_the_full_sensor():
     sound, calls = lengths(("scale", "bias")), []
 
     def late(poses, g, noise_std):
@@ -145,26 +142,26 @@ def test_what_goes_wrong_in_noise_alone_is_seen_of_the_full_sensor(monkeypatch):
         return matrix, bias + 2e-3 * (len(calls) > 2), covariance
 
     plugin = dataclasses.replace(sound, calibrate=late)
-    found = failed(plugin, monkeypatch, trials=512)
+    found = failed(plugin, trials=512)
     assert {"bias[B_x]", "bias[B_y]", "bias[B_z]"} <= found
     assert not any(name.startswith("settled") for name in found)
 
 
-def test_all_nine_are_set_beside_what_they_leave(monkeypatch):
+def test_all_nine_are_set_beside_what_they_leave():
     plugin = find_plugin(str(EXAMPLES / "ellipsoid.py"), Calibrator)
-    found = named(rows_of(plugin, monkeypatch, trials=512))
+    found = named(rows_of(plugin, trials=512))
     left = found["left", "Cramer-Rao"]
     # linear least squares weighs scales of 7 % difference wrongly, by 2 % at the most
     assert left.prediction * 0.98 < left.value < 1.06 * left.prediction
 
 
 @pytest.mark.ci
-def test_six_positions_are_the_example_of_the_documentation(monkeypatch):
+def test_six_positions_are_the_example_of_the_documentation():
     plugin = find_plugin(SIX, Calibrator)
     assert probe_calibrator(plugin, cube_faces()) < 1e-14
     for poses in (6, 24):
         values = {"pose_set": "faces", "poses": poses, "trials": 512}
-        found = named(rows_of(plugin, monkeypatch, **values))
+        found = named(rows_of(plugin, **values))
         assert found["left", "best of its class"].value == pytest.approx(
             0.2447, abs=4e-4
         )
@@ -181,12 +178,10 @@ def test_six_positions_are_the_example_of_the_documentation(monkeypatch):
         ),
     ],
 )
-def test_poses_that_do_not_fit_are_refused_with_the_others(
-    plugin, values, words, monkeypatch
-):
+def test_poses_that_do_not_fit_are_refused_with_the_others(plugin, values, words):
     plugin = find_plugin(str(EXAMPLES / plugin), Calibrator)
     with pytest.raises(PluginError, match=words):
-        rows_of(plugin, monkeypatch, trials=32, **values)
+        rows_of(plugin, trials=32, **values)
 
 
 def test_it_is_probed_with_the_errors_that_it_declares():
@@ -198,7 +193,7 @@ def test_it_is_probed_with_the_errors_that_it_declares():
         probe_calibrator(nine)
 
 
-def test_what_is_estimated_and_not_declared_is_seen_in_noise(monkeypatch):
+def test_what_is_estimated_and_not_declared_is_seen_in_noise():
     # without noise its scales are 1, as declared
     plugin = dataclasses.replace(
         lengths(("scale", "bias")),
@@ -208,7 +203,7 @@ def test_what_is_estimated_and_not_declared_is_seen_in_noise(monkeypatch):
     with pytest.raises(
         PluginError, match="estimates bias, so its matrix must be the u"
     ):
-        rows_of(plugin, monkeypatch, trials=32)
+        rows_of(plugin, trials=32)
 
 
 EYE, ZERO = np.eye(3), np.zeros(3)
@@ -260,7 +255,7 @@ def test_poses_of_a_cell_must_fit_their_set(values):
         expand("s", {"calibrator": {"algorithm": SIX, **values}})
 
 
-def test_an_answer_that_never_varies_is_no_estimate(monkeypatch):
+def test_an_answer_that_never_varies_is_no_estimate():
     """It is right about the sensor of the study, and looks at no reading."""
 
     def constant(poses, g, noise_std):
@@ -280,4 +275,4 @@ def test_an_answer_that_never_varies_is_no_estimate(monkeypatch):
             noise_std=True,
         )
         with pytest.raises(PluginError, match=rf"still gives the same {name} in all"):
-            rows_of(plugin, monkeypatch, sensor="own class", trials=64)
+            rows_of(plugin, sensor="own class", trials=64)

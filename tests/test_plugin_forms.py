@@ -61,11 +61,10 @@ def changed(plugin, change):
     )
 
 
-def measured(plugin, monkeypatch, **words):
+def measured(plugin, **words):
     """Rows of a cell by name, and the names of those that fail without chance."""
-    monkeypatch.setattr(estimator, "find_plugin", lambda *_: plugin)
     parameters = estimator.Parameters(algorithm="any", samples=1024, **words)
-    rows = estimator.compute(parameters, STREAMS).rows
+    rows = estimator.outcome(plugin, parameters, STREAMS).rows
     judged = judge(rows_by_name.named([row for row in rows if row.check == "limit"]))
     assert {verdict.answer for verdict in judged} <= {"pass", "fail"}
     failed = {str(v.row.statistic) for v in judged if v.answer == "fail"}
@@ -198,14 +197,14 @@ def test_bad_answers_to_stacks_are_refused(estimate, vectors, words):
         probe_estimator(dataclasses.replace(STACKED, estimate=estimate), vectors)
 
 
-def test_what_cannot_take_more_vectors_is_refused(monkeypatch):
+def test_what_cannot_take_more_vectors_is_refused():
     for plugin, words in (
         (MATRIX, r"takes two pairs and `vectors` is 3; set it to 2, or"),
         (dataclasses.replace(STACKED, reference="NED"), "takes the two fixed ref"),
         (dataclasses.replace(STACKED, kind="triad"), "theory is of two vectors"),
     ):
         with pytest.raises(PluginError, match=words):
-            measured(plugin, monkeypatch, vectors=3)
+            measured(plugin, vectors=3)
 
 
 # fixed frames
@@ -296,17 +295,17 @@ def test_a_wrong_dip_is_told(declared):
 
 
 @pytest.mark.ci
-def test_a_fixed_frame_is_measured(monkeypatch):
+def test_a_fixed_frame_is_measured():
     for frame, kind in (
         (in_frame("NED", "down", 1.1), "wahba"),
         (in_frame("NED", "down"), "triad"),
     ):
         plugin = dataclasses.replace(frame, kind=kind)
-        rows, failed = measured(plugin, monkeypatch)
+        rows, failed = measured(plugin)
         assert not failed
         assert rows["class_bias"].value < 1e-6
     with pytest.raises(PluginError, match=r"`noise` gives the references noise"):
-        measured(in_frame("NED", "down"), monkeypatch, noise="all")
+        measured(in_frame("NED", "down"), noise="all")
 
 
 # power series
@@ -330,11 +329,10 @@ SERIES = dataclasses.replace(
 
 @pytest.mark.ci
 @pytest.mark.parametrize("side", ["body", "reference"])
-def test_theory_of_a_plugin_comes_from_itself(side, monkeypatch):
+def test_theory_of_a_plugin_comes_from_itself(side):
     plugin = dataclasses.replace(SERIES, side=side)
-    monkeypatch.setattr(estimator, "find_plugin", lambda *_: plugin)
     parameters = estimator.Parameters(algorithm="any", noise_std=0.05, samples=1024)
-    rows = estimator.compute(parameters, STREAMS).rows
+    rows = estimator.outcome(plugin, parameters, STREAMS).rows
     found = {(str(row.statistic), row.predictor): row for row in rows}
     for name in ("bias[x]", "covariance[z,z]"):
         second, fourth, cubature = (
@@ -351,7 +349,7 @@ def test_theory_of_a_plugin_comes_from_itself(side, monkeypatch):
 
 
 @pytest.mark.ci
-def test_series_of_quaternions_are_those_of_matrices(monkeypatch):
+def test_series_of_quaternions_are_those_of_matrices():
     def estimate(b1, b2, r1, r2):
         e = np.cross(b1 - r1, b2 - r2)
         s = np.sum((b1 - r1) * (b2 + r2), axis=-1, keepdims=True)
@@ -373,7 +371,7 @@ def test_series_of_quaternions_are_those_of_matrices(monkeypatch):
     )
     values = []
     for plugin in (plain, turned):
-        rows, _ = measured(plugin, monkeypatch)
+        rows, _ = measured(plugin)
         assert rows["class_covariance"].value < 1e-6
         assert rows["class_bias"].value < 1e-6
         values.append(rows["covariance[x,x]"].prediction)
@@ -404,21 +402,19 @@ def of_floats(*vectors):
         (matrices, r"cannot work with power series at `return attitude_matrix"),
     ],
 )
-def test_what_cannot_work_with_series_is_refused_with_its_line(
-    estimate, words, monkeypatch
-):
+def test_what_cannot_work_with_series_is_refused_with_its_line(estimate, words):
     wrong = dataclasses.replace(SERIES, estimate=estimate, kind=None)
     with pytest.raises(PluginError, match=r"series declares series=True") as caught:
-        measured(wrong, monkeypatch)
+        measured(wrong)
     assert not isinstance(caught.value, CrashedPluginError)
     with pytest.raises(PluginError, match=words):
         raise caught.value
     sound = dataclasses.replace(wrong, series=False)
-    assert not measured(sound, monkeypatch)[1]
+    assert not measured(sound)[1]
 
 
 @pytest.mark.ci
-def test_a_series_without_its_noise_fails(monkeypatch):
+def test_a_series_without_its_noise_fails():
     def estimate(*vectors):
         if vectors[0].dtype != object:
             return arithmetic_triad(*vectors)
@@ -428,4 +424,4 @@ def test_a_series_without_its_noise_fails(monkeypatch):
         return arithmetic_triad(*constant)
 
     wrong = dataclasses.replace(SERIES, estimate=estimate, kind=None)
-    assert "class_covariance" in measured(wrong, monkeypatch)[1]
+    assert "class_covariance" in measured(wrong)[1]

@@ -42,13 +42,12 @@ def garbage(estimate, **declared):
     )
 
 
-def measured(plugin, monkeypatch, noise_std=0.05):
+def measured(plugin, noise_std=0.05):
     """Rows of a cell by name."""
-    monkeypatch.setattr(estimator, "find_plugin", lambda *_: plugin)
     parameters = estimator.Parameters(
         algorithm="any", noise_std=noise_std, samples=1024
     )
-    return estimator.compute(parameters, STREAMS).rows
+    return estimator.outcome(plugin, parameters, STREAMS).rows
 
 
 def failing(rows):
@@ -104,11 +103,11 @@ def test_sound_estimators_fail_nowhere(estimate):
         (dataclasses.replace(CLEAN, estimate=raising_at_yaw), {"yaw only"}),
     ],
 )
-def test_what_fails_at_a_class_fails_by_its_row(plugin, classes, monkeypatch):
-    rows = measured(plugin, monkeypatch)
+def test_what_fails_at_a_class_fails_by_its_row(plugin, classes):
+    rows = measured(plugin)
     assert failing(rows) == {f"failures[{name}]" for name in classes}
     # declared it is shown and not judged
-    known = measured(dataclasses.replace(plugin, fails_at=tuple(classes)), monkeypatch)
+    known = measured(dataclasses.replace(plugin, fails_at=tuple(classes)))
     assert not failing(known)
     shown = {str(row.statistic): row.value for row in known if row.check == "record"}
     assert all(shown[f"failures[{name}]"] > 0.0 for name in classes)
@@ -183,9 +182,9 @@ KINDS = {
 @pytest.mark.ci
 @pytest.mark.parametrize("side", ["body", "reference"])
 @pytest.mark.parametrize("kind", CLASSES_OF_ESTIMATORS)
-def test_the_clean_twins_of_each_class_pass(kind, side, monkeypatch):
+def test_the_clean_twins_of_each_class_pass(kind, side):
     twin = dataclasses.replace(CLEAN, estimate=KINDS[kind], kind=kind, side=side)
-    rows = measured(twin, monkeypatch)
+    rows = measured(twin)
     assert not failing(rows)
     found = {str(row.statistic): row for row in rows}
     # far within what is allowed, which is not much itself
@@ -196,10 +195,10 @@ def test_the_clean_twins_of_each_class_pass(kind, side, monkeypatch):
 
 @pytest.mark.ci
 @pytest.mark.parametrize("kind", CLASSES_OF_ESTIMATORS)
-def test_no_class_passes_for_another(kind, monkeypatch):
+def test_no_class_passes_for_another(kind):
     other = "triad" if kind != "triad" else "wahba"
     wrong = dataclasses.replace(CLEAN, estimate=KINDS[kind], kind=other)
-    assert "class_covariance" in failing(measured(wrong, monkeypatch))
+    assert "class_covariance" in failing(measured(wrong))
 
 
 @pytest.mark.ci
@@ -211,18 +210,16 @@ def test_no_class_passes_for_another(kind, monkeypatch):
         (knowing, "below_bound"),
     ],
 )
-def test_a_wrong_estimator_cannot_agree_with_itself(estimate, row, monkeypatch):
+def test_a_wrong_estimator_cannot_agree_with_itself(estimate, row):
     probe_estimator(garbage(estimate))
-    assert row in failing(measured(garbage(estimate), monkeypatch))
+    assert row in failing(measured(garbage(estimate)))
 
 
 @pytest.mark.ci
-def test_a_quadratic_bias_is_seen_beside_a_class_alone(monkeypatch):
+def test_a_quadratic_bias_is_seen_beside_a_class_alone():
     # within the size of second-order terms, so it may be an estimator's own
-    assert not failing(measured(garbage(quadratic), monkeypatch))
-    assert failing(measured(garbage(quadratic, kind="wahba"), monkeypatch)) == {
-        "class_bias"
-    }
+    assert not failing(measured(garbage(quadratic)))
+    assert failing(measured(garbage(quadratic, kind="wahba"))) == {"class_bias"}
 
 
 def test_the_covariance_of_triad_is_that_of_its_samples():

@@ -74,27 +74,26 @@ def leading(b1, b2, r1, r2, noise_std, factor=1.0):
     return factor * noise_std**2 * np.linalg.inv(H)
 
 
-def limits(plugin, monkeypatch, noise_std=0.05, geometry=3):
+def limits(plugin, noise_std=0.05, geometry=3):
     """Rows without chance of the study of one estimator."""
-    monkeypatch.setattr(estimator, "find_plugin", lambda *_: plugin)
     parameters = estimator.Parameters(
         algorithm="any", noise_std=noise_std, geometry=geometry, samples=1024
     )
-    rows = estimator.compute(parameters, STREAMS).rows
+    rows = estimator.outcome(plugin, parameters, STREAMS).rows
     return {str(row.statistic): row for row in rows if row.check == "limit"}
 
 
 @pytest.mark.parametrize("geometry", range(6))
 @pytest.mark.parametrize("noise_std", [0.001, 0.05])
-def test_a_sound_bias_is_of_second_order(geometry, noise_std, monkeypatch):
-    rows = limits(GOOD, monkeypatch, noise_std, geometry)
+def test_a_sound_bias_is_of_second_order(geometry, noise_std):
+    rows = limits(GOOD, noise_std, geometry)
     for name in ("cubature_bias", "cubature_bias_at_small_noise"):
         assert rows[name].value <= rows[name].prediction
     assert rows["cubature_bias_at_small_noise"].prediction < 3e-6  # no blank cheque
 
 
 @pytest.mark.ci
-def test_an_exact_claim_is_allowed_what_cubature_is_off_by(monkeypatch):
+def test_an_exact_claim_is_allowed_what_cubature_is_off_by():
     def plugin(factor):
         return Estimator(
             name="d",
@@ -108,11 +107,11 @@ def test_an_exact_claim_is_allowed_what_cubature_is_off_by(monkeypatch):
     def off(noise):  # by degree 9, which the study does not use
         return 1.0 + claim_off(Setting(plugin(lambda _: 1.0), 3).cubature(noise, 9))
 
-    row = limits(plugin(lambda _: 1.0), monkeypatch)["claim_off"]
+    row = limits(plugin(lambda _: 1.0))["claim_off"]
     assert row.value == pytest.approx(0.0122, abs=1e-4)  # the leading term alone
     assert row.value > 10 * row.prediction
     exact = {0.05: off(0.05)}
-    row = limits(plugin(lambda noise: exact.get(noise, 1.0)), monkeypatch)["claim_off"]
+    row = limits(plugin(lambda noise: exact.get(noise, 1.0)))["claim_off"]
     assert row.value <= row.prediction
 
 
@@ -126,7 +125,7 @@ def test_an_exact_claim_is_allowed_what_cubature_is_off_by(monkeypatch):
         pytest.param(0.02, marks=pytest.mark.slow),
     ],
 )
-def test_a_covariance_that_is_wrong_at_one_noise_alone_fails_there(noise, monkeypatch):
+def test_a_covariance_that_is_wrong_at_one_noise_alone_fails_there(noise):
     """Its order is kept from this noise to half of it: only its size is wrong."""
 
     def plugin(factor):
@@ -141,12 +140,12 @@ def test_a_covariance_that_is_wrong_at_one_noise_alone_fails_there(noise, monkey
             covariance=covariance,
         )
 
-    rows = limits(plugin(1.0), monkeypatch, noise)
+    rows = limits(plugin(1.0), noise)
     assert rows["claim_off_at_the_noise"].value <= (
         rows["claim_off_at_the_noise"].prediction
     )
     for factor in (0.6, 0.85, 1.25):
-        rows = limits(plugin(factor), monkeypatch, noise)
+        rows = limits(plugin(factor), noise)
         over = rows["claim_off_at_the_noise"]
         assert over.value > over.prediction
         half = rows["claim_off_at_half_noise"]
@@ -204,28 +203,27 @@ def test_the_log_calibration_through_the_log_has_honest_error_bars():
     assert standard_error < 0.5
 
 
-def answering(monkeypatch, **more):
+def answering(**more):
     def work(poses, g):
         fit = calibrate(poses, g)
         return {"matrix": fit.matrix, "B": fit.B, "covariance": fit.covariance, **more}
 
     plugin = Calibrator(name="c", calibrate=work)
-    monkeypatch.setattr(calibrator, "find_plugin", lambda *_: plugin)
     parameters = calibrator.Parameters(algorithm="any", trials=32)
-    rows = calibrator.compute(parameters, STREAMS).rows
+    rows = calibrator.outcome(plugin, parameters, STREAMS).rows
     return next(row.value for row in rows if str(row.statistic) == "nees")
 
 
 @pytest.mark.ci
-def test_a_type_a_covariance_is_judged_by_its_own_law(monkeypatch):
-    plain = answering(monkeypatch)
-    known = answering(monkeypatch, covariance_kind="known sigma", dof=15)
-    scaled = answering(monkeypatch, covariance_kind="type A", dof=15)
+def test_a_type_a_covariance_is_judged_by_its_own_law():
+    plain = answering()
+    known = answering(covariance_kind="known sigma", dof=15)
+    scaled = answering(covariance_kind="type A", dof=15)
     assert known == plain
     # an eps of the poses, times the condition of the fit
     assert scaled == pytest.approx(plain * 13 / 15, rel=100 * EPS, abs=0)
     with pytest.raises(PluginError, match="14 poses or more"):
-        answering(monkeypatch, covariance_kind="type A", dof=4)
+        answering(covariance_kind="type A", dof=4)
 
 
 # the code that was measured is the code that was meant

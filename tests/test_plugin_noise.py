@@ -59,15 +59,14 @@ def textbook(b1, b2, r1, r2, noise_std):
     )
 
 
-def rows_of(plugin, monkeypatch, streams=STREAMS, **words):
-    monkeypatch.setattr(estimator, "find_plugin", lambda *_: plugin)
+def rows_of(plugin, streams=STREAMS, **words):
     given = {"algorithm": "any", "samples": 1024, "noise_std": 0.01} | words
-    return estimator.compute(estimator.Parameters(**given), streams).rows
+    return estimator.outcome(plugin, estimator.Parameters(**given), streams).rows
 
 
-def measured(plugin, monkeypatch, **words):
+def measured(plugin, **words):
     """Rows of a cell by name, none of which may fail but those that are returned."""
-    rows = rows_of(plugin, monkeypatch, **words)
+    rows = rows_of(plugin, **words)
     judged = judge(rows_by_name.named(rows))
     failed = {str(v.row.statistic) for v in judged if v.answer == "fail"}
     return {str(row.statistic): row for row in rows}, failed
@@ -199,15 +198,15 @@ def test_tangent_noise_is_across_each_vector():
 
 
 @pytest.mark.ci
-def test_a_textbook_covariance_passes_by_default(monkeypatch):
+def test_a_textbook_covariance_passes_by_default():
     plugin = dataclasses.replace(PLAIN, covariance=textbook)
-    rows, failed = measured(plugin, monkeypatch, samples=16_384)
+    rows, failed = measured(plugin, samples=16_384)
     assert not failed
     assert rows["nees"].value == pytest.approx(3.0, abs=0.15)
     with pytest.raises(PluginError, match=r"trace is 0\.5 times what it should be"):
-        rows_of(plugin, monkeypatch, noise="all")
+        rows_of(plugin, noise="all")
     # one number does not say what this noise is: the covariance is not asked for
-    rows, failed = measured(plugin, monkeypatch, noise="unequal")
+    rows, failed = measured(plugin, noise="unequal")
     assert not failed
     assert "nees" not in rows
 
@@ -219,7 +218,7 @@ def read_covariance(body, references, noise_std, weights):
 @pytest.mark.ci
 @pytest.mark.parametrize("noise", ["unequal", "1 3 0.5 2"])
 @pytest.mark.parametrize("factor", [1.0, 1.02])
-def test_a_covariance_that_reads_its_noise_is_judged(noise, factor, monkeypatch):
+def test_a_covariance_that_reads_its_noise_is_judged(noise, factor):
     def covariance(*given, **told):
         return factor * read_covariance(*given, **told)
 
@@ -230,12 +229,12 @@ def test_a_covariance_that_reads_its_noise_is_judged(noise, factor, monkeypatch)
         covariance=covariance,
     )
     if factor == 1.0:
-        rows, failed = measured(plugin, monkeypatch, noise=noise)
+        rows, failed = measured(plugin, noise=noise)
         assert not failed
         assert "nees" in rows
     else:
         with pytest.raises(PluginError, match=r"trace is 1\.02 times"):
-            measured(plugin, monkeypatch, noise=noise)
+            measured(plugin, noise=noise)
 
 
 @pytest.mark.parametrize("noise", NOISES, ids=range(len(NOISES)))
@@ -251,7 +250,7 @@ def test_a_covariance_that_reads_its_noise_is_judged(noise, factor, monkeypatch)
     ],
     ids=lambda plugin: plugin.name,
 )
-def test_theory_of_each_class_holds_under_each_noise(plugin, noise, monkeypatch):
+def test_theory_of_each_class_holds_under_each_noise(plugin, noise):
     setting = Setting(plugin, 3, 2, noise)
     rows = {str(r.statistic): r for r in estimator.leading_rows(setting, 1e-15)}
     for name in ("first_order_bias", "below_bound", "class_bias", "class_covariance"):
@@ -260,7 +259,7 @@ def test_theory_of_each_class_holds_under_each_noise(plugin, noise, monkeypatch)
 
 
 @pytest.mark.ci
-def test_weights_that_are_not_used_as_they_should(monkeypatch):
+def test_weights_that_are_not_used_as_they_should():
     def weighing(use, kind):
         return dataclasses.replace(
             WEIGHTED, kind=kind,
@@ -268,7 +267,7 @@ def test_weights_that_are_not_used_as_they_should(monkeypatch):
         )  # fmt: skip
 
     def failed(use, kind=None):
-        return measured(weighing(use, kind), monkeypatch, noise="unequal")[1]
+        return measured(weighing(use, kind), noise="unequal")[1]
 
     with pytest.raises(PluginError, match="reads `weights` and ignores it"):
         failed(lambda w: None)
@@ -314,10 +313,8 @@ def test_cells_of_one_geometry_share_their_noise():
 
 
 @pytest.mark.ci
-def test_differences_have_their_own_small_error(monkeypatch):
-    rows, failed = measured(
-        dataclasses.replace(PLAIN, estimate=triad), monkeypatch, samples=16_384
-    )
+def test_differences_have_their_own_small_error():
+    rows, failed = measured(dataclasses.replace(PLAIN, estimate=triad), samples=16_384)
     assert not failed
     row, rms = rows["rms_difference"], rows["rms"]
     assert row.value > 10.0 * row.standard_error
@@ -325,22 +322,22 @@ def test_differences_have_their_own_small_error(monkeypatch):
     z = (row.value - row.prediction) / row.standard_error
     assert abs(z) < 4.5  # of a fixed seed, one in 1e5
     # an algorithm that is the built-in one differs by rounding alone
-    same, failed = measured(PLAIN, monkeypatch, samples=16_384)
+    same, failed = measured(PLAIN, samples=16_384)
     assert not failed
     assert abs(same["rms_difference"].value) < 1e-14
     # and a turn of the same answers is seen, which efficiency alone would hide
     worse = dataclasses.replace(
         PLAIN, estimate=lambda *v: davenport(1.001 * v[0], *v[1:])
     )
-    changed = measured(worse, monkeypatch, samples=16_384)[0]["rms_difference"]
+    changed = measured(worse, samples=16_384)[0]["rms_difference"]
     assert changed.standard_error < 1e-3 * rms.standard_error
 
 
 @pytest.mark.ci
-def test_efficiency_is_without_chance(monkeypatch):
+def test_efficiency_is_without_chance():
     found = []
     for key in (1, 2):
-        rows = rows_of(PLAIN, monkeypatch, Streams(1, (key,)))
+        rows = rows_of(PLAIN, Streams(1, (key,)))
         found.append({str(row.statistic): row for row in rows})
     first, second = found
     assert first["efficiency"] == second["efficiency"]
@@ -360,8 +357,8 @@ def test_efficiency_is_without_chance(monkeypatch):
 
 @pytest.mark.ci
 @pytest.mark.parametrize("vectors", [2, 3, 5])
-def test_weighted_vectors_reach_the_bound(vectors, monkeypatch):
-    rows, failed = measured(WEIGHTED, monkeypatch, vectors=vectors, noise="unequal")
+def test_weighted_vectors_reach_the_bound(vectors):
+    rows, failed = measured(WEIGHTED, vectors=vectors, noise="unequal")
     assert not failed
     assert rows["efficiency"].value == pytest.approx(1.0, abs=2e-3)
     assert rows["efficiency"].value < 1.0
