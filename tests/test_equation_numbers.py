@@ -30,7 +30,7 @@ DERIVED = {
     ),
     "magnetometer.md": ("theory.magnetometer",),
     "theory_calibration.md": (
-        "sensor.model", "sensor.forms", "sensor.estimated", "poses",
+        "sensor.models", "sensor.forms", "poses",
         "calibrate.quadric", "calibrate.moments", "calibrate.start",
         "calibrate.leverage", "calibrate.uncertainty", "theory.calibration",
         "theory.calibration_classes",

@@ -23,7 +23,7 @@ it for one: a bound is then no lower than one signal in six without the coeffici
 shows, and never zero, which no signal tells.
 
 **Rounding.** Rounding to a step q adds, where the noise is half a step or more, white
-noise of the variance :math:`q^2/12` (V7), to 1.5 % of that. Below, a reading sticks to
+noise of the variance :math:`q^2/12`  (V7), to 1.5 % of that. Below, a reading sticks to
 one value and its error follows the signal: neither white nor a noise of the sensor.
 
 **Repeated rows.** A sensor that is slower than its log repeats its readings. Noise that
