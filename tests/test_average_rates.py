@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
 from simval.scene import average_rates, scenes, simulate
-from simval.scene.motion import minimum_jerk
-from simval.scene.rates import increments
+from simval.scene.drivers import minimum_jerk
+from simval.scene.trajectory import increments
 
 FROM, TO = np.array([0.3, -0.5, 1.1]), np.array([-1.9, 0.8, -1.4])
 

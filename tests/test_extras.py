@@ -11,7 +11,7 @@ from places import ROOT
 
 from simval import extras
 from simval.errors import InputError
-from simval.scene import encode
+from simval.scene import captions, pictures
 from simval.sweep.run import data_frame, export_parquet
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -36,8 +36,8 @@ def test_each_extra_that_is_asked_for_can_be_installed():
     [
         (lambda: data_frame([]), "pandas", "a data frame"),
         (lambda: export_parquet(Path("run"), Path("file")), "pyarrow", "Parquet"),
-        (encode.pillow, "PIL", "writing pictures"),
-        (lambda: encode.require_encoder(".mp4"), "imageio", r"writing \.mp4"),
+        (captions.pillow, "PIL", "writing pictures"),
+        (lambda: pictures.require_encoder(".mp4"), "imageio", r"writing \.mp4"),
     ],
 )
 def test_what_is_missing_is_said(call, hidden, what, monkeypatch):

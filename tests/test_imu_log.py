@@ -23,7 +23,7 @@ from simval.multiposition.axes import rail, require_alive
 from simval.multiposition.kalibr import kalibr_yaml
 from simval.report.calibration_page import calibration_page
 from simval.scene import simulate
-from simval.scene.signal import motion_of, write_signal
+from simval.scene.trajectory import motion_of, write_signal
 from simval.sensor import load_imu, read_imu
 
 SENSORS = """

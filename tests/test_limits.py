@@ -25,7 +25,7 @@ from simval.judge.baseline import read_baseline
 from simval.logs import read_log, read_truth
 from simval.noise import load_noise
 from simval.plugins import Estimator, find_plugin
-from simval.scene.models import load_model
+from simval.scene.physics import load_model
 from simval.sensor import load_imu
 from simval.streams import Streams
 from simval.studies import STUDIES

@@ -25,7 +25,7 @@ from simval.multiposition.judgements import honest, judgements
 from simval.poses import fibonacci_sphere
 from simval.report import render_calibration
 from simval.scene import simulate
-from simval.scene.signal import motion_of, write_signal
+from simval.scene.trajectory import motion_of, write_signal
 from simval.sensor import AccelerometerModel, forms, load_imu, read_imu
 
 TRUTH = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])

@@ -55,7 +55,7 @@ def test_no_value_stops_a_command(tmp_path, value):
 def test_a_process_keeps_its_own_renderer(value):
     # a user's process has MuJoCo with the renderer that it asks for, if that is there
     program = (
-        "import os\nfrom simval.scene.library import mujoco\n"
+        "import os\nfrom simval.scene.physics import mujoco\n"
         "print(mujoco.MjModel.__name__, hasattr(mujoco, 'GLContext'))\n"
         "print(os.environ['MUJOCO_GL'])"
     )

@@ -28,7 +28,7 @@ from simval.judge import read_baseline, write_baseline
 from simval.plugins.probe import probe_sensor
 from simval.plugins.programs import log_of
 from simval.poses import fibonacci_sphere
-from simval.scene.models import load_model
+from simval.scene.physics import load_model
 from simval.sweep import load_run
 
 QUICK, NIGHTLY = 34, 334  # times six kinds: 204 and 2004

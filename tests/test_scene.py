@@ -10,9 +10,8 @@ from simval.errors import InputError, SimulationError
 from simval.geometry import attitude_matrix
 from simval.poses import cube_corners, cube_faces, fibonacci_sphere
 from simval.scene import scenes, simulate
-from simval.scene.driven import gimbal_angles
-from simval.scene.models import load_model, model_path
-from simval.scene.motion import minimum_jerk
+from simval.scene.drivers import gimbal_angles, minimum_jerk
+from simval.scene.physics import load_model, model_path
 
 G = 9.80665
 QUICK = {"move_time": 0.5, "hold_time": 0.1, "first_hold": 0.1}

@@ -13,9 +13,8 @@ from simval.errors import InputError, SimulationError
 from simval.poses import random_directions
 from simval.scene import Script, find_scene, simulate
 from simval.scene.cache import cache_folder, content_key, simulate_cached
-from simval.scene.engine import roll_out
-from simval.scene.many import COLUMNS, simulate_many
-from simval.scene.run import plan_run
+from simval.scene.physics import roll_out
+from simval.scene.run import COLUMNS, plan_run, simulate_many
 
 QUICK = {"poses": 3, "move_time": 0.3, "hold_time": 0.1, "first_hold": 0.1}
 FIELDS = ("time", "specific_force", "angular_velocity", "magnetic_field", "attitude")

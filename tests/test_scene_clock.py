@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from simval.errors import SimulationError
-from simval.scene.checks import CLOCK_TOLERANCE, check_run, is_regular
+from simval.scene.run import CLOCK_TOLERANCE, check_run, is_regular
 
 OFF = 1e-9  # relative, of a step that is wrong
 ROWS = 10_000

@@ -12,8 +12,8 @@ from simval.errors import InputError
 from simval.logs import read_log
 from simval.scene import average_rates, render, render_file, simulate
 from simval.scene.draw import CAMERA
-from simval.scene.models import load_model, model_path
-from simval.scene.signal import header, motion_of, write_signal
+from simval.scene.physics import load_model, model_path
+from simval.scene.trajectory import header, motion_of, write_signal
 from simval.sensor import load_imu, load_sensor, read_imu
 from simval.streams import stream
 

@@ -8,9 +8,8 @@ import pytest
 
 from simval.errors import InputError, SimulationError
 from simval.scene import Scene, Script, find_scene, simulate
-from simval.scene.checks import check_run, settled_rests
-from simval.scene.messages import captured_messages
-from simval.scene.models import load_model, model_path
+from simval.scene.physics import captured_messages, load_model, model_path
+from simval.scene.run import check_run, settled_rests
 
 QUICK = {"poses": 2, "move_time": 0.2, "hold_time": 0.1, "first_hold": 0.1}
 GIMBAL = model_path("gimbal").read_text()

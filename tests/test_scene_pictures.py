@@ -14,10 +14,21 @@ from PIL import Image
 from simval.errors import InputError
 from simval.geometry import attitude_matrix
 from simval.report.calibration_page import widest_gap
-from simval.scene import frames, render, simulate
-from simval.scene.arrows import (
+from simval.scene import pictures, render, simulate
+from simval.scene.captions import (
+    EDGE,
+    RADIUS,
+    Caption,
+    Directions,
+    captioned,
+    placed,
+    seen,
+)
+from simval.scene.catalogue import find_scene
+from simval.scene.draw import (
     AXES,
     AXIS_LENGTH,
+    CAMERA,
     FORCE,
     FORCE_LENGTH,
     LONGEST,
@@ -26,13 +37,8 @@ from simval.scene.arrows import (
     make_glass,
     projected,
 )
-from simval.scene.captions import Caption, captioned
-from simval.scene.catalogue import find_scene
-from simval.scene.draw import CAMERA
-from simval.scene.engine import instants
-from simval.scene.frames import Frame
-from simval.scene.globe import EDGE, RADIUS, Directions, placed, seen
-from simval.scene.models import load_model, model_path
+from simval.scene.physics import instants, load_model, model_path
+from simval.scene.pictures import Frame
 from simval.scene.run import write_script
 
 SHORT = {"poses": 3, "first_hold": 0.3, "hold_time": 0.2, "move_time": 0.3}
@@ -243,7 +249,7 @@ def test_an_arrow_ends_where_its_letter_is(drawable):
         "force": np.array([[0.0, 9.80665, 0.0]]),
         "size": np.array([960, 720]),
     }
-    (frame,) = frames.drawn_frames(chosen, job)
+    (frame,) = pictures.drawn_frames(chosen, job)
     _, x, _, z, _ = frame.places
     for tip, colour in ((x, 2), (z, 1)):
         near, far = (

@@ -14,9 +14,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from simval.scene import find_scene, simulate
-from simval.scene.engine import INPUTS, bit_of, roll_out
-from simval.scene.messages import captured_messages
-from simval.scene.models import load_model
+from simval.scene.physics import INPUTS, bit_of, captured_messages, load_model, roll_out
 from simval.scene.run import write_script
 
 STEPPERS = {

@@ -12,7 +12,7 @@ from simval.cli.options import refuse_if, stated
 from simval.cli.terminal import say
 from simval.errors import InputError
 from simval.scene import Trajectory, find_scene, render_file, scenes, simulate
-from simval.scene.signal import motion_of, write_signal
+from simval.scene.trajectory import motion_of, write_signal
 from simval.sensor import ImuModel, ImuReadings, load_imu, read_imu
 from simval.streams import cell_key, stream
 from simval.text import did_you_mean

@@ -2,13 +2,11 @@
 
 from simval.scene.cache import simulate_cached
 from simval.scene.catalogue import find_scene, scenes
-from simval.scene.many import RestMeans, simulate_many
-from simval.scene.models import model_path, models_folder
-from simval.scene.rates import average_rates
-from simval.scene.render import render, render_file
-from simval.scene.run import simulate
+from simval.scene.physics import model_path, models_folder
+from simval.scene.pictures import render, render_file
+from simval.scene.run import RestMeans, simulate, simulate_many
 from simval.scene.script import Scene, Script
-from simval.scene.trajectory import Trajectory
+from simval.scene.trajectory import Trajectory, average_rates
 
 __all__ = [
     "RestMeans",

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from simval.scene.library import mujoco
+from simval.scene.physics import mujoco
 from simval.scene.run import Plan, plan_run, run_plan
 from simval.scene.script import Scene
 from simval.scene.trajectory import Trajectory

@@ -22,12 +22,16 @@ import numpy as np
 from simval.errors import InputError
 from simval.plugins.loading import find_plugin, missing
 from simval.plugins.names import file_of
-from simval.scene.driven import drive_gimbal, drive_shaker
-from simval.scene.free import drive_freefall, drive_pivot
-from simval.scene.hand import drive_handheld
-from simval.scene.models import model_path
+from simval.scene.drivers import (
+    drive_freefall,
+    drive_gimbal,
+    drive_handheld,
+    drive_pivot,
+    drive_shaker,
+    drive_thrown,
+)
+from simval.scene.physics import model_path
 from simval.scene.script import Scene, Script
-from simval.scene.thrown import drive_thrown
 from simval.text import did_you_mean
 
 CONTACT_FORCE = 20_000.0  # m/s^2; an impact of 2 m/s within one step of 0.1 ms

@@ -75,7 +75,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         f"scene-{name}.npz": {"directions": directions, "drawn": drawn}
     }
     with suppress(InputError):  # this machine cannot draw: the report says so
-        from simval.scene.render import render
+        from simval.scene.pictures import render
 
         picture = render(parameters.scene, time=float(drawn[0]), poses=parameters.poses)
         artifacts[f"scene-{name}.png"] = picture

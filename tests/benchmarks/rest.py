@@ -9,9 +9,7 @@ import numpy as np
 from benchmarks.in_numpy import allan_variances
 from benchmarks.race import Answer, Contender, Done
 from simval.noise import allan_variance
-from simval.scene.engine import last_row, roll_out
-from simval.scene.library import mujoco
-from simval.scene.messages import captured_messages
+from simval.scene.physics import captured_messages, last_row, mujoco, roll_out
 from simval.scene.run import plan_run
 
 TOGETHER = 8  # as `many` takes

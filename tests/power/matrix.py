@@ -173,7 +173,7 @@ class _Twin:
 def _run(name: str, folder: Path, context: AbstractContextManager[None]) -> Run:
     suite = expand(name, {"seed": 1} | SUITES[name])
     # pictures are not judged and would take most of the time
-    drawing = import_module("simval.scene.render")  # the name is the function's too
+    drawing = import_module("simval.scene.pictures")  # the name is the function's too
     with replaced(drawing, "render", _no_picture), context:
         return run_suite(suite, folder)
 
