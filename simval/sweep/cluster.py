@@ -9,7 +9,6 @@ break its connection and end.
 
 import logging
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager, suppress
@@ -38,6 +37,10 @@ AGE = 1.0
 
 AHEAD = 2
 """Batches in flight for each thread: one at work, one that waits for it."""
+
+GIVEN_UP = (
+    "every worker was lost that had this cell, the last time with nothing else to do"
+)
 
 Tell = Callable[[str], None]
 """Says to the user what becomes of the workers."""
@@ -156,6 +159,7 @@ class Cluster:
             self._tell(f"worker {address} computes nothing: {'; '.join(lines)}")
         self._threads.pop(address, None)
         self._refused[address] = lines
+        self._seen = -AGE  # it may have been the last one
 
     def lost(self, error: BaseException) -> LostClusterError:
         """Say that the scheduler is gone."""
@@ -250,43 +254,36 @@ def _by_cluster(cluster: Cluster, queue: Queue) -> Iterator[Sequence[Done]]:
     The scheduler gives up a batch after it has lost so many workers (dask's
     `allowed-failures`) that had it, at work or waiting. Its cells are then given out
     alone, those that are lost so after all others, each by itself; one that is lost
-    even then has failed.
+    even then has failed. Where only workers are left that were refused, the batch
+    comes back instead, and is counted here.
     """
     from distributed.scheduler import KilledWorker
 
     flying: Flying = {}
-    last: deque[tuple[int, str]] = deque()  # cells for the end, and why
-    tried: set[int] = set()  # those of them that were given out
-    while queue or flying or last:
+    tried: set[int] = set()  # suspects that were given out by themselves
+    while queue or flying or queue.suspects:
         if not (queue or flying):
-            place, why = last.popleft()
-            if place in tried:
-                yield [failed(*queue.alone(place).cells[0], why)]
-                continue
-            tried.add(place)
-            queue.give_back([place])
+            yield _suspected(queue, tried)
         try:
             yield from windowed(cluster, queue, flying, cluster.window, (KilledWorker,))
         except KilledWorker:
-            last.extend(_given_up(flying, queue, KilledWorker))
+            for future in [future for future in flying if future.done()]:
+                if isinstance(future.exception(), KilledWorker):
+                    queue.was_lost(flying.pop(future))
         except StrangerError as error:
             cluster.refuse(error.worker, error.lines)
         except (CancelledError, OSError) as error:
             raise cluster.lost(error) from None
 
 
-def _given_up(
-    flying: Flying, queue: Queue, kind: type[BaseException]
-) -> Iterator[tuple[int, str]]:
-    """Cells that were lost alone, and why; those of larger batches are given out so."""
-    for future in [future for future in flying if future.done()]:
-        error = future.exception()
-        if isinstance(error, kind):
-            places = flying.pop(future).places
-            if len(places) > 1:
-                queue.give_back(places)
-            else:
-                yield places[0], f"every worker was lost: {error}"
+def _suspected(queue: Queue, tried: set[int]) -> Sequence[Done]:
+    """Give out a suspect by itself, or say that it has failed so, too."""
+    place = queue.suspects.popleft()
+    if place in tried:
+        return [failed(*queue.alone(place).cells[0], GIVEN_UP)]
+    tried.add(place)
+    queue.give_back([place])
+    return []
 
 
 def _end(client: Any) -> None:

@@ -24,7 +24,7 @@ from concurrent.futures import (
 )
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for_any
@@ -71,6 +71,10 @@ SHARES = 4
 """Least number of batches that are left for each that is at work. Chosen: at the end
 of a sweep no worker waits for longer than a quarter of what the others have done."""
 
+RETURNS = 3
+"""How often a batch may come back before its cells travel alone, and these before they
+are computed by themselves: as many losses as dask allows a task."""
+
 Work = Callable[[Cell], Outcome]
 """What computes a cell."""
 
@@ -83,6 +87,7 @@ class Batch:
     alpha: float  # the part of the false-alarm rate of each
     work: Work | None = None  # None is the study's own
     stated: Stated | None = None  # what whoever computes them must be
+    returns: int = 0  # how often it came back
 
     @property
     def places(self) -> list[int]:
@@ -105,6 +110,7 @@ class Queue:
         self._alpha, self._work = alpha / max(len(cells), 1), work
         self._next = 0
         self._back: deque[Batch] = deque()  # before all others
+        self.suspects: deque[int] = deque()  # cells to be computed by themselves
 
     def __bool__(self) -> bool:
         return bool(self._back) or self._next < len(self._pending)
@@ -138,6 +144,23 @@ class Queue:
     def give_back(self, places: Iterable[int]) -> None:
         """Have some cells computed alone, before all others."""
         self._back.extend(map(self.alone, places))
+
+    def came_back(self, batch: Batch) -> None:
+        """Have a batch computed by somebody else, or its cells one by one."""
+        if batch.returns < RETURNS:
+            self.put_back(replace(batch, returns=batch.returns + 1))
+        else:
+            self.was_lost(batch)
+
+    def was_lost(self, batch: Batch) -> None:
+        """Have the cells of a batch that loses its workers computed one by one.
+
+        One that was alone is kept until nothing else is left.
+        """
+        if len(batch.cells) > 1:
+            self.give_back(batch.places)
+        else:
+            self.suspects.extend(batch.places)
 
     def _cell(self, place: int) -> tuple[int, Cell]:
         return place, self._cells[place]
@@ -314,7 +337,7 @@ def _landed(future: Future[list[Done]], batch: Batch, queue: Queue) -> Sequence[
     if error is None:
         return future.result()
     if isinstance(error, StrangerError):
-        queue.put_back(batch)
+        queue.came_back(batch)
         raise error
     if len(batch.cells) > 1:
         queue.give_back(batch.places)
