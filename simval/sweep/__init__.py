@@ -1,8 +1,8 @@
 """Run a suite: a file of studies and grids, cell by cell, into a run folder.
 
-`suite` reads and expands the file, `runner` computes the cells, `store` keeps the
-results in SQLite, `provenance` notes what the numbers depend on, `run` reads a
-finished run back.
+`suite` reads and expands the file, `runner` has its `cells` computed by `executors` or
+on a `cluster`, `store` keeps the results in SQLite, `provenance` and `identity` say
+what the numbers depend on and who may compute, `run` reads a finished run back.
 """
 
 from simval.sweep.run import Run, load_run
