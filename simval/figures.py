@@ -150,8 +150,8 @@ class Figure(Picture):
         Parameters in which the cells of one line differ; each cell is a line then.
     several : bool
         Whether groups of cells with one place on the axis are left out.
-    floor : Statistic or None
-        Value of the cell that is dotted across.
+    floor : Statistic, Family or None
+        Value of the cell that is dotted across, or family of values along the axis.
     where : callable
         Which cells it is about, by their parameters.
     log_x, log_y : bool
@@ -184,7 +184,7 @@ class Figure(Picture):
     single: bool = False
     over: Sequence[str] = ()
     several: bool = False
-    floor: Statistic | None = None
+    floor: Statistic | Family | None = None
     where: Callable[[Parameters], bool] = lambda parameters: True
     log_x: bool = True
     log_y: bool = True
@@ -238,8 +238,14 @@ class Listing:
         one line.
     column : callable
         Title of the column in which a row's value stands.
+    parameters : sequence of str
+        Of the cells, that have a column though they do not vary.
+    unit : callable
+        In which a person reads the values, where it is not that of the rows.
     predicted : bool
         Whether each column has one with its predictions beside it.
+    open : bool
+        Whether it stands at once, without a fold.
     claim : str
         Subject of a sentence for the fold: that the rows are as predicted.
     section : str
@@ -253,7 +259,10 @@ class Listing:
     rows: Sequence[Family | Statistic]
     keys: Mapping[str, Label]
     column: Label = words
+    parameters: Sequence[str] = ()
+    unit: Callable[[Row], Unit | None] = lambda row: None
     predicted: bool = False
+    open: bool = False
     claim: str = ""
     section: str = ""
     where: Callable[[Parameters], bool] = lambda parameters: True

@@ -281,6 +281,10 @@ SETTLING_TRIALS = Family(
 )
 SETTLING = Family("settling", "time to settle", unit="s", least=0.0)
 RMS_AT = Family("rms_at", "RMS error at an instant", "rad", least=0.0, along=True)
+RMS_OVER_BOUND_AT = Family(
+    "rms_over_bound_at", "RMS error over the bound at an instant", least=0.0,
+    along=True,
+)  # fmt: skip
 BOUND_AT = Family(
     "bound_at", "bound at an instant", "rad", least=0.0, better=None, along=True
 )
@@ -298,7 +302,7 @@ NEES_AT = Family(
     better="prediction",
     along=True,
 )
-AT_AN_INSTANT = (RMS_AT, BOUND_AT, NEES_AT, BUDGET_AT)
+AT_AN_INSTANT = (RMS_AT, RMS_OVER_BOUND_AT, BOUND_AT, NEES_AT, BUDGET_AT)
 """Families along time, for a figure and not for a table of a few lines."""
 INCONSISTENT_RATE = Family(
     "inconsistent_rate",

@@ -6,6 +6,7 @@ is about all rows of its families, drawn or not.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,7 +53,7 @@ from simval.report.parameters import axis_words, setting_words
 from simval.report.ratio import ratio_bars, ratio_panel
 from simval.report.section import Context, Section, made
 from simval.report.slope import fitted_slope, order
-from simval.report.table import Column, Table
+from simval.report.table import Column, Kind, Table
 from simval.report.words import FORMULAS, slug, spelled
 from simval.results import Row
 from simval.statistics import (
@@ -92,6 +93,10 @@ BARS = (
 )
 
 Cells = Sequence[CellResult]
+
+
+Panels = tuple[list[AnyPanel], list[AnyPanel]]
+"""What was measured, and measured over predicted."""
 
 
 class Point(NamedTuple):
@@ -164,8 +169,9 @@ def _wanted(shown: Figure | Distribution | Listing) -> list[Family | Statistic]:
         return [*shown.rows]
     every = (shown, *shown.beside)
     axes = [FAMILIES[name] for each in every if (name := str(each.along)) in FAMILIES]
+    floors = [each.floor for each in every if each.floor is not None]
     rows = (row for each in every for row in each.rows)
-    return [*rows, *shown.claimed, *shown.about, *axes]
+    return [*rows, *shown.claimed, *shown.about, *axes, *floors]
 
 
 # ---- figures of rows
@@ -205,6 +211,30 @@ def drawn(figure: Figure, cells: Cells) -> list[Drawing]:
     if drawings:
         drawings[-1] = replace(drawings[-1], left_out=left_out)
     return drawings
+
+
+def panels_of(figure: Figure, groups: Mapping[str, Cells]) -> Panels:
+    """Panels of cells under titles, their own groups as lines: values, and ratios."""
+    values: list[AnyPanel] = []
+    ratios: list[AnyPanel] = []
+    for title, cells in groups.items():
+        own, cells = _settled(figure, cells)
+        for part in batches([*_groups(own, cells).items()], MAX_GROUPS):
+            titled = replace(own, panels=partial(_constant, title))
+            more = _panels(titled, dict(part))
+            values, ratios = [*values, *more[0]], [*ratios, *more[1]]
+    return values, ratios
+
+
+def _constant(title: str, row: Row) -> str:
+    return title
+
+
+def batches(items: Sequence[Any], most: int) -> Iterator[Sequence[Any]]:
+    """At most so many in each part, as many in each as in the others."""
+    count = -(-len(items) // most)
+    size = -(-len(items) // max(count, 1))
+    return (items[i * size : (i + 1) * size] for i in range(count))
 
 
 def _in_order(parts: Sequence[Sequence[AnyPanel]]) -> list[AnyPanel]:
@@ -308,10 +338,6 @@ def _value(name: str, unit: Unit) -> str:
 
 def _begun(label: str) -> str:
     return label[:1].upper() + label[1:]
-
-
-Panels = tuple[list[AnyPanel], list[AnyPanel]]
-"""What was measured, and measured over predicted."""
 
 
 def _panels(figure: Figure, groups: Mapping[str, Cells]) -> Panels:
@@ -502,20 +528,19 @@ def _resolved(figure: Figure, points: Sequence[Point]) -> list[Series]:
 
 
 def _floor(figure: Figure, points: Sequence[Point]) -> list[Series]:
-    """A value of the cells across the axis."""
-    unit, own = _unit(figure, points[0].row), {p.cell.name: p.cell for p in points}
-    values = {
-        unit.factor * row.value
-        for cell in own.values()
-        for row in cell.rows
-        if row.statistic == figure.floor
-    }
-    x = np.array([f(p.x for p in points) for f in (min, max)])
+    """A value of a cell across the axis, or values along it."""
+    cell, factor = points[0].cell, _unit(figure, points[0].row).factor
+    own = [r for r in cell.rows if figure.floor in (r.statistic, r.statistic.family)]
+    if isinstance(figure.floor, Statistic):
+        ends = [f(p.x for p in points) for f in (min, max)]
+        line = [(x, row.value) for row in own for x in ends]
+    else:
+        line = [(_place(figure, row, cell) or 0.0, row.value) for row in own]
+    if not line:
+        return []
+    x, y = np.array(sorted(line)).T
     name = "Cramér-Rao bound"
-    return [
-        Series(label=name, x=x, y=np.full(2, value), colour=BOUND, line=":")
-        for value in sorted(values)
-    ]
+    return [Series(label=name, x=x, y=factor * y, colour=BOUND, line=":")]
 
 
 # ---- sentences
@@ -732,7 +757,8 @@ def _distributions(picture: Distribution, file: Any, cell: CellResult) -> list[P
 def listed(listing: Listing, cells: Cells) -> list[Table]:
     """A table of rows: a line for each cell and key; none without rows."""
     cells = [c for c in cells if listing.where(c.parameters)]
-    parameters = [key for key in varying(cells) if key not in EFFORT]
+    varied = [key for key in varying(cells) if key not in EFFORT]
+    parameters = [*dict.fromkeys((*listing.parameters, *varied))]
     parameters += ["seed"] if len({cell.seed for cell in cells}) > 1 else []
     lines: dict[tuple[Any, ...], dict[str, Row]] = {}
     for cell in cells:
@@ -753,12 +779,15 @@ def listed(listing: Listing, cells: Cells) -> list[Table]:
     for title in dict.fromkeys(title for line in lines.values() for title in line):
         own = [line[title] for line in lines.values() if title in line]
         sampled = any(row.standard_error > 0.0 for row in own)
-        columns.append(Column(title, "measured" if sampled else "number"))
+        unit = listing.unit(own[0]) or of_row(own[0].unit)
+        kind: Kind = "measured" if sampled else "number"
+        told = _value(title, unit)
+        columns.append(Column(title, kind, shown=told, factor=unit.factor))
         fields.append((title, _measured if sampled else _plain))
         if listing.predicted and any(row.prediction is not None for row in own):
-            columns.append(Column("predicted", "number"))
+            columns.append(Column("predicted", "number", factor=unit.factor))
             fields.append((title, _predicted))
-    fold = listing.caption
+    fold = "" if listing.open else listing.caption
     if listing.claim:
         claim = Claim(subject=listing.claim, cells=cells, what=listing.rows)
         fold = "" if claim.found.off else claim.said

@@ -29,11 +29,27 @@ from pydantic import AfterValidator, Field, model_validator
 
 from simval.arrays import Array
 from simval.errors import InputError, UnmeasurableError
+from simval.figures import Figure, Listing, along_entry, entry, words
 from simval.plugins import Filter, find_plugin
 from simval.plugins.runs import FilterInput, Told, run_filter
 from simval.plugins.worlds import find_world
 from simval.results import Outcome, Row
 from simval.shapes import Float
+from simval.statistics import (
+    BOUND_AT,
+    BUDGET_AT,
+    CARRIED,
+    CRAMER_RAO,
+    DIVERGED,
+    NEES,
+    NEES_AT,
+    NIS,
+    RMS,
+    RMS_AT,
+    RMS_OVER_BOUND,
+    RMS_OVER_BOUND_AT,
+    SETTLING,
+)
 from simval.streams import Streams
 from simval.studies.filter_prediction import (
     budget_rows,
@@ -45,6 +61,7 @@ from simval.studies.filter_prediction import (
 )
 from simval.studies.filter_rows import (
     Answers,
+    carried_over_bound,
     consistency_rows,
     diagnosis_rows,
     error_rows,
@@ -73,6 +90,7 @@ from simval.studies.plugin import (
 from simval.studies.refusing import LEAST_NOISE
 from simval.studies.study import Cost
 from simval.theory import FilterPrediction
+from simval.units import DEGREE, RELATIVE
 
 TITLE = "Attitude filter: errors, stated covariance, and the bound"
 SECTION = "filters"
@@ -279,6 +297,7 @@ def measured_rows(
         if not judged:  # else it is what is said above
             rows += predicted_rows(answers, theory, first_order)
         rows += budget_rows(theory, answers.time[answers.late])
+        rows += carried_over_bound(rows, theory, bound)
     return tuple(rows)
 
 
@@ -319,3 +338,94 @@ def instants(steps: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     late = late[late > 0]
     kept = np.unique(np.concatenate([late - 1, late]))
     return kept, np.searchsorted(kept, late)
+
+
+_OVER_TIME = Figure(
+    name="filter-errors",
+    asked="How near to the bound is each filter?",
+    says=(
+        "The RMS error is {least} times the bound ({least_of}) to {most} ({most_of})."
+    ),
+    about=[RMS_OVER_BOUND],
+    rows=[RMS_AT],
+    along=along_entry,
+    axis="time, s",
+    lines="algorithm",
+    value="RMS error",
+    unit=lambda row: DEGREE if row.unit == "rad" else RELATIVE,
+    compared=False,
+    floor=BOUND_AT,
+    log_x=False,
+    columns=2,
+    caption=(
+        "Attitude error over time, root mean square of the trials. Dotted: the "
+        "posterior Cramér-Rao bound, which no filter is below that knows of the "
+        "sensors what they are."
+    ),
+)
+FIGURES = (
+    _OVER_TIME,
+    replace(
+        _OVER_TIME,
+        name="filter-ratio",
+        fold="The error over the bound, on a linear axis",
+        says="",
+        rows=[RMS_OVER_BOUND_AT],
+        by=CRAMER_RAO,
+        theories=(CARRIED,),
+        value="RMS error / bound",
+        compared=True,
+        ratio=False,
+        floor=None,
+        level=1.0,
+        log_y=False,
+        caption=(
+            "RMS error over the posterior Cramér-Rao bound. Dotted: what theory says "
+            "of the reference filter."
+        ),
+    ),
+    replace(
+        _OVER_TIME,
+        name="filter-nees",
+        asked="Is what a filter states of its errors true?",
+        says="Normalised squared error, 3 if its covariance is true: {each}.",
+        about=[NEES()],
+        rows=[NEES_AT],
+        value="NEES (3 is right)",
+        floor=None,
+        level=3.0,
+        caption=(
+            "Normalised squared error of the attitude over time, mean over the trials: "
+            "3 for an honest covariance. Above, a filter is overconfident; below, its "
+            "errors are smaller than it says."
+        ),
+    ),
+    replace(
+        _OVER_TIME,
+        name="filter-budget",
+        fold="What each source adds to the predicted error of the reference filter",
+        says="",
+        rows=[BUDGET_AT],
+        lines=entry(0),
+        floor=None,
+        value="part of the RMS error",
+        caption=(
+            "What each source adds to the predicted attitude error of the reference "
+            "filter over time. The squares of the parts add up to that of the whole."
+        ),
+    ),
+    Listing(
+        name="filter-scenarios",
+        caption=(
+            "Each filter in each scenario: its error, then the squares of errors (of "
+            "3) and of innovations by what it states of them, and when it settles"
+        ),
+        parameters=("algorithm", "scenario"),
+        rows=[RMS, RMS_OVER_BOUND, NEES(), NIS, SETTLING, DIVERGED],
+        keys={},
+        column=words,
+        predicted=True,
+        unit=lambda row: DEGREE if row.unit == "rad" else None,
+        open=True,
+    ),
+)

@@ -55,6 +55,7 @@ from simval.statistics import (
     RMS_AT,
     RMS_BELOW_BOUND,
     RMS_OVER_BOUND,
+    RMS_OVER_BOUND_AT,
     SETTLING,
     SETTLING_TRIALS,
     STATED_OVER_BOUND,
@@ -157,13 +158,41 @@ def error_rows(
         rows += unjudged(SETTLING(), middle, 0.0, int(ended.sum()))
     shown = spread(len(time))
     at = [f"{t:.6g}" for t in time[shown]]
-    rows += _at_each(RMS_AT, ATTITUDE, at, angle[:, shown], root_mean_square)
-    return (*rows, *unjudged([BOUND_AT(ATTITUDE, t) for t in at], least[shown]))
+    each = _at_each(RMS_AT, ATTITUDE, at, angle[:, shown], root_mean_square)
+    bounds = unjudged([BOUND_AT(ATTITUDE, t) for t in at], least[shown])
+    return (*rows, *each, *bounds, *_over_each(each, least[shown], 1.0, CRAMER_RAO))
+
+
+def _over_each(
+    rows: Sequence[Row],
+    bound: Float[Array, " k"],
+    prediction: Array | float,
+    predictor: str,
+) -> tuple[Row, ...]:
+    """Errors of the instants over the bound, beside a prediction of that."""
+    value, error = np.array([(row.value, row.standard_error) for row in rows]).T
+    return unjudged(
+        [RMS_OVER_BOUND_AT(*row.statistic.entries) for row in rows],
+        value / bound, error / bound, rows[0].n, prediction, predictor,
+    )  # fmt: skip
 
 
 def _over(measured: tuple[float, float, int], bound: float) -> tuple[float, float, int]:
     value, error, n = measured
     return value / bound, error / bound, n
+
+
+def carried_over_bound(
+    rows: Sequence[Row], theory: FilterPrediction, bound: Float[Array, "i 3 3"]
+) -> tuple[Row, ...]:
+    """Errors of the instants over the bound, beside theory of the reference filter."""
+    moment = np.trace(theory.second_moment[:, :3, :3], axis1=1, axis2=2)
+    ratio = np.sqrt(moment / np.trace(bound, axis1=-2, axis2=-1))[spread(len(moment))]
+    own = [row for row in rows if row.statistic.family == RMS_OVER_BOUND_AT]
+    return tuple(
+        replace(row, prediction=float(by), predictor=CARRIED)
+        for row, by in zip(own, ratio, strict=True)
+    )
 
 
 def consistency_rows(answers: Answers, judged: bool) -> tuple[Row, ...]:
