@@ -9,8 +9,8 @@ import numpy as np
 from simval.arrays import Array
 from simval.calibrate import FitResult, GyroscopeFit, MagnetometerFit, NineAxisFit
 from simval.calibrate.magnetometer.equations import DIP, IRON, MATRIX
-from simval.change import EFFORT
 from simval.errors import InputError
+from simval.report.curves import axis_of, curves, grouped, read
 from simval.results import Row
 from simval.sensor import forms
 from simval.sweep import Run
@@ -119,72 +119,49 @@ def _part(
 
 def plot_run(run: Run, statistic: str, along: str = "", axes: Any = None) -> Any:
     """Draw a statistic of all finished cells with 95 % intervals, beside theory."""
-    found = _measured(run, statistic)
-    along = along or _widest(found)
-    if not any(along in cell for cell, _ in found):
-        known = {key for cell, _ in found for key in cell}
+    rows = _rows(run, statistic)
+    cells = [cell for cell in run.cells if cell.name in rows]
+    along = along or axis_of(cells)
+    known = {key for cell in cells for key in cell.parameters}
+    if along not in known:
         msg = (
             f"no cell with {statistic} has the parameter `{along}`"
             f"{did_you_mean(along, known)}: they have {', '.join(sorted(known))}"
         )
         raise InputError(msg)
-    varied = [k for k in _varied(found) if k != along]
-    lines: dict[str, list[tuple[Any, Row]]] = {}
-    for cell, row in found:
-        if along in cell:
-            label = ", ".join(f"{k} {cell[k]}" for k in varied if k in cell)
-            lines.setdefault(label, []).append((cell[along], row))
     axes = axes if axes is not None else _figure(1)[0]
-    for label, points in lines.items():
-        points.sort(key=lambda point: point[0])
-        _draw_line(axes, label or statistic, points)
-    unit = "" if found[0][1].unit == "1" else f", {found[0][1].unit}"
-    axes.set(xlabel=along, ylabel=f"{statistic}{unit}")
+    found = curves(grouped(cells, along), lambda cell: read(rows[cell.name]), along)
+    if not found:
+        msg = f"`{along}` is no number in the cells that have {statistic}"
+        raise InputError(msg)
+    for c in found:
+        bars = HALF * c.error
+        drawn = axes.errorbar(c.x, c.value, bars, fmt="o", label=c.label or statistic)
+        if np.isfinite(c.prediction).all():
+            axes.plot(c.x, c.prediction, color=drawn[0].get_color())
+    unit = next(iter(rows.values())).unit
+    axes.set(xlabel=along, ylabel=statistic if unit == "1" else f"{statistic}, {unit}")
     axes.legend()
     return axes
 
 
-def _measured(run: Run, statistic: str) -> list[tuple[dict[str, Any], Row]]:
-    """Parameters and first row of each finished cell that has a statistic."""
-    found, known = [], set()
-    for cell in run.cells:
-        if cell.status == "done":
-            rows = {str(row.statistic): row for row in reversed(cell.rows)}
-            known |= set(rows)
-            if statistic in rows:
-                named = {"study": cell.study, "seed": cell.seed, **cell.parameters}
-                found.append((named, rows[statistic]))
+def _rows(run: Run, statistic: str) -> dict[str, Row]:
+    """The first row of a statistic by the name of its finished cell."""
+    done = {cell.name: cell.rows for cell in run.cells if cell.status == "done"}
+    found = {
+        name: row
+        for name, rows in done.items()
+        for row in reversed(rows)
+        if str(row.statistic) == statistic
+    }
     if not found:
+        known = {str(row.statistic) for rows in done.values() for row in rows}
         msg = (
             f"no finished cell of {run.folder} has `{statistic}`"
             f"{did_you_mean(statistic, known)}; results.csv has all {len(known)}"
         )
         raise InputError(msg)
     return found
-
-
-def _varied(found: list[tuple[dict[str, Any], Row]]) -> dict[str, int]:
-    """Parameters that are not the same in all cells, and how many values they have."""
-    keys = dict.fromkeys(key for cell, _ in found for key in cell)
-    counts = {k: len({repr(cell.get(k)) for cell, _ in found}) for k in keys}
-    return {k: n for k, n in counts.items() if n > 1 and k not in EFFORT}
-
-
-def _widest(found: list[tuple[dict[str, Any], Row]]) -> str:
-    """The number that has most values; the first one where nothing varies."""
-    first = found[0][0]
-    numbers = [k for k, v in first.items() if type(v) in (int, float)]
-    varied = _varied(found)
-    return max(numbers, key=lambda k: (varied.get(k, 1), k not in (*EFFORT, "seed")))
-
-
-def _draw_line(axes: Any, label: str, points: list[tuple[Any, Row]]) -> None:
-    at = [x for x, _ in points]
-    rows = [row for _, row in points]
-    bars = [HALF * row.standard_error for row in rows]
-    drawn = axes.errorbar(at, [row.value for row in rows], bars, fmt="o", label=label)
-    if all(row.prediction is not None for row in rows):
-        axes.plot(at, [row.prediction for row in rows], color=drawn[0].get_color())
 
 
 def run_html(run: Run) -> str:
