@@ -20,8 +20,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simval.cli import progress
-from simval.cli.progress import CellBar, Log, labelling
-from simval.cli.time_left import LEAST, PRIOR, TimeLeft, told
+from simval.cli.progress import (
+    LEAST,
+    PRIOR,
+    CellBar,
+    Log,
+    TimeLeft,
+    labelling,
+    told,
+)
 from simval.studies.study import Cell, Cost, StudyParameters
 from simval.sweep import load_suite
 from simval.sweep.run import load_run

@@ -1,41 +1,53 @@
-"""Progress on standard error: a bar on a terminal, or lines in a log."""
+"""Progress on standard error: a bar on a terminal, or lines in a log.
+
+The time that a sweep still takes is told by the cost of its cells and not by their
+number. Each cell states a cost (`--dry-run` prints it). What a second of it takes in
+truth is the pace: the seconds that the ended cells took over those that they stated,
+with the stated costs themselves as `PRIOR` seconds of evidence,
+
+    pace = (PRIOR + sum of taken) / (PRIOR + sum of stated).
+
+Cells begin in their order, as many at a time as there are workers, so those that run
+are the first that have not ended. What is left of one is its cost times the pace, less
+its age; the time left is what is left of all over the workers, or of the longest one.
+"""
 
 import signal
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from threading import Event, Lock, Thread
-from typing import Any
+from threading import Lock
 
 import click
-from tqdm import tqdm
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+)
+from rich.table import Column
+from rich.text import Text
 
 from simval.cli.interruption import heed
-from simval.cli.time_left import TimeLeft, told
 from simval.studies.study import Cell, canonical
 from simval.sweep.cells import Ending, worse
 from simval.sweep.runner import Progress
 
 LOG_INTERVAL = 5.0
 """Seconds between the lines of a log; a terminal is drawn ten times a second."""
-DRAWN = 0.05
-"""Least seconds between two drawings of a terminal's line."""
 SHARE, LONGEST_PAUSE = 0.05, 300.0
 """A sweep's log waits for this share of its time, s at the most: 150 lines in a day."""
 SHOWN = 2
 """Cells at work that are named; the others are counted."""
-
-
-def bar(total: int, what: str, *, done: int = 0, unit: str = " runs") -> "tqdm[Any]":
-    """Return a progress bar, to be used as a context."""
-    return tqdm(
-        total=total,
-        initial=done,
-        desc=what,
-        unit=unit,
-        dynamic_ncols=True,
-        mininterval=0.1 if sys.stderr.isatty() else LOG_INTERVAL,
-    )
+PRIOR = 5.0
+"""Seconds of stated cost that a suite's statement counts for. Chosen: in the smoke
+suite the first few cells decide, in the accuracy suite the first of 142."""
+LEAST = 1e-3
+"""Least cost of a cell, s: none is free."""
+STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
 class Quiet(Progress):
@@ -97,7 +109,7 @@ class CellBar(Progress):
 
     def tell(self, words: str) -> None:
         """Say what became of a worker, on a line of its own."""
-        tqdm.write(words, file=sys.stderr)
+        self._line.tell(words)
 
     def _words(self) -> str:
         """What stands behind the count of cells."""
@@ -113,41 +125,46 @@ class CellBar(Progress):
 
 
 class Line:
-    """A line of a terminal, drawn again each second while cells are at work."""
+    """A line of a terminal, drawn again while cells are at work."""
 
     def __init__(self, total: int, done: int, words: Callable[[], str]) -> None:
-        self._bar: tqdm[Any] = tqdm(
-            total=total,
-            initial=done,
-            dynamic_ncols=True,
-            bar_format="{percentage:3.0f} % |{bar:10}| {elapsed}{postfix}",
+        self._bar = Progress(
+            TextColumn("{task.percentage:3.0f} %"),
+            BarColumn(bar_width=10),
+            TimeElapsedColumn(),
+            _Words(words),
+            console=Console(stderr=True, highlight=False),
+            expand=True,
         )
-        self._words = words
-        self._next = 0.0
-        self._ended = Event()
-        self._clock = Thread(target=self._tick, daemon=True)
-        self._clock.start()
+        self._task = self._bar.add_task("", total=total, completed=done)
+        # a signal is for the thread that computes, not for the one that draws
+        masked = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+        self._bar.start()
+        signal.pthread_sigmask(signal.SIG_SETMASK, masked)
 
     def show(self, done: int, words: Callable[[], str]) -> None:
-        """Draw the line, if it is not drawn just now."""
-        self._bar.n = done
-        now = time.monotonic()
-        if now >= self._next:
-            self._next = now + DRAWN
-            self._bar.set_postfix_str(words(), refresh=True)
+        """Note how many are done; the line is drawn ten times a second."""
+        self._bar.update(self._task, completed=done)
+
+    def tell(self, words: str) -> None:
+        """Write a line above."""
+        self._bar.console.print(words, markup=False)
 
     def close(self, words: str) -> None:
         """Draw the line for the last time."""
-        self._ended.set()
-        self._clock.join()
-        self._bar.set_postfix_str(words, refresh=True)
-        self._bar.close()
+        self._bar.stop()
 
-    def _tick(self) -> None:
-        # a signal is for the thread that computes
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
-        while not self._ended.wait(1.0):
-            self._bar.set_postfix_str(self._words(), refresh=True)
+
+class _Words(ProgressColumn):
+    """What stands behind the bar, as of now."""
+
+    def __init__(self, words: Callable[[], str]) -> None:
+        super().__init__(Column(ratio=1, no_wrap=True, overflow="ellipsis"))
+        self._words = words
+
+    def render(self, task: Task) -> Text:
+        """Ask for it."""
+        return Text(self._words(), overflow="ellipsis", no_wrap=True)
 
 
 class Log:
@@ -165,6 +182,10 @@ class Log:
             pause = SHARE * (now - self._began)
             self._next = now + min(max(pause, LOG_INTERVAL), LONGEST_PAUSE)
             self._say(words())
+
+    def tell(self, words: str) -> None:
+        """Write a line of its own."""
+        click.echo(words, err=True)
 
     def close(self, words: str) -> None:
         """Write the last line."""
@@ -197,3 +218,55 @@ def _label(cell: Cell, values: Mapping[str, set[str]], seeds: bool) -> str:
     ]
     varied += [f"seed={cell.seed}"] if seeds else []
     return " ".join([cell.study, *varied])
+
+
+class TimeLeft:
+    """Follows cells that begin in their order and end in any."""
+
+    def __init__(self, cells: Sequence[Cell], workers: int, now: float) -> None:
+        self._waiting = {
+            cell.name: (cell, max(cell.parameters.cost().seconds, LEAST))
+            for cell in cells
+        }
+        self._running: dict[str, tuple[Cell, float, float]] = {}  # cost, when it began
+        self._workers = workers
+        self._taken = self._stated = PRIOR
+        self._begin(now)
+
+    def end(self, name: str, now: float) -> None:
+        """Note that a cell has ended, and that the next one begins."""
+        if name in self._running:
+            _, cost, began = self._running.pop(name)
+            self._taken += now - began
+            self._stated += cost
+        else:  # it travelled with others: its time was that of those taken to run
+            self._stated += self._waiting.pop(name)[1]
+        self._begin(now)
+
+    def running(self) -> tuple[Cell, ...]:
+        """The cells at work, the first one first."""
+        return tuple(cell for cell, _, _ in self._running.values())
+
+    def seconds(self, now: float) -> float:
+        """Time until the last cell ends, s; 0 or more."""
+        pace = self._taken / self._stated
+        at_work = self._running.values()
+        parts = [max(pace * cost - (now - began), 0.0) for _, cost, began in at_work]
+        parts += [pace * cost for _, cost in self._waiting.values()]
+        return max(sum(parts) / self._workers, max(parts, default=0.0))
+
+    def _begin(self, now: float) -> None:
+        while len(self._running) < self._workers and self._waiting:
+            name = next(iter(self._waiting))
+            self._running[name] = (*self._waiting.pop(name), now)
+
+
+def told(seconds: float) -> str:
+    """A time left in words: rounded, as it is an estimate."""
+    if seconds < 10.0:
+        return "a few seconds"
+    if seconds < 90.0:
+        return f"{round(seconds, -1):.0f} s"
+    if seconds < 90 * 60.0:
+        return f"{seconds / 60.0:.0f} min"
+    return f"{seconds / 3600.0:.1f} h"
