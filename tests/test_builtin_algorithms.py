@@ -8,8 +8,8 @@ from places import EXAMPLES
 from quick_align import ALIGN
 
 from simval import algorithms
-from simval.cli.commands.listing import command as list_command
-from simval.cli.commands.sweep import command as sweep_command
+from simval.cli.listing import command as list_command
+from simval.cli.sweep import command as sweep_command
 from simval.errors import InputError, PluginError
 from simval.plugins import (
     Calibrator,

@@ -17,7 +17,7 @@ from simval.calibrate.files import (
     save_calibration,
     to_json,
 )
-from simval.cli.commands.correct import command
+from simval.cli.correct import command
 from simval.errors import ConvergenceError, InputError, RefusedError, SimvalError
 from simval.poses import fibonacci_sphere, random_directions
 from simval.sensor import MODELS, AccelerometerModel

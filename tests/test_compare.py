@@ -10,7 +10,7 @@ import rows_by_name
 from rows_by_name import cell
 from stores import edited_run
 
-from simval.cli.commands.compare import command
+from simval.cli.compare import command
 from simval.judge import compare_runs, match
 from simval.report import render_comparison
 from simval.sweep import load_run

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from side_by_side import cell, estimator_rows, league, run_of
 
 from simval.attitude.comparators import davenport, triad
-from simval.cli.commands.compare import command
+from simval.cli.compare import command
 from simval.errors import InputError
 from simval.geometry import attitude_error, attitude_matrix, random_quaternions
 from simval.judge import compare_algorithms
@@ -246,7 +246,7 @@ def test_names_are_found_without_their_file_where_that_is_clear(tmp_path):
 
 
 def invoked(monkeypatch, run, *words):
-    monkeypatch.setattr("simval.cli.compare.load_run", lambda folder: run)
+    monkeypatch.setattr("simval.sweep.load_run", lambda folder: run)
     runner = CliRunner()
     done = runner.invoke(command, ["run", *words], standalone_mode=False)
     if done.exception is not None:

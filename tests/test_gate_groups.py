@@ -8,7 +8,6 @@ import pytest
 import rows_by_name
 
 from simval.cli.gate import show
-from simval.cli.shortened import LINES
 from simval.judge import (
     GateResult,
     Step,
@@ -20,6 +19,7 @@ from simval.judge import (
 from simval.judge.comparison import Comparison
 from simval.judge.findings import groups
 from simval.judge.formats import KINDS, to_markdown
+from simval.judge.words import LINES
 from simval.results import CellName
 from simval.sweep import load_run
 from simval.sweep.run import CellResult

@@ -16,9 +16,9 @@ from types import SimpleNamespace
 import pytest
 from pydantic import ValidationError
 
-from simval import files
+from simval import files, report
 from simval.calibrate import load_calibration
-from simval.cli import report, run
+from simval.cli import run
 from simval.cli.plan import read_directions
 from simval.errors import InputError, PluginError, RefusedError
 from simval.judge.baseline import read_baseline

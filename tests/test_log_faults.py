@@ -7,7 +7,7 @@ import bad_logs
 import numpy as np
 import pytest
 
-from simval.cli.commands import calibrate, noise
+from simval.cli import calibrate, noise
 from simval.errors import RefusedError, SimvalError
 from simval.multiposition import calibrate_log
 from simval.noise import NoiseFile, noise_of

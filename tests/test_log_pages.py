@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from simval.calibrate import calibrate
-from simval.cli import noise_units, run
-from simval.cli.reproduced import command_again
+from simval.cli import run
+from simval.cli.options import command_again
+from simval.multiposition import log_units as noise_units
 from simval.poses import fibonacci_sphere
 from simval.recorded.errors import Consistency, Rms
 from simval.report.calibration_page import KINDS, kinds_of, readable

@@ -8,10 +8,10 @@ import pytest
 from places import recording
 from written import written
 
-from simval.cli.noise_units import DEGREE, FLOOR, printed
 from simval.errors import RefusedError
 from simval.logs import Log
 from simval.multiposition import calibrate_log
+from simval.multiposition.log_units import DEGREE, FLOOR, printed
 from simval.multiposition.noise import log_noise, require_even
 from simval.multiposition.pose_noise import mean_noise, own_noise, pose_noise
 from simval.noise import load_noise, noise_of

@@ -16,12 +16,11 @@ from scipy.spatial.transform import Rotation
 from simval.calibrate import load_calibration
 from simval.calibrate.described import G_NAMES
 from simval.cli import run
-from simval.cli.calibrate import as_object
-from simval.cli.sensors import sensors_object
 from simval.errors import SimvalError
 from simval.logs import Log, read_log
 from simval.multiposition import calibrate_log, calibrate_sensors
 from simval.multiposition.judgements import honest, judgements
+from simval.multiposition.objects import as_object, sensors_object
 from simval.poses import fibonacci_sphere
 from simval.report import render_calibration
 from simval.scene import simulate

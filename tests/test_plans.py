@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from simval.calibrate import calibrate, calibrate_magnetometer
 from simval.calibrate.files import save_calibration
 from simval.cli import run
-from simval.cli.commands.plan import command
-from simval.cli.plan import named_poses
+from simval.cli.plan import command, named_poses
 from simval.errors import GeometryError, InputError
 from simval.geometry import random_quaternions
 from simval.poses import cube_faces, fibonacci_sphere

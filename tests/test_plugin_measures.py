@@ -16,7 +16,7 @@ from rounding import EPS
 
 from simval.attitude import two_vector_quaternion
 from simval.calibrate import calibrate
-from simval.cli.commands.listing import command as list_command
+from simval.cli.listing import command as list_command
 from simval.errors import InputError
 from simval.geometry import compose, normalize
 from simval.logs import Log

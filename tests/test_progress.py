@@ -228,7 +228,7 @@ def test_ctrl_c_before_there_is_a_run_names_nothing(
     def stopped(*words, **names):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("simval.cli.sweep.drive", stopped)
+    monkeypatch.setattr("simval.sweep.runner.drive", stopped)
     code, _, err = simval("sweep", tiny_suite, "--out", tmp_path / "run")
     assert (code, err) == (130, "\ninterrupted\n")
 

@@ -11,7 +11,7 @@ from written import written
 
 from simval.calibrate import calibrate
 from simval.cli import run
-from simval.cli.commands.calibrate import command
+from simval.cli.calibrate import command
 from simval.errors import RefusedError
 from simval.logs import read_log
 from simval.multiposition import calibrate_log

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from simval.cli.rounding import apart, beside_theory, rounded
+from simval.cli.repro import apart, beside_theory, rounded
 from simval.results import exact, limit, plain, unjudged
 from simval.statistics import BIAS, NORM_OVER_NOISE
 from simval.sweep.run import load_run

@@ -1,7 +1,7 @@
-"""The command line: one short file for each command, loaded when it is used.
+"""The command line: one file for each command, loaded when it is used.
 
-What a command is called with stands in `simval.cli.commands`, whose modules import no
-more than click, so that a help is quick; what it does stands beside it in `simval.cli`.
+A file begins with what its command is called with, and imports no more than click: a
+function imports what does the work, so that a help is quick.
 
 Exit codes: 0 pass, 1 the gate failed, 2 usage, configuration or unreadable input,
 3 inconclusive, refused or nothing measured, 4 a cell crashed, 70 a bug of ours,
@@ -61,7 +61,7 @@ class LazyGroup(click.Group):
         if cmd_name not in self.list_commands(ctx):
             return None
         name = MODULES.get(cmd_name, cmd_name)
-        module = importlib.import_module(f"simval.cli.commands.{name}")
+        module = importlib.import_module(f"simval.cli.{name}")
         command: click.Command = module.command
         return command
 

@@ -1,29 +1,96 @@
-"""What `simval calibrate` does."""
+"""`simval calibrate`."""
+
+from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
+from click.decorators import FC
 
-from simval.calibrate.files import to_json, write_json
-from simval.cli.options import write
-from simval.cli.reproduced import command_again
-from simval.cli.sensors import sensors_object
-from simval.cli.taken import log_object
-from simval.cli.terminal import say
-from simval.logs import Log, read_log
-from simval.multiposition import (
-    ImuCalibration,
-    calibrate_log,
-    calibrate_sensors,
+from simval.cli.options import (
+    COLUMNS,
+    PATH,
+    REST,
+    ROWS,
+    Gravity,
+    Positive,
+    command_again,
+    write,
 )
-from simval.multiposition.described import bound_sd
-from simval.noise import load_noise
+from simval.cli.outputs import OUT, Command
+from simval.cli.terminal import say
+from simval.vocabulary import LOSSES, METHODS, MODELS, RESIDUALS
+
+if TYPE_CHECKING:
+    from simval.logs import Log
+    from simval.multiposition import ImuCalibration
 
 
-def run(
+def _choice(name: str, choices: tuple[str, ...], words: str) -> Callable[[FC], FC]:
+    return click.option(
+        f"--{name}", type=click.Choice(choices), default=choices[0],
+        show_default=True, help=words,
+    )  # fmt: skip
+
+
+@click.command(name="calibrate", cls=Command)
+@click.argument("path", metavar="LOG", type=PATH)
+@click.option(
+    "--g",
+    type=Gravity(),
+    default=9.80665,
+    show_default=True,
+    help="Gravity where the log was recorded, m/s^2.",
+)
+@_choice(
+    "model", MODELS, "Form of the matrix: which of the rotated versions is reported."
+)
+@click.option("--rate", type=float, metavar="HZ", help=ROWS)
+@click.option("--rest", type=Positive(), metavar="SECONDS", help=REST)
+@click.option("--columns", help=COLUMNS)
+@_choice("method", METHODS, "Solver of the least-squares fit.")
+@_choice("residual", RESIDUALS, "Residual whose squares are minimised.")
+@_choice("loss", LOSSES, "Loss; all but linear give outlier poses less weight.")
+@click.option(
+    "--sensors",
+    help="What to calibrate beside the accelerometer: gyroscope, magnetometer, both "
+    "with a comma between, or none.  [default: those of the log that can be]",
+)
+@click.option(
+    "--hemisphere",
+    type=click.Choice(["unstated", "north", "south"]),
+    default="unstated",
+    show_default=True,
+    help="Hemisphere of the recording; needed for a magnetometer whose axes may be "
+    "left-handed.",
+)
+@click.option(
+    "--field",
+    type=Positive(),
+    default=1.0,
+    show_default=True,
+    help="Strength of the magnetic field there; corrected readings get its unit.",
+)
+@click.option(
+    "--noise",
+    type=PATH,
+    help="Measured noise of the sensors, a file made by `simval noise LOG --json`.",
+)
+@click.option(
+    "--full-scale",
+    type=Positive(),
+    help="Greatest reading that the sensor can give, in the unit of the log.",
+)
+@click.option("--out", type=OUT, help="Write the calibration to this JSON file.")
+@click.option(
+    "--report", "page", type=OUT, help="Write a page with figures, a single HTML file."
+)
+@click.option("--kalibr", type=OUT, help="Write Kalibr's imu.yaml to this file.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def command(
     path: Path,
     rate: float | None,
     columns: str | None,
@@ -37,7 +104,23 @@ def run(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Do what `simval calibrate` is asked."""
+    """Calibrate the accelerometer of a LOG, and its gyroscope and magnetometer.
+
+    Each row of LOG is one instant, in raw counts or m/s^2. The header or --columns
+    says which columns are the time and the accelerometer's x y z. Without either, 3
+    columns are x y z, 4 are t x y z, 6 are x y z and the gyroscope, and 7 are t and
+    those six.
+
+    The command finds the initial rest and the static intervals, and prints the
+    parameters with error bars. A gyroscope and a magnetometer are calibrated from the
+    same rests; if one cannot be calibrated, the command says why.
+    """
+    from simval.calibrate.files import write_json
+    from simval.logs import read_log
+    from simval.multiposition import calibrate_log, calibrate_sensors
+    from simval.multiposition.objects import as_object, log_object, sensors_object
+    from simval.noise import load_noise
+
     log = read_log(path, rate, columns)
     known = None if noise is None else load_noise(noise)
     result = calibrate_log(log, noise=known, **options)
@@ -75,29 +158,3 @@ def write_page(path: Path, log: Log, whole: ImuCalibration) -> None:
     from simval.report import render_calibration  # starts the drawing
 
     write(path, render_calibration(log, whole, command_again()))
-
-
-def as_object(whole: ImuCalibration) -> dict[str, Any]:
-    """Return the accelerometer as one JSON object; a calibration file and more."""
-    result = whole.log
-    diagnosis = result.diagnosis
-    known = not np.isnan(diagnosis.chi2_per_dof)
-    white = result.white_chi2_per_dof
-    return to_json(whole.accelerometer) | {
-        "intervals": len(result.intervals),
-        "interval_samples": result.intervals.tolist(),
-        "multiplier": result.multiplier,
-        "rest_seconds": result.rest_seconds,
-        "rest_found": result.rest.found,
-        "chi2_per_dof": diagnosis.chi2_per_dof if known else None,
-        "p_value": diagnosis.p_value if known else None,
-        "white_chi2_per_dof": None if np.isnan(white) else white,
-        "pose_noise": result.pose_noise.source,
-        "pose_noise_std": result.pose_noise.std.tolist(),
-        "pose_noise_white_std": result.pose_noise.white.tolist(),
-        "verdict": diagnosis.verdict,
-        "outliers": list(diagnosis.outliers),
-        "next_direction": result.next_direction.tolist(),
-        "bound_sd": None if result.predicted is None else bound_sd(result).tolist(),
-        "bias": None if result.predicted is None else result.predicted.bias.tolist(),
-    }

@@ -1,17 +1,40 @@
-"""What `simval check` does."""
+"""`simval check`."""
+
+from __future__ import annotations
 
 from contextlib import nullcontext
 
 import click
 
-from simval.check import check_plugin, told
-from simval.check.words import to_json
-from simval.cli.progress import CellBar, Quiet
+from simval.cli.options import Whole, alpha_option
 from simval.cli.terminal import say
 
 
-def run(plugin: str, seed: int, alpha: float, as_json: bool) -> int:
-    """Do what `simval check` is asked."""
+@click.command(name="check")
+@click.argument("plugin")
+@click.option(
+    "--seed",
+    type=Whole(min=0),
+    default=1,
+    show_default=True,
+    help="Seed of the noise.",
+)
+@alpha_option
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def command(plugin: str, seed: int, alpha: float, as_json: bool) -> int:
+    """Measure your algorithm PLUGIN in two cells and judge it; keeps no run folder.
+
+    PLUGIN is FILE.py, FILE.py:NAME, the name of an installed plug-in, or
+    'command: PROGRAM {poses}'.
+
+    The verdicts are those of `simval gate --no-baseline`. `simval sweep` measures more,
+    and keeps it. Exit code 0 pass, 1 fail, 2 the plug-in cannot be loaded, 3
+    inconclusive or refused, 4 it crashed.
+    """
+    from simval.check import check_plugin, told
+    from simval.check.words import to_json
+    from simval.cli.progress import CellBar, Quiet
+
     with nullcontext(Quiet()) if as_json else CellBar() as progress:
         checked = check_plugin(plugin, seed=seed, alpha=alpha, progress=progress)
     if as_json:

@@ -1,32 +1,59 @@
-"""What `simval compare` does."""
+"""`simval compare`."""
+
+from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from statistics import median
+from typing import TYPE_CHECKING
 
 import click
 
-from simval.cli.changes import headline, move_lines, other_lines, tell
-from simval.cli.options import refuse_if, write
+from simval.cli.options import alpha_option, refuse_if, runs, write
+from simval.cli.outputs import OUT, Command
+from simval.cli.terminal import tell
 from simval.errors import InputError
-from simval.judge import (
-    AlgorithmComparison,
-    Merit,
-    RunComparison,
-    compare_algorithms,
-    compare_runs,
-)
-from simval.judge.algorithms import ACCURACY, FAILING, HONESTY
-from simval.judge.formats import comparison_json
-from simval.judge.runs import origin_of, shared_words
-from simval.sweep import load_run
-from simval.sweep.run import Run
+
+if TYPE_CHECKING:
+    from simval.judge import AlgorithmComparison, Merit, RunComparison
+    from simval.sweep.run import Run
 
 MERITS = 40
 """Qualities of two algorithms printed one by one; the others are counted."""
 
 
-def run(
+@click.command(name="compare", cls=Command)
+@click.argument("run_a", shell_complete=runs)
+@click.argument("run_b", shell_complete=runs, required=False)
+@click.option(
+    "--algorithms",
+    nargs=2,
+    metavar="A B",
+    help="Compare two algorithms of RUN_A instead, by their names in the report; the "
+    "file may be left out where the name alone is unique.",
+)
+@click.option(
+    "--out",
+    type=OUT,
+    help="Write an HTML page with a figure of each change, before and after.",
+)
+@click.option(
+    "--all",
+    "every",
+    is_flag=True,
+    help="Print every value that changed, not only the kinds.",
+)
+@click.option(
+    "--csv",
+    "csv_file",
+    type=OUT,
+    help="Write every value that both runs have to this CSV file.",
+)
+@click.option(
+    "--json", "json_file", type=OUT, help="Write what changed to this JSON file."
+)
+@alpha_option
+def command(
     run_a: str,
     run_b: str | None,
     algorithms: tuple[str, str] | None,
@@ -36,7 +63,21 @@ def run(
     json_file: Path | None,
     alpha: float,
 ) -> int:
-    """Do what `simval compare` is asked."""
+    """Show what became better or worse from RUN_A to RUN_B, the largest change first.
+
+    Each run is a folder, or `latest`. They may be of two commits; the first lines name
+    them. Only changes beyond the uncertainty are shown.
+
+    With --algorithms A B the command says where A is better or worse than B in RUN_A,
+    and by how much.
+
+    Exit code 0, or 3 if the runs have nothing in common. To fail on a change, use
+    `simval gate` with a baseline; for more than two runs, use `simval trend`.
+    """
+    from simval.judge import compare_runs
+    from simval.judge.formats import comparison_json
+    from simval.sweep import load_run
+
     if algorithms:
         files = (out, csv_file, json_file)
         return _algorithms(run_a, run_b, algorithms, files, alpha)
@@ -69,6 +110,9 @@ def _algorithms(
     alpha: float,
 ) -> int:
     """Compare two algorithms of one run."""
+    from simval.judge import compare_algorithms
+    from simval.sweep import load_run
+
     refuse_if(run_b is not None, "`--algorithms` compares within one run; give one run")
     refuse_if(
         any(file is not None for file in files),
@@ -114,6 +158,8 @@ def show_algorithms(found: AlgorithmComparison) -> None:
 
 
 def _merit_line(merit: Merit, first: str, second: str) -> str:
+    from simval.judge.algorithms import ACCURACY
+
     if merit.what == ACCURACY:
         size = f"{100.0 * abs(merit.difference):.3g} %"
         if merit.error > 0.0:
@@ -136,6 +182,8 @@ def _merit_line(merit: Merit, first: str, second: str) -> str:
 
 def _same_lines(found: AlgorithmComparison) -> Iterator[str]:
     """Say of each kind of quality that is the same how great a difference may be."""
+    from simval.judge.algorithms import ACCURACY, FAILING, HONESTY
+
     same = found.of("same")
     for what in (ACCURACY, HONESTY):
         own = [merit for merit in same if merit.what == what]
@@ -166,9 +214,12 @@ def _times_of(
 
 def show(a: Run, b: Run, found: RunComparison, *, every: bool = False) -> None:
     """Print how many values changed, then what and which way."""
+    from simval.judge.runs import origin_of, shared_words
+    from simval.judge.words import changes_headline, move_lines, other_lines
+
     lines = [f"A is {origin_of(a).words}", f"B is {origin_of(b).words}"]
     if found.total:
-        lines += [headline(found), *move_lines(found.moves, every)]
+        lines += [changes_headline(found), *move_lines(found.moves, every)]
         lines += other_lines(found)
     else:
         lines.append(f"the runs have nothing in common: {shared_words(a, b)}")

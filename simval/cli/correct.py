@@ -1,21 +1,38 @@
-"""What `simval correct` does."""
+"""`simval correct`."""
+
+from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
-from simval.arrays import Array
-from simval.calibrate.applied import require_same_sensor
-from simval.calibrate.files import load_calibration
-from simval.calibrate.others import load_others
+from simval.cli.options import COLUMNS, PATH, ROWS
+from simval.cli.outputs import OUT, Command
 from simval.errors import InputError
-from simval.logs import Log, read_log
-from simval.shapes import Float
+
+if TYPE_CHECKING:
+    from simval.arrays import Array
+    from simval.logs import Log
+    from simval.shapes import Float
 
 
-def run(
+@click.command(name="correct", cls=Command)
+@click.argument("path", metavar="LOG", type=PATH)
+@click.option(
+    "--calibration",
+    type=PATH,
+    required=True,
+    help="JSON file that `simval calibrate --out` wrote.",
+)
+@click.option("--rate", type=float, metavar="HZ", help=ROWS)
+@click.option("--columns", help=COLUMNS)
+@click.option(
+    "--unchecked", is_flag=True, help="Write the force even if it is implausible."
+)
+@click.option("--out", type=OUT, help="File to write, instead of standard output.")
+def command(
     path: Path,
     calibration: Path,
     rate: float | None,
@@ -23,7 +40,23 @@ def run(
     unchecked: bool,
     out: Path | None,
 ) -> None:
-    """Do what `simval correct` is asked."""
+    """Apply a calibration to a LOG.
+
+    Writes comma-separated rows t,ax,ay,az with all digits: time in seconds and
+    specific force in m/s^2. If the log has a gyroscope or a magnetometer, wx,wy,wz in
+    rad/s and mx,my,mz in the unit of the calibration follow. A sensor that is not in
+    the calibration is written as it was read. Standard error says so, and which
+    columns of LOG were used.
+
+    A log in another unit or of another sensor is refused, because the length of its
+    rests would not be g.
+    """
+    import numpy as np
+
+    from simval.calibrate.applied import require_same_sensor
+    from simval.calibrate.files import load_calibration
+    from simval.logs import read_log
+
     fit = load_calibration(calibration).require_converged()
     log = read_log(path, rate, columns)
     if not unchecked:
@@ -52,6 +85,8 @@ def others_corrected(
     log: Log, force: Float[Array, "n 3"], calibration: Path
 ) -> tuple[list[Float[Array, "n 3"]], list[str], list[str]]:
     """Rows and columns of the other sensors, and which of them are unchanged."""
+    from simval.calibrate.others import load_others
+
     gyroscope, magnetometer = load_others(calibration)
     parts, names, raw = [], [], []
     if log.gyro is not None:

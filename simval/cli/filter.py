@@ -1,39 +1,100 @@
-"""What `simval filter` does."""
+"""`simval filter`."""
+
+from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from simval.cli.filter_object import evaluation_object, truth_object
-from simval.cli.filter_words import alignment_lines, filter_lines
-from simval.cli.noise_units import accelerometer_scale, gyro_scale
-from simval.cli.options import refuse_if, write
-from simval.cli.reproduced import command_again
-from simval.cli.taken import log_object
+from simval.cli.options import (
+    COLUMNS,
+    PATH,
+    ROWS,
+    command_again,
+    refuse_if,
+    unit_option,
+    write,
+)
+from simval.cli.outputs import OUT, Command
 from simval.cli.terminal import say
 from simval.errors import CrashedPluginError, InputError, PluginError
-from simval.logs import Log, Truth, read_log, read_truth
-from simval.logs.truth import quaternion_stems
-from simval.noise import load_noise
-from simval.recorded import Alignment, Evaluation, align, evaluate
-from simval.recorded.evaluation import filters_of, run_on_log
-from simval.recorded.settings import (
-    Signals,
-    Start,
-    rests_of_log,
-    signals,
-    start_of,
-    with_gyro_unit,
-)
-from simval.recorded.world import TruthWorld
-from simval.statics import interval_means
+from simval.vocabulary import FILTER_SECONDS, TRUTH_WORLDS
+
+if TYPE_CHECKING:
+    from simval.logs import Log, Truth
+    from simval.recorded import Alignment, Evaluation
+    from simval.recorded.settings import Signals, Start
+    from simval.recorded.world import TruthWorld
 
 FORMAT = "simval filter 1"
 
 
-def run(
+@click.command(name="filter", cls=Command)
+@click.argument("path", metavar="LOG", type=PATH)
+@click.option(
+    "--plugin",
+    "plugins",
+    multiple=True,
+    required=True,
+    metavar="PLUGIN",
+    help="A filter: FILE.py, FILE.py:NAME, or the name of an installed one; may be "
+    "repeated to compare several.",
+)
+@click.option(
+    "--truth",
+    metavar="NAME|FILE",
+    help="Recorded attitudes: the common name of four columns of LOG ('log' if it has "
+    "only four), or another file.",
+)
+@click.option(
+    "--truth-columns",
+    metavar="NAMES",
+    help="The columns of the truth's file in their order, as t,qx,qy,qz,qs (or "
+    "q0,q1,q2,q3), with - for one to ignore.",
+)
+@click.option(
+    "--truth-rate",
+    type=float,
+    metavar="HZ",
+    help="Rows per second of a truth's file that has no clock.",
+)
+@click.option(
+    "--truth-world",
+    type=click.Choice(TRUTH_WORLDS),
+    help="World of the truth; 'estimated' turns it to the log's own magnetometer.  "
+    "[default: that of its data set, else the nearest]",
+)
+@click.option(
+    "--calibration",
+    type=PATH,
+    help="Correct the log first, by a JSON file that `simval calibrate --out` wrote.",
+)
+@click.option(
+    "--noise",
+    type=PATH,
+    help="Noise that the filters are told, a file made by `simval noise LOG --json`.  "
+    "[default: what the rests of the log show]",
+)
+@click.option("--rate", type=float, metavar="HZ", help=ROWS)
+@click.option("--columns", help=COLUMNS)
+@unit_option("accelerometer")
+@unit_option("gyro")
+@click.option(
+    "--time-limit",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=FILTER_SECONDS,
+    show_default=True,
+    metavar="SECONDS",
+    help="Time that each filter may take.",
+)
+@click.option("--out", type=OUT, help="Write the result to this JSON file.")
+@click.option(
+    "--report", "page", type=OUT, help="Write a page with figures, a single HTML file."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def command(
     path: Path,
     plugins: tuple[str, ...],
     truth: str | None,
@@ -51,7 +112,28 @@ def run(
     page: Path | None,
     as_json: bool,
 ) -> int:
-    """Do what `simval filter` is asked."""
+    """Run attitude filters over a recorded LOG and measure their errors.
+
+    LOG must have a gyroscope, an accelerometer, a magnetometer and at least one rest.
+    Its columns and its clock are read as by `simval calibrate`.
+
+    With --truth, errors are measured against recorded attitudes; their clock and axes
+    are found from the log and stated with error bars, and their world is beside what
+    the log shows of it. Without --truth, the command can only show what a filter says
+    about itself.
+
+    Exit code 0 measured, 2 unreadable input, 3 refused, 4 a filter crashed.
+    """
+    from simval.logs import read_log
+    from simval.noise import load_noise
+    from simval.recorded.described import (
+        alignment_lines,
+        evaluation_object,
+        filter_lines,
+    )
+    from simval.recorded.evaluation import filters_of
+    from simval.recorded.settings import start_of
+
     filters = filters_of(plugins)
     log = read_log(path, rate, columns)
     recorded = truth_of(log, truth, truth_columns, truth_rate)
@@ -95,6 +177,8 @@ def truth_of(
     log: Log, truth: str | None, columns: str | None, rate: float | None
 ) -> Truth | None:
     """Recorded attitudes: columns of the log, a file of their own, or none."""
+    from simval.logs import read_truth
+
     if truth is not None and Path(truth).is_file():
         return read_truth(truth, columns=columns, rate=rate)
     refuse_if(
@@ -118,6 +202,11 @@ def prepared(
     world: TruthWorld | None = None,
 ) -> tuple[Signals, Alignment | None]:
     """Readings in SI units, and the truth aligned with them."""
+    from simval.multiposition.log_units import accelerometer_scale, gyro_scale
+    from simval.recorded import align
+    from simval.recorded.settings import rests_of_log, signals, with_gyro_unit
+    from simval.statics import interval_means
+
     rests = rests_of_log(log)
     accelerometer = accelerometer_scale(
         log, interval_means(log.accelerometer, rests), units[0]
@@ -145,6 +234,8 @@ def prepared(
 
 
 def _offered(path: Path) -> list[str]:
+    from simval.logs.truth import quaternion_stems
+
     stems = quaternion_stems(str(path))
     if not stems:
         return []
@@ -160,6 +251,9 @@ def _evaluated(
     time_limit: float,
 ) -> tuple[list[Evaluation], dict[str, str], int]:
     # what was measured, why others were not, and the exit code of that
+    from simval.recorded import evaluate
+    from simval.recorded.evaluation import run_on_log
+
     done, failed, code = [], {}, 0
     for name, word in filters.items():
         try:
@@ -180,6 +274,9 @@ def as_object(
     recorded: Truth | None,
 ) -> dict[str, Any]:
     """The log, what filters were told, and the truth, as plain JSON values."""
+    from simval.multiposition.objects import log_object
+    from simval.recorded.described import truth_object
+
     told = start.told
     return {
         "format": FORMAT,

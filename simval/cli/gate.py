@@ -1,5 +1,8 @@
-"""What `simval gate` does."""
+"""`simval gate`."""
 
+from __future__ import annotations
+
+import json
 import os
 import shlex
 import sys
@@ -9,42 +12,91 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
-from rich.table import Table
 
-from simval.cli.options import refuse_if, stated, write
-from simval.cli.outputs import require_free
-from simval.cli.shortened import every_line, short_lines
+from simval.cli.options import alpha_option, refuse_if, runs, stated, write
+from simval.cli.outputs import OUT, Command, Output, require_free
 from simval.cli.terminal import say
 from simval.errors import InputError
-from simval.judge import (
-    GateResult,
-    findings,
-    headline,
-    judge_run,
-    read_baseline,
-    samples_spent,
-    write_baseline,
-)
-from simval.judge.baseline import check_reason
-from simval.judge.findings import moved_kinds, reasons_given
-from simval.judge.formats import (
-    annotations,
-    to_json,
-    to_junit,
-    to_markdown,
-)
-from simval.sweep import load_run
-from simval.sweep.provenance import source_hash
-from simval.sweep.run import Run
 from simval.text import one_line
-from simval.verdict import Answer
+from simval.vocabulary import BASELINE
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from simval.judge import GateResult
+    from simval.sweep.run import Run
+    from simval.verdict import Answer
 
 
-def run(
+FILE = Output(dir_okay=False)
+
+
+def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from simval.judge.formats import Document
+
+        click.echo(json.dumps(Document.model_json_schema(), indent=1))
+        context.exit(0)
+
+
+@click.command(name="gate", cls=Command)
+@click.argument("run", shell_complete=runs)
+@click.option(
+    "--baseline",
+    type=OUT,
+    default=BASELINE,
+    show_default=True,
+    help="Baseline to compare with; the default one is written if there is none yet.",
+)
+@click.option(
+    "--update-baseline",
+    metavar="REASON",
+    help="Make this run the baseline, and store the reason in it.",
+)
+@click.option(
+    "--reason",
+    "reasons",
+    metavar="KIND=WORDS",
+    multiple=True,
+    help="Why a kind of statistic, or a study, moved; one for each that did.",
+)
+@click.option(
+    "--no-baseline",
+    is_flag=True,
+    help="Judge against theory only, without a baseline.",
+)
+@alpha_option
+@click.option("--junit", type=FILE, help="Write JUnit XML to this file.")
+@click.option("--summary", type=FILE, help="Write a Markdown summary to this file.")
+@click.option(
+    "--json", "json_file", type=FILE, help="Write every finding to this JSON file."
+)
+@click.option(
+    "--all",
+    "every",
+    is_flag=True,
+    help="Print every check that did not pass, not ten lines by kind.",
+)
+@click.option(
+    "--table", is_flag=True, help="Print how many checks of each kind passed."
+)
+@click.option(
+    "--samples",
+    is_flag=True,
+    help="Print the samples that the verdicts need, and those spent.",
+)
+@click.option(
+    "--json-schema",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_schema,
+    help="Print the JSON Schema of --json and stop.",
+)
+def command(
     run: str,
     baseline: Path,
     update_baseline: str | None,
@@ -58,7 +110,16 @@ def run(
     table: bool,
     samples: bool,
 ) -> int:
-    """Do what `simval gate` is asked."""
+    """Judge RUN (a folder, or `latest`) against theory and the baseline.
+
+    Exit code 0 pass, 1 fail, 3 inconclusive, refused or nothing measured, 4 a cell
+    crashed. In a GitHub workflow the command annotates failures and writes the step
+    summary.
+    """
+    from simval.judge import judge_run
+    from simval.judge.formats import to_json, to_junit, to_markdown
+    from simval.sweep import load_run
+
     refuse_if(
         no_baseline and (update_baseline is not None or stated("baseline")),
         "`--no-baseline` excludes `--baseline` and `--update-baseline`; give one",
@@ -91,6 +152,11 @@ def run(
 
 def _print_samples(result: GateResult) -> None:
     """Print how many samples the verdicts need, and how many the run spends."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from simval.judge import samples_spent
+
     columns = ("study", "s", "check", "statistic", "rows", "needed", "spent", "seen")
     table = Table(*columns, title="samples needed and spent")
     for each in samples_spent(result.verdicts, result.seconds):
@@ -102,6 +168,8 @@ def _print_samples(result: GateResult) -> None:
 
 
 def _beside_baseline(run: Run, baseline: Path, alpha: float) -> GateResult:
+    from simval.judge import judge_run, read_baseline, write_baseline
+
     if baseline.exists() or stated("baseline"):
         return judge_run(run, read_baseline(baseline), alpha)
     result = judge_run(run, None, alpha)
@@ -118,6 +186,10 @@ def _beside_baseline(run: Run, baseline: Path, alpha: float) -> GateResult:
 
 
 def _update(path: Path, run: Run, reason: str, stated: Sequence[str]) -> None:
+    from simval.judge import judge_run, read_baseline, write_baseline
+    from simval.judge.baseline import check_reason
+    from simval.judge.findings import moved_kinds, reasons_given
+
     old = _stored_cells(path)
     check_reason(reason)
     result = judge_run(run, read_baseline(path)) if old else None
@@ -152,6 +224,8 @@ def _reasons(kinds: Mapping[str, Any], given: Mapping[str, str]) -> dict[str, st
 
 
 def _stored_cells(path: Path) -> set[str]:
+    from simval.judge import read_baseline
+
     if not path.exists():
         return set()
     try:
@@ -161,6 +235,8 @@ def _stored_cells(path: Path) -> set[str]:
 
 
 def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
+    from simval.sweep.provenance import source_hash
+
     if run.manifest.get("source") != source_hash():
         yield "this run was made with another source code of simval than is installed"
     if no_baseline:
@@ -183,6 +259,11 @@ def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
 
 def show(result: GateResult, table: bool = False, every: bool = False) -> None:
     """Print one line if all is well, else what did not pass, in ten lines or all."""
+    from rich.console import Console
+
+    from simval.judge import headline
+    from simval.judge.words import every_line, short_lines
+
     if table:
         Console(highlight=False, soft_wrap=True, emoji=False).print(_counts(result))
     say(every_line(result) if every else short_lines(result))
@@ -192,6 +273,8 @@ def show(result: GateResult, table: bool = False, every: bool = False) -> None:
 
 
 def _tell_github(result: GateResult, baseline: Path) -> None:
+    from simval.judge.formats import annotations, to_markdown
+
     summary = os.environ.get("GITHUB_STEP_SUMMARY")
     if summary:
         require_free(Path(summary), "GITHUB_STEP_SUMMARY")
@@ -213,6 +296,10 @@ def _write(path: Path, text: str) -> None:
 
 
 def _counts(result: GateResult) -> Table:
+    from rich.table import Table
+
+    from simval.judge import findings
+
     table = Table(title="verdicts")
     for heading in ("study", "tier", "check", "pass", "fail", "inconclusive"):
         table.add_column(heading)

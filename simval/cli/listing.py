@@ -1,15 +1,21 @@
-"""What `simval list` does."""
+"""`simval list`."""
+
+from __future__ import annotations
+
+import click
 
 from simval.cli.terminal import say
-from simval.plugins.loading import BUILTIN, installed
-from simval.scene import scenes
-from simval.studies import STUDIES
-from simval.sweep import load_suite
 from simval.vocabulary import builtin_suites
 
 
-def run() -> int:
-    """Do what `simval list` is asked."""
+@click.command(name="list")
+def command() -> int:
+    """List suites, studies with their parameters, scenes and installed plug-ins."""
+    from simval.plugins.loading import BUILTIN, installed
+    from simval.scene import scenes
+    from simval.studies import STUDIES
+    from simval.sweep import load_suite
+
     lines = ["suites"]
     for name in builtin_suites():
         suite = load_suite(name)

@@ -1,43 +1,50 @@
-"""What `simval noise` does."""
+"""`simval noise`."""
+
+from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
-from simval.cli.noise_units import (
-    Scale,
-    accelerometer_scale,
-    gyro_scale,
-    magnetometer_scale,
-    printed,
+from simval.cli.options import (
+    COLUMNS,
+    PATH,
+    REST,
+    ROWS,
+    Positive,
+    command_again,
+    unit_option,
+    write,
 )
-from simval.cli.options import write
-from simval.cli.reproduced import command_again
-from simval.cli.taken import log_object
+from simval.cli.outputs import OUT, Command
 from simval.cli.terminal import say
 from simval.errors import InputError, RefusedError
-from simval.logs import Log, read_log
-from simval.multiposition.noise import LogNoise, log_noise
-from simval.noise import AxisNoise
-from simval.noise.model import AXES, FORMAT, axis_to_json, largest
-from simval.noise.model import UNITS as RAW
-from simval.text import interval_words
 
-SI = {"accelerometer": "m/s^2", "gyro": "rad/s", "magnetometer": "T"}
-Sensors = dict[str, tuple[tuple[AxisNoise, ...], Scale]]
-KALIBR = {
-    ("accelerometer", "N"): "accelerometer_noise_density",
-    ("accelerometer", "K"): "accelerometer_random_walk",
-    ("gyro", "N"): "gyroscope_noise_density",
-    ("gyro", "K"): "gyroscope_random_walk",
-}
+if TYPE_CHECKING:
+    from simval.logs import Log
+    from simval.multiposition.noise import LogNoise
+    from simval.multiposition.noise_described import Sensors
 
 
-def run(
+@click.command(name="noise", cls=Command)
+@click.argument("path", metavar="LOG", type=PATH)
+@click.option("--rate", type=float, metavar="HZ", help=ROWS)
+@click.option("--rest", type=Positive(), metavar="SECONDS", help=REST)
+@click.option("--columns", help=COLUMNS)
+@unit_option("accelerometer")
+@unit_option("gyro")
+@unit_option("magnetometer")
+@click.option(
+    "--increments", is_flag=True, help="Rows are rounded increments, so fit Q as well."
+)
+@click.option("--figure", type=OUT, help="Draw the Allan deviations (.svg or .png).")
+@click.option(
+    "--report", "page", type=OUT, help="Write a page with figures, a single HTML file."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def command(
     path: Path,
     rate: float | None,
     rest: float | None,
@@ -50,7 +57,22 @@ def run(
     page: Path | None,
     as_json: bool,
 ) -> None:
-    """Do what `simval noise` is asked."""
+    """Measure the noise model of a LOG of a sensor at rest.
+
+    Prints white noise N, flicker B and random walk K of each axis with 95 % intervals,
+    in SI units and in those of data sheets and Kalibr. What the log does not show gets
+    an upper bound. The whole log is used if it is at rest, otherwise its longest rest.
+    LOG, its columns and its clock are read as by `simval calibrate`.
+    """
+    from simval.logs import read_log
+    from simval.multiposition.log_units import (
+        accelerometer_scale,
+        gyro_scale,
+        magnetometer_scale,
+    )
+    from simval.multiposition.noise import log_noise
+    from simval.multiposition.noise_described import as_object, described
+
     _require_drawable(figure)
     log = read_log(path, rate, columns)
     found = log_noise(log, rest, increments=increments)
@@ -129,126 +151,3 @@ def _noisy(sensors: Sensors) -> Any:
         SensorNoise(name=name, axes=axes, si_per_raw=scale.si_per_raw)
         for name, (axes, scale) in sensors.items()
     ]
-
-
-def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:
-    """Return the noise of a log as one JSON object."""
-    gravity = float(np.linalg.norm(found.means[0]))
-    kalibr = list(_kalibr(sensors))
-    listed: dict[str, Any] = {
-        name: {
-            "si_unit": SI[name],
-            "si_per_raw": scale.si_per_raw,
-            "unit": scale.how,
-            "axes": {
-                axis: axis_to_json(each) for axis, each in zip(AXES, axes, strict=True)
-            },
-        }
-        for name, (axes, scale) in sensors.items()
-    }
-    listed["accelerometer"]["gravity_raw"] = gravity
-    return {
-        "format": FORMAT,
-        **log_object(log),
-        "rest": {
-            "start": found.start,
-            "stop": found.stop,
-            "seconds": found.seconds,
-            "how": found.how,
-        },
-        "sensors": listed,
-        "left_out": dict(found.left_out),
-        "kalibr": {name: x for name, x, _ in kalibr if x is not None}
-        | {"update_rate": log.rate},
-        "kalibr_bounds": {name: x for name, _, x in kalibr if x is not None},
-    }
-
-
-def _kalibr(sensors: Sensors) -> Iterator[tuple[str, float | None, float | None]]:
-    # one number for the three axes: the largest that is seen, and the largest bound
-    for (name, kind), title in KALIBR.items():
-        axes, scale = sensors.get(name, ((), None))
-        if scale is not None and scale.si_per_raw is not None:
-            size = np.full(len(axes), scale.si_per_raw)
-            yield title, *largest(axes, kind, size)
-
-
-def described(found: LogNoise, sensors: Sensors) -> list[str]:
-    """Describe the noise of a log in lines of text."""
-    lines = [f"rest              {found.how}: {found.stop - found.start} rows"]
-    lines += [f"raw unit          {name}: {sensors[name][1].how}" for name in sensors]
-    for name, (axes, scale) in sensors.items():
-        kinds = sorted(
-            {c.kind for axis in axes for c in axis.coefficients}, key="NBKQ".index
-        )
-        for kind in kinds:
-            lines += ["", *_table(name, kind, axes, scale.si_per_raw)]
-        lines += ["", f"{name}, how far the model holds", *_fits(axes)]
-    for name, why in found.left_out.items():
-        lines += ["", f"left out          the {name}: {why}"]
-    return lines + _kalibr_lines(sensors)
-
-
-def _table(
-    name: str, kind: str, axes: tuple[AxisNoise, ...], si: float | None
-) -> list[str]:
-    # one row for each axis; a bound is printed as a bound
-    how = printed(name, kind)
-    unit = RAW[kind] if si is None else how.si
-    further = how.further if si is not None else ()
-    scale = 1.0 if si is None else si
-    head = f"  {'':4s}{'value':>12s}{'sd':>10s}   {'95 % interval':22s}"
-    lines = [f"{name}, {how.title}, {unit}", head + _heads(further)]
-    for letter, axis in zip(AXES, axes, strict=True):
-        each = next((c for c in axis.coefficients if c.kind == kind), None)
-        if each is None:
-            lines.append(f"  {letter:4s}{'no model':>12s}")
-            continue
-        seen = each.value is not None
-        size = scale * (each.high if each.value is None else each.value)
-        if not np.isfinite(size):
-            lines.append(f"  {letter:4s}{'not seen, and not bounded either':>12s}")
-            continue
-        mark = "" if seen else "<"
-        cells = [f"{mark}{size:.4g}", f"{scale * each.sd:.2g}" if each.sd else "-"]
-        ends = interval_words(scale * each.low, scale * each.high, 4)
-        extra = "".join(
-            f"{mark + format(convert(size, axis.rate_hz), '.4g'):>{len(title) + 3}s}"
-            for title, convert in further
-        )
-        lines.append(f"  {letter:4s}{cells[0]:>12s}{cells[1]:>10s}   {ends:22s}{extra}")
-    return [line.rstrip() for line in lines]
-
-
-def _heads(further: Any) -> str:
-    return "".join(f"   {title}" for title, _ in further)
-
-
-def _fits(axes: tuple[AxisNoise, ...]) -> list[str]:
-    lines = []
-    for letter, axis in zip(AXES, axes, strict=True):
-        if axis.coefficients:
-            times = axis.seconds[slice(*axis.used)]
-            lines.append(
-                f"  {letter:4s}averages over {times[0]:.3g} s to {times[-1]:.3g} s, "
-                f"chi2 per dof {axis.chi2 / axis.dof:.3g} with {axis.dof} degrees of "
-                "freedom"
-            )
-        lines += [f"  {letter:4s}{words}" for words in axis.statements]
-    return lines
-
-
-def _kalibr_lines(sensors: Sensors) -> list[str]:
-    lines = []
-    for title, seen, bound in _kalibr(sensors):
-        name = f"  {title + ':':30s}"
-        if seen is not None:
-            more = "" if bound is None else f"   # not on every axis: below {bound:.4g}"
-            lines.append(f"{name}{seen:.4g}{more}")
-        elif bound is not None:
-            lines.append(f"# {name[2:]}not seen, below {bound:.4g}")
-    if not lines:
-        return []
-    rate = next(iter(sensors.values()))[0][0].rate_hz
-    head = ["", "as Kalibr's imu.yaml has them, the largest of the axes"]
-    return [*head, *lines, f"  {'update_rate:':30s}{rate:.6g}"]

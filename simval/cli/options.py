@@ -1,16 +1,22 @@
-"""Options that several commands share."""
+"""What several commands share: options, completed values, the command in words.
 
-from collections.abc import Callable
+A shell starts the program at each key, so only names of `simval.vocabulary` and of
+folders are looked at. Where no name fits, the shell completes files by itself.
+"""
+
+import shlex
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 from click.core import ParameterSource
+from click.shell_completion import CompletionItem
 
 from simval.cli.outputs import Input, require_free
 from simval.errors import InputError
 from simval.text import shown
-from simval.vocabulary import ALPHA
+from simval.vocabulary import ALPHA, RUNS, SCENES, STUDIES, builtin_suites
 from simval.whole import exact, read
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -135,3 +141,90 @@ alpha_option = click.option(
     show_default=True,
     help="False-alarm rate of all checks together.",
 )
+
+
+GIVEN = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
+
+
+def command_again() -> str:
+    """Words of the running command: what was given, in the order of its help.
+
+    Pages are shared, so a path is shown by its name alone.
+    """
+    context = click.get_current_context()
+    words = context.command_path.split()
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if context.get_parameter_source(name) not in GIVEN:
+            continue
+        words += _words(parameter, context.params.get(name))
+    return shlex.join(words)
+
+
+def _words(parameter: click.Parameter, value: Any) -> list[str]:
+    many = value if isinstance(value, tuple | list) else [value]
+    if isinstance(parameter, click.Argument):
+        return [_shown(each) for each in many]
+    title = max(parameter.opts, key=len)
+    if getattr(parameter, "is_flag", False):
+        return [title] if value else []
+    return [word for each in many for word in (title, _shown(each))]
+
+
+def _shown(value: Any) -> str:
+    """A value as it is typed; of a path its name, wherever it is."""
+    if isinstance(value, Path):
+        return value.name
+    text = str(value)
+    return Path(text).name if "/" in text and Path(text).exists() else text
+
+
+Completer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
+
+
+def suites(
+    context: click.Context, parameter: click.Parameter, word: str
+) -> list[CompletionItem]:
+    """Suites of the package, else TOML files."""
+    return _fitting(builtin_suites(), word)
+
+
+def scenes(
+    context: click.Context, parameter: click.Parameter, word: str
+) -> list[CompletionItem]:
+    """Scenes of the package, else Python files."""
+    return _fitting(SCENES, word)
+
+
+def studies(
+    context: click.Context, parameter: click.Parameter, word: str
+) -> list[CompletionItem]:
+    """Studies with the dot that their key follows."""
+    return _fitting([f"{study}." for study in STUDIES], word, or_files=False)
+
+
+def runs(
+    context: click.Context, parameter: click.Parameter, word: str
+) -> list[CompletionItem]:
+    """`latest` and the runs where sweeps put them, the newest first, else folders."""
+    try:
+        found = sorted(RUNS.glob("*/run.sqlite"), key=_age, reverse=True)
+    except OSError:  # a folder that cannot be read completes nothing
+        found = []
+    folders = [file.parent for file in found]
+    return _fitting(["latest", *map(str, folders)], word) if folders else _files(word)
+
+
+def _age(path: Path) -> float:
+    return path.stat().st_mtime
+
+
+def _fitting(
+    names: Iterable[str], word: str, *, or_files: bool = True
+) -> list[CompletionItem]:
+    found = [CompletionItem(name) for name in names if name.startswith(word)]
+    return found if found or not or_files else _files(word)
+
+
+def _files(word: str) -> list[CompletionItem]:
+    return [CompletionItem(word, type="file")]

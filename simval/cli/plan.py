@@ -1,33 +1,25 @@
-"""What `simval plan` does."""
+"""`simval plan`."""
+
+from __future__ import annotations
 
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
-from simval.arrays import Array, positive_number
-from simval.calibrate.files import load_calibration
-from simval.cli.options import refuse_if, stated
+from simval.cli.options import PATH, Gravity, refuse_if, stated
 from simval.cli.terminal import say
 from simval.errors import InputError, RefusedError
-from simval.files import MOST_DOCUMENT, read_text
-from simval.multiposition.pose_noise import SHOWS, mean_noise
-from simval.noise import load_noise
-from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
-from simval.sensor import AccelerometerModel
-from simval.sensor.forms import entries
-from simval.shapes import Float
-from simval.theory.plans import (
-    GyroscopePlan,
-    Plan,
-    plan,
-    plan_gyroscope,
-    pose_noise,
-)
+from simval.vocabulary import MODELS
 from simval.whole import read
+
+if TYPE_CHECKING:
+    from simval.arrays import Array
+    from simval.sensor import AccelerometerModel
+    from simval.shapes import Float
+    from simval.theory.plans import GyroscopePlan, Plan
 
 SOURCES = {
     "given": "",
@@ -44,10 +36,76 @@ GYROSCOPE_KEYS = (
     "names", "sd", "accelerometer_sd", "moves", "rank", "condition", "next_axis",
     "next_angle", "sd_next",
 )  # fmt: skip
-SETS = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}
 
 
-def run(
+@click.command(name="plan")
+@click.option(
+    "--poses",
+    default="fibonacci:20",
+    show_default=True,
+    help="Pose set: fibonacci:N, faces, edges or corners, or several joined by +.",
+)
+@click.option(
+    "--directions",
+    type=PATH,
+    help="Text file of directions to use instead of --poses: rows of x y z in sensor "
+    "axes, of any length.",
+)
+@click.option(
+    "--noise-std",
+    type=float,
+    help="Standard deviation of a pose mean on each axis: m/s^2, or raw units with "
+    "--sensor.",
+)
+@click.option(
+    "--noise-density",
+    type=float,
+    help="Noise density of a data sheet (one-sided), m/s^2 or raw units per root Hz; "
+    "needs --hold.",
+)
+@click.option(
+    "--velocity-random-walk",
+    type=float,
+    help="Velocity random walk, the Allan deviation at 1 s; needs --hold.",
+)
+@click.option(
+    "--noise",
+    "noise_file",
+    type=PATH,
+    help="Measured noise, a file made by `simval noise LOG --json`; needs --hold.",
+)
+@click.option(
+    "--hold", type=float, metavar="SECONDS", help="Time that is averaged in each pose."
+)
+@click.option(
+    "--sensor",
+    type=PATH,
+    help="JSON file of an earlier calibration, whose scales and axes are used.  "
+    "[default: an ideal sensor in m/s^2]",
+)
+@click.option(
+    "--angle-random-walk",
+    type=float,
+    help="White noise of a gyroscope, rad/s per root Hz, to plan its calibration too.",
+)
+@click.option(
+    "--move",
+    type=float,
+    metavar="SECONDS",
+    help="Time of a move between two poses, for the gyroscope.  [default: 2]",
+)
+@click.option(
+    "--g", type=Gravity(), default=9.80665, show_default=True, help="Gravity, m/s^2."
+)
+@click.option(
+    "--model",
+    type=click.Choice(MODELS),
+    default="triangular",
+    show_default=True,
+    help="Form of the matrix whose parameters are predicted.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def command(
     poses: str,
     directions: Path | None,
     sensor: Path | None,
@@ -59,7 +117,19 @@ def run(
     move: float | None,
     **noise: float | None,
 ) -> None:
-    """Do what `simval plan` is asked."""
+    """Predict the error bars of a calibration before any data is taken.
+
+    Prints the standard deviation of each parameter for a pose set, the rank and
+    condition of the set, and the next direction that would help most. State the noise
+    by --noise-std, or by --hold with a noise density or a measured noise model.
+
+    With --angle-random-walk the command also predicts the error bars of a gyroscope's
+    matrix and bias, for the shortest moves between the poses in their order, and the
+    next turn that would help most.
+    """
+    from simval.calibrate.files import load_calibration
+    from simval.theory.plans import plan, plan_gyroscope
+
     refuse_if(
         angle_random_walk is not None and noise["hold"] is None,
         "`--angle-random-walk` needs `--hold`, the time of a rest, and the "
@@ -115,6 +185,12 @@ def measured_noise(
 
     Those are the log's where a sensor is given, else m/s^2.
     """
+    import numpy as np
+
+    from simval.arrays import positive_number
+    from simval.multiposition.pose_noise import SHOWS, mean_noise
+    from simval.noise import load_noise
+
     known = load_noise(path)
     if hold is None:
         msg = "the time that is averaged in a pose is not known; give `--hold`"
@@ -151,6 +227,8 @@ def noise_of(
     hold: float | None = None,
 ) -> float:
     """Noise of a pose mean, from the options."""
+    from simval.theory.plans import pose_noise
+
     others = (noise_density, velocity_random_walk, hold)
     if noise_std is not None:
         if any(x is not None for x in others):
@@ -170,11 +248,21 @@ def noise_of(
 
 def named_poses(text: str) -> Float[Array, "n 3"]:
     """Directions of a named pose set."""
+    import numpy as np
+
+    from simval.poses import (
+        cube_corners,
+        cube_edges,
+        cube_faces,
+        fibonacci_sphere,
+    )
+
+    sets = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}
     parts = []
     for name in text.split("+"):
         kind, _, count = name.strip().partition(":")
-        if kind in SETS and not count:
-            parts.append(SETS[kind]())
+        if kind in sets and not count:
+            parts.append(sets[kind]())
         elif kind == "fibonacci" and 0 < (number := read(count) or 0) <= 100_000:
             parts.append(fibonacci_sphere(number))
         else:
@@ -188,6 +276,10 @@ def named_poses(text: str) -> Float[Array, "n 3"]:
 
 def read_directions(path: Path) -> Float[Array, "n 3"]:
     """Read rows of x y z from a text file."""
+    import numpy as np
+
+    from simval.files import MOST_DOCUMENT, read_text
+
     try:
         lines = read_text(path, MOST_DOCUMENT).replace(",", " ").splitlines()
         rows = [[float(x) for x in line.split()] for line in lines if line.strip()]
@@ -210,6 +302,7 @@ def as_object(
     result: Plan | GyroscopePlan, keys: Sequence[str] = PLAN_KEYS
 ) -> dict[str, Any]:
     """Plan as plain JSON values; infinite becomes null."""
+    import numpy as np
 
     def plain(value: Any) -> Any:
         array = np.asarray(value)
@@ -223,6 +316,10 @@ def as_object(
 
 def described(result: Plan, form: str, g: float, source: str = "") -> list[str]:
     """Describe a plan in lines of text."""
+    import numpy as np
+
+    from simval.sensor.forms import entries
+
     helps = ", ".join(f"{x:.3f}" for x in result.next_direction)
     lines = [
         f"poses           {result.poses}, {_rank(result)}",
@@ -260,6 +357,8 @@ def _rank(result: Plan | GyroscopePlan) -> str:
 
 def gyroscope_described(result: GyroscopePlan) -> list[str]:
     """Describe the plan of a gyroscope in lines of text."""
+    import numpy as np
+
     helps = ", ".join(f"{x:.3f}" for x in result.next_axis)
     lines = [
         "",

@@ -33,8 +33,8 @@ from rich.text import Text
 
 from simval.cli.interruption import heed
 from simval.studies.study import Cell, canonical
+from simval.sweep import runner
 from simval.sweep.cells import Ending, worse
-from simval.sweep.runner import Progress
 
 LOG_INTERVAL = 5.0
 """Seconds between the lines of a log; a terminal is drawn ten times a second."""
@@ -50,7 +50,7 @@ LEAST = 1e-3
 STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
-class Quiet(Progress):
+class Quiet(runner.Progress):
     """A progress that says nothing, and stops a sweep whose Ctrl-C was dropped."""
 
     def advance(self, name: str, ending: Ending) -> None:
@@ -62,7 +62,7 @@ class Quiet(Progress):
         click.echo(words, err=True)
 
 
-class CellBar(Progress):
+class CellBar(runner.Progress):
     """Progress of a sweep: how many cells, how long still, which are at work.
 
     On a terminal a line that is drawn again; elsewhere a line now and then. Used as a

@@ -1,21 +1,70 @@
-"""What `simval report` does."""
+"""`simval report`."""
+
+from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from simval.cli.options import refuse_if
-from simval.cli.outputs import beside_store, require_free
+from simval.cli.options import PATH, alpha_option, refuse_if, runs
+from simval.cli.outputs import OUT, Command, beside_store, require_free
 from simval.errors import InputError
-from simval.judge import read_baseline
-from simval.report import csv_text, drawings, png, render, svg_file, tables
-from simval.report.panels import Drawing
-from simval.sweep import Run, load_run
+from simval.vocabulary import BASELINE
+
+if TYPE_CHECKING:
+    from simval.report.panels import Drawing
+    from simval.sweep import Run
 
 
-def run(
+@click.command(name="report", cls=Command)
+@click.argument("run", shell_complete=runs)
+@click.option(
+    "--out", type=OUT, help="Page to write.  [default: report.html in the run folder]"
+)
+@click.option(
+    "--figures",
+    "pictures",
+    type=OUT,
+    help="Write each figure to this folder too, as SVG and PNG.",
+)
+@click.option(
+    "--only",
+    "names",
+    multiple=True,
+    metavar="NAME",
+    help="With --figures, write only this figure; may be repeated.",
+)
+@click.option(
+    "--tables",
+    "lists",
+    type=OUT,
+    help="Write each table, with all its rows, to this folder as CSV.",
+)
+@click.option(
+    "--baseline",
+    type=PATH,
+    is_flag=False,
+    flag_value=str(BASELINE),
+    metavar="[FILE]",
+    help="Say on the page what changed since this baseline; put the option after RUN.  "
+    f"[default file: {BASELINE}]",
+)
+@click.option(
+    "--against",
+    metavar="RUN",
+    help="Say on the page what changed since this other run.",
+)
+@click.option(
+    "--open",
+    "opened",
+    is_flag=True,
+    help="Write the page with every fold open, to print.",
+)
+@alpha_option
+def command(
     run: str,
     out: Path | None,
     pictures: Path | None,
@@ -26,7 +75,16 @@ def run(
     opened: bool,
     alpha: float,
 ) -> int:
-    """Do what `simval report` is asked."""
+    """Write RUN (a folder, or `latest`) as one self-contained HTML file.
+
+    The first screen says how wrong the algorithms are, whether theory says so too and,
+    with --baseline or --against, whether they are worse than before. The last line
+    printed is the path of the page.
+    """
+    from simval.judge import read_baseline
+    from simval.report import render
+    from simval.sweep import load_run
+
     refuse_if(
         bool(names) and pictures is None,
         "`--only` selects figures of `--figures`; give that folder too",
@@ -62,6 +120,8 @@ def _named(file: Path) -> Iterator[Path]:
 
 
 def _chosen(run: Run, names: tuple[str, ...]) -> dict[str, Drawing]:
+    from simval.report import drawings
+
     known = {drawing.name: drawing for drawing in drawings(run)}
     unknown = [name for name in names if name not in known]
     if unknown:
@@ -71,6 +131,8 @@ def _chosen(run: Run, names: tuple[str, ...]) -> dict[str, Drawing]:
 
 
 def _write_figures(chosen: dict[str, Drawing], folder: Path) -> None:
+    from simval.report import png, svg_file
+
     folder.mkdir(parents=True, exist_ok=True)
     for name, drawing in chosen.items():
         file = folder / f"{name}.svg"
@@ -83,6 +145,8 @@ def _write_figures(chosen: dict[str, Drawing], folder: Path) -> None:
 
 
 def _write_tables(run: Run, folder: Path) -> None:
+    from simval.report import csv_text, tables
+
     folder.mkdir(parents=True, exist_ok=True)
     for table in tables(run):
         file = folder / f"{table.name}.csv"

@@ -1,23 +1,75 @@
-"""What `simval repro` does."""
+"""`simval repro`."""
 
-from collections.abc import Mapping
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Final
 
 import click
 
-from simval.cli.rounding import beside_theory
+from simval.cli.options import runs, suites
 from simval.errors import InputError
-from simval.results import Row
-from simval.sweep.cells import REFUSED
-from simval.sweep.identity import mixture
-from simval.sweep.provenance import differences, file_hashes, versions
-from simval.sweep.repro import Repetition, find_cell, repeat
-from simval.sweep.run import Run, load_run
+
+if TYPE_CHECKING:
+    from simval.results import Row
+    from simval.sweep.repro import Repetition
+    from simval.sweep.run import Run
+
+PLAIN: Final = 6
+"""Digits of a number that has no standard error."""
+MOST: Final = 15
+"""Digits beyond which a float has none."""
+HEADS: Final = (
+    "statistic",
+    "measured",
+    "standard error",
+    "predicted",
+    "apart",
+    "theory",
+)
 
 
-def run(
+@click.command(name="repro")
+@click.argument("cell")
+@click.option(
+    "--run",
+    "folder",
+    shell_complete=runs,
+    default="latest",
+    show_default=True,
+    help="Run to search and to compare with.",
+)
+@click.option(
+    "--suite",
+    shell_complete=suites,
+    metavar="SUITE",
+    help="Suite to search if the run does not have the cell.  [default: the built-in "
+    "ones]",
+)
+@click.option(
+    "--plugin",
+    "plugins",
+    multiple=True,
+    metavar="PLUGIN",
+    help="Where the cell's plug-in is now, if it was moved; may be repeated.",
+)
+@click.option("--exact", is_flag=True, help="Print all digits.")
+def command(
     cell: str, folder: str, suite: str | None, plugins: tuple[str, ...], exact: bool
 ) -> int:
-    """Do what `simval repro` is asked."""
+    """Compute one CELL again, by its name in a table or a report.
+
+    Prints what the cell measures beside what theory predicts, and compares it with the
+    run. Exit code 0 if the numbers are equal to the bit, 1 if not, 3 if the run does
+    not have the cell or its plug-in is refused, 4 if it crashes.
+    """
+    from simval.sweep.cells import REFUSED
+    from simval.sweep.identity import mixture
+    from simval.sweep.provenance import file_hashes
+    from simval.sweep.repro import find_cell, repeat
+    from simval.sweep.run import load_run
+
     try:
         run = load_run(folder)
     except InputError:
@@ -56,6 +108,8 @@ def _exactly(row: Row) -> str:
 
 
 def _show_difference(again: Repetition, run: Run, files: Mapping[str, str]) -> None:
+    from simval.sweep.provenance import differences, versions
+
     for old, new in again.different:
         now = "not measured" if new is None else repr(new.value)
         click.echo(
@@ -68,3 +122,46 @@ def _show_difference(again: Repetition, run: Run, files: Mapping[str, str]) -> N
     if others:
         reason += f"; its plug-in has changed: {', '.join(others)}"
     click.echo(f"not equal to {run.folder}{reason}")
+
+
+def rounded(value: float, error: float) -> str:
+    """Write a value as far as the second digit of its standard error."""
+    if not (error > 0.0 and math.isfinite(error) and math.isfinite(value)):
+        return f"{value:.{PLAIN}g}"
+    last = math.floor(math.log10(error)) - 1  # power of ten of the last digit
+    first = math.floor(math.log10(abs(value))) if value else last
+    return f"{value:.{min(max(first - last, 0), MOST)}e}"
+
+
+def apart(row: Row) -> str:
+    """How far a row is from its prediction: in standard errors, where it has one."""
+    if row.prediction is None or row.check == "limit":
+        return ""
+    difference = row.value - row.prediction
+    if row.standard_error > 0.0:
+        return f"{difference / row.standard_error:+.1f} s.e."
+    return f"{difference:+.1g}" if difference else "0"
+
+
+def beside_theory(rows: Iterable[Row]) -> Iterator[str]:
+    """Lines of a table: what was measured beside what was predicted."""
+    table = [HEADS, *(_entries(row) for row in rows)]
+    widths = [max(len(line[place]) for line in table) for place in range(len(HEADS))]
+    for line in table:
+        cells = [f"{cell:>{width}}" for cell, width in zip(line, widths, strict=True)]
+        cells[0], cells[-1] = f"{line[0]:<{widths[0]}}", line[-1]
+        yield "  ".join(cells).rstrip()
+
+
+def _entries(row: Row) -> tuple[str, ...]:
+    error = row.standard_error
+    predicted = "" if row.prediction is None else rounded(row.prediction, error)
+    unit = "" if row.unit == "1" else f", {row.unit}"
+    return (
+        f"{row.statistic}{unit}",
+        rounded(row.value, error),
+        f"{error:.1e}" if error else "",
+        f"at most {predicted}" if row.check == "limit" else predicted,
+        apart(row),
+        row.predictor,
+    )

@@ -1,26 +1,71 @@
-"""What `simval scene` does."""
+"""`simval scene`."""
+
+from __future__ import annotations
 
 import ast
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
-from simval.cli.options import refuse_if, stated
+from simval.cli.options import PATH, Whole, refuse_if, scenes, stated
+from simval.cli.outputs import OUT, Command
 from simval.cli.terminal import say
 from simval.errors import InputError
-from simval.scene import Trajectory, find_scene, render_file, scenes, simulate
-from simval.scene.trajectory import motion_of, write_signal
-from simval.sensor import ImuModel, ImuReadings, load_imu, read_imu
-from simval.streams import cell_key, stream
 from simval.text import did_you_mean
+
+if TYPE_CHECKING:
+    from simval.scene import Trajectory
+    from simval.sensor import ImuModel, ImuReadings
 
 COMMON = ("site_offset", "timestep", "integrator")
 
 
-def run(
+@click.command(name="scene", cls=Command)
+@click.argument("name", default="gimbal", shell_complete=scenes)
+@click.option(
+    "--sensor",
+    type=PATH,
+    help="TOML or JSON file that describes the accelerometer (T, K, B, noise and other "
+    "effects), and in tables the gyroscope, magnetometer and clock.  [default: ideal "
+    "sensors]",
+)
+@click.option("--out", type=OUT, help="Write the log to this CSV file.")
+@click.option(
+    "--every",
+    type=Whole(min=1),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Keep each N-th row of the log; its rates are averages over the N steps.",
+)
+@click.option(
+    "--render",
+    "picture",
+    type=OUT,
+    help="Write a picture (.png) or an animation (.gif, .mp4).",
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Set a parameter of the scene, or site_offset, timestep or integrator; may be "
+    "repeated.",
+)
+@click.option(
+    "--seed", type=Whole(min=0), default=0, show_default=True, help="Seed of the noise."
+)
+@click.option(
+    "--seconds",
+    type=float,
+    default=8.0,
+    show_default=True,
+    help="Length of the animation, s.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def command(
     name: str,
     sensor: Path | None,
     out: Path | None,
@@ -31,7 +76,17 @@ def run(
     seconds: float,
     as_json: bool,
 ) -> None:
-    """Do what `simval scene` is asked."""
+    """Simulate the scene NAME and write its readings, or a picture of it.
+
+    NAME is gimbal (default), die, shaker, pivot, handheld, cube, freefall, or the path
+    of a Python file with a Scene. --out writes a test signal for any calibrator: a log
+    with the raw readings of accelerometer, gyroscope and magnetometer, and the truth
+    beside them.
+    """
+    from simval.scene import render_file, simulate
+    from simval.scene.trajectory import write_signal
+    from simval.sensor import load_imu
+
     refuse_if(
         stated("seed") and sensor is None,
         "`--seed` is for the noise of `--sensor`; give that too",
@@ -67,6 +122,8 @@ def run(
 
 def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
     """Parameters that words KEY=VALUE set."""
+    from simval.scene import find_scene
+
     known = [*find_scene(name).parameters(), *COMMON]
     values: dict[str, Any] = {}
     for word in settings:
@@ -87,12 +144,18 @@ def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
 
 def read(imu: ImuModel, trajectory: Trajectory, every: int, seed: int) -> ImuReadings:
     """Readings of a run's kept rows, with noise of a seed."""
+    from simval.scene.trajectory import motion_of
+    from simval.sensor import read_imu
+    from simval.streams import cell_key, stream
+
     rng = stream(seed, cell_key("sensor of simval scene"), 0)
     return read_imu(imu, motion_of(trajectory, every), rng)
 
 
 def stopped(readings: ImuReadings | None) -> list[str]:
     """Lines on readings that stop at the end of a range, so that nobody trusts them."""
+    import numpy as np
+
     if readings is None:
         return []
     sensors = {
@@ -133,9 +196,13 @@ def described(trajectory: Trajectory) -> list[str]:
 
 
 def _summary(name: str) -> str:
+    from simval.scene import scenes
+
     listed = scenes()
     return listed[name].summary if name in listed else "a user-supplied scene"
 
 
 def _plain(value: Any) -> Any:
+    import numpy as np
+
     return np.asarray(value).tolist()

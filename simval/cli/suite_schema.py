@@ -1,13 +1,16 @@
-"""What `simval suite-schema` does."""
+"""`simval suite-schema`."""
+
+from __future__ import annotations
 
 import json
 
 import click
 
-from simval.sweep.suite import suite_schema
 
+@click.command(name="suite-schema")
+def command() -> int:
+    """Print the JSON Schema of suite files, for editors and other programs."""
+    from simval.sweep.suite import suite_schema
 
-def run() -> int:
-    """Do what `simval suite-schema` is asked."""
     click.echo(json.dumps(suite_schema(), indent=2))
     return 0

@@ -1,34 +1,92 @@
-"""What `simval sweep` does."""
+"""`simval sweep`."""
 
+from __future__ import annotations
+
+import os
 import shlex
 from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from simval.cli.options import refuse_if, stated
-from simval.cli.progress import CellBar, Quiet
+from simval.cli.options import Whole, refuse_if, stated, studies, suites
+from simval.cli.outputs import OUT, Command
 from simval.errors import LostClusterError
-from simval.plugins.loading import beside_builtin, chosen, spelled
-from simval.sweep import Suite, load_suite, store
-from simval.sweep.cells import REFUSED
-from simval.sweep.identity import StrangerError
-from simval.sweep.run import RUNS
-from simval.sweep.runner import drive
+
+if TYPE_CHECKING:
+    from simval.sweep import Suite
 
 BYTES_PER_ROW = 340
 """In the store and the table together, measured with the accuracy suite."""
-
 GIVEN = ("out", "resume")
 """Options that a continued sweep has in any case."""
-
 SHOWN = 20
 """Failed cells named one by one; the others are counted."""
 
 
-def run(
+@click.command(name="sweep", cls=Command)
+@click.argument("suite", default="accuracy", shell_complete=suites)
+@click.option(
+    "--out",
+    type=OUT,
+    help="Folder of the run, new or empty.  [default: one under reports/runs]",
+)
+@click.option(
+    "--workers",
+    type=Whole(min=1),
+    default=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1,
+    show_default="all processors",
+    help="Number of processes that compute cells.",
+)
+@click.option("--seed", type=Whole(min=0), help="Seed to use instead of the suite's.")
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    shell_complete=studies,
+    metavar="STUDY.KEY=V1[,V2...]",
+    help="Replace a value of the suite by one or several; may be repeated.",
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Compute on the dask.distributed cluster at this address (extra `cluster`).",
+)
+@click.option(
+    "--wait",
+    type=click.FloatRange(min=0.0),
+    default=60.0,
+    metavar="SECONDS",
+    show_default=True,
+    help="Wait so long for a worker of the scheduler while there is none.",
+)
+@click.option(
+    "--mixed-kernels",
+    is_flag=True,
+    help="Let workers compute whose processor kernels, linear algebra or C library are "
+    "not this machine's: the last bits then depend on which did.",
+)
+@click.option(
+    "--plugin",
+    "plugins",
+    multiple=True,
+    metavar="PLUGIN",
+    help="Measure this algorithm or scene too, beside built-in ones: FILE.py, "
+    "FILE.py:NAME, the name of an installed plug-in, or 'command: PROGRAM {poses}'; "
+    "may be repeated.",
+)
+@click.option(
+    "--resume", is_flag=True, help="Continue an interrupted run in the folder --out."
+)
+@click.option(
+    "--dry-run",
+    is_flag=True,
+    help="List the cells with their estimated times, and stop.",
+)
+@click.option("--quiet", is_flag=True, help="Print only the folder of the run.")
+def command(
     suite: str,
     out: Path | None,
     workers: int,
@@ -42,7 +100,18 @@ def run(
     wait: float,
     mixed_kernels: bool,
 ) -> int:
-    """Do what `simval sweep` is asked."""
+    """Run SUITE: smoke, accuracy, filters, full, or the path of a TOML file.
+
+    The last line printed is the folder of the run. Exit code 0 if every cell was
+    computed, 3 if a plug-in was refused or the cluster was lost, 4 if a cell crashed.
+    `simval gate` judges the numbers.
+    """
+    from simval.cli.progress import CellBar, Quiet
+    from simval.plugins.loading import beside_builtin, chosen, spelled
+    from simval.sweep import load_suite
+    from simval.sweep.identity import StrangerError
+    from simval.sweep.runner import drive
+
     refuse_if(
         resume and out is None,
         "`--resume` continues a run; give its folder with `--out`",
@@ -85,6 +154,9 @@ def run(
 
 def _tell_failures(folder: Path, cells: int) -> int:
     """Say which cells failed, and where the table is; give the exit code."""
+    from simval.sweep import store
+    from simval.sweep.cells import REFUSED
+
     with store.opened(folder / "run.sqlite") as database:
         first = store.failures(database, SHOWN)
         failed = store.count(database, "failed")
@@ -139,4 +211,6 @@ def _plan(suite: Suite, workers: int) -> int:
 
 
 def _fresh(suite: Suite) -> Path:
+    from simval.sweep.run import RUNS
+
     return RUNS / f"{suite.name}-{datetime.now():%Y%m%d-%H%M%S}"

@@ -9,6 +9,8 @@ from typing import Any
 
 import click
 
+from simval.text import one_line
+
 LABEL = 24
 """Columns that a label may take, so that what belongs to it is folded beside it."""
 
@@ -51,6 +53,11 @@ def say(lines: Iterable[str], *, err: bool = False) -> None:
     width = _width(sys.stderr if err else sys.stdout)
     for line in lines:
         click.echo("\n".join(folded(line, width)) if width else line, err=err)
+
+
+def tell(lines: Iterable[str]) -> None:
+    """Print lines that may have names from data in them, with their indent."""
+    say(line[: len(line) - len(line.lstrip())] + one_line(line) for line in lines)
 
 
 def _width(stream: Any) -> int:

@@ -1,29 +1,61 @@
-"""What `simval trend` does."""
+"""`simval trend`."""
+
+from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
-from rich.table import Table as Printed
 
-from simval.cli.changes import SHOWN, tell, value_line
-from simval.cli.options import write
-from simval.judge import Trend, read_runs, trend_of
-from simval.judge.formats import trend_json
-from simval.judge.trend import WAYS, ordered_by
-from simval.report.table import Column, Table, csv_text
+from simval.cli.options import PATH, alpha_option, write
+from simval.cli.outputs import OUT, Command
+from simval.cli.terminal import tell
 from simval.text import one_line
 
+if TYPE_CHECKING:
+    from rich.table import Table as Printed
 
-def run(
+    from simval.judge import Trend
+    from simval.report.table import Table
+
+
+@click.command(name="trend", cls=Command)
+@click.argument("folder", type=PATH)
+@click.option(
+    "--all",
+    "every",
+    is_flag=True,
+    help="Print every value that has a step, not only the kinds.",
+)
+@click.option(
+    "--csv",
+    "csv_file",
+    type=OUT,
+    help="Write every value of every run to this CSV file.",
+)
+@click.option(
+    "--json", "json_file", type=OUT, help="Write the steps to this JSON file."
+)
+@alpha_option
+def command(
     folder: Path,
     every: bool,
     csv_file: Path | None,
     json_file: Path | None,
     alpha: float,
 ) -> int:
-    """Do what `simval trend` is asked."""
+    """Show what became better or worse over the runs in FOLDER, and since which commit.
+
+    FOLDER holds the runs of one suite, each in a folder of its own; they are taken in
+    the order of their commits. A step is reported if chance does not explain it, with
+    the commit of the first run that has it, the largest step first. Exit code 0, or 3
+    if the runs have nothing in common.
+    """
+    from simval.judge import read_runs, trend_of
+    from simval.judge.formats import trend_json
+    from simval.report.table import csv_text
+
     trend = trend_of(read_runs(folder), alpha)
     show(trend, every=every)
     if json_file is not None:
@@ -37,6 +69,8 @@ def run(
 
 def show(trend: Trend, *, every: bool = False) -> None:
     """Print how many values have a step, the runs, and the steps."""
+    from rich.console import Console
+
     tell([headline(trend)])
     Console(highlight=False, soft_wrap=True, emoji=False).print(_runs(trend))
     tell(list(_lines(trend, every)))
@@ -44,6 +78,8 @@ def show(trend: Trend, *, every: bool = False) -> None:
 
 def headline(trend: Trend) -> str:
     """How many values have a step, and of how many runs."""
+    from simval.judge.trend import ordered_by
+
     runs = f"{len(trend.origins)} runs of suite {trend.origins[-1].suite}"
     if not trend.lines:
         return f"{runs}: they have nothing in common"
@@ -56,6 +92,10 @@ def headline(trend: Trend) -> str:
 
 def _runs(trend: Trend) -> Printed:
     """A line for each run: which way how many values stepped there."""
+    from rich.table import Table as Printed
+
+    from simval.judge.trend import WAYS
+
     table = Printed(box=None, pad_edge=False)
     for heading in ("run", "commit", "date", "seeds"):
         table.add_column(heading)
@@ -71,6 +111,8 @@ def _runs(trend: Trend) -> Printed:
 
 
 def _lines(trend: Trend, every: bool) -> Iterator[str]:
+    from simval.judge.words import SHOWN, value_line
+
     moves = trend.moves
     for run, move in moves if every else moves[:SHOWN]:
         origin = trend.origins[run]
@@ -86,6 +128,9 @@ def _lines(trend: Trend, every: bool) -> Iterator[str]:
 
 def values_table(trend: Trend) -> Table:
     """Every value of every run as a tidy long table."""
+    from simval.judge.trend import WAYS
+    from simval.report.table import Column, Table
+
     ways = dict(zip(WAYS, ("worse", "better", "moved"), strict=True))
     steps = {(b.line, b.run): ways[b.step.standing] for b in trend.breaks}
     names = (

@@ -1,12 +1,50 @@
-"""A gyroscope and a magnetometer of a log as JSON values."""
+"""A log and its calibration as plain JSON values."""
 
 from typing import Any
 
+import numpy as np
+
 from simval.calibrate import MagnetometerFit
+from simval.calibrate.files import to_json
 from simval.calibrate.magnetometer.result import OWN_NAMES
 from simval.logs import Log
-from simval.multiposition import ImuCalibration
+from simval.multiposition import (
+    ImuCalibration,
+)
+from simval.multiposition.described import bound_sd
 from simval.multiposition.judgements import judgements
+
+
+def log_object(log: Log) -> dict[str, Any]:
+    """Return which columns were taken and at what rate, as plain JSON values."""
+    taken = {each.role: [each.place + 1, each.name] for each in log.columns}
+    return {"columns": taken, "rate": log.rate, "clock_unit_seconds": log.second}
+
+
+def as_object(whole: ImuCalibration) -> dict[str, Any]:
+    """Return the accelerometer as one JSON object; a calibration file and more."""
+    result = whole.log
+    diagnosis = result.diagnosis
+    known = not np.isnan(diagnosis.chi2_per_dof)
+    white = result.white_chi2_per_dof
+    return to_json(whole.accelerometer) | {
+        "intervals": len(result.intervals),
+        "interval_samples": result.intervals.tolist(),
+        "multiplier": result.multiplier,
+        "rest_seconds": result.rest_seconds,
+        "rest_found": result.rest.found,
+        "chi2_per_dof": diagnosis.chi2_per_dof if known else None,
+        "p_value": diagnosis.p_value if known else None,
+        "white_chi2_per_dof": None if np.isnan(white) else white,
+        "pose_noise": result.pose_noise.source,
+        "pose_noise_std": result.pose_noise.std.tolist(),
+        "pose_noise_white_std": result.pose_noise.white.tolist(),
+        "verdict": diagnosis.verdict,
+        "outliers": list(diagnosis.outliers),
+        "next_direction": result.next_direction.tolist(),
+        "bound_sd": None if result.predicted is None else bound_sd(result).tolist(),
+        "bias": None if result.predicted is None else result.predicted.bias.tolist(),
+    }
 
 
 def sensors_object(whole: ImuCalibration, log: Log) -> dict[str, Any]:

@@ -1,0 +1,113 @@
+"""What did not pass, and what changed between runs, in lines for people."""
+
+from collections.abc import Iterator, Sequence
+
+from simval.judge import GateResult, Move, RunComparison, Step, findings
+from simval.judge.findings import Group, details, groups
+from simval.judge.trend import WAYS
+
+LINES = 8
+"""Lines printed of what did not pass; two more say how many others, and the answer."""
+
+NAMED = 6
+"""Kinds of the others that are named."""
+
+
+def every_line(result: GateResult) -> Iterator[str]:
+    """Each finding that did not pass, one by one."""
+    for finding in findings(result):
+        if finding.answer != "pass":
+            yield from _indented(details(finding))
+
+
+def short_lines(result: GateResult) -> Iterator[str]:
+    """What did not pass: one by one if that is short, else by study and kind."""
+    lines = list(every_line(result))
+    found = groups(result)
+    if len(lines) <= LINES:
+        yield from lines
+        return
+    shown: list[str] = []
+    hidden = list(found)
+    while hidden and (not shown or len(shown) + len(hidden[0].lines) <= LINES):
+        shown += _indented(hidden.pop(0).lines)
+    yield from shown
+    yield _rest(hidden) + _advice(found)
+
+
+def _rest(hidden: Sequence[Group]) -> str:
+    """What is not shown, and how to see it."""
+    if not hidden:
+        return "--all prints every one"
+    count = sum(len(group.findings) for group in hidden)
+    names = list(dict.fromkeys(group.what for group in hidden))
+    more = "; ..." if len(names) > NAMED else ""
+    return (
+        f"... and {count} more ({'; '.join(names[:NAMED])}{more}): --all prints every "
+        "one, --json FILE writes them"
+    )
+
+
+def _advice(found: Sequence[Group]) -> str:
+    """What to do where the only failures are changes from the baseline."""
+    failed = [group.worst for group in found if group.worst.answer == "fail"]
+    changed = failed and all(f.tier == "baseline" and f.step for f in failed)
+    return "; if the change is intended, --update-baseline 'why'" if changed else ""
+
+
+def _indented(lines: Sequence[str]) -> Iterator[str]:
+    first, *rest = lines
+    yield first
+    yield from (f"    {line}" for line in rest)
+
+
+SHOWN = 12
+"""Kinds of change printed with the value that moved most; the others are counted."""
+
+
+def changes_headline(found: RunComparison) -> str:
+    """How many values changed, and which way."""
+    changed, within = found.number("changed"), found.number("moved")
+    ways = [f"{found.count(way):,} {way}" for way in WAYS if found.count(way)]
+    return (
+        f"{changed:,} of {found.total:,} common statistics changed "
+        f"beyond their uncertainty{': ' if ways else ''}{', '.join(ways)}; "
+        f"{within:,} moved within it on the same noise; false-alarm rate "
+        f"{found.alpha:g} for all together"
+    )
+
+
+def move_lines(moves: Sequence[Move], every: bool = False) -> Iterator[str]:
+    """What moved, each with the value that moved most, or with every value."""
+    for move in moves if every else moves[:SHOWN]:
+        yield f"{move.way}: {move.sentence}"
+        for step in move.steps if every else move.steps[:1]:
+            yield f"    {value_line(step)}"
+    hidden = () if every else moves[SHOWN:]
+    if hidden:
+        values = sum(len(move.steps) for move in hidden)
+        yield f"... and {len(hidden)} more kinds ({values} values); --all shows them"
+
+
+def other_lines(found: RunComparison) -> Iterator[str]:
+    """What the runs depend on, what only one has, and changed predictions."""
+    for line in found.environment:
+        yield f"environment: {line}"
+    for name, missing in (("A", found.only_a), ("B", found.only_b)):
+        if missing:
+            yield f"{len(missing)} only in {name}: {missing[0]}"
+    predictions = found.predictions_changed
+    if predictions:
+        yield f"{predictions} predictions of theory changed"
+
+
+def value_line(step: Step) -> str:
+    """One value before and after, with its cell."""
+    sigmas, relative = step.sigmas, step.relative
+    size = "no chance involved" if sigmas is None else f"{sigmas:+.3g} standard errors"
+    share = "" if relative is None else f", {100.0 * relative:+.3g} %"
+    unit = "" if step.statistic.unit == "1" else f" {step.statistic.unit}"
+    return (
+        f"{step.cell} {step.statistic}: {step.before:.6g} -> {step.after:.6g}{unit}, "
+        f"{size}{share}"
+    )
