@@ -76,18 +76,13 @@ def test_the_numbers_of_a_log_at_rest(simval, still):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("kind", [".svg", ".png"])
-def test_the_figure(simval, still, tmp_path, kind):
+@pytest.mark.parametrize(("kind", "starts"), [(".svg", b"<svg"), (".png", b"\x89PNG")])
+def test_the_figure(simval, still, tmp_path, kind, starts):
     path = tmp_path / f"allan{kind}"
     assert simval("noise", still, "--figure", path)[0] == 0
-    content = path.read_bytes()
-    assert content[:4] == (b"<svg" if kind == ".svg" else b"\x89PNG")
-    if kind == ".svg":
-        for words in (b"averaging time, s", "µg".encode(), "°/h".encode(), b"N = "):
-            assert words in content
-    code, _, err = simval("noise", still, "--figure", tmp_path / f"no/where{kind}")
-    assert code == 2
-    assert "cannot write" in err
+    assert path.read_bytes().startswith(starts)
+    assert simval("noise", still, "--figure", tmp_path / f"no/where{kind}")[0] == 2
+    assert simval("noise", still, "--figure", tmp_path / "a.pdf")[0] == 2
 
 
 def test_units_of_data_sheets():
@@ -325,37 +320,24 @@ def test_plan_takes_the_noise_of_a_file(simval, still, tmp_path):
         assert said in err
 
 
-def garbage():
-    """Logs of every kind that has no noise model, and what is said of them."""
+def without_a_model():
+    """Logs that are read and have no noise model, and what is said of them."""
     force, _ = static(1200, 9)
     time = np.arange(1200) / RATE
-    hole, torn = time.copy(), time.copy()
-    hole[600:] += 6.0
-    torn[600] = torn[599]
-    bad = force.copy()
-    bad[700, 1] = np.nan
     uneven = np.cumsum(np.where(np.arange(1200) % 10 == 9, 4.0 / RATE, 1.0 / RATE))
-    both = "t,ax,ay,az"
-    yield "nan", both, (time, bad), 2, "not finite|not a"
-    yield "short", both, (time[:300], force[:300]), 3, "too few"
-    yield "one row", both, (time[:1], force[:1]), 2, "no row of numbers"
-    yield "gap", both, (hole, force), 2, "a gap of"
-    yield "clock stops", both, (torn, force), 2, "times must increase"
-    yield "uneven clock", both, (uneven, force), 3, "of the rows are missing"
-    yield "no clock", "ax,ay,az", (force,), 2, "sampling rate"
-    yield "one axis", "t,ax", (time, force[:, 0]), 2, "accelerometer"
-    yield "constant", both, (time, np.tile(force[0], (1200, 1))), 3, "do not vary"
-    yield "huge", both, (time, 1e200 * force), 2, "beyond"
+    yield "short", time[:300], force[:300], 3, "too few"
+    yield "uneven clock", uneven, force, 3, "of the rows are missing"
+    yield "constant", time, np.tile(force[0], (1200, 1)), 3, "do not vary"
+    yield "huge", time, 1e200 * force, 2, "beyond"
 
 
-@pytest.mark.parametrize("case", list(garbage()), ids=lambda case: case[0])
-def test_garbage_ends_in_words(simval, tmp_path, case):
-    _, header, columns, expected, said = case
-    path = written(tmp_path / "log.csv", header, *columns)
-    code, out, err = simval("noise", path)
-    assert code == expected, (out, err)
-    assert any(words in err for words in said.split("|")), err
-    assert "Traceback" not in err
+@pytest.mark.parametrize("case", list(without_a_model()), ids=lambda case: case[0])
+def test_a_log_without_a_model_is_refused(simval, tmp_path, case):
+    _, time, force, expected, said = case
+    code, _, err = simval(
+        "noise", written(tmp_path / "log.csv", "t,ax,ay,az", time, force)
+    )
+    assert (code, said in err) == (expected, True), err
 
 
 def test_a_huge_offset_costs_digits_and_nothing_else(simval, tmp_path):

@@ -249,10 +249,10 @@ def test_a_rest_that_moves_is_refused_by_the_scripts_own_bounds(column, said):
         settled_rests("made", rows, lenient, g)  # none is left
 
 
-def test_a_users_scene_file_is_found_and_its_faults_are_named(tmp_path):
-    model = tmp_path / "shelf.xml"
-    model.write_text(GIMBAL)
-    good = (
+def test_a_users_scene_file_is_found(tmp_path):
+    (tmp_path / "shelf.xml").write_text(GIMBAL)
+    path = tmp_path / "shelf.py"
+    path.write_text(
         "from pathlib import Path\n"
         "from simval.scene import Scene, Script\n"
         "def drive(model, *, seconds=0.5):\n"
@@ -261,30 +261,12 @@ def test_a_users_scene_file_is_found_and_its_faults_are_named(tmp_path):
         "scene = Scene(name='shelf', summary='at rest', drive=drive,\n"
         "              model=Path(__file__).with_name('shelf.xml'))\n"
     )
-    path = tmp_path / "shelf.py"
-    path.write_text(good)
     trajectory = simulate(str(path), seconds=0.2)
     assert len(trajectory.time) == 100
     assert trajectory.provenance["scene"] == "shelf"
-    for text, message in (
-        ("x = 1\n", "holds 0 Scenes"),
-        (
-            good + "other = Scene(**{f: getattr(scene, f) for f in scene.__slots__})\n",
-            "holds two Scenes named `shelf`",
-        ),
-        (
-            good + "other = Scene(name='b', **{f: getattr(scene, f)"
-            " for f in scene.__slots__ if f != 'name'})\n",
-            "holds 2 Scenes; .* FILE:NAME",
-        ),
-        ("1 / 0\n", "fails with ZeroDivisionError"),
-        ("def broken(:\n", "fails with SyntaxError"),
-    ):
-        path.write_text(text)
-        with pytest.raises(InputError, match=message):
-            simulate(str(path))
-    with pytest.raises(InputError, match="does not exist"):
-        simulate(str(tmp_path / "absent.py"))
+    path.write_text("x = 1\n")
+    with pytest.raises(InputError, match="holds 0 Scenes"):
+        simulate(str(path))
 
 
 def test_a_driver_that_fails_is_named():
