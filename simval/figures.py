@@ -268,6 +268,56 @@ class Listing:
     where: Callable[[Parameters], bool] = lambda parameters: True
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quote:
+    """A number of a sentence: a row's value, or that over its prediction.
+
+    Attributes
+    ----------
+    of : Statistic
+        Of which row.
+    by : str
+        Its predictor.
+    unit : Unit or None
+        In which it is told without its error; None tells value and error as they are.
+    digits : int
+        Of a number in a unit.
+    angle : bool
+        Whether it is an angle, told in degrees or, if small, in milliradians.
+    over : bool
+        Whether it is told over its prediction.
+    root : bool
+        Whether its root is told, as of a variance.
+    times : float
+        Factor before all.
+    """
+
+    of: Statistic
+    by: str = ""
+    unit: Unit | None = None
+    digits: int = 2
+    angle: bool = False
+    over: bool = False
+    root: bool = False
+    times: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Headline:
+    """One sentence by which a study is told on the first screen.
+
+    Attributes
+    ----------
+    says : str
+        With a place for each quote.
+    quotes : mapping
+        Numbers by their places; the first says how great the error of a cell is.
+    """
+
+    says: str
+    quotes: Mapping[str, Quote]
+
+
 Shown = Figure | Distribution | Listing
 
 

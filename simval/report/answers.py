@@ -7,7 +7,7 @@ from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
 from simval.report.words import spelled
-from simval.units import DEGREE, MILLIRADIAN, Unit
+from simval.units import COUNT, DEGREE, MILLIRADIAN, Unit
 from simval.verdict import Answer
 
 SHOWN = 3
@@ -97,7 +97,7 @@ def rounded(value: float, digits: int = 2) -> str:
 
 def in_unit(value: float, unit: Unit, digits: int = 2) -> str:
     """A value of a row in a unit for people."""
-    gap = "" if unit == DEGREE else " "
+    gap = "" if unit in (DEGREE, COUNT) else " "
     return f"{rounded(value * unit.factor, digits)}{gap}{unit.name}"
 
 

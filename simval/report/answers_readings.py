@@ -1,49 +1,29 @@
-"""What one cell says of how great its errors are, in a person's units.
+"""What one cell says of how great its errors are, in a person's units."""
 
-The error of a quaternion q of unit length is half of the small angle that it is wrong
-by, so an angle is twice the length of the quaternion's error, to the order of the
-angle's square over 48.
-"""
-
-from collections.abc import Callable, Mapping
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from simval.report.answers import angle, in_unit, percent, rounded
+from simval.figures import Headline, Quote
+from simval.report.answers import angle, in_unit, rounded
 from simval.report.words import measured
 from simval.results import Row
 from simval.statistics import (
     APART,
-    BUDGET,
-    CARRIED,
     COVARIANCE_ORDER,
     COVERAGE,
-    CRAMER_RAO,
-    EXACT,
-    FIRST_ORDER,
-    IMPURE,
-    INTERVALS,
     LEADING_ERROR_RATIO,
     LIMIT_RATIO,
-    PRECISION,
-    RECALL,
     REST_FORCE,
     RMS,
     RMS_OVER_BOUND,
     RMS_RATIO,
     SCALE_BIAS,
-    SD,
-    SPREAD,
     SQUARED_ERROR,
     VARIANCE_OVER_BOUND,
 )
 from simval.sweep.run import CellResult
-from simval.units import OF_A_CALIBRATION, PPM
-
-MEAN = SQUARED_ERROR("mean")  # over the parameters of a gyroscope
-BOUND = "\N{MULTIPLICATION SIGN} the bound"
 
 
 class Reading(NamedTuple):
@@ -54,77 +34,34 @@ class Reading(NamedTuple):
     n: int
 
 
-def _calibration(cell: CellResult) -> Reading | None:
-    rows = [cell.row(RMS(name), CRAMER_RAO) for name in "TKB"]
-    good = [row for row in rows if row is not None and _sound(row)]
-    over = cell.row(RMS_OVER_BOUND(), FIRST_ORDER)
-    if len(good) < len(rows) or over is None:
+def of_headline(headline: Headline, cell: CellResult) -> Reading | None:
+    """What a cell says by the headline of its study; None without all of its rows."""
+    rows = {name: cell.row(q.of, q.by) for name, q in headline.quotes.items()}
+    found = {name: row for name, row in rows.items() if row is not None}
+    said = {name: _quoted(q, rows[name]) for name, q in headline.quotes.items()}
+    if "" in said.values():
         return None
-    sizes = ", ".join(
-        f"{name} {in_unit(row.value, OF_A_CALIBRATION[name])}"
-        for name, row in zip("TKB", good, strict=True)
-    )
-    ratio = measured(over.value, over.standard_error)
-    return Reading(f"{sizes}; {ratio} {BOUND}", over.value, over.n)
+    first = found[next(iter(headline.quotes))]
+    return Reading(headline.says.format(**said), first.value, first.n)
 
 
-def _attitude(cell: CellResult) -> Reading | None:
-    row = cell.row(RMS(), EXACT)
-    if row is None or not _sound(row):
-        return None
-    said = f"{angle(2.0 * row.value)} RMS; {_ratio(row)} \N{MULTIPLICATION SIGN} theory"
-    return Reading(said, row.value, row.n)
-
-
-def _filter(cell: CellResult) -> Reading | None:
-    row = cell.row(RMS(), CRAMER_RAO)
-    if row is None or not _sound(row):
-        return None
-    return Reading(f"{angle(row.value)} RMS; {_ratio(row)} {BOUND}", row.value, row.n)
-
-
-def _magnetometer(cell: CellResult) -> Reading | None:
-    whole, dip = (cell.row(s, FIRST_ORDER) for s in (SPREAD("M"), SD("dip")))
-    over = cell.row(VARIANCE_OVER_BOUND("M"), CRAMER_RAO)
-    if whole is None or dip is None or over is None or not over.value > 0.0:
-        return None
-    root = float(np.sqrt(over.value))
-    ratio = measured(root, over.standard_error / 2.0 / root)
-    said = f"M {percent(whole.value)}, dip {angle(dip.value)}; {ratio} {BOUND}"
-    return Reading(said, whole.value, dip.n)
-
-
-def _gyroscope(cell: CellResult) -> Reading | None:
-    size, over = cell.row(SD("M", "bound")), cell.row(MEAN, CRAMER_RAO)
-    if size is None or over is None or not over.value > 0.0:
-        return None
-    root = float(np.sqrt(over.value))
-    ratio = measured(root, over.standard_error / 2.0 / root)
-    said = f"M {in_unit(size.value * root, PPM)}; {ratio} {BOUND}"
-    return Reading(said, size.value * root, over.n)
-
-
-def _end_to_end(cell: CellResult) -> Reading | None:
-    row = cell.row(BUDGET("total"), CARRIED)
-    if row is None or not _sound(row):
-        return None
-    said = (
-        f"attitude {angle(row.value)} RMS; {_ratio(row)} \N{MULTIPLICATION SIGN} theory"
-    )
-    return Reading(said, row.value, row.n)
-
-
-def _detector(cell: CellResult) -> Reading | None:
-    rows = [cell.row(family()) for family in (PRECISION, RECALL, IMPURE, INTERVALS)]
-    precision, recall, impure, intervals = rows
-    if precision is None or recall is None or impure is None or intervals is None:
-        return None
-    said = (
-        f"{rounded(100.0 * precision.value, 3)} % of the rows found are still, "
-        f"{rounded(100.0 * recall.value, 3)} % of the still ones found; "
-        f"{rounded(impure.value)} of {rounded(intervals.value)} intervals impure"
-    )
-    return Reading(said, impure.value / max(intervals.value, 1.0), precision.n)
+def _quoted(quote: Quote, row: Row | None) -> str:
+    """The number in words; empty without one."""
+    numbers = () if row is None else (row.value, row.standard_error)
+    if row is None or not np.isfinite(numbers).all():
+        return ""
+    if quote.angle:
+        return angle(quote.times * row.value)
+    if quote.unit is not None:
+        return in_unit(row.value, quote.unit, quote.digits)
+    if quote.over and row.prediction is not None and row.prediction > 0.0:
+        return _ratio(row)
+    if not row.value > 0.0 or quote.over:
+        return ""
+    root = float(np.sqrt(row.value))
+    if quote.root:
+        return measured(root, row.standard_error / 2.0 / root)
+    return measured(*numbers)
 
 
 ANY = (
@@ -186,20 +123,3 @@ def _distance(row: Row) -> float:
 def _ratio(row: Row) -> str:
     by = row.prediction or 1.0
     return measured(row.value / by, row.standard_error / by)
-
-
-def _sound(row: Row) -> bool:
-    """Whether a row is a size beside a prediction."""
-    numbers = (row.value, row.standard_error, row.prediction or 0.0)
-    return bool(np.isfinite(numbers).all()) and min(row.value, numbers[2]) > 0.0
-
-
-READERS: Mapping[str, Callable[[CellResult], Reading | None]] = {
-    "calibration": _calibration,
-    "attitude": _attitude,
-    "filter": _filter,
-    "magnetometer": _magnetometer,
-    "gyroscope": _gyroscope,
-    "end_to_end": _end_to_end,
-    "detector": _detector,
-}

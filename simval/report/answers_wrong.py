@@ -11,11 +11,12 @@ from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
 from simval.judge.findings import reproduce
 from simval.report.answers import SHOWN, Block, Line, called, in_order
 from simval.report.answers_algorithms import lines_of_algorithms
-from simval.report.answers_readings import READERS, Reading, any_reading
+from simval.report.answers_readings import Reading, any_reading, of_headline
 from simval.report.chapters import home
 from simval.report.curves import varying
 from simval.report.parameters import setting_words
 from simval.report.section import Context
+from simval.studies import STUDIES
 from simval.sweep.run import CellResult
 
 NOISES = (
@@ -83,11 +84,12 @@ def chosen(
     study: str, cells: Sequence[CellResult]
 ) -> tuple[CellResult, Reading] | None:
     """The cell that a study is told by, and what it says."""
-    reader = READERS.get(study, any_reading)
+    own = STUDIES[study].headline if study in STUDIES else None
     readings = [
         (cell, reading)
         for cell in typical(cells)
-        if (reading := reader(cell) or any_reading(cell)) is not None
+        if (reading := (own and of_headline(own, cell)) or any_reading(cell))
+        is not None
     ]
     return max(readings, key=lambda pair: pair[1].size, default=None)
 

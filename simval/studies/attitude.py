@@ -29,7 +29,7 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.attitude.kernel import normalize_columns, raw_quaternion
-from simval.figures import Figure, Listing, entry, predictor
+from simval.figures import Figure, Headline, Listing, Quote, entry, predictor
 from simval.geometry import attitude_matrix, normalize
 from simval.moments import Moments
 from simval.montecarlo import (
@@ -410,4 +410,12 @@ FIGURES = (
         keys={},
         column=entry(0),
     ),
+)
+# an angle is twice the length of the quaternion's error, to its square over 48
+HEADLINE = Headline(
+    says="{angle} RMS; {over} × theory",
+    quotes={
+        "angle": Quote(of=RMS(), by=EXACT, angle=True, times=2.0),
+        "over": Quote(of=RMS(), by=EXACT, over=True),
+    },
 )

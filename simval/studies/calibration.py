@@ -23,7 +23,7 @@ from pydantic import Field, field_validator
 
 from simval.arrays import Array, frozen
 from simval.calibrate import calibrate
-from simval.figures import Figure, Listing, entries, of_calibration
+from simval.figures import Figure, Headline, Listing, Quote, entries, of_calibration
 from simval.montecarlo import Sums, along, mean_square, moments_of, simulate
 from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.scene import simulate_cached
@@ -56,6 +56,7 @@ from simval.theory.calibration import (
     calibration_expansion,
     calibration_moments,
 )
+from simval.units import OF_A_CALIBRATION
 
 TITLE = "Calibration recovery: tumble, distort, average the holds, calibrate"
 SECTION = "calibration"
@@ -429,4 +430,14 @@ FIGURES = (
         predicted=True,
         where=lambda parameters: not _noisy(parameters),
     ),
+)
+HEADLINE = Headline(
+    says="T {T}, K {K}, B {B}; {over} × the bound",
+    quotes={
+        "over": Quote(of=RMS_OVER_BOUND(), by=FIRST_ORDER),
+        **{
+            name: Quote(of=RMS(name), by=CRAMER_RAO, unit=OF_A_CALIBRATION[name])
+            for name in "TKB"
+        },
+    },
 )

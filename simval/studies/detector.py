@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from simval.arrays import Array
-from simval.figures import VARYING, Figure, words
+from simval.figures import VARYING, Figure, Headline, Quote, words
 from simval.results import Outcome, Row, nees, unjudged
 from simval.scene import simulate_cached
 from simval.shapes import Float
@@ -28,6 +28,7 @@ from simval.statistics import (
     CHI_SQUARE_9,
     FITTED,
     IMPURE,
+    INTERVALS,
     NEES,
     PRECISION,
     RECALL,
@@ -47,6 +48,7 @@ from simval.studies.scoring import (
     thinned,
 )
 from simval.studies.study import Cost, StudyParameters
+from simval.units import COUNT, PERCENT
 
 TITLE = "Static detector: scored against what the simulation knows to be at rest"
 SECTION = "statics"
@@ -204,4 +206,16 @@ FIGURES = (
             "only, which theory puts at 9."
         ),
     ),
+)
+HEADLINE = Headline(
+    says=(
+        "{precision} of the rows found are still, {recall} of the still ones found; "
+        "{impure} of {intervals} intervals impure"
+    ),
+    quotes={
+        "impure": Quote(of=IMPURE(), unit=COUNT),
+        "intervals": Quote(of=INTERVALS(), unit=COUNT),
+        "precision": Quote(of=PRECISION(), unit=PERCENT, digits=3),
+        "recall": Quote(of=RECALL(), unit=PERCENT, digits=3),
+    },
 )

@@ -22,7 +22,7 @@ from pydantic import Field
 from simval.arrays import Array
 from simval.attitude import two_vector_quaternion
 from simval.calibrate import calibrate_magnetometer
-from simval.figures import Figure, entry
+from simval.figures import Figure, Headline, Quote, entry
 from simval.geometry import attitude_error, compose, conjugate, normalize
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, nees, plain, unjudged
@@ -304,4 +304,11 @@ FIGURES = (
             "through the calibration to the attitude."
         ),
     ),
+)
+HEADLINE = Headline(
+    says="attitude {angle} RMS; {over} × theory",
+    quotes={
+        "angle": Quote(of=BUDGET("total"), by=CARRIED, angle=True),
+        "over": Quote(of=BUDGET("total"), by=CARRIED, over=True),
+    },
 )

@@ -29,7 +29,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from simval.arrays import Array
 from simval.errors import InputError, UnmeasurableError
-from simval.figures import Figure, Listing, along_entry, entry, words
+from simval.figures import Figure, Headline, Listing, Quote, along_entry, entry, words
 from simval.plugins import Filter, find_plugin
 from simval.plugins.runs import FilterInput, Told, run_filter
 from simval.plugins.worlds import find_world
@@ -428,4 +428,11 @@ FIGURES = (
         unit=lambda row: DEGREE if row.unit == "rad" else None,
         open=True,
     ),
+)
+HEADLINE = Headline(
+    says="{angle} RMS; {over} × the bound",
+    quotes={
+        "angle": Quote(of=RMS(), by=CRAMER_RAO, angle=True),
+        "over": Quote(of=RMS(), by=CRAMER_RAO, over=True),
+    },
 )

@@ -22,7 +22,7 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.calibrate import GyroscopeFit
-from simval.figures import Figure
+from simval.figures import Figure, Headline, Quote
 from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.statistics import (
@@ -223,4 +223,11 @@ FIGURES = (
             "of M in this cell (Cramér-Rao), root mean square."
         ),
     ),
+)
+HEADLINE = Headline(
+    says="M {M} by the bound; {over} × the bound",
+    quotes={
+        "over": Quote(of=SQUARED_ERROR("mean"), by=CRAMER_RAO, root=True),
+        "M": Quote(of=SD("M", "bound"), unit=PPM),
+    },
 )

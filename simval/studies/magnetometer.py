@@ -24,7 +24,7 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.calibrate import ellipsoid_then_rotation
-from simval.figures import Figure
+from simval.figures import Figure, Headline, Quote
 from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.statistics import (
@@ -58,6 +58,7 @@ from simval.studies.magnetometer_scenario import Scenario, scenario
 from simval.studies.refusing import refusing
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.magnetometer import MagnetometerMoments
+from simval.units import PERCENT
 
 TITLE = "Magnetometer: all 22 parameters at the bound, and the usual recipe"
 SECTION = "magnetometer"
@@ -322,4 +323,12 @@ FIGURES = (
             "usual recipe, an ellipsoid for each sensor and then the turn between them."
         ),
     ),
+)
+HEADLINE = Headline(
+    says="M {M}, dip {dip}; {over} × the bound",
+    quotes={
+        "M": Quote(of=SPREAD("M"), by=FIRST_ORDER, unit=PERCENT),
+        "dip": Quote(of=SD("dip"), by=FIRST_ORDER, angle=True),
+        "over": Quote(of=VARIANCE_OVER_BOUND("M"), by=CRAMER_RAO, root=True),
+    },
 )

@@ -9,7 +9,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from simval.arguments import MOST
-from simval.figures import Shown
+from simval.figures import Headline, Shown
 from simval.results import Outcome
 from simval.streams import Streams, cell_key
 from simval.whole import exact
@@ -89,6 +89,8 @@ class Study:
         What the section shows of it.
     about : str
         What the section says before them.
+    headline : Headline or None
+        By which it is told on the first screen; None takes its first statistics.
     """
 
     name: str
@@ -98,6 +100,7 @@ class Study:
     section: str | None
     shown: Sequence[Shown] = ()
     about: str = ""
+    headline: Headline | None = None
 
 
 def study_of(module: Any) -> Study:
@@ -110,6 +113,7 @@ def study_of(module: Any) -> Study:
         section=module.SECTION,
         shown=getattr(module, "FIGURES", ()),
         about=getattr(module, "ABOUT", ""),
+        headline=getattr(module, "HEADLINE", None),
     )
 
 
