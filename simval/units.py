@@ -1,4 +1,4 @@
-"""The units of a page: those that a person reads, made from those of the rows.
+"""Units: of a page, as a person reads them, and of a log, as sensors give them.
 
 Rows are in SI and radians, and a ratio has the unit 1. A person reads misalignment in
 milliradians, scale factors in parts per million, bias in mm/s^2 and attitude errors in
@@ -6,6 +6,7 @@ degrees or milliradians.
 """
 
 from dataclasses import dataclass
+from math import pi
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,3 +48,28 @@ def value_words(unit: str) -> str:
 def of_row(unit: str) -> Unit:
     """Unit for people of a unit of the rows."""
     return SI.get(unit, Unit(unit.replace("^2", "²"), 1.0))
+
+
+G0 = 9.80665
+"""m/s^2, the g of data sheets."""
+RADIANS_PER_DEGREE = pi / 180.0
+
+OF_A_LOG = {
+    "accelerometer": {"m/s^2": 1.0, "g": G0, "mg": 1e-3 * G0, "ug": 1e-6 * G0},
+    "gyro": {
+        "rad/s": 1.0,
+        "mrad/s": 1e-3,
+        "deg/s": RADIANS_PER_DEGREE,
+        "mdps": 1e-3 * RADIANS_PER_DEGREE,
+        "rpm": 2.0 * pi / 60.0,
+    },
+    "magnetometer": {
+        "T": 1.0,
+        "mT": 1e-3,
+        "uT": 1e-6,
+        "nT": 1e-9,
+        "gauss": 1e-4,
+        "mgauss": 1e-7,
+    },
+}
+"""SI units in one unit of a log's readings; the SI unit comes first."""

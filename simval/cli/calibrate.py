@@ -11,13 +11,16 @@ import click
 from click.decorators import FC
 
 from simval.cli.options import (
-    COLUMNS,
     PATH,
-    REST,
-    ROWS,
     Gravity,
     Positive,
+    columns_option,
     command_again,
+    json_option,
+    log_argument,
+    page_option,
+    rate_option,
+    rest_option,
     write,
 )
 from simval.cli.outputs import OUT, Command
@@ -37,7 +40,7 @@ def _choice(name: str, choices: tuple[str, ...], words: str) -> Callable[[FC], F
 
 
 @click.command(name="calibrate", cls=Command)
-@click.argument("path", metavar="LOG", type=PATH)
+@log_argument
 @click.option(
     "--g",
     type=Gravity(),
@@ -48,9 +51,9 @@ def _choice(name: str, choices: tuple[str, ...], words: str) -> Callable[[FC], F
 @_choice(
     "model", MODELS, "Form of the matrix: which of the rotated versions is reported."
 )
-@click.option("--rate", type=float, metavar="HZ", help=ROWS)
-@click.option("--rest", type=Positive(), metavar="SECONDS", help=REST)
-@click.option("--columns", help=COLUMNS)
+@rate_option
+@rest_option
+@columns_option
 @_choice("method", METHODS, "Solver of the least-squares fit.")
 @_choice("residual", RESIDUALS, "Residual whose squares are minimised.")
 @_choice("loss", LOSSES, "Loss; all but linear give outlier poses less weight.")
@@ -85,11 +88,9 @@ def _choice(name: str, choices: tuple[str, ...], words: str) -> Callable[[FC], F
     help="Greatest reading that the sensor can give, in the unit of the log.",
 )
 @click.option("--out", type=OUT, help="Write the calibration to this JSON file.")
-@click.option(
-    "--report", "page", type=OUT, help="Write a page with figures, a single HTML file."
-)
+@page_option
 @click.option("--kalibr", type=OUT, help="Write Kalibr's imu.yaml to this file.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@json_option
 def command(
     path: Path,
     rate: float | None,

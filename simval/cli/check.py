@@ -6,7 +6,7 @@ from contextlib import nullcontext
 
 import click
 
-from simval.cli.options import Whole, alpha_option
+from simval.cli.options import Whole, alpha_option, json_option
 from simval.cli.terminal import say
 
 
@@ -20,7 +20,7 @@ from simval.cli.terminal import say
     help="Seed of the noise.",
 )
 @alpha_option
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@json_option
 def command(plugin: str, seed: int, alpha: float, as_json: bool) -> int:
     """Measure your algorithm PLUGIN in two cells and judge it; keeps no run folder.
 

@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from simval.cli.options import COLUMNS, PATH, ROWS
+from simval.cli.options import (
+    PATH,
+    columns_option,
+    log_argument,
+    rate_option,
+)
 from simval.cli.outputs import OUT, Command
 from simval.errors import InputError
 
@@ -19,15 +24,15 @@ if TYPE_CHECKING:
 
 
 @click.command(name="correct", cls=Command)
-@click.argument("path", metavar="LOG", type=PATH)
+@log_argument
 @click.option(
     "--calibration",
     type=PATH,
     required=True,
     help="JSON file that `simval calibrate --out` wrote.",
 )
-@click.option("--rate", type=float, metavar="HZ", help=ROWS)
-@click.option("--columns", help=COLUMNS)
+@rate_option
+@columns_option
 @click.option(
     "--unchecked", is_flag=True, help="Write the force even if it is implausible."
 )

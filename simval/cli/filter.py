@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from simval.cli.options import (
-    COLUMNS,
     PATH,
-    ROWS,
+    columns_option,
     command_again,
+    json_option,
+    log_argument,
+    page_option,
+    rate_option,
     refuse_if,
     unit_option,
     write,
@@ -32,7 +35,7 @@ FORMAT = "simval filter 1"
 
 
 @click.command(name="filter", cls=Command)
-@click.argument("path", metavar="LOG", type=PATH)
+@log_argument
 @click.option(
     "--plugin",
     "plugins",
@@ -77,8 +80,8 @@ FORMAT = "simval filter 1"
     help="Noise that the filters are told, a file made by `simval noise LOG --json`.  "
     "[default: what the rests of the log show]",
 )
-@click.option("--rate", type=float, metavar="HZ", help=ROWS)
-@click.option("--columns", help=COLUMNS)
+@rate_option
+@columns_option
 @unit_option("accelerometer")
 @unit_option("gyro")
 @click.option(
@@ -90,10 +93,8 @@ FORMAT = "simval filter 1"
     help="Time that each filter may take.",
 )
 @click.option("--out", type=OUT, help="Write the result to this JSON file.")
-@click.option(
-    "--report", "page", type=OUT, help="Write a page with figures, a single HTML file."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@page_option
+@json_option
 def command(
     path: Path,
     plugins: tuple[str, ...],

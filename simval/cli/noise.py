@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from simval.cli.options import (
-    COLUMNS,
-    PATH,
-    REST,
-    ROWS,
-    Positive,
+    columns_option,
     command_again,
+    json_option,
+    log_argument,
+    page_option,
+    rate_option,
+    rest_option,
     unit_option,
     write,
 )
@@ -29,10 +30,10 @@ if TYPE_CHECKING:
 
 
 @click.command(name="noise", cls=Command)
-@click.argument("path", metavar="LOG", type=PATH)
-@click.option("--rate", type=float, metavar="HZ", help=ROWS)
-@click.option("--rest", type=Positive(), metavar="SECONDS", help=REST)
-@click.option("--columns", help=COLUMNS)
+@log_argument
+@rate_option
+@rest_option
+@columns_option
 @unit_option("accelerometer")
 @unit_option("gyro")
 @unit_option("magnetometer")
@@ -40,10 +41,8 @@ if TYPE_CHECKING:
     "--increments", is_flag=True, help="Rows are rounded increments, so fit Q as well."
 )
 @click.option("--figure", type=OUT, help="Draw the Allan deviations (.svg or .png).")
-@click.option(
-    "--report", "page", type=OUT, help="Write a page with figures, a single HTML file."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@page_option
+@json_option
 def command(
     path: Path,
     rate: float | None,

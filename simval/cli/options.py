@@ -13,9 +13,10 @@ import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
-from simval.cli.outputs import Input, require_free
+from simval.cli.outputs import OUT, Input, require_free
 from simval.errors import InputError
 from simval.text import shown
+from simval.units import OF_A_LOG
 from simval.vocabulary import ALPHA, RUNS, SCENES, STUDIES, builtin_suites
 from simval.whole import exact, read
 
@@ -29,13 +30,6 @@ COLUMNS = (
 )
 
 ROWS = "Rows per second of a LOG that has no clock."
-UNITS = {
-    "accelerometer": "m/s^2, g, mg, or m/s^2 per raw unit as a number",
-    "gyro": "rad/s, deg/s, mdps, or rad/s per raw unit as a number",
-    "magnetometer": "T, mT, uT, nT, gauss, mgauss, or T per raw unit as a number",
-}
-"""What the readings of a LOG may be in, by the sensor's option."""
-
 EARTH = (9.76, 9.84)
 """Gravity on the Earth, m/s^2: on its highest mountain at the equator, at the poles."""
 
@@ -108,7 +102,9 @@ class Gravity(click.types.FloatParamType):
 
 def unit_option(sensor: str) -> Callable[[Command], Command]:
     """The option that states the unit of a sensor's readings."""
-    text = f"Unit of the readings: {UNITS[sensor]}."
+    names = list(OF_A_LOG[sensor])
+    text = f"Unit of the readings: {', '.join(names)}, or {names[0]} per raw "
+    text += "unit as a number."
     return click.option(f"--{sensor}-unit", metavar="UNIT", help=text)
 
 
@@ -134,6 +130,16 @@ def refuse_if(wrong: bool, message: str) -> None:
         raise InputError(message)
 
 
+log_argument = click.argument("path", metavar="LOG", type=PATH)
+rate_option = click.option("--rate", type=float, metavar="HZ", help=ROWS)
+columns_option = click.option("--columns", help=COLUMNS)
+rest_option = click.option("--rest", type=Positive(), metavar="SECONDS", help=REST)
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON object."
+)
+page_option = click.option(
+    "--report", "page", type=OUT, help="Write a page with figures, a single HTML file."
+)
 alpha_option = click.option(
     "--alpha",
     type=Rate(),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from simval.cli.options import PATH, Gravity, refuse_if, stated
+from simval.cli.options import PATH, Gravity, json_option, refuse_if, stated
 from simval.cli.terminal import say
 from simval.errors import InputError, RefusedError
 from simval.vocabulary import MODELS
@@ -104,7 +104,7 @@ GYROSCOPE_KEYS = (
     show_default=True,
     help="Form of the matrix whose parameters are predicted.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@json_option
 def command(
     poses: str,
     directions: Path | None,

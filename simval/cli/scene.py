@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from simval.cli.options import PATH, Whole, refuse_if, scenes, stated
+from simval.cli.options import PATH, Whole, json_option, refuse_if, scenes, stated
 from simval.cli.outputs import OUT, Command
 from simval.cli.terminal import say
 from simval.errors import InputError
@@ -64,7 +64,7 @@ COMMON = ("site_offset", "timestep", "integrator")
     show_default=True,
     help="Length of the animation, s.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@json_option
 def command(
     name: str,
     sensor: Path | None,

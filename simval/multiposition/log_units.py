@@ -12,22 +12,12 @@ from simval.logs import Log
 from simval.logs.names import channel
 from simval.poses import PARAMETERS
 from simval.shapes import Float
+from simval.units import G0, OF_A_LOG
+from simval.units import RADIANS_PER_DEGREE as DEGREE
 
-G0: Final = 9.80665  # m/s^2, the g of data sheets
-DEGREE: Final = np.pi / 180.0
 HOUR: Final = 3600.0
 ROOT_TWO: Final = np.sqrt(2.0)
 FLOOR: Final = np.sqrt(2.0 * np.log(2.0) / np.pi)  # of the Allan deviation, over B
-UNITS: Final[dict[str, dict[str, float]]] = {
-    "accelerometer": {"m/s^2": 1.0, "g": G0, "mg": 1e-3 * G0, "ug": 1e-6 * G0},
-    "gyro": {
-        "rad/s": 1.0, "mrad/s": 1e-3, "deg/s": DEGREE, "mdps": 1e-3 * DEGREE,
-        "rpm": 2.0 * np.pi / 60.0,
-    },
-    "magnetometer": {
-        "T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "gauss": 1e-4, "mgauss": 1e-7,
-    },
-}  # fmt: skip
 _WRITTEN: Final = {  # units as `simval.logs.names` writes them
     "ms2": "m/s^2", "mss": "m/s^2", "ms-2": "m/s^2", "mps2": "m/s^2", "mpss": "m/s^2",
     "g": "g", "gs": "g", "gee": "g", "mg": "mg", "ug": "ug", "μg": "ug",
@@ -76,7 +66,7 @@ def accelerometer_scale(
             "zero; give --accelerometer-unit m/s^2, g, mg, or m/s^2 per count",
         )
     for unit in ("m/s^2", "g"):
-        size = UNITS["accelerometer"][unit]
+        size = OF_A_LOG["accelerometer"][unit]
         if abs(length * size / G0 - 1.0) <= NEAR:
             return Scale(
                 size, f"{unit}, as its mean length at rest, {length:.5g}, says"
@@ -131,12 +121,12 @@ def _stated(sensor: str, log: Log, role: str, given: str | None) -> Scale | None
         return Scale(_size(sensor, given), f"{given}, as given")
     name = next((each.name for each in log.columns if each.role == role), "")
     unit = _WRITTEN.get(channel(name).unit, "") if name else ""
-    size = UNITS[sensor].get(unit)
+    size = OF_A_LOG[sensor].get(unit)
     return None if size is None else Scale(size, f"{unit}, as the header says")
 
 
 def _size(sensor: str, given: str) -> float:
-    known = UNITS[sensor]
+    known = OF_A_LOG[sensor]
     if given in known:
         return known[given]
     try:
