@@ -106,19 +106,6 @@ def test_it_opens_quietly_and_fits(tab, pages, which, width, scheme):
     assert asked == [pages[which].resolve().as_uri()]
 
 
-def test_a_page_that_is_too_wide_or_calls_out_would_be_seen(tab, tmp_path):
-    """Power of the test above: the same probes on a page with each fault."""
-    path = tmp_path / "bad.html"
-    path.write_text(
-        "<p style='width: 900px'>wide</p><img src='http://127.0.0.1:9/x.png'>"
-        "<script>console.error('loud')</script>"
-    )
-    tab.open(path, width=380)
-    assert tab.run("document.documentElement.scrollWidth") > 380
-    assert any("loud" in line for line in tab.complaints())
-    assert "http://127.0.0.1:9/x.png" in tab.requests()
-
-
 def test_a_script_from_data_cannot_run(tab, pages, tmp_path):
     """The policy allows the page's own script by its hash, and no other."""
     whole = pages["failing"].read_text(encoding="utf-8")
@@ -129,25 +116,6 @@ def test_a_script_from_data_cannot_run(tab, pages, tmp_path):
     assert tab.run("window.bad === undefined")
     assert tab.run("document.querySelectorAll('th button').length") > 0
     assert any("Content Security Policy" in line for line in tab.complaints())
-
-
-@pytest.mark.parametrize(
-    ("which", "parts"),
-    [("failing", "section#summary, .group"), ("compared", "section")],
-)
-def test_the_contents_lead_to_every_part(tab, pages, which, parts):
-    tab.open(pages[which])
-    links = tab.run(
-        "[...document.querySelectorAll('nav a')].map(a => a.getAttribute('href'))"
-    )
-    ids = f"[...document.querySelectorAll('{parts}')].map(s => '#' + s.id)"
-    assert links == tab.run(ids)
-    for link in links:
-        tab.run(f"document.querySelector('nav a[href=\"{link}\"]').click()")
-        assert tab.run("location.hash") == link
-        top = tab.run(f"document.querySelector('{link}').getBoundingClientRect().top")
-        bottom = tab.run("scrollY + innerHeight >= document.body.scrollHeight - 1")
-        assert abs(top) < 2 or bottom  # at the top, or the page ends before it is
 
 
 SEEN = """(() => {
@@ -463,17 +431,6 @@ def test_an_entry_of_a_legend_hides_its_series_and_nothing_else(opened, keyboard
             assert (not all(shown for _, shown in after)) == hidden
     # other figures have legends of their own
     assert tab.run(SHOWN % "figure") == everywhere
-
-
-def test_hidden_points_are_passed_over_by_the_keyboard(opened):
-    tab = opened
-    first = tab.run(f"{disc(0)}.parentNode.dataset.keys")
-    button = f"document.querySelector('{FIGURE} [data-key=\"{first}\"][role=button]')"
-    click(tab, f"{button}.querySelector('text')")
-    to_points(tab)
-    keys = tab.run("document.activeElement.parentNode.dataset.keys")
-    assert keys
-    assert keys != first
 
 
 FILTER = """(() => {

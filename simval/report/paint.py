@@ -51,6 +51,7 @@ WIDTH, UP = 4.3, 2.2
 DISC = 2.7  # height of a map of directions
 LEFT, RIGHT = 0.95, 0.35  # margins, at least: a tick of eight digits; half of one
 EDGE = 0.05  # about all
+MOST_COLUMNS = 3  # of a legend
 LINE = 0.18  # from one line of words to the next
 NAMES, WIDE_NAMES = 1.6, 2.4  # at most, for the names of rows; of a panel alone
 SIZE, TITLE, SMALL = 10.0, 11.0, 8.5  # of labels, titles and legends, points
@@ -266,10 +267,10 @@ def _margins(axes: Any, width: float) -> tuple[Any, tuple[float, ...]]:
     pen: Any = RendererSVG(inches, inches, io.StringIO())  # type: ignore[no-untyped-call]
     words = axes.get_tightbbox(pen, for_layout_only=True)
     left, below = (axes.bbox.p0 - words.p0).clip(0.0) / POINTS + EDGE
-    right, above = (words.p1 - axes.bbox.p1).clip(0.0) / POINTS + EDGE
+    right, above = (words.p1 - axes.bbox.p1).clip(0.0) / POINTS + 2.0 * EDGE
     legend = None
     handles, labels = axes.get_legend_handles_labels()
-    for columns in range(len(labels), 0, -1):
+    for columns in range(min(len(labels), MOST_COLUMNS), 0, -1):
         legend = axes.legend(
             handles, labels, loc="lower center", ncols=columns, borderaxespad=0.2
         )
