@@ -1,7 +1,9 @@
 """The report: complete, self-contained, the same bytes, honest about gaps."""
 
 import csv
+import html
 import json
+import os
 import re
 from dataclasses import replace
 from math import inf
@@ -15,7 +17,6 @@ from stores import edited, edited_run
 from simval.report import drawings, png, render, svg_file, tables
 from simval.report.paint import svg
 from simval.report.sections.provenance import command, suite_text
-from simval.report.words import FORMULAS
 from simval.sweep import load_run, load_suite
 
 
@@ -71,11 +72,6 @@ def test_figures_are_drawn_whatever_the_numbers(tiny_run):
         ElementTree.fromstring(figure)
 
 
-@pytest.mark.slow
-def test_the_same_run_gives_the_same_page(tiny_run, page):
-    assert render(load_run(tiny_run)) == page
-
-
 @pytest.mark.ci
 def test_the_same_run_gives_the_same_bytes(tiny_run, page_and_figures, monkeypatch):
     """The words around the figures, and three of the figures, drawn once more."""
@@ -101,24 +97,7 @@ def test_nothing_of_the_day_or_the_host_is_inside(tiny_run, page):
     assert str(tiny_run.parent) not in page
 
 
-def test_the_page_is_complete_and_needs_no_network(page):
-    for anchor in (
-        "summary",
-        "calibration",
-        "attitude",
-        "closeness",
-        "statistics",
-        "checks",
-        "numbers",
-        "provenance",
-    ):
-        assert f'<section id="{anchor}"' in page
-        assert f'id="{anchor}-title"' in page
-    parts = re.findall(r'<div class="group" id="([^"]*)">', page)
-    assert [f'href="#{part}"' in page for part in parts] == [True] * len(parts)
-    assert re.search(
-        r"<strong>PASS</strong>: all \d+ checks against theory agree", page
-    )
+def test_the_page_needs_no_network(page):
     # no address is loaded: only data and anchors of the page itself
     links = re.findall(r'(?:src|href)="([^"]*)"', page)
     assert links
@@ -126,6 +105,25 @@ def test_the_page_is_complete_and_needs_no_network(page):
     assert "@import" not in page
     assert page.count("<script") == 1  # named by its hash
     assert "default-src 'none'" in page
+
+
+def words_of(page):
+    """Words of a page above its provenance, line by line, any number as `#`."""
+    page = page.partition('<section id="provenance"')[0].partition("<main>")[2]
+    page = re.sub(r"<(svg|tbody).*?</\1>", "", page, flags=re.DOTALL)
+    lines = re.sub(r"<[^>]*>", " ", page).splitlines()
+    told = (" ".join(html.unescape(line).split()) for line in lines)
+    return [re.sub(r"\d[\d.,]*(e[+-]?\d+)?", "#", line) for line in told if line]
+
+
+@pytest.mark.ci
+def test_the_words_of_the_smoke_page(smoke_run, undrawn):
+    """A snapshot: `SNAPSHOT=1` writes it anew, and the difference is for a reader."""
+    file = ROOT / "tests" / "data" / "smoke_page.txt"
+    found = "\n".join(words_of(render(load_run(smoke_run)))) + "\n"
+    if os.environ.get("SNAPSHOT"):
+        file.write_text(found, encoding="utf-8")
+    assert found.splitlines() == file.read_text(encoding="utf-8").splitlines()
 
 
 def test_every_anchor_that_is_linked_exists_and_no_id_is_double(page):
@@ -149,16 +147,6 @@ def test_figures_are_well_formed_have_a_text_and_keep_their_style(page):
         name = root.get("id")
         for style in root.iter("{http://www.w3.org/2000/svg}style"):
             assert style.text.startswith(f"#{name} ")  # reaches this figure only
-
-
-def test_the_first_screen_has_the_verdict_and_two_figures(page):
-    first = page.partition('<section id="summary"')[2].partition("</section>")[0]
-    assert first.count("<figure") == 2
-    assert first.count("<svg") == 3  # a picture for each panel
-    assert "Cramér-Rao bound" in first
-    for predictor in (*FORMULAS.values(), "exact"):
-        assert f"{predictor}</text>" in first
-    assert "false-alarm rate 0.001 for all together" in first
 
 
 def test_the_report_says_what_the_gate_says(tiny_run, undrawn):

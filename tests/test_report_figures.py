@@ -18,7 +18,6 @@ from simval.report.findings import (
     slopes_said,
 )
 from simval.report.panels import DotPanel, Series
-from simval.report.parameters import axis_words, setting_words
 from simval.report.ratio import SEEN, limits, ratio, ratio_bars, ratio_panel
 from simval.report.slope import Z95, Slope, simultaneous
 from simval.units import MILLIRADIAN, of_row
@@ -219,20 +218,6 @@ def test_slopes_are_folded_only_where_they_are_theorys():
 )  # fmt: skip
 def test_shares_are_percent(share, words):
     assert percent(share) == words
-
-
-def test_a_setting_is_spelled_with_its_unit():
-    words = setting_words
-    assert words("calibration", "noise_std", 0.02) == "noise 0.02 m/s²"
-    assert words("attitude", "noise_std", 0.02) == "noise 0.02"
-    assert words("magnetometer", "dip_deg", 66.0) == "dip 66°"
-    assert words("ladder", "poses", 12) == "12 poses"
-    assert words("x", "own_name", 3) == "own name 3"
-    assert words("x", "fast", True) == "fast"
-    assert words("x", "fast", False) == "no fast"
-    assert words("x", "kind", "") == "no kind"
-    assert axis_words("calibration", "poses") == "number of poses"
-    assert axis_words("calibration", "noise_std") == "noise, m/s²"
 
 
 def test_units_scale_a_curve_and_all_that_belongs_to_it():
