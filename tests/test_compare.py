@@ -72,28 +72,6 @@ def test_a_change_of_six_standard_errors_is_found(tmp_path):
     assert found >= 85  # 95.5 expected, standard deviation 2.1
 
 
-def test_changes_are_sorted_and_named(tiny_run, tmp_path):
-    old = load_run(tiny_run)
-    new = edited_run(
-        tiny_run,
-        "UPDATE rows SET value = value + 9 * standard_error "
-        "WHERE family = 'bias' AND controlled = 0 "
-        "AND entries = json_array('x') AND cell = 2",
-        "UPDATE rows SET value = value + 30 * standard_error "
-        "WHERE family = 'bias' AND controlled = 0 "
-        "AND entries = json_array('y') AND cell = 3",
-    )
-    found = compare_runs(old, new)
-    changed = found.of("changed")
-    assert {str(d.a.statistic) for d in changed} == {"bias[x]", "bias[y]"}
-    assert str(changed[0].a.statistic) == "bias[y]"
-    distances = [abs(d.sigmas) for d in changed]
-    assert distances == sorted(distances, reverse=True)
-    # the error of a difference is that of two independent values
-    assert distances[0] == pytest.approx(30.0 / np.sqrt(2.0), rel=1e-9, abs=0)
-    assert found.differences[: len(changed)] == changed
-
-
 def test_on_the_same_noise_a_small_step_is_told_from_rounding(tiny_run):
     old = load_run(tiny_run)
     new = edited_run(
@@ -222,36 +200,6 @@ def call(capsys, *words):
     capsys.readouterr()
     code = command.main([str(word) for word in words], standalone_mode=False)
     return code, capsys.readouterr().out
-
-
-@pytest.mark.ci
-def test_the_command_prints_what_changed(capsys, tiny_run, tmp_path):
-    import shutil
-
-    other = tmp_path / "other"
-    shutil.copytree(tiny_run, other)
-    edited_run(
-        other,
-        "UPDATE rows SET value = value + 30 * standard_error "
-        "WHERE family = 'bias' AND controlled = 0 "
-        "AND entries = json_array('y') AND cell = 3",
-    )
-    code, out = call(capsys, tiny_run, other, "--out", tmp_path / "page.html")
-    assert code == 0
-    name = load_run(other).cells[3].name
-    lines = out.splitlines()
-    assert re.match(rf"A is {tiny_run.name}: suite \S+, seeds 1, commit", lines[0])
-    assert lines[1].startswith(f"B is {other.name}: suite ")
-    changed = r"1 of \d+ common statistics changed .*: 1 (worse|better|neither); "
-    way = re.match(changed, lines[2])[1].replace("neither", "moved")
-    assert lines[3].startswith(f"{way}: attitude, bias: ")
-    assert lines[4].startswith(f"    {name} bias[y]: ")
-    assert "+21.2 standard errors" in lines[4]
-    assert out.splitlines()[-1] == str(tmp_path / "page.html")
-    assert "<svg" in (tmp_path / "page.html").read_text(encoding="utf-8")
-    code, out = call(capsys, tiny_run, tiny_run)
-    assert code == 0
-    assert re.search(r"0 of \d+ common statistics changed", out)
 
 
 def test_runs_with_nothing_in_common_are_no_success(capsys, tiny_run, tmp_path):

@@ -4,11 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
-from side_by_side import cell, estimator_rows, league, run_of
+from side_by_side import cell, estimator_rows, run_of
 
 from simval.attitude.comparators import davenport, triad
-from simval.cli.compare import command
 from simval.errors import InputError
 from simval.geometry import attitude_error, attitude_matrix, random_quaternions
 from simval.judge import compare_algorithms
@@ -243,33 +241,3 @@ def test_names_are_found_without_their_file_where_that_is_clear(tmp_path):
         compare_algorithms(run_of(tmp_path, cells), A, B)
     with pytest.raises(InputError, match="it has none"):
         compare_algorithms(run_of(tmp_path, []), A, B)
-
-
-def invoked(monkeypatch, run, *words):
-    monkeypatch.setattr("simval.sweep.load_run", lambda folder: run)
-    runner = CliRunner()
-    done = runner.invoke(command, ["run", *words], standalone_mode=False)
-    if done.exception is not None:
-        raise done.exception
-    return done.return_value, done.output
-
-
-def test_the_command_says_better_or_worse_by_how_much(monkeypatch, tmp_path):
-    run = league(tmp_path)
-    code, out = invoked(monkeypatch, run, "--algorithms", "estimator-5", B)
-    assert code == 0
-    assert "worse: league.py:estimator-5 has an RMS error greater by 10 % ± " in out
-    assert "(1.1 and 1 times the bound)" in out
-    assert "worse: share of failures, reference as body: " in out
-    assert "takes 6 times that of simval:wahba" in out
-    assert "better in 0, worse in 5, same in 14 of 19; false-alarm rate 0.001" in out
-    code, out = invoked(monkeypatch, run, "--algorithms", "estimator-19", B)
-    assert code == 3
-    assert "have nothing in common" in out
-    for words, complaint in (
-        (("other", "--algorithms", A, B), "within one run"),
-        (("--algorithms", A, B, "--out", "x.html"), "simval report"),
-        ((), "give two runs, or one with"),
-    ):
-        with pytest.raises(InputError, match=complaint):
-            invoked(monkeypatch, run, *words)

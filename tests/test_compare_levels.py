@@ -1,7 +1,5 @@
 """Steps in a series: the stated false-alarm rate, the power, and shared noise."""
 
-import sys
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -155,31 +153,3 @@ def test_equal_values_have_no_step():
     assert steps_in(series(np.full(9, 3.7)), 0.5, 0.5) == ()
     assert least_p(series(np.full(9, 3.7))) == 1.0
     assert steps_in(series([1.0]), 0.5, 0.5) == ()
-
-
-@pytest.mark.slow
-def test_the_rates_and_powers_of_steps(capsys):
-    """3000 series each: how many of pure noise alarm at 5 %, what steps are found."""
-    rng, count, alpha = np.random.default_rng(95), 3000, 0.05
-    lines = []
-    for n in (2, 5, 20, 60):
-        for name, seeds in (
-            ("each its own seed", np.arange(n)),
-            ("three runs of a seed", np.arange(n) // 3),
-        ):
-            seen = alarms(n, count, list(seeds), alpha, rng, told=seeds)
-            lines.append(f"{n} runs, {name}: {100 * seen / count:.1f} %")
-            assert seen <= stats.binom.isf(1e-4, count, alpha)
-    at = np.arange(20)
-    for name, where, size, least in (
-        ("4 standard errors from the middle on", at >= 10, 4.0, 0.92),
-        ("6 standard errors from the middle on", at >= 10, 6.0, 0.99),
-        ("12 standard errors in one run", at == 10, 12.0, 0.99),
-    ):
-        edges = list(np.flatnonzero(np.diff(where)) + 1)
-        noise = rng.normal(size=(count, 20)) + size * where
-        right = sum(places(steps_in(series(v), 1e-3, 1e-3)) == edges for v in noise)
-        lines.append(f"{name}: {100 * right / count:.1f} % found in their place")
-        assert right >= least * count
-    with capsys.disabled():
-        sys.stdout.write("\n".join(["", *lines, ""]))

@@ -1,16 +1,12 @@
 """What moved, which way and by how much: every direction by hand, groups counted."""
 
-import re
 from dataclasses import replace
 from math import inf, nan
 
 import numpy as np
 import pytest
-from places import ROOT
 from rows_by_name import cell, row, statistic
 
-from simval.calibrate.gyroscope.result import NAMES as GYROSCOPE
-from simval.calibrate.magnetometer.result import OWN_NAMES as MAGNETOMETER
 from simval.judge import (
     Step,
     compare_runs,
@@ -19,11 +15,8 @@ from simval.judge import (
     read_baseline,
     write_baseline,
 )
-from simval.judge.steps import kind_of, loss, standing
-from simval.sensor import forms
+from simval.judge.steps import loss, standing
 from simval.statistics import FAMILIES
-from simval.studies.attitude_geometries import QUANTILES
-from simval.studies.gyroscope import THINNED
 from simval.sweep import load_run
 from simval.sweep.run import Run
 
@@ -146,69 +139,6 @@ def test_moves_are_sorted_by_how_far():
     ]
     found = [str(move.worst.statistic) for move in moved(steps)]
     assert found == ["efficiency", "sd", "nees", "rms", "bias"]
-
-
-@pytest.mark.parametrize(
-    ("steps", "words"),
-    [
-        ([step(after=0.6, standing="better")], "40 % smaller in"),
-        ([step(after=3.0), step(after=4.5)], "3 to 4.5 times as large in"),
-        ([step(before=0.0, after=2.0)], "from 0 to 2 in"),
-        (
-            [step("bias[x]", 0.1, -0.4, predictions=(None, None))],
-            "farther from 0 by up to 0.3 in",
-        ),
-        (
-            [step("nees", 2.0, 3.5, standing="better", predictions=(3.0, 3.0))],
-            "nearer to its prediction by up to 0.5 in",
-        ),
-        (
-            [step("norm", 1.0, 0.9, standing="neither"), step("norm", 1.0, 1.2,
-             standing="neither")],
-            ": by up to 20 % either way in",
-        ),
-        ([step("bias[x]", -1.0, 1.0, standing="neither")], ": by up to 2 in"),
-        ([step(after=4.0, error=0.001)], "up to 3,000 standard errors"),
-        ([step(error=0.0)], "in its only cell, no chance involved"),
-    ],
-)  # fmt: skip
-def test_sizes_in_words(steps, words):
-    (move,) = moved(steps)
-    assert words in move.sentence
-
-
-def test_a_kind_is_what_expressions_over_the_names_made_of_it():
-    """Beside those that `kind_of` had, over all that is measured in the baseline."""
-    parameter = re.compile(r"([A-Z])(?:_[a-z]+)?")
-    member = re.compile(r"[xyzs]|[0-9].*|least|median|most|worst")
-    content = read_baseline(ROOT / "reports" / "baseline.json")["cells"]
-    names = {name for cell in content.values() for name in cell.statistics}
-    own = {f"sd[{name}]" for name in (*GYROSCOPE, *MAGNETOMETER)}
-    own |= {f"sd[{name}]" for model in forms.MODELS for name in forms.names(model)}
-    own |= {f"leading_error_ratio[order 2,{name}]" for name in QUANTILES}
-    own |= {f"recovery[M,averages,{name}]" for name in THINNED}
-    for name in names | own:
-        each = statistic(name.partition(" against ")[0])
-        parts = [
-            parameter.sub(r"\1", e) for e in each.entries if not member.fullmatch(e)
-        ]
-        words = each.family.words + (" of " if parts else "") + ", ".join(parts)
-        assert kind_of(each).removesuffix(", control variates") == words
-    assert len(names) > 300
-
-
-def test_kinds_leave_axes_levels_and_quantiles_out():
-    assert {
-        kind_of(statistic(name))
-        for name in ("rms[K_x]", "rms[K]", "rms[K_z]", "rms[K_xy]")
-    } == {"RMS error of K"}
-    assert kind_of(statistic("covariance[x,s]")) == "covariance"
-    assert kind_of(statistic("bias_error[0.01414]")) == (
-        "what a formula of the bias leaves out"
-    )
-    assert kind_of(statistic("control bias[x]")) == "bias, control variates"
-    assert kind_of(statistic("limit_ratio[bias,1%,median]")).endswith(" of bias")
-    assert kind_of(statistic("nees[best of four]")).endswith(" of best of four")
 
 
 def test_loss_and_standing_of_no_number():

@@ -2,7 +2,6 @@
 
 import re
 import shlex
-from xml.etree import ElementTree
 
 import pytest
 from places import ROOT
@@ -234,29 +233,6 @@ def test_the_page_s_commands_name_the_run(simval, tiny_run, monkeypatch):
     # from elsewhere the run is named, and never by its folders
     monkeypatch.chdir(ROOT)
     assert all(c.startswith("simval repro --run tiny ") for c in commands_of(run))
-
-
-def test_junit_has_times_and_classes_in_one_piece(simval, tiny_run, tmp_path):
-    file = tmp_path / "g.xml"
-    simval("gate", tiny_run, "--no-baseline", "--junit", file)
-    root = ElementTree.parse(file).getroot()
-    cells = {c.name: c.seconds for c in load_run(tiny_run).cells}
-    found = {}
-    for case in root.iter("testcase"):
-        assert "." not in case.get("classname")
-        name = case.get("classname").replace("\N{MIDDLE DOT}", ".")
-        found[name] = found.get(name, 0.0) + float(case.get("time"))
-    count = len(list(root.iter("testcase")))
-    for name, seconds in cells.items():
-        # six decimals of each
-        assert found[name] == pytest.approx(seconds, abs=count * 1e-6)
-    for suite in root:
-        times = [float(case.get("time")) for case in suite]
-        assert float(suite.get("time")) == pytest.approx(sum(times), abs=count * 1e-6)
-    # each time is printed to a microsecond
-    assert float(root.get("time")) == pytest.approx(
-        sum(cells.values()), abs=count * 1e-6
-    )
 
 
 def test_a_missing_plugin_is_refused_from_python(tmp_path):

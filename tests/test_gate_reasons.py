@@ -52,16 +52,6 @@ def test_each_kind_that_moved_needs_its_reason(simval, moved):
     }
 
 
-def test_a_study_stands_for_its_kinds(simval, moved):
-    run, baseline = moved
-    words = ("gate", run, "--baseline", baseline, "--update-baseline", "new solver")
-    _, _, err = simval(*words)
-    kinds = re.findall(r"--reason '(.*)=WHY'", err)
-    studies = {kind.partition(",")[0] for kind in kinds}
-    simval(*words, *(x for name in studies for x in ("--reason", f"{name}=known")))
-    assert read_baseline(baseline)["reasons"] == dict.fromkeys(kinds, "known")
-
-
 def test_an_unchanged_run_needs_none(simval, tiny_run, tmp_path):
     baseline = tmp_path / "baseline.json"
     write_baseline(baseline, load_run(tiny_run), "before")

@@ -1,8 +1,5 @@
 """A series of runs: in the order of their commits, its steps named, and refused."""
 
-import csv
-import json
-import re
 import shutil
 from math import inf, nan
 
@@ -14,8 +11,6 @@ from scipy import stats
 
 from simval.errors import InputError
 from simval.judge import compare_runs, read_runs, trend_of
-from simval.judge.runs import origin_of
-from simval.sweep import load_run
 from simval.sweep.run import Run
 
 WORSE = (
@@ -215,65 +210,6 @@ def test_runs_that_are_no_series_are_refused_in_words(folder, tiny_run, tmp_path
     (folder / "run3" / "timing.json").unlink()
     with pytest.raises(InputError, match="the run run3 has no date"):
         read_runs(folder)
-
-
-def test_where_a_run_comes_from(folder):
-    origin = origin_of(load_run(folder / "run2"))
-    assert origin.words == (
-        f"run2: suite {origin.suite}, seeds 1, commit {commit_of(2)[:10]} of 2026-01-03"
-    )
-    known = load_run(folder / "run2")
-    unknown = origin_of(
-        Run(
-            folder=known.folder, cells=(), manifest={"git": {"commit": None}}, timing={}
-        )
-    )
-    assert (unknown.label, unknown.words) == (
-        "run2",
-        "run2: suite unknown, seeds none, commit unknown",
-    )
-    changed = origin_of(
-        Run(
-            folder=known.folder, cells=(), timing={},
-            manifest={"git": {"commit": "abc", "dirty": True}},
-        )
-    )  # fmt: skip
-    assert changed.commit == "abc+"
-
-
-@pytest.mark.ci
-def test_the_command_says_it_and_writes_it(simval, folder, tmp_path):
-    table, document = (tmp_path / name for name in ("values.csv", "steps.json"))
-    code, out, _ = simval("trend", folder, "--csv", table, "--json", document)
-    assert code == 0
-    lines = out.splitlines()
-    assert re.match(
-        r"5 runs of suite \S+ by the date of their commits: 3 of \d+ statistics have a "
-        r"step; false-alarm rate 0\.001 for all together",
-        lines[0],
-    )
-    commit = commit_of(2)[:10]
-    assert re.match(rf"run2 +{commit} +2026-01-03 +1 +3 +\. +\. +\.", lines[4])
-    found = [line for line in lines if line.startswith("worse since")]
-    assert found[0].startswith(
-        f"worse since {commit} (run2): calibration, standard deviation of K: 50 % "
-        "larger in its only cell, up to "
-    )
-    assert re.search(
-        r"    calibration\(.*\)@1 sd\[K_\w\]: \S+ -> \S+, \+\S+ standard", out
-    )
-    assert lines[-2:] == [str(table), str(document)]
-    content = json.loads(document.read_text())
-    assert content["with_a_step"] == 3
-    assert [run["worse"] for run in content["runs"]] == [0, 0, 3, 0, 0]
-    assert content["moves"][0]["since"] == commit
-    assert len(content["moves"][0]["values"]) == 3
-    with table.open() as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 5 * content["statistics"]
-    assert sum(line["step"] == "worse" for line in rows) == 3
-    code, every, _ = simval("trend", folder, "--all")
-    assert len(re.findall(r"^    calibration", every, flags=re.M)) == 3
 
 
 def test_nothing_in_common_is_no_success(simval, tiny_run, tmp_path):
