@@ -14,8 +14,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from simval.errors import InputError
-from simval.text import did_you_mean, shown
-from simval.whole import exact
+from simval.text import as_whole, did_you_mean, shown
 
 MOST: Final = 10**12  # of anything counted here: more is a slip, and never ends
 
@@ -31,7 +30,7 @@ def whole_number(name: str, value: Any, least: int, most: int = MOST) -> int:
         If the value is not a whole number (1.5 is none, nor is True) or is outside.
     """
     try:
-        number = operator.index(exact(value))
+        number = operator.index(as_whole(value))
     except TypeError:
         number = least - 1
     if isinstance(value, bool | np.bool_) or not least <= number <= most:

@@ -1,10 +1,12 @@
-"""Words for people: values and messages of any origin, fit for one printable line."""
+"""Words for people: values and messages fit for one printable line, whole numbers."""
 
 import math
 import traceback
 from collections.abc import Iterable
+from decimal import Decimal, InvalidOperation
 from difflib import get_close_matches
-from typing import Any
+from numbers import Integral, Real
+from typing import Any, Final
 
 LIMIT = 2000
 """Characters that a message may have; of a longer one head and tail are kept."""
@@ -112,3 +114,29 @@ def described(error: BaseException) -> str:
         one_line(message_of(error)),
     )
     return trace if trace.endswith(f"{message}\n") else f"{trace}{message}\n"
+
+
+EXACT: Final = 2**53
+"""Up to here each whole number is a float of its own."""
+
+DIGITS: Final = 30
+"""Most digits of a whole number in text: more is a slip, and slow to read."""
+
+
+def as_whole(value: Any) -> Any:
+    """Make an integer of a real number that is one exactly; leave the rest."""
+    real = isinstance(value, Real) and not isinstance(value, Integral)
+    if real and abs(value) <= EXACT and value == int(value):
+        return int(value)
+    return value
+
+
+def read_whole(text: str) -> int | None:
+    """Read a whole number; None if the text is none."""
+    try:
+        number = Decimal(text.strip())
+    except InvalidOperation:
+        return None
+    if not number.is_finite() or number.adjusted() >= DIGITS:
+        return None
+    return int(number) if number == number.to_integral_value() else None

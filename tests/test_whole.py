@@ -12,7 +12,7 @@ from simval.arguments import whole_number
 from simval.cli.options import Whole
 from simval.studies import find_study
 from simval.sweep import load_suite
-from simval.whole import DIGITS, EXACT, exact, read
+from simval.text import DIGITS, EXACT, as_whole, read_whole
 
 
 @given(st.integers(-EXACT, EXACT))
@@ -20,21 +20,21 @@ from simval.whole import DIGITS, EXACT, exact, read
 @example(EXACT)
 def test_a_float_that_is_a_whole_number_is_one(number):
     for form in (float(number), np.float64(number), Fraction(number)):
-        assert exact(form) == number
-        assert type(exact(form)) is int
+        assert as_whole(form) == number
+        assert type(as_whole(form)) is int
         assert whole_number("n", form, -EXACT, EXACT) == number
-    assert exact(number) is number
+    assert as_whole(number) is number
     for other in (1.5, 2.0**54, float("nan"), float("inf"), True, "5", None, 1j):
-        assert exact(other) is other
+        assert as_whole(other) is other
 
 
 @given(st.integers(-(10**20), 10**20))
 def test_text_is_read_in_each_way_of_writing(number):
-    assert read(str(number)) == number
-    assert read(f" {number}.0 ") == number
-    assert read(f"{number}e0") == number
-    assert read(f"{number:_}") == number
-    assert read(f"{10 * number}e-1") == number
+    assert read_whole(str(number)) == number
+    assert read_whole(f" {number}.0 ") == number
+    assert read_whole(f"{number}e0") == number
+    assert read_whole(f"{number:_}") == number
+    assert read_whole(f"{10 * number}e-1") == number
 
 
 @pytest.mark.ci
@@ -50,7 +50,7 @@ def test_text_is_read_in_each_way_of_writing(number):
 @example("0x10")
 @example("")
 def test_any_text_is_a_whole_number_or_none(text):
-    number = read(text)
+    number = read_whole(text)
     assert number is None or abs(number) < 10**DIGITS
     try:
         plain = int(text)

@@ -15,10 +15,9 @@ from click.shell_completion import CompletionItem
 
 from simval.cli.outputs import OUT, Input, require_free
 from simval.errors import InputError
-from simval.text import shown
+from simval.text import as_whole, read_whole, shown
 from simval.units import OF_A_LOG
 from simval.vocabulary import ALPHA, RUNS, SCENES, STUDIES, builtin_suites
-from simval.whole import exact, read
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 PATH = Input()
@@ -45,7 +44,7 @@ class Whole(click.IntRange):
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> int:
         """Convert, and refuse what would be rounded."""
-        number = read(value) if isinstance(value, str) else exact(value)
+        number = read_whole(value) if isinstance(value, str) else as_whole(value)
         if number is None:
             self.fail(f"{shown(value)} is not a whole number.", param, ctx)
         return int(super().convert(number, param, ctx))

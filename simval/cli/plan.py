@@ -12,8 +12,8 @@ import click
 from simval.cli.options import PATH, Gravity, json_option, refuse_if, stated
 from simval.cli.terminal import say
 from simval.errors import InputError, RefusedError
+from simval.text import read_whole
 from simval.vocabulary import MODELS
-from simval.whole import read
 
 if TYPE_CHECKING:
     from simval.arrays import Array
@@ -263,7 +263,7 @@ def named_poses(text: str) -> Float[Array, "n 3"]:
         kind, _, count = name.strip().partition(":")
         if kind in sets and not count:
             parts.append(sets[kind]())
-        elif kind == "fibonacci" and 0 < (number := read(count) or 0) <= 100_000:
+        elif kind == "fibonacci" and 0 < (number := read_whole(count) or 0) <= 100_000:
             parts.append(fibonacci_sphere(number))
         else:
             msg = (

@@ -12,7 +12,7 @@ from simval.arguments import MOST
 from simval.figures import Headline, Shown
 from simval.results import Outcome
 from simval.streams import Streams, cell_key
-from simval.whole import exact
+from simval.text import as_whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class StudyParameters(BaseModel):
     def _whole(cls, value: Any, info: ValidationInfo) -> Any:
         """Take 1e5 for an integer where one is asked for."""
         field = cls.model_fields[info.field_name or ""]
-        number = exact(value) if field.annotation is int else value
+        number = as_whole(value) if field.annotation is int else value
         if type(number) is int and number > MOST and not _ends(field):
             kind, msg = (
                 "less_than_equal",

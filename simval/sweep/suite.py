@@ -40,13 +40,12 @@ from simval.plugins.names import file_of, located
 from simval.studies import STUDIES
 from simval.studies.plugin import PluginParameters
 from simval.studies.study import Cell, StudyParameters
-from simval.text import did_you_mean, shown
+from simval.text import as_whole, did_you_mean, shown
 from simval.vocabulary import builtin_suites
-from simval.whole import exact
 
 Model = TypeVar("Model", bound=BaseModel)
 NonEmpty = Field(min_length=1)
-WHOLE = BeforeValidator(exact)
+WHOLE = BeforeValidator(as_whole)
 MOST_CELLS: Final = 200_000
 """All cells of a run are held in memory, with some 80 rows of 0.3 kB each."""
 MOST_FAULTS = 20
