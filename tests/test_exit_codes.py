@@ -6,7 +6,7 @@ import shlex
 import pytest
 from places import ROOT
 
-from simval.errors import InputError, UnusablePluginError
+from simval.errors import InputError
 from simval.judge import judge_run
 from simval.report.section import Context
 from simval.report.sections import checks
@@ -113,17 +113,6 @@ def test_what_cannot_be_used_is_exit_code_2(kind, here, simval):
         assert sorted(here.rglob("*")) == before, line
 
 
-@pytest.mark.slow  # a process for each file
-def test_a_file_that_is_no_plugin_is_exit_code_2(here, simval):
-    for name in ("broken.py", "none.py", "none.py:x", "binary.py"):
-        code, _, err = simval("sweep", "good.toml", "--plugin", name, "--out", "out")
-        assert (code, (here / "out").exists()) == (2, False), err
-
-
-def test_a_plugin_that_cannot_be_loaded_is_one_kind_of_error():
-    assert UnusablePluginError.exit_code == InputError.exit_code == 2
-
-
 def refused(*arguments):
     msg = "there is no scheduler"
     raise InputError(msg)
@@ -166,49 +155,6 @@ def test_a_cell_that_crashes_again_is_exit_code_4(simval, tiny_run, monkeypatch)
     assert code == 4
     assert "RuntimeError: on purpose" in err
     assert f"the cell crashed: {name}" in err
-
-
-def unfinished(tmp_path, monkeypatch, simval, seeds=30):
-    """A run of sixty cells that was stopped before the third."""
-    execute, done = executors.execute, []
-
-    def stopping(cell):
-        done.append(cell)
-        if len(done) > 2:
-            raise KeyboardInterrupt
-        return execute(cell)
-
-    monkeypatch.setattr(executors, "execute", stopping)
-    monkeypatch.setattr(executors, "SECONDS", 0.0)  # a cell each
-    suite = tmp_path / "many.toml"
-    suite.write_text(
-        f"seed = {list(range(1, seeds + 1))}\n"
-        "[attitude]\nnoise_std = [0.01, 0.02]\nsamples = 65_536\n"
-    )
-    run = tmp_path / "my run"
-    assert simval("sweep", suite, "--out", run, "--workers", 1)[0] == 130
-    monkeypatch.undo()
-    return run
-
-
-@pytest.mark.ci
-def test_what_was_never_run_is_one_line(simval, tmp_path, monkeypatch):
-    run = unfinished(tmp_path, monkeypatch, simval)
-    files = [tmp_path / name for name in ("g.md", "g.xml")]
-    words = ("--no-baseline", "--summary", files[0], "--junit", files[1])
-    code, out, _ = simval("gate", run, *words)
-    assert code == 3
-    lines = out.splitlines()
-    assert len(lines) <= 3  # it, the note, and the answer
-    assert "58 cells were never run" in lines[0]
-    assert f"--out '{run}' --resume" in lines[0]
-    for file in files:
-        # the answer's own line, and message and text of one finding
-        assert file.read_text().count("never run") <= 3
-    assert simval("report", run)[0] == 0
-    page = (run / "report.html").read_text(encoding="utf-8")
-    # in the verdict, in the answer to whether it is as theory says, and as one line
-    assert page.count("never run") == 3
 
 
 def commands_of(run):

@@ -103,15 +103,6 @@ def test_nothing_measured_is_inconclusive(simval, tiny_run, tmp_path):
     assert judge_run(load_run(tiny_run)).exit_code == 3
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": 7}', '{"schema": 1}'])
-def test_a_file_that_is_no_baseline_is_refused(simval, tiny_run, tmp_path, text):
-    path = tmp_path / "baseline.json"
-    path.write_text(text)
-    code, _, err = simval("gate", tiny_run, "--baseline", path)
-    assert code == 2
-    assert "error:" in err
-
-
 def test_samples_that_the_cell_states_but_did_not_draw(tiny_run):
     result = judge_run(load_run(tiny_run))
     assert (result.answer, result.gaps) == ("pass", ())
@@ -135,30 +126,6 @@ def test_a_cell_that_vanished_or_is_empty_is_a_gap(tiny_run):
 
 
 GOOD = '{"b": [1.0, 0.5, 5, {"plain exact": [1.0, 0.0]}]}'
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("poses=12", "poses=../../etc/passwd"),
-        ("poses=12", "poses=13"),
-        ("calibration(", "ladder("),
-        ("trials=1024", "trials=many"),
-        (",trials=1024", ",trials=1024,trials=1024"),
-        ("@1", "@x"),
-        ("scene=gimbal", "scene=gimbal,more=1"),
-    ],
-)
-def test_a_cell_of_the_baseline_under_another_name_is_refused(
-    tiny_run, tmp_path, old, new
-):
-    path = tmp_path / "baseline.json"
-    write_baseline(path, load_run(tiny_run), "why")
-    text = path.read_text()
-    name = next(n for n in read_baseline(path)["cells"] if old in n and "12" in n)
-    path.write_text(text.replace(json.dumps(name), json.dumps(name.replace(old, new))))
-    with pytest.raises(InputError, match="is stored as calibration with"):
-        read_baseline(path)
 
 
 @pytest.mark.parametrize(

@@ -14,13 +14,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from simval import vocabulary
-from simval.change import EFFORT, question
+from simval.change import question
 from simval.errors import InputError
 from simval.files import MOST_BASELINE, parsed_json, read_text
 from simval.plugins.names import is_file
 from simval.results import Check, Row
 from simval.statistics import Statistic
-from simval.studies.study import spelled
 from simval.sweep.identity import other_machines
 from simval.sweep.provenance import differences
 from simval.sweep.run import MAX_SAMPLES, Run
@@ -113,7 +112,7 @@ def read_baseline(path: Path) -> dict[str, Any]:
                 "it again with --update-baseline 'schema' and review it"
             )
             raise InputError(msg)
-        cells = {name: _cell(name, cell) for name, cell in content["cells"].items()}
+        cells = {name: _cell(cell) for name, cell in content["cells"].items()}
         environment = dict(content["environment"])
         reason = str(content["reason"])
         reasons = dict(content.get("reasons", {}))
@@ -275,24 +274,9 @@ def _without_repeats(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     return content
 
 
-def _cell(name: str, cell: Any) -> StoredCell:
+def _cell(cell: Any) -> StoredCell:
     statistics = {key: _entry(entry) for key, entry in cell["statistics"].items()}
-    read = StoredCell(str(cell["study"]), dict(cell["parameters"]), statistics)
-    if not _is_named(name, read):
-        msg = f"{name!r:.80} is stored as {read.study} with {read.parameters!r:.80}"
-        raise ValueError(msg)
-    return read
-
-
-def _is_named(name: str, cell: StoredCell) -> bool:
-    """Whether a name is the cell's with some effort, which it has too, and a seed."""
-    stem, _, seed = name.rpartition("@")
-    asked = [cell.parameters]
-    for key in EFFORT:
-        count = stem.rpartition(f"{key}=")[2].removesuffix(")").partition(",")[0]
-        if count.isdecimal() and key not in cell.parameters:
-            asked += [{**one, key: count} for one in asked]
-    return seed.isdecimal() and stem in (spelled(cell.study, one) for one in asked)
+    return StoredCell(str(cell["study"]), dict(cell["parameters"]), statistics)
 
 
 def _entry(entry: Any) -> Entry:

@@ -175,21 +175,6 @@ class RunComparison:
         """How many statistics both have."""
         return len(self.differences)
 
-    def number(self, kind: Kind) -> int:
-        """How many differences are of one kind.
-
-        Parameters
-        ----------
-        kind : {"changed", "moved", "same"}
-            Which.
-
-        Returns
-        -------
-        int
-            Their number.
-        """
-        return len(self.of(kind))
-
     @property
     def predictions_changed(self) -> int:
         """How many predictions changed."""

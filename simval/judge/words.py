@@ -67,7 +67,7 @@ SHOWN = 12
 
 def changes_headline(found: RunComparison) -> str:
     """How many values changed, and which way."""
-    changed, within = found.number("changed"), found.number("moved")
+    changed, within = len(found.of("changed")), len(found.of("moved"))
     ways = [f"{found.count(way):,} {way}" for way in WAYS if found.count(way)]
     return (
         f"{changed:,} of {found.total:,} common statistics changed "

@@ -156,7 +156,7 @@ def _from_run(context: Context, against: Against) -> tuple[str, list[Line]]:
         sigmas = float("nan") if d.sigmas is None else d.sigmas
         size, said = _size(d.a.value, d.b.value, sigmas)
         changes.append(Change(kind, str(d.a.statistic), d.cells[1], size, said))
-    moved, same = found.number("moved"), found.number("same")
+    moved, same = len(found.of("moved")), len(found.of("same"))
     notes = [f"{moved:,} moved within their uncertainty"] if moved else []
     alone = len(found.only_a) + len(found.only_b)
     notes += [f"{alone:,} only in one run"] if alone else []

@@ -65,7 +65,7 @@ def comparison_sections(
     """Make the sections of the page."""
     parts = [located(part_of(run).run) for run in (a, b)]
     drawings = _drawings(parts[0], parts[1], comparison)
-    kinds = {k: comparison.number(k) for k in ("changed", "moved", "same")}
+    kinds = {k: len(comparison.of(k)) for k in ("changed", "moved", "same")}
     moves = comparison.moves
     names = {drawing.finding: drawing.name for drawing in drawings}
     figures = [names.get(told(move)) for move in moves]
