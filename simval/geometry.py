@@ -16,7 +16,9 @@ and composition follows the source paper (Peng and Choukroun, eq. 38),
 `-q` are the same attitude, so compare by `attitude_error`, never by element.
 """
 
-from typing import Any, Final
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
@@ -29,6 +31,22 @@ from simval.shapes import Float
 # 1; an angle read from such a quaternion is off by as much
 UNIT_TOLERANCE: Final = 1e-6
 MOST: Final = 10_000_000  # quaternions at once: a third of a gigabyte
+
+Frame = Literal["NED", "ENU", "NWU"]
+"""Reference frames by the directions of their axes."""
+
+FRAME_AXES: Final[Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]] = (
+    MappingProxyType(
+        {
+            "NED": ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0)),
+            "ENU": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+            "NWU": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+        }
+    )
+)
+"""North and up of each frame."""
+
+FRAMES: Final = get_args(Frame)
 
 
 def normalize(v: Float[Array, "... n"]) -> Float[Array, "... n"]:

@@ -9,8 +9,8 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from simval.filters.signals import FilterInput, Told
 from simval.plugins.protocol import Filter
-from simval.plugins.runs import FilterInput, Told
 
 GRAVITY = 9.81
 FIELD = 5e-5 * np.array([np.cos(1.1), 0.0, -np.sin(1.1)])  # NWU

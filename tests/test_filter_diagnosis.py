@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from simval.check.words import unjudged, why
 from simval.errors import PluginError
 from simval.filters.mekf import Mekf
+from simval.filters.signals import FilterOutput
 from simval.geometry import compose, from_rotation_vector
 from simval.plugins import Filter, find_plugin, find_world
-from simval.plugins.runs import FilterOutput
 from simval.studies import filter as study
 from simval.studies.filter_rows import Answers
 from simval.studies.filter_scenarios import course, drawn

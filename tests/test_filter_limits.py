@@ -5,9 +5,9 @@ import pytest
 from scipy import stats
 
 from simval.consistency import diverged
+from simval.filters.signals import FilterOutput
 from simval.geometry import from_rotation_vector
 from simval.moments import Moments
-from simval.plugins.runs import FilterOutput
 from simval.studies.estimator import _claim_rows, _full_rows
 from simval.studies.filter_rows import (
     Answers,

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
+from simval.filters.signals import FilterOutput
 from simval.geometry import attitude_matrix, compose, random_quaternions
 from simval.plugins import Filter, find_plugin, find_world
-from simval.plugins.runs import FilterOutput
 from simval.statistics import (
     BOUND_AT,
     BUDGET_AT,

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
-from simval.plugins.runs import Told
+from simval.filters.signals import Told
 from simval.studies.filter_scenarios import (
     MOST,
     NAMES,

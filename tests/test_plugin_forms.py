@@ -13,12 +13,10 @@ import rows_by_name
 from simval.attitude import wahba_quaternion
 from simval.attitude.comparators import davenport
 from simval.errors import CrashedPluginError, PluginError
-from simval.geometry import attitude_matrix, normalize
+from simval.geometry import FRAME_AXES, FRAMES, attitude_matrix, normalize
 from simval.plugins import Estimator, probe_estimator
 from simval.plugins.attitudes import (
-    AXES,
     CLASSES,
-    FRAMES,
     ORTHOGONAL,
     PARALLEL,
     VERTICALS,
@@ -237,7 +235,7 @@ def in_frame(frame, vertical, dip=None):
 
 
 def test_the_frames_are_what_they_say():
-    for frame, (north, up) in AXES.items():
+    for frame, (north, up) in FRAME_AXES.items():
         east = np.cross(north, up)
         axes = dict(zip("NED", (north, east, -np.array(up)), strict=True))
         axes |= {"U": np.array(up), "W": -east}

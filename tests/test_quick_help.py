@@ -11,9 +11,8 @@ import pytest
 from simval import vocabulary
 from simval.calibrate.arguments import choices
 from simval.cli import COMMANDS
+from simval.geometry import FRAMES
 from simval.judge import BASELINE
-from simval.plugins.attitudes import FRAMES
-from simval.recorded.evaluation import TIME_LIMIT
 from simval.scene import scenes
 from simval.studies import STUDIES
 from simval.verdict import ALPHA
@@ -85,7 +84,6 @@ def test_a_help_takes_less_than_a_third_of_a_second(command):
         (vocabulary.STUDIES, tuple(STUDIES)),
         (vocabulary.ALPHA, ALPHA),
         (vocabulary.BASELINE, BASELINE),
-        (vocabulary.FILTER_SECONDS, TIME_LIMIT),
     ],
 )
 def test_a_help_states_what_the_code_takes(stated, taken):

@@ -10,6 +10,7 @@ from scipy.stats import binom, f
 
 from simval.cli import run
 from simval.errors import RefusedError
+from simval.filters.signals import FilterOutput
 from simval.geometry import (
     attitude_error,
     attitude_matrix,
@@ -19,7 +20,6 @@ from simval.geometry import (
     random_quaternions,
 )
 from simval.logs import read_log, read_truth
-from simval.plugins.runs import FilterOutput
 from simval.recorded import align, evaluate
 from simval.recorded.alignment import fit_turns, likely_offsets, polar
 from simval.recorded.attitudes import (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,16 +23,27 @@ from simval.cli.options import (
 )
 from simval.cli.outputs import OUT, Command
 from simval.cli.terminal import say
-from simval.errors import CrashedPluginError, InputError, PluginError
+from simval.errors import (
+    CrashedPluginError,
+    InputError,
+    PluginError,
+    UnusablePluginError,
+)
 from simval.vocabulary import FILTER_SECONDS, TRUTH_WORLDS
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from simval.logs import Log, Truth
     from simval.recorded import Alignment, Evaluation
+    from simval.recorded.evaluation import FilterRun
     from simval.recorded.settings import Signals, Start
     from simval.recorded.world import TruthWorld
 
 FORMAT = "simval filter 1"
+MOST_ROWS = 200_000
+"""Rows whose answers are kept: covariances of six by six are then 60 MB. Of a longer
+log rows are left out evenly."""
 
 
 @click.command(name="filter", cls=Command)
@@ -132,7 +144,6 @@ def command(
         evaluation_object,
         filter_lines,
     )
-    from simval.recorded.evaluation import filters_of
     from simval.recorded.settings import start_of
 
     filters = filters_of(plugins)
@@ -244,6 +255,66 @@ def _offered(path: Path) -> list[str]:
     return [f"quaternions       {named}: if that is the truth, give it (--truth NAME)"]
 
 
+def filters_of(plugins: Sequence[str]) -> dict[str, str]:
+    """Words that mean one filter each, by the names that they are called in a table.
+
+    Raises
+    ------
+    UnusablePluginError
+        If one cannot be loaded, or holds no filter.
+    """
+    from simval.plugins.loading import meant
+    from simval.plugins.protocol import Filter
+
+    found: dict[str, str] = {}
+    for plugin in plugins:
+        held = [each for each in meant(plugin) if each.field == Filter.taken_by]
+        if not held:
+            msg = f"{plugin} holds no Filter, and that is what runs over a log"
+            raise UnusablePluginError(msg)
+        for each in held:
+            found[each.name if each.name not in found else each.word] = each.word
+    return found
+
+
+def run_on_log(
+    name: str, algorithm: str, found: Signals, start: Start, time_limit: float
+) -> FilterRun:
+    """Run a filter over a log, in a child process, and give its answers a name.
+
+    Raises
+    ------
+    PluginError
+        If it cannot be loaded, breaks a rule of its answers, stays in no world, or
+        does not end in time.
+    """
+    import numpy as np
+
+    from simval.plugins.child import started
+    from simval.plugins.loading import find_plugin
+    from simval.plugins.protocol import Filter
+    from simval.plugins.runs import run_filter
+    from simval.plugins.worlds import find_world
+    from simval.recorded.evaluation import FilterRun, filter_input
+
+    given = filter_input(found, start)
+    stride = -(-len(given.dt) // MOST_ROWS)
+    keep = np.arange(stride - 1, len(given.dt), stride)
+    rate = 1.0 / float(np.median(given.dt))
+    with started(time_limit, f"the filter {name}") as child:
+        filter = child.ask(find_plugin, algorithm, Filter)
+        world = find_world(filter, given.told, rate)
+        output = run_filter(filter, given, keep, world.world)
+    how = "declared" if filter.world else "found"
+    return FilterRun(
+        name=name,
+        world=world.world,
+        how=f"{how}: {filter.name} {world.words}",
+        output=replace(output, kept=output.kept + start.row + 1),
+        thinned=stride > 1,
+    )
+
+
 def _evaluated(
     filters: dict[str, str],
     found: Signals,
@@ -253,7 +324,6 @@ def _evaluated(
 ) -> tuple[list[Evaluation], dict[str, str], int]:
     # what was measured, why others were not, and the exit code of that
     from simval.recorded import evaluate
-    from simval.recorded.evaluation import run_on_log
 
     done, failed, code = [], {}, 0
     for name, word in filters.items():

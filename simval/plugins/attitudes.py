@@ -32,7 +32,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.geometry import attitude_matrix, normalize, random_quaternions
+from simval.geometry import (
+    FRAME_AXES,
+    attitude_matrix,
+    normalize,
+    random_quaternions,
+)
 from simval.shapes import Bool, Float
 
 UNIT = 1e-6
@@ -126,28 +131,14 @@ def _quaternion_of(M: Float[Array, "n 3 3"]) -> Float[Array, "n 4"]:
     return vectors
 
 
-Frame = Literal["NED", "ENU", "NWU"]
 Vertical = Literal["up", "down"]
-
-AXES: Final[Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]] = (
-    MappingProxyType(
-        {
-            "NED": ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0)),
-            "ENU": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-            "NWU": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-        }
-    )
-)
-"""North and up of each frame."""
-
-FRAMES: Final = get_args(Frame)
 
 World = Literal["NED", "ENU", "NWU", "SEU", "WSU", "ESD", "SWD", "WND"]
 
 WORLD_AXES: Final[Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]] = (
     MappingProxyType(
         {
-            **AXES,
+            **FRAME_AXES,
             "SEU": ((-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
             "WSU": ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
             "ESD": ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0)),
@@ -180,7 +171,7 @@ class FixedReferences:
         self, dip: Float[Array, " n"]
     ) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
         """Vertical and field of each dip."""
-        north, up = (np.array(axis) for axis in AXES[self.frame])
+        north, up = (np.array(axis) for axis in FRAME_AXES[self.frame])
         first = np.tile(up if self.vertical == "up" else -up, (len(dip), 1))
         return first, np.cos(dip)[:, None] * north - np.sin(dip)[:, None] * up
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import CrashedPluginError, PluginError
-from simval.geometry import attitude_error, compose, conjugate
+from simval.geometry import FRAMES, attitude_error, compose, conjugate
 from simval.plugins.answers import (
     Calibration,
     calibration_of,
@@ -34,7 +34,6 @@ from simval.plugins.answers import (
 )
 from simval.plugins.attitudes import (
     COUNT,
-    FRAMES,
     VERTICALS,
     package_quaternion,
     sound_rows,

@@ -48,11 +48,11 @@ from typing import Any, ClassVar, Final, Literal, TypeVar, get_args, get_origin
 
 from simval.arrays import Array
 from simval.errors import PluginError
+from simval.geometry import Frame
 from simval.plugins.attitudes import (
     GREATEST_DIP,
     MAY_FAIL,
     FixedReferences,
-    Frame,
     Observed,
     Vertical,
     World,

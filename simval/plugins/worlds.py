@@ -33,6 +33,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.consistency import heading_and_inclination
 from simval.errors import PluginError, SilentPluginError
+from simval.filters.signals import FilterInput, Told
 from simval.geometry import (
     attitude_error,
     attitude_matrix,
@@ -44,9 +45,7 @@ from simval.plugins.attitudes import WORLDS
 from simval.plugins.child import where_it_lives
 from simval.plugins.protocol import Filter, alternatives
 from simval.plugins.runs import (
-    FilterInput,
     Run,
-    Told,
     on_body_side,
     own_quaternions,
     readings_of,

@@ -16,12 +16,12 @@ from simval.calibrate.applied import require_same_sensor
 from simval.calibrate.files import load_calibration
 from simval.calibrate.others import load_others
 from simval.errors import InputError, RefusedError
+from simval.filters.signals import Told
 from simval.logs import Log
 from simval.logs.names import channel
 from simval.multiposition.rests import find_rests
 from simval.noise import AxisNoise, noise_of
 from simval.noise.model import NoiseFile
-from simval.plugins.runs import Told
 from simval.recorded.attitudes import of_matrix
 from simval.shapes import Float
 from simval.statics import Intervals

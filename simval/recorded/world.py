@@ -17,7 +17,7 @@ import numpy as np
 
 from simval.arrays import Array, frozen
 from simval.errors import GeometryError, RefusedError
-from simval.plugins.attitudes import AXES, FRAMES, Frame
+from simval.geometry import FRAME_AXES, FRAMES, Frame
 from simval.recorded.attitudes import of_matrix, rotated, rotation_vector
 from simval.recorded.errors import mean_with_error, quantile
 from simval.shapes import Bool, Float
@@ -195,7 +195,7 @@ def taken_world(
 
 
 def _as(world: World, name: str, taken: Taken) -> World:
-    north, up = (np.array(axis) for axis in AXES[name])
+    north, up = (np.array(axis) for axis in FRAME_AXES[name])
     own = np.stack([north, np.cross(up, north), up])
     off = -rotation_vector(of_matrix(world.matrix @ own.T))
     return replace(world, matrix=own, name=name, off=off, taken=taken)
@@ -234,7 +234,7 @@ def _named(matrix: Float[Array, "3 3"]) -> tuple[str, Float[Array, "3"]]:
     best, least = "", np.inf
     vector = np.full(3, np.nan)
     for name in FRAMES:
-        north, up = (np.array(axis) for axis in AXES[name])
+        north, up = (np.array(axis) for axis in FRAME_AXES[name])
         own = np.stack([north, np.cross(up, north), up])
         off = -rotation_vector(of_matrix(matrix @ own.T))
         size = float(np.linalg.norm(off))

@@ -30,8 +30,9 @@ from pydantic import AfterValidator, Field, model_validator
 from simval.arrays import Array
 from simval.errors import InputError, UnmeasurableError
 from simval.figures import Figure, Headline, Listing, Quote, along_entry, entry, words
+from simval.filters.signals import FilterInput, Told
 from simval.plugins import Filter, find_plugin
-from simval.plugins.runs import FilterInput, Told, run_filter
+from simval.plugins.runs import run_filter
 from simval.plugins.worlds import find_world
 from simval.results import Outcome, Row
 from simval.shapes import Float

@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arrays import Array
+from simval.filters.signals import FilterInput, Told
 from simval.geometry import compose, conjugate, rotation_vector
 from simval.plugins import Filter
-from simval.plugins.runs import FilterInput, Told, run_filter
+from simval.plugins.runs import run_filter
 from simval.results import Row, exact, unjudged
 from simval.shapes import Float
 from simval.statistics import BUDGET_AT, COVARIANCE_OFF, CRAMER_RAO, TRUTH, TURN_ORDER

@@ -33,8 +33,8 @@ from simval.consistency import (
     rotation_error,
     settled_at,
 )
+from simval.filters.signals import FilterOutput
 from simval.geometry import attitude_matrix, compose
-from simval.plugins.runs import FilterOutput
 from simval.results import Row, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.statistics import (

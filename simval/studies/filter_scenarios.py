@@ -48,8 +48,8 @@ import numpy as np
 
 from simval.arrays import Array, frozen
 from simval.errors import InputError
+from simval.filters.signals import FilterInput, Told
 from simval.geometry import attitude_matrix, compose, random_quaternions
-from simval.plugins.runs import FilterInput, Told
 from simval.scene import average_rates, simulate_cached
 from simval.shapes import Float
 

@@ -26,6 +26,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, model_validator
 
 from simval.errors import PluginError
+from simval.filters.signals import Told
 from simval.plugins import Calibrator, Estimator, Filter, find_plugin
 from simval.plugins.answers import calibration_of, raw_attitudes
 from simval.plugins.child import Child, started, told, where_it_lives
@@ -34,7 +35,7 @@ from simval.plugins.names import located, portable
 from simval.plugins.noise import vector_noise
 from simval.plugins.probe import probe_sensor
 from simval.plugins.protocol import Plugin
-from simval.plugins.runs import Told, readings_of, run_of
+from simval.plugins.runs import readings_of, run_of
 from simval.plugins.worlds import path
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome
