@@ -9,7 +9,7 @@ NumPy would silently make numbers of them.
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from numbers import Real
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -243,3 +243,16 @@ def frozen(array: Any) -> Array:
     copy = np.array(_real_array("array", array))
     copy.flags.writeable = False
     return copy
+
+
+class ReadOnly:
+    """Base of a frozen dataclass whose arrays are its own: read-only float64 copies."""
+
+    __slots__ = ()
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+                object.__setattr__(self, name, frozen(value))

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from simval.arguments import instance, whole_number
-from simval.arrays import Array, finite_array, frozen, physical_array
+from simval.arrays import Array, ReadOnly, finite_array, physical_array
 from simval.errors import InputError
 from simval.geometry import normalize
 from simval.shapes import Float
@@ -77,7 +77,7 @@ def cube_corners() -> Float[Array, "8 3"]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Observability:
+class Observability(ReadOnly):
     """How well a pose set fixes the nine parameters of a calibration.
 
     Attributes
@@ -96,10 +96,6 @@ class Observability:
     condition: float
     singular_values: Float[Array, "9"]
     next_direction: Float[Array, "3"]
-
-    def __post_init__(self) -> None:
-        for name in ("singular_values", "next_direction"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 def direction_jacobian(directions: Float[Array, "... n 3"]) -> Float[Array, "... n 9"]:

@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from simval.arrays import Array, finite_array, frozen
+from simval.arrays import Array, ReadOnly, finite_array
 from simval.errors import InputError
 from simval.geometry import cross_matrix, normalize
 from simval.poses import cube_corners, cube_edges, cube_faces, fibonacci_sphere
@@ -31,7 +31,7 @@ _ALIKE: Final = 0.95  # cosine from which a missing combination is called by a n
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TurnObservability:
+class TurnObservability(ReadOnly):
     """How well a set of turns fixes the matrix of a gyroscope.
 
     Attributes
@@ -50,10 +50,6 @@ class TurnObservability:
     condition: float
     singular_values: Float[Array, " p"]
     least_seen: Float[Array, "3 3"]
-
-    def __post_init__(self) -> None:
-        for name in ("singular_values", "least_seen"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 def turn_sensitivity(

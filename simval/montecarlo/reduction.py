@@ -32,7 +32,7 @@ import numpy as np
 import scipy
 
 from simval.arguments import choice, function, instance, whole_number
-from simval.arrays import Array, frozen, shaped_array
+from simval.arrays import Array, ReadOnly, shaped_array
 from simval.errors import InputError
 from simval.montecarlo.plain import Sums, batch_means, sums_of
 from simval.shapes import Float
@@ -64,7 +64,7 @@ itself known to 1/sqrt(62) = 13 %."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Taylor:
+class Taylor(ReadOnly):
     """Second-order Taylor polynomial of the errors without their value at zero noise.
 
     Attributes
@@ -77,10 +77,6 @@ class Taylor:
 
     slope: Float[Array, "p d"]
     bend: Float[Array, "p d d"]
-
-    def __post_init__(self) -> None:
-        for name in ("slope", "bend"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def __call__(self, x: Float[Array, "d n"]) -> Float[Array, "p n"]:
         """Value of the polynomial."""

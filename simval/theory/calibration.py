@@ -72,7 +72,7 @@ from typing import Any
 import numpy as np
 
 from simval.arguments import choice, instance
-from simval.arrays import Array, frozen, noise_levels, positive_number
+from simval.arrays import Array, ReadOnly, noise_levels, positive_number
 from simval.errors import GeometryError
 from simval.geometry import normalize
 from simval.poses import PARAMETERS, observability, one_set
@@ -86,7 +86,7 @@ EVEN = 1.3  # condition of even poses: 1.27 to 1.29 from 12 poses on
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CalibrationMoments:
+class CalibrationMoments(ReadOnly):
     """Predicted error of a calibration, estimate minus truth.
 
     Attributes
@@ -111,10 +111,6 @@ class CalibrationMoments:
     cramer_rao: Float[Array, "9 9"]
     bias_remainder: Float[Array, "9"]
     variance_remainder: float
-
-    def __post_init__(self) -> None:
-        for name in ("bias", "covariance", "cramer_rao", "bias_remainder"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def sd(self) -> Float[Array, "9"]:

@@ -77,7 +77,7 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arguments import choice
-from simval.arrays import Array, finite_array, frozen, physical_array
+from simval.arrays import Array, ReadOnly, finite_array, physical_array
 from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, compose, conjugate, cross_matrix, normalize
 from simval.moments import Moments
@@ -94,7 +94,7 @@ from simval.theory.two_vector import (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class AttitudeBound:
+class AttitudeBound(ReadOnly):
     """Lowest covariance of an unbiased attitude estimate.
 
     Attributes
@@ -107,10 +107,6 @@ class AttitudeBound:
 
     rotation: Float[Array, "3 3"]
     quaternion: Float[Array, "4 4"]
-
-    def __post_init__(self) -> None:
-        for name in ("rotation", "quaternion"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 def attitude_bound(q: Any, r1: Any, r2: Any, noise_std: Any) -> AttitudeBound:

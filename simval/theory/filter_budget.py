@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arguments import choice, instance
-from simval.arrays import Array, frozen, physical_array
+from simval.arrays import Array, ReadOnly, physical_array
 from simval.errors import InputError
 from simval.geometry import (
     attitude_matrix,
@@ -234,7 +234,7 @@ def _diagonal(values: Float[Array, "k m"]) -> Float[Array, "k m m"]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FilterPrediction:
+class FilterPrediction(ReadOnly):
     """Error of a filter at some rows, after their measurements.
 
     Attributes
@@ -264,10 +264,6 @@ class FilterPrediction:
     told: Float[Array, "k 6 6"]
     nis: Float[Array, " k"]
     nis_size: Float[Array, " k"]
-
-    def __post_init__(self) -> None:
-        for name in ("parts", "mean", "told", "nis", "nis_size"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def second_moment(self) -> Float[Array, "k 6 6"]:
@@ -378,7 +374,7 @@ def _told(told: FilterModel, truth: FilterModel) -> FilterModel:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FirstUpdate:
+class FirstUpdate(ReadOnly):
     """A filter after its first row; all that `filter_prediction` takes from there.
 
     Attributes
@@ -396,9 +392,6 @@ class FirstUpdate:
     truth: FilterModel
     told: FilterModel
     error: Float[Array, "6"]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "error", frozen(self.error))
 
 
 def first_update(

@@ -50,7 +50,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arguments import instance, whole_number
-from simval.arrays import Array, frozen
+from simval.arrays import Array, ReadOnly
 from simval.errors import InputError
 from simval.shapes import Float
 from simval.theory.filter_model import FilterModel, FilterPath, Steps, steps_of
@@ -154,7 +154,7 @@ TOGETHER: Final = 1 << 14
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FilterBound:
+class FilterBound(ReadOnly):
     """Least covariance of a filter's error at some rows.
 
     Attributes
@@ -171,10 +171,6 @@ class FilterBound:
     kept: NDArray[np.intp]
     covariance: Float[Array, "k 6 6"]
     before: Float[Array, "k 6 6"]
-
-    def __post_init__(self) -> None:
-        for name in ("covariance", "before"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def attitude_sd(self) -> Float[Array, " k"]:

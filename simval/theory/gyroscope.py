@@ -34,6 +34,7 @@ import scipy
 from simval.arguments import choice, instance
 from simval.arrays import (
     Array,
+    ReadOnly,
     finite_array,
     frozen,
     noise_levels,
@@ -89,7 +90,7 @@ class MovePath:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GyroscopeMoments:
+class GyroscopeMoments(ReadOnly):
     """Predicted error of a calibration of both sensors.
 
     Attributes
@@ -102,9 +103,6 @@ class GyroscopeMoments:
 
     names: tuple[str, ...]
     cramer_rao: Float[Array, "21 21"]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "cramer_rao", frozen(self.cramer_rao))
 
     @property
     def sd(self) -> Float[Array, "21"]:

@@ -47,8 +47,8 @@ import numpy as np
 from simval.arguments import choice, instance
 from simval.arrays import (
     Array,
+    ReadOnly,
     finite_array,
-    frozen,
     noise_levels,
     positive_number,
     real_number,
@@ -210,7 +210,7 @@ _RANK = 1e-10  # of the greatest singular value, columns of equal length
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MagnetometerMoments:
+class MagnetometerMoments(ReadOnly):
     """Predicted error of a magnetometer's calibration, estimate minus truth.
 
     Attributes
@@ -235,10 +235,6 @@ class MagnetometerMoments:
     recipe: Float[Array, "22 22"]
     bias_remainder: Float[Array, "22"]
     variance_remainder: float
-
-    def __post_init__(self) -> None:
-        for name in ("bias", "covariance", "recipe", "bias_remainder"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def sd(self) -> Float[Array, "22"]:

@@ -26,7 +26,7 @@ import numpy as np
 import scipy
 
 from simval.arguments import choice, instance
-from simval.arrays import Array, finite_array, frozen, positive_number
+from simval.arrays import Array, ReadOnly, finite_array, positive_number
 from simval.errors import InputError
 from simval.geometry import compose, normalize, unit_quaternions
 from simval.poses import (
@@ -52,7 +52,7 @@ _FLOOR: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Plan:
+class Plan(ReadOnly):
     """Predicted quality of a calibration.
 
     Attributes
@@ -90,13 +90,9 @@ class Plan:
     sd_next: Float[Array, "9"]
     noise_std: float
 
-    def __post_init__(self) -> None:
-        for name in ("sd", "bound", "bias", "next_direction", "sd_next"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GyroscopePlan:
+class GyroscopePlan(ReadOnly):
     """Predicted quality of a gyroscope's calibration.
 
     Attributes
@@ -131,13 +127,9 @@ class GyroscopePlan:
     next_angle: float
     sd_next: Float[Array, "12"]
 
-    def __post_init__(self) -> None:
-        for name in ("sd", "accelerometer_sd", "next_axis", "sd_next"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MagnetometerPlan:
+class MagnetometerPlan(ReadOnly):
     """Predicted quality of a magnetometer's calibration.
 
     Attributes
@@ -163,10 +155,6 @@ class MagnetometerPlan:
     rank: int
     next_attitude: Float[Array, "4"]
     sd_next: Float[Array, "22"]
-
-    def __post_init__(self) -> None:
-        for name in ("sd", "next_attitude", "sd_next"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

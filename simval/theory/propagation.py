@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simval.arrays import Array, frozen
+from simval.arrays import Array, ReadOnly
 from simval.geometry import compose, conjugate
 from simval.sensor import forms
 from simval.shapes import Float, Inexact
@@ -73,7 +73,7 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Carrier:
+class Carrier(ReadOnly):
     """Linear maps from each source of error to the attitude at one true pose.
 
     Attributes
@@ -89,10 +89,6 @@ class Carrier:
     jacobian: Float[Array, "3 22"]
     force: Float[Array, "3 3"]
     field: Float[Array, "3 3"]
-
-    def __post_init__(self) -> None:
-        for name in ("jacobian", "force", "field"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def parts(self, calibration: Float[Array, "2 22 22"]) -> Float[Array, "5 3 3"]:
         """Covariance of the small rotation by source of error, in PARTS' order."""

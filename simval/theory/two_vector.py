@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import GREATEST, LEAST, Array, finite_array, frozen
+from simval.arrays import GREATEST, LEAST, Array, ReadOnly, finite_array
 from simval.errors import GeometryError, InputError, SimvalError
 from simval.geometry import attitude_matrix, compose, normalize
 from simval.shapes import Float, Int
@@ -208,7 +208,7 @@ Columns = NDArray[np.integer]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TwoVectorGeometry:
+class TwoVectorGeometry(ReadOnly):
     """Noise-free vectors of one frame and the way back to the original frame.
 
     Attributes
@@ -237,10 +237,6 @@ class TwoVectorGeometry:
     back: Float[Array, "... 4 4"]
     turn: Float[Array, "... 3"]
     column: Int[Columns, "..."]
-
-    def __post_init__(self) -> None:
-        for name in ("q", "d1", "s1", "d2", "back", "turn"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def frame(self) -> str:
