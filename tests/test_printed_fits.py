@@ -73,7 +73,7 @@ def test_a_printed_fit_has_each_entry_with_its_error_bars(model):
 
 
 def test_the_representation_still_shows_the_fields():
-    assert repr(calibrate(readings())).startswith("FitResult(model='triangular'")
+    assert repr(calibrate(readings())).startswith("FitResult(parameters=")
 
 
 def test_a_batch_says_how_its_trials_ended():

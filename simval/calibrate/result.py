@@ -1,32 +1,18 @@
 """The result of a calibration."""
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy
 
-from simval.arrays import Array, frozen
+from simval.arrays import Array
 from simval.calibrate.described import accelerometer_text
-from simval.calibrate.intervals import around, one_tail
-from simval.errors import ConvergenceError, InputError
-from simval.notebooks import ShownFit
+from simval.calibrate.estimate import Estimate
 from simval.sensor import AccelerometerModel, forms
 from simval.shapes import Float
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
-_AMPLE = 200  # steps, the default: sets that can be fitted take 5 to 20
-
-_ARRAYS = (
-    "parameters",
-    "covariance",
-    "cost",
-    "condition",
-    "rms",
-    "chi2_per_dof",
-    "gradient_norm",
-    "raw_range",
-)
 
 
 def raw_unit(length: float) -> str:
@@ -39,11 +25,10 @@ def raw_unit(length: float) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FitResult(ShownFit):
-    """Calibration of one pose set, or of a batch of trials.
+class FitResult(Estimate):
+    """Calibration of an accelerometer from one pose set, or of a batch of trials.
 
-    Leading axes ``...`` are empty for one set and (trials,) for a batch; a trial
-    that was refused is NaN in every number.
+    Nine parameters with their covariance, `dof` poses less nine, as in `Estimate`.
 
     Attributes
     ----------
@@ -57,18 +42,8 @@ class FitResult(ShownFit):
         Loss: linear, or one that bounds the pull of outliers.
     g : float
         Gravity that the fit took, m/s^2.
-    parameters : Array
-        The nine parameters in the order of `names`, (..., 9).
-    covariance : Array
-        Their covariance, (..., 9, 9); NaN where there is none.
     covariance_kind : str
         ``known sigma``, ``type A`` (from the residuals), or ``none`` (nine poses).
-    dof : int
-        Degrees of freedom, poses less nine.
-    status : Array of str
-        ``converged``, ``max iterations``, ``stalled``, or ``refused: ...``, (...).
-    iterations : Array of int
-        Steps of the solver, (...).
     cost : Array
         Sum of squared residuals, (...): (m/s^2)^4 for squared and adjusted,
         (m/s^2)^2 for norm, raw units squared for weighted and sampson.
@@ -87,27 +62,24 @@ class FitResult(ShownFit):
         (..., 3, 2); NaN where that is not known.
     """
 
+    ample: ClassVar[int] = 200  # the default: sets that can be fitted take 5 to 20
+    advice: ClassVar[str] = (
+        "its poses hardly fix an ellipsoid, or some do not belong; add poses over more "
+        "of the sphere, and look for outliers"
+    )
+
     model: str
     method: str
     residual: str
     loss: str
     g: float
-    parameters: Float[Array, "... 9"]
-    covariance: Float[Array, "... 9 9"]
     covariance_kind: str
-    dof: int
-    status: Any
-    iterations: Any
     cost: Float[Array, "..."]
     condition: Float[Array, "..."]
     rms: Float[Array, "..."]
     chi2_per_dof: Float[Array, "..."]
     gradient_norm: Float[Array, "..."]
     raw_range: Float[Array, "... 3 2"]
-
-    def __post_init__(self) -> None:
-        for name in _ARRAYS:
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def __str__(self) -> str:
         return accelerometer_text(self)
@@ -157,49 +129,10 @@ class FitResult(ShownFit):
         """Unit of the raw readings of one fit, by their size at rest."""
         return raw_unit(float(np.mean(np.abs(self.raw_per_g))))
 
-    @property
-    def converged(self) -> Any:
-        """Whether each trial converged, (...) of bool."""
-        return self.status == "converged"
-
-    @property
-    def sd(self) -> Float[Array, "... 9"]:
-        """Standard deviation of each parameter, (..., 9); NaN where there is none."""
-        variance = np.diagonal(self.covariance, axis1=-2, axis2=-1)
-        return np.sqrt(variance)
-
-    @property
-    def intervals(self) -> Float[Array, "... 9 2"]:
-        """Confidence intervals at 95 percent, (..., 9, 2)."""
-        return self.confidence_intervals(0.95)
-
-    def confidence_intervals(self, level: float) -> Float[Array, "... 9 2"]:
-        """Confidence interval of each parameter.
-
-        Normal quantiles with a known sigma; Student's t with `dof` degrees of
-        freedom where the scatter came from the residuals.
-
-        Parameters
-        ----------
-        level : float
-            Probability that an interval covers the truth, between 0 and 1.
-
-        Returns
-        -------
-        Array
-            Lower and upper limit, (..., 9, 2); NaN where there is no covariance.
-
-        Raises
-        ------
-        InputError
-            If `level` is not between 0 and 1.
-        """
-        tail = one_tail(level)
+    def _quantile(self, tail: float) -> Any:
         if self.covariance_kind == "type A":
-            quantile = -scipy.special.stdtrit(self.dof, tail)
-        else:
-            quantile = -scipy.special.ndtri(tail)
-        return around(self.parameters, quantile * self.sd)
+            return scipy.special.stdtrit(self.dof, tail)
+        return scipy.special.ndtri(tail)
 
     def to_form(self, model: str) -> "FitResult":
         """Return the same calibration in another form, covariance carried along.
@@ -217,9 +150,8 @@ class FitResult(ShownFit):
         parameters, covariance = forms.convert(
             self.parameters, self.covariance, source=self.model, target=model
         )
-        fields = {name: getattr(self, name) for name in self.__slots__}
-        fields |= {"model": model, "parameters": parameters, "covariance": covariance}
-        return FitResult(**fields)
+        changed: dict[str, Any] = {"parameters": parameters, "covariance": covariance}
+        return replace(self, model=model, **changed)
 
     def sensor(self) -> AccelerometerModel:
         """Return the calibrated sensor of a single fit.
@@ -234,38 +166,5 @@ class FitResult(ShownFit):
         InputError
             If this is a batch.
         """
-        if self.parameters.ndim != 1:
-            msg = (
-                f"this is a batch of {self.parameters.shape[0]} trials; a sensor is "
-                "made from one of them: use AccelerometerModel.from_parameters"
-            )
-            raise InputError(msg)
+        self._require_single()
         return AccelerometerModel.from_parameters(self.parameters, model=self.model)
-
-    def require_converged(self) -> "FitResult":
-        """Return the fit if every trial converged.
-
-        Returns
-        -------
-        FitResult
-            This fit.
-
-        Raises
-        ------
-        ConvergenceError
-            If a trial did not converge: says which, and why.
-        """
-        bad = np.flatnonzero(~np.atleast_1d(self.converged))
-        if bad.size:
-            status = np.atleast_1d(self.status)[bad[0]]
-            turns = int(np.atleast_1d(self.iterations)[bad[0]])
-            few = status == "max iterations" and turns < _AMPLE
-            more = " (or raise `max_iterations`)" if few else ""
-            msg = (
-                f"{bad.size} trial(s) did not converge, the first is trial {bad[0]} "
-                f"({status}) after {turns} "
-                "iterations: its poses hardly fix an ellipsoid, or some do not belong; "
-                f"add poses over more of the sphere, and look for outliers{more}"
-            )
-            raise ConvergenceError(msg)
-        return self

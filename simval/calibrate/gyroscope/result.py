@@ -1,31 +1,24 @@
 """The result of a gyroscope's calibration, alone or with the accelerometer's."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from simval.arrays import Array, frozen
-from simval.calibrate.converged import require_all
+from simval.arrays import Array
 from simval.calibrate.described import gyroscope_text
 from simval.calibrate.drift import Drift
+from simval.calibrate.estimate import Estimate
 from simval.calibrate.factors import NoiseFactors
-from simval.calibrate.intervals import normal_intervals
-from simval.errors import InputError
-from simval.notebooks import ShownFit
 from simval.sensor import GyroscopeFactors, GyroscopeModel, forms, gyroscope_factors
 from simval.shapes import Float
 
 NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "B_x", "B_y", "B_z")
 START = ", and give a `start` near the truth"
-_ARRAYS = (
-    "parameters", "accelerometer", "covariance", "chi2_per_dof", "condition",
-    "gap_angles", "step",
-)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GyroscopeFit(ShownFit):
+class GyroscopeFit(Estimate):
     """Calibration of a gyroscope beside an accelerometer, one or a batch of trials.
 
     Leading axes ``...`` are empty for one recording and (trials,) for a batch; a trial
@@ -40,18 +33,8 @@ class GyroscopeFit(ShownFit):
         joint, generalised or unweighted.
     bias : str
         constant (estimated), first rest, or line (taken out between neighbours).
-    parameters : Array
-        M row by row and B, in the order of `names`, (..., 12).
     accelerometer : Array
         The accelerometer's nine, whose axes these are, (..., 9).
-    covariance : Array
-        Of the accelerometer's nine and these twelve together, (..., 21, 21).
-    dof : int
-        Rows less parameters.
-    status : Array of str
-        ``converged``, ``max iterations`` or ``refused: ...``, (...).
-    iterations : Array of int
-        Steps with the last linearisation, (...).
     chi2_per_dof : Array
         Weighted sum of squares by degree of freedom, (...).
     condition : Array
@@ -67,25 +50,20 @@ class GyroscopeFit(ShownFit):
         Whether its moves follow their time; None where `noise` is empty.
     """
 
+    advice: ClassVar[str] = (
+        f"look for rests that do not belong, for another order of the axes{START}"
+    )
+
     model: str
     estimator: str
     bias: str
-    parameters: Float[Array, "... 12"]
     accelerometer: Float[Array, "... 9"]
-    covariance: Float[Array, "... 21 21"]
-    dof: int
-    status: Any
-    iterations: Any
     chi2_per_dof: Float[Array, "..."]
     condition: Float[Array, "..."]
     gap_angles: Float[Array, "... k"]
     step: Float[Array, "..."]
     noise: NoiseFactors
     drift: Drift | None
-
-    def __post_init__(self) -> None:
-        for name in _ARRAYS:
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def __str__(self) -> str:
         return gyroscope_text(self)
@@ -111,44 +89,9 @@ class GyroscopeFit(ShownFit):
         return self.covariance[..., 9:, 9:]
 
     @property
-    def sd(self) -> Float[Array, "... 12"]:
-        """Standard deviation of each parameter, (..., 12)."""
-        return np.sqrt(np.diagonal(self.own_covariance, axis1=-2, axis2=-1))
-
-    @property
     def cost(self) -> Float[Array, "..."]:
         """Half the sum of squared differences of unit vectors, IMU-TK's cost, (...)."""
         return (2.0 * np.sin(self.gap_angles / 2.0) ** 2).sum(axis=-1)
-
-    @property
-    def converged(self) -> Any:
-        """Whether each trial converged, (...) of bool."""
-        return self.status == "converged"
-
-    @property
-    def intervals(self) -> Float[Array, "... 12 2"]:
-        """Confidence intervals at 95 percent, (..., 12, 2)."""
-        return self.confidence_intervals(0.95)
-
-    def confidence_intervals(self, level: float) -> Float[Array, "... 12 2"]:
-        """Confidence interval of each parameter, for the noise that was stated.
-
-        Parameters
-        ----------
-        level : float
-            Probability that an interval covers the truth, between 0 and 1.
-
-        Returns
-        -------
-        Array
-            Lower and upper limit, (..., 12, 2).
-
-        Raises
-        ------
-        InputError
-            If `level` is not between 0 and 1.
-        """
-        return normal_intervals(self.parameters, self.sd, level)
 
     def factors(self, form: str = "misalignment-scale") -> GyroscopeFactors:
         """M of one fit as others write it, with its covariance.
@@ -163,7 +106,7 @@ class GyroscopeFit(ShownFit):
         GyroscopeFactors
             The factors.
         """
-        self._require_one()
+        self._require_single()
         return gyroscope_factors(self.M, self.own_covariance[:9, :9], form=form)
 
     def to_form(self, model: str) -> "GyroscopeFit":
@@ -183,7 +126,7 @@ class GyroscopeFit(ShownFit):
         GyroscopeFit
             The same sensors.
         """
-        self._require_one()
+        self._require_single()
         old = self.accelerometer
         new, _ = forms.convert(old, None, source=self.model, target=model)
         Q = forms.matrix(model, new) @ np.linalg.inv(forms.matrix(self.model, old))
@@ -204,30 +147,8 @@ class GyroscopeFit(ShownFit):
         GyroscopeModel
             M and B, without noise.
         """
-        self._require_one()
+        self._require_single()
         return GyroscopeModel(M=self.M, B=self.B)
-
-    def require_converged(self) -> "GyroscopeFit":
-        """Return the fit if every trial converged.
-
-        Returns
-        -------
-        GyroscopeFit
-            This fit.
-
-        Raises
-        ------
-        ConvergenceError
-            If a trial did not converge.
-        """
-        require_all(
-            self.converged,
-            self.status,
-            "{count} gyroscope fit(s) did not converge, the first is trial {first} "
-            "({status}): look for rests that do not belong, for another order of the "
-            f"axes{START}",
-        )
-        return self
 
     def as_object(self) -> dict[str, Any]:
         """One fit as plain JSON values.
@@ -257,14 +178,6 @@ class GyroscopeFit(ShownFit):
             "gap_angles_rad": self.gap_angles.tolist(),
             "status": str(self.status),
         }
-
-    def _require_one(self) -> None:
-        if self.parameters.ndim != 1:
-            msg = (
-                f"this is a batch of {self.parameters.shape[0]} trials; a sensor is "
-                "made from one of them"
-            )
-            raise InputError(msg)
 
 
 def _frame_jacobian(

@@ -1,18 +1,15 @@
 """The result of a magnetometer's calibration."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from simval.arrays import Array, frozen
-from simval.calibrate.converged import require_all
+from simval.arrays import Array
 from simval.calibrate.described import magnetometer_text
+from simval.calibrate.estimate import Estimate
 from simval.calibrate.factors import NoiseFactors
-from simval.calibrate.intervals import normal_intervals
 from simval.calibrate.magnetometer.equations import ACCELEROMETER, DIP, IRON, MATRIX
-from simval.errors import InputError
-from simval.notebooks import ShownFit
 from simval.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.shapes import Float
 
@@ -23,15 +20,13 @@ OWN_NAMES = (
 )
 """Names of the thirteen parameters that are not the accelerometer's."""
 
-_ARRAYS = ("parameters", "covariance", "chi_square", "half_width", "pose_chi_square")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MagnetometerFit(ShownFit):
+class MagnetometerFit(Estimate):
     """Calibration of a magnetometer on the axes of its accelerometer.
 
-    Leading axes ``...`` are empty for one set and (trials,) for a batch; a trial that
-    was refused is NaN in every number.
+    The 22 parameters, the dip in rad, have a covariance with the stated noise; `dof`
+    are equations, and the knowledge of the accelerometer, less 22; see `Estimate`.
 
     Attributes
     ----------
@@ -41,16 +36,6 @@ class MagnetometerFit(ShownFit):
         Gravity that the fit took, m/s^2.
     field : float
         Strength of the field that the fit took; it sets the unit of M.
-    parameters : Array
-        The 22 parameters in the order of `names`, (..., 22); the dip in rad.
-    covariance : Array
-        Their covariance with the stated noise, (..., 22, 22).
-    dof : int
-        Degrees of freedom: equations, and the knowledge of the accelerometer, less 22.
-    status : Array of str
-        ``converged``, ``max iterations``, or ``refused: ...``, (...).
-    iterations : Array of int
-        Steps of the solver, (...).
     chi_square : Array
         Weighted sum of squares of all equations, (...); its mean is `dof`.
     half_width : Array
@@ -70,14 +55,13 @@ class MagnetometerFit(ShownFit):
         What picked the fit from its exact twin (-M, -dip).
     """
 
+    advice: ClassVar[str] = (
+        "turn and tilt the sensors to more sides, and look for poses that do not belong"
+    )
+
     model: str
     g: float
     field: float
-    parameters: Float[Array, "... 22"]
-    covariance: Float[Array, "... 22 22"]
-    dof: int
-    status: Any
-    iterations: Any
     chi_square: Float[Array, "..."]
     half_width: Float[Array, "..."]
     pose_chi_square: Float[Array, " n"]
@@ -86,10 +70,6 @@ class MagnetometerFit(ShownFit):
     noise: NoiseFactors
     steady_p_value: float
     assumption: str
-
-    def __post_init__(self) -> None:
-        for name in _ARRAYS:
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def __str__(self) -> str:
         return magnetometer_text(self)
@@ -116,44 +96,14 @@ class MagnetometerFit(ShownFit):
         return self.parameters[..., DIP]
 
     @property
-    def sd(self) -> Float[Array, "... 22"]:
-        """Standard deviation of each parameter, (..., 22)."""
-        return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
-
-    @property
     def chi2_per_dof(self) -> Any:
         """Chi-square per degree of freedom, (...); NaN without any."""
         return self.chi_square / (self.dof if self.dof > 0 else np.nan)
 
     @property
-    def converged(self) -> Any:
-        """Whether each trial converged, (...) of bool."""
-        return self.status == "converged"
-
-    @property
     def right_handed(self) -> Any:
         """Whether the magnetometer's axes are right-handed, det M > 0, (...)."""
         return np.linalg.det(self.M) > 0.0
-
-    def confidence_intervals(self, level: float = 0.95) -> Float[Array, "... 22 2"]:
-        """Confidence interval of each parameter, with the stated noise.
-
-        Parameters
-        ----------
-        level : float, default 0.95
-            Probability that an interval covers the truth, between 0 and 1.
-
-        Returns
-        -------
-        Array
-            Lower and upper limit, (..., 22, 2).
-
-        Raises
-        ------
-        InputError
-            If `level` is not between 0 and 1.
-        """
-        return normal_intervals(self.parameters, self.sd, level)
 
     def sensor(self) -> MagnetometerModel:
         """Return the calibrated magnetometer of a single fit.
@@ -168,7 +118,7 @@ class MagnetometerFit(ShownFit):
         InputError
             If this is a batch.
         """
-        self._require_single("a sensor")
+        self._require_single()
         return MagnetometerModel(M=self.M, b=self.b)
 
     def accelerometer(self) -> AccelerometerModel:
@@ -184,31 +134,9 @@ class MagnetometerFit(ShownFit):
         InputError
             If this is a batch.
         """
-        self._require_single("a sensor")
+        self._require_single()
         values = self.parameters[ACCELEROMETER]
         return AccelerometerModel.from_parameters(values, model=self.model)
-
-    def require_converged(self) -> "MagnetometerFit":
-        """Return the fit if every trial converged.
-
-        Returns
-        -------
-        MagnetometerFit
-            This fit.
-
-        Raises
-        ------
-        ConvergenceError
-            If a trial did not converge: says which, and why.
-        """
-        require_all(
-            self.converged,
-            self.status,
-            "{count} trial(s) did not converge, the first is trial {first} ({status}); "
-            "turn and tilt the sensors to more sides, and look for poses that do not "
-            "belong",
-        )
-        return self
 
     def as_document(self) -> dict[str, Any]:
         """Return a single fit as JSON can hold it.
@@ -223,7 +151,7 @@ class MagnetometerFit(ShownFit):
         InputError
             If this is a batch.
         """
-        self._require_single("a document")
+        self._require_single()
         entries = zip(self.names, self.parameters, self.sd, strict=True)
         chi_squares = [x if np.isfinite(x) else None for x in self.pose_chi_square]
         return {
@@ -250,11 +178,3 @@ class MagnetometerFit(ShownFit):
             "assumption": self.assumption,
             "findings": list(self.findings),
         }
-
-    def _require_single(self, what: str) -> None:
-        if self.parameters.ndim != 1:
-            msg = (
-                f"this is a batch of {self.parameters.shape[0]} trials; {what} is made "
-                "from one of them: calibrate that one alone"
-            )
-            raise InputError(msg)

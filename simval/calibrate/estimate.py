@@ -1,0 +1,129 @@
+"""What every calibration is: parameters with a covariance, and how they came out."""
+
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import scipy
+
+from simval.arrays import Array, frozen, real_number
+from simval.errors import ConvergenceError, InputError
+from simval.notebooks import ShownFit
+from simval.shapes import Float
+from simval.text import shown
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Estimate(ShownFit):
+    """A calibration, or a batch of them: leading axes ``...`` are empty or (trials,).
+
+    A trial that was refused is NaN in every number.
+
+    Attributes
+    ----------
+    parameters : Array
+        In the order of `names`, (..., p).
+    covariance : Array
+        Their covariance, NaN where there is none; its last p axes are these.
+    dof : int
+        Rows less parameters.
+    status : Array of str
+        ``converged``, ``max iterations``, ``stalled``, or ``refused: ...``, (...).
+    iterations : Array of int
+        Steps of the solver, (...).
+    """
+
+    advice: ClassVar[str]  # what to look for where a fit did not converge
+    ample: ClassVar[int] = 0  # steps below which more of them may help
+
+    parameters: Float[Array, "... p"]
+    covariance: Float[Array, "... q q"]
+    dof: int
+    status: Any
+    iterations: Any
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if np.asarray(value).dtype.kind == "f":
+                object.__setattr__(self, field.name, frozen(value))
+
+    @property
+    def sd(self) -> Float[Array, "... p"]:
+        """Standard deviation of each parameter, (..., p); NaN where there is none."""
+        variance = np.diagonal(self.covariance, axis1=-2, axis2=-1)
+        return np.sqrt(variance[..., -self.parameters.shape[-1] :])
+
+    @property
+    def converged(self) -> Any:
+        """Whether each trial converged, (...) of bool."""
+        return self.status == "converged"
+
+    @property
+    def intervals(self) -> Float[Array, "... p 2"]:
+        """Confidence intervals at 95 percent, (..., p, 2)."""
+        return self.confidence_intervals()
+
+    def confidence_intervals(self, level: float = 0.95) -> Float[Array, "... p 2"]:
+        """Confidence interval of each parameter.
+
+        Normal quantiles for a noise that was stated; Student's t with `dof` degrees of
+        freedom where the scatter came from the residuals.
+
+        Parameters
+        ----------
+        level : float, default 0.95
+            Probability that an interval covers the truth, between 0 and 1.
+
+        Returns
+        -------
+        Array
+            Lower and upper limit, (..., p, 2); NaN where there is no covariance.
+
+        Raises
+        ------
+        InputError
+            If `level` is not between 0 and 1.
+        """
+        if not 0.0 < real_number("level", level, "") < 1.0:
+            msg = f"`level` is {shown(level)}; it must be a probability between 0 and 1"
+            raise InputError(msg)
+        half = -self._quantile((1.0 - level) / 2.0) * self.sd
+        return np.stack([self.parameters - half, self.parameters + half], axis=-1)
+
+    def _quantile(self, tail: float) -> Any:
+        return scipy.special.ndtri(tail)
+
+    def require_converged(self) -> Self:
+        """Return the fit if every trial converged.
+
+        Returns
+        -------
+        Estimate
+            This fit.
+
+        Raises
+        ------
+        ConvergenceError
+            If a trial did not converge: says which, and what to look for.
+        """
+        bad = np.flatnonzero(~np.atleast_1d(self.converged))
+        if bad.size:
+            status = np.atleast_1d(self.status)[bad[0]]
+            steps = int(np.atleast_1d(self.iterations)[bad[0]])
+            few = status == "max iterations" and steps < self.ample
+            msg = (
+                f"{bad.size} trial(s) did not converge, the first is trial {bad[0]} "
+                f"({status}) after {steps} iterations: {self.advice}"
+                + (" (or raise `max_iterations`)" if few else "")
+            )
+            raise ConvergenceError(msg)
+        return self
+
+    def _require_single(self) -> None:
+        if self.parameters.ndim != 1:
+            msg = (
+                f"this is a batch of {self.parameters.shape[0]} trials; take one of "
+                "them, or calibrate that one alone"
+            )
+            raise InputError(msg)
