@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 from true_sensor import MODEL, PARAMETERS, G
 
 from simval.calibrate import calibrate
-from simval.calibrate.moments import unbiased_moment_matrix
-from simval.calibrate.residuals import RESIDUALS
+from simval.calibrate.residuals import RESIDUALS, unbiased_moment_matrix
 from simval.calibrate.solver import METHODS
 from simval.errors import ConvergenceError
 from simval.poses import fibonacci_sphere, random_directions

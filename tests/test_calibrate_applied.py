@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simval.calibrate import calibrate
-from simval.calibrate.applied import require_same_sensor, rest_forces
+from simval.calibrate.files import require_same_sensor, rest_forces
 from simval.errors import RefusedError
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel

@@ -12,9 +12,9 @@ from oracles import calibration_sources as sources
 from rounding import EPS
 from true_sensor import PARAMETERS, G
 
-from simval.calibrate import quadric
-from simval.calibrate.moments import monomials
-from simval.calibrate.objective import pose_objective
+from simval.calibrate import residuals
+from simval.calibrate.minimization import pose_objective
+from simval.calibrate.residuals import monomials
 from simval.sensor import MODELS, forms
 
 SYMMETRIC = np.array([1.03, 0.02, -0.03, 0.96, 0.04, 1.05, 0.3, -0.2, 0.1])
@@ -77,21 +77,21 @@ def test_all_45_second_derivatives_symbolically():
 def test_quadric_agrees_with_the_sources(model):
     """m'v, m'dv and the contracted second derivatives, against the written forms."""
     theta = SYMMETRIC if model == "symmetric" else PARAMETERS
-    found = quadric.residual_quadric(model, theta[None])
-    values = quadric.evaluate([found], READINGS[None])[0][0]
+    found = residuals.residual_quadric(model, theta[None])
+    values = residuals.evaluate([found], READINGS[None])[0][0]
     m = forms.matrix(model, theta)
     h = (READINGS - theta[6:]) @ m.T
     close(values, np.sum(h * h, axis=1) - 1.0)
-    jacobian = monomials(READINGS) @ quadric.value_derivatives(found)[0]
+    jacobian = monomials(READINGS) @ residuals.value_derivatives(found)[0]
     if model == "triangular":
         close(jacobian, -imu_tk_jacobian(theta, READINGS))
     if model == "symmetric":
         close(jacobian, sources.symmetric_jacobian(theta, READINGS))
         weights = monomials(READINGS)
-        seconds = quadric.residual_seconds(model, np.tile(theta, (8, 1)))
-        tiled = quadric.residual_quadric(model, np.tile(theta, (8, 1)))
+        seconds = residuals.residual_seconds(model, np.tile(theta, (8, 1)))
+        tiled = residuals.residual_quadric(model, np.tile(theta, (8, 1)))
         close(
-            quadric.curvature(tiled, seconds, weights),
+            residuals.curvature(tiled, seconds, weights),
             sources.symmetric_hessian(theta, READINGS),
         )
 

@@ -10,10 +10,10 @@ from rounding import EPS
 from true_sensor import MODEL, G
 
 from simval.calibrate import calibrate
-from simval.calibrate.applied import require_same_sensor
 from simval.calibrate.files import (
     from_json,
     load_calibration,
+    require_same_sensor,
     save_calibration,
     to_json,
 )

@@ -10,9 +10,9 @@ import pytest
 from rounding import EPS
 
 from simval.calibrate import calibrate
-from simval.calibrate.moments import moment_matrix, monomials
-from simval.calibrate.pencil import ambiguous, pencil, required_noise, second_noise
-from simval.calibrate.positive import negative_pivots
+from simval.calibrate.evidence import ambiguous, pencil, required_noise, second_noise
+from simval.calibrate.residuals import moment_matrix, monomials
+from simval.calibrate.solver import negative_pivots
 from simval.errors import GeometryError, RefusedError
 from simval.geometry import normalize
 from simval.poses import (

@@ -8,11 +8,10 @@ import pytest
 from scipy import stats
 
 from simval.calibrate import calibrate, diagnose, outliers
-from simval.calibrate.breaks import find_break
-from simval.calibrate.checks import refuse
-from simval.calibrate.deletion import deletion_of, scaled
-from simval.calibrate.moments import monomials
-from simval.calibrate.outliers import FALSE_ALARM, find_outliers
+from simval.calibrate.drift import find_break
+from simval.calibrate.evidence import refuse
+from simval.calibrate.outliers import FALSE_ALARM, deletion_of, find_outliers, scaled
+from simval.calibrate.residuals import monomials
 from simval.calibrate.solver import Code
 from simval.errors import RefusedError, SimvalError
 from simval.geometry import normalize

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from simval.calibrate import calibrate, uncertainty
+from simval.calibrate import calibrate
 from simval.calibrate.residuals import LOSSES
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel
@@ -178,6 +178,6 @@ def test_a_trial_with_no_pose_near_has_no_variance_and_says_nothing(loss):
     # beyond its knee Huber's loss has no slope; a warning would be an error here, as it
     # was for poses from which no calibration can be told
     ratio = np.array([[9.0] * 10, [0.1] * 10])
-    variance = uncertainty._huber_variance(0.01 * ratio, ratio, loss)
+    variance = evidence._huber_variance(0.01 * ratio, ratio, loss)
     assert np.isfinite(variance[1])
     assert not variance[0] < variance[1]

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from simval.calibrate.positive import solve_positive, trace
-from simval.calibrate.solver import Code, Local, Rules, minimize
+from simval.calibrate.solver import Code, Local, Rules, minimize, solve_positive, trace
 
 TRUTH = np.arange(-4.0, 5.0)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from simval.calibrate.steps import find_step
+from simval.calibrate.drift import find_step
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel
 

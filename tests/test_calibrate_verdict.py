@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 
 from simval.calibrate import calibrate, diagnose
+from simval.calibrate.diagnosis import GEOMETRY_LIMIT, geometry_loss, verdict
 from simval.calibrate.drift import find_drift
-from simval.calibrate.verdict import GEOMETRY_LIMIT, geometry_loss, verdict
 from simval.errors import ConvergenceError, SimvalError
 from simval.geometry import normalize
 from simval.poses import direction_jacobian, fibonacci_sphere, random_directions

@@ -31,8 +31,8 @@ DERIVED = {
     "magnetometer.md": ("theory.magnetometer",),
     "theory_calibration.md": (
         "sensor.models", "sensor.forms", "poses",
-        "calibrate.quadric", "calibrate.moments", "calibrate.start",
-        "calibrate.leverage", "calibrate.uncertainty", "theory.calibration",
+        "calibrate.residuals", "calibrate.minimization", "calibrate.evidence",
+        "theory.calibration",
         "theory.calibration_classes",
     ),
 }  # fmt: skip

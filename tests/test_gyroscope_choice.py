@@ -8,16 +8,15 @@ from scipy import stats
 from tumbles import ACCELEROMETER, GYROSCOPE, WALK, M, tumble
 
 from simval.calibrate import calibrate_imu, moves_between
-from simval.calibrate.gyroscope.choice import Rests, choose_bias, choose_sensitivity
-from simval.calibrate.gyroscope.gravity import across, gravity
-from simval.calibrate.gyroscope.noise import (
+from simval.calibrate.gyroscope.covariance import (
     GyroscopeNoise,
     rest_bias,
     rest_weights,
     sensitivity_noise,
     walk_covariance,
 )
-from simval.calibrate.gyroscope.rows import gap_rows, gap_values
+from simval.calibrate.gyroscope.imu import Rests, choose_bias, choose_sensitivity
+from simval.calibrate.gyroscope.residuals import across, gap_rows, gap_values, gravity
 from simval.calibrate.gyroscope.turn import end_of, turn
 from simval.errors import GeometryError, InputError, RefusedError, SaturatedError
 from simval.poses import fibonacci_sphere

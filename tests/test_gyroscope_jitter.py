@@ -5,7 +5,7 @@ import pytest
 import scipy
 
 from simval.calibrate import calibrate, calibrate_gyroscope, moves_between
-from simval.calibrate.gyroscope.noise import GyroscopeNoise, jitter_noise
+from simval.calibrate.gyroscope.covariance import GyroscopeNoise, jitter_noise
 from simval.calibrate.gyroscope.turn import turn
 from simval.errors import InputError
 from simval.poses import fibonacci_sphere

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from simval.calibrate.gyroscope.statistics import (
+from simval.calibrate.gyroscope.moves import (
     SCHEMES,
     cross,
     merged,

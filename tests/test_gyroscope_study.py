@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simval.calibrate.gyroscope import spread as spread_module
+from simval.calibrate.gyroscope import covariance as spread_module
 from simval.studies import STUDIES
 from simval.studies import gyroscope as study
 from simval.studies.study import Cell

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from simval.calibrate import load_calibration
-from simval.calibrate.others import load_others
+from simval.calibrate.files import load_others
 from simval.cli import run
 from simval.errors import (
     ConvergenceError,

@@ -12,10 +12,9 @@ from rounding import EPS
 from true_sensor import MODEL, PARAMETERS, G
 
 from simval.calibrate import calibrate
-from simval.calibrate.leverage import Leverage, minimize_leverage
-from simval.calibrate.moments import moment_matrix, monomials
+from simval.calibrate.minimization import Leverage, fit_ellipsoid, minimize_leverage
+from simval.calibrate.residuals import moment_matrix, monomials
 from simval.calibrate.solver import Code, Rules
-from simval.calibrate.start import fit_ellipsoid
 from simval.poses import fibonacci_sphere, random_directions
 from simval.sensor import forms
 

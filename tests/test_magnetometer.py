@@ -25,8 +25,8 @@ from simval.calibrate import (
     calibrate_magnetometer,
     ellipsoid_then_rotation,
 )
-from simval.calibrate.magnetometer import equations, few, fit, solver, start
-from simval.calibrate.magnetometer.arguments import Options
+from simval.calibrate.magnetometer import equations, start
+from simval.calibrate.magnetometer.calibration import Options
 from simval.calibrate.magnetometer.findings import even_poses
 from simval.errors import ConvergenceError, InputError
 from simval.sensor import MODELS, MagnetometerModel, forms
@@ -232,7 +232,7 @@ def test_units_change_units_only():
 def test_any_order_of_the_axes_is_found():
     body, iron = noisy(FORTY)
     plain = calibrate_magnetometer(body, iron, G, FIELD, **NOISE)
-    for turn in few._cube_turns():
+    for turn in start._cube_turns():
         found = calibrate_magnetometer(body, iron @ turn.T, G, FIELD, **NOISE)
         np.testing.assert_allclose(found.M @ turn, plain.M, rtol=0, atol=1e-9)
         np.testing.assert_allclose(found.b, turn @ plain.b, rtol=0, atol=1e-7)
@@ -481,7 +481,7 @@ def test_broken_equations_are_seen(monkeypatch):
     turned[:, 9:18] = np.swapaxes(sound.M, -1, -2).reshape(-1, 9)
     assert normalised_squares(turned - FORTY.truth, sound.covariance).mean() > 1e3
 
-    original = solver.whitener
+    original = equations.whitener
 
     def without_body(at, readings):
         own = original(at, readings)
@@ -493,7 +493,7 @@ def test_broken_equations_are_seen(monkeypatch):
         own[..., 2, 0] = 0.0
         return own
 
-    monkeypatch.setattr(solver, "whitener", without_body)
+    monkeypatch.setattr(equations, "whitener", without_body)
     broken = calibrate_magnetometer(body, iron, G, FIELD, **noise)
     squares = normalised_squares(broken.parameters - FORTY.truth, broken.covariance)
     assert squares.mean() - 22.0 > 2.0 * limit

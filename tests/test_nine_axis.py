@@ -28,9 +28,8 @@ from simval.calibrate import (
     calibrate_magnetometer,
     calibrate_nine_axis,
 )
-from simval.calibrate.gyroscope.pair import ImuReadings
-from simval.calibrate.nine_axis import calibration
-from simval.calibrate.nine_axis.rows import linearise
+from simval.calibrate.gyroscope.imu import ImuReadings
+from simval.calibrate.nine_axis import linearise
 from simval.errors import (
     ConvergenceError,
     GeometryError,
@@ -120,7 +119,7 @@ def captured(monkeypatch, found, poses, fields, **more):
         raise InterruptedError
 
     with monkeypatch.context() as patch:
-        patch.setattr(calibration, "solve", solve)
+        patch.setattr("simval.calibrate.nine_axis", solve)
         with pytest.raises(InterruptedError):
             again(found, poses, fields, **more)
     return seen["both"]

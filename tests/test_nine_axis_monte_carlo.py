@@ -13,7 +13,7 @@ from scipy import stats
 from test_gyroscope_monte_carlo import limit, z_of_mean
 from tumbles import tumble
 
-from simval.calibrate.nine_axis import rows as rows_module
+from simval.calibrate import nine_axis as rows_module
 
 BLOCK = 10
 POSES = np.r_[0:9, 21:34]

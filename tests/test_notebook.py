@@ -13,7 +13,7 @@ from places import ROOT
 
 import simval
 from simval.calibrate import load_calibration
-from simval.calibrate.fit import calibrate
+from simval.calibrate.accelerometer import calibrate
 from simval.errors import InputError
 from simval.poses import fibonacci_sphere
 from simval.sensor import forms

@@ -14,7 +14,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from simval.calibrate import load_calibration
-from simval.calibrate.described import G_NAMES
+from simval.calibrate.estimate import G_NAMES
 from simval.cli import run
 from simval.errors import SimvalError
 from simval.logs import Log, read_log

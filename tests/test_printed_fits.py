@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simval.calibrate import calibrate
-from simval.calibrate.described import entry_lines
+from simval.calibrate.estimate import entry_lines
 from simval.logs import read_log
 from simval.multiposition import calibrate_log, calibrate_sensors
 from simval.poses import fibonacci_sphere

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from simval import vocabulary
-from simval.calibrate.arguments import choices
+from simval.calibrate.accelerometer import choices
 from simval.cli import COMMANDS
 from simval.geometry import FRAMES
 from simval.judge import BASELINE

@@ -10,9 +10,9 @@ import sys
 from types import ModuleType
 from typing import Any
 
+from simval.calibrate.accelerometer import calibrate
 from simval.calibrate.diagnosis import Diagnosis, diagnose
 from simval.calibrate.files import load_calibration, save_calibration
-from simval.calibrate.fit import calibrate
 from simval.calibrate.gyroscope import (
     GyroscopeFit,
     ImuFit,

@@ -7,8 +7,7 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array
-from simval.calibrate.described import accelerometer_text
-from simval.calibrate.estimate import Estimate
+from simval.calibrate.estimate import Estimate, accelerometer_text
 from simval.sensor import AccelerometerModel, forms
 from simval.shapes import Float
 
@@ -56,7 +55,8 @@ class FitResult(Estimate):
         (...); NaN without sigma or without a degree of freedom.
     gradient_norm : Array
         Norm of the last gradient in the scaled units of the fit, (...): of half the
-        cost for norm and sampson, of its share, eq. (H2) of `leverage`, for the others.
+        cost for norm and sampson, of its share for the others: eq. (H2) of
+        `minimization`.
     raw_range : Array
         Least and greatest reading of each axis that it was made from, raw units,
         (..., 3, 2); NaN where that is not known.

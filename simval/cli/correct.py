@@ -58,8 +58,7 @@ def command(
     """
     import numpy as np
 
-    from simval.calibrate.applied import require_same_sensor
-    from simval.calibrate.files import load_calibration
+    from simval.calibrate.files import load_calibration, require_same_sensor
     from simval.logs import read_log
 
     fit = load_calibration(calibration).require_converged()
@@ -90,7 +89,7 @@ def others_corrected(
     log: Log, force: Float[Array, "n 3"], calibration: Path
 ) -> tuple[list[Float[Array, "n 3"]], list[str], list[str]]:
     """Rows and columns of the other sensors, and which of them are unchanged."""
-    from simval.calibrate.others import load_others
+    from simval.calibrate.files import load_others
 
     gyroscope, magnetometer = load_others(calibration)
     parts, names, raw = [], [], []

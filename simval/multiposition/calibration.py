@@ -7,8 +7,8 @@ import numpy as np
 
 from simval.arrays import Array, frozen
 from simval.calibrate import FitResult, calibrate
-from simval.calibrate.checks import FEW
 from simval.calibrate.diagnosis import Diagnosis, diagnose
+from simval.calibrate.evidence import FEW
 from simval.errors import RefusedError
 from simval.logs import Log
 from simval.multiposition.described import log_lines

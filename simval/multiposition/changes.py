@@ -11,14 +11,13 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate import FitResult, calibrate
-from simval.calibrate.breaks import find_break
+from simval.calibrate.drift import find_break, find_step
 from simval.calibrate.outliers import (
     BELIEVED,
     BEYOND,
     chi_square_chance,
     find_outliers,
 )
-from simval.calibrate.steps import find_step
 from simval.errors import SimvalError
 from simval.logs import Log
 from simval.multiposition.faults import AXES, MISFIT

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate.described import (
+from simval.calibrate.diagnosis import drift_words
+from simval.calibrate.estimate import (
     gyroscope_lines,
     magnetometer_lines,
     matrix_lines,
@@ -13,7 +14,6 @@ from simval.calibrate.described import (
     residual_line,
     status_line,
 )
-from simval.calibrate.verdict import drift_words
 from simval.multiposition.judgements import honest, judgements
 from simval.shapes import Float
 

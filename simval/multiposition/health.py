@@ -11,10 +11,9 @@ import numpy as np
 import scipy
 
 from simval.calibrate import Diagnosis, FitResult, calibrate
-from simval.calibrate.checks import REPEATS, STATE_NOISE
-from simval.calibrate.deletion import LEFT
+from simval.calibrate.evidence import REPEATS, STATE_NOISE
 from simval.calibrate.gyroscope.result import START
-from simval.calibrate.outliers import find_outliers
+from simval.calibrate.outliers import LEFT, find_outliers
 from simval.errors import (
     ConvergenceError,
     RefusedError,

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from simval.calibrate.drift import FALSE_ALARM, Drift
+from simval.calibrate.drift import DRIFT_FALSE_ALARM, Drift
 from simval.calibrate.factors import CHANCE, NoiseFactors
-from simval.calibrate.magnetometer.disturbed import FALSE_ALARM as ONE_POSE
+from simval.calibrate.magnetometer.findings import FALSE_ALARM as ONE_POSE
 from simval.calibrate.outliers import BELIEVED, BEYOND, chi_square_chance
 
 
@@ -123,7 +123,7 @@ def _drift(name: str, found: Drift) -> Judgement:
         words = f"too few poses to tell a drift of the {name}"
     elif hidden:
         words = f"the order of the poses hides a drift of {found.hides} of the {name}"
-    told = _by_chance(f"drift of the {name}", found.p_value, FALSE_ALARM, words)
+    told = _by_chance(f"drift of the {name}", found.p_value, DRIFT_FALSE_ALARM, words)
     return replace(told, holds=None) if hidden else told
 
 

@@ -12,9 +12,7 @@ from typing import Final
 import numpy as np
 
 from simval.arrays import Array, frozen
-from simval.calibrate.applied import require_same_sensor
-from simval.calibrate.files import load_calibration
-from simval.calibrate.others import load_others
+from simval.calibrate.files import load_calibration, load_others, require_same_sensor
 from simval.errors import InputError, RefusedError
 from simval.filters.signals import Told
 from simval.logs import Log

@@ -10,8 +10,8 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate import FitResult
-from simval.calibrate.described import G_NAMES
 from simval.calibrate.drift import Drift
+from simval.calibrate.estimate import G_NAMES
 from simval.logs import Log
 from simval.multiposition import ImuCalibration, LogCalibration
 from simval.multiposition.described import bound_sd, fit_of

@@ -8,7 +8,7 @@ import numpy as np
 
 from power.fault import Fault, after, wrapped
 from simval.arrays import Array
-from simval.calibrate.leverage import Leverage
+from simval.calibrate.minimization import Leverage
 from simval.sensor import AccelerometerModel, forms
 from simval.studies import calibration, scene
 from simval.theory import calibration as theory

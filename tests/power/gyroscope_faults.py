@@ -9,7 +9,7 @@ import numpy as np
 
 from power.fault import Fault, after, replaced, wrapped
 from simval.arrays import Array
-from simval.calibrate.gyroscope import fit, statistics
+from simval.calibrate.gyroscope import fit, moves
 from simval.scene import simulate_cached
 from simval.sensor import GyroscopeModel, NoiseModel
 from simval.studies import gyroscope_tumble, noise_model
@@ -83,7 +83,7 @@ def _calibrator() -> list[Fault]:
 
     def no_coning(original: Any, *given: Any) -> Array:
         steps = original(*given)
-        steps[..., statistics._A, :] = 0.0
+        steps[..., moves._A, :] = 0.0
         return np.asarray(steps)
 
     def apart(original: Any, L: Array, blocks: Array) -> Array:
@@ -106,7 +106,7 @@ def _calibrator() -> list[Fault]:
             "a clock that is 0.1 % slow", slow_clock, gyroscope_tumble, "moves_between"
         ),
         own("one row in twenty repeated", row_lost, gyroscope_tumble, "moves_between"),
-        own("coning term lost", no_coning, statistics, "_step"),
+        own("coning term lost", no_coning, moves, "_step"),
         own("covariance without the shared poses", apart, fit, "covariance_of"),
         own("told 0.7 of its noise", quiet, gyroscope_tumble, "calibrate_gyroscope"),
     ]

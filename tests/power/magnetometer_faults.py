@@ -8,8 +8,8 @@ import numpy as np
 
 from power.fault import Fault, after, wrapped
 from simval.arrays import Array
-from simval.calibrate.magnetometer import equations, solver
-from simval.calibrate.magnetometer.scaling import Scaled
+from simval.calibrate.magnetometer import equations
+from simval.calibrate.magnetometer.calibration import Scaled
 from simval.sensor import MagnetometerModel
 from simval.studies import magnetometer_response
 from simval.theory import magnetometer as theory
@@ -76,12 +76,15 @@ def _calibrator() -> list[Fault]:
     calibrate = (magnetometer_response, "calibrate_magnetometer")
     return [
         own("sign of the dip's term", wrong_sign, Scaled, "physical"),
-        own("dip's term, not its derivative", one_sign, solver, "residual", crash=True),
+        own(
+            "dip's term, not its derivative",
+            one_sign, equations, "residual", crash=True,
+        ),
         own(
             "accelerometer's noise left out of the weights",
-            without_accelerometer, solver, "whitener",
+            without_accelerometer, equations, "whitener",
         ),
-        own("all equations weighed alike", unweighted, solver, "whitener"),
+        own("all equations weighed alike", unweighted, equations, "whitener"),
         own("the twin of the other hemisphere", twin, *calibrate),
         own("poses of the two sensors a row apart", row_apart, *calibrate, crash=True),
     ]  # fmt: skip

@@ -10,10 +10,10 @@ import numpy as np
 
 from power.fault import Fault, Part, after, everywhere, wrapped
 from simval.arrays import Array
-from simval.calibrate import quadric
+from simval.calibrate import evidence
 from simval.calibrate.gyroscope import turn
-from simval.calibrate.leverage import Leverage
-from simval.calibrate.magnetometer import solver
+from simval.calibrate.magnetometer import equations
+from simval.calibrate.minimization import Leverage
 from simval.filters import mekf
 from simval.statics import detector, intervals, variance
 from simval.studies import (
@@ -103,12 +103,12 @@ def _algorithm() -> list[Fault]:
     return [
         calibrator(
             "coverage", "a derivative 0.1 % off in the error bars",
-            after(quadric, "value_derivatives", _scaled((..., 4))),
+            after(evidence, "value_derivatives", _scaled((..., 4))),
         ),
         calibrator(
             "calibration", "a gradient 0.1 % off", wrapped(Leverage, "local", pulled)
         ),
-        calibrator("magnetometer", one, after(solver, "jacobian", entry)),
+        calibrator("magnetometer", one, after(equations, "jacobian", entry)),
         calibrator(
             "gyroscope", one,
             after(turn, "map_slopes", _scaled((..., 4))),

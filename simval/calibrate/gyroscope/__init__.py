@@ -1,9 +1,8 @@
 """Calibration of a gyroscope, alone or with the accelerometer, between rests."""
 
 from simval.calibrate.gyroscope.calibration import calibrate_gyroscope
-from simval.calibrate.gyroscope.imu import calibrate_imu
+from simval.calibrate.gyroscope.imu import ImuFit, calibrate_imu
 from simval.calibrate.gyroscope.moves import Moves, moves_between
-from simval.calibrate.gyroscope.pair import ImuFit
 from simval.calibrate.gyroscope.result import GyroscopeFit
 
 __all__ = [

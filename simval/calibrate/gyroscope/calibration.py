@@ -1,4 +1,4 @@
-"""Calibrate a gyroscope from the moves between rests."""
+"""Calibrate a gyroscope from the rotations between rests."""
 
 from dataclasses import replace
 from typing import Any, Final
@@ -8,18 +8,149 @@ import numpy as np
 from simval.arguments import choice, instance
 from simval.arrays import Array, physical_array
 from simval.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
-from simval.calibrate.gyroscope.fit import A, Fitted, approach, drift, ended, residuals
-from simval.calibrate.gyroscope.gravity import across, directions
+from simval.calibrate.gyroscope.covariance import (
+    Given,
+    Setting,
+    checked_pose_std,
+    setting_of,
+)
+from simval.calibrate.gyroscope.fit import (
+    MOVED,
+    A,
+    Fitted,
+    approach,
+    drift,
+    ended,
+    first_matrix,
+    residuals,
+)
 from simval.calibrate.gyroscope.moves import Moves, taken
-from simval.calibrate.gyroscope.noise import checked_pose_std
-from simval.calibrate.gyroscope.outcome import degrees_of_freedom, empty, write
-from simval.calibrate.gyroscope.refusal import relative_rows, require_told, worst_sd
+from simval.calibrate.gyroscope.residuals import across, directions
 from simval.calibrate.gyroscope.result import GyroscopeFit
-from simval.calibrate.gyroscope.setting import Given, Setting, setting_of
-from simval.calibrate.gyroscope.start import first_matrix
 from simval.calibrate.result import FitResult
 from simval.errors import GeometryError, InputError, RefusedError
 from simval.shapes import Float
+from simval.turns import MATRIX, TurnObservability, best_next_turn, judge, missing
+
+CONDITION_LIMIT: Final = 100.0
+"""Greatest condition of the moves. Chosen: five moves in generic directions have about
+10, forty 2; moves whose axes lie within a degree of a plane have 60 and more."""
+SD_LIMIT: Final = 0.1
+"""Greatest standard deviation of any relative error of M. Chosen: an uncalibrated
+gyroscope is known to a few percent from its data sheet."""
+
+
+def relative_rows(
+    by_gyroscope: Float[Array, "r 12"], M: Float[Array, "3 3"]
+) -> Float[Array, "r 9"]:
+    """Rows by D = dM M^-1, from rows by the entries of M."""
+    by_matrix = by_gyroscope[:, :MATRIX].reshape(-1, 3, 3)
+    return (by_matrix @ M.T).reshape(-1, MATRIX)
+
+
+def worst_sd(
+    covariance: Float[Array, "9 9"], M: Float[Array, "3 3"]
+) -> tuple[float, Float[Array, "3 3"]]:
+    """Greatest standard deviation of a relative error D of length 1, and that error."""
+    to_relative = np.kron(np.eye(3), np.linalg.inv(M).T)
+    values, vectors = np.linalg.eigh(to_relative @ covariance @ to_relative.T)
+    return float(np.sqrt(values[-1])), vectors[:, -1].reshape(3, 3)
+
+
+def require_told(
+    rows: Float[Array, "r 9"], u: Float[Array, "n 3"], sd: float | None = None
+) -> TurnObservability:
+    """Require moves that tell the nine entries of M.
+
+    Raises
+    ------
+    GeometryError
+        If they do not: the message names what is missing and the turn that helps most.
+    """
+    found = judge(rows)
+    told = found.rank == MATRIX and found.condition <= CONDITION_LIMIT
+    if told and (sd is None or sd <= SD_LIMIT):
+        return found
+    axis, angle = best_next_turn(rows, u[-1])
+    named = ", ".join(f"{x:.2f}" for x in axis)
+    if found.rank < MATRIX:
+        fault = f"have rank {found.rank} of {MATRIX}"
+    elif not told:
+        fault = f"have condition {found.condition:.3g}, {CONDITION_LIMIT:g} at most"
+    else:
+        fault = f"leave a relative error of {sd:.2g}, {SD_LIMIT:g} at most"
+    msg = (
+        f"the {len(u) - 1} moves {fault}: they do not tell {missing(found)}; "
+        f"from the last rest turn by {np.degrees(angle):.0f} degrees about the axis "
+        f"({named}) of the sensor and rest again, and so on with other axes"
+    )
+    raise GeometryError(msg)
+
+
+def degrees_of_freedom(moves: Moves, setting: Setting) -> int:
+    """Rows less parameters."""
+    k = moves.statistics.shape[1]
+    norms = k + 1 - A if setting.joint else 0
+    return 2 * k + norms - 9
+
+
+def empty(
+    t: int, moves: Moves, setting: Setting, estimator: str, condition: Array
+) -> dict[str, Any]:
+    """Numbers of trials that are not fitted yet."""
+    k = moves.statistics.shape[1]
+    shapes: dict[str, tuple[int, ...]] = {
+        "parameters": (12,), "accelerometer": (9,), "covariance": (21, 21),
+        "gap_angles": (k,), "chi2_per_dof": (), "step": (),
+    }  # fmt: skip
+    made: dict[str, Any] = {k: np.full((t, *v), np.nan) for k, v in shapes.items()}
+    made["status"] = np.full(t, "converged", dtype=object)
+    made["iterations"] = np.zeros(t, int)
+    made["condition"] = condition
+    return made
+
+
+def write(
+    result: dict[str, Any],
+    good: Any,
+    found: Fitted,
+    moves: Moves,
+    setting: Setting,
+) -> None:
+    """Write the numbers of fitted trials among them."""
+    t, k = len(found.M), moves.statistics.shape[1]
+    matrix = found.M.reshape(t, 9)
+    result["parameters"][good] = np.concatenate(
+        [matrix, found.B + moves.centre], axis=1
+    )
+    result["accelerometer"][good] = found.theta
+    result["covariance"][good] = _whole(found, setting)
+    across2 = (found.r[:, : 2 * k].reshape(t, k, 2) ** 2).sum(axis=-1)
+    result["gap_angles"][good] = np.arcsin(np.minimum(np.sqrt(across2), 1.0))
+    dof = degrees_of_freedom(moves, setting)
+    chi2 = found.linear.gain.chi2(found.r)
+    result["chi2_per_dof"][good] = chi2 / dof if dof > 0 else np.nan
+    result["step"][good] = found.step
+    done = (found.step <= 1e-3) & (found.moved <= MOVED)
+    result["status"][good] = np.where(done, "converged", "max iterations")
+    result["iterations"][good] = found.iterations
+
+
+def _whole(found: Fitted, setting: Setting) -> Float[Array, "t 21 21"]:
+    # covariance of the accelerometer's nine, M and B
+    C = found.linear.gain.covariance
+    t, first = len(C), A if setting.joint else 0
+    whole = np.zeros((t, 21, 21))
+    if not setting.joint:
+        whole[:, :A, :A] = found.linear.accelerometer
+        whole[:, A : A + C.shape[1], :A] = found.linear.cross
+        whole[:, :A, A : A + C.shape[1]] = np.swapaxes(found.linear.cross, -1, -2)
+    start = A - first
+    whole[:, start : start + C.shape[1], start : start + C.shape[1]] = C
+    if setting.free == 9:
+        whole[:, [18, 19, 20], [18, 19, 20]] = setting.bias_std**2
+    return whole
+
 
 ESTIMATORS: Final = ("joint", "generalised", "unweighted")
 _FAR: Final = 0.05
@@ -96,7 +227,7 @@ def calibrate_gyroscope(
     -----
     IMU-TK's calibration is ``estimator="unweighted", bias="first rest"`` on moves of
     ``scheme="linear"``. The covariance is that of the stated noise, for each estimator
-    its own (`simval.calibrate.gyroscope.solve`); where the residuals of one log do not
+    its own (`simval.calibrate.gyroscope.fit`); where the residuals of one log do not
     bear that, a joint fit takes what they show (`simval.calibrate.factors`).
     """
     instance("moves", moves, Moves)

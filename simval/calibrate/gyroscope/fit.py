@@ -1,5 +1,18 @@
 r"""Fit a gyroscope to the directions of gravity at rests, alone or with them.
 
+**Generalised least squares for a batch of trials.**
+
+With rows r, derivative J and covariance V the step is :math:`-K r`; K is
+:math:`(J^T V^{-1} J)^{-1} J^T V^{-1}` for generalised least squares and
+:math:`(J^T J)^{-1} J^T` without weights. In both cases the covariance of the estimate
+is :math:`K V K^T`, a sandwich that in the first case is :math:`(J^T V^{-1} J)^{-1}`.
+
+**A start for the gyroscope's matrix: scale, then order and signs of the axes.**
+
+Moves of a radian or two tell a scale within some ten percent from any other, so scales
+a tenth apart are tried. If axes are not those of the accelerometer, all 48 orders and
+signs are.
+
 The way of a fit: a start; plain Gauss-Newton steps until it is near; a linearisation
 there, with the covariance of the rows; steps with it until they are far below the error
 bars; and so again from where they ended, until the way there is below `MOVED`. Weights
@@ -9,6 +22,7 @@ noise over the readings.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import permutations, product
 from typing import Any, Final
 
 import numpy as np
@@ -16,27 +30,124 @@ import numpy as np
 from simval.arrays import Array
 from simval.calibrate.drift import Drift, find_drift
 from simval.calibrate.factors import NoiseFactors, Residuals
-from simval.calibrate.gyroscope.gravity import (
+from simval.calibrate.gyroscope.covariance import Setting, Spread, shared, spread
+from simval.calibrate.gyroscope.moves import Moves, merged, taken
+from simval.calibrate.gyroscope.residuals import (
     Gravity,
+    Rows,
     across,
+    carried,
+    covariance_of,
     directions,
+    gap_rows,
+    gap_values,
     gravity,
     influence,
 )
-from simval.calibrate.gyroscope.moves import Moves, taken
-from simval.calibrate.gyroscope.rows import (
-    Rows,
-    carried,
-    covariance_of,
-    gap_rows,
-    gap_values,
-)
-from simval.calibrate.gyroscope.setting import Setting
-from simval.calibrate.gyroscope.solve import Gain, gain, least_squares
-from simval.calibrate.gyroscope.spread import Spread, shared, spread
-from simval.calibrate.gyroscope.statistics import merged
 from simval.calibrate.gyroscope.turn import end_of, turn
 from simval.shapes import Float
+
+_RANK = 1e-7  # of the greatest singular value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Gain:
+    """Linear estimator of the rows."""
+
+    K: Float[Array, "t p r"]
+    covariance: Float[Array, "t p p"]
+    white: Float[Array, "t r r"]  # inverse of the Cholesky factor of V
+    J: Float[Array, "t r p"]
+
+    def chi2(self, r: Float[Array, "t r"]) -> Float[Array, " t"]:
+        """Weighted sum of squares of rows."""
+        w = (self.white @ r[..., None])[..., 0]
+        return np.vecdot(w, w)
+
+
+def least_squares(
+    J: Float[Array, "t r p"], r: Float[Array, "t r"]
+) -> Float[Array, "t p"]:
+    """Plain step, the shortest one where the rows do not tell it."""
+    return -np.vecdot(np.linalg.pinv(J, rcond=_RANK), r[:, None])
+
+
+def gain(J: Float[Array, "t r p"], V: Float[Array, "t r r"], *, weighted: bool) -> Gain:
+    """Estimator, generalised or not, and its covariance."""
+    white = np.linalg.inv(np.linalg.cholesky(V))
+    if weighted:
+        K, root = _pseudo_inverse(white @ J)
+        K, covariance = K @ white, root @ np.swapaxes(root, -1, -2)
+    else:
+        K, _ = _pseudo_inverse(J)
+        covariance = K @ V @ np.swapaxes(K, -1, -2)
+    return Gain(K=K, covariance=covariance, white=white, J=J)
+
+
+def _pseudo_inverse(
+    J: Float[Array, "t r p"],
+) -> tuple[Float[Array, "t p r"], Float[Array, "t p p"]]:
+    # of full column rank, and the inverse triangle; columns of equal length first
+    size = np.sqrt((J * J).sum(axis=1, keepdims=True))
+    Q, R = np.linalg.qr(J / size)
+    root = np.linalg.inv(R) / np.swapaxes(size, -1, -2)
+    return root @ np.swapaxes(Q, -1, -2), root
+
+
+_RATIO: Final = 1.1  # of neighbouring scales
+_LEAST, _MOST = 0.05, 12.0  # rad, along the way of a typical move
+_CHUNKS: Final = 1 << 16  # worked at once
+_ENOUGH: Final = 24  # chunks of a move: a third of a radian each at the most
+GOOD: Final = 0.1  # rad, rms of rows at a start that is near; sensors are 1 % off
+
+
+def first_matrix(
+    statistics: Float[Array, "k 10 j"],
+    u: Float[Array, "n 3"],
+    E: Float[Array, "k 2 3"],
+) -> Float[Array, "3 3"]:
+    """Best of the matrices that are a scale times an order of axes."""
+    way = np.sqrt((statistics[:, :3] ** 2).sum(axis=1)).sum(axis=1)
+    typical = float(np.median(way))
+    size = max(1, statistics.shape[-1] // _ENOUGH)
+    statistics = merged(statistics[None], 2 ** int(np.log2(size)))[0]
+    if not typical > 0.0:
+        return np.full((3, 3), np.nan)
+    count = int(np.ceil(np.log(_MOST / _LEAST) / np.log(_RATIO)))
+    scales = _LEAST / typical * _RATIO ** np.arange(count + 1)
+    aligned = scales[:, None, None] * np.eye(3)
+    cost = _costs(statistics, u, E, aligned)
+    best = aligned[np.argmin(cost)]
+    if cost.min() < GOOD:
+        return best
+    orders = np.array(
+        [
+            np.eye(3)[list(order)] * np.array(signs)[:, None]
+            for order, signs in product(
+                permutations(range(3)), product((1, -1), repeat=3)
+            )
+        ]
+    )
+    every = (scales[:, None, None, None] * orders).reshape(-1, 3, 3)
+    costs = _costs(statistics, u, E, every)
+    # as it stands, unless another order is far better
+    return every[np.argmin(costs)] if costs.min() < 0.5 * cost.min() else best
+
+
+def _costs(statistics: Array, u: Array, E: Array, guesses: Array) -> Float[Array, " m"]:
+    # root mean square of the rows, rad
+    size = max(1, _CHUNKS // (statistics.shape[0] * statistics.shape[2]))
+    parts = []
+    for i in range(0, len(guesses), size):
+        some = guesses[i : i + size]
+        C = end_of(statistics[None], some, np.zeros((len(some), 3)))
+        m = len(some)
+        e = gap_values(
+            C, np.broadcast_to(u, (m, *u.shape)), np.broadcast_to(E, (m, *E.shape))
+        )
+        parts.append(np.sqrt((e * e).mean(axis=-1)))
+    return np.concatenate(parts)
+
 
 NEAR: Final = 3e-3  # relative step; the next error is its square
 MOST_PLAIN: Final = 30

@@ -6,9 +6,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate.described import gyroscope_text
 from simval.calibrate.drift import Drift
-from simval.calibrate.estimate import Estimate
+from simval.calibrate.estimate import Estimate, gyroscope_text
 from simval.calibrate.factors import NoiseFactors
 from simval.sensor import GyroscopeFactors, GyroscopeModel, forms, gyroscope_factors
 from simval.shapes import Float

@@ -6,8 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate.described import magnetometer_text
-from simval.calibrate.estimate import Estimate
+from simval.calibrate.estimate import Estimate, magnetometer_text
 from simval.calibrate.factors import NoiseFactors
 from simval.calibrate.magnetometer.equations import ACCELEROMETER, DIP, IRON, MATRIX
 from simval.sensor import AccelerometerModel, MagnetometerModel, forms

@@ -1,4 +1,6 @@
-r"""The start in closed form: an ellipsoid for each sensor, then the turn between them.
+r"""Starts of a magnetometer's fit, in closed form or several for few poses.
+
+**The start in closed form: an ellipsoid for each sensor, then the turn between them.**
 
 The ellipsoids leave the up direction u of each pose and the field m in axes of the
 magnetometer's own; with the turn R from these to the accelerometer's axes,
@@ -10,24 +12,48 @@ so they are the vector that all poses together see least, its nine entries made
 orthogonal. Without noise it is exact, and it finds any order of the axes. A quadric
 takes nine poses; where they are fewer, or fix none, a sphere stands in, which takes
 four, and the steps of the solver do the rest.
+
+**Few poses: several starts, and whether one answer alone fits.**
+
+From twelve poses on the closed form (M3) starts within the noise. Below, its ellipsoids
+and its turn are not fixed by the poses, and more than one calibration may fit: eight
+poses are 24 equations for 22 unknowns. Then the turn is sought among all the turns of a
+cube, and each of the best is solved twice, first with both sensors held near a sphere
+(within `ROUND`), then freely; and from the best answer others are sought along what the
+poses see least. The best answer counts; where another one explains the
+poses as well, to within `APART` of chi-square, none does.
+
+**The usual recipe, for comparison: an ellipsoid for each sensor, then a turn.**
+
+An unweighted ellipsoid for each sensor, :math:`M_m = R\,S` with S symmetric, and the
+rotation R and the sine s of the dip with the least
+:math:`\sum (u^T R S (y - b) + s)^2`. It throws away what the angle between the two
+vectors says of shape and hard iron.
 """
 
 from dataclasses import dataclass
+from itertools import permutations, product
 from typing import Any
 
 import numpy as np
 
 from simval.arrays import Array
+from simval.calibrate.accelerometer import checked_readings
 from simval.calibrate.magnetometer.equations import (
     ACCELEROMETER,
     DIP,
     IRON,
     MATRIX,
     PARAMETERS,
+    Prior,
     Readings,
+    Solution,
+    local,
+    minimize,
 )
-from simval.calibrate.moments import moment_matrix
-from simval.calibrate.start import fit_ellipsoid
+from simval.calibrate.minimization import fit_ellipsoid, normalized
+from simval.calibrate.residuals import moment_matrix
+from simval.errors import GeometryError, InputError
 from simval.sensor import forms
 from simval.shapes import Float
 
@@ -163,3 +189,228 @@ def _rotation(phi: Float[Array, "t 3"]) -> Float[Array, "t 3 3"]:
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         half[:, k, j], half[:, j, k] = phi[:, i] / 2.0, -phi[:, i] / 2.0
     return np.linalg.solve(np.eye(3) - half, np.eye(3) + half)
+
+
+ENOUGH = 12
+"""Poses from which the closed form is enough: of 4500 random sets none went wrong."""
+ROUND = 0.1
+"""How far scales and angles of a sensor are from equal and square, as a rule."""
+APART = 20.0
+"""Of chi-square: the odds against the worse answer are then exp(10), 22 000."""
+_STARTS = 6
+_WEAKEST = 4  # directions of the parameters along which another answer is looked for
+_SIZES = (-0.5, -0.2, 0.2, 0.5)  # of a jump, in scaled units
+_SAME = 1e-3  # of the parameters in scaled units: two ends of the same answer
+
+
+def solve(
+    model: str, readings: Readings, prior: Prior | None, most: int
+) -> tuple[Solution, Any]:
+    """Solution of each trial, and whether no other fits as well, (t,) of bool."""
+    known = None if prior is None else prior.theta[:, ACCELEROMETER]
+    with np.errstate(all="ignore"):  # a hopeless trial has NaN, and is refused
+        if readings.accelerometer.shape[1] >= ENOUGH:
+            theta = start(model, readings, known)
+            sure = np.ones(len(theta), dtype=bool)
+            return minimize(model, theta, readings, prior, most), sure
+        found = [
+            _ended(model, theta, readings, prior, most)
+            for theta in _starts(model, readings, known)
+        ]
+        best = _best(found)[0]
+        found += [
+            _freed(model, theta, readings, prior, most)
+            for theta in _jumps(model, best.theta, readings, prior)
+        ]
+        return _best(found)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Ended:
+    solution: Solution
+    cost: Float[Array, " t"]  # infinite where it did not converge
+
+
+def _ended(
+    model: str, theta: Array, readings: Readings, prior: Prior | None, most: int
+) -> _Ended:
+    near = minimize(model, theta, readings, _rounded(model, theta, prior), most)
+    return _freed(model, near.theta, readings, prior, most)
+
+
+def _freed(
+    model: str, theta: Array, readings: Readings, prior: Prior | None, most: int
+) -> _Ended:
+    ended = minimize(model, theta, readings, prior, most)
+    rows = local(model, ended.theta, readings, prior).rows
+    cost = np.where(ended.converged, np.vecdot(rows, rows), np.inf)
+    return _Ended(solution=ended, cost=np.where(np.isfinite(cost), cost, np.inf))
+
+
+def _jumps(
+    model: str, theta: Float[Array, "t 22"], readings: Readings, prior: Prior | None
+) -> list[Float[Array, "t 22"]]:
+    # another answer lies along what the poses see least
+    normal = local(model, theta, readings, prior).normal
+    usable = np.asarray(np.isfinite(normal).all(axis=(1, 2)))
+    vectors = np.linalg.eigh(np.where(usable[:, None, None], normal, np.eye(22)))[1]
+    return [theta + size * vectors[:, :, k] for k in range(_WEAKEST) for size in _SIZES]
+
+
+def _rounded(model: str, theta: Float[Array, "t 22"], prior: Prior | None) -> Prior:
+    # shapes near those of the start, in natural sizes; the turn is left free
+    count = len(theta)
+    root = np.zeros((count, 12, PARAMETERS))
+    body = theta[:, ACCELEROMETER]
+    inverse = np.linalg.pinv(forms.matrix(model, body))
+    slopes = forms.matrix_derivatives(model, body) @ inverse[:, None]
+    inverse_m = np.linalg.pinv(theta[:, MATRIX].reshape(-1, 3, 3))
+    for row, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
+        root[:, row, :6] = slopes[:, :, i, j] + slopes[:, :, j, i]
+        for a, b in ((i, j), (j, i)):  # (dM M^-1)_ab
+            columns = slice(MATRIX.start + 3 * a, MATRIX.start + 3 * a + 3)
+            root[:, 6 + row, columns] += inverse_m[:, :, b]
+    root /= 2.0 * ROUND
+    if prior is None:
+        return Prior(theta=theta, root=root)
+    # the two hold at different points: (R theta - R theta_0) is all that counts
+    both = np.concatenate([root[:, 6:], prior.root], axis=1)
+    held = np.array(theta)
+    held[:, ACCELEROMETER] = prior.theta[:, ACCELEROMETER]
+    return Prior(theta=held, root=both)
+
+
+def _starts(
+    model: str, readings: Readings, known: Float[Array, "t 9"] | None
+) -> list[Float[Array, "t 22"]]:
+    body, iron = both_shapes(model, readings, known, spheres=True)
+    up, field = seen(model, body, iron, readings)
+    count = len(up)
+    turns, sines, costs = [], [], []
+    for turn in _cube_turns():
+        here = np.broadcast_to(turn, (count, 3, 3))
+        sine = -np.mean(np.vecdot(up, field @ turn.T), axis=1)
+        here, sine = refined(up, field, here, sine)
+        off = np.vecdot(up, field @ np.swapaxes(here, -1, -2)) + sine[:, None]
+        cost = np.vecdot(off, off)
+        turns.append(here)
+        sines.append(sine)
+        costs.append(np.where(np.isfinite(cost), cost, np.inf))
+    order = np.argsort(np.array(costs), axis=0, kind="stable")
+    every, trials = (np.array(turns), np.array(sines)), np.arange(count)
+    # refined turns that came to the same place are tried once each: the first of them
+    picks = _distinct(every[0], order)
+    return [
+        assembled(body, iron, every[0][pick, trials], every[1][pick, trials])
+        for pick in picks
+    ]
+
+
+def _distinct(turns: Float[Array, "k t 3 3"], order: Any) -> list[Any]:
+    # indices of the best turns of each trial that are not one and the same
+    picks: list[Any] = []
+    trials = np.arange(turns.shape[1])
+    new = np.ones(order.shape, dtype=bool)
+    for later in range(1, len(order)):
+        one = turns[order[later], trials]
+        for earlier in range(later):
+            other = turns[order[earlier], trials]
+            apart = np.abs(one - other).max(axis=(1, 2)) > 1e-3
+            new[later] &= apart | ~new[earlier]
+    rank = np.argsort(~new, axis=0, kind="stable")  # the new ones first, in order
+    for place in range(_STARTS):
+        picks.append(order[rank[place], trials])
+    return picks
+
+
+def _cube_turns() -> list[Float[Array, "3 3"]]:
+    turns = []
+    for columns in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            turn = np.eye(3)[list(columns)] * np.array(signs)
+            if np.linalg.det(turn) > 0.0:
+                turns.append(turn)
+    return turns
+
+
+def _best(found: list[_Ended]) -> tuple[Solution, Any]:
+    costs = np.array([each.cost for each in found])
+    thetas = np.array([each.solution.theta for each in found])
+    best, trials = np.argmin(costs, axis=0), np.arange(costs.shape[1])
+    theta = thetas[best, trials]
+    with np.errstate(invalid="ignore"):  # both may be infinite
+        near = costs - costs[best, trials] < APART
+    mirrored = np.array(theta)  # (-M, -s) fits alike, and is one with it
+    mirrored[:, MATRIX] *= -1.0
+    mirrored[:, DIP] *= -1.0
+    apart = np.minimum(
+        np.abs(thetas - theta).max(axis=-1), np.abs(thetas - mirrored).max(axis=-1)
+    )
+    return Solution(
+        theta=_upright(theta, mirrored),
+        iterations=sum(each.solution.iterations for each in found),
+        converged=np.isfinite(costs[best, trials]),
+    ), ~np.any(near & (apart > _SAME), axis=0)
+
+
+def _upright(theta: Array, mirrored: Array) -> Float[Array, "t 22"]:
+    with np.errstate(invalid="ignore"):
+        left = np.linalg.det(theta[:, MATRIX].reshape(-1, 3, 3)) < 0.0
+    return np.where(left[:, None], mirrored, theta)
+
+
+def ellipsoid_then_rotation(
+    accelerometer: Any, magnetometer: Any
+) -> Float[Array, "... 13"]:
+    """Matrix, hard iron and dip of the usual recipe, field strength 1.
+
+    Parameters
+    ----------
+    accelerometer, magnetometer : array_like
+        Mean reading of each pose, raw units, (n, 3) or (trials, n, 3), n nine or more.
+
+    Returns
+    -------
+    Array
+        Rows of M on the axes of the triangular form, b in raw units, and the dip in
+        rad, (13,) or (trials, 13).
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong, or a reading of one set is not finite.
+    GeometryError
+        If a set fixes no ellipsoid.
+    """
+    pair = [checked_readings(accelerometer), checked_readings(magnetometer)]
+    if pair[0].shape != pair[1].shape:
+        msg = (
+            f"`accelerometer` has shape {pair[0].shape} and `magnetometer` "
+            f"{pair[1].shape}; give the means of both sensors over the same poses"
+        )
+        raise InputError(msg)
+    count = pair[0].shape[-2]
+    (za, _, _), (zm, centre, scale) = (
+        normalized(readings.reshape(-1, count, 3)) for readings in pair
+    )
+    body, iron = shape(za), shape(zm)
+    if not (np.all(body.quadric) and np.all(iron.quadric)):
+        msg = (
+            "the readings of a sensor fix no ellipsoid; the recipe needs one for each, "
+            "so turn the sensors to all sides"
+        )
+        raise GeometryError(msg)
+    theta = forms.from_gram("triangular", body.root @ body.root, body.bias)
+    matrix = forms.matrix("triangular", theta)
+    up = (za - body.bias[:, None]) @ np.swapaxes(matrix, -1, -2)
+    field = (zm - iron.bias[:, None]) @ iron.root
+    turn, sine = refined(up, field, *turn_between(up, field))
+    result = np.concatenate(
+        [
+            (turn @ iron.root / scale[:, None, None]).reshape(-1, 9),
+            iron.bias * scale[:, None] + centre,
+            np.arcsin(np.clip(sine, -1.0, 1.0))[:, None],
+        ],
+        axis=1,
+    )
+    return result[0] if pair[0].ndim == 2 else result

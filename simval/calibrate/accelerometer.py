@@ -1,7 +1,9 @@
 r"""Calibrate an accelerometer from the norms of its readings at rest.
 
+**Checks of the arguments of a calibration, once, at the public boundary.**
+
 The readings are moved to their mean and scaled to unit size, gravity becomes 1, the
-closed-form ellipsoid (`start`) gives the start and the solver the answer, which is
+closed-form ellipsoid (E1) gives the start and the solver the answer, which is
 scaled back. Trials are worked in blocks that fit the cache; a trial's numbers do not
 depend on its block.
 """
@@ -11,29 +13,206 @@ from typing import Any
 
 import numpy as np
 
-from simval.arrays import Array
-from simval.calibrate import checks
-from simval.calibrate.arguments import (
-    CONDITION_LIMIT,
-    Options,
-    checked_noise,
-    checked_readings,
+from simval.arguments import choice, switch, whole_number
+from simval.arrays import (
+    Array,
+    noise_levels,
+    physical_array,
+    positive_number,
+    shaped_array,
 )
-from simval.calibrate.evidence import weigh
-from simval.calibrate.frame import direction_condition, normalized
-from simval.calibrate.leverage import Leverage, minimize_leverage
-from simval.calibrate.moments import in_lanes, moment_matrix, unbiased_moment_matrix
-from simval.calibrate.objective import pose_objective
+from simval.calibrate.evidence import refuse, screen, status_text, summarize, weigh
+from simval.calibrate.minimization import (
+    Leverage,
+    direction_condition,
+    fit_ellipsoid,
+    minimize_leverage,
+    minimize_reweighted,
+    normalized,
+    pose_objective,
+)
 from simval.calibrate.outliers import find_outliers
-from simval.calibrate.residuals import SLOPES, noise_shares
+from simval.calibrate.residuals import (
+    LOSSES,
+    RESIDUALS,
+    SLOPES,
+    WEIGHTED,
+    in_lanes,
+    moment_matrix,
+    noise_shares,
+    unbiased_moment_matrix,
+)
 from simval.calibrate.result import FitResult
-from simval.calibrate.reweight import minimize_reweighted
-from simval.calibrate.solver import Code, Solution, minimize
-from simval.calibrate.start import fit_ellipsoid
-from simval.calibrate.uncertainty import summarize
+from simval.calibrate.solver import METHODS, Code, Rules, Solution, minimize
+from simval.errors import GeometryError, InputError
 from simval.poses import PARAMETERS
 from simval.sensor import forms
 from simval.shapes import Float
+from simval.text import shown
+
+# Above it (singular values 1e4 apart) the moments, whose condition is the square, keep
+# under eight digits, and 1 mm/s^2 of noise becomes 0.6 m/s^2 of bias or more.
+CONDITION_LIMIT = 1e3
+_GREATEST = 1e60  # fourth powers stay finite
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Options:
+    """What to fit and how; checked when it is made."""
+
+    # model, method, residual, loss: form, solver, residual and robust loss
+    model: str
+    method: str
+    residual: str
+    loss: str
+    g: float  # gravity, m/s^2
+    step: float  # fraction of each step taken
+    tolerance: float  # limit of the stop rule
+    max_iterations: int  # most steps for a trial
+    full_scale: float | None  # greatest reading, raw units
+    repeats: bool  # whether readings may repeat exactly
+    condition_limit: float  # greatest condition of the poses
+    covariance: bool  # whether the covariance is wanted
+
+    def __post_init__(self) -> None:
+        checked: dict[str, Any] = {
+            name: choice(name, getattr(self, name), allowed)
+            for name, allowed in choices().items()
+        }
+        if self.loss != "linear" and self.residual not in ("squared", "weighted"):
+            msg = (
+                f"`loss` is {self.loss!r} with residual {self.residual!r}; a robust "
+                "loss goes with the squared or the weighted residual"
+            )
+            raise InputError(msg)
+        units = {"g": "m/s^2", "tolerance": "", "condition_limit": "", "step": ""}
+        if self.full_scale is not None:
+            units["full_scale"] = "raw units"
+        for name, unit in units.items():
+            checked[name] = positive_number(name, getattr(self, name), unit)
+        if not checked["step"] <= 1.0:
+            msg = f"`step` is {shown(self.step)}; it must be above 0 and at most 1"
+            raise InputError(msg)
+        checked["max_iterations"] = whole_number(
+            "max_iterations", self.max_iterations, 1
+        )
+        for name in ("repeats", "covariance"):
+            checked[name] = switch(name, getattr(self, name))
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def rules(self) -> Rules:
+        """What governs the solver."""
+        return Rules(
+            method=self.method,
+            step=self.step,
+            tolerance=self.tolerance,
+            max_iterations=self.max_iterations,
+        )
+
+
+def choices() -> dict[str, tuple[str, ...]]:
+    """Values of each option that is a choice."""
+    return {
+        "model": forms.MODELS,
+        "method": METHODS,
+        "residual": RESIDUALS,
+        "loss": ("linear", *LOSSES),
+    }
+
+
+def checked_readings(poses: Any) -> Float[Array, "n 3"] | Float[Array, "trials n 3"]:
+    """Return the readings as an array of nine poses or more.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong, or one set is not finite.
+    GeometryError
+        If there are fewer than nine poses.
+    """
+    readings = shaped_array("poses", poses, (None, 3))
+    if readings.ndim > 3 or readings.size == 0:
+        msg = f"`poses` has shape {readings.shape}; give (n, 3) or (trials, n, 3)"
+        raise InputError(msg)
+    count = readings.shape[-2]
+    if count < PARAMETERS:
+        msg = (
+            f"{count} pose(s) given; nine parameters need {PARAMETERS} or more in "
+            "different directions, and error bars need 10 or more: add poses"
+        )
+        raise GeometryError(msg)
+    if readings.ndim == 2 and not np.isfinite(readings).all():
+        pose, axis = (int(i) for i in np.argwhere(~np.isfinite(readings))[0])
+        msg = (
+            f"`poses` has {np.count_nonzero(~np.isfinite(readings))} non-finite "
+            f"value(s), the first ({readings[pose, axis]}) in pose {pose}, axis "
+            f"{'xyz'[axis]}; every reading must be finite, so remove that pose"
+        )
+        raise InputError(msg)
+    with np.errstate(invalid="ignore"):
+        greatest = float(
+            np.max(np.abs(readings), initial=0.0, where=np.isfinite(readings))
+        )
+    if not (greatest == 0.0 or 1.0 / _GREATEST <= greatest <= _GREATEST):
+        msg = (
+            f"the greatest reading of `poses` is {greatest:g}, outside "
+            f"{1.0 / _GREATEST:g} to {_GREATEST:g}; give raw counts or m/s^2"
+        )
+        raise InputError(msg)
+    return readings
+
+
+def checked_noise(
+    noise_std: Any, count: int, residual: str
+) -> Float[Array, " n"] | None:
+    """Return the noise of each pose.
+
+    Raises
+    ------
+    InputError
+        If it is negative, not finite, of a wrong shape, or missing.
+    """
+    if noise_std is None:
+        if residual == "adjusted":
+            msg = (
+                "`residual` is 'adjusted', which takes the known noise out of the "
+                "moments, but `noise_std` is not given; give the standard deviation "
+                "of a pose mean in raw units"
+            )
+            raise InputError(msg)
+        return None
+    sigma = noise_levels("noise_std", noise_std, count)
+    if residual in WEIGHTED and not np.all(sigma > 0.0) and np.any(sigma > 0.0):
+        msg = (
+            f"`noise_std` is 0 for {np.count_nonzero(sigma == 0.0)} of {count} poses; "
+            f"residual {residual!r} weighs each pose by 1/noise^2, so give every pose "
+            "the noise that it has"
+        )
+        raise InputError(msg)
+    return sigma
+
+
+def checked_time(time: Any, count: int) -> Float[Array, " n"]:
+    """Return when each pose was taken, 0, 1, 2 ... if not given.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong, a time is not finite, or all are the same.
+    """
+    if time is None:
+        return np.arange(float(count))
+    values = physical_array("time", time, (count,))
+    if values.shape != (count,) or not np.ptp(values) > 0.0:
+        msg = (
+            f"`time` has shape {values.shape} and spans {shown(float(np.ptp(values)))} "
+            f"s; give the time of each of the {count} poses, s"
+        )
+        raise InputError(msg)
+    return values
+
 
 _EXPLAINED = 4.0  # standard deviations; of 100 clean poses one in 160 sets has more
 _BLOCK = 1 << 16  # poses worked at once: 5 MB of monomials
@@ -138,13 +317,13 @@ def calibrate(
     code, half_width = numbers.pop("code"), numbers.pop("half_width")
     single = readings.ndim == 2
     if single and code[0] >= Code.NON_FINITE:
-        checks.refuse(
+        refuse(
             int(code[0]), batch[0],
             full_scale=options.full_scale, limit=options.condition_limit,
             condition=float(numbers["condition"][0]), half_width=float(half_width[0]),
             suspects=_suspects(batch[0], sigma, options),
         )  # fmt: skip
-    numbers["status"] = checks.status_text(code)
+    numbers["status"] = status_text(code)
     if single:
         numbers = {name: value[0] for name, value in numbers.items()}
     dof = count - PARAMETERS
@@ -188,7 +367,7 @@ def _fit_block(
     poses: Float[Array, "t n 3"], sigma: Float[Array, " n"] | None, options: Options
 ) -> _Block:
     # Fit a block of trials, refused ones set aside.
-    code = checks.screen(poses, full_scale=options.full_scale, repeats=options.repeats)
+    code = screen(poses, full_scale=options.full_scale, repeats=options.repeats)
     block = _empty(code, len(poses))
     rows = in_lanes(poses)
     block["raw_range"] = np.stack([rows.min(axis=0), rows.max(axis=0)]).T

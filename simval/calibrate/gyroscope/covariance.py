@@ -1,4 +1,6 @@
-r"""What is known of a gyroscope's noise, and what the rests say of its bias.
+r"""Covariance of the inter-rest residuals from the noise of gyroscope and rests.
+
+**What is known of a gyroscope's noise, and what the rests say of its bias.**
 
 White noise N leaves the angle a random walk of variance :math:`N^2 t`, and the mean of
 a rest of :math:`T_r` seconds the variance :math:`N^2/T_r`; the bias walks by
@@ -10,15 +12,22 @@ stamps with the standard deviation :math:`s_t` leave
 :math:`s_t^2 \sum_j |\mathrm{d}\omega_j|^2`, rates from row to row.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
-from simval.arrays import Array, frozen, physical_array
+from simval.arguments import choice
+from simval.arrays import (
+    Array,
+    frozen,
+    noise_levels,
+    nonnegative_number,
+    physical_array,
+)
 from simval.calibrate.gyroscope.moves import Moves
-from simval.calibrate.gyroscope.rows import Rows
-from simval.calibrate.gyroscope.turn import Turn, bias_slopes
+from simval.calibrate.gyroscope.residuals import Rows, walk_blocks
+from simval.calibrate.gyroscope.turn import Turn, bias_slopes, wander
 from simval.errors import InputError
 from simval.shapes import Float
 
@@ -247,3 +256,173 @@ def sensitivity_noise(
     gaps = -rows.by_turn @ unit.reshape(t, k, 3, 9)
     bias = np.einsum("ac,q,a->acq", np.eye(3), mean @ root, noise.angle_random_walk)
     return gaps.reshape(t, -1, 9), bias.reshape(3, 9)
+
+
+BIASES = ("constant", "first rest", "line")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Setting:
+    """What is fitted, and how."""
+
+    model: str  # accelerometer's form
+    residual: str  # of the accelerometer's own fit
+    g: float
+    joint: bool  # the norms are rows as well
+    weighted: bool
+    bias: str  # constant, known or line
+    noise: GyroscopeNoise
+    bias_value: Float[Array, "t 3"]  # from the rests, less the centre
+    bias_std: Float[Array, "3"]
+    weights: Float[Array, " n"]  # of the rests in that value
+
+    @property
+    def free(self) -> int:
+        """Parameters of the gyroscope that are estimated."""
+        return 12 if self.bias == "constant" else 9
+
+    def noisier(self, accelerometer: float, gyroscope: float) -> "Setting":
+        """The same with so many times the noise of either."""
+        own = self.noise
+        return replace(
+            self,
+            bias_std=self.bias_std * gyroscope,
+            noise=GyroscopeNoise(
+                angle_random_walk=own.angle_random_walk * gyroscope,
+                bias_random_walk=own.bias_random_walk * gyroscope,
+                clock_jitter=own.clock_jitter * gyroscope,
+                pose_std=own.pose_std * accelerometer,
+            ),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Given:
+    """What the caller says of the noise and the bias, as it came."""
+
+    pose_std: Any
+    angle_random_walk: Any
+    bias_random_walk: float
+    bias: str
+    known_bias: Any
+    bias_std: Any
+    clock_jitter: Any = 0.0
+
+
+def noise_of(moves: Moves, readings: Array, given: Given) -> GyroscopeNoise:
+    """Noise that was given, or that the rests show.
+
+    Raises
+    ------
+    InputError
+        If a value is not usable.
+    """
+    walk = given.angle_random_walk
+    noise = GyroscopeNoise(
+        angle_random_walk=checked_walk(
+            moves.white.mean(axis=0) if walk is None else walk
+        ),
+        bias_random_walk=nonnegative_number(
+            "bias_random_walk", given.bias_random_walk, "raw units"
+        ),
+        clock_jitter=nonnegative_number("clock_jitter", given.clock_jitter, "s"),
+        pose_std=checked_pose_std(given.pose_std, readings.shape[1]),
+    )
+    return floored(noise, moves, readings)
+
+
+def setting_of(
+    moves: Moves,
+    readings: Array,
+    given: Given,
+    *,
+    model: str,
+    residual: str,
+    g: float,
+    estimator: str,
+) -> Setting:
+    """What a fit takes for the bias, and how well that is known.
+
+    Raises
+    ------
+    InputError
+        If a value is not usable.
+    """
+    noise = noise_of(moves, readings, given)
+    bias = choice("bias", given.bias, BIASES)
+    weights = rest_weights(moves, first=bias == "first rest")
+    value, std = rest_bias(moves, noise, weights)
+    if given.known_bias is not None and bias == "constant":
+        msg = f"`known_bias` is given and `bias` is {bias}; ask for first rest"
+        raise InputError(msg)
+    kept = bias == "first rest" or (bias == "constant" and estimator == "unweighted")
+    if given.known_bias is not None:
+        value = physical_array("known_bias", given.known_bias, (3,)) - moves.centre
+    setting = Setting(
+        model=model,
+        residual=residual,
+        g=g,
+        joint=estimator == "joint",
+        weighted=estimator != "unweighted",
+        bias="known" if kept else bias,
+        noise=noise,
+        bias_value=value,
+        bias_std=std,
+        weights=weights,
+    )
+    if given.bias_std is None:
+        return setting
+    level = noise_levels("bias_std", given.bias_std, 3)
+    return replace(setting, bias_std=np.maximum(level, std))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Spread:
+    """Noise of the gaps beside that of the poses."""
+
+    blocks: Float[Array, "t k a a"]  # each gap's own covariance
+    maps: list[Array]  # unit noises that gaps share, to their rows
+    ends: Float[Array, "3 q"]  # those of the last map, to the rests' bias
+
+
+def spread(
+    rows: Rows,
+    moved: Turn,
+    moves: Moves,
+    setting: Setting,
+    M: Float[Array, "t 3 3"],
+    B: Float[Array, "t 3"],
+) -> Spread:
+    """Noise by the walk of the angle, the bias, and a sensitivity taken out."""
+    noise = setting.noise
+    theta_noise: Array = wander(moved, moves.statistics, M * noise.angle_random_walk)
+    maps = []
+    if noise.clock_jitter > 0.0:
+        theta_noise += jitter_noise(moved, moves, M, B, noise)
+    if setting.bias == "line":
+        rests, bridge = line_noise(rows, moved, moves, M, B, noise)
+        maps.append(rests)
+        theta_noise += bridge
+    elif noise.bias_random_walk > 0.0:
+        maps.append(drift_noise(rows, moves, noise, setting.weights))
+    if setting.bias == "known":
+        maps.append(rows.by_gyroscope[..., 9:] * setting.bias_std)
+    ends: Array = np.zeros((3, 0))
+    if moves.force.size:
+        gaps, ends = sensitivity_noise(rows, moved, moves, M, noise)
+        maps.append(gaps)
+    return Spread(blocks=walk_blocks(rows, theta_noise), maps=maps, ends=ends)
+
+
+def shared(V: Float[Array, "t r r"], found: Spread, ends: int) -> None:
+    """Add to a covariance what the gaps, its first rows, share with each other.
+
+    The rests' bias, its last rows where `ends` is not 0, shares a sensitivity's error.
+    """
+    gaps = found.blocks.shape[1] * found.blocks.shape[2]
+    for other in found.maps:
+        V[:, :gaps, :gaps] += other @ np.swapaxes(other, -1, -2)
+    if ends and found.ends.size:  # the last of the maps
+        V[:, -3:, -3:] += found.ends @ found.ends.T
+        V[:, :gaps, -3:] = found.maps[-1] @ found.ends.T
+        V[:, -3:, :gaps] = np.swapaxes(V[:, :gaps, -3:], -1, -2)
