@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from simval.calibrate import calibrate
+from simval.calibrate import calibrate, evidence
 from simval.calibrate.residuals import LOSSES
 from simval.poses import fibonacci_sphere
 from simval.sensor import AccelerometerModel

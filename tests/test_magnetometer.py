@@ -26,7 +26,7 @@ from simval.calibrate import (
     ellipsoid_then_rotation,
 )
 from simval.calibrate.magnetometer import equations, start
-from simval.calibrate.magnetometer.calibration import Options
+from simval.calibrate.magnetometer.calibration import Options, scale
 from simval.calibrate.magnetometer.findings import even_poses
 from simval.errors import ConvergenceError, InputError
 from simval.sensor import MODELS, MagnetometerModel, forms
@@ -107,7 +107,7 @@ def local_case(model):
         g=G, field=1.0, model=model, hemisphere="unstated", max_iterations=9, known=None
     )
     noise = np.full(40, BODY_STD), np.full(40, IRON_STD)
-    readings = fit.scale((body, iron), noise, slice(0, 2), options).readings
+    readings = scale((body, iron), noise, slice(0, 2), options).readings
     theta = start.start(model, readings, None)
     return readings, theta * (1.0 + 0.01 * rng.standard_normal(theta.shape))
 

@@ -119,7 +119,7 @@ def captured(monkeypatch, found, poses, fields, **more):
         raise InterruptedError
 
     with monkeypatch.context() as patch:
-        patch.setattr("simval.calibrate.nine_axis", solve)
+        patch.setattr("simval.calibrate.nine_axis.solve", solve)
         with pytest.raises(InterruptedError):
             again(found, poses, fields, **more)
     return seen["both"]
