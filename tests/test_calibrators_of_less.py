@@ -7,13 +7,11 @@ import pytest
 import rows_by_name
 from places import EXAMPLES
 
-from simval.errors import InputError
 from simval.plugins import Calibrator, PluginError, find_plugin, probe_calibrator
 from simval.plugins.probe import G
 from simval.poses import cube_faces
 from simval.streams import Streams
 from simval.studies import calibrator
-from simval.sweep.suite import expand
 from simval.verdict import judge, overall
 
 SIX = str(EXAMPLES / "six.py")
@@ -184,28 +182,6 @@ def test_poses_that_do_not_fit_are_refused_with_the_others(plugin, values, words
         rows_of(plugin, trials=32, **values)
 
 
-def test_it_is_probed_with_the_errors_that_it_declares():
-    for estimates in LESS:
-        assert probe_calibrator(lengths(estimates)) < 1e-12
-    six = lengths(("scale", "bias"))
-    nine = Calibrator(name="nine", calibrate=lambda p, g: six.calibrate(p, g, 1.0)[:2])
-    with pytest.raises(PluginError, match=r"S_\w+: .* If it estimates fewer, declare"):
-        probe_calibrator(nine)
-
-
-def test_what_is_estimated_and_not_declared_is_seen_in_noise():
-    # without noise its scales are 1, as declared
-    plugin = dataclasses.replace(
-        lengths(("scale", "bias")),
-        estimates=("bias",),
-        calibrate=lambda p, g, s: lengths(("scale", "bias")).calibrate(p, g, s)[:2],
-    )
-    with pytest.raises(
-        PluginError, match="estimates bias, so its matrix must be the u"
-    ):
-        rows_of(plugin, trials=32)
-
-
 EYE, ZERO = np.eye(3), np.zeros(3)
 
 
@@ -235,24 +211,6 @@ def test_an_answer_outside_the_class_is_refused(estimates, answer, words):
     plugin = Calibrator(name="c", calibrate=lambda p, g: answer, estimates=estimates)
     with pytest.raises(PluginError, match=words):
         probe_calibrator(plugin)
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"poses": 8},
-        {"poses": 5, "pose_set": "faces"},
-        {"poses": 7, "pose_set": "faces"},
-        {"poses": 20, "pose_set": "faces"},
-        {"pose_set": "six"},
-        {"sensor": "aligned"},
-    ],
-)
-def test_poses_of_a_cell_must_fit_their_set(values):
-    with pytest.raises(
-        InputError, match=r"r: `poses` is|calibrator.poses`|pose_set|sensor"
-    ):
-        expand("s", {"calibrator": {"algorithm": SIX, **values}})
 
 
 def test_an_answer_that_never_varies_is_no_estimate():

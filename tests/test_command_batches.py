@@ -185,39 +185,6 @@ def test_a_program_that_ends_or_hangs_has_crashed(tmp_path, body, words):
     assert time.monotonic() - begun < 20.0
 
 
-@pytest.mark.parametrize(
-    "body",
-    [
-        "os.close(0)",  # reads nothing
-        "everything = sys.stdin.read()",  # all of it before it prints
-        "sys.stdin.readline(); print('x' * 10**6, file=sys.stderr)",  # much beside it
-        "import subprocess; subprocess.Popen(['sleep', '2'])",  # leaves one behind
-    ],
-)
-def test_how_a_program_reads_and_writes_is_its_own_affair(tmp_path, body):
-    begun = time.monotonic()
-    text = "\n".join(GOOD)
-    found = answered(program(tmp_path, f"{body}\nprint({text!r})"))
-    assert [each.bias[0] for each in found] == list(range(TRIALS))
-    assert time.monotonic() - begun < 20.0
-
-
-def replaced(old, *new, count=-1):
-    return lambda rng, line: line.replace(old, rng.choice(new), count)
-
-
-FAULTS = (
-    lambda rng, line: bytes(rng.integers(0, 256, rng.integers(1, 40)).tolist()),
-    lambda rng, line: line + b"\n" + line,
-    lambda rng, line: b"",
-    lambda rng, line: line[: rng.integers(max(1, len(line)))],
-    lambda rng, line: line + line,
-    replaced(b'"trial"', b'"Trial"', b"trial"),
-    replaced(b"[", b"{", b"[[", b"", count=1),
-    replaced(b"1.0", b"null", b"NaN", b"1e999", b'"1"', b"[]", b"true"),
-)
-
-
 # what is wrong with the words is found before anything is run
 
 
@@ -329,11 +296,3 @@ def test_a_command_declares_what_a_file_of_python_says(tmp_path):
     for mine, other in zip(*rows, strict=True):
         assert mine.statistic == other.statistic
         assert mine.value == pytest.approx(other.value, rel=1e-9, abs=1e-13)
-
-
-@pytest.mark.parametrize(
-    "words", ["./x {poses}", "./x {poses_folder}", "./x {trials} {g}"]
-)
-def test_an_estimator_gets_vectors_alone(words):
-    with pytest.raises(UnusablePluginError, match="neither poses nor g"):
-        command_estimator(words, components="xyzs", matrix="passive")

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from simval.errors import InputError
 from simval.filters.signals import FilterOutput
 from simval.geometry import attitude_matrix, compose, random_quaternions
-from simval.plugins import Filter, find_plugin, find_world
 from simval.statistics import (
     BOUND_AT,
     BUDGET_AT,
@@ -193,15 +192,6 @@ def test_headings_of_a_filter_without_a_compass_count_from_its_first():
     shifted = answers.from_its_own_heading()
     assert np.abs(shifted.error).max() < 1e-12
     assert shifted.shifted
-
-
-@pytest.mark.slow
-def test_the_reference_filter_stays_in_the_world_that_it_declares():
-    plugin = find_plugin(study.REFERENCE, Filter)
-    (cell,) = cells(seconds=8.0)
-    way = course("gimbal slow", 100.0, 8.0)
-    found = find_world(plugin, study.told_of(cell.parameters, way))
-    assert found.world == plugin.world == "NWU"
 
 
 @pytest.mark.ci

@@ -11,9 +11,8 @@ from simval.errors import InputError
 from simval.plugins.names import without_folders
 from simval.results import Outcome, unjudged
 from simval.statistics import BIAS
-from simval.sweep import executors, load_run, load_suite, provenance, run_suite
+from simval.sweep import executors, load_run, run_suite
 from simval.sweep.repro import find_cell
-from simval.sweep.suite import expand
 
 SUITE = """
 [estimator]
@@ -124,61 +123,6 @@ def test_a_cell_is_found_again_where_its_plugin_lay(checkouts):
         assert str(moved) in str(found.parameters.model_dump())
         with pytest.raises(InputError, match=r"has no plug-in `other\.py`"):
             find_cell(cell.name, run, ["other.py"])
-
-
-def test_an_unfinished_run_knows_where_its_plugins_lie(checkouts, monkeypatch):
-    def interrupted(cell):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(executors, "execute", interrupted)
-    folder = checkouts[0]
-    with pytest.raises(KeyboardInterrupt):
-        run_suite(str(folder / "suite.toml"), folder / "run")
-    run = load_run(folder / "run")
-    assert run.timing == {}
-    text = find_cell(run.cells[0].name, run).parameters.algorithm
-    assert text == str(folder / "plug" / "align.py")
-
-
-def test_files_of_one_name_are_told_apart(tmp_path):
-    for folder, text in (("a", "x = 1\n"), ("b", "x = 2\n")):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "mine.py").write_text(text)
-    places = {name: str(tmp_path / name / "mine.py") for name in "ab"}
-    grid = {"estimator": {"algorithm": places["a"]}, "calibrator": {"algorithm": ""}}
-    assert list(provenance.file_hashes(grid)) == ["mine.py"]
-    grid["calibrator"]["algorithm"] = places["b"]
-    both = provenance.file_hashes(grid)
-    assert list(both) == ["mine.py of calibrator", "mine.py of estimator"]
-    grid["estimator"], grid["calibrator"] = grid["calibrator"], grid["estimator"]
-    assert provenance.file_hashes(grid) != both  # exchanged is not the same
-    with pytest.raises(InputError, match="rename one of the files"):
-        expand("s", {"estimator": {"algorithm": list(places.values())}})
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("attitude.noise_std", "0.01 m/s^2"),
-        ("attitude.samples", "../65536"),
-        ("calibration.poses", "C:\\\\12"),
-        ("calibration.scene", "/gimbal"),
-        ("estimator.noise_std", "1/100"),
-        ("custom_scene.time_limit", "limit.toml"),
-    ],
-)
-def test_only_fields_that_name_files_are_paths(tmp_path, key, value):
-    study, _, field = key.partition(".")
-    suite = tmp_path / "s.toml"
-    for text in (f'"{value}"', f'["{value}"]'):
-        suite.write_text(f'title = "m/s.py"\n[{study}]\n{field} = {text}\n')
-        with pytest.raises(InputError) as caught:
-            load_suite(str(suite))
-        words = str(caught.value).removeprefix(f"suite {suite}").replace("\\\\", "\\")
-        assert f"`{key}`" in words
-        assert f"(given '{value.replace(chr(92) * 2, chr(92))}')" in words
-        assert str(tmp_path) not in words
-        assert "leaves the folder" not in words
 
 
 @pytest.mark.parametrize(
