@@ -24,7 +24,6 @@ is without chance.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from types import MappingProxyType
 from typing import Final, Literal, get_args
 
@@ -285,10 +284,6 @@ def _half_turn(axis: Float[Array, "n 3"]) -> Float[Array, "n 4"]:
     return np.concatenate([axis, np.zeros((len(axis), 1))], axis=1)
 
 
-def _generic(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
-    return draw(count, rng)
-
-
 def _identity(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
     _, r1, r2 = draw(count, rng)
     return np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)), r1, r2
@@ -300,29 +295,18 @@ def _small_angles(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
     return _turn(axis, np.geomspace(1e-12, 1e-3, count)), r1, r2
 
 
-def _about_axis(axis: int, draw: Draw, count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = draw(count, rng)
-    return _half_turn(np.tile(np.eye(3)[axis], (count, 1))), r1, r2
+def _half_turns(axis: Callable[..., Array]) -> Callable[..., Scene]:
+    """Half turns about ``axis(r1, r2, rng)``."""
+
+    def drawn(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
+        _, r1, r2 = draw(count, rng)
+        return _half_turn(axis(r1, r2, rng)), r1, r2
+
+    return drawn
 
 
-def _about_first(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = draw(count, rng)
-    return _half_turn(r1), r1, r2
-
-
-def _about_second(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = draw(count, rng)
-    return _half_turn(r2), r1, r2
-
-
-def _about_normal(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = draw(count, rng)
-    return _half_turn(normalize(np.cross(r1, r2))), r1, r2
-
-
-def _about_any(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
-    _, r1, r2 = draw(count, rng)
-    return _half_turn(normalize(rng.standard_normal((count, 3)))), r1, r2
+def _about_axis(axis: int) -> Callable[..., Scene]:
+    return _half_turns(lambda r1, *_: np.tile(np.eye(3)[axis], (len(r1), 1)))
 
 
 def _quarter_turns(draw: Draw, count: int, rng: np.random.Generator) -> Scene:
@@ -402,17 +386,21 @@ YAW: Final = "yaw only"
 CLASSES: Final[Mapping[str, Callable[[Draw, int, np.random.Generator], Scene]]] = (
     MappingProxyType(
         {
-            GENERIC: _generic,
+            GENERIC: lambda draw, count, rng: draw(count, rng),
             "identity": _identity,
             SAME: _identity,
             "small angles": _small_angles,
-            "half turns about x": partial(_about_axis, 0),
-            "half turns about y": partial(_about_axis, 1),
-            "half turns about z": partial(_about_axis, 2),
-            "half turns about r1": _about_first,
-            "half turns about r2": _about_second,
-            "half turns about the normal": _about_normal,
-            "half turns anywhere": _about_any,
+            "half turns about x": _about_axis(0),
+            "half turns about y": _about_axis(1),
+            "half turns about z": _about_axis(2),
+            "half turns about r1": _half_turns(lambda r1, r2, rng: r1),
+            "half turns about r2": _half_turns(lambda r1, r2, rng: r2),
+            "half turns about the normal": _half_turns(
+                lambda r1, r2, rng: normalize(np.cross(r1, r2))
+            ),
+            "half turns anywhere": _half_turns(
+                lambda r1, r2, rng: normalize(rng.standard_normal(r1.shape))
+            ),
             "quarter turns": _quarter_turns,
             YAW: _yaw,
             "axis in the plane": _in_plane,
