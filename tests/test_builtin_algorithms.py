@@ -24,8 +24,8 @@ from simval.plugins.loading import (
     beside_builtin,
     chosen,
     missing,
-    overrides_of,
     sources,
+    spelled,
 )
 from simval.plugins.protocol import Filter
 from simval.streams import Streams
@@ -153,7 +153,7 @@ def test_a_name_that_is_none_is_refused_with_those_there_are(word, near, tmp_pat
         "simval:adjusted"
     )
     with pytest.raises(InputError, match=words):
-        overrides_of((word,))
+        spelled(chosen((word,)))
     with pytest.raises(InputError, match=words):
         find_plugin(word, Estimator)
     suite = expand("s", {"estimator": {"algorithm": word}})

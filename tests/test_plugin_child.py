@@ -28,7 +28,7 @@ from simval.plugins.answers import (
     quaternions_of,
     raw_attitudes,
 )
-from simval.plugins.attitudes import exact_cases
+from simval.plugins.attitudes import Observed
 from simval.plugins.child import started
 from simval.plugins.noise import vector_noise
 from simval.plugins.runs import run_filter
@@ -308,7 +308,7 @@ def test_an_estimator_elsewhere_is_itself(name, both):
     plugins, noise = both(name), vector_noise("general", 2, 0.01)
     assert plugins[1].kind == plugins[0].kind
     for cases in ("generic", "reference as body"):
-        _, vectors = exact_cases(cases, 16)
+        _, vectors = Observed().cases(cases, 16)
         assert same(*(raw_attitudes(each, vectors, noise) for each in plugins))
         assert same(*(quaternions_of(each, vectors, None) for each in plugins))
     if plugins[0].covariance is not None:
@@ -317,7 +317,7 @@ def test_an_estimator_elsewhere_is_itself(name, both):
 
 
 def test_a_convention_that_is_tried_is_tried_there(both):
-    _, vectors = exact_cases("generic", 4)
+    _, vectors = Observed().cases("generic", 4)
     with pytest.raises(CrashedPluginError, match="alone raised"):
         raw_attitudes(
             replace(both("alone")[1], batch=True), vectors, vector_noise("body")
@@ -344,7 +344,7 @@ def test_what_cannot_work_with_series_is_said_as_here(both):
 
 @pytest.mark.parametrize("name", ["fails", "short"])
 def test_what_it_raises_is_told_as_here_and_the_next_is_answered(name, both):
-    _, vectors = exact_cases("generic", 64)
+    _, vectors = Observed().cases("generic", 64)
     said = []
     for each in (*both(name), both(name)[1]):
         with pytest.raises(PluginError) as caught:
@@ -354,7 +354,7 @@ def test_what_it_raises_is_told_as_here_and_the_next_is_answered(name, both):
 
 
 def test_arrays_that_are_one_are_one_there(both):
-    _, vectors = exact_cases("reference as body", 64)
+    _, vectors = Observed().cases("reference as body", 64)
     for each in both("identical"):
         raw_attitudes(each, vectors)
 
@@ -407,6 +407,6 @@ def test_a_plugin_that_cannot_be_timed_has_no_time(both):
 
 
 def test_triad_is_one_of_the_package(both):
-    _, vectors = exact_cases("generic", 8)
+    _, vectors = Observed().cases("generic", 8)
     assert same(raw_attitudes(both("simval:triad")[1], vectors), triad(*vectors))
     assert same(raw_attitudes(both("pairs")[1], vectors), davenport(*vectors))

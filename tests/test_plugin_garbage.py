@@ -20,7 +20,7 @@ from simval.attitude import two_vector_quaternion
 from simval.attitude.comparators import ESTIMATORS, davenport, triad
 from simval.geometry import attitude_matrix
 from simval.plugins import Estimator
-from simval.plugins.attitudes import CLASSES, COUNT, MAY_FAIL, exact_cases
+from simval.plugins.attitudes import CLASSES, COUNT, MAY_FAIL
 from simval.plugins.probe import rotation_error
 from simval.streams import Streams
 from simval.studies import estimator
@@ -66,7 +66,7 @@ def wrong_at_half_turns_about_y(q, *_):
 
 @pytest.mark.parametrize("name", CLASSES)
 def test_the_cases_of_a_class_are_exact(name):
-    q, (b1, b2, r1, r2) = exact_cases(name)
+    q, (b1, b2, r1, r2) = Observed().cases(name)
     assert np.allclose(np.linalg.norm(q, axis=1), 1.0, rtol=0, atol=1e-15)
     assert len(q) == COUNT
     for b, r in ((b1, r1), (b2, r2)):

@@ -25,7 +25,7 @@ from simval.plugins import (
     PluginError,
     answers,
 )
-from simval.plugins.loading import overrides_of
+from simval.plugins.loading import chosen, spelled
 from simval.plugins.probe import probe_sensor
 from simval.plugins.programs import MOVE, RATE, REST, log_of
 from simval.poses import fibonacci_sphere
@@ -277,7 +277,7 @@ def test_an_installed_plugin_is_listed_chosen_and_known_again(tmp_path, monkeypa
     installed_package(tmp_path, monkeypatch)
     listed = CliRunner().invoke(list_command, standalone_mode=False).output
     assert "their-align: theirs 1.0" in listed
-    assert overrides_of(("their-align",)) == ["estimator.algorithm=their-align"]
+    assert spelled(chosen(("their-align",))) == ["estimator.algorithm=their-align"]
     parameters = estimator.Parameters(algorithm="their-align")
     grid = {"estimator": {"algorithm": ["their-align"]}}
     assert provenance.file_hashes(grid) == {"theirs": "1.0"}
@@ -290,7 +290,7 @@ def test_an_installed_plugin_is_listed_chosen_and_known_again(tmp_path, monkeypa
 @pytest.mark.ci
 def test_what_can_be_given_as_a_plugin(tmp_path):
     file = str(EXAMPLES / "align.py")
-    assert overrides_of((f"{file}:align",)) == [f"estimator.algorithm={file}:align"]
+    assert spelled(chosen((f"{file}:align",))) == [f"estimator.algorithm={file}:align"]
     shutil.copy(file, tmp_path / "align.txt")
     for plugin, words in (
         (f"{file}:other", "no plug-in named other; it has: align"),
@@ -298,7 +298,7 @@ def test_what_can_be_given_as_a_plugin(tmp_path):
         ("no-such-name", "no installed package offers"),
     ):
         with pytest.raises(PluginError, match=words):
-            overrides_of((plugin,))
+            spelled(chosen((plugin,)))
 
 
 # words of a command

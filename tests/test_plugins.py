@@ -31,7 +31,7 @@ from simval.plugins import (
     probe_estimator,
 )
 from simval.plugins.answers import answers, calibration_of
-from simval.plugins.loading import overrides_of, sources
+from simval.plugins.loading import chosen, sources, spelled
 from simval.plugins.probe import rotation_error
 from simval.scene import Scene, find_scene
 from simval.sweep.suite import expand, load_suite
@@ -389,12 +389,12 @@ def test_a_long_message_keeps_head_and_tail():
 @pytest.mark.ci
 def test_overrides_of_files():
     files = (str(EXAMPLES / "align.py"), str(EXAMPLES / "ellipsoid.py"))
-    assert overrides_of((*files, "command: x {poses}")) == [
+    assert spelled(chosen((*files, "command: x {poses}"))) == [
         f"estimator.algorithm={files[0]}:align",
         f"calibrator.algorithm={files[1]}:ellipsoid,command: x {{poses}}",
     ]
     with pytest.raises(PluginError, match="comma"):
-        overrides_of(("a,b.py",))
+        spelled(chosen(("a,b.py",)))
 
 
 SHELVES = """
@@ -412,12 +412,12 @@ def test_a_scene_is_a_plugin_like_any_other(tmp_path, monkeypatch):
     names = written(tmp_path, "NAMES = 'ab'", "their_shelves.py")
     # of several each is meant by its name, and one alone by its file, as ever
     words = f"{file}:a,{file}:b"
-    assert overrides_of((file,)) == [f"custom_scene.scene={words}"]
-    assert overrides_of((f"{file}:b",)) == [f"custom_scene.scene={file}:b"]
+    assert spelled(chosen((file,))) == [f"custom_scene.scene={words}"]
+    assert spelled(chosen((f"{file}:b",))) == [f"custom_scene.scene={file}:b"]
     assert find_scene(f"{file}:b").name == "b"
     assert find_plugin(f"{file}:a", Scene).model == file
     written(tmp_path, SHELVES.replace("a, b", "a,").replace("NAMES)", "'a')"))
-    assert overrides_of((f"{file}:a",)) == [f"custom_scene.scene={file}"]
+    assert spelled(chosen((f"{file}:a",))) == [f"custom_scene.scene={file}"]
     with pytest.raises(InputError, match="0 Estimators"):
         find_plugin(file, Estimator)
     # what is beside a link is what is loaded, and what is hashed

@@ -272,11 +272,6 @@ MEASURES: Final[Mapping[type, Measure]] = MappingProxyType(
 )
 """What measures a plug-in that this process holds."""
 
-FIRST: Final = MappingProxyType(
-    {Estimator: "estimate", Calibrator: "calibrate", Filter: "make"}
-)
-"""The field that is the algorithm itself."""
-
 NUMPYS_OWN: Final[Mapping[str, Any]] = MappingProxyType(
     {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
 )
@@ -366,7 +361,7 @@ def _sorted_out(
     kind: type[Held], study: str, words: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """What is declared, and what is set."""
-    own = {each.name for each in fields(kind)} - {FIRST[kind]}
+    own = {each.name for each in fields(kind)} - {kind.runs}
     parameters = STUDIES[study].parameters
     set_by = set(parameters.model_fields) - {parameters.plugin, "time_limit"}
     if unknown := words.keys() - own - set_by:
@@ -406,7 +401,7 @@ def _plugin(
         return algorithm
     name = getattr(algorithm, "__name__", type(algorithm).__name__)
     try:
-        return kind(**{"name": name, **declared, FIRST[kind]: algorithm})
+        return kind(**{"name": name, **declared, kind.runs: algorithm})
     except (TypeError, PluginError) as error:
         msg = f"{name} cannot be used as it is declared: {error}"
         raise InputError(msg) from None

@@ -241,13 +241,6 @@ class Observed:
         return q, seen(q, r1, r2, *(normalize(r) for r in more))
 
 
-def exact_cases(
-    name: str, count: int = COUNT
-) -> tuple[Float[Array, "count 4"], list[Float[Array, "count 3"]]]:
-    """Truth and vectors (b1, b2, r1, r2) of a class."""
-    return Observed().cases(name, count)
-
-
 def seen(
     q: Float[Array, "n 4"], *references: Float[Array, "n 3"]
 ) -> list[Float[Array, "n 3"]]:

@@ -302,11 +302,6 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
     return _of_file(file, name, kind) if file else _of_package(algorithm, kind)
 
 
-def overrides_of(plugins: tuple[str, ...]) -> list[str]:
-    """Overrides that put some plug-ins, and no others, into a suite."""
-    return spelled(chosen(plugins))
-
-
 def spelled(words: Mapping[str, Sequence[str]]) -> list[str]:
     """Plug-ins by field as overrides of a suite."""
     return [f"{field}={','.join(each)}" for field, each in words.items()]

@@ -67,11 +67,9 @@ from simval.plugins.runs import require_no_memory
 from simval.results import Outcome, Row, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.statistics import (
-    BIAS,
     CLAIM_OFF,
     CLAIM_OFF_FULL,
     CLAIM_OFF_HALF,
-    COVARIANCE,
     CRAMER_RAO,
     CUBATURE,
     CUBATURE_BIAS,
@@ -98,6 +96,7 @@ from simval.studies.estimator_setting import (
     MeanAndCovariance,
     Setting,
     leading_rows,
+    moment_rows,
     series_rows,
 )
 from simval.studies.plugin import PluginName, PluginParameters, isolated
@@ -211,7 +210,6 @@ SECTION = "algorithms"
 
 BLOCK = 1024  # samples; part of the promise of equal bits, as is `BATCH`
 BATCH = 8
-AXES = ("x", "y", "z")
 MOST_NOISE = 0.1
 """Of any vector, per axis."""
 
@@ -327,7 +325,7 @@ def outcome(plugin: Estimator, parameters: Parameters, streams: Streams) -> Outc
         *failure_rows(plugin, parameters.cases, vectors, setting.noise),
         *_bias_rows(setting, cubature, coarser),
         *leading_rows(setting, off / setting.sine),
-        *_moment_rows(moments_of(sums), cubature, coarser),
+        *_beside_cubature(moments_of(sums), cubature, coarser),
         *size_rows(setting, sums, noise, (cubature, coarser), off / setting.sine),
         *_unit_rows(setting, noise, streams),
     ]
@@ -394,25 +392,15 @@ def _bias_rows(
     return limit(families, biases, most, SECOND_ORDER, n=1)
 
 
-def _moment_rows(
-    measured: Moments,
-    predicted: tuple[Float[Array, " p"], Float[Array, "p p"]],
-    coarser: tuple[Float[Array, " p"], Float[Array, "p p"]],
+def _beside_cubature(
+    measured: Moments, cubature: MeanAndCovariance, coarser: MeanAndCovariance
 ) -> tuple[Row, ...]:
-    mean, covariance = predicted
-    off = [2.0 * np.abs(a - b) for a, b in zip(predicted, coarser, strict=True)]
-    upper = np.triu_indices(3)
-    pairs = [
-        COVARIANCE(AXES[i], AXES[j], unit="rad²") for i, j in zip(*upper, strict=True)
-    ]
-    n = measured.samples
-    return plain(
-        BIAS.each(AXES, ["rad"] * 3), measured.bias[:3], measured.bias_error[:3], n,
-        mean[:3], CUBATURE, float(off[0][:3].max()),
-    ) + plain(
-        pairs, measured.covariance[upper], measured.covariance_error[upper], n,
-        covariance[upper], CUBATURE, float(off[1][:3, :3].max()),
-    )  # fmt: skip
+    """Moments beside cubature, to twice what its next lower degree differs by."""
+    mean, covariance = (
+        2.0 * np.abs(a - b) for a, b in zip(cubature, coarser, strict=True)
+    )
+    left = float(mean[:3].max()), float(covariance[:3, :3].max())
+    return moment_rows(measured, *cubature, CUBATURE, left)
 
 
 def _full_rows(

@@ -370,6 +370,27 @@ def _matrix(q: NDArray[np.object_], components: str) -> NDArray[np.object_]:
     return np.array(rows, dtype=object)
 
 
+def moment_rows(
+    measured: Moments,
+    mean: Float[Array, " p"],
+    covariance: Float[Array, "p p"],
+    predictor: str,
+    left: tuple[float, float],
+) -> tuple[Row, ...]:
+    """Bias and covariance beside a prediction, and what each of them leaves out."""
+    n, upper = measured.samples, np.triu_indices(3)
+    pairs = [
+        COVARIANCE(AXES[i], AXES[j], unit="rad²") for i, j in zip(*upper, strict=True)
+    ]
+    return plain(
+        BIAS.each(AXES, ["rad"] * 3), measured.bias[:3], measured.bias_error[:3], n,
+        mean[:3], predictor, left[0],
+    ) + plain(
+        pairs, measured.covariance[upper], measured.covariance_error[upper], n,
+        covariance[upper], predictor, left[1],
+    )  # fmt: skip
+
+
 def series_rows(
     setting: Setting,
     noise_std: float,
@@ -378,29 +399,20 @@ def series_rows(
 ) -> tuple[Row, ...]:
     """Rows of simulated moments beside theory of both orders."""
     found = {order: series_of(setting, noise_std, order) for order in (2, 4)}
-    fourth, upper = found[4], np.triu_indices(3)
+    fourth = found[4]
     mean, covariance = cubature[0][:3], cubature[1][:3, :3]
     left = (
         2.0 * float(np.abs(mean - fourth.bias).max()),
         2.0 * float(np.abs(covariance - fourth.covariance).max()),
     )
-    pairs = [
-        COVARIANCE(AXES[i], AXES[j], unit="rad²") for i, j in zip(*upper, strict=True)
-    ]
     rows: tuple[Row, ...] = ()
     for order, name in ((2, ORDER_2), (4, ORDER_4)):
-        theory, n = found[order], measured.samples
+        theory = found[order]
         apart = (
-            float(np.abs(theory.bias - fourth.bias).max()),
-            float(np.abs(theory.covariance - fourth.covariance).max()),
+            float(np.abs(theory.bias - fourth.bias).max()) + left[0],
+            float(np.abs(theory.covariance - fourth.covariance).max()) + left[1],
         )
-        rows += plain(
-            BIAS.each(AXES, ["rad"] * 3), measured.bias[:3], measured.bias_error[:3],
-            n, theory.bias, name, apart[0] + left[0],
-        ) + plain(
-            pairs, measured.covariance[upper], measured.covariance_error[upper],
-            n, theory.covariance[upper], name, apart[1] + left[1],
-        )  # fmt: skip
+        rows += moment_rows(measured, theory.bias, theory.covariance, name, apart)
     return rows
 
 
