@@ -20,7 +20,7 @@ from simval.attitude import two_vector_quaternion
 from simval.attitude.comparators import ESTIMATORS, davenport, triad
 from simval.geometry import attitude_matrix
 from simval.plugins import Estimator
-from simval.plugins.attitudes import CLASSES, COUNT, MAY_FAIL
+from simval.plugins.attitudes import CLASSES, COUNT, MAY_FAIL, Observed
 from simval.plugins.probe import rotation_error
 from simval.streams import Streams
 from simval.studies import estimator
