@@ -305,7 +305,7 @@ def started(time_limit: float, who: str = "the plug-in") -> Iterator[Child]:
         ) as folder,
     ):
         output, number = Path(folder, "output"), str(theirs.fileno())
-        program = (sys.executable, "-P", "-m", "simval.plugins.child")
+        program = (sys.executable, "-P", "-m", "simval.plugins")
         with theirs, output.open("wb") as file:
             process = subprocess.Popen(
                 [*program, number, str(time_limit)],
@@ -397,9 +397,3 @@ def main(number: int, time_limit: float) -> None:
     answer_all(socket.socket(fileno=number))
     sys.stdout.flush()
     os._exit(0)  # whatever threads and exit handlers the plug-in has left behind
-
-
-if __name__ == "__main__":
-    from simval.plugins import child  # under its own name, as its values are sent
-
-    child.main(int(sys.argv[1]), float(sys.argv[2]))
