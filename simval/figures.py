@@ -154,8 +154,8 @@ class Figure(Picture):
         Value of the cell that is dotted across, or family of values along the axis.
     where : callable
         Which cells it is about, by their parameters.
-    log_x, log_y : bool
-        Scales of the axes.
+    log_x, log_y : bool or None
+        Whether an axis is logarithmic; None if its values span more than a decade.
     ratio : bool
         Whether measured over predicted stands below.
     beside : sequence of Figure
@@ -186,8 +186,8 @@ class Figure(Picture):
     several: bool = False
     floor: Statistic | Family | None = None
     where: Callable[[Parameters], bool] = lambda parameters: True
-    log_x: bool = True
-    log_y: bool = True
+    log_x: bool | None = True
+    log_y: bool | None = True
     ratio: bool = True
     beside: Sequence["Figure"] = ()
 

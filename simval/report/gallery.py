@@ -34,6 +34,7 @@ from simval.report.curves import (
     grouped,
     position,
     read,
+    spans,
     triple,
     varying,
 )
@@ -79,6 +80,7 @@ STYLES = {
 }
 """Colour and line of each formula, the same in all figures."""
 LINES = ("-", "--", ":", "-.")
+DECADE = 10.0
 FEW = 12
 """Points of a line that are marked."""
 ROOM = 1.35
@@ -436,6 +438,11 @@ def _lines(figure: Figure, points: Sequence[Point]) -> Panels:
         series += [*_resolved(figure, own), *_floor(figure, own)]
         axis = figure.axis or axis_words(study, str(figure.along))
         title = title or spelled(study)
+        log_x, log_y = figure.log_x, figure.log_y
+        if log_x is None:
+            log_x = spans(DECADE, [c.x for c in curves])
+        if log_y is None:
+            log_y = spans(DECADE, [c.value for c in curves])
         value = figure.value or row.statistic.family.words
         units = {_unit(figure, p.row) for p in own}
         values.append(
@@ -444,8 +451,8 @@ def _lines(figure: Figure, points: Sequence[Point]) -> Panels:
                 x_label=axis,
                 y_label=value if len(units) > 1 else _value(value, *units),
                 series=series,
-                log_x=figure.log_x,
-                log_y=figure.log_y,
+                log_x=log_x,
+                log_y=log_y,
                 references=((figure.level, ""),) if figure.level is not None else (),
                 dodge=figure.compared,
             )
@@ -453,7 +460,7 @@ def _lines(figure: Figure, points: Sequence[Point]) -> Panels:
         if figure.compared and figure.ratio:
             over = [s for c in curves for s in _over(c, theories)]
             words = f"{title} over {figure.theory}"
-            below = ratio_panel(words, axis, curves, z, over, log_x=figure.log_x)
+            below = ratio_panel(words, axis, curves, z, over, log_x=log_x)
             ratios += [] if below is None else [below]
     return values, ratios
 

@@ -1,23 +1,12 @@
 """Studies without their own section: their statistics along what varies."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-import numpy as np
-
-from simval.report.curves import (
-    Curve,
-    axis_of,
-    bar_width,
-    curves,
-    first,
-    grouped,
-    spans,
-    statistic,
-    varying,
-)
-from simval.report.findings import Claim, claiming
-from simval.report.gallery import shown_of
-from simval.report.panels import Drawing, Panel, Series
+from simval.figures import VARYING, Figure, predictor
+from simval.report.curves import varying
+from simval.report.gallery import drawn, shown_of
+from simval.report.panels import Drawing
 from simval.report.parameters import axis_words
 from simval.report.section import Context, Section, made
 from simval.report.table import NUMBERS, Column, Table, numbers_of
@@ -25,7 +14,6 @@ from simval.report.words import slug, spelled
 from simval.statistics import BUDGET, COVERAGE, COVERAGE_NORMAL, EFFICIENCY, NEES
 from simval.studies import STUDIES
 from simval.sweep.run import CellResult
-from simval.units import value_words
 
 ELSEWHERE = (EFFICIENCY, COVERAGE, COVERAGE_NORMAL, NEES, BUDGET)
 MAX_PANELS = 6  # for the size of a page, as is `MAX_ROWS`
@@ -62,68 +50,42 @@ def _shown(
     """What a study declares, or a figure of its statistics; and all its numbers."""
     known = study in STUDIES and STUDIES[study].shown
     drawings, tables = shown_of(context, "other", [study]) if known else ([], [])
-    if not known and (drawing := _drawing(study, cells)) is not None:
-        drawings.append(drawing)
+    if not known:
+        drawings = _drawings(study, cells)
     return drawings, [*tables, numbers(study, cells)]
 
 
-def _drawing(study: str, cells: Sequence[CellResult]) -> Drawing | None:
-    axis = axis_of(cells)
-    keys = dict.fromkeys(
-        (row.statistic, row.predictor, row.unit)
+def _drawings(study: str, cells: Sequence[CellResult]) -> list[Drawing]:
+    """Each statistic with a prediction, or each of all, along what varies."""
+    known = {
+        row.statistic: row.prediction is not None
         for cell in cells
         for row in cell.rows
-        if row.prediction is not None and row.statistic.family not in ELSEWHERE
+        if row.statistic.family not in ELSEWHERE
+    }
+    predicted = [what for what, has in known.items() if has]
+    figure = Figure(
+        name=f"study {study}",
+        what="What was measured",
+        rows=predicted or [*known],
+        along=VARYING,
+        panels=lambda row: spelled(str(row.statistic)),
+        lines=predictor,
+        value="value",
+        several=True,
+        ratio=False,
+        log_x=None,
+        log_y=None,
+        caption="All of its numbers are in the table.",
     )
-    keys = keys or dict.fromkeys(
-        (row.statistic, row.predictor, row.unit) for cell in cells for row in cell.rows
-    )
-    groups, left_out = first(grouped(cells, axis))
-    panels = []
-    for name, predictor, unit in keys:
-        measured = curves(groups, statistic(name, predictor), axis)
-        if any(len(np.unique(c.x)) > 1 for c in measured):
-            words = axis_words(study, axis)
-            panels.append(scored(str(name), words, unit, measured, predictor))
-    if not panels:
-        return None
-    drawn = {panel.title for panel in panels[:MAX_PANELS]}
-    names = dict.fromkeys(spelled(str(row.statistic)) for c in cells for row in c.rows)
-    rest = [name for name in names if name not in drawn]
-    drawing = Drawing(
-        name=slug(f"study {study}"),
-        caption=(
-            "Points: measured, with bars that hold for all points of a panel together "
-            "(95 %). Lines: predicted. All of its numbers are in the table."
-        ),
-        alternative=f"Statistics of the study {study} over {axis}, beside predictions",
-        panels=panels[:MAX_PANELS],
-        left_out=[*left_out, *rest],
-    )
-    what = list(dict.fromkeys(name for name, _, _ in keys))
-    claim = Claim(subject="What was measured", cells=cells, what=what)
-    return claiming(drawing, claim)
-
-
-def scored(
-    name: str, axis: str, unit: str, measured: Sequence[Curve], predictor: str = ""
-) -> Panel:
-    """A statistic of several groups along an axis, with predictions where there are."""
-    z = bar_width(measured)
-    series: list[Series] = []
-    for i, c in enumerate(measured):
-        series.append(c.points(z, i))
-        if np.isfinite(c.prediction).any():
-            series.append(c.predicted("-", "" if i else predictor))
-    return Panel(
-        title=spelled(name),
-        x_label=axis,
-        y_label=value_words(unit),
-        series=tuple(series),
-        log_x=spans(10.0, [c.x for c in measured]),
-        log_y=spans(10.0, [c.value for c in measured]),
-        dodge=True,
-    )
+    drawings = drawn(figure, cells)
+    names = dict.fromkeys(spelled(str(what)) for what in known)
+    shown = {panel.title for d in drawings for panel in d.panels[:MAX_PANELS]}
+    rest = [name for name in names if name not in shown]
+    return [
+        replace(d, panels=d.panels[:MAX_PANELS], left_out=[*d.left_out, *rest])
+        for d in drawings
+    ]
 
 
 def numbers(study: str, cells: Sequence[CellResult]) -> Table:
