@@ -260,19 +260,6 @@ def test_first_update_is_refused(turn, rows, words):
         first_update(wobble(rows), model(), turn)
 
 
-@pytest.mark.parametrize(
-    ("rows", "words"),
-    [((0.0, 3, 3, 3), "dt"), ((0.1, 2, 3, 3), r"shape \(2, 3\)"),
-     ((0.1, 3, 3, np.nan), "non-finite")],
-)  # fmt: skip
-def test_rows_are_refused(rows, words):
-    ours, _ = filter_of()
-    h, *counts = rows
-    given = [np.full((int(c), 3) if c == c else (3, 3), c / c) for c in counts]
-    with pytest.raises(InputError, match=words):
-        ours.update(h, *given)
-
-
 SIZES = {"attitude": 3.0, "whole": 6.0, "nis": 6.0}
 
 

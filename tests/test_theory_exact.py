@@ -74,15 +74,6 @@ def test_large_rho_keeps_its_digits():
     assert one_minus_b(np.array([np.inf]))[0] == 0.0
 
 
-def test_branches_meet():
-    below, above = np.nextafter(1e-2, 0), 1e-2
-    for function in (one_minus_a, one_minus_b):
-        gap = function(np.array([below])) - function(np.array([above]))
-        # the series leaves out rho^4 / 140 = 7e-11, the closed form cancels to eps /
-        # rho^2
-        assert abs(gap[0]) < 5e-10
-
-
 def moments_by_rule(g, noise, rule):
     tau1, tau2 = exact._isotropic_halves(noise)
     u, weights = (

@@ -166,11 +166,11 @@ class _Sensors:
     untold: tuple[Array, ...]  # bars of any other
     extended: Callable[[Any], Any]  # by the pose or turn that helps most
 
-    def predicted(self, design: Any) -> tuple[Array, ...]:
+    def predicted(self, design: Any, full: bool) -> tuple[Array, ...]:
         """Error bars of a design, and the standard deviations of the extended one."""
-        designs = design, self.extended(design)
-        now, then = (self.bars(d) if self.full(d) else self.untold for d in designs)
-        return *now, then[0]
+        now = self.bars(design) if full else self.untold
+        more = self.extended(design)
+        return *now, (self.bars(more) if self.full(more) else self.untold)[0]
 
 
 def plan(
@@ -224,7 +224,7 @@ def plan(
         bars=bars,
         untold=(open_, open_, np.full(PARAMETERS, np.nan)),
         extended=lambda u: np.vstack([u, seen.next_direction]),
-    ).predicted(u)
+    ).predicted(u, seen.rank == PARAMETERS)
     return Plan(
         names=forms.names(form), sd=sd, bound=bound, bias=bias, poses=len(u),
         rank=seen.rank, condition=seen.condition, next_direction=seen.next_direction,
@@ -310,7 +310,7 @@ def plan_gyroscope(
 
     sd, sd_next = _Sensors(
         full=full, bars=bars, untold=(np.full(21, np.inf),), extended=extended
-    ).predicted((u, axis, angle))
+    ).predicted((u, axis, angle), full((u, axis, angle)))
     return GyroscopePlan(
         names=GYROSCOPE, sd=sd[9:], accelerometer_sd=sd[:9], moves=len(angle),
         rank=seen.rank, condition=seen.condition, next_axis=more, next_angle=by,
@@ -370,15 +370,16 @@ def plan_magnetometer(
         sd = np.sqrt(np.diagonal(magnetometer.inverse_of(information)))
         return (np.append(sd[:-1], sd[-1] / np.cos(float(dip))),)
 
+    rank = magnetometer.rank_of(whole)
     sd, sd_next = _Sensors(
         full=lambda information: magnetometer.rank_of(information) == len(whole),
         bars=bars,
         untold=(np.full(len(whole), np.inf),),
         extended=lambda information: information + parts[best],
-    ).predicted(whole)
+    ).predicted(whole, rank == len(whole))
     return MagnetometerPlan(
         names=(*forms.names("triangular"), *magnetometer.NAMES), sd=sd,
-        poses=len(given), rank=magnetometer.rank_of(whole),
+        poses=len(given), rank=rank,
         next_attitude=candidates[best], sd_next=sd_next,
     )  # fmt: skip
 
