@@ -139,20 +139,6 @@ def test_fifty_recorded_attitudes_are_enough_and_49_are_not(tmp_path):
             read_truth(truth_file(tmp_path, given))
 
 
-def test_recorded_times_increase(tmp_path):
-    q = Rotation.random(60, rng=5).as_quat()[:, [3, 0, 1, 2]]
-    time = 0.01 * np.arange(60.0)
-    for row_, step, good in ((30, 1e-6, True), (30, 0.0, False), (59, -1e-6, False)):
-        given = time.copy()
-        given[row_] = given[row_ - 1] + step
-        path = truth_file(tmp_path, q, given)
-        if good:
-            assert read_truth(path).time[row_] > time[row_ - 1]
-        else:
-            with pytest.raises(InputError, match="times must increase"):
-                read_truth(path)
-
-
 # --- the ticks of a clock without a unit, by the rate that is stated
 
 

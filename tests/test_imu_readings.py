@@ -1,4 +1,4 @@
-"""An IMU's readings: every sensor by its own model, and the truth of what is added."""
+"""An IMU's readings: each sensor by its own model, each effect by its own law."""
 
 import json
 import tomllib
@@ -21,6 +21,7 @@ from simval.sensor import (
     load_imu,
     load_sensor,
     read_imu,
+    read_sensor,
 )
 from simval.streams import cell_key, stream
 
@@ -274,6 +275,15 @@ def test_one_file_describes_all_sensors(tmp_path):
         np.testing.assert_array_equal(effects.noise_std_raw, [0.01] * 3)
 
 
+def test_a_calibration_is_a_sensor_without_noise(tmp_path):
+    values = {name: getattr(ACCELEROMETER, name).tolist() for name in "TKB"}
+    path = tmp_path / "calibration.json"
+    path.write_text(json.dumps(values | {"format": "simval calibration 1", "sd": 1}))
+    model, effects = load_sensor(path)
+    np.testing.assert_array_equal(model.matrix, ACCELEROMETER.matrix)
+    assert effects.noise_std_raw is None
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -291,3 +301,83 @@ def test_a_bad_table_is_named(tmp_path, old, new, message):
     path.write_text(FILE.replace(old, new))
     with pytest.raises(InputError, match=message):
         load_imu(path)
+
+
+EFFECTS_KEY = cell_key("test realism")
+MODEL = AccelerometerModel(
+    T=[[1, 0, 0], [0.01, 1, 0], [-0.02, 0.03, 1]], K=[1.02, 0.97, 1.01], B=[0.3, 0, -1]
+)
+ROWS = 20_000
+CLOCK = 0.01 * np.arange(ROWS)
+FORCE = np.tile([3.0, -4.0, 8.0], (ROWS, 1))
+
+
+def read_force(effects, model=MODEL, force=FORCE, seed=1):
+    return read_sensor(model, effects, CLOCK, force, stream(seed, EFFECTS_KEY, 0))
+
+
+def test_the_models_noise_is_taken_where_the_effects_state_none():
+    noisy = AccelerometerModel(T=MODEL.T, K=MODEL.K, B=MODEL.B, noise_std=0.1)
+    stated = read_force(Effects(noise_std_raw=0.1))
+    np.testing.assert_array_equal(read_force(Effects(), model=noisy).raw, stated.raw)
+    assert not read_force(Effects(noise_std_raw=0.0), model=noisy).noise_raw.any()
+
+
+def test_the_bias_walk_has_independent_increments_of_the_stated_density():
+    density = np.array([0.01, 0.1, 0.03])
+    readings = read_force(Effects(bias_walk_raw_per_sqrt_s=density))
+    walk = readings.bias_walk_raw
+    assert not walk[0].any()
+    np.testing.assert_allclose(
+        # a difference of readings of up to 10: eps of that
+        readings.raw - read_force(Effects()).raw,
+        walk,
+        rtol=0,
+        atol=16 * EPS,
+    )
+    for stride in (1, 100):  # sums of increments are as independent as these are
+        steps = np.diff(walk[::stride], axis=0)
+        spread = np.sum(steps**2, axis=0) / (density**2 * 0.01 * stride)
+        low, high = stats.chi2.ppf([1e-4 / 12, 1 - 1e-4 / 12], len(steps))
+        assert np.all((low < spread) & (spread < high))
+
+
+def test_vibration_is_one_line_of_the_spectrum():
+    amplitude = np.array([0.5, 0.0, 0.1])
+    readings = read_force(Effects(vibration_m_s2=amplitude, vibration_hz=12.5))
+    # 12.5 Hz is a whole number of periods in 200 s: all its power is in one bin
+    spectrum = 2 * np.abs(np.fft.rfft(readings.vibration_m_s2, axis=0)) / ROWS
+    line = round(12.5 * 200)
+    np.testing.assert_allclose(spectrum[line], amplitude, rtol=0, atol=1e-12)
+    rest = np.delete(spectrum, line, axis=0)
+    # the sine's argument reaches 2 pi 12.5 200 = 16 000 rad and is rounded to eps of it
+    assert rest.max() < 16_000 * np.finfo(float).eps * amplitude.max()
+    np.testing.assert_allclose(
+        MODEL.correct(readings.raw), FORCE + readings.vibration_m_s2, rtol=0, atol=1e-13
+    )
+
+
+def test_a_recording_starts_at_any_phase_of_the_vibration():
+    effects = Effects(vibration_m_s2=2.0, vibration_hz=12.5)
+    starts = [
+        read_sensor(MODEL, effects, CLOCK[:1], FORCE[:1], stream(seed, EFFECTS_KEY, 0))
+        for seed in range(120)
+    ]
+    values = np.concatenate([start.vibration_m_s2[0] for start in starts])
+    # the sine of a uniform phase has the arcsine law on (-amplitude, amplitude)
+    law = stats.arcsine(loc=-2.0, scale=4.0)
+    assert stats.kstest(values, law.cdf).pvalue > 1e-4
+    assert stats.kstest(np.abs(values), law.cdf).pvalue < 1e-4  # power: half a turn
+
+
+def test_quantisation_rounds_to_the_nearest_step():
+    quantum = 0.25
+    ramp = np.linspace(-20, 20, ROWS)[:, None] * np.array([1.0, 0.7, -0.3])
+    exact = read_force(Effects(), force=ramp).raw
+    raw = read_force(Effects(quantum_raw=quantum), force=ramp).raw
+    np.testing.assert_array_equal(raw / quantum, np.round(raw / quantum))
+    error = raw - exact
+    # half a step, up to eps of the reading itself, 40 steps
+    assert np.abs(error).max() <= quantum / 2 * (1 + 100 * EPS)
+    # a slow ramp visits every place in a step alike: variance q^2 / 12 to 2 in N
+    np.testing.assert_allclose(error.var(axis=0), quantum**2 / 12, rtol=2e-2)

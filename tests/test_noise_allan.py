@@ -1,4 +1,4 @@
-"""The overlapping Allan variance against a peer, a plain loop and invariances."""
+"""The overlapping Allan variance, and its covariance (V4), by independent routes."""
 
 import time
 
@@ -6,8 +6,16 @@ import allantools
 import numpy as np
 import pytest
 from rounding import EPS
+from scipy import stats
 
-from simval.noise import allan_variance, averaging_counts
+from simval.noise import (
+    allan_covariance,
+    allan_law,
+    allan_variance,
+    averaging_counts,
+    covariance_forms,
+)
+from simval.sensor import NoiseModel
 from simval.streams import cell_key, stream
 
 KEY = cell_key("test noise allan")
@@ -77,3 +85,130 @@ def test_counts_are_even_on_a_log_scale():
     assert np.all(np.diff(counts) > 0)
     octaves = counts[np.searchsorted(counts, 64) :: 3]
     np.testing.assert_array_equal(octaves, 64 * 2 ** np.arange(len(octaves)))
+
+
+COVARIANCE_KEY = cell_key("test noise covariance")
+COUNTS = (1, 2, 7, 20, 50, 119)
+ROWS = 240
+SETS = {
+    "white": (1.0, 0.0, 0.0, 0.0),
+    "flicker": (0.0, 1.0, 0.0, 0.0),
+    "walk": (0.0, 0.0, 1.0, 0.0),
+    "rounding": (0.0, 0.0, 0.0, 1.0),
+    "all": (3.0, 0.5, 0.02, 1.0),
+}
+
+
+def generalised(t, squares):
+    """R(t), eq. (V1), as it stands there."""
+    t = np.abs(t)
+    logs = t * t * np.log(np.where(t > 0.0, t, 1.0)) / (2.0 * np.pi)
+    n, b, k, q = squares
+    return -n * t / 2.0 + b * logs + k * t**3 / 12.0 + q * (t == 0.0)
+
+
+def brute_force(counts, rows, squares):
+    """Sum over all pairs of second differences, from the matrix of R: (V4)."""
+    points = np.arange(rows + 1)
+    matrix = generalised(np.subtract.outer(points, points).astype(float), squares)
+    differences = []
+    for m in counts:
+        rows_of = np.zeros((rows - 2 * m + 1, rows + 1))
+        places = np.arange(len(rows_of))
+        for shift, weight in ((0, 1.0), (m, -2.0), (2 * m, 1.0)):
+            rows_of[places, places + shift] = weight
+        differences.append(rows_of / (np.sqrt(2.0 * len(rows_of)) * m))
+    return np.array(
+        [
+            [2.0 * np.sum((a @ matrix @ b.T) ** 2) for b in differences]
+            for a in differences
+        ]
+    )
+
+
+@pytest.fixture(scope="module")
+def forms():
+    return covariance_forms(COUNTS, ROWS)
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_quadratic_forms(forms, name):
+    squares = np.array(SETS[name])
+    expected = brute_force(COUNTS, ROWS, squares)
+    found = allan_covariance(forms, squares)
+    size = np.sqrt(np.outer(np.diagonal(expected), np.diagonal(expected)))
+    # an integral for a sum beyond the edges of the kinks: (f'(b) - f'(a))/12 of a sum
+    # over 36 or more, 1/(12 36) of the 30 % or less that c changes there
+    limit = 0.3 / (12 * 36)
+    assert np.max(np.abs(found - expected) / size) < limit
+    # power: pairs, weights or a kink lost would be seen
+    other = brute_force(COUNTS, ROWS - 1, squares)
+    assert np.max(np.abs(other - expected) / size) > limit
+
+
+def test_exact_where_each_lag_is_taken():
+    counts, rows = (1, 2, 3), 30
+    found = covariance_forms(counts, rows)
+    for squares in SETS.values():
+        expected = brute_force(counts, rows, np.array(squares))
+        # R is up to 30^3 where its fourth difference is 1
+        np.testing.assert_allclose(
+            allan_covariance(found, np.array(squares)), expected, rtol=30**3 * 64 * EPS
+        )
+
+
+def test_law_is_the_middle_of_the_covariance():
+    counts = np.array([1.0, 5.0, 400.0])
+    law = allan_law(counts)
+    for kind in range(4):
+        squares = np.eye(4)[kind]
+        for m, value in zip(counts, law[:, kind], strict=True):
+            lags = np.subtract.outer([-m, 0.0, m], [-m, 0.0, m])
+            weights = np.array([1.0, -2.0, 1.0])
+            middle = weights @ generalised(lags, squares) @ weights
+            # squares of 800 times their logarithm, 7
+            limit = 800.0**3 * EPS
+            assert abs(middle / (2.0 * m * m) - value) <= limit / m**2
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("name", ["white", "all"])
+def test_against_simulated_noise(name):
+    n, b, k, _ = SETS[name]
+    rows, draws = 1000, 200
+    counts = np.array([1, 4, 16, 50, 100])
+    model = NoiseModel(
+        white_raw_per_sqrt_hz=np.sqrt(n),
+        flicker_raw=np.sqrt(b),
+        walk_raw_per_sqrt_s=np.sqrt(k),
+    )
+    rng = stream(1, COVARIANCE_KEY, 0)
+    found = np.concatenate(
+        [allan_variance(model.draw(rows, 1.0, rng), counts).T for _ in range(draws)]
+    )
+    squares = np.array([n, b, k, 0.0])
+    predicted = allan_covariance(covariance_forms(counts, rows), squares)
+    # lengths from 4 on: at one row the laws of flicker and walk are those of averages
+    part = slice(0 if name == "white" else 1, None)
+    centred = (found - found.mean(axis=0))[:, part]
+    products = centred[:, :, None] * centred[:, None, :]
+    se = products.std(axis=0) / np.sqrt(len(found))
+    z = (products.mean(axis=0) - predicted[part, part]) / se
+    # 15 or 10 covariances, one false alarm in 1e3 seeds; skew of squares of squares
+    # at 600 draws leaves the tails of t within a factor of three of that
+    limit = stats.t.isf(1e-3 / (2 * 15), len(found) - 1)
+    assert np.abs(z).max() < limit
+    # power: variances half as large again, those of every other difference, are seen
+    z = (products.mean(axis=0) - 1.5 * predicted[part, part]) / se
+    assert np.abs(z).max() > limit
+
+
+def test_long_lags_keep_their_digits():
+    counts = averaging_counts(10_000_000)
+    for name in ("flicker", "all"):
+        matrix = allan_covariance(
+            covariance_forms(counts[::8], 10_000_000), np.array(SETS[name])
+        )
+        size = np.sqrt(np.diagonal(matrix))
+        assert np.all(np.isfinite(matrix))
+        assert np.linalg.eigvalsh(matrix / np.outer(size, size)).min() > 0.0

@@ -221,19 +221,6 @@ def test_the_numbers_of_a_log(simval, logs, each):
 
 
 @pytest.mark.ci
-def test_what_is_left_out_is_said(simval, tmp_path):
-    compass = damaged("geometric", stream(1, KEY, 9))[:1200]
-    path = log_with(tmp_path / "log.csv", compass)
-    code, out, err = simval("noise", path)
-    assert code == 0, err
-    assert "left out          the magnetometer" in out
-    assert "at no regular step" in out
-    found = json.loads(simval("noise", path, "--json")[1])
-    assert "magnetometer" not in found["sensors"]
-    assert "no regular step" in found["left_out"]["magnetometer"]
-
-
-@pytest.mark.ci
 @pytest.mark.parametrize(
     ("unit", "scale"),
     [("gauss", 1e-4), ("nT", 1e-9), ("1.5e-7", 1.5e-7), ("mgauss", 1e-7)],

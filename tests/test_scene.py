@@ -1,17 +1,26 @@
-"""Trajectories: what they claim, and that a sensor's truth is exact at rest."""
+"""Trajectories: what they claim, their clock, and two negative controls."""
+
+import json
 
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 from rounding import EPS
 from scipy.spatial.transform import Rotation
 
-from simval.errors import InputError, SimulationError
+from simval.calibrate import calibrate
+from simval.calibrate.solver import METHODS
+from simval.cli import run
+from simval.errors import GeometryError, InputError, RefusedError, SimulationError
 from simval.geometry import attitude_matrix
-from simval.poses import cube_corners, cube_faces, fibonacci_sphere
+from simval.poses import cube_corners, cube_faces, fibonacci_sphere, observability
 from simval.scene import scenes, simulate
 from simval.scene.drivers import gimbal_angles, minimum_jerk
 from simval.scene.physics import load_model, model_path
+from simval.scene.run import CLOCK_TOLERANCE, check_run, is_regular
+from simval.sensor import AccelerometerModel
 
 G = 9.80665
 QUICK = {"move_time": 0.5, "hold_time": 0.1, "first_hold": 0.1}
@@ -240,3 +249,153 @@ def test_the_shakers_die_stays_in_its_box(seed):
     """With 400 poses, half an hour of it; each of eight seeds had left it by then."""
     trajectory = simulate("shaker", poses=400, seed=seed)
     assert len(trajectory.unsettled) <= 12
+
+
+OFF = 1e-9  # relative, of a step that is wrong
+ROWS = 10_000
+
+
+def added(timestep, rows):
+    """Time of each row, by one addition after the other."""
+    steps = np.full(rows, timestep)
+    steps[0] = 0.0
+    return np.add.accumulate(steps)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "timestep"),
+    [
+        (600.0, 1e-3),
+        pytest.param(600.0, 2e-4, marks=pytest.mark.ci),
+        pytest.param(86_400.0, 0.03, marks=pytest.mark.ci),
+    ],
+)
+def test_a_long_run_has_a_regular_clock(seconds, timestep):
+    rows = round(seconds / timestep)
+    clock = added(timestep, rows)
+    assert is_regular(clock, timestep).all()
+    # power: the constant limit of a millionth of a step would refuse it
+    assert abs(clock[-1] - timestep * (rows - 1)) > CLOCK_TOLERANCE * timestep
+    wrong = added(timestep * (1.0 + OFF), rows)
+    assert not is_regular(wrong, timestep)[rows // 10 :].any()
+    clock[rows // 2 :] -= timestep
+    clock[rows // 3] = np.nan
+    refused = np.flatnonzero(~is_regular(clock, timestep))
+    assert refused[:2].tolist() == [rows // 3, rows // 2]
+    assert len(refused) == 1 + rows - rows // 2
+
+
+@given(
+    timestep=st.floats(1e-6, 1.0),
+    rows=st.integers(4000, ROWS),
+    lost=st.floats(0.0, 1.0),
+    late=st.booleans(),
+)
+@example(timestep=1e-3, rows=ROWS, lost=0.5, late=True)
+@example(timestep=2.0**-10, rows=ROWS, lost=1.0, late=False)  # every sum is exact
+def test_any_step_added_up_is_regular_and_another_is_not(timestep, rows, lost, late):
+    clock = added(timestep, rows)
+    assert is_regular(clock, timestep).all()
+    # beyond a millionth of a step from the thousandth row on, and its sum may drift
+    # the other way by k spacing(end)/2, at most 10 000^2 eps = 2e-8 of a step
+    off = added(timestep * (1.0 + (OFF if late else -OFF)), rows)
+    assert not is_regular(off, timestep)[2000:].any()
+    row = 1 + round(lost * (rows - 2))
+    clock[row:] += -timestep if late else timestep
+    assert np.flatnonzero(~is_regular(clock, timestep)).tolist() == list(
+        range(row, rows)
+    )
+
+
+def test_the_limit_is_that_of_the_sums():
+    """Some step drifts by nearly half of what is allowed, so a third would refuse it.
+
+    At most the last half of the rows lies in the last binade. If each addition there
+    is off by half a unit, those in the one before are hardly off at all.
+    """
+    used = []
+    for timestep in np.random.default_rng(4).uniform(1e-4, 1e-3, 600):
+        clock = added(timestep, ROWS)
+        expected = timestep * np.arange(ROWS)
+        allowed = ROWS * np.spacing(expected[-1]) / 2.0
+        used.append(abs(clock[-1] - expected[-1]) / allowed)
+    assert 0.4 < max(used) < 0.5
+
+
+def test_a_run_with_a_step_too_few_is_refused_by_name():
+    rows = np.zeros((4000, 14))
+    rows[:, 13] = added(1e-3, 4000)
+    none = np.zeros((8, 2), dtype=np.int64)
+    check_run("made", rows, none, [], 1e-3, 1e3, 1e2)
+    rows[2500:, 13] -= 1e-3
+    with pytest.raises(SimulationError, match=r"clock .* regular, first at row 2500"):
+        check_run("made", rows, none, [], 1e-3, 1e3, 1e2)
+
+
+SENSOR = AccelerometerModel.from_parameters(
+    np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1]), noise_std=0.01
+)
+RESIDUALS = ("squared", "norm", "weighted", "sampson")
+
+
+@pytest.fixture(scope="module")
+def cube():
+    return simulate("cube", poses=30)
+
+
+@pytest.fixture(scope="module", params=["centre", "offset"])
+def falling(request):
+    place = [0.0, 0.0, 0.0] if request.param == "centre" else None
+    return simulate("freefall", site_offset=place)
+
+
+@pytest.mark.ci
+def test_the_cube_shows_six_directions_of_rank_six(cube):
+    means = cube.hold_means() / cube.g
+    assert observability(means).rank == 6
+    faces = means[np.arange(len(means)), np.abs(means).argmax(axis=1)]
+    # it lies flat: corner balls sink in equally, 1e-5 m of 6e-2 m
+    assert np.abs(np.abs(faces) - 1.0).max() < 1e-6
+    assert len(np.unique(np.round(means), axis=0)) == 6
+
+
+@pytest.mark.parametrize("noise_std", [0.0, 0.01])
+def test_the_cube_is_refused(cube, noise_std):
+    sensor = AccelerometerModel(T=SENSOR.T, K=SENSOR.K, B=SENSOR.B, noise_std=noise_std)
+    raw = sensor.distort(cube.specific_force, np.random.default_rng(1))
+    with pytest.raises(GeometryError, match="faces of a cube"):
+        calibrate(cube.hold_means(raw), g=cube.g)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("residual", RESIDUALS)
+def test_free_fall_never_passes_for_a_calibration(falling, method, residual):
+    raw = SENSOR.distort(falling.specific_force, np.random.default_rng(2))
+    readings = raw[::250]
+    with pytest.raises(RefusedError):
+        calibrate(
+            readings, g=falling.g, method=method, residual=residual
+        ).require_converged()
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("name", "setting", "message"),
+    [
+        ("cube", "poses=12", "add poses between them"),
+        ("freefall", "seconds=10", "static interval"),
+    ],
+)
+def test_their_logs_are_refused_by_the_command(
+    tmp_path, capsys, name, setting, message
+):
+    sensor = tmp_path / "sensor.json"
+    values = {"T": SENSOR.T, "K": SENSOR.K, "B": SENSOR.B}
+    plain = {key: value.tolist() for key, value in values.items()}
+    sensor.write_text(json.dumps(plain | {"noise_std_raw": 0.01}))
+    log = tmp_path / "log.csv"
+    words = ["--sensor", str(sensor), "--out", str(log), "--set", setting]
+    assert run(["scene", name, *words]) == 0
+    capsys.readouterr()
+    assert run(["calibrate", str(log)]) == 3
+    assert message in capsys.readouterr().err

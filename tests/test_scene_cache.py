@@ -193,15 +193,3 @@ def test_one_bad_run_among_many_is_named():
         simulate_many("gimbal", [{"poses": 2, "settle_time": 0.0}])
     with pytest.raises(SimulationError, match=r"run 0: rests \[.*\] had not come"):
         simulate_many("die", [{"poses": 12, "settle_time": 0.7, "hold_time": 0.3}])
-
-
-@pytest.mark.slow
-def test_a_thousand_tumbles_fit_into_fifty_megabytes():
-    rng = np.random.default_rng(6)
-    sets = [{"poses": random_directions(40, rng)} for _ in range(1000)]
-    many = simulate_many("gimbal", sets, timestep=0.004, threads=2)
-    size = sum(getattr(many, name).nbytes for name in COLUMNS)
-    assert size <= 50 * 2**20
-    length = np.linalg.norm(many.specific_force, axis=-1)
-    # the scene's own limit of rest
-    assert np.abs(length - 9.80665).max() <= 1e-12
