@@ -127,7 +127,6 @@ def command(
     matrix and bias, for the shortest moves between the poses in their order, and the
     next turn that would help most.
     """
-    from simval.calibrate.files import load_calibration
     from simval.theory.plans import plan, plan_gyroscope
 
     refuse_if(
@@ -144,7 +143,11 @@ def command(
         "`--directions` replaces `--poses`; give one",
     )
     chosen = named_poses(poses) if directions is None else read_directions(directions)
-    known = None if sensor is None else load_calibration(sensor).sensor()
+    known = None
+    if sensor is not None:
+        from simval.calibrate.files import load_calibration  # twice what planning needs
+
+        known = load_calibration(sensor).sensor()
     refuse_if(
         noise_file is not None and any(noise[x] is not None for x in OTHERS),
         "`--noise` is a measured noise model; leave out the other noises",
