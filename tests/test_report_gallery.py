@@ -11,7 +11,8 @@ import pytest
 
 from simval.figures import Distribution, Figure, Listing
 from simval.report import drawings, render, tables
-from simval.report.gallery import STYLES, elsewhere, shown_of
+from simval.report.declared import elsewhere, shown_of
+from simval.report.gallery import STYLES
 from simval.report.page import context_of, sections
 from simval.report.words import FORMULAS
 from simval.statistics import EXACT, FIRST_ORDER, SECOND_ORDER
@@ -218,7 +219,7 @@ DECLARED = [name for name, study in STUDIES.items() if study.shown and name != "
 def test_every_statistic_is_shown_or_named(smoke, others, study, monkeypatch):
     """Other numbers in one statistic: a figure or table changes, or it is named."""
     # a slope is of what is drawn, and fitting them takes most of the time
-    monkeypatch.setattr("simval.report.gallery.fitted_slope", lambda *curve: None)
+    monkeypatch.setattr("simval.report.listings.fitted_slope", lambda *curve: None)
     context = context_of(smoke if smoke.of(study) else others)
     anchors = {s.section or STUDIES[study].section for s in STUDIES[study].shown}
     named = elsewhere(context, STUDIES[study].section)

@@ -4,7 +4,7 @@ The bars of a figure hold for all of its points together (95 %); the sentence ab
 is about all rows of its families, drawn or not.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -16,11 +16,9 @@ from simval.figures import (
     VARYING,
     Distribution,
     Figure,
-    Listing,
     Picture,
     belongs,
     entries,
-    words,
 )
 from simval.report import palette
 from simval.report.artifacts import arrays, is_left, shaped
@@ -39,7 +37,7 @@ from simval.report.curves import (
     varying,
 )
 from simval.report.distribution import share_at_most
-from simval.report.findings import Claim, behind, claiming, limited, slopes_said
+from simval.report.findings import Claim, behind, claiming, limited
 from simval.report.palette import BOUND, GREY
 from simval.report.panels import (
     COLOURS,
@@ -52,22 +50,17 @@ from simval.report.panels import (
 )
 from simval.report.parameters import axis_words, setting_words
 from simval.report.ratio import ratio_bars, ratio_panel
-from simval.report.section import Context, Section, made
-from simval.report.slope import fitted_slope, order
-from simval.report.table import Column, Kind, Table
+from simval.report.section import Context
 from simval.report.words import FORMULAS, slug, spelled
 from simval.results import Row
 from simval.statistics import (
     EXACT,
-    FAMILIES,
     ORDER_2,
     ORDER_2_PRINTED,
     ORDER_4,
     ORDER_4_SOURCE,
-    Family,
     Statistic,
 )
-from simval.studies import STUDIES
 from simval.sweep.run import CellResult
 from simval.units import RELATIVE, Unit, of_row
 
@@ -111,78 +104,10 @@ class Point(NamedTuple):
     row: Row
 
 
-def section_of(context: Context, anchor: str, title: str) -> Section | None:
-    """All that studies declare for a section; None without anything."""
-    drawings, tables = shown_of(context, anchor)
-    if not drawings and not tables:
-        return None
-    own = [s for n, s in STUDIES.items() if s.section == anchor and context.cells(n)]
-    about = " ".join(filter(None, (study.about for study in own)))
-    return made(anchor, title, drawings, tables, about=about)
-
-
-def shown_of(
-    context: Context, anchor: str, studies: Iterable[str] = STUDIES
-) -> tuple[list[Drawing], list[Table]]:
-    """All figures and tables that studies declare for a section."""
-    drawings: list[Drawing] = []
-    tables: list[Table] = []
-    slopes: list[tuple[Any, ...]] = []
-    for name, study in ((name, STUDIES[name]) for name in studies):
-        cells = context.cells(name)
-        for shown in study.shown if cells else ():
-            if (shown.section or study.section or "other") != anchor:
-                continue
-            if isinstance(shown, Listing):
-                tables += listed(shown, cells)
-            elif isinstance(shown, Distribution):
-                drawings += distributed(shown, context, cells)
-            else:
-                drawings += drawn(shown, cells)
-                for each in (shown, *shown.beside):
-                    slopes += slopes_of(each, cells)
-    return drawings, [*slope_tables(anchor, slopes), *tables]
-
-
-def elsewhere(
-    context: Context, anchor: str, more: Sequence[Family | Statistic] = ()
-) -> tuple[str, ...]:
-    """Statistics of a section's studies that nothing of theirs, nor `more`, shows."""
-    names: dict[str, None] = {}
-    for name, study in STUDIES.items():
-        if study.section != anchor:
-            continue
-        wanted = [*more, *(each for shown in study.shown for each in _wanted(shown))]
-        partly = {each.family for each in wanted if isinstance(each, Statistic)}
-        for row in (row for cell in context.cells(name) for row in cell.rows):
-            if not belongs(row, wanted):
-                # where a part of a family is shown, the others by their full names
-                what = row.statistic
-                whole = what if what.family in partly else replace(what, entries=())
-                names[str(whole)] = None
-    return tuple(names)
-
-
-def _wanted(shown: Figure | Distribution | Listing) -> list[Family | Statistic]:
-    """Families and statistics that something shows."""
-    if isinstance(shown, Distribution):
-        return [*shown.about]
-    if isinstance(shown, Listing):
-        return [*shown.rows]
-    every = (shown, *shown.beside)
-    axes = [FAMILIES[name] for each in every if (name := str(each.along)) in FAMILIES]
-    floors = [each.floor for each in every if each.floor is not None]
-    rows = (row for each in every for row in each.rows)
-    return [*rows, *shown.claimed, *shown.about, *axes, *floors]
-
-
-# ---- figures of rows
-
-
 def drawn(figure: Figure, cells: Cells) -> list[Drawing]:
     """Draw a figure of the cells of its study: one, or one for each group of cells."""
-    figure, cells = _settled(figure, cells)
-    groups, left_out = first(_groups(figure, cells))
+    figure, cells = settled(figure, cells)
+    groups, left_out = first(groups_of(figure, cells))
     if figure.single and groups:
         label = max(reversed(groups), key=lambda key: _places(figure, groups[key]))
         groups, left_out = {label: groups[label]}, ()
@@ -192,7 +117,7 @@ def drawn(figure: Figure, cells: Cells) -> list[Drawing]:
         alone = {"": own} if apart else groups
         parts = [*_panels(figure, alone)]
         for each in figure.beside:
-            parts += _panels(each, first(_groups(*_settled(each, own)))[0])
+            parts += _panels(each, first(groups_of(*settled(each, own)))[0])
         panels = _in_order([part for part in parts if part])
         if not panels:
             continue
@@ -220,8 +145,8 @@ def panels_of(figure: Figure, groups: Mapping[str, Cells]) -> Panels:
     values: list[AnyPanel] = []
     ratios: list[AnyPanel] = []
     for title, cells in groups.items():
-        own, cells = _settled(figure, cells)
-        for part in batches([*_groups(own, cells).items()], MAX_GROUPS):
+        own, cells = settled(figure, cells)
+        for part in batches([*groups_of(own, cells).items()], MAX_GROUPS):
             titled = replace(own, panels=partial(_constant, title))
             more = _panels(titled, dict(part))
             values, ratios = [*values, *more[0]], [*ratios, *more[1]]
@@ -275,7 +200,7 @@ def _claims(figure: Figure, cells: Cells) -> list[Claim]:
     return [claim for claim in claims if claim.found.points]
 
 
-def _settled(figure: Figure, cells: Cells) -> tuple[Figure, Cells]:
+def settled(figure: Figure, cells: Cells) -> tuple[Figure, Cells]:
     """The figure with its axis, and the cells that it is about."""
     own = [c for c in cells if figure.where(c.parameters) and rows_of(figure, c)]
     if figure.along == VARYING:
@@ -291,7 +216,7 @@ def _settled(figure: Figure, cells: Cells) -> tuple[Figure, Cells]:
     return figure, own
 
 
-def _groups(figure: Figure, cells: Cells) -> dict[str, tuple[CellResult, ...]]:
+def groups_of(figure: Figure, cells: Cells) -> dict[str, tuple[CellResult, ...]]:
     """Cells that differ only in what makes a line and its places."""
     named = (figure.along, figure.lines, figure.least, *figure.over)
     groups = grouped(cells, *(each for each in named if isinstance(each, str)))
@@ -301,7 +226,7 @@ def _groups(figure: Figure, cells: Cells) -> dict[str, tuple[CellResult, ...]]:
 
 def _places(figure: Figure, cells: Cells) -> int:
     """Places on the axis."""
-    return len({_place(figure, rows_of(figure, cell)[0], cell) for cell in cells})
+    return len({place_of(figure, rows_of(figure, cell)[0], cell) for cell in cells})
 
 
 def rows_of(figure: Figure, cell: CellResult) -> list[Row]:
@@ -313,14 +238,15 @@ def rows_of(figure: Figure, cell: CellResult) -> list[Row]:
     ]
 
 
-def _line(figure: Figure, row: Row, cell: CellResult) -> str:
+def line_of(figure: Figure, row: Row, cell: CellResult) -> str:
     """What tells a line or a bar from the others of its group of cells."""
     if isinstance(figure.lines, str):
         return str(cell.parameters[figure.lines])
     return "" if figure.lines is None else figure.lines(row)
 
 
-def _place(figure: Figure, row: Row, cell: CellResult) -> float | None:
+def place_of(figure: Figure, row: Row, cell: CellResult) -> float | None:
+    """Place of a row on the axis."""
     if figure.along == "":
         return 0.0
     if callable(figure.along):
@@ -334,7 +260,8 @@ def _unit(picture: Picture, row: Row) -> Unit:
     return picture.unit or of_row(row.unit)
 
 
-def _value(name: str, unit: Unit) -> str:
+def with_unit(name: str, unit: Unit) -> str:
+    """Label of values."""
     return name if unit == RELATIVE else f"{name}, {unit.name}"
 
 
@@ -349,7 +276,7 @@ def _panels(figure: Figure, groups: Mapping[str, Cells]) -> Panels:
     points = [
         Point(
             panel=label if figure.panels is None else figure.panels(row),
-            line=", ".join(filter(None, (_line(figure, row, cell), own_label))),
+            line=", ".join(filter(None, (line_of(figure, row, cell), own_label))),
             x=place,
             cell=cell,
             row=row,
@@ -358,7 +285,7 @@ def _panels(figure: Figure, groups: Mapping[str, Cells]) -> Panels:
         for own_label in ["" if figure.panels is None else label]
         for cell in cells
         for row in rows_of(figure, cell)
-        if (place := _place(figure, row, cell)) is not None
+        if (place := place_of(figure, row, cell)) is not None
     ]
     return _lines(figure, points)
 
@@ -371,12 +298,12 @@ def _bars(figure: Figure, groups: Mapping[str, Cells]) -> Panels:
         found = [(cell, row) for cell in cells for row in rows_of(figure, cell)]
         seeds = len({cell.seed for cell in cells}) > 1
         names = [
-            f"{_line(figure, row, cell)}{f', seed {cell.seed}' if seeds else ''}"
+            f"{line_of(figure, row, cell)}{f', seed {cell.seed}' if seeds else ''}"
             for cell, row in found
         ]
         row = found[0][1]
         unit = _unit(figure, row)
-        value = _value(figure.value or row.statistic.family.words, unit)
+        value = with_unit(figure.value or row.statistic.family.words, unit)
         title = label or spelled(cells[0].study)
         panels.append(bars(found, names, title, value, unit))
         places = [Point("", label, float(i), *each) for i, each in enumerate(found)]
@@ -404,7 +331,7 @@ def _curve(label: str, points: Sequence[Point]) -> Curve:
     )
 
 
-def _curves(figure: Figure, points: Sequence[Point]) -> dict[str, list[Curve]]:
+def curves_of(figure: Figure, points: Sequence[Point]) -> dict[str, list[Curve]]:
     """Curves of each panel, in the units of a person."""
     found: dict[str, dict[tuple[str, str], list[Point]]] = {}
     for point in points:
@@ -421,7 +348,7 @@ def _curves(figure: Figure, points: Sequence[Point]) -> dict[str, list[Curve]]:
 
 def _lines(figure: Figure, points: Sequence[Point]) -> Panels:
     """Points with predictions over the axis, and below them the ratio of both."""
-    every = _curves(figure, points)
+    every = curves_of(figure, points)
     names = list(dict.fromkeys(point.line for point in points))
     z = bar_width(c for curves in every.values() for c in curves)
     values: list[AnyPanel] = []
@@ -449,7 +376,7 @@ def _lines(figure: Figure, points: Sequence[Point]) -> Panels:
             Panel(
                 title=title,
                 x_label=axis,
-                y_label=value if len(units) > 1 else _value(value, *units),
+                y_label=value if len(units) > 1 else with_unit(value, *units),
                 series=series,
                 log_x=log_x,
                 log_y=log_y,
@@ -542,7 +469,7 @@ def _floor(figure: Figure, points: Sequence[Point]) -> list[Series]:
         ends = [f(p.x for p in points) for f in (min, max)]
         line = [(x, row.value) for row in own for x in ends]
     else:
-        line = [(_place(figure, row, cell) or 0.0, row.value) for row in own]
+        line = [(place_of(figure, row, cell) or 0.0, row.value) for row in own]
     if not line:
         return []
     x, y = np.array(sorted(line)).T
@@ -611,7 +538,7 @@ def _gains(figure: Figure, own: Sequence[tuple[CellResult, Row]]) -> dict[str, s
     lines: dict[tuple[Any, ...], list[tuple[float, float]]] = {}
     for cell, row in own:
         rest = {k: v for k, v in cell.parameters.items() if k != figure.along}
-        place = _place(figure, row, cell)
+        place = place_of(figure, row, cell)
         if place is not None and row.prediction:
             key = row.statistic, str(rest), cell.seed
             lines.setdefault(key, []).append((place, row.prediction))
@@ -629,65 +556,6 @@ def _where(cell: CellResult, cells: Cells, without: object = None) -> str:
     """What sets a cell apart from the others of its study."""
     keys = [key for key in varying(cells) if key not in (*EFFORT, without)]
     return ", ".join(setting_words(cell.study, k, cell.parameters.get(k)) for k in keys)
-
-
-# ---- slopes
-
-
-def slopes_of(figure: Figure, cells: Cells) -> list[tuple[Any, ...]]:
-    """Each line of a figure: what it is, of which cells, its curve, leading order."""
-    rows: list[tuple[Any, ...]] = []
-    figure, cells = _settled(figure, cells)
-    for label, own in _groups(figure, cells).items() if figure.slope else ():
-        points = [
-            Point(words(row), _line(figure, row, cell), place, cell, row)
-            for cell in own
-            for row in rows_of(figure, cell)
-            if (place := _place(figure, row, cell)) is not None
-        ]
-        for what, curves in _curves(figure, points).items():
-            for c in curves:
-                leading = figure.slope
-                if isinstance(leading, Mapping):
-                    leading = leading.get(c.label)
-                where = ", ".join(filter(None, (c.label, label)))
-                rows.append((what, where, c, leading))
-    return rows
-
-
-def slope_tables(anchor: str, lines: Sequence[tuple[Any, ...]]) -> list[Table]:
-    """A table of fitted slopes, theory's own and the leading orders, if there are any.
-
-    A line without chance has the slope between its two smallest places.
-    """
-    rows, found = [], []
-    for what, where, c, leading in lines:
-        slope, own = "needs two places on the axis", None
-        if len(np.unique(c.x)) > 1 and not c.error.any():
-            exact = order(c.x, c.value)
-            slope = "" if exact is None else f"{exact:.3f}"
-        elif len(np.unique(c.x)) > 1:
-            fitted = fitted_slope(c.x, c.value, c.error)
-            own = fitted_slope(c.x, c.prediction, c.error)
-            slope = str(fitted or "not distinguishable from zero in these trials")
-            found.append((fitted, own))
-        rows.append((what, where, slope, own and round(own.value, 4), leading))
-    said, well = slopes_said(found)
-    table = Table(
-        name=f"{anchor}-slopes",
-        fold=(said if found else "Slopes along the axis") if well else "",
-        caption=f"Slopes along the axis, with 95 % intervals: {spelled(anchor)}",
-        columns=(
-            Column("statistic"),
-            Column("of"),
-            Column("fitted"),
-            Column("of theory's own line", "number"),
-            Column("leading order", "number"),
-        ),
-        rows=rows,
-        shown=MAX_ROWS,
-    )
-    return [table] if any(len(np.unique(c.x)) > 1 for _, _, c, _ in lines) else []
 
 
 # ---- distributions
@@ -756,71 +624,3 @@ def _distributions(picture: Distribution, file: Any, cell: CellResult) -> list[P
             )
         )
     return panels
-
-
-# ---- tables
-
-
-def listed(listing: Listing, cells: Cells) -> list[Table]:
-    """A table of rows: a line for each cell and key; none without rows."""
-    cells = [c for c in cells if listing.where(c.parameters)]
-    varied = [key for key in varying(cells) if key not in EFFORT]
-    parameters = [*dict.fromkeys((*listing.parameters, *varied))]
-    parameters += ["seed"] if len({cell.seed for cell in cells}) > 1 else []
-    lines: dict[tuple[Any, ...], dict[str, Row]] = {}
-    for cell in cells:
-        values = {**cell.parameters, "seed": cell.seed}
-        for row in (row for row in cell.rows if belongs(row, listing.rows)):
-            keys = (key(row) for key in listing.keys.values())
-            name = (*(values.get(k) for k in parameters), *keys)
-            lines.setdefault(name, {}).setdefault(listing.column(row), row)
-    if not lines:
-        return []
-    columns: list[Column] = []
-    for i, key in enumerate(parameters):
-        numeric = all(isinstance(name[i], int | float) for name in lines)
-        title = axis_words(cells[0].study, key)
-        columns.append(Column(title, "number" if numeric else "text", 19))
-    columns += map(Column, listing.keys)
-    fields: list[tuple[str, Callable[[Row], Any]]] = []
-    for title in dict.fromkeys(title for line in lines.values() for title in line):
-        own = [line[title] for line in lines.values() if title in line]
-        sampled = any(row.standard_error > 0.0 for row in own)
-        unit = listing.unit(own[0]) or of_row(own[0].unit)
-        kind: Kind = "measured" if sampled else "number"
-        told = _value(title, unit)
-        columns.append(Column(title, kind, shown=told, factor=unit.factor))
-        fields.append((title, _measured if sampled else _plain))
-        if listing.predicted and any(row.prediction is not None for row in own):
-            columns.append(Column("predicted", "number", factor=unit.factor))
-            fields.append((title, _predicted))
-    fold = "" if listing.open else listing.caption
-    if listing.claim:
-        claim = Claim(subject=listing.claim, cells=cells, what=listing.rows)
-        fold = "" if claim.found.off else claim.said
-    rows = [
-        (*keys, *(get(line[title]) if title in line else None for title, get in fields))
-        for keys, line in lines.items()
-    ]
-    return [
-        Table(
-            name=listing.name,
-            fold=fold,
-            caption=listing.caption,
-            columns=columns,
-            rows=rows,
-            shown=MAX_ROWS,
-        )
-    ]
-
-
-def _measured(row: Row) -> tuple[float, float]:
-    return row.value, row.standard_error
-
-
-def _plain(row: Row) -> float:
-    return row.value
-
-
-def _predicted(row: Row) -> float | None:
-    return row.prediction

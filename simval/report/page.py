@@ -11,8 +11,8 @@ from simval.judge import compare_runs, judge_run
 from simval.report.answers import linked
 from simval.report.answers_before import comparable
 from simval.report.chapters import GROUPS, groups
+from simval.report.declared import elsewhere, section_of
 from simval.report.environment import template
-from simval.report.gallery import elsewhere, section_of
 from simval.report.notes import located
 from simval.report.panels import Drawing
 from simval.report.part import part_of

@@ -10,7 +10,7 @@ from simval.judge.algorithms import algorithm_of
 from simval.report.artifacts import arrays, is_left, shaped
 from simval.report.attitudes import turning
 from simval.report.curves import MAX_GROUPS
-from simval.report.gallery import shown_of
+from simval.report.declared import shown_of
 from simval.report.section import Context, Section, made
 from simval.studies.filter import artifact_of
 from simval.sweep.run import CellResult

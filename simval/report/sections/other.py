@@ -5,7 +5,8 @@ from dataclasses import replace
 
 from simval.figures import VARYING, Figure, predictor
 from simval.report.curves import varying
-from simval.report.gallery import drawn, shown_of
+from simval.report.declared import shown_of
+from simval.report.gallery import drawn
 from simval.report.panels import Drawing
 from simval.report.parameters import axis_words
 from simval.report.section import Context, Section, made

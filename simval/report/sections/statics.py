@@ -8,7 +8,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.report.artifacts import arrays, listed, shaped
-from simval.report.gallery import shown_of
+from simval.report.declared import shown_of
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.parameters import setting_words
 from simval.report.section import Context, Section, made

@@ -11,7 +11,7 @@ from simval.judge import headline
 from simval.report.answers_before import worse_than_before
 from simval.report.answers_theory import as_theory_says
 from simval.report.answers_wrong import how_wrong
-from simval.report.gallery import shown_of
+from simval.report.declared import shown_of
 from simval.report.panels import Drawing
 from simval.report.question import question_figure
 from simval.report.section import Context, Section, made
