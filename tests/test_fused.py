@@ -201,39 +201,6 @@ def test_the_trials_are_those_of_the_closed_form(frame):
     np.testing.assert_allclose(sums.scatter, expected.scatter, rtol=0, atol=1e-13)
 
 
-def test_the_law_is_that_of_the_plain_pass():
-    """Moments of twelve plain normals and of nine agree within their errors."""
-    from simval.montecarlo import simulate
-
-    rng = np.random.default_rng(5)
-    vectors = rng.standard_normal((12, 1))
-    q = normalize_columns(raw_quaternion(vectors, "y"))[:, 0]
-
-    def plain(noise):
-        def sampler(rng, count):
-            noisy = vectors + noise * rng.standard_normal((12, count))
-            return q[:, None] - normalize_columns(raw_quaternion(noisy, "y"))
-
-        streams = Streams(8, cell_key("plain"))
-        return moments_of(
-            simulate(sampler, streams, samples=2**17, block=2**14, batch=256)
-        )
-
-    nine = moments_of(
-        simulate_closed_form(vectors, "y", q, 0.1, STREAMS, samples=2**17, block=2**14)
-    )
-    limit = stats.norm.isf(1e-4 / (2 * 14))  # 14 comparisons, one false alarm in 1e4
-    upper = np.triu_indices(4)
-
-    def apart(other):
-        bias = (nine.bias - other.bias) / np.hypot(nine.bias_error, other.bias_error)
-        error = np.hypot(nine.covariance_error, other.covariance_error)
-        return np.append(bias, ((nine.covariance - other.covariance) / error)[upper])
-
-    assert np.abs(apart(plain(0.1))).max() < limit
-    assert np.abs(apart(plain(0.102))).max() > limit  # power: 2 % of the noise
-
-
 @pytest.mark.ci
 def test_moments_of_the_normals_to_the_eighth():
     x = np.concatenate([fused.normals(words(64, k)).ravel() for k in range(8)])

@@ -227,15 +227,8 @@ def test_combined_moments_by_independent_directions(seed):
         assert relative(a, b) < 200 * EPS / np.linalg.norm(np.cross(r1, r2)) ** 2
 
 
-def nees_rows(monkeypatch=None, scale=1.0):
+def nees_rows():
     """Distances of the rows of normalised squares beyond their remainders."""
-    if monkeypatch is not None:
-        draw = attitude_vectors.Setting.draw
-        monkeypatch.setattr(
-            attitude_vectors.Setting,
-            "draw",
-            lambda self, n, rng: self.body + scale * (draw(self, n, rng) - self.body),
-        )
     parameters = attitude_vectors.Parameters(ratio=10.0, samples=8192)
     rows = attitude_vectors.run(parameters, Streams(3, (1,))).rows
     found = {str(row.statistic): row for row in rows if row.check == "nees"}
@@ -251,21 +244,6 @@ NAMES = {
     "nees[combined]",
     "nees[best of four]",
 }
-
-
-@pytest.mark.ci
-def test_every_estimator_states_its_covariance():
-    found = nees_rows()
-    assert set(found) == NAMES
-    assert max(found.values()) < 4.0  # 3e-4 of false alarm
-
-
-@pytest.mark.ci
-def test_a_covariance_that_is_told_wrong_is_seen(monkeypatch):
-    """10 % more noise than told: 21 % of 3, at a standard error of 0.03."""
-    found = nees_rows(monkeypatch, 1.1)
-    assert set(found) == NAMES
-    assert min(found.values()) > 10.0
 
 
 @pytest.mark.ci
