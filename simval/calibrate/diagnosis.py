@@ -29,7 +29,7 @@ import numpy as np
 import scipy
 
 from simval.arguments import instance
-from simval.arrays import Array, frozen, noise_levels, physical_array
+from simval.arrays import Array, ReadOnly, noise_levels, physical_array
 from simval.calibrate.accelerometer import checked_time
 from simval.calibrate.drift import DRIFT_FALSE_ALARM, HIDDEN, Drift, find_drift
 from simval.calibrate.outliers import (
@@ -209,7 +209,7 @@ __all__ = ["FALSE_ALARM", "Diagnosis", "Residuals", "diagnose", "residuals", "ve
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Diagnosis:
+class Diagnosis(ReadOnly):
     """Residuals of one fit, pose by pose, and a verdict in words.
 
     Attributes
@@ -241,10 +241,6 @@ class Diagnosis:
     p_value: float
     verdict: str
     drift: Drift
-
-    def __post_init__(self) -> None:
-        for name in ("distance", "leverage", "standardized"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -355,7 +355,7 @@ def screen(
     return code
 
 
-def repeated_poses(poses: Float[Array, "n 3"]) -> Any:
+def repeated_poses(poses: Float[Array, "n k"]) -> Any:
     """Indices of the readings that equal an earlier one in every bit."""
     _, first = np.unique(poses, axis=0, return_index=True)
     return np.setdiff1d(np.arange(len(poses)), first)

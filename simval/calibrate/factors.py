@@ -22,7 +22,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 import scipy
 
-from simval.arrays import Array, frozen
+from simval.arrays import Array, ReadOnly
 from simval.shapes import Float
 
 F = TypeVar("F")
@@ -94,7 +94,7 @@ class Residuals:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class NoiseFactors:
+class NoiseFactors(ReadOnly):
     """What the residuals of one joint fit ask of the noise of each of its sensors.
 
     A batch of trials is weighed by the noise that is stated: it has no sources.
@@ -130,10 +130,6 @@ class NoiseFactors:
     worst: Any
     deviations: Float[Array, " s"]
     p_value: float
-
-    def __post_init__(self) -> None:
-        for name in ("factor", "widening", "dof", "deviations"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def borne(self) -> bool:

@@ -34,16 +34,14 @@ from simval.calibrate.gyroscope.covariance import (
     Setting,
     checked_pose_std,
     setting_of,
-    shared,
     spread,
 )
-from simval.calibrate.gyroscope.fit import Gain, gain
+from simval.calibrate.gyroscope.fit import Gain, assembled, gain
 from simval.calibrate.gyroscope.moves import Moves, taken
 from simval.calibrate.gyroscope.residuals import (
     Gravity,
     Rows,
     across,
-    covariance_of,
     gravity,
 )
 from simval.calibrate.gyroscope.result import NAMES, GyroscopeFit
@@ -195,29 +193,16 @@ def linearise(problem: Problem, state: State) -> Linear:
     moved = turn(moves.statistics, state.M, state.B)
     rows = gap_rows(problem, found, at, moved)
     noise = spread(rows, moved, moves, setting, state.M, state.B)
-    t, gaps = rows.e.shape
-    n = found.u.shape[1]
-    both, free = gaps + EACH * n, setting.free
-    ends = 3 if free == 12 else 0
-    J = np.zeros((t, both + ends, PARAMETERS + free))
-    J[:, :gaps, :PARAMETERS] = rows.by_accelerometer
-    J[:, :gaps, PARAMETERS:] = rows.by_gyroscope[..., :free]
-    slopes = jacobian(setting.model, state.poses, at)
-    J[:, gaps:both, :PARAMETERS] = slopes.reshape(t, -1, PARAMETERS)
-    L = np.concatenate([rows.by_pose, pose_noise(problem, at)], axis=1)
-    V = np.zeros((t, both + ends, both + ends))
-    V[:, :both, :both] = covariance_of(L, noise.blocks)
-    c = residual(at, state.poses[:, DIP]).reshape(t, -1)
-    r = [rows.e, c]
-    if ends:
-        J[:, -3:, -3:] = np.eye(3)
-        V[:, [-3, -2, -1], [-3, -2, -1]] = setting.bias_std**2
+    t = len(rows.e)
+    slopes = jacobian(setting.model, state.poses, at).reshape(t, -1, PARAMETERS)
+    J, V, L = assembled(rows, noise, setting, slopes, pose_noise(problem, at))
+    r = [rows.e, residual(at, state.poses[:, DIP]).reshape(t, -1)]
+    if setting.free == 12:
         r.append(state.B - setting.bias_value)
-    shared(V, noise, ends)
     return Linear(
         r=np.concatenate(r, axis=1),
         gain=gain(J, V, weighted=True),
-        L=np.pad(L, ((0, 0), (0, ends), (0, 0))),
+        L=L,
         at=at,
         C=moved.C,
         u=found.u,
@@ -525,7 +510,10 @@ def calibrate_nine_axis(
     pair = _pair(moves, poses, fields)
     _require_alike(gyroscope, magnetometer, len(pair[0]))
     count = pair[0].shape[1]
-    noise = checked_pose_std(pose_std, count), checked_field_std(field_std, count)
+    noise = (
+        checked_pose_std(pose_std, count),
+        checked_pose_std(field_std, count, "field_std"),
+    )
     given = Given(
         pose_std=pose_std, angle_random_walk=angle_random_walk,
         bias_random_walk=bias_random_walk, bias=gyroscope.bias,
@@ -564,20 +552,6 @@ def _weighed(problem: Problem, stated: Solved) -> tuple[Solved, NoiseFactors]:
     if noise.refusal:
         raise RefusedError(noise.refusal)
     return found, noise
-
-
-def checked_field_std(value: Any, count: int) -> Float[Array, "n 3"]:
-    """Require the noise of the magnetometer's pose means.
-
-    Raises
-    ------
-    InputError
-        If the shape is another, or one is negative.
-    """
-    try:
-        return checked_pose_std(value, count)
-    except InputError as error:
-        raise InputError(str(error).replace("`pose_std`", "`field_std`")) from None
 
 
 def _pair(moves: Moves, poses: Any, fields: Any) -> tuple[Array, Array]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simval.arrays import Array, frozen
+from simval.arrays import Array, ReadOnly
 from simval.errors import InputError, RefusedError
 from simval.logs import Log
 from simval.multiposition.noise import require_even
@@ -20,7 +20,7 @@ OTHER_UNIT = 5.0  # times the noise: 9.8, 1000, 57 or counts are other units
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PoseNoise:
+class PoseNoise(ReadOnly):
     """Noise of the mean of each rest, and where it comes from.
 
     Attributes
@@ -39,10 +39,6 @@ class PoseNoise:
     white: Float[Array, " m"]
     source: str
     words: str
-
-    def __post_init__(self) -> None:
-        for name in ("std", "white"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 def pose_noise(

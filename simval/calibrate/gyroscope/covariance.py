@@ -12,7 +12,7 @@ stamps with the standard deviation :math:`s_t` leave
 :math:`s_t^2 \sum_j |\mathrm{d}\omega_j|^2`, rates from row to row.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ import numpy as np
 from simval.arguments import choice
 from simval.arrays import (
     Array,
-    frozen,
+    ReadOnly,
     noise_levels,
     nonnegative_number,
     physical_array,
@@ -36,7 +36,7 @@ _FLOOR = 1e-11
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GyroscopeNoise:
+class GyroscopeNoise(ReadOnly):
     """Noise of the gyroscope and of the accelerometer's pose means.
 
     Attributes
@@ -55,12 +55,6 @@ class GyroscopeNoise:
     bias_random_walk: float
     clock_jitter: float
     pose_std: Float[Array, "n 3"]
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if each.name not in ("bias_random_walk", "clock_jitter"):
-                object.__setattr__(self, each.name, frozen(value))
 
 
 def checked_walk(value: Any) -> Float[Array, "3"]:
@@ -81,7 +75,9 @@ def checked_walk(value: Any) -> Float[Array, "3"]:
     return np.array(np.broadcast_to(N, (3,)))
 
 
-def checked_pose_std(value: Any, count: int) -> Float[Array, "n 3"]:
+def checked_pose_std(
+    value: Any, count: int, name: str = "pose_std"
+) -> Float[Array, "n 3"]:
     """Require the noise of pose means, of all, each pose, or each of its axes.
 
     Raises
@@ -89,13 +85,13 @@ def checked_pose_std(value: Any, count: int) -> Float[Array, "n 3"]:
     InputError
         If the shape is another, or one is negative.
     """
-    std = physical_array("pose_std", value, ())
+    std = physical_array(name, value, ())
     if std.shape == (count,):
         std = std[:, None]
     fits = std.shape in ((), (count, 1), (count, 3))
     if not fits or not np.all(std >= 0.0):
         msg = (
-            f"`pose_std` has shape {std.shape}, least value {std.min(initial=0.0):g}; "
+            f"`{name}` has shape {std.shape}, least value {std.min(initial=0.0):g}; "
             f"give one number, or one of each pose ({count},) or axis ({count}, 3), 0 "
             "or more"
         )

@@ -33,7 +33,6 @@ from simval.calibrate.factors import NoiseFactors, Residuals
 from simval.calibrate.gyroscope.covariance import Setting, Spread, shared, spread
 from simval.calibrate.gyroscope.moves import Moves, merged, taken
 from simval.calibrate.gyroscope.residuals import (
-    Gravity,
     Rows,
     across,
     carried,
@@ -238,12 +237,21 @@ def linearise(
     found_noise = spread(rows, moved, moves, setting, M, B)
     if not setting.joint:
         rows = carried(rows, pulled)
-    r, J, V, L = _assembled(rows, found_noise, found, setting, B)
+    t, n = found.c.shape
+    norms = n if setting.joint else 0
+    own = np.zeros((t, norms, n, 3))
+    if norms:
+        each = np.arange(n)
+        own[:, each, each] = found.c_by_reading * noise.pose_std
+    slopes = found.c_by_theta[:, :norms, : A if norms else 0]
+    J, V, L = assembled(
+        rows, found_noise, setting, slopes, own.reshape(t, norms, 3 * n)
+    )
     estimator = gain(J, V, weighted=setting.weighted)
     K = estimator.K[..., : rows.e.shape[1]]
     back = np.swapaxes(pulled, -1, -2)
     return Linear(
-        r=r,
+        r=_values(rows.e, found.c, B, setting),
         gain=estimator,
         L=L,
         E=rows.E,
@@ -253,38 +261,34 @@ def linearise(
     )
 
 
-def _assembled(
+def assembled(
     rows: Rows,
     noise: Spread,
-    found: Gravity,
     setting: Setting,
-    B: Float[Array, "t 3"],
-) -> tuple[Array, Array, Array, Array]:
-    # r, J, V and the poses' part of its root; rows are the gaps, then norms if the fit
-    # is joint, then the bias if it is estimated
+    J_poses: Float[Array, "t c q"],
+    L_poses: Float[Array, "t c m"],
+) -> tuple[Float[Array, "t r p"], Float[Array, "t r r"], Float[Array, "t r m"]]:
+    """J, V and the poses' part of its root: of the moves, the poses, and the bias.
+
+    The parameters are those of the sensors that are read at rest, q, if they are fitted
+    too, and the gyroscope's; the bias has rows where it is estimated.
+    """
     t, gaps = rows.e.shape
-    n = found.u.shape[1]
-    count, norms = setting.free, n if setting.joint else 0
-    ends = 3 if count == 12 else 0
-    first = A if setting.joint else 0
-    J = np.zeros((t, gaps + norms + ends, first + count))
-    J[:, :gaps, first:] = rows.by_gyroscope[..., :count]
-    L = rows.by_pose
-    if setting.joint:
-        J[:, :gaps, :A] = rows.by_accelerometer
-        J[:, gaps : gaps + n, :A] = found.c_by_theta
-        norm = np.zeros((t, n, n, 3))
-        each = np.arange(n)
-        norm[:, each, each] = found.c_by_reading * setting.noise.pose_std
-        L = np.concatenate([L, norm.reshape(t, n, -1)], axis=1)
+    both, first = gaps + J_poses.shape[1], J_poses.shape[2]
+    ends = 3 if setting.free == 12 else 0
+    J = np.zeros((t, both + ends, first + setting.free))
+    J[:, :gaps, first:] = rows.by_gyroscope[..., : setting.free]
+    if first:
+        J[:, :gaps, :first] = rows.by_accelerometer
+        J[:, gaps:both, :first] = J_poses
+    L = np.concatenate([rows.by_pose, L_poses], axis=1)
     V = np.zeros((t, *J.shape[1:2] * 2))
-    V[:, : gaps + norms, : gaps + norms] = covariance_of(L, noise.blocks)
+    V[:, :both, :both] = covariance_of(L, noise.blocks)
     if ends:
         J[:, -3:, -3:] = np.eye(3)
         V[:, [-3, -2, -1], [-3, -2, -1]] = setting.bias_std**2
     shared(V, noise, ends)
-    L = np.pad(L, ((0, 0), (0, ends), (0, 0)))
-    return _values(rows.e, found.c, B, setting), J, V, L
+    return J, V, np.pad(L, ((0, 0), (0, ends), (0, 0)))
 
 
 def _values(e: Array, c: Array, B: Array, setting: Setting) -> Float[Array, "t r"]:

@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 
 from simval.arguments import choice, switch
-from simval.arrays import Array, frozen, physical_array
+from simval.arrays import Array, ReadOnly, physical_array
 from simval.calibrate.accelerometer import calibrate
 from simval.calibrate.gyroscope.calibration import calibrate_gyroscope
 from simval.calibrate.gyroscope.covariance import (
@@ -54,7 +54,7 @@ class Rests:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sensitivity:
+class Sensitivity(ReadOnly):
     """Sensitivity to force as the rests show it."""
 
     kept: bool
@@ -63,10 +63,6 @@ class Sensitivity:
     # of B and of the rows of G of an axis, over the variance N^2 of that axis
     shape: Float[Array, "4 4"]
     reason: str
-
-    def __post_init__(self) -> None:
-        for name in ("G", "sd", "shape"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 def choose_bias(
@@ -231,7 +227,7 @@ class ImuReadings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ImuFit:
+class ImuFit(ReadOnly):
     """Accelerometer and gyroscope of one recording.
 
     Attributes
@@ -257,10 +253,6 @@ class ImuFit:
     G: Float[Array, "3 3"]
     G_sd: Float[Array, "3 3"]
     reduced: ImuReadings
-
-    def __post_init__(self) -> None:
-        for name in ("G", "G_sd"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -30,14 +30,14 @@ middle and b the slope times h, :math:`S = h\bar y`, :math:`A = h^2 a \times b/1
   what a Runge-Kutta step on samples integrates (IMU-TK, INSLIB), of whatever order.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simval.arguments import choice, whole_number
-from simval.arrays import Array, finite_array, frozen, physical_array, positive_number
+from simval.arrays import Array, ReadOnly, finite_array, physical_array, positive_number
 from simval.errors import InputError, RefusedError, SaturatedError
 from simval.shapes import Float
 
@@ -152,7 +152,7 @@ _LEAST_REST = 3  # rows, of which two may be given to the moves
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Moves:
+class Moves(ReadOnly):
     """Path statistics of the moves between rests, and the rests' mean readings.
 
     Leading axis t: trials, 1 for a recording.
@@ -197,11 +197,6 @@ class Moves:
     chunk: int
     force: Float[Array, "k 3 f"]
     force_noise: Float[Array, "4 4"]
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            if each.name != "chunk":
-                object.__setattr__(self, each.name, frozen(getattr(self, each.name)))
 
 
 def moves_between(

@@ -22,6 +22,7 @@ from simval.arrays import (
     shaped_array,
 )
 from simval.calibrate.accelerometer import checked_time
+from simval.calibrate.evidence import repeated_poses
 from simval.calibrate.factors import NOT_JUDGED, NoiseFactors, Residuals, judged
 from simval.calibrate.magnetometer.equations import (
     ACCELEROMETER,
@@ -202,9 +203,8 @@ def refuse_repeated(accelerometer: Array, magnetometer: Array) -> None:
         If there are such poses.
     """
     both = np.concatenate([accelerometer, magnetometer], axis=1)
-    _, first = np.unique(both, axis=0, return_index=True)
-    again = np.setdiff1d(np.arange(len(both)), first)
-    if again.size and len(first) > 1:
+    again = repeated_poses(both)
+    if again.size and again.size < len(both) - 1:
         same = int(np.flatnonzero((both == both[again[0]]).all(axis=1))[0])
         msg = (
             f"poses {same} and {again[0]} are identical in every bit of both sensors; "
