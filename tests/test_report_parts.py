@@ -10,7 +10,7 @@ from simval.judge.findings import reproduce
 from simval.report.curves import grouped, varying
 from simval.report.slope import fitted_slope, order, simultaneous
 from simval.report.table import Column, Table, csv_text, sort_key, text
-from simval.report.words import measured, slugs
+from simval.report.words import measured
 from simval.results import CellName
 
 
@@ -38,15 +38,6 @@ def test_a_cell_is_quoted_for_the_shell():
     assert reproduce(cell, "my run") == "simval repro --run 'my run' 'a(b=1)@2'"
     assert reproduce(CellName("a")) == ""
     assert reproduce(CellName("a", r"a(b=\x1b)@2")) == ""
-
-
-def test_slugs_are_different_and_safe():
-    assert slugs("a", ["", "Noise 0.1", "noise 0 1", "../x"]) == [
-        "a",
-        "a-noise-0-1",
-        "a-noise-0-1-2",
-        "a-x",
-    ]
 
 
 FITS = 400

@@ -7,7 +7,7 @@ is off theory where chance does it to fewer than one figure in ten thousand. Wha
 prediction itself states that it leaves out is not held against it, as in the gate.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,7 +21,7 @@ from simval.report.panels import Drawing
 from simval.report.parameters import setting_words
 from simval.report.ratio import SEEN, ratio
 from simval.report.slope import Z95, Slope, simultaneous
-from simval.report.words import FORMULAS, spelled
+from simval.report.words import spelled
 from simval.results import Row
 from simval.shapes import Bool, Float
 from simval.statistics import Family, Statistic
@@ -305,20 +305,6 @@ def slopes_said(pairs: Sequence[tuple[Slope | None, Slope | None]]) -> tuple[str
         ), False
     count = _count(len(told), "slope")
     return f"{count}, theory's own within {max(apart):.3f}{missing}", True
-
-
-def order_words(found: Iterable[tuple[str, float | None, float]]) -> str:
-    """Slopes of what each formula leaves out beside its stated order, in words."""
-    slopes: dict[tuple[str, float], list[float]] = {}
-    for formula, slope, stated in found:
-        if slope is not None:
-            slopes.setdefault((formula, stated), []).append(slope)
-    told = []
-    for (formula, stated), values in slopes.items():
-        ends = dict.fromkeys(f"{value:.2f}" for value in (min(values), max(values)))
-        words = FORMULAS.get(formula, formula)
-        told.append(f"{' to '.join(ends)} for {words} (stated {stated:g})")
-    return f"What is left out has the slope {'; '.join(told)}" if told else ""
 
 
 def percent(share: float) -> str:

@@ -47,17 +47,6 @@ def slug(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 
 
-def slugs(stem: str, labels: Iterable[str]) -> list[str]:
-    """Name the figures of several groups."""
-    names: list[str] = []
-    for label in labels:
-        name = slug(f"{stem} {label}")
-        if name in names:
-            name = f"{name}-{len(names)}"
-        names.append(name)
-    return names
-
-
 def spelled(name: str) -> str:
     """Spell the name of a study, a parameter or a statistic for a person."""
     return name.replace("_", " ")
