@@ -308,6 +308,8 @@ def _pooled_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
             left,
         )  # fmt: skip
         size = float(np.sqrt(each @ predicted.bias**2))
+        if size == 0.0:  # nothing to project on
+            continue
         weight = each * predicted.bias / size
         rows += unjudged(
             BIAS_ALONG(name, unit=unit), *along(sums, weight), n, size, SECOND_ORDER,
