@@ -57,7 +57,10 @@ def test_a_field_of_no_unit_is_left_as_it_is(read):
     found = brought(bare)
     assert found.field_unit == ""
     np.testing.assert_array_equal(found.field, bare.magnetometer)
-    assert "T" not in start_of(found).said[1].split("magnetometer")[1].split(":")[0]
+    told = start_of(found).described[1].split("magnetometer")[1]
+    assert "T" not in told.split(":")[0]
+        "T" not in start_of(found).described[1].split("magnetometer")[1].split(":")[0]
+    )
 
 
 @pytest.mark.parametrize(
@@ -125,7 +128,7 @@ def test_noise_of_a_file(read):
     start = start_of(brought(read), known, "noise.json")
     # N of white noise: sd / sqrt(rate); three axes of 20000 rows
     assert start.told.gyroscope_noise == pytest.approx(np.radians(0.1) / 10.0, rel=0.03)
-    assert "noise.json" in start.said[0]
+    assert "noise.json" in start.described[0]
     with pytest.raises(InputError, match="no gyroscope"):
         start_of(brought(read), replace(known, gyro_si_per_raw=None), "noise.json")
 

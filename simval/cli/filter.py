@@ -152,7 +152,7 @@ def command(
     units = accelerometer_unit, gyro_unit
     found, alignment = prepared(log, recorded, calibration, units, truth_world)
     start = start_of(found, None if noise is None else load_noise(noise), str(noise))
-    head = [*log.described(), *found.said(), *start.said]
+    head = [*log.described(), *found.described(), *start.described]
     head += alignment_lines(alignment, recorded, found)
     head += _offered(path) if recorded is None else []
     say([] if as_json else head)

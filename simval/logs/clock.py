@@ -45,7 +45,14 @@ def read_clock(
     if time is not None:
         return time, _checked_rate(table, time, rate), second
     if rate is None:
-        raise InputError(_no_clock(table))
+        why = "no time column and no rate given"
+        if table.names is not None:
+            why += " (none of the header's names is known as a clock's)"
+        msg = (
+            f"{table.path}: {why}; state the sampling rate in Hz (--rate), or name the "
+            "time column `t` (--columns)"
+        )
+        raise InputError(msg)
     return np.arange(len(table)) / rate, rate, 0.0
 
 
@@ -91,23 +98,13 @@ def require_finite(table: Table, values: Float[Array, "n k"]) -> None:
         raise InputError(msg)
 
 
-def _no_clock(table: Table) -> str:
-    why = "no time column and no rate given"
-    if table.names is not None:
-        why += " (none of the header's names is known as a clock's)"
-    return (
-        f"{table.path}: {why}; state the sampling rate in Hz (--rate), or name the "
-        "time column `t` (--columns)"
-    )
-
-
 def _second(
     table: Table, column: Column, time: Float[Array, " n"], rate: float | None
 ) -> float:
     # seconds in one unit of the clock
     if column.unit:
         return SECONDS[column.unit]
-    median = _median_step(time)
+    median = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     if not median > 0.0:
         return 1.0  # refused as times that do not increase
     if rate is not None:
@@ -120,10 +117,6 @@ def _second(
         if dated and SLOWEST <= 1.0 / (median * size) <= FASTEST:
             return size
     raise InputError(_unknown_unit(table, column, median))
-
-
-def _median_step(time: Float[Array, " n"]) -> float:
-    return float(np.median(np.diff(time))) if len(time) > 1 else 0.0
 
 
 def _agree(measured: float, stated: float) -> bool:

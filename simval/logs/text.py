@@ -69,17 +69,14 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
     picked = np.unique(np.linspace(0, len(lines) - 1, SAMPLE).astype(int))
     sample = [lines[k] for k in picked]
     best = max(DIALECTS, key=lambda each: _share(each, sample))
-    widths = Counter(len(best.fields(line)) for line in sample if _is_row(best, line))
+    rows = [numbers for numbers in map(best.numbers, sample) if any(numbers)]
+    widths = Counter(map(len, rows))
     width = widths.most_common(1)[0][0] if widths else 0
     return Dialect(best.mark, best.comma, width)
 
 
 def _share(dialect: Dialect, sample: Sequence[str]) -> float:
     return float(np.mean([np.mean(dialect.numbers(line)) for line in sample]))
-
-
-def _is_row(dialect: Dialect, line: str) -> bool:
-    return any(dialect.numbers(line))
 
 
 Line = tuple[int, str]
@@ -126,7 +123,7 @@ def header_of(
         bare = line.lstrip().lstrip("#%/").strip() if remark else line
         if names is None and not (remark and _is_sentence(dialect, bare)):
             fields = _fitting(dialect, bare)
-            if not others and fields and not units and _all_units(fields):
+            if not others and fields and not units and _are_units(fields):
                 units = fields
                 continue
             if fields and (not others or is_names(fields)):
@@ -156,7 +153,7 @@ def _fitting(dialect: Dialect, line: str) -> list[str]:
     return []
 
 
-def _all_units(fields: list[str]) -> bool:
+def _are_units(fields: list[str]) -> bool:
     return any(fields) and all(is_unit(field) for field in fields if field)
 
 

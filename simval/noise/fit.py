@@ -126,7 +126,9 @@ class Squares:
 
 def fitted(problem: Problem) -> Squares:
     """Fit the squares of the coefficients, without the ends of their intervals."""
-    values = _nonnegative(_whitened(problem, np.diag(_roughly(problem))))
+    # variances of the variances, up to a factor: longer averages are fewer
+    roughly = problem.variances**2 / problem.law[:, 0]
+    values = _nonnegative(_whitened(problem, np.diag(roughly)))
     sd = np.full(len(values), np.inf)
     for _ in range(ROUNDS):
         before = values
@@ -161,11 +163,6 @@ def ends(problem: Problem, found: Squares) -> tuple[Float[Array, " k"], ...]:
     low = [_end(problem, found, place, -Z) for place in places]
     high = [_end(problem, found, place, Z) for place in places]
     return np.array(low), np.array(high)
-
-
-def _roughly(problem: Problem) -> Float[Array, " m"]:
-    # variances of the variances, up to a factor: longer averages are fewer
-    return np.asarray(problem.variances**2 / problem.law[:, 0])
 
 
 def _whitened(

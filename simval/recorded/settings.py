@@ -66,7 +66,7 @@ class Signals:
         for name in ("time", "gyro", "force", "field"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
-    def said(self) -> list[str]:
+    def described(self) -> list[str]:
         """Where the units came from."""
         return [
             f"units             gyroscope {self.gyro_unit}",
@@ -239,7 +239,7 @@ class Start:
     row: int
     attitude: Float[Array, "4"]  # north-west-up to sensor
     told: Told
-    said: tuple[str, ...]  # where the numbers are from
+    described: tuple[str, ...]  # where the numbers are from
 
 
 def start_of(
@@ -259,13 +259,15 @@ def start_of(
     longest = max(parts, key=lambda each: each.stop - each.start)
     up, north = _directions(found, first)
     N, K, words = _gyro_noise(found, longest, known, source)
-    gravity = float(
-        np.mean([np.linalg.norm(found.force[part].mean(axis=0)) for part in parts])
-    )
-    sine = [_sine(found, part) for part in parts]
-    length = float(
-        np.mean([np.linalg.norm(found.field[part].mean(axis=0)) for part in parts])
-    )
+    forces = [found.force[part].mean(axis=0) for part in parts]
+    fields = [found.field[part].mean(axis=0) for part in parts]
+    gravity = float(np.mean([np.linalg.norm(force) for force in forces]))
+    length = float(np.mean([np.linalg.norm(field) for field in fields]))
+    # of the dip: down against the field
+    sine = [
+        -float(f @ m / np.linalg.norm(f) / np.linalg.norm(m))
+        for f, m in zip(forces, fields, strict=True)
+    ]
     dip = float(np.arcsin(np.mean(sine)))
     field = length * np.array([np.cos(dip), 0.0, -np.sin(dip)])
     bias = float(np.sqrt(np.mean(found.gyro[first].mean(axis=0) ** 2)))
@@ -284,7 +286,7 @@ def start_of(
         row=int(first.start),
         attitude=of_matrix(np.stack([north, np.cross(up, north), up], axis=1)),
         told=told,
-        said=(
+        described=(
             f"told              gyroscope N {N:.3g} rad/s/sqrt(Hz), K {K:.3g} "
             f"rad/s/sqrt(s): {words}",
             f"                  accelerometer {told.accelerometer_noise:.3g} m/s^2, "
@@ -297,12 +299,6 @@ def start_of(
             f"{told.bias_std:.2g} rad/s (what that rest reads)",
         ),
     )
-
-
-def _sine(found: Signals, part: slice) -> float:
-    # of the dip: down against the field
-    force, field = found.force[part].mean(axis=0), found.field[part].mean(axis=0)
-    return -float(force @ field / np.linalg.norm(force) / np.linalg.norm(field))
 
 
 def _directions(

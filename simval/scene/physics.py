@@ -312,11 +312,6 @@ def instants(
     return qpos, _in_order(model, out["sensordata"])[0]
 
 
-def last_row(model: "mujoco.MjModel", data: "mujoco.MjData") -> Float[Array, "14"]:
-    """What the sensors read at the last step, as a row of `roll_out`."""
-    return _in_order(model, np.array(data.sensordata)[None, None])[0, 0]
-
-
 def _from_start(
     model: "mujoco.MjModel", script: Script, qpos: Float[Array, "n nq"]
 ) -> Float[Array, "m nq"]:

@@ -114,13 +114,15 @@ class NoiseModel:
         for_white, for_flicker, for_walk = rng.spawn(3)
         white = np.asarray(self.white_raw_per_sqrt_hz) * np.sqrt(rate_hz)
         walk = np.asarray(self.walk_raw_per_sqrt_s) / np.sqrt(rate_hz)
+        steps = for_walk.standard_normal((n, 3))
+        steps[0] = 0.0
         flicker = (
             _flicker(n, for_flicker) if np.any(self.flicker_raw) else np.zeros((n, 3))
         )
         return (
             white * for_white.standard_normal((n, 3)),
             np.asarray(self.flicker_raw) * flicker,
-            walk * _unit_walk(n, for_walk),
+            walk * np.cumsum(steps, axis=0),
         )
 
     def draw(
@@ -163,13 +165,6 @@ def _flicker(n: int, rng: np.random.Generator) -> Float[Array, "n 3"]:
         driven = scipy.fft.rfft(stream.standard_normal(2 * n), size) * spectrum
         rows[:, axis] = scipy.fft.irfft(driven, size)[n : 2 * n]
     return rows
-
-
-def _unit_walk(n: int, rng: np.random.Generator) -> Float[Array, "n 3"]:
-    # (C2) with K = 1 and steps of one second
-    steps = rng.standard_normal((n, 3))
-    steps[0] = 0.0
-    return np.cumsum(steps, axis=0)
 
 
 def levels_of_axes(name: str, value: Any) -> Float[Array, "3"]:
