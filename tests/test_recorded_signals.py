@@ -59,8 +59,6 @@ def test_a_field_of_no_unit_is_left_as_it_is(read):
     np.testing.assert_array_equal(found.field, bare.magnetometer)
     told = start_of(found).described[1].split("magnetometer")[1]
     assert "T" not in told.split(":")[0]
-        "T" not in start_of(found).described[1].split("magnetometer")[1].split(":")[0]
-    )
 
 
 @pytest.mark.parametrize(
