@@ -19,7 +19,7 @@ from simval.errors import (
 )
 from simval.logs import Log, read_log
 from simval.multiposition import calibrate_log, calibrate_sensors
-from simval.multiposition.axes import rail, require_alive
+from simval.multiposition.imu import rail, require_alive
 from simval.multiposition.kalibr import kalibr_yaml
 from simval.report.calibration_page import calibration_page
 from simval.scene import simulate

@@ -12,8 +12,13 @@ from simval.errors import RefusedError
 from simval.logs import Log
 from simval.multiposition import calibrate_log
 from simval.multiposition.log_units import DEGREE, FLOOR, printed
-from simval.multiposition.noise import log_noise, require_even
-from simval.multiposition.pose_noise import mean_noise, own_noise, pose_noise
+from simval.multiposition.noise import (
+    log_noise,
+    mean_noise,
+    own_noise,
+    pose_noise,
+    require_even,
+)
 from simval.noise import load_noise, noise_of
 from simval.poses import fibonacci_sphere
 from simval.sensor import NoiseModel

@@ -10,10 +10,9 @@ from written import written
 from simval.errors import InputError, RefusedError
 from simval.logs import Log, read_log
 from simval.multiposition.calibration import white_noise
-from simval.multiposition.compass import compass_pose_noise
 from simval.multiposition.imu import require_alive
 from simval.multiposition.log_units import FLOOR, printed
-from simval.multiposition.noise import log_noise
+from simval.multiposition.noise import compass_pose_noise, log_noise
 from simval.noise import NoiseFile, load_noise, noise_of
 from simval.noise.fit import noise_of_readings, own_readings, rows_to_a_reading
 from simval.sensor import NoiseModel

@@ -19,7 +19,7 @@ from simval.cli import run
 from simval.errors import SimvalError
 from simval.logs import Log, read_log
 from simval.multiposition import calibrate_log, calibrate_sensors
-from simval.multiposition.judgements import honest, judgements
+from simval.multiposition.description import honest, judgements
 from simval.multiposition.objects import as_object, sensors_object
 from simval.poses import fibonacci_sphere
 from simval.report import render_calibration

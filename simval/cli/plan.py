@@ -191,7 +191,7 @@ def measured_noise(
     import numpy as np
 
     from simval.arrays import positive_number
-    from simval.multiposition.pose_noise import SHOWS, mean_noise
+    from simval.multiposition.noise import SHOWS, mean_noise
     from simval.noise import load_noise
 
     known = load_noise(path)

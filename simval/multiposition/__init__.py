@@ -5,7 +5,7 @@ The log shows a sensor that is held still in many poses. The way of a calibratio
 
     log -> rests -> poses (their means) -> fit -> health -> answer
 
-`rests` finds the rests, `faults` and `changes` look for what a broken sensor, cable or
+`rests` finds the rests, `faults` looks for what a broken sensor, cable or
 logger leaves in them, and `health` decides whether the fit may be given out.
 """
 

@@ -11,10 +11,10 @@ from simval.calibrate.diagnosis import Diagnosis, diagnose
 from simval.calibrate.evidence import FEW
 from simval.errors import RefusedError
 from simval.logs import Log
-from simval.multiposition.described import log_lines
+from simval.multiposition.description import log_lines
 from simval.multiposition.faults import require_unsaturated
 from simval.multiposition.health import explained, require_sound
-from simval.multiposition.pose_noise import PoseNoise, pose_noise
+from simval.multiposition.noise import PoseNoise, pose_noise
 from simval.multiposition.rests import find_rests
 from simval.noise import NoiseFile
 from simval.poses import PARAMETERS, observability

@@ -21,9 +21,8 @@ from simval.errors import (
     SimvalError,
 )
 from simval.logs import Log
-from simval.multiposition import changes, faults
-from simval.multiposition.changes import Detector
-from simval.multiposition.faults import MISFIT
+from simval.multiposition import faults
+from simval.multiposition.faults import MISFIT, Detector
 from simval.multiposition.rests import Rests, rests_of
 from simval.poses import PARAMETERS
 from simval.statics import Intervals
@@ -71,12 +70,12 @@ def _reasons(
     yield faults.frozen(rests)
     yield faults.spikes(rests)
     yield faults.repeated(rests)
-    yield changes.flipped(rests, fit.g, diagnosis.chi2_per_dof)
+    yield faults.flipped(rests, fit.g, diagnosis.chi2_per_dof)
     yield faults.flat_axis(rests, np.diagonal(fit.matrix), misfit)
-    yield changes.wrapped(rests.log, misfit, fit.g, detect)
-    yield changes.other_unit(rests, fit, detect)
-    yield changes.changed(rests)
-    yield changes.stepped(rests, diagnosis.chi2_per_dof)
+    yield faults.wrapped(rests.log, misfit, fit.g, detect)
+    yield faults.other_unit(rests, fit, detect)
+    yield faults.changed(rests)
+    yield faults.stepped(rests, diagnosis.chi2_per_dof)
     yield _undecided(diagnosis, len(rests.means))
     yield _no_gravity(rests, misfit, diagnosis)
 
@@ -114,7 +113,7 @@ def _causes(
 ) -> Iterator[str | None]:
     yield faults.constant_axis(rests)
     yield faults.zero_rows(rests)
-    yield changes.wrapped(rests.log, np.inf, g, detect)
+    yield faults.wrapped(rests.log, np.inf, g, detect)
     if len(rests.means) == 0:
         return
     yield faults.frozen(rests)
@@ -122,10 +121,10 @@ def _causes(
         return
     yield faults.repeated(rests)
     yield faults.flat_axis(rests)
-    yield changes.other_unit(rests, None, detect)
-    yield changes.flipped(rests, g)
-    yield changes.changed(rests)
-    yield changes.stepped(rests)
+    yield faults.other_unit(rests, None, detect)
+    yield faults.flipped(rests, g)
+    yield faults.changed(rests)
+    yield faults.stepped(rests)
     yield _healing(rests, g)
 
 
@@ -158,7 +157,7 @@ def _off(named: list[str]) -> str:
 def _undecided(diagnosis: Diagnosis, count: int) -> str | None:
     # too few rests to name what their residuals show
     dof = count - PARAMETERS
-    if dof >= _TELLING or not changes.beyond_noise(diagnosis.chi2_per_dof, dof):
+    if dof >= _TELLING or not faults.beyond_noise(diagnosis.chi2_per_dof, dof):
         return None
     return (
         f"the residuals of {count} rests are {np.sqrt(diagnosis.chi2_per_dof):.1f} "
@@ -172,7 +171,7 @@ def _no_gravity(rests: Rests, misfit: float, diagnosis: Diagnosis) -> str | None
     # residuals too large, or that may come from a scatter that is
     count, possible = len(rests.means), misfit
     dof = count - PARAMETERS
-    if changes.beyond_noise(diagnosis.chi2_per_dof, dof):
+    if faults.beyond_noise(diagnosis.chi2_per_dof, dof):
         possible *= np.sqrt(count / scipy.special.chdtri(dof, 1.0 - _RARELY))
     if max(misfit, possible) <= MISFIT:
         return None

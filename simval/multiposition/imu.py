@@ -1,15 +1,23 @@
-"""All sensors of a log, calibrated from the rests that the accelerometer shows.
+r"""Calibrate all sensors of a log: accelerometer, gyroscope and magnetometer.
+
+**All sensors of a log, calibrated from the rests that the accelerometer shows.**
 
 The accelerometer's rests are the poses of all. Accelerometer and gyroscope are fitted
 together, and so are accelerometer and magnetometer; both fits take the noise of a pose
 mean that the residuals show, where that is more than is known of it. Where there are
 all three, one fit of all begins with these two. A sensor that cannot be calibrated from
 this log is left out, and why is said; one that was asked for is refused.
+
+**Noise of single readings, in SI units and the axes of the calibration.**
+
+What ROS's ``sensor_msgs/Imu`` carries: with M the matrix of a sensor and
+:math:`\sigma_k` the white noise of a reading on its axis k, the covariance of a
+corrected reading is :math:`M\,\mathrm{diag}(\sigma^2)\,M^T`, row by row.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
@@ -22,18 +30,91 @@ from simval.calibrate import (
     MagnetometerFit,
     NineAxisFit,
 )
-from simval.errors import InputError, RefusedError
+from simval.calibrate.gyroscope.imu import variance_within
+from simval.errors import InputError, RefusedError, SaturatedError
 from simval.logs import Log
-from simval.multiposition.axes import require_alive, require_one_unit
 from simval.multiposition.calibration import LogCalibration, white_noise
-from simval.multiposition.compass import compass_pose_noise
-from simval.multiposition.described import log_lines, sensor_lines
+from simval.multiposition.description import log_lines, sensor_lines
 from simval.multiposition.health import of_a_log
-from simval.multiposition.pose_noise import PoseNoise
+from simval.multiposition.noise import PoseNoise, compass_pose_noise
 from simval.noise import NoiseFile
+from simval.noise.fit import rows_to_a_reading
 from simval.poses import PARAMETERS
 from simval.shapes import Float
-from simval.statics import interval_means
+from simval.statics import Intervals, interval_means
+
+AXES: Final = "xyz"
+RAIL: Final = 3
+"""Readings in a row at the greatest or least reading of an axis that may be a rail."""
+
+KINK: Final = 4.0
+"""Steps of the converter by which the rows beside a rail are off it. A round top that
+reads the same for L rows is one step lower beside them, times (1 + 2/L)^2 < 3."""
+
+SAME_UNIT: Final = 5.0
+"""Ratio of two axes' scales beyond which they are in different units: the nearest two
+units in use, standard gravities and m/s^2, differ by 9.8, and no two axes by 2."""
+
+
+def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
+    """Refuse an axis that shows one value, and one that stays at the end of its range.
+
+    Raises
+    ------
+    RefusedError
+        Naming the axis, and where.
+    """
+    least = int(np.ceil(RAIL * rows_to_a_reading(samples)))
+    for axis, column in zip(AXES, samples.T, strict=True):
+        if np.ptp(column) == 0.0:
+            msg = (
+                f"{log.path}: axis {axis} of the {name} shows {column[0]:g} in every "
+                "row; look at its cable and its settings"
+            )
+            raise RefusedError(msg)
+        for sign in (1.0, -1.0):
+            start, length = rail(sign * column, least)
+            if length:
+                msg = (
+                    f"{log.path}: axis {axis} of the {name} stays at "
+                    f"{column[start]:g} for {length} rows from {log.time[start]:.2f} "
+                    "s: that is the end of its range, and what lies beyond is not "
+                    "known; turn more slowly, or widen the range"
+                )
+                raise SaturatedError(msg)
+
+
+def rail(column: Float[Array, " n"], least: int = RAIL) -> tuple[int, int]:
+    """Start and length of the longest stay at the greatest reading; length 0: none."""
+    top = float(column.max())
+    edges = np.flatnonzero(np.diff(np.r_[0, column == top, 0]))
+    starts, stops = edges[::2], edges[1::2]
+    step = float(np.diff(np.unique(column)).min())
+    walled = np.pad(column, 1, constant_values=-np.inf)  # a log may begin at a rail
+    kinked = np.maximum(walled[starts], walled[stops + 1]) < top - KINK * step
+    lengths = np.where(kinked, stops - starts, 0)
+    k = int(np.argmax(lengths))
+    return (int(starts[k]), int(lengths[k])) if lengths[k] >= least else (0, 0)
+
+
+def require_one_unit(log: Log, name: str, M: Float[Array, "3 3"]) -> None:
+    """Refuse three axes whose scales differ as units do.
+
+    Raises
+    ------
+    RefusedError
+        With the ratio.
+    """
+    scales = np.linalg.norm(M, axis=0)
+    ratio = float(scales.max() / scales.min())
+    if not ratio < SAME_UNIT:
+        low, high = AXES[int(scales.argmin())], AXES[int(scales.argmax())]
+        msg = (
+            f"{log.path}: a unit of axis {high} of the {name} is {ratio:.3g} times one "
+            f"of axis {low}; write all three axes in the same unit"
+        )
+        raise RefusedError(msg)
+
 
 T = TypeVar("T")
 SENSORS: Final = ("gyroscope", "magnetometer")
@@ -286,3 +367,24 @@ def _magnetometer(
     ).require_converged()
     require_one_unit(log, "magnetometer", fit.M)
     return fit, noise
+
+
+def message_covariances(log: Log, whole: ImuCalibration) -> dict[str, Any]:
+    """Fields of a message: nine numbers each; -1 first where nothing is known."""
+    unknown = [-1.0] + [0.0] * 8
+    rests = whole.log.intervals
+    force = whole.accelerometer.sensor().matrix
+    rate = unknown
+    if whole.gyroscope is not None and log.gyro is not None:
+        rate = _covariance(log.gyro, rests, whole.gyroscope.M)
+    return {
+        "orientation_covariance": unknown,
+        "angular_velocity_covariance": rate,
+        "linear_acceleration_covariance": _covariance(log.accelerometer, rests, force),
+    }
+
+
+def _covariance(
+    samples: Float[Array, "n 3"], rests: Intervals, M: Float[Array, "3 3"]
+) -> list[float]:
+    return (M * variance_within(samples, rests) @ M.T).ravel().tolist()

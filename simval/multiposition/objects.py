@@ -11,8 +11,7 @@ from simval.logs import Log
 from simval.multiposition import (
     ImuCalibration,
 )
-from simval.multiposition.described import bound_sd
-from simval.multiposition.judgements import judgements
+from simval.multiposition.description import bound_sd, judgements
 
 
 def log_object(log: Log) -> dict[str, Any]:
@@ -49,7 +48,7 @@ def as_object(whole: ImuCalibration) -> dict[str, Any]:
 
 def sensors_object(whole: ImuCalibration, log: Log) -> dict[str, Any]:
     """The sensors beside the accelerometer, and what is asked of all error bars."""
-    from simval.multiposition.rates import message_covariances
+    from simval.multiposition.imu import message_covariances
 
     values: dict[str, Any] = {"left_out": dict(whole.left_out)}
     if whole.gyroscope is not None:

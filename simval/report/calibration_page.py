@@ -14,9 +14,10 @@ from simval.calibrate.drift import Drift
 from simval.calibrate.estimate import G_NAMES
 from simval.logs import Log
 from simval.multiposition import ImuCalibration, LogCalibration
-from simval.multiposition.described import bound_sd, fit_of
-from simval.multiposition.judgements import (
+from simval.multiposition.description import (
     Judgement,
+    bound_sd,
+    fit_of,
     honest,
     judgements,
     poses_alike,
