@@ -175,60 +175,26 @@ def test_noise_that_is_far_too_low_hides_nothing():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"accelerometer_std": None}, "`accelerometer_std` is not given"),
         ({"magnetometer_std": 0.0}, "is 0 for 40 of 40 poses"),
-        ({"magnetometer_std": -1.0}, "magnetometer_std"),
         ({"magnetometer_std": np.ones(39)}, "one for each of the 40"),
-        ({"magnetometer_std": np.inf}, "infinite"),
-        ({"magnetometer_std": "much"}, "not an array"),
-        ({"hemisphere": "east"}, "unstated, north, south"),
-        ({"hemisphere": None}, "unstated, north, south"),
-        ({"model": "lower"}, "one of triangular, upper, symmetric"),
-        ({"max_iterations": 0}, "max_iterations"),
-        ({"known": 3}, "of type FitResult"),
         ({"time": np.zeros(40)}, "spans 0.0 s"),
         ({"time": np.arange(39)}, "last axes must be"),
-        ({"time": np.full(40, np.nan)}, "non-finite"),
     ],
 )
-def test_bad_options_are_named(change, words, unchecked):
+def test_options_that_do_not_fit_the_poses(change, words):
+    """What is wrong by itself is `test_magnetometer_faces`'s."""
     assert words in refused(*noisy(FORTY), InputError, **change)
 
 
-def spoilt(good, rng):
-    """The good readings, each time with one thing wrong."""
-    some = np.array(good)
-    some[rng.integers(len(some)), rng.integers(3)] = rng.choice([np.nan, np.inf])
-    return {
-        "not finite": some,
-        "one pose less": good[:-1],
-        "columns for rows": np.ascontiguousarray(good.T),
-        "two axes": good[:, :2],
-        "one number": 3.0,
-        "none": None,
-        "text": "mag",
-        "empty": np.zeros((0, 3)),
-        "no trial": np.zeros((0, 40, 3)),
-        "four axes deep": good[None, None],
-        "complex": good + 0j,
-        "truth": good > 0,
-        "huge": 1e40 * good,
-        "one pose all over": np.tile(good[:1], (40, 1)),
-    }
-
-
 @pytest.mark.parametrize("which", [0, 1])
-def test_readings_that_are_none_end_in_words(which, unchecked):
-    pair = noisy(FORTY)
-    for name, bad in spoilt(pair[which], np.random.default_rng(1)).items():
-        given = list(pair)
-        given[which] = bad
-        with pytest.raises(SimvalError) as caught:
+def test_sensors_of_other_poses_are_refused(which):
+    pair = list(noisy(FORTY))
+    for bad in (pair[which][:-1], pair[which][None], np.tile(pair[which][:1], (40, 1))):
+        given = [bad if k == which else x for k, x in enumerate(pair)]
+        with pytest.raises(SimvalError):
             calibrate_magnetometer(*given, G, FIELD, **NOISE)
-        assert len(str(caught.value)) > 30, name
-        if name != "huge":  # the recipe takes any unit
-            with pytest.raises(SimvalError):
-                ellipsoid_then_rotation(*given)
+        with pytest.raises(SimvalError):
+            ellipsoid_then_rotation(*given)
 
 
 @pytest.mark.parametrize("size", [1e-30, 1e-12, 1e12, 1e30])
