@@ -108,7 +108,7 @@ class Claim:
     by: str | None = None  # the predictor; None is each
     theory: str = "theory"  # in words
 
-    @property
+    @cached_property
     def rows(self) -> list[tuple[CellResult, Row]]:
         """Rows that it is about."""
         return [
