@@ -1,7 +1,7 @@
 """Whether a log comes from a sound sensor, and why a log was refused.
 
 Every calibration of a log goes through `require_sound`, every refusal through
-`explained`: a cause that can be named (`faults`, `changes`, poses that do not belong)
+`explained`: a cause that can be named (`faults`, poses that do not belong)
 says more than the geometry it has ruined.
 """
 
