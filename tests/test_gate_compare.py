@@ -264,3 +264,10 @@ def test_what_a_baseline_keeps_of_a_cell():
     assert np.isnan(kept["bias[x] against p"].judged["control p"].prediction)
     checks = {name: claim.check for name, claim in kept["rms"].judged.items()}
     assert checks == {"exact": "exact", "plain order 2": "plain"}
+
+
+@pytest.mark.parametrize(("step", "change"), [(9e-15, "close"), (2e-14, "changed")])
+def test_rounding_of_a_mean_that_hardly_has_chance(step, change):
+    """Summed by another processor: 1e-14 is allowed, and a tenth of its error."""
+    old, new = (run_of({"rms": v}, 1, error=1e-12) for v in (0.5, 0.5 + step))
+    assert changes(old, new)["rms"].change == change

@@ -292,7 +292,7 @@ def trend_of(runs: Sequence[Run], alpha: float = ALPHA) -> Trend:
                 for (old, new), bound in zip(pairwise(points), bounds, strict=False)
                 if abs(new.value - old.value) > bound
             ]
-        elif not values[number] > limits[number]:
+        else:
             limit = float(limits[number])
             quantile = -float(scipy.special.ndtri(limit / series.comparisons / 2.0))
             steps += [
