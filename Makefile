@@ -34,7 +34,7 @@ nightly: check docs sanitize
 	$(MAKE) power POWER=--rates
 	$(MAKE) mutants
 	$(MAKE) .venv-league/installed
-	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv-league/bin/python -m pytest -m league tests/test_league.py tests/test_league_filters.py
+	PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 .venv-league/bin/python -m pytest -m league tests/plugins/test_league.py tests/plugins/test_league_filters.py
 	$(MAKE) lowest
 	$(MAKE) bench
 
@@ -49,7 +49,7 @@ bench: .venv/installed
 
 # the compiled block under sanitizers, with random arguments
 sanitize: .venv/installed
-	$(BIN)/python tests/sanitized.py
+	$(BIN)/python tests/montecarlo/sanitized.py
 
 # axe-core and the Nu HTML checker, which judge the pages; without npm their tests skip
 tests/pages/installed: tests/pages/package-lock.json

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from simval.calibrate import calibrate
 from simval.calibrate.gyroscope import moves_between
@@ -88,3 +89,29 @@ def fitted(truth, poses, rows, *, chunk=2, **options):
     return calibrate(
         poses, truth.g, residual="weighted", noise_std=truth.pose_std
     ), moves
+
+
+def rolled(axes_angles, hold=60, move=200, h=0.01):
+    """Rests and moves about fixed axes, minimum jerk, as attitudes and averages."""
+    parts = [np.zeros((hold, 3))]
+    for axis, angle in axes_angles:
+        s = np.linspace(0.0, 1.0, move + 1)
+        course = s**3 * (10 - 15 * s + 6 * s * s)
+        unit = np.array(axis) / np.linalg.norm(axis)
+        parts += [np.diff(course)[:, None] * unit * angle / h, np.zeros((hold, 3))]
+    rate = np.concatenate(parts)
+    rests = np.array(
+        [
+            [k * (move + hold), k * (move + hold) + hold]
+            for k in range(len(axes_angles) + 1)
+        ]
+    )
+    R, u = Rotation.identity(), [np.array([0.2, 0.3, 0.9])]
+    for axis, angle in axes_angles:
+        R = R * Rotation.from_rotvec(np.array(axis) / np.linalg.norm(axis) * angle)
+        u.append(R.inv().apply(u[0]))
+    return np.arange(len(rate)) * h, rate, rests, np.array(u) / np.linalg.norm(u[0])
+
+
+_RANDOM = np.random.default_rng(2)
+GENERIC = [(_RANDOM.standard_normal(3), _RANDOM.uniform(1.0, 2.5)) for _ in range(12)]

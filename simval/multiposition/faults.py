@@ -43,7 +43,7 @@ _LIKE = 0.25  # least ratio of the scales of two columns that may be one channel
 _FLAT = 0.02  # of the spread of the other axes: misalignments leave far more
 _WEAK = 0.3  # the least spread of an axis in poses of less than half the sphere is 0.3
 _ODD_SCALE = 3.0  # ratio of two axes' scales that no sensor has
-# Of gravity. Holds by hand leave some 1e-3 (the recordings of tests/test_recorded.py
+# Of gravity. Holds by hand leave some 1e-3 (the recordings of test_recorded.py
 # 1e-4 to 2e-4); residuals above it are not those of gravity at rest.
 MISFIT = 0.02
 # A rail half a standard deviation above the mean of a rest holds so many of its
@@ -250,7 +250,7 @@ def _left_over(centred: Float[Array, "n 3"], axis: int) -> float:
 Detector = Callable[[Log, int], Intervals]  # the rests of a log, at least so many
 
 # What these bounds let pass and catch of 570 bad logs is
-# held by tests/test_log_faults.py.
+# held by tests/multiposition/test_log_faults.py.
 _BETTER = 1.5  # times less scatter; undoing the jumps of a sound log makes it worse
 _VANISHES = 4.0  # times less scatter; leaving out a part of a slow drift halves it
 _CHANCE = 1e-6  # of a cut or a step as good in a clean log; its root where the

@@ -161,7 +161,7 @@ EDGE: Final = 6  # lags beside each of the nine at which c has a kink that are s
 NODES: Final = 36
 """Lags from one kink of c to the next: each one where there are no more; else those at
 the edges, and the nodes of a quadrature between them, which leaves up to 6e-4 of a
-variance of (V4) (`tests/test_study_allowances.py`)."""
+variance of (V4) (`tests/studies/test_study_allowances.py`)."""
 REACH: Final = 20.0  # lags over m + m' where c, flicker's alone, ends: 1e-5 of (V4)
 SERIES: Final = 16.0  # |t|/m from which the second difference of flicker is a series
 _SIGNS: Final = np.array([-1.0, 0.0, 1.0])

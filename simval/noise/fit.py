@@ -243,7 +243,7 @@ def _with_end(
 
 FALSE_ALARM: Final = 0.01
 """Chance that lengths are dropped, or a model is, of a signal that has the model's
-noise; measured, 0.3 to 1.8 % (`test_chi_square_is_one`, tests/test_noise_fit.py)."""
+noise; measured, 0.3 to 1.8 % (`test_chi_square_is_one`, test_noise_fit.py)."""
 LEAST_POINTS: Final = 9  # three octaves of lengths: fewer and any four terms fit
 _ORDER: Final = (0, 1, 2, 3)
 

@@ -340,7 +340,7 @@ def turn_errors(fit: TurnFit) -> TurnErrors:
 
 MOST_LEFT: Final = 0.25
 """Share of the variance of the gyroscope's turns that a truth may leave unexplained.
-Truths of other logs are refused (tests/test_recorded_refusals.py); the least that one
+Truths of other logs are refused (test_recorded_refusals.py); the least that one
 was seen to leave is 0.43, and the two recordings of BROAD leave 0.001."""
 
 BETTER: Final = 4.0

@@ -207,7 +207,7 @@ COUNTS: Final = (24, 12, 6)
 
 ALPHA: Final = 0.01
 """False-alarm rate of a verdict, both sides together; measured in
-tests/test_recorded_errors.py for errors that last up to a twentieth of the log."""
+test_recorded_errors.py for errors that last up to a twentieth of the log."""
 
 Verdict = Literal["consistent", "overconfident", "underconfident", "not judged"]
 

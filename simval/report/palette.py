@@ -7,7 +7,7 @@ exact answer in the ink of the words, the Cramér-Rao bound grey and dotted.
 
 Every colour has a contrast of at least 3 to the paper, white and dark, and is told
 apart with every kind of colour vision, or by its marker or line
-(tests/test_report_figures.py).
+(tests/report/test_report_figures.py).
 """
 
 GROUPS = ("#0077bb", "#008877", "#6644ff", "#2277ee", "#885588", "#cc22bb")

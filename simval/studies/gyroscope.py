@@ -58,7 +58,7 @@ FINE = 100
 as many."""
 LEFT_OUT = 2e-5
 """Of a covariance in deviations, by the square of the rows to a reading: 7e-6, 1.3e-4
-and 7.8e-4 were seen with 1, 5 and 10 (`tests/test_foundations.py`)."""
+and 7.8e-4 were seen with 1, 5 and 10 (`tests/studies/test_foundations.py`)."""
 RELATIVE = 5e-3
 """Of a variance or a NEES: the bound's segments, and the covariance that is taken at a
 noisy estimate, which moves it by some 1e-3."""

@@ -34,7 +34,7 @@ PIECES = 40
 """Segments of a move in the bound. Beside the limit of ever shorter ones, a variance is
 off by up to 4e-3 of itself with 14 poses, 3e-3 with 40 and 12e-3 with 12, and the mean
 of all twelve, which is judged, by 1e-4, 4e-4 and 8e-4
-(`tests/test_gyroscope_study.py`)."""
+(`tests/studies/test_gyroscope_study.py`)."""
 
 Estimator = Literal["joint", "generalised", "unweighted"]
 

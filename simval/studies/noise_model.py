@@ -14,7 +14,7 @@ product of the two Allan variances, to first order.
 With ``known weights`` the estimate is linear in the Allan variances, and theory exact
 but for that and for the quadrature of (V4). The fit itself estimates its weights. To
 second order that adds 0.4, 4 and 4 % to the variances of N, B and K squared with 4 096
-rows, 0.5, 7 and 13 % with 16 384 (`tests/test_noise_study.py`); but errors of B and K
+rows, 0.5, 7 and 13 % with 16 384 (`test_noise_study.py`); but errors of B and K
 squared are 0.7 to 2 of themselves, which is not small, and Allan variances are not
 normal. So what the fit leaves is stated as it was measured, at the defaults: mean
 square errors of 0.99, 1.04 and 1.14 times the predicted ones (N, B, K; 4 008 signals of
@@ -69,7 +69,7 @@ REMAINDERS = (0.03, 0.08, 0.2)  # of a fit's N, B and K squared: measured, see a
 LAGS = 1e-3  # of (V4): what its quadrature leaves, `simval.noise.allan.NODES`
 SECOND = 0.5
 """Of what (V4) is said to grow by: what that may be off by, beside `LAGS`; the most was
-0.52, at B = 10 N (`test_covariance_of_samples`, tests/test_noise_study.py)."""
+0.52, at B = 10 N (`test_covariance_of_samples`, tests/studies/test_noise_study.py)."""
 RATE_OF_INTERVALS = 0.95
 COVERED = 0.02
 SHORTEST = 4  # rows to an average from which samples follow the laws of averages

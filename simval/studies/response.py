@@ -32,7 +32,7 @@ STEP = 2e-3
 
 MET = 1e-7
 """Relative to the standard deviations: `STEP`'s remainders, times what the poses
-enlarge them by (1e-9 was the worst seen, `tests/test_foundations.py`)."""
+enlarge them by (1e-9 was the worst seen, `tests/studies/test_foundations.py`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

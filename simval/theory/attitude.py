@@ -17,7 +17,7 @@ the error to second order), and entry by entry the greatest difference,
 
 An expansion in the noise goes in powers of t, and its sixth order is the first that
 :math:`F_4` leaves out: the power is derived. The factor is measured: the exact moments
-of 265 random geometries are off by at most 0.7 of (R1) (`tests/test_theory_orders.py`).
+of 265 random geometries are off by at most 0.7 of (R1) (`test_theory_orders.py`).
 (R2) is the triangle inequality. The ratio of the two orders below would not do for
 (R1): either may vanish for a geometry, and was found 6 times too small.
 

@@ -41,7 +41,7 @@ itself by,
 .. math:: 40\, k^7 u^2 s \tag{K3}, \qquad 60\, k^4 u. \tag{K4}
 
 The powers bound the growth; the two factors are measured, over random sensors and 12 to
-200 even or random poses: `tests/test_calibration_theory.py`.
+200 even or random poses: `tests/theory/test_calibration_theory.py`.
 
 **The error of one draw of noise, to second order.** The estimating equation (K1),
 solved in powers of the noise :math:`n_i` of each pose and not of its mean. With

@@ -36,7 +36,7 @@ may be off by, relative to itself, and a bias by, in standard deviations,
 
 Derivatives of (M1) are complex steps, exact to rounding. The powers bound the growth;
 the factors are measured over random sensors and 10 to 100
-random poses: `tests/test_magnetometer_theory.py`.
+random poses: `tests/theory/test_magnetometer_theory.py`.
 """
 
 from dataclasses import dataclass

@@ -2,7 +2,7 @@
 
     PYTHONPATH=tests python -m errata.page
 
-prints the counts and the tables, which `tests/test_errata.py` holds the page to.
+prints the counts and the tables, which `test_errata.py` holds the page to.
 """
 
 import sys

@@ -14,7 +14,7 @@ import pytest
 
 from simval.sweep.identity import here
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 MACHINE = here().machine
 PLAIN = {
     "OPENBLAS_CORETYPE": "Nehalem",

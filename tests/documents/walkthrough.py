@@ -12,8 +12,8 @@ any other number may differ by one unit in its last printed digit, for other ver
 and processors round otherwise, and two numbers below 1e-12 are both rounding. How long
 something took, as in `1 passed in 0.23s`, is not compared.
 
-`python tests/walkthrough.py docs/tutorials/*.md` runs pages and writes into them what
-is printed now; read the difference before it is committed.
+`PYTHONPATH=tests python tests/documents/walkthrough.py docs/tutorials/*.md` runs pages
+and writes into them what is printed now; read the difference before it is committed.
 """
 
 import contextlib

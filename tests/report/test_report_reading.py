@@ -91,7 +91,7 @@ def test_dots_and_their_best_name_the_same_numbers(tmp_path):
             assert float(note.split()[0]) == pytest.approx(x, abs=1e-4)
             assert "× the bound" in note
             assert "simval repro" in note
-    # geometric means of 1.01 and 1.111, of 1.2 and 1.32 (tests/small_runs.py)
+    # geometric means of 1.01 and 1.111, of 1.2 and 1.32 (tests/report/small_runs.py)
     assert "simval:wahba is nearest to the bound, with 1.06 times" in drawing.finding
     assert "mine.py farthest, with 1.26 times" in drawing.finding
 

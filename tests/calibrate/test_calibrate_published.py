@@ -17,7 +17,7 @@ from simval.sensor import AccelerometerModel
 from simval.theory.calibration import calibration_moments
 
 TABLE = (
-    Path(__file__).resolve().parents[1].parent
+    Path(__file__).resolve().parents[2].parent
     / "shared/data/xsens/tedaldi2013_simulation_tables.json"
 )
 G = 9.81

@@ -11,7 +11,7 @@ from errata.claim import CLAIMS, RIGHT, check
 from mutants import claims as faults
 
 EVALUATED = [name for name, claim in CLAIMS.items() if claim.evaluate]
-PAGE = (Path(__file__).parents[1] / "docs" / "errata.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "errata.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", EVALUATED)

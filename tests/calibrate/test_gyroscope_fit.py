@@ -7,7 +7,18 @@ import numpy as np
 import pytest
 from places import RECORDINGS
 from scipy.spatial.transform import Rotation
-from tumbles import ACCELEROMETER, GYROSCOPE, WALK, M, fitted, of, readings, tumble
+from tumbles import (
+    ACCELEROMETER,
+    GENERIC,
+    GYROSCOPE,
+    WALK,
+    M,
+    fitted,
+    of,
+    readings,
+    rolled,
+    tumble,
+)
 
 from simval.calibrate import (
     calibrate,
@@ -248,31 +259,7 @@ def test_another_form_is_fitted_as_it_is_carried(slow_clock):
         )  # fmt: skip
 
 
-def rolled(axes_angles, hold=60, move=200, h=0.01):
-    """Rests and moves about fixed axes, minimum jerk, as attitudes and averages."""
-    parts = [np.zeros((hold, 3))]
-    for axis, angle in axes_angles:
-        s = np.linspace(0.0, 1.0, move + 1)
-        course = s**3 * (10 - 15 * s + 6 * s * s)
-        unit = np.array(axis) / np.linalg.norm(axis)
-        parts += [np.diff(course)[:, None] * unit * angle / h, np.zeros((hold, 3))]
-    rate = np.concatenate(parts)
-    rests = np.array(
-        [
-            [k * (move + hold), k * (move + hold) + hold]
-            for k in range(len(axes_angles) + 1)
-        ]
-    )
-    R, u = Rotation.identity(), [np.array([0.2, 0.3, 0.9])]
-    for axis, angle in axes_angles:
-        R = R * Rotation.from_rotvec(np.array(axis) / np.linalg.norm(axis) * angle)
-        u.append(R.inv().apply(u[0]))
-    return np.arange(len(rate)) * h, rate, rests, np.array(u) / np.linalg.norm(u[0])
-
-
 X, Y, Z = np.eye(3)
-RANDOM = np.random.default_rng(2)
-GENERIC = [(RANDOM.standard_normal(3), RANDOM.uniform(1.0, 2.5)) for _ in range(12)]
 SINGULAR = {
     "axes in one plane": [
         ([np.cos(a), np.sin(a), 0.0], 1.3 + 0.1 * a) for a in range(12)

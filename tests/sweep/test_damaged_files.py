@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from log_formats import spelled
 from scipy.spatial.transform import Rotation
-from test_imu_readings import FILE
 from true_sensor import MODEL, G
-from written import written
+from written import FILE, written
 
 from simval.calibrate import calibrate, load_calibration, save_calibration
 from simval.errors import SimvalError

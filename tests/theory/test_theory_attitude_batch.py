@@ -285,7 +285,7 @@ def test_a_frame_that_is_singular_at_an_estimate_counts_nothing():
 
 
 def test_the_example_of_the_page():
-    text = (Path(__file__).parents[1] / "docs/attitude.md").read_text()
+    text = (Path(__file__).parents[2] / "docs/attitude.md").read_text()
     start = text.index("    >>> from simval.theory import attitude_moments, mult")
     example = text[start : text.index("\n\n", start)] + "\n"
     q, r1, r2, _ = random_batch(6, 12)

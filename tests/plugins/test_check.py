@@ -1,4 +1,4 @@
-"""`simval check`, and the garbage that it finds: tests/garbage_estimators.py."""
+"""`simval check`, and the garbage that it finds: garbage_estimators.py."""
 
 import json
 import re

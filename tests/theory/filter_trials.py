@@ -1,9 +1,9 @@
 """Trials of the reference filter on the gimbal, and the table of what breaks it.
 
-``python tests/filter_trials.py`` prints the table of docs/filters.md: as simulated, and
-as theory has it. Every number that a sensor reads is drawn: the start, the gyroscope's
-noise and walk over each step, and the noise of the vector sensors at its end.
-"""
+``PYTHONPATH=tests python tests/theory/filter_trials.py`` prints the table of
+docs/filters.md: as simulated, and as theory has it. Every number that a sensor reads is
+drawn: the start, the gyroscope's noise and walk over each step, and the noise of the
+vector sensors at its end."""
 
 import sys
 import time

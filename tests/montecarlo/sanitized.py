@@ -13,7 +13,7 @@ import sysconfig
 import tempfile
 from pathlib import Path
 
-SOURCE = Path(__file__).parents[1] / "simval" / "montecarlo" / "fused.c"
+SOURCE = Path(__file__).parents[2] / "simval" / "montecarlo" / "fused.c"
 FLAGS = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all",
          "-ffp-contract=off", "-shared", "-fPIC")  # fmt: skip
 CASES = 20_000

@@ -8,8 +8,7 @@ is their covariance; no line of the fit's own linearisation, weights or noise is
 
 import numpy as np
 import pytest
-from test_gyroscope_fit import GENERIC, rolled
-from tumbles import ACCELEROMETER, GYROSCOPE
+from tumbles import ACCELEROMETER, GENERIC, GYROSCOPE, rolled
 
 from simval.calibrate import calibrate, calibrate_gyroscope, moves_between
 

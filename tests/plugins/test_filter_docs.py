@@ -12,7 +12,7 @@ from simval.plugins import Filter, find_plugin, find_world, run_filter
 from simval.plugins.attitudes import WORLDS
 from simval.plugins.protocol import ANSWERS, READS
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 EXAMPLE = DOCS / "examples" / "complementary.py"
 SECTION = (DOCS / "plugins.md").read_text().partition("## A filter\n")[2]
 SECTION = SECTION.partition("\n## ")[0]

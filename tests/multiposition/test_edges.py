@@ -5,8 +5,7 @@ import pytest
 import side_by_side
 from rows_by_name import cell, row
 from scipy.spatial.transform import Rotation
-from test_gyroscope_fit import GENERIC, rolled
-from tumbles import ACCELEROMETER, GYROSCOPE
+from tumbles import ACCELEROMETER, GENERIC, GYROSCOPE, rolled
 from written import written
 
 from simval.calibrate import calibrate, moves_between

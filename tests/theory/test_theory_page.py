@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-PAGE = Path(__file__).resolve().parents[1] / "docs/theory.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs/theory.md"
 
 
 def worked_geometry():

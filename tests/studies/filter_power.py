@@ -4,7 +4,7 @@ Prints, for each fault, how often 40 trials of the reference filter are called
 overconfident or underconfident by their NEES, and by their NIS, at the gate's rate of
 false alarms each:
 
-    python tests/filter_power.py [TRIALS]
+    python tests/studies/filter_power.py [TRIALS]
 
 TRIALS (480) are drawn once for each fault and dealt into campaigns of 40 at random, 400
 times; so the shares of one line are not independent, and their standard error is about
