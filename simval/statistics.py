@@ -40,6 +40,8 @@ class Family:
     scale : Scale, default "value"
         What the margin is a share of: the value itself; of an off-diagonal covariance
         the root of its two variances; or the standard deviation of one sample.
+    least, most : float
+        What its values can be.
     better : {"less", "more", "zero", "prediction"} or None, default "less"
         Which way is better: less of it, as of most (errors, times, costs); more of it;
         nearer to zero; nearer to what theory predicts; or None where neither is.

@@ -320,8 +320,8 @@ def _no_row(path: str, lines: list[Line]) -> str:
         return f"{path} has a header but no row of numbers; record or export it again"
     return (
         f"{path} has no row of numbers: line {lines[0][0]} is {lines[0][1][:40]!r}; a "
-        "log is rows of numbers with tabs, semicolons, commas or blanks between them, "
-        "so export it as text"
+        "log is rows of numbers with tabs, semicolons, commas, bars or blanks between "
+        "them, so export it as text"
     )
 
 

@@ -17,6 +17,7 @@ from simval.report.gallery import drawn
 from simval.report.panels import Drawing, Panel
 from simval.report.section import Context
 from simval.report.words import spelled
+from simval.statistics import Family
 from simval.studies import STUDIES
 from simval.sweep.run import CellResult
 
@@ -82,7 +83,7 @@ def question_figure(context: Context) -> Drawing | None:
     ends = ", ".join(_ends(panel, figure.value) for panel in panels)
     return replace(
         drawing,
-        asked=f"How does the error depend on the {names}?",
+        asked=f"How does the {_subject(figure)} depend on the {names}?",
         finding=f"From {x[0]:g} to {x[-1]:g}: {ends}.",
         panels=[
             replace(
@@ -107,6 +108,13 @@ def _of_any(cells: Sequence[CellResult]) -> Figure | None:
         name="", rows=[row.statistic], by=row.predictor, value=what,
         caption=f"{what[:1].upper()}{what[1:]}.",
     )  # fmt: skip
+
+
+def _subject(figure: Figure) -> str:
+    """What the question is about: an error, or whatever is no better if it is less."""
+    row = figure.rows[0]
+    family = row if isinstance(row, Family) else row.family
+    return "error" if family.better in ("less", "zero") else family.words
 
 
 def _ends(panel: Panel, value: str) -> str:

@@ -128,7 +128,7 @@ def test_a_file_that_the_model_includes_changes_the_key(tmp_path):
 @pytest.mark.ci
 def test_the_same_bits_in_another_process():
     code = (
-        "import sys; sys.path.insert(0, 'tests')\n"
+        "import sys; sys.path.insert(0, 'tests/scene')\n"
         "from test_scene_cache import digest, QUICK\n"
         "from simval.scene import simulate\n"
         "print(digest(simulate('gimbal', **QUICK)),"
