@@ -219,27 +219,31 @@ def _off(subject: str, found: Agreement, theory: str) -> str:
 def _where(subject: str, found: Agreement, theory: str) -> str:
     """How near how many values are, and what is to be said of the others."""
     plain = found.compared - found.unseen - found.allowed
-    every = (
-        f"all {plain}" if plain == found.compared else f"{plain} of {found.compared}"
-    )
     words = []
     if plain:
         words.append(
-            f"{subject} agrees with {theory} within {percent(found.within)} in {every} "
-            f"values{_named(found.names[0])}"
+            f"{subject} agrees with {theory} within {percent(found.within)} in "
+            f"{_share(plain, found.compared)}{_named(found.names[0])}"
         )
-    if found.allowed:
-        several = found.allowed > 1
-        who = "" if plain else f"{subject}: "
+    remainder = f"within its stated remainder, {percent(found.most)}"
+    if found.allowed and plain:
+        verb = "agree" if found.allowed > 1 else "agrees"
         words.append(
-            f"{who}{found.allowed} {'agree' if several else 'agrees'} with {theory} "
-            f"within its stated remainder, {percent(found.most)}"
-            f"{_named(found.names[1])}"
+            f"{found.allowed} {verb} with {theory} {remainder}{_named(found.names[1])}"
+        )
+    elif found.allowed:
+        words.append(
+            f"{subject} agrees with {theory} {remainder}, in "
+            f"{_share(found.allowed, found.compared)}{_named(found.names[1])}"
         )
     if found.unseen:
         who = "" if words else f"{subject}: "
         words.append(f"{who}{found.unseen} cannot be told from zero")
     return "; ".join(words)
+
+
+def _share(count: int, whole: int) -> str:
+    return f"{f'all {whole}' if count == whole else f'{count} of {whole}'} values"
 
 
 def _named(name: str) -> str:

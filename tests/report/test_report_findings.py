@@ -130,10 +130,12 @@ def agrees_with(sentence, found):
         assert same(size, found["within"][0])
         assert most is None or named(found["within"][1], most)
     if found["allowed"]:
-        count, share = re.search(
-            r"(\d+) agrees? with .* within its stated remainder, ([\d.]+) %", sentence
-        ).groups()
-        assert int(count) == found["allowed"]
+        count, share, every, of = re.search(
+            r"(?:(\d+) agrees?|agrees) with [^;]* within its stated remainder, "
+            r"([\d.]+) %(?:, in (all|\d+ of) (\d+) values)?", sentence
+        ).groups()  # fmt: skip
+        every = of if every == "all" else every and every.split()[0]
+        assert int(count or every) == found["allowed"]
         assert same(percents(share), found["most"][0])
     if found["outside"] and found["compared"] > 1:  # one value says its own
         assert f"; {found['outside']} of {found['compared']} value" in sentence
