@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from simval.calibrate import calibrate, calibrate_magnetometer
 from simval.calibrate.files import save_calibration
-from simval.cli import run
-from simval.cli.plan import command, named_poses
+from simval.cli import group, run
+from simval.cli.plan import named_poses
 from simval.errors import GeometryError, InputError
 from simval.geometry import random_quaternions
 from simval.poses import cube_faces, fibonacci_sphere
@@ -230,7 +230,7 @@ def test_a_plan_grows_to_full_rank_from_nothing():
 
 
 def invoke(*arguments):
-    return CliRunner().invoke(command, list(arguments))
+    return CliRunner().invoke(group, ["plan", *arguments])
 
 
 def answered(*arguments):

@@ -17,7 +17,7 @@ from simval.calibrate.files import (
     save_calibration,
     to_json,
 )
-from simval.cli.correct import command
+from simval.cli import group
 from simval.errors import ConvergenceError, InputError, RefusedError, SimvalError
 from simval.poses import fibonacci_sphere, random_directions
 from simval.sensor import MODELS, AccelerometerModel
@@ -131,7 +131,7 @@ def test_correct_applies_the_calibration(tmp_path, model, time, extra):
         "--out",
         str(out),
     ]
-    found = CliRunner().invoke(command, [*arguments, "--rate", "100"])
+    found = CliRunner().invoke(group, ["correct", *arguments, "--rate", "100"])
     assert found.exit_code == 0, found.output
     header = out.read_text().splitlines()[0]
     rows = np.loadtxt(out, delimiter=",", skiprows=1)
@@ -147,7 +147,7 @@ def test_correct_prints_and_reads_the_output_of_calibrate(tmp_path):
     (tmp_path / "c.json").write_text(json.dumps(to_json(one) | {"intervals": 12}))
     path, raw = log_file(tmp_path, time=True)
     found = CliRunner().invoke(
-        command, [str(path), "--calibration", str(tmp_path / "c.json")]
+        group, ["correct", str(path), "--calibration", str(tmp_path / "c.json")]
     )
     assert found.exit_code == 0
     first = np.array(found.output.splitlines()[1].split(","), dtype=float)
@@ -159,17 +159,19 @@ def test_correct_prints_and_reads_the_output_of_calibrate(tmp_path):
 def test_correct_refuses(tmp_path):
     path, _ = log_file(tmp_path, time=True)
     missing = str(tmp_path / "no.json")
-    found = CliRunner().invoke(command, [str(path), "--calibration", missing])
+    found = CliRunner().invoke(group, ["correct", str(path), "--calibration", missing])
     assert isinstance(found.exception, InputError)
     assert "no.json" in str(found.exception)
-    assert CliRunner().invoke(command, [str(path)]).exit_code == 2
+    assert CliRunner().invoke(group, ["correct", str(path)]).exit_code == 2
     save_calibration(tmp_path / "c.json", fit())
     good = [str(path), "--calibration", str(tmp_path / "c.json")]
-    found = CliRunner().invoke(command, [*good, "--out", str(tmp_path / "no/out.csv")])
+    found = CliRunner().invoke(
+        group, ["correct", *good, "--out", str(tmp_path / "no/out.csv")]
+    )
     assert isinstance(found.exception, InputError)
     data = to_json(fit()) | {"status": "max iterations"}
     (tmp_path / "c.json").write_text(json.dumps(data))
-    found = CliRunner().invoke(command, good)
+    found = CliRunner().invoke(group, ["correct", *good])
     assert isinstance(found.exception, ConvergenceError)
 
 
@@ -359,12 +361,16 @@ def test_raw_counts_are_not_corrected_with_a_calibration_in_si(tmp_path):
     raw = unit_sensor("counts", rng).distort(recorded_force("rests", 100, rng), rng)
     np.savetxt(tmp_path / "log.txt", raw)
     words = [str(tmp_path / "log.txt"), "--calibration", str(tmp_path / "c.json")]
-    found = CliRunner().invoke(command, [*words, "--rate", "100"])
+    found = CliRunner().invoke(group, ["correct", *words, "--rate", "100"])
     assert isinstance(found.exception, RefusedError)
     for part in (r"made from readings of -\d", r"\(m/s\^2", r"holds \d+", "counts"):
         assert re.search(part, str(found.exception)), found.exception
-    assert CliRunner().invoke(command, [*words, "--rate", "100", "--unchecked"]).output
+    assert (
+        CliRunner()
+        .invoke(group, ["correct", *words, "--rate", "100", "--unchecked"])
+        .output
+    )
     bare = {name: to_json(made)[name] for name in ("T", "K", "B")}
     (tmp_path / "c.json").write_text(json.dumps(bare))
-    found = CliRunner().invoke(command, [*words, "--rate", "100"])
+    found = CliRunner().invoke(group, ["correct", *words, "--rate", "100"])
     assert "is for readings of" in str(found.exception)
