@@ -278,7 +278,7 @@ def _size_rows(
     for part, family in (("bias", BIAS_ALONG), ("covariance", COVARIANCE_ALONG)):
         moment = np.asarray(getattr(exact, part))
         size = float(np.linalg.norm(moment))
-        if size == 0.0:  # nothing to project on
+        if not size > 0.0:  # nothing to project on
             continue
         found = along(sums, moment / size)
         for label, predicted in predictions.items():

@@ -308,7 +308,7 @@ def _pooled_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
             left,
         )  # fmt: skip
         size = float(np.sqrt(each @ predicted.bias**2))
-        if size == 0.0:  # nothing to project on
+        if not size > 0.0:  # nothing to project on
             continue
         weight = each * predicted.bias / size
         rows += unjudged(

@@ -168,7 +168,8 @@ def _stated() -> list[Fault]:
     def without_noise(original: Any, own: Any, *given: Any) -> Any:
         found = original(own, *given)
         S = np.array(found["innovation_covariance"])
-        S[..., range(6), range(6)] -= own.R / 4.0
+        if S.size:  # a step without vectors has none
+            S[..., range(6), range(6)] -= own.R / 4.0
         return found | {"innovation_covariance": S}
 
     return [
