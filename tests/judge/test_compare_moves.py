@@ -187,3 +187,17 @@ def test_on_the_same_noise_a_bias_within_chance_has_no_direction(tiny_run, tmp_p
     moves = moved(result.steps)
     assert moves
     assert {move.standing for move in moves} == {"neither"}
+
+
+@pytest.mark.parametrize("judged", [{"predictions": (1e-9, 1e-9)}, {"left_open": 1e-7}])
+def test_rounding_is_not_the_largest_effect(judged):
+    """1.05e-11 to 1.16e-11 is little beside a limit, or beside what theory leaves."""
+
+    def weight(before, after, error=0.0, **more):
+        return step("recovery[K]", before, after, error, **more).weight
+
+    slight = weight(1.0, 1.008, error=0.1)  # of 0.08 standard errors
+    assert weight(1.05e-11, 1.16e-11, **judged) < slight
+    # power: alone it is a tenth of its size, and where it is as great as it may be
+    assert weight(1.05e-11, 1.16e-11) > slight
+    assert weight(1.05e-11, 9e-8, **judged) > slight

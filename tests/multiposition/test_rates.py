@@ -15,7 +15,7 @@ from simval.errors import InputError, RefusedError
 from simval.logs import Log, read_log
 from simval.multiposition import calibrate_log
 from simval.poses import fibonacci_sphere
-from simval.statics import evened
+from simval.statics import detector, evened
 
 POSES = 24
 
@@ -99,6 +99,31 @@ def test_the_same_motion_at_any_rate_gives_the_same_rests(rate):
 def test_jitter_lost_rows_and_coloured_noise_change_nothing(rate, how):
     motion = Motion(np.random.default_rng(33))
     require_right(motion, recorded(motion, rate, np.random.default_rng(34), **how))
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("FLOOR_MULTIPLE", (1.2, 10.0)), ("FLOOR_QUANTILE", (0.01, 0.2))],
+)
+def test_the_noise_floor_decides_little(monkeypatch, name, values):
+    motion = Motion(np.random.default_rng(41), turn=(4.0, 7.0))  # two fifths at rest
+    log = recorded(motion, 25.0, np.random.default_rng(42), band=5.0)
+    rests = require_right(motion, log).intervals
+    for value in values:
+        monkeypatch.setattr(detector, name, value)
+        found = require_right(motion, log).intervals
+        # the ends move where the motion is as small as the noise: half a window
+        assert abs(found - rests).max() <= 13
+
+
+@pytest.mark.parametrize("quantile", [0.5, 0.7])
+def test_a_log_needs_rests_in_more_than_the_noise_floor_s_share(monkeypatch, quantile):
+    motion = Motion(np.random.default_rng(41), turn=(8.0, 14.0))  # a fifth at rest
+    log = recorded(motion, 25.0, np.random.default_rng(42))
+    require_right(motion, log)
+    monkeypatch.setattr(detector, "FLOOR_QUANTILE", quantile)
+    with pytest.raises(RefusedError):
+        calibrate_log(log, g=G)
 
 
 def test_a_clock_that_changes_its_rate():
