@@ -14,9 +14,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from simval.arrays import Array
 from simval.results import Row
 from simval.statistics import Family, Statistic
-from simval.units import OF_A_CALIBRATION, RELATIVE, Unit
+from simval.units import COUNT, OF_A_CALIBRATION, Unit
 
 Parameters = Mapping[str, Any]
 VARYING = "*"
@@ -47,7 +48,7 @@ def words(row: Row) -> str:
 
 def of_calibration(row: Row) -> Unit:
     """Unit of a parameter of an accelerometer, by the first letter of its entry."""
-    return OF_A_CALIBRATION.get(row.statistic.entries[0][:1], RELATIVE)
+    return OF_A_CALIBRATION.get(row.statistic.entries[0][:1], COUNT)
 
 
 def along_entry(row: Row) -> float:
@@ -193,32 +194,95 @@ class Figure(Picture):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Distribution(Picture):
-    """A figure of an artifact: the share of values that are at most each value.
+class Artifact(Picture):
+    """A figure of what cells leave in files beside their rows.
 
     Attributes
     ----------
     file : callable
         Name of the artifact of a cell's parameters.
+    axis : str
+        Words of the axis.
+    each : bool
+        Whether each cell has a figure of its own; else each has panels.
+    most : int
+        Cells that are drawn, evenly from the first to the last; for the page's size.
+    """
+
+    file: Callable[[Parameters], str]
+    axis: str
+    each: bool = False
+    most: int = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Distribution(Artifact):
+    """The share of values of an artifact that are at most each value.
+
+    Attributes
+    ----------
     arrays : callable
         Names of the arrays of each line of each panel: ``{panel: {line: name}}``.
-    axis, value : str
-        Words of the axes.
+    value : str
+        Words of the other axis.
     references : sequence of float
         Shares with a line across.
     upright : mapping
         Lines upright, by what they are.
-    each : bool
-        Whether each cell has a figure of its own; else each has panels.
     """
 
-    file: Callable[[Parameters], str]
     arrays: Callable[[Parameters], Mapping[str, Mapping[str, str]]]
-    axis: str
     value: str = "share"
     references: Sequence[float] = ()
     upright: Mapping[str, float] = field(default_factory=dict)
-    each: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Strip:
+    """Axes of a trace.
+
+    Attributes
+    ----------
+    value : str
+        Words of the other axis.
+    array : str
+        What is drawn, (n,), or (n, 3) of the axes x, y, z; empty draws every array of
+        the artifact with a mark for each value.
+    title : str
+        Words above; empty is the cell's.
+    shaded : str
+        Array of the intervals of the axis that are shaded, (m, 2).
+    level : str
+        Array of one value that is a line across, and what it is called.
+    log_y : bool
+        Whether the values have a logarithmic axis.
+    """
+
+    value: str
+    array: str = ""
+    title: str = ""
+    shaded: str = ""
+    level: str = ""
+    log_y: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trace(Artifact):
+    """Arrays of an artifact along time, or along their places.
+
+    Attributes
+    ----------
+    strips : sequence of Strip
+        One below the other.
+    along : str
+        Array of the axis; empty counts the values from 0.
+    tells : callable
+        What the arrays of a cell say, in words, where no rows say it.
+    """
+
+    strips: Sequence[Strip]
+    along: str = ""
+    tells: Callable[[Mapping[str, Array]], str] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -318,7 +382,7 @@ class Headline:
     quotes: Mapping[str, Quote]
 
 
-Shown = Figure | Distribution | Listing
+Shown = Figure | Distribution | Trace | Listing
 
 
 def belongs(row: Row, wanted: Sequence[Family | Statistic]) -> bool:

@@ -1,12 +1,12 @@
 """Units: of a page, as a person reads them, and of a log, as sensors give them.
 
-Rows are in SI and radians, and a ratio has the unit 1. A person reads misalignment in
-milliradians, scale factors in parts per million, bias in mm/s^2 and attitude errors in
-degrees or milliradians.
+Rows are in SI and radians, and a ratio has the unit 1: a plain number. A
+person reads misalignment in milliradians, scale factors in parts per million, bias in
+mm/s^2 and attitude errors in degrees or milliradians.
 """
 
 from dataclasses import dataclass
-from math import pi
+from math import pi, sqrt
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,9 +26,8 @@ MILLIMETRE_PER_SECOND_SQUARED = Unit("mm/s²", 1e3)
 DEGREE_OF_QUATERNION = Unit("°", 2.0 * DEGREE.factor)
 """Of the length of a quaternion's error: half of the small angle that it is wrong by,
 to the order of the angle's square over 48."""
-RELATIVE = Unit("relative", 1.0)
 
-SI = {"rad": MILLIRADIAN, "1": RELATIVE, "m/s^2": Unit("m/s²", 1.0)}
+SI = {"rad": MILLIRADIAN, "1": COUNT, "m/s^2": Unit("m/s²", 1.0)}
 """How a person reads a unit of the rows."""
 
 OF_A_CALIBRATION = {
@@ -73,3 +72,26 @@ OF_A_LOG = {
     },
 }
 """SI units in one unit of a log's readings; the SI unit comes first."""
+
+HOUR = 3600.0
+OF_A_DATA_SHEET = {
+    "accelerometer": {
+        "N": Unit("µg/√Hz", 1e6 / G0),
+        "B": Unit("µg", 1e6 / G0),
+        "K": Unit("µg/√s", 1e6 / G0),
+        "Q": Unit("mm/s", 1e3),
+    },
+    "gyro": {
+        "N": Unit("°/√h", DEGREE.factor * sqrt(HOUR)),
+        "B": Unit("°/h", DEGREE.factor * HOUR),
+        "K": Unit("°/h/√h", DEGREE.factor * HOUR * sqrt(HOUR)),
+        "Q": Unit("mrad", 1e3),
+    },
+    "magnetometer": {
+        "N": Unit("nT/√Hz", 1e9),
+        "B": Unit("nT", 1e9),
+        "K": Unit("nT/√s", 1e9),
+        "Q": Unit("nT s", 1e9),
+    },
+}
+"""Units of a coefficient of noise in SI, by sensor and letter."""

@@ -16,7 +16,7 @@ from simval.results import Row
 from simval.shapes import Float
 from simval.statistics import FAMILIES, Statistic
 from simval.sweep.run import CellResult
-from simval.units import RELATIVE, Unit
+from simval.units import COUNT, Unit
 
 PREFERRED = ("noise_std", "poses")
 """Parameters that make the best axis, the best one first."""
@@ -173,11 +173,10 @@ def bars(
     names: Sequence[str],
     title: str,
     x_label: str,
-    unit: Unit = RELATIVE,
+    unit: Unit = COUNT,
 ) -> BarPanel:
     """Rows as bars, with 95 % intervals that hold for all of them together."""
     rows = [row for _, row in found]
-    said = None if unit == RELATIVE else unit
     value, error, prediction = np.array([triple(row) for row in rows]).T
     return BarPanel(
         title=title,
@@ -186,7 +185,7 @@ def bars(
         measured=unit.factor * value,
         band=unit.factor * simultaneous(len(rows)) * error,
         predicted=unit.factor * prediction,
-        notes=[note(cell, read(row), said) for cell, row in found],
+        notes=[note(cell, read(row), unit) for cell, row in found],
     )
 
 

@@ -4,8 +4,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from simval.figures import Distribution, Figure, Listing, belongs
-from simval.report.gallery import distributed, drawn
+from simval.figures import (
+    Artifact,
+    Distribution,
+    Listing,
+    Shown,
+    Trace,
+    belongs,
+)
+from simval.report.artifacts import drawn_artifacts
+from simval.report.gallery import drawn
 from simval.report.listings import listed, slope_tables, slopes_of
 from simval.report.panels import Drawing
 from simval.report.section import Context, Section, made
@@ -38,8 +46,8 @@ def shown_of(
                 continue
             if isinstance(shown, Listing):
                 tables += listed(shown, cells)
-            elif isinstance(shown, Distribution):
-                drawings += distributed(shown, context, cells)
+            elif isinstance(shown, Distribution | Trace):
+                drawings += drawn_artifacts(shown, context, cells)
             else:
                 drawings += drawn(shown, cells)
                 for each in (shown, *shown.beside):
@@ -66,9 +74,9 @@ def elsewhere(
     return tuple(names)
 
 
-def _wanted(shown: Figure | Distribution | Listing) -> list[Family | Statistic]:
+def _wanted(shown: Shown) -> list[Family | Statistic]:
     """Families and statistics that something shows."""
-    if isinstance(shown, Distribution):
+    if isinstance(shown, Artifact):
         return [*shown.about]
     if isinstance(shown, Listing):
         return [*shown.rows]

@@ -14,14 +14,12 @@ import numpy as np
 from simval.change import EFFORT
 from simval.figures import (
     VARYING,
-    Distribution,
     Figure,
     Picture,
     belongs,
     entries,
 )
 from simval.report import palette
-from simval.report.artifacts import arrays, is_left, shaped
 from simval.report.curves import (
     MAX_GROUPS,
     Curve,
@@ -36,7 +34,6 @@ from simval.report.curves import (
     triple,
     varying,
 )
-from simval.report.distribution import share_at_most
 from simval.report.findings import Claim, behind, claiming, limited
 from simval.report.palette import BOUND, GREY
 from simval.report.panels import (
@@ -50,7 +47,6 @@ from simval.report.panels import (
 )
 from simval.report.parameters import axis_words, setting_words
 from simval.report.ratio import ratio_bars, ratio_panel
-from simval.report.section import Context
 from simval.report.words import FORMULAS, slug, spelled
 from simval.results import Row
 from simval.statistics import (
@@ -62,7 +58,7 @@ from simval.statistics import (
     Statistic,
 )
 from simval.sweep.run import CellResult
-from simval.units import RELATIVE, Unit, of_row
+from simval.units import Unit, of_row
 
 STYLES = {
     ORDER_2: (palette.ORDER_2, "--"),
@@ -76,10 +72,6 @@ LINES = ("-", "--", ":", "-.")
 DECADE = 10.0
 FEW = 12
 """Points of a line that are marked."""
-ROOM = 1.35
-"""Axis of a distribution over its greatest value: the legend has its place there."""
-MAX_ROWS = 120
-"""Rows of a table on the page."""
 
 POINTS = " Points: measured; bars hold for all of the figure (95 %). Lines: predicted."
 BARS = (
@@ -124,7 +116,7 @@ def drawn(figure: Figure, cells: Cells) -> list[Drawing]:
         marks = BARS if figure.along == "" else POINTS if figure.compared else ""
         drawing = Drawing(
             name=slug(f"{figure.name} {label if figure.each else ''}"),
-            caption=f"{_begun(label)}{'. ' * bool(label)}{figure.caption}{marks}",
+            caption=f"{begun(label)}{'. ' * bool(label)}{figure.caption}{marks}",
             alternative=f"{figure.asked or figure.caption} Panels: "
             f"{'; '.join(panel.title for panel in panels)}",
             panels=panels,
@@ -133,7 +125,7 @@ def drawn(figure: Figure, cells: Cells) -> list[Drawing]:
         if not drawings:  # the first says what is so of every cell
             drawings.append(_said(figure, drawing, cells))
             continue
-        drawing = behind(drawing, *_claims(figure, own), before=f"{_begun(label)}: ")
+        drawing = behind(drawing, *_claims(figure, own), before=f"{begun(label)}: ")
         drawings.append(replace(drawing, fold=drawing.fold or label))
     if drawings:
         drawings[-1] = replace(drawings[-1], left_out=left_out)
@@ -262,10 +254,11 @@ def _unit(picture: Picture, row: Row) -> Unit:
 
 def with_unit(name: str, unit: Unit) -> str:
     """Label of values."""
-    return name if unit == RELATIVE else f"{name}, {unit.name}"
+    return f"{name}, {unit.name}" if unit.name else name
 
 
-def _begun(label: str) -> str:
+def begun(label: str) -> str:
+    """Words as a sentence begins."""
     return label[:1].upper() + label[1:]
 
 
@@ -502,7 +495,8 @@ def sentence(picture: Picture, cells: Cells) -> str:
     def said(*values: float) -> str:
         unit = _unit(picture, own[0][1])
         numbers = dict.fromkeys(f"{unit.factor * value:.3g}" for value in values)
-        return _joined(" to ".join(numbers), unit)
+        behind = f"\N{NO-BREAK SPACE}{unit.name}" if unit.name else ""
+        return f"{' to '.join(numbers)}{behind}"
 
     ranked = sorted(own, key=lambda pair: abs(pair[1].value))
     lines: dict[str, list[float]] = {}
@@ -512,7 +506,7 @@ def sentence(picture: Picture, cells: Cells) -> str:
     told = {name: said(row.value) for name, (_, row) in ends.items()}
     told |= {
         f"{name}_of": ", ".join(
-            filter(None, (called(*pair), _where(pair[0], cells, named)))
+            filter(None, (called(*pair), where_of(pair[0], cells, named)))
         )
         for name, pair in ends.items()
     }
@@ -525,12 +519,6 @@ def sentence(picture: Picture, cells: Cells) -> str:
     if figure and "{gains}" in figure.says:
         told |= _gains(figure, own)
     return f"{picture.says.format(**told)} " if "" not in told.values() else ""
-
-
-def _joined(number: str, unit: Unit) -> str:
-    if unit == RELATIVE:
-        return number
-    return f"{number}\N{NO-BREAK SPACE}{unit.name}"
 
 
 def _gains(figure: Figure, own: Sequence[tuple[CellResult, Row]]) -> dict[str, str]:
@@ -552,75 +540,7 @@ def _gains(figure: Figure, own: Sequence[tuple[CellResult, Row]]) -> dict[str, s
     return {"few": f"{few:g}", "many": f"{many:g}", "gains": " to ".join(told)}
 
 
-def _where(cell: CellResult, cells: Cells, without: object = None) -> str:
+def where_of(cell: CellResult, cells: Cells, without: object = None) -> str:
     """What sets a cell apart from the others of its study."""
     keys = [key for key in varying(cells) if key not in (*EFFORT, without)]
     return ", ".join(setting_words(cell.study, k, cell.parameters.get(k)) for k in keys)
-
-
-# ---- distributions
-
-
-def distributed(picture: Distribution, context: Context, cells: Cells) -> list[Drawing]:
-    """Draw the artifacts of the cells of a study: one figure, or one for each cell."""
-    folder = context.run.folder / "artifacts"
-    found = [
-        (cell, _distributions(picture, folder / file, cell))
-        for cell in cells
-        if is_left(folder / (file := picture.file(cell.parameters)))
-    ]
-    shown, rest = found[:MAX_GROUPS], [_where(c, cells) for c, _ in found[MAX_GROUPS:]]
-    groups = [[pair] for pair in shown] if picture.each else [shown] if shown else []
-    drawings = []
-    for i, group in enumerate(groups):
-        where = _begun(_where(group[0][0], cells)) if picture.each else ""
-        own = [cell for cell, _ in group] if picture.each else cells
-        said = f"{where}{': ' * bool(where)}{sentence(picture, own)}".strip()
-        drawings.append(
-            Drawing(
-                name=slug(f"{picture.name} {where}" if i else picture.name),
-                asked="" if i else picture.asked,
-                finding="" if i else said,
-                fold=said if i else "",
-                caption=picture.caption,
-                alternative=f"{picture.asked} {said}",
-                panels=[panel for _, panels in group for panel in panels],
-                columns=picture.columns,
-            )
-        )
-    if drawings:
-        drawings[-1] = replace(drawings[-1], left_out=rest)
-    return drawings
-
-
-def _distributions(picture: Distribution, file: Any, cell: CellResult) -> list[Panel]:
-    """A panel for each set of arrays of an artifact."""
-    content, panels = arrays(file), []
-    for title, lines in picture.arrays(cell.parameters).items():
-        values = {k: shaped(file, content, name, None) for k, name in lines.items()}
-        end = ROOM * max(float(each.max()) for each in values.values())
-        series = [
-            Series(
-                label=FORMULAS.get(name, name),
-                x=np.full(2, place),
-                y=np.array([0.0, 1.0]),
-                colour=STYLES[name][0],
-                line=STYLES[name][1],
-            )
-            for name, place in picture.upright.items()
-        ]
-        for i, (name, each) in enumerate(values.items()):
-            style = STYLES.get(name, (COLOURS[i % len(COLOURS)], LINES[i % 4]))
-            series.append(share_at_most(FORMULAS.get(name, name), each, end, *style))
-        panels.append(
-            Panel(
-                title=title or _where(cell, [cell]) or file.stem,
-                x_label=picture.axis,
-                y_label=picture.value,
-                series=series,
-                log_x=False,
-                log_y=False,
-                references=[(share, "") for share in picture.references],
-            )
-        )
-    return panels

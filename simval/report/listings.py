@@ -104,16 +104,18 @@ def listed(listing: Listing, cells: Cells) -> list[Table]:
         return []
     columns: list[Column] = []
     for i, key in enumerate(parameters):
-        numeric = all(isinstance(name[i], int | float) for name in lines)
+        # all digits of a seed
+        kinds = {type(name[i]) for name in lines}
         title = axis_words(cells[0].study, key)
-        columns.append(Column(title, "number" if numeric else "text", 19))
+        kind: Kind = "number" if kinds <= {int, float} else "text"
+        columns.append(Column(title, kind, 19 if kinds == {int} else 6))
     columns += map(Column, listing.keys)
     fields: list[tuple[str, Callable[[Row], Any]]] = []
     for title in dict.fromkeys(title for line in lines.values() for title in line):
         own = [line[title] for line in lines.values() if title in line]
         sampled = any(row.standard_error > 0.0 for row in own)
         unit = listing.unit(own[0]) or of_row(own[0].unit)
-        kind: Kind = "measured" if sampled else "number"
+        kind = "measured" if sampled else "number"
         told = with_unit(title, unit)
         columns.append(Column(title, kind, shown=told, factor=unit.factor))
         fields.append((title, _measured if sampled else _plain))

@@ -17,36 +17,13 @@ from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
 from simval.report.section import made
 from simval.report.table import Column, Table
 from simval.shapes import Float
-from simval.units import Unit
+from simval.units import OF_A_DATA_SHEET, Unit
 
 AXES = "xyz"
 WORDS = {"N": "white noise", "B": "flicker", "K": "random walk", "Q": "rounding"}
 """What the coefficients are, in the order of a reader."""
 BAND = 1.96  # standard deviations of a 95 % band
-G0 = 9.80665  # m/s^2, the g of data sheets
-HOUR = 3600.0
 RAW = {"N": "raw/√Hz", "B": "raw", "K": "raw/√s", "Q": "raw s"}
-UNITS = {
-    "accelerometer": {
-        "N": Unit("µg/√Hz", 1e6 / G0),
-        "B": Unit("µg", 1e6 / G0),
-        "K": Unit("µg/√s", 1e6 / G0),
-        "Q": Unit("mm/s", 1e3),
-    },
-    "gyro": {
-        "N": Unit("°/√h", np.degrees(1.0) * np.sqrt(HOUR)),
-        "B": Unit("°/h", np.degrees(1.0) * HOUR),
-        "K": Unit("°/h/√h", np.degrees(1.0) * HOUR * np.sqrt(HOUR)),
-        "Q": Unit("mrad", 1e3),
-    },
-    "magnetometer": {
-        "N": Unit("nT/√Hz", 1e9),
-        "B": Unit("nT", 1e9),
-        "K": Unit("nT/√s", 1e9),
-        "Q": Unit("nT s", 1e9),
-    },
-}
-"""Those of data sheets, of a coefficient in SI units."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +53,7 @@ class SensorNoise:
         """Unit in which a person reads a coefficient in raw units."""
         if self.si_per_raw is None:
             return Unit(RAW[kind], 1.0)
-        own = UNITS[self.name][kind]
+        own = OF_A_DATA_SHEET[self.name][kind]
         return Unit(own.name, own.factor * self.si_per_raw)
 
     def of(self, kind: str) -> list[Coefficient]:

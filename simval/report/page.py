@@ -20,7 +20,6 @@ from simval.report.section import Against, Context, Section
 from simval.report.sections import (
     algorithms,
     checks,
-    convergence,
     disagreements,
     failures,
     filters,
@@ -29,7 +28,6 @@ from simval.report.sections import (
     overview,
     provenance,
     scene,
-    statics,
     statistics,
     summary,
 )
@@ -43,7 +41,7 @@ OWN: Mapping[str, ModuleType] = {
     module.__name__.rpartition(".")[2]: module
     for module in (
         summary, algorithms, overview, failures, disagreements, filters, scene,
-        statics, convergence, other, statistics, checks, numbers, provenance,
+        other, statistics, checks, numbers, provenance,
     )
 }  # fmt: skip
 """Sections that are more than what studies declare, by their anchors."""

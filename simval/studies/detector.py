@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from simval.arrays import Array
-from simval.figures import VARYING, Figure, Headline, Quote, words
+from simval.figures import VARYING, Figure, Headline, Quote, Strip, Trace, words
 from simval.results import Outcome, Row, nees, unjudged
 from simval.scene import simulate_cached
 from simval.shapes import Float
@@ -186,7 +186,47 @@ def _artifact(
     }
 
 
+def _intervals(content: Mapping[str, Array]) -> str:
+    """How many intervals were found, and how many there are."""
+    found, true = len(content["intervals"]), len(content["truth"])
+    if not true:
+        return f"{found} intervals, and the sensor is never truly at rest."
+    return f"{found} intervals; there are {true} true rest{'s' * (true > 1)}."
+
+
 FIGURES = (
+    Trace(
+        name="static",
+        asked="What does the detector find to be at rest?",
+        file=artifact_of,
+        along="time",
+        axis="time, s",
+        strips=[
+            Strip(
+                title="readings, and the intervals found",
+                array="signal",
+                value="specific force, raw units",
+                shaded="intervals",
+                log_y=False,
+            ),
+            Strip(
+                title="windowed variance, and the intervals of true rest",
+                array="variance",
+                value="variance magnitude, raw units²",
+                shaded="truth",
+                level="threshold",
+            ),
+        ],
+        each=True,
+        most=2,
+        columns=1,
+        tells=_intervals,
+        caption=(
+            "The readings of the first trial with the detected intervals shaded. "
+            "Below: the detector's windowed variance, its threshold, and the intervals "
+            "of true rest."
+        ),
+    ),
     Figure(
         name="detector",
         asked="Are the intervals pure, and is what is calibrated from them true?",

@@ -91,7 +91,7 @@ from simval.studies.plugin import (
 from simval.studies.refusing import LEAST_NOISE
 from simval.studies.study import Cost
 from simval.theory import FilterPrediction
-from simval.units import DEGREE, RELATIVE
+from simval.units import COUNT, DEGREE
 
 TITLE = "Attitude filter: errors, stated covariance, and the bound"
 SECTION = "filters"
@@ -353,7 +353,7 @@ _OVER_TIME = Figure(
     axis="time, s",
     lines="algorithm",
     value="RMS error",
-    unit=lambda row: DEGREE if row.unit == "rad" else RELATIVE,
+    unit=lambda row: DEGREE if row.unit == "rad" else COUNT,
     compared=False,
     floor=BOUND_AT,
     log_x=False,

@@ -13,6 +13,7 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.calibrate import calibrate
+from simval.figures import Listing, Strip, Trace, entries
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row, limit, unjudged
 from simval.statistics import APART, FIRST_SOLVER, STEPS
@@ -75,3 +76,28 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 def artifact_of(named: Mapping[str, Any]) -> str:
     """File of the ways of the solvers in a cell with these parameters."""
     return f"convergence-{named['poses']}-{named['noise_std']:g}.npz"
+
+
+FIGURES = (
+    Trace(
+        name="convergence",
+        asked="How fast does each solver come to the answer?",
+        file=artifact_of,
+        axis="iteration",
+        strips=[Strip(value="distance to the solution")],
+        says="Steps to the answer: {each}.",
+        about=[STEPS],
+        caption=(
+            "Each point is one iteration. A straight line means linear convergence, a "
+            "line that bends down faster convergence; solvers that take the same steps "
+            "are on one line. The last points are rounding."
+        ),
+    ),
+    Listing(
+        name="study-solvers",
+        caption="Steps of each solver, and how far apart the answers are",
+        rows=[STEPS, APART],
+        keys={"solver": entries},
+        column=lambda row: row.statistic.family.words,
+    ),
+)

@@ -368,38 +368,6 @@ def test_a_suite_of_ones_own_is_reproduced_from_its_file(tiny_suite):
     assert command(manifest) == "simval sweep suite.toml"
 
 
-@pytest.mark.ci
-def test_artifacts_become_figures(tiny_run, undrawn):
-    artifacts = tiny_run / "artifacts"
-    artifacts.mkdir(exist_ok=True)
-    time = np.arange(50_000) / 100.0
-    np.savez(
-        artifacts / "static-x.npz",
-        time=time,
-        signal=np.sin(time)[:, None] + np.zeros(3),
-        variance=np.abs(np.sin(time)) + 1e-6,
-        threshold=0.1,
-        intervals=[[1.0, 2.0], [5.0, 9.0]],
-    )
-    np.savez(
-        artifacts / "convergence-x.npz", lm=[1.0, 1e-3, 1e-9], newton=[1.0, 1e-8, 0.0]
-    )
-    edited(tiny_run)  # without a seal, which knows no such files
-    run = load_run(tiny_run)
-    pictures = [
-        svg(drawing) for drawing in drawings(run) if drawing.name.startswith("static")
-    ]
-    for picture in pictures:
-        ElementTree.fromstring(f"<all>{picture}</all>")
-    page = render(run)
-    assert '<section id="statics"' in page
-    assert '<section id="convergence"' in page
-    # 4 lines of 50 000 points: pixels, in at most 1.5 bytes of the page for a point,
-    # of which a vector takes more than ten
-    assert "".join(pictures).count("<image") == 2
-    assert len("".join(pictures)) < 300_000
-
-
 def renamed(study):
     """Statements that give one study another name, in the suite too."""
     return (

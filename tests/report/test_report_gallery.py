@@ -5,15 +5,20 @@ The runs are the smoke suite's and one of the studies that it leaves out.
 
 import re
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from small_runs import cell_of, run_of
 
-from simval.figures import Distribution, Figure, Listing
+from simval.errors import InputError
+from simval.figures import Listing, Shown, Trace
 from simval.report import drawings, render, tables
+from simval.report.artifacts import drawn_artifacts
 from simval.report.declared import elsewhere, shown_of
 from simval.report.gallery import STYLES
 from simval.report.page import context_of, sections
+from simval.report.paint import svg
 from simval.report.words import FORMULAS
 from simval.statistics import EXACT, FIRST_ORDER, SECOND_ORDER
 from simval.studies import STUDIES
@@ -154,7 +159,7 @@ def test_every_declaration_has_a_name_of_its_own_and_is_drawn(smoke, others, und
     names = {"figure": [], "table": []}
     for study in STUDIES.values():
         for shown in study.shown:
-            assert isinstance(shown, Figure | Distribution | Listing)
+            assert isinstance(shown, Shown)
             kind = "table" if isinstance(shown, Listing) else "figure"
             names[kind].append(shown.name)
     for each in names.values():
@@ -290,3 +295,49 @@ def test_numbers_of_a_figure_are_those_of_the_rows(others, undrawn):
     slopes = {row[0]: row for t in tables(others) if t.name == "ladder-slopes"
               for row in t.rows}  # fmt: skip
     assert all(abs(row[3] - 2.0) < 1e-3 for row in slopes.values())
+
+
+# --- artifacts along time -----------------------------------------------------------
+
+
+def test_a_long_trace_is_pixels_and_a_damaged_one_is_refused(tmp_path):
+    """4 lines of 50 000 points: 1.5 bytes of the page each, as vectors above ten."""
+    cell = cell_of("detector", [], scene="gimbal", poses=40)
+    context = replace(context_of(run_of(tmp_path, [])), run=run_of(tmp_path, [cell]))
+    trace = next(s for s in STUDIES["detector"].shown if isinstance(s, Trace))
+    time = np.arange(50_000) / 100.0
+    arrays = {
+        "time": time,
+        "signal": np.sin(time)[:, None] + np.zeros(3),
+        "variance": np.abs(np.sin(time)) + 1e-6,
+        "threshold": [0.1],
+        "intervals": [[1.0, 2.0], [5.0, 9.0]],
+        "truth": np.empty((0, 2)),
+    }
+    file = tmp_path / "artifacts" / trace.file(cell.parameters)
+    file.parent.mkdir()
+    np.savez(file, **arrays)
+    (drawing,) = drawn_artifacts(trace, context, [cell])
+    assert "2 intervals, and the sensor is never truly at rest." in drawing.finding
+    readings, variance = drawing.panels
+    assert readings.spans == ((1.0, 2.0), (5.0, 9.0))
+    assert variance.spans == ()
+    assert variance.references == [(0.1, "threshold")]
+    picture = svg(drawing)
+    ElementTree.fromstring(f"<all>{picture}</all>")
+    assert picture.count("<image") == 2
+    assert len(picture) < 300_000
+    for lost in arrays:
+        np.savez(file, **{k: v for k, v in arrays.items() if k != lost})
+        with pytest.raises(InputError, match=f"`{lost}` is missing"):
+            drawn_artifacts(trace, context, [cell])
+
+
+def test_a_trace_without_an_axis_counts_its_values(others):
+    context = context_of(others)
+    trace = next(s for s in STUDIES["solvers"].shown if isinstance(s, Trace))
+    (drawing,) = drawn_artifacts(trace, context, context.cells("solvers"))
+    (panel,) = drawing.panels
+    assert {s.label for s in panel.series} == {"", "lm", "gauss-newton", "newton"}
+    assert panel.series[0].x[:2] == pytest.approx([0.0, 1.0])
+    assert "for newton" in drawing.finding
