@@ -92,7 +92,7 @@ def fitted(truth, poses, rows, *, chunk=2, **options):
 
 
 def rolled(axes_angles, hold=60, move=200, h=0.01):
-    """Rests and moves about fixed axes, minimum jerk, as attitudes and averages."""
+    """Time, averages of the rate, rests and their attitudes; moves about fixed axes."""
     parts = [np.zeros((hold, 3))]
     for axis, angle in axes_angles:
         s = np.linspace(0.0, 1.0, move + 1)
@@ -106,11 +106,15 @@ def rolled(axes_angles, hold=60, move=200, h=0.01):
             for k in range(len(axes_angles) + 1)
         ]
     )
-    R, u = Rotation.identity(), [np.array([0.2, 0.3, 0.9])]
+    turned = [Rotation.identity()]
     for axis, angle in axes_angles:
-        R = R * Rotation.from_rotvec(np.array(axis) / np.linalg.norm(axis) * angle)
-        u.append(R.inv().apply(u[0]))
-    return np.arange(len(rate)) * h, rate, rests, np.array(u) / np.linalg.norm(u[0])
+        step = Rotation.from_rotvec(np.array(axis) / np.linalg.norm(axis) * angle)
+        turned.append(turned[-1] * step)
+    return np.arange(len(rate)) * h, rate, rests, Rotation.concatenate(turned)
+
+
+FIRST_UP = np.array([0.2, 0.3, 0.9]) / np.linalg.norm([0.2, 0.3, 0.9])
+"""In the axes of the first rest of `rolled`, from which no other is upside down."""
 
 
 _RANDOM = np.random.default_rng(2)

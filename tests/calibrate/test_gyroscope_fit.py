@@ -9,6 +9,7 @@ from places import RECORDINGS
 from scipy.spatial.transform import Rotation
 from tumbles import (
     ACCELEROMETER,
+    FIRST_UP,
     GENERIC,
     GYROSCOPE,
     WALK,
@@ -273,9 +274,9 @@ SINGULAR = {
 
 
 def fit_of(moves_list, u0=None):
-    time, rate, rests, u = rolled(moves_list)
+    time, rate, rests, attitudes = rolled(moves_list)
     gyro = GYROSCOPE.distort(rate, ZERO)
-    forces = 9.81 * u
+    forces = 9.81 * attitudes.inv().apply(FIRST_UP)
     poses = ACCELEROMETER.distort(forces, ZERO)
     # the accelerometer was calibrated with poses of its own
     many = tumble(12, every=1, move_time=1.5, first_hold=1.0, hold_time=0.3)

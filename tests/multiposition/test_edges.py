@@ -5,7 +5,7 @@ import pytest
 import side_by_side
 from rows_by_name import cell, row
 from scipy.spatial.transform import Rotation
-from tumbles import ACCELEROMETER, GENERIC, GYROSCOPE, rolled
+from tumbles import ACCELEROMETER, FIRST_UP, GENERIC, GYROSCOPE, rolled
 from written import written
 
 from simval.calibrate import calibrate, moves_between
@@ -86,8 +86,8 @@ def test_a_converter_stops_what_is_beyond_its_ends_and_nothing_at_them(quantum):
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_reading_at_the_end_of_the_range_is_refused_and_one_below_it_is_not(side):
     rng = np.random.default_rng(3)
-    time, rate, rests, u = rolled(GENERIC, hold=8, move=20)
-    poses = ACCELEROMETER.distort(9.81 * u, rng)
+    time, rate, rests, attitudes = rolled(GENERIC, hold=8, move=20)
+    poses = ACCELEROMETER.distort(9.81 * attitudes.inv().apply(FIRST_UP), rng)
     rows = GYROSCOPE.distort(rate, rng)
     moving = rows[8:-8]
     for readings, call in (

@@ -75,8 +75,9 @@ class MagnetometerFit(Estimate):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the 22 parameters."""
-        return (*forms.names(self.model), *OWN_NAMES)
+        """Names of the 22 parameters; b of the accelerometer is acc_b beside this b."""
+        first = forms.names(self.model)
+        return (*(f"acc_{x}" if x in OWN_NAMES else x for x in first), *OWN_NAMES)
 
     @property
     def M(self) -> Float[Array, "... 3 3"]:
