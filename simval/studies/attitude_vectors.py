@@ -7,8 +7,18 @@ covariance that is computed from the measured vectors of each sample; how often 
 chi-square test of the loss calls good samples inconsistent; and how often it finds a
 second vector that is turned by `shift` standard deviations of its angle.
 
-The same samples are averaged once more with their linear part as a control variate
-(`simval.studies.vectors_controls`).
+The same samples are averaged once more with what the estimators would give if they were
+linear (`simval.studies.response`). The turn of each by the noise x is :math:`Jx` to
+first order. The loss of the best attitude is, to first order, the square of what is
+left of the noise when the directions are taken out along which it cannot be seen: each
+vector along itself, and all together under a turn :math:`\omega` of the attitude, which
+changes them by :math:`(b_i \times \omega) / \sigma_i`. With P the projection onto the
+rest,
+
+.. math:: \mathrm{loss} \approx |P(x + d)|^2
+
+is chi-square with 2 n - 3 degrees of freedom and the non-centrality :math:`|Pd|^2`, for
+a displacement d of the vectors in units of their noise.
 
 What the first order leaves out is computed: Gaussian cubature of the same quantities,
 of degree 5, gives their means to the next order, at the noise and at half of it. Twice
@@ -18,16 +28,23 @@ what falls with the noise is the remainder.
 from typing import Annotated, Self
 
 import numpy as np
+import scipy
 from pydantic import Field, model_validator
 
 from simval.arrays import Array
 from simval.attitude import (
     consistency,
+    two_vector_quaternion,
     wahba_covariance,
+    wahba_quaternion,
 )
+from simval.consistency import rotation_error
 from simval.figures import Figure, Listing, entry
+from simval.geometry import attitude_matrix, normalize, random_quaternions
 from simval.results import Outcome, Row, exact, nees, plain, unjudged
+from simval.shapes import Float
 from simval.statistics import (
+    CHI_SQUARE,
     CHI_SQUARE_3,
     COVARIANCE_OFF,
     FIRST_ORDER,
@@ -38,21 +55,33 @@ from simval.statistics import (
     SQUARED_ERROR,
 )
 from simval.streams import Streams
-from simval.studies.drawn import correlation_row
-from simval.studies.expanded import noise_row
 from simval.studies.refusing import refusing
-from simval.studies.response import MET, apart, response
-from simval.studies.study import Cost, StudyParameters
-from simval.studies.vectors_controls import (
-    control_rows,
-    linear_features,
-    linear_losses,
-    loss_rows,
+from simval.studies.response import (
+    MET,
+    apart,
+    beside,
+    linearized,
+    reduced_mean,
+    reduced_share,
+    response,
 )
-from simval.studies.vectors_setting import Setting, turn_between
+from simval.studies.study import Cost, StudyParameters
+from simval.studies.trials import correlation_row, noise_row, normalised_square
+from simval.theory import (
+    attitude_moments,
+    cubature_moments,
+    loss_noncentrality,
+    multiplicative_moments,
+    wahba_bound,
+    wahba_moments,
+)
+from simval.theory.two_vector import FRAMES, MIN_NORM, column_norms
 
 TITLE = "Two or more weighted vectors: error, covariance and test of the loss"
 SECTION = "vectors"
+
+FALSE_ALARM = 1e-2
+"""Of the chi-square test: rare, and seen 655 times in 65 536 samples."""
 
 MOST_LEFT_OUT = 0.3
 """Of a mean normalised square of 3: noise that is 10 % wrong makes it 0.6. Without the
@@ -113,8 +142,161 @@ class Parameters(StudyParameters):
         return Cost(0.3 + 3e-6 * self.samples * self.vectors + closed_forms, 50)
 
 
-def left_out(parameters: Parameters, shift: float = 0.0) -> Array:
-    """Twice what the first order leaves out of the means of `features`.
+class Setting:
+    """One geometry with its noise: its estimators, and what first-order theory says."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        n = self.n = parameters.vectors
+        rng = np.random.default_rng(parameters.geometry)
+        self.q = random_quaternions(1, rng)[0]
+        self.references = normalize(rng.standard_normal((n, 3)))
+        self.body = self.references @ attitude_matrix(self.q).T
+        self.std = parameters.noise_std * np.append(1.0, [parameters.ratio] * (n - 1))
+        self.noise_std = np.stack([self.std, np.zeros(n)])
+        noise = self.noise_std.reshape(-1)
+        bound = wahba_bound(self.q, self.references, noise)
+        self.bound = float(np.trace(bound.rotation))
+        self.weights = {"weighted": 1.0 / self.std**2, "equal weights": np.ones(n)}
+        moments = {
+            name: wahba_moments(self.q, self.references, noise, weights)
+            for name, weights in self.weights.items()
+        }
+        self.frames: dict[str, str] = {}
+        if n == 2:
+            r1, r2 = self.references
+            best = str(attitude_moments(self.q, r1, r2, 0.0).frame)  # at the truth
+            self.frames = {"combined": "combined", "best of four": best}
+            for name, frame in self.frames.items():
+                moments[name] = attitude_moments(self.q, r1, r2, noise, 2, frame)
+        self.predicted = {
+            name: 4.0 * float(np.trace(moment.covariance))
+            for name, moment in moments.items()
+        }
+
+    def estimates(self, body: Float[Array, "t n 3"]) -> dict[str, Array]:
+        """Attitudes of each estimator, in the order of `predicted`."""
+        references = np.broadcast_to(self.references, body.shape)
+        found = {
+            name: wahba_quaternion(body, references, weights)
+            for name, weights in self.weights.items()
+        }
+        for name, frame in self.frames.items():
+            b1, b2, (r1, r2) = body[:, 0], body[:, 1], self.references
+            found[name] = two_vector_quaternion(b1, b2, r1, r2, frame)
+        return found
+
+    def stated(self, name: str, body: Float[Array, "t n 3"]) -> Float[Array, "t 3 3"]:
+        """Covariance that a least squares states for each sample."""
+        given = body, np.broadcast_to(self.references, body.shape), self.noise_std
+        weights = {"weighted": None}.get(name, self.weights[name])
+        return wahba_covariance(*given, weights)
+
+    def losses(self, body: Float[Array, "t n 3"]) -> Float[Array, " t"]:
+        """Loss of the best attitude of each sample."""
+        references = np.broadcast_to(self.references, body.shape)
+        return consistency(body, references, self.noise_std).statistic
+
+    def features(self, body: Float[Array, "t n 3"]) -> Float[Array, "t m"]:
+        """Squared errors over predicted, normalised square, and loss, by sample."""
+        attitudes = self.estimates(body)
+        errors = {name: rotation_error(q, self.q) for name, q in attitudes.items()}
+        squares = [
+            np.sum(errors[name] ** 2, axis=1) / predicted
+            for name, predicted in self.predicted.items()
+        ]
+        own = [normalised_square(errors[k], self.stated(k, body)) for k in self.weights]
+        for name, frame in self.frames.items():
+            given = attitudes[name], errors[name], self.references
+            own.append(closed_form_square(*given, self.noise_std.reshape(-1), frame))
+        return np.stack([*squares, *own, self.losses(body)], axis=1)
+
+    def displaced(self, shift: float) -> Float[Array, "n 3"]:
+        """What turns the second vector by so many standard deviations of its angle."""
+        normal = np.cross(self.body[0], self.body[1])
+        displacement = np.zeros((self.n, 3))
+        displacement[1] = normalize(np.cross(normal, self.body[1]))
+        return shift * float(np.hypot(*self.std[:2])) * displacement
+
+    def apart(self, shift: float) -> float:
+        """Non-centrality of the loss under such a turn."""
+        given = self.q, self.references, self.displaced(shift)
+        return loss_noncentrality(*given, self.weights["weighted"])
+
+    def off(self, shift: float) -> Float[Array, " m"]:
+        """Means of `features` to first order less those by cubature of degree 5."""
+        count = len(self.predicted)
+        loss = 2.0 * self.n - 3.0 + self.apart(shift)
+        moments = cubature_moments(
+            lambda *body: self.features(np.stack(body, axis=1)),
+            self.body + self.displaced(shift),
+            self.std[:, None, None] ** 2 * np.eye(3),
+            np.array([1.0] * count + [3.0] * count + [loss]),
+            degree=5,
+        )
+        return moments.bias
+
+    def draw(self, count: int, rng: np.random.Generator) -> Float[Array, "t n 3"]:
+        """Body vectors with noise."""
+        return self.body + self.std[:, None] * rng.standard_normal((count, self.n, 3))
+
+    def noise(self, body: Float[Array, "t n 3"]) -> Float[Array, "t n 3"]:
+        """Noise of body vectors, in units of its deviation."""
+        return (body - self.body) / self.std[:, None]
+
+    def turns(self, body: Float[Array, "t n 3"]) -> Float[Array, "t p"]:
+        """Turn of each estimator from the truth, side by side."""
+        found = self.estimates(body).values()
+        return np.concatenate([rotation_error(q, self.q) for q in found], axis=1)
+
+    def errors(self, x: Float[Array, "t d"]) -> Float[Array, "t p"]:
+        """Turns by some noise."""
+        return self.turns(self.body + self.std[:, None] * x.reshape(-1, self.n, 3))
+
+    def linear_losses(
+        self, x: Float[Array, "t n 3"], shift: float
+    ) -> tuple[Float[Array, " t"], float]:
+        """Loss to first order of each sample, and its non-centrality."""
+        n = self.n
+        unseen = np.zeros((n, 3, n + 3))
+        unseen[np.arange(n), :, np.arange(n)] = self.body
+        unseen[:, :, n:] = np.cross(self.body[:, None], np.eye(3)).transpose(0, 2, 1)
+        unseen[:, :, n:] /= self.std[:, None, None]
+        basis = np.linalg.qr(unseen.reshape(3 * n, -1))[0]
+
+        def left(v: Float[Array, "... d"]) -> Float[Array, "..."]:
+            return np.sum(v * v, axis=-1) - np.sum((v @ basis) ** 2, axis=-1)
+
+        displaced = self.displaced(shift) / self.std[:, None]
+        shifted = (x + displaced).reshape(len(x), -1)
+        return left(shifted), float(left(displaced.reshape(-1)))
+
+
+def closed_form_square(
+    q: Float[Array, "n 4"],
+    error: Float[Array, "n 3"],
+    references: Float[Array, "2 3"],
+    noise_std: Float[Array, "4"],
+    frame: str,
+) -> Float[Array, " n"]:
+    """Squares of turns, normalised by second-order theory at each estimate.
+
+    Where a fixed frame is singular at an estimate, its covariance there has no bound,
+    and the square is 0.
+    """
+    r1, r2 = references
+    square, kept = np.zeros(len(q)), np.ones(len(q), dtype=bool)
+    if frame != "combined":
+        norms = np.abs(column_norms(q, r1, r2)[:, FRAMES.index(frame)])
+        kept = norms >= MIN_NORM
+    found = attitude_moments(q[kept], r1, r2, noise_std, 2, frame)
+    # a turn is twice its sine
+    covariance = 4.0 * multiplicative_moments(found).covariance[:, :3, :3]
+    square[kept] = normalised_square(error[kept], covariance)
+    return square
+
+
+def left_out(parameters: Parameters, shift: float = 0.0) -> Float[Array, " m"]:
+    """Twice what the first order leaves out of the means of the features.
 
     Only what falls with the noise counts, found by halving it: by its square, or by its
     first power where a vector is turned. A formula that is wrong at any noise does not
@@ -129,58 +311,33 @@ def left_out(parameters: Parameters, shift: float = 0.0) -> Array:
 @refusing("lower `noise_std` or `ratio`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure and predict one cell."""
-    setting, n = Setting(parameters), parameters.samples
+    setting, n, shift = Setting(parameters), parameters.samples, parameters.shift
     body = setting.draw(n, streams.block(0))
     values, x = setting.features(body), setting.noise(body)
     off = left_out(parameters)
     rows, ratios = _estimator_rows(setting, values, off)
-    known = linear_features(setting.errors, x, list(setting.predicted.values()))
-    tests = _test_rows(setting, 0.0, x, values[:, -1], off[-1])
+    tests = _test_rows("good", setting, 0.0, x, values[:, -1], off[-1])
     vectors = [*np.moveaxis(x, 1, 0)]
-    shift = parameters.shift
     if shift > 0.0:
         again = setting.draw(n, streams.block(1))
-        wrong = again + setting.displaced(shift)
-        references = np.broadcast_to(setting.references, wrong.shape)
-        losses = consistency(wrong, references, setting.noise_std).statistic
+        y, losses = (
+            setting.noise(again),
+            setting.losses(again + setting.displaced(shift)),
+        )
         off = left_out(parameters, shift)
-        y = setting.noise(again)
-        tests += _test_rows(setting, shift, y, losses, off[-1])
+        tests += _test_rows("wrong vector", setting, shift, y, losses, off[-1])
         vectors += [*np.moveaxis(y, 1, 0)]
     return Outcome(
         rows=(
             *noise_row(x.reshape(n, -1)),
             *rows,
             *ratios,
-            *control_rows(rows, values, *known),
+            *_control_rows(setting, rows, values, x),
             *tests,
             *correlation_row(vectors),
             *_stated_rows(setting),
         )
     )
-
-
-def _stated_rows(setting: Setting) -> tuple[Row, ...]:
-    """Covariances that the least squares state, beside how their answers move."""
-    body, references = setting.body, setting.references
-
-    def errors(y: Array) -> Array:
-        found = setting.estimates(y.reshape(-1, *body.shape))
-        turns = [turn_between(setting.q, found[name]) for name in names]
-        return np.concatenate(turns, axis=1)
-
-    names = ("weighted", "equal weights")
-    weights: tuple[tuple[Array, ...], ...] = ((), (np.ones(setting.n),))
-    moved = response(errors, body.ravel(), STATED_STEP)
-    noise = np.repeat(setting.std, 3)
-    left = MET * max(1.0, (setting.std.max() / setting.std.min() / UNEQUAL) ** 2)
-    rows: tuple[Row, ...] = ()
-    for k, (name, given) in enumerate(zip(names, weights, strict=True)):
-        own = slice(3 * k, 3 * k + 3)
-        given = (body[None], references[None], setting.noise_std, *given)
-        off = apart(wahba_covariance(*given)[0], moved.covariance(noise)[own, own])
-        rows += exact(COVARIANCE_OFF(name), off, 0.0, RESPONSE, left)
-    return rows
 
 
 def _estimator_rows(
@@ -207,17 +364,71 @@ def _estimator_rows(
     return squares + own, ratios
 
 
-def _test_rows(
-    setting: Setting, shift: float, x: Array, losses: Array, off: float
+def _control_rows(
+    setting: Setting, rows: list[Row], values: Array, x: Float[Array, "t n 3"]
 ) -> tuple[Row, ...]:
-    displaced = setting.displaced(shift) / setting.std[:, None]
-    return loss_rows(
-        "wrong vector" if shift else "good",
-        losses,
-        (2 * setting.n - 3, setting.apart(shift)),
-        off,
-        linear_losses(setting.body, setting.std, x, displaced),
+    """The judged ones of these rows, with the linear turns as control variates."""
+    known = linearized(setting.errors, x.reshape(len(x), -1))
+    squares, normal = [], []
+    for k, size in enumerate(setting.predicted.values()):
+        own = known.take(slice(3 * k, 3 * k + 3))
+        mean = float(np.trace(own.covariance)) / size
+        squares.append((np.sum(own.first**2, axis=1) / size, mean))
+        solved = np.linalg.solve(own.covariance, own.first.T).T
+        normal.append((np.vecdot(own.first, solved), 3.0))
+    return tuple(
+        each
+        for k, (row, linear) in enumerate(zip(rows, squares + normal, strict=True))
+        if row.check != "record"
+        for each in beside([row], [reduced_mean(values[:, k], *linear)])
     )
+
+
+def _test_rows(
+    name: str,
+    setting: Setting,
+    shift: float,
+    x: Float[Array, "t n 3"],
+    losses: Float[Array, " t"],
+    off: float,
+) -> tuple[Row, ...]:
+    """Share of samples whose loss is above the threshold, also with control variates.
+
+    `off` is what the first order leaves out of the mean loss.
+    """
+    freedom, n = 2 * setting.n - 3, len(losses)
+    threshold = float(scipy.special.chdtri(freedom, FALSE_ALARM))
+
+    def share(k: int, apart: float) -> float:
+        return 1.0 - float(scipy.special.chndtr(threshold, k, apart))
+
+    apart = setting.apart(shift)
+    chance = share(freedom, apart)
+    # the derivative by the non-centrality
+    left = 0.5 * (share(freedom + 2, apart) - chance) * off
+    error = np.sqrt(chance * (1 - chance) / n)
+    seen, (linear, known) = losses > threshold, setting.linear_losses(x, shift)
+    rows = plain(
+        INCONSISTENT_RATE(name), np.mean(seen), error, n, chance, CHI_SQUARE, left
+    )
+    sharper = reduced_share(seen, linear > threshold, share(freedom, known))
+    return (*rows, *beside(rows, [sharper]))
+
+
+def _stated_rows(setting: Setting) -> tuple[Row, ...]:
+    """Covariances that the least squares state, beside how their answers move."""
+    moved = response(
+        lambda y: setting.turns(y.reshape(len(y), -1, 3)), setting.body.ravel(),
+        STATED_STEP,
+    )  # fmt: skip
+    covariance = moved.covariance(np.repeat(setting.std, 3))
+    left = MET * max(1.0, (setting.std.max() / setting.std.min() / UNEQUAL) ** 2)
+    rows: tuple[Row, ...] = ()
+    for k, name in enumerate(setting.weights):
+        own = slice(3 * k, 3 * k + 3)
+        off = apart(setting.stated(name, setting.body[None])[0], covariance[own, own])
+        rows += exact(COVARIANCE_OFF(name), off, 0.0, RESPONSE, left)
+    return rows
 
 
 def _family(row: Row) -> str:

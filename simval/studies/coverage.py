@@ -20,13 +20,11 @@ import numpy as np
 import scipy
 from pydantic import Field, model_validator
 
-from simval.arrays import Array
-from simval.calibrate import FitResult, calibrate
-from simval.montecarlo import moments_of, simulate
+from simval.calibrate import calibrate
+from simval.montecarlo import moments_of
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, nees, plain, unjudged
 from simval.sensor import names
-from simval.shapes import Float
 from simval.statistics import (
     CHI_SQUARE,
     COVERAGE,
@@ -39,12 +37,10 @@ from simval.statistics import (
     STUDENT,
 )
 from simval.streams import Streams
-from simval.studies.calibration import true_sensor
-from simval.studies.calibration_response import response_rows
-from simval.studies.drawn import Drawn, drawn_rows
+from simval.studies.calibration import response_rows, true_sensor
 from simval.studies.refusing import LEAST_NOISE, refusing
-from simval.studies.scoring import mean_of
 from simval.studies.study import Cost, StudyParameters
+from simval.studies.trials import Kept, drawn_rows, mean_of, stated_of, trials_of
 from simval.theory.calibration import calibration_moments
 
 TITLE = "Coverage: do the reported error bars of a calibration hold?"
@@ -105,33 +101,27 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     dof = parameters.poses - 9
     limit = nees_quantile(LEVEL, None if known else dof)
     predicted = calibration_moments(sensor, directions, G, parameters.noise_std)
-    drawn: list[dict[str, Drawn]] = []
-    stated: list[Array] = []
 
-    def indicators(rng: np.random.Generator, count: int) -> Array:
-        noise = parameters.noise_std * rng.standard_normal((count, *clean.shape))
-        drawn.append({"pose means": Drawn.of(noise / parameters.noise_std)})
+    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+        noise = parameters.noise_std * rng.standard_normal((BLOCK, *clean.shape))
         fit = calibrate(
             clean + noise,
             G,
             residual=parameters.residual,
             noise_std=parameters.noise_std if known else None,
         ).require_converged()
-        stated.append(np.mean((fit.sd / predicted.sd) ** 2, axis=1))
-        low, high = np.moveaxis(fit.confidence_intervals(LEVEL), -1, 0)
-        inside = (low <= sensor.parameters) & (sensor.parameters <= high)
-        squares = normalized_square(fit, sensor.parameters)
+        inside, squares = stated_of(fit, sensor.parameters, LEVEL)
         plain = np.abs(fit.parameters - sensor.parameters) <= 1.96 * fit.sd
         columns = [inside, squares[:, None] <= limit, plain.mean(axis=1)[:, None]]
         if known:
             columns.append(squares[:, None])
-        return np.concatenate(columns, axis=1).T.astype(float)
+        stated = np.mean((fit.sd / predicted.sd) ** 2, axis=1)
+        kept = {"of each": np.concatenate(columns, axis=1).astype(float)}
+        return kept | {"stated": stated}, {"pose means": noise / parameters.noise_std}
 
-    sums = simulate(
-        indicators, streams, samples=parameters.trials, block=BLOCK, batch=1
-    )
-    measured = moments_of(sums)
-    n, covered = sums.samples, measured.bias
+    trials = trials_of(streams, parameters.trials, BLOCK, trial)
+    measured = moments_of(trials.sums("of each"))
+    n, covered = measured.samples, measured.bias
     relative = (predicted.variance_remainder + FREEDOM) / 2.0
     slopes = np.array([INTERVAL_SLOPE] * 9 + [ELLIPSOID_SLOPE])
     # that of the predicted fraction: the fraction seen is the larger the smaller
@@ -155,22 +145,12 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         )  # fmt: skip
     else:  # the variance of the residuals is unbiased
         rows += plain(
-            STATED_VARIANCE(), *mean_of(np.concatenate(stated)),
+            STATED_VARIANCE(), *mean_of(trials["stated"]),
             1.0, FIRST_ORDER, 2.0 * relative,
         )  # fmt: skip
-    rows += drawn_rows(drawn)
+    rows += drawn_rows(trials.noise)
     rows += response_rows(sensor, G * directions, G, parameters.residual)
     return Outcome(rows=rows)
-
-
-def normalized_square(
-    fit: FitResult, truth: Float[Array, "9"]
-) -> Float[Array, " trials"]:
-    """Normalised squared error of each trial under its reported covariance."""
-    error = fit.parameters - truth
-    scaled = fit.covariance / (fit.sd[:, :, None] * fit.sd[:, None, :])
-    ratio = error / fit.sd
-    return np.vecdot(ratio, np.linalg.solve(scaled, ratio[..., None])[..., 0])
 
 
 def nees_quantile(level: float, dof: int | None) -> float:

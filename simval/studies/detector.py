@@ -1,62 +1,98 @@
 r"""The static detector, scored against what the simulation knows to be at rest.
 
 Each trial distorts a tumble with fresh noise, detects its initial rest and its static
-intervals as in a user's log, and compares them with the truth row by row;
-`simval.studies.scoring` says what counts as still.
+intervals as in a user's log, and compares them with the truth row by row. A row is
+still where the true specific force has the length g within `STILL_FORCE` and the body
+turns at less than `STILL_RATE`; an interval is impure if one of its rows is not still.
 
-An interval is impure if one of its rows is not still. The normalised squared error of
-the nine parameters shows what that does to a calibration, once with every interval and
-once with the pure ones alone. Theory puts the mean of the latter over trials at 9: the
-noise in a mean does not depend on the variance by which its interval was chosen. Where
-no trial has enough pure intervals nothing is judged, and `UNJUDGED` trials are enough.
+The normalised squared error of the nine parameters shows what that does to a
+calibration, once with every interval and once with the pure ones alone. Theory puts the
+mean of the latter over trials at 9: the noise in a mean does not depend on the variance
+by which its interval was chosen. Where no trial has enough pure intervals nothing is
+judged, and `UNJUDGED` trials are enough.
+
+**Known rests**: where a detector must put their edges is known of a signal without
+chance. At rest every axis alternates between its level and :math:`\pm a`, in between it
+alternates by far more. A window of w samples, odd, then has the variance :math:`a^2
+(w+1)/w` on each axis wherever it lies within a rest, and far more where it holds one
+sample of a move. So a rest of samples [p, q) is found as [p + h + t, q - h - t), with h
+= (w-1)/2 and t what is trimmed, and the mean of an even number of samples is its level.
+The first rest, of n samples, makes the threshold :math:`m a^2 n/(n-1)`. Two more are
+made for the threshold itself, `NEAR` below it and above it: the former is found, the
+latter is not. All of it is arithmetic: nothing but rounding may differ.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from simval.arrays import Array
+from simval.calibrate import calibrate
+from simval.errors import RefusedError
 from simval.figures import VARYING, Figure, Headline, Quote, Strip, Trace, words
-from simval.results import Outcome, Row, nees, unjudged
-from simval.scene import simulate_cached
-from simval.shapes import Float
-from simval.statics import Intervals, interval_counts, interval_means
+from simval.poses import PARAMETERS
+from simval.results import Outcome, Row, exact, nees, unjudged
+from simval.scene import Trajectory, simulate_cached
+from simval.sensor import AccelerometerModel
+from simval.shapes import Float, Int
+from simval.statics import (
+    Intervals,
+    initial_rest,
+    interval_counts,
+    interval_means,
+    intervals_below,
+    variance_magnitude,
+)
 from simval.statistics import (
     CHI_SQUARE_9,
+    COUNT_OFF,
+    EDGE_OFF,
     FITTED,
     IMPURE,
     INTERVALS,
+    KNOWN_RESTS,
+    KNOWN_SCENE,
+    MEAN_OFF,
     NEES,
+    OUTSIDE,
     PRECISION,
     RECALL,
+    RESTS_FOUND,
     Family,
 )
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
-from simval.studies.known_rests import known_rest_rows
 from simval.studies.refusing import LEAST_NOISE, refusing
-from simval.studies.scoring import (
-    Tumble,
-    detect,
-    mean_of,
-    normalized_square,
-    pure,
-    score,
-    thinned,
-)
 from simval.studies.study import Cost, StudyParameters
+from simval.studies.trials import mean_of
 from simval.units import COUNT, PERCENT
 
 TITLE = "Static detector: scored against what the simulation knows to be at rest"
 SECTION = "statics"
 
-
 UNJUDGED = 128
 """Trials after which a cell ends in none of which the pure intervals gave a fit: its
 rows are reported, and a normalised squared error of 9 is then known to 0.4."""
+RATE = 100.0  # Hz, of the log that is made from a trajectory
+# A tenth of the noise that a second leaves in a mean at 0.01 m/s^2 a sample, so 1 % of
+# its variance. Half or twice both limits moves 0.7 % of the rests' rows of gimbal and
+# die at the most, 5 % of the shaker's, where a few rests creep.
+STILL_FORCE = 1e-4  # m/s^2
+STILL_RATE = 1e-4  # rad/s
+NEAR = 1e-3
+"""Of the threshold. The variance by n and by n - 1 differs by 2 % in a window of 51
+samples, and by 0.2 % in a rest of 500."""
+MOVE = 1e3
+"""Of the deviation at the threshold: one sample of it in a window is far above."""
+MULTIPLIERS = (2.0, 1e4)
+"""A rest is to be found at any threshold between these."""
+ROUNDED = 1e-9
+"""Of the amplitude: levels of a hundred amplitudes, summed by the hundred."""
 
 
 class Parameters(StudyParameters):
@@ -96,6 +132,92 @@ class Parameters(StudyParameters):
         return Cost(0.2 + one * self.trials, 20)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tumble:
+    """A trajectory at the rate of a log, and what is still in it."""
+
+    time: Float[Array, " n"]  # seconds
+    force: Float[Array, "n 3"]  # true specific force, sensor axes, m/s^2
+    still: NDArray[np.bool_]  # rows at rest, (n,)
+    hold: NDArray[np.intp]  # planned rest of each row, -1 for none, (n,)
+    g: float  # length of gravity, m/s^2
+
+
+def thinned(trajectory: Trajectory) -> Tumble:
+    """Thin a trajectory to the rate of a log."""
+    every = slice(None, None, max(round(trajectory.rate / RATE), 1))
+    force = trajectory.specific_force[every]
+    rate = np.linalg.norm(trajectory.angular_velocity[every], axis=1)
+    off = np.abs(np.linalg.norm(force, axis=1) - trajectory.g)
+    return Tumble(
+        time=trajectory.time[every],
+        force=force,
+        still=(off <= STILL_FORCE) & (rate <= STILL_RATE),
+        hold=trajectory.hold[every],
+        g=trajectory.g,
+    )
+
+
+def score(
+    intervals: Intervals, still: NDArray[np.bool_], hold: NDArray[np.intp]
+) -> dict[Family, float]:
+    """Compare intervals with the truth."""
+    covered = np.zeros(len(still), bool)
+    for start, stop in intervals:
+        covered[start:stop] = True
+    rests = np.unique(hold[hold >= 0])
+    touched = np.unique(hold[covered & (hold >= 0)])
+    outside = _count(hold >= 0, intervals) == 0
+    return {
+        PRECISION: float(still[covered].mean()) if covered.any() else 0.0,
+        RECALL: float(covered[hold >= 0].mean()) if len(rests) else 0.0,
+        RESTS_FOUND: len(touched) / max(len(rests), 1),
+        INTERVALS: float(len(intervals)),
+        IMPURE: float(np.sum(~pure(intervals, still))),
+        OUTSIDE: float(np.sum(outside)),
+    }
+
+
+def pure(intervals: Intervals, still: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which intervals hold still rows only."""
+    return _count(still, intervals) == interval_counts(intervals)
+
+
+def _count(rows: NDArray[np.bool_], intervals: Intervals) -> NDArray[np.intp]:
+    # how many of these rows are in each interval
+    before = np.concatenate([[0], np.cumsum(rows)])
+    return np.asarray(before[intervals[:, 1]] - before[intervals[:, 0]])
+
+
+def detect(
+    raw: Float[Array, "n 3"], multiplier: float, window: int, trim: int
+) -> tuple[Intervals, Float[Array, " n"], float]:
+    """Find the static intervals of a log as for a user's log."""
+    minimum = window // 2
+    spread = variance_magnitude(raw, window)
+    rest = initial_rest(raw, None, window, minimum, spread)
+    threshold = multiplier * rest.variance
+    return intervals_below(spread, threshold, minimum, trim), spread, threshold
+
+
+def normalized_square(
+    raw: Float[Array, "n 3"], intervals: Intervals, sensor: AccelerometerModel, g: float
+) -> float:
+    """Normalised squared error of a calibration from some intervals."""
+    if len(intervals) < PARAMETERS:
+        return float("nan")
+    try:
+        fit = calibrate(
+            interval_means(raw, intervals),
+            g=g,
+            noise_std=sensor.noise_std / np.sqrt(interval_counts(intervals)),
+        ).require_converged()
+    except RefusedError:
+        return float("nan")
+    error = fit.parameters - sensor.parameters
+    return float(error @ np.linalg.solve(fit.covariance, error))
+
+
 @lru_cache(maxsize=16)
 def tumble(scene: str, poses: int) -> Tumble:
     """Simulate a scene, or read it from the cache, and thin it to the rate of a log."""
@@ -116,53 +238,41 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     for trial in range(parameters.trials):
         raw = sensor.distort(truth.force, streams.block(trial))
         intervals, spread, threshold = detect(raw, *settings)
-        clean = intervals[pure(intervals, truth.still)]
-        every = normalized_square(raw, intervals, sensor, truth.g)
-        same = len(clean) == len(intervals)
         scores.append(score(intervals, truth.still, truth.hold))
-        squares.append(
-            (
-                every,
-                every if same else normalized_square(raw, clean, sensor, truth.g),
-            )
-        )
+        clean = intervals[pure(intervals, truth.still)]
+        every = own = normalized_square(raw, intervals, sensor, truth.g)
+        if len(clean) < len(intervals):
+            own = normalized_square(raw, clean, sensor, truth.g)
+        squares.append((every, own))
         if trial == 0:
             artifact = _artifact(truth, raw, intervals, spread, threshold)
-        if (
-            trial + 1 == UNJUDGED
-            and not np.isfinite([pair[1] for pair in squares]).any()
-        ):
+        if trial + 1 == UNJUDGED and np.isnan(squares)[:, 1].all():
             break
+    rows = (
+        *_rows(scores, np.array(squares)),
+        *known_rest_rows(detect, interval_means, interval_counts, settings),
+    )
     name = artifact_of(parameters.model_dump())
-    rows = _rows(scores, np.array(squares))
-    rows += known_rest_rows(detect, interval_means, interval_counts, settings)
     return Outcome(rows=rows, artifacts={name: artifact})
+
+
+def _rows(
+    scores: list[dict[Family, float]], squares: Float[Array, "n 2"]
+) -> Iterator[Row]:
+    for family in scores[0]:
+        yield from unjudged(family(), *mean_of([each[family] for each in scores]))
+    for name, values in zip(("all", "pure"), squares.T, strict=True):
+        fitted = np.isfinite(values)
+        yield from unjudged(FITTED(name), *mean_of(fitted.astype(float)))
+        if name == "pure" and fitted.all():
+            yield from nees(NEES(name), *mean_of(values[fitted]), 9.0, CHI_SQUARE_9)
+        elif fitted.sum() >= 2:
+            yield from unjudged(NEES(name), *mean_of(values[fitted]))
 
 
 def artifact_of(named: Mapping[str, Any]) -> str:
     """File of the readings of a cell with these parameters."""
     return f"static-{named['scene']}-{named['noise_std']:g}-{named['trim']}.npz"
-
-
-def _rows(
-    scores: list[dict[Family, float]], squares: Float[Array, "n 2"]
-) -> tuple[Row, ...]:
-    rows: tuple[Row, ...] = ()
-    for family in scores[0]:
-        rows += unjudged(
-            family(), *mean_of(np.array([each[family] for each in scores]))
-        )
-    for name, values in zip(("all", "pure"), squares.T, strict=True):
-        fitted = np.isfinite(values)
-        rows += unjudged(FITTED(name), *mean_of(fitted.astype(float)))
-        if fitted.sum() >= 2:
-            mean = mean_of(values[fitted])
-            rows += (
-                nees(NEES(name), *mean, 9.0, CHI_SQUARE_9)
-                if name == "pure" and fitted.all()
-                else unjudged(NEES(name), *mean)
-            )
-    return rows
 
 
 def _artifact(
@@ -184,6 +294,67 @@ def _artifact(
         "variance": np.where(np.isfinite(spread), spread, np.nan),
         "threshold": np.array([threshold]),
     }
+
+
+class KnownRests(NamedTuple):
+    """A signal and what is to be found in it."""
+
+    samples: Float[Array, "n 3"]
+    intervals: Int[Array, "m 2"]
+    means: Float[Array, "m 3"]
+
+
+def known_rests(multiplier: float, window: int, trim: int) -> KnownRests:
+    """The signal for a detector with these settings."""
+    half, move = window // 2, window + 9
+    first = 2 * (half + trim) + 10 * window  # even, like all of them
+    length = first - 6 * window
+    scale = (first - 2 * half) / (first - 2 * half - 1) / ((window + 1) / window)
+    near = np.sqrt(multiplier * scale * (1.0 + NEAR * np.array([-1.0, 1.0])))
+    amplitudes = [1.0, 1.0, float(near[0]), float(near[1]), 1.0]
+    levels = 25.0 * np.array(
+        [[0, 0, 4], [3, -1, 2], [-2, 3, 1], [1, 1, 1], [-4, 0, 1]], dtype=float
+    )
+    parts, intervals, means, at = [], [], [], 0
+    for k, (amplitude, level) in enumerate(zip(amplitudes, levels, strict=True)):
+        count = first if k == 0 else length + 2 * k
+        parts += [level + _alternating(count, amplitude)]
+        if k != 3:  # which is above the threshold
+            intervals.append([at + half + trim, at + count - half - trim])
+            means.append(level)
+        parts += [_alternating(move, MOVE * float(near[1]))]
+        at += count + move
+    return KnownRests(np.concatenate(parts), np.array(intervals), np.array(means))
+
+
+def known_rest_rows(
+    detect: Callable[..., Any],
+    means: Callable[..., Array],
+    counts: Callable[..., Any],
+    settings: tuple[float, int, int],
+) -> tuple[Row, ...]:
+    """Rows of a detector, and of the means and counts of what it finds."""
+    if not MULTIPLIERS[0] <= settings[0] <= MULTIPLIERS[1]:
+        return ()
+    known = known_rests(*settings)
+    found = np.asarray(detect(known.samples, *settings)[0])
+    rows = exact(KNOWN_RESTS(), len(found), len(known.intervals), KNOWN_SCENE, 0.0)
+    if found.shape != known.intervals.shape:
+        return rows
+    edges = np.abs(found - known.intervals).max()
+    off = np.abs(means(known.samples, known.intervals) - known.means).max()
+    more = np.abs(counts(known.intervals) - np.diff(known.intervals)[:, 0]).max()
+    return (
+        *rows,
+        *exact(EDGE_OFF(), edges, 0.0, KNOWN_SCENE, 0.0),
+        *exact(MEAN_OFF(), off, 0.0, KNOWN_SCENE, ROUNDED),
+        *exact(COUNT_OFF(), more, 0.0, KNOWN_SCENE, 0.0),
+    )
+
+
+def _alternating(count: int, amplitude: float) -> Float[Array, "n 3"]:
+    sign = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
+    return np.repeat(amplitude * sign[:, None], 3, axis=1)
 
 
 def _intervals(content: Mapping[str, Array]) -> str:

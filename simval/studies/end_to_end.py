@@ -33,12 +33,18 @@ from simval.statics import Intervals, interval_counts, interval_means
 from simval.statistics import BUDGET, CARRIED, CHI_SQUARE_3, IMPURE, NEES
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
-from simval.studies.drawn import Drawn, drawn_rows
-from simval.studies.known_rests import known_rest_rows
-from simval.studies.magnetometer_scenario import true_magnetometer
+from simval.studies.detector import RATE, Tumble, detect, known_rest_rows, pure, thinned
+from simval.studies.magnetometer import true_magnetometer
 from simval.studies.refusing import LEAST_NOISE, refusing
-from simval.studies.scoring import RATE, Tumble, detect, mean_of, pure, thinned
 from simval.studies.study import Cost, StudyParameters
+from simval.studies.trials import (
+    Kept,
+    drawn_rows,
+    mean_of,
+    normalised_square,
+    root,
+    trials_of,
+)
 from simval.theory.magnetometer import Problem, problem_of
 from simval.theory.propagation import PARTS, UP, Wanted, calibration_parts, carrier
 
@@ -151,39 +157,52 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     )
     true = scenario.problem(wanted.q, mean_std)
     carriers = [carrier(true, wanted, k, *mean_std) for k in range(len(wanted.q))]
-    measured, predicted, squares, impure = [], [], [], []
     quiet = np.random.default_rng(0)  # draws nothing: without noise
     felt = true_sensor(0.0).distort(scenario.tumble.force, quiet)
-    drawn: list[dict[str, Drawn]] = []
-    for trial in range(parameters.trials):
-        rng = streams.block(trial)
+
+    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
         raw = scenario.accelerometer.distort(scenario.tumble.force, rng)
-        drawn.append({"samples": Drawn.of((raw - felt) / noise[0])})
         intervals, _, _ = detect(raw, *SETTINGS)
-        impure.append(float(np.sum(~pure(intervals, scenario.tumble.still))))
+        impure = float(np.sum(~pure(intervals, scenario.tumble.still)))
         samples = np.sqrt(interval_counts(intervals))
         std = noise[0] / samples, noise[1] / samples
         fitted = _calibrated(scenario, raw, intervals, std, rng)
         estimates = _estimates(scenario, fitted, wanted, mean_std, rng)
         angles = np.array([attitude_error(q, wanted.q) for q in estimates])
-        measured.append(np.mean(angles**2, axis=1))
         middle = scenario.attitude[intervals.sum(axis=1) // 2]  # whole rests
         covariance = calibration_parts(scenario.problem(middle, std))
         parts = np.array([each.parts(covariance) for each in carriers])
-        predicted.append(np.trace(parts, axis1=2, axis2=3).mean(axis=0))
-        squares.append(_normalized_square(estimates[-1], wanted.q, parts[:, -1]))
+        # mean over the poses of one trial, which share its calibration
+        step = compose(conjugate(wanted.q), estimates[-1])
+        rotation = 2.0 * step[:, :3] * np.sign(step[:, 3:])
+        kept = {
+            "measured": np.mean(angles**2, axis=1),
+            "predicted": np.trace(parts, axis1=2, axis2=3).mean(axis=0),
+            "square": np.mean(normalised_square(rotation, parts[:, -1])),
+            "impure": impure,
+        }
+        return {k: np.array([v]) for k, v in kept.items()}, {
+            "samples": (raw - felt) / noise[0]
+        }
+
+    trials = trials_of(streams, parameters.trials, 1, trial)
     remainder = NEXT_ORDER * max(mean_std[0] / scenario.tumble.g, mean_std[1]) ** 2
-    rms, error = _root_mean_square(np.transpose(measured))
-    expected = np.sqrt(np.mean(np.ascontiguousarray(np.transpose(predicted)), axis=1))
+    # contiguous, so that sums are pairwise
+    measured, predicted = (
+        np.ascontiguousarray(trials[name].T) for name in ("measured", "predicted")
+    )
+    error = measured.std(axis=1, ddof=1) / np.sqrt(parameters.trials)
+    expected = np.sqrt(np.mean(predicted, axis=1))
+    square = mean_of(trials["square"])
     return Outcome(
         rows=(
             *plain(
-                BUDGET.each(PARTS), rms, error, parameters.trials,
-                expected, CARRIED, expected * remainder,
+                BUDGET.each(PARTS), *root(measured.mean(axis=1), error),
+                parameters.trials, expected, CARRIED, expected * remainder,
             ),
-            *nees(NEES(), *mean_of(squares), 3.0, CHI_SQUARE_3, 3.0 * remainder),
-            *unjudged(IMPURE(), *mean_of(impure)),
-            *drawn_rows(drawn),
+            *nees(NEES(), *square, 3.0, CHI_SQUARE_3, 3.0 * remainder),
+            *unjudged(IMPURE(), *mean_of(trials["impure"])),
+            *drawn_rows(trials.noise),
             *known_rest_rows(detect, interval_means, interval_counts, SETTINGS),
         )
     )  # fmt: skip
@@ -266,28 +285,6 @@ def _estimates(
         )
         for sensors, rows in cases
     ]
-
-
-def _normalized_square(
-    estimate: Float[Array, "n 4"],
-    truth: Float[Array, "n 4"],
-    covariances: Float[Array, "n 3 3"],
-) -> float:
-    # mean over the poses of one trial, which share its calibration
-    step = compose(conjugate(truth), estimate)
-    rotation = 2.0 * step[:, :3] * np.sign(step[:, 3:])
-    solved = np.linalg.solve(covariances, rotation[..., None])[..., 0]
-    return float(np.mean(np.sum(rotation * solved, axis=1)))
-
-
-def _root_mean_square(
-    squares: Float[Array, "p n"],
-) -> tuple[Float[Array, " p"], Float[Array, " p"]]:
-    # of each row, with its standard error; contiguous, so that sums are pairwise
-    squares = np.ascontiguousarray(squares)
-    rms = np.sqrt(squares.mean(axis=1))
-    error = squares.std(axis=1, ddof=1) / np.sqrt(squares.shape[1])
-    return rms, error / (2.0 * rms)
 
 
 FIGURES = (

@@ -29,10 +29,10 @@ from simval.plugins.runs import run_filter
 from simval.results import Row, exact, unjudged
 from simval.shapes import Float
 from simval.statistics import BUDGET_AT, COVARIANCE_OFF, CRAMER_RAO, TRUTH, TURN_ORDER
-from simval.studies.drawn import Drawn, drawn_rows
 from simval.studies.filter_rows import spread
 from simval.studies.filter_scenarios import Course, Imperfect, course
 from simval.studies.response import apart
+from simval.studies.trials import Drawn, drawn_rows
 from simval.theory import (
     CalibrationError,
     FilterModel,

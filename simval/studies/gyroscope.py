@@ -10,20 +10,29 @@ without noise.
 
 The laws are of first order. The next one is of the size of the second-order bias, below
 a hundredth of a standard deviation (`simval.theory.joint_bias`), and of what the
-bound's moves of 40 segments leave out (`simval.studies.gyroscope_tumble.PIECES`).
+bound's moves of 40 segments leave out (`PIECES`).
 """
 
+from collections.abc import Iterator
 from math import sqrt
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import scipy
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.calibrate import GyroscopeFit
+from simval.calibrate import (
+    GyroscopeFit,
+    calibrate,
+    calibrate_gyroscope,
+    moves_between,
+)
+from simval.consistency import normalised_squares
 from simval.figures import Figure, Headline, Quote
 from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
+from simval.scene import Trajectory, average_rates, simulate_cached
+from simval.sensor import GyroscopeModel
 from simval.shapes import Float
 from simval.statistics import (
     BIAS,
@@ -42,11 +51,12 @@ from simval.statistics import (
     SQUARED_ERROR,
 )
 from simval.streams import Streams
-from simval.studies.drawn import drawn_rows
-from simval.studies.gyroscope_tumble import ROWS, Estimator, Tumble
+from simval.studies.calibration import true_sensor
 from simval.studies.refusing import refusing
 from simval.studies.response import apart
 from simval.studies.study import Cost, StudyParameters
+from simval.studies.trials import Kept, Trials, drawn_rows, mean_of, trials_of
+from simval.theory.gyroscope import MovePath, gyroscope_moments
 from simval.units import PPM
 
 TITLE = "Gyroscope: do the error bars of a calibration between rests hold?"
@@ -67,6 +77,14 @@ SMALL_BIAS = 0.01
 a step at 100 Hz."""
 ENOUGH = 1024  # trials, from which a bias of a fifth of a standard deviation is seen
 LEVEL = 0.95
+ROWS = 500.0  # Hz, of the gimbal
+FORCE = 0.01  # m/s^2, of an accelerometer's sample at 100 Hz
+CHUNK = 2
+PIECES = 40
+"""Segments of a move in the bound. Beside the limit of ever shorter ones, a variance is
+off by up to 4e-3 of itself with 14 poses, 3e-3 with 40 and 12e-3 with 12, and the mean
+of all twelve, which is judged, by 1e-4, 4e-4 and 8e-4
+(`tests/studies/test_gyroscope_study.py`)."""
 THINNED = {f"{ROWS / k:g} Hz": k for k in (1, 2, 5, 10)}
 """Rows of 500 Hz to a reading, for the order of an integrator, by the rate's name."""
 AVERAGES, STRAIGHT = "averages", "straight lines"
@@ -77,7 +95,7 @@ UNITS = ("1",) * 9 + ("rad/s",) * 3
 class Parameters(StudyParameters):
     """One cell: an estimator, poses, moves, rate of the rows and noise."""
 
-    estimator: Estimator = Field(
+    estimator: Literal["joint", "generalised", "unweighted"] = Field(
         default="joint", description="Both sensors together, one by one, or IMU-TK's."
     )
     poses: Annotated[int, Field(ge=12, le=100)] = Field(
@@ -102,90 +120,199 @@ class Parameters(StudyParameters):
         return Cost(1.0 + 7e-5 * rows * self.trials, 20)
 
 
+class Tumble:
+    """A cell's scene at its rate, its sensors, and how a trial is drawn and fitted."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self.parameters = parameters
+        every = self.every = parameters.every
+        run = simulate_cached(
+            "gimbal", poses=parameters.poses, move_time=parameters.move_time,
+            first_hold=20.0,
+        )  # fmt: skip
+        self.g = run.g
+        self.time, self.attitude = run.time[::every], run.attitude[::every]
+        self.rests = _rests(run, every)
+        force = run.specific_force[::every]
+        still = np.concatenate([force[a:b] for a, b in self.rests])
+        self.off = float(np.abs(np.linalg.norm(still, axis=1) - run.g).max())
+        self.rest_force = run.rest_force
+        self.force = np.array([force[a:b].mean(axis=0) for a, b in self.rests])
+        seconds = np.diff(self.rests)[:, 0] * every / ROWS
+        self.pose_std = FORCE / np.sqrt(100.0 * seconds)
+        self.walk = float(np.radians(parameters.angle_random_walk))
+        off = [[0.02, 0.02, -0.01], [0.03, 0.03, 0.02], [-0.02, 0.01, -0.01]]
+        bias = np.array([0.02, -0.01, 0.03])
+        self.gyroscope = GyroscopeModel(M=np.eye(3) + np.array(off), B=bias)
+        self.accelerometer = true_sensor(0.0)
+        rng = np.random.default_rng(0)  # draws nothing
+        self.rates = self.gyroscope.distort(average_rates(run, every), rng)
+        steps = average_rates(run)
+        beside = 0.5 * (steps + np.concatenate([steps[1:], steps[-1:]]))[::every]
+        self.instants = self.gyroscope.distort(beside, rng)
+        self.poses = self.accelerometer.distort(self.force, rng)
+        self.truth = np.concatenate([self.gyroscope.M.ravel(), bias])
+
+    def straight_lines(self) -> float:
+        """Error of M from instants with straight lines between, without noise.
+
+        An instant is the mean of the two steps of 500 Hz beside it.
+        """
+        moves = moves_between(self.time, self.instants, self.rests, scheme="linear")
+        fit = calibrate_gyroscope(
+            moves, self.poses, calibrate(self.poses, self.g), pose_std=self.pose_std,
+            angle_random_walk=self.walk, start=np.eye(3), estimator="unweighted",
+        )  # fmt: skip
+        return float(np.abs(fit.M - self.gyroscope.M).max())
+
+    def readings(
+        self, rng: np.random.Generator, count: int
+    ) -> tuple[Float[Array, "t n 3"], Float[Array, "t r 3"]]:
+        """Draw the pose means and the rates of some trials."""
+        std, each = self.pose_std[:, None], self.walk / sqrt(self.every / ROWS)
+        poses = self.poses + std * rng.standard_normal((count, *self.poses.shape))
+        rows = self.rates + each * rng.standard_normal((count, *self.rates.shape))
+        return poses, rows
+
+    def noise(
+        self, poses: Float[Array, "t n 3"], rows: Float[Array, "t r 3"]
+    ) -> dict[str, Array]:
+        """Noise of these, in units of what the parameters say."""
+        density = np.radians(self.parameters.angle_random_walk)
+        each = density * sqrt(ROWS / self.every)
+        return {
+            "pose means": (poses - self.poses) / self.pose_std[:, None],
+            "rates": (rows - self.rates) / each,
+        }
+
+    def clean(self) -> GyroscopeFit:
+        """The calibration without noise."""
+        poses, rates = (np.ascontiguousarray(x)[None] for x in (self.poses, self.rates))
+        return self.fitted(poses, rates)
+
+    def fitted(
+        self, poses: Float[Array, "t n 3"], rows: Float[Array, "t r 3"]
+    ) -> GyroscopeFit:
+        """Calibrate from these."""
+        moves = moves_between(self.time, rows, self.rests, chunk=CHUNK)
+        known = self.parameters.estimator == "unweighted"
+        fit = calibrate(poses, self.g, residual="weighted", noise_std=self.pose_std)
+        return calibrate_gyroscope(
+            moves, poses, fit, pose_std=self.pose_std, angle_random_walk=self.walk,
+            estimator=self.parameters.estimator, start=np.eye(3),
+            bias="first rest" if known else "constant",
+        ).require_converged()  # fmt: skip
+
+    def bound(self, pieces: int = PIECES) -> Float[Array, "12 12"]:
+        """Cramer-Rao bound of the gyroscope's twelve, by moves of so many segments."""
+        moves = moves_between(self.time, self.rates, self.rests, chunk=CHUNK)
+        moments = gyroscope_moments(
+            self.gyroscope, self.accelerometer, self.force, self._path(pieces),
+            pose_std=self.pose_std, g=self.g, angle_random_walk=self.walk,
+            bias_std=self.walk / np.sqrt(moves.rest_seconds.sum()),
+        )  # fmt: skip
+        return moments.cramer_rao[9:, 9:]
+
+    def _path(self, pieces: int) -> MovePath:
+        # from the attitudes, from ten rows before the end of a rest to ten of the next
+        rotation = scipy.spatial.transform.Rotation
+        inner = np.minimum(10, np.diff(self.rests)[:, 0] // 3)
+        first = self.rests[:-1, 1] - 1 - inner[:-1]
+        last = self.rests[1:, 0] + inner[1:]
+        turns, seconds = [], []
+        for a, b in zip(first, last, strict=True):
+            nodes = np.round(np.linspace(a, b, pieces + 1)).astype(int)
+            # the package's world to sensor is what SciPy reads as sensor to world
+            attitude = rotation.from_quat(np.array(self.attitude[nodes]))
+            turns.append((attitude[:-1].inv() * attitude[1:]).as_rotvec())
+            seconds.append(np.diff(self.time[nodes]))
+        return MovePath(turns=np.array(turns), seconds=np.array(seconds))
+
+
+def _rests(run: Trajectory, every: int) -> Any:
+    hold = run.hold[::every]
+    rows = [np.flatnonzero(hold == k) for k in run.hold_indices()]
+    return np.array([[r[0], r[-1] + 1] for r in rows])
+
+
 @refusing("lower `angle_random_walk` or give more `poses`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell."""
     data = Tumble(parameters)
-    blocks = -(-parameters.trials // BLOCK)
-    found, noise = [], []
-    for i in range(blocks):
-        readings = data.readings(streams.block(i), BLOCK)
-        found.append(data.fitted(*readings))
-        noise.append(data.drawn(*readings))
-    error = np.concatenate([fit.parameters for fit in found]) - data.truth
-    C = np.concatenate([fit.own_covariance for fit in found])
     free = 9 if parameters.estimator == "unweighted" else 12
-    error, C = error[:, :free], C[:, :free, :free]
+
+    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+        readings = data.readings(rng, BLOCK)
+        fit = data.fitted(*readings)
+        error = (fit.parameters - data.truth)[:, :free]
+        covariance = fit.own_covariance[:, :free, :free]
+        return {"error": error, "covariance": covariance}, data.noise(*readings)
+
+    trials = trials_of(streams, parameters.trials, BLOCK, trial)
     bound = np.diagonal(data.bound())[:free]
-    rows = _judged(error, C, bound, parameters.estimator != "unweighted")
-    clean = data.trial(np.random.default_rng(0), 1, noise=0.0)
+    clean = data.clean()
     off = float(np.abs(clean.M[0] - data.gyroscope.M).max())
     # of fourth order in the step; chunks of two leave another 1e-8
     most = 1e-8 + 1e-9 * parameters.every**4
     return Outcome(
         rows=(
-            *rows,
+            *_judged(trials, bound),
             *limit(RECOVERY("M"), off, most, ROUNDING),
             *limit(REST_FORCE(), data.off, data.rest_force, SCENE_BOUND),
-            *drawn_rows(noise),
-            *_stated_row(clean, data, free),
+            *drawn_rows(trials.noise),
+            *_stated_row(clean, data),
             *_integrators(parameters),
             *unjudged(SD("M", "bound"), sqrt(bound[:9].mean())),
         )
     )
 
 
-def _stated_row(clean: GyroscopeFit, data: Tumble, free: int) -> tuple[Row, ...]:
+def _judged(trials: Trials, bound: Float[Array, " p"]) -> tuple[Row, ...]:
+    error, C = trials["error"], trials["covariance"]
+    n, p = error.shape
+    sd = np.sqrt(np.diagonal(C, axis1=1, axis2=2))
+    z = -scipy.special.ndtri((1.0 - LEVEL) / 2.0)
+    covered = mean_of((np.abs(error) < z * sd).mean(axis=1))
+    over = mean_of((error**2 / bound).mean(axis=1))
+    bias = error.mean(axis=0), error.std(axis=0, ddof=1) / sqrt(n), n
+    # the unweighted way does not reach the bound
+    judge: Any = plain if p == 12 else unjudged
+    shift: Any = plain if n >= ENOUGH else unjudged
+    return (
+        *nees(
+            NEES(), *mean_of(normalised_squares(error, C)),
+            float(p), CHI_SQUARE, RELATIVE * p,
+        ),
+        *plain(COVERAGE("mean"), *covered, LEVEL, NORMAL, 0.23 * RELATIVE / 2.0),
+        *judge(SQUARED_ERROR("mean"), *over, 1.0, CRAMER_RAO, RELATIVE),
+        *shift(
+            BIAS.each(NAMES[:p], UNITS[:p]), *bias,
+            0.0, NO_BIAS, SMALL_BIAS * sd.mean(axis=0),
+        ),
+    )  # fmt: skip
+
+
+def _stated_row(clean: GyroscopeFit, data: Tumble) -> tuple[Row, ...]:
     """The covariance that is stated at the truth, beside the bound of short pieces."""
-    if free < 12:  # the unweighted way does not reach the bound
+    if data.parameters.estimator == "unweighted":  # which does not reach the bound
         return ()
     coarse, fine = (data.bound(pieces) for pieces in (FINE // 2, FINE))
     bound = (4.0 * fine - coarse) / 3.0  # of the second order of a piece
     off = apart(clean.own_covariance[0], bound)
-    left = LEFT_OUT * data.parameters.every**2
+    left = LEFT_OUT * data.every**2
     return exact(COVARIANCE_OFF("stated"), off, 0.0, CRAMER_RAO, left)
 
 
-def _integrators(parameters: Parameters) -> tuple[Row, ...]:
+def _integrators(parameters: Parameters) -> Iterator[Row]:
     """Error of M without noise, by rate of the rows and what is between them."""
-    rows: list[Row] = []
     for rate, every in THINNED.items():
         data = Tumble(parameters.model_copy(update={"every": every}))
-        clean = data.trial(np.random.default_rng(0), 1, noise=0.0)
+        clean = data.clean()
         averages = float(np.abs(clean.M[0] - data.gyroscope.M).max())
-        rows += unjudged(
+        yield from unjudged(
             (RECOVERY("M", AVERAGES, rate), RECOVERY("M", STRAIGHT, rate)),
             (averages, data.straight_lines()),
         )
-    return tuple(rows)
-
-
-def _judged(
-    error: Float[Array, "t p"],
-    C: Float[Array, "t p p"],
-    bound: Float[Array, " p"],
-    efficient: bool,
-) -> tuple[Row, ...]:
-    n, p = error.shape
-    sd = np.sqrt(np.diagonal(C, axis1=1, axis2=2))
-    squares = np.vecdot(error, np.linalg.solve(C, error[..., None])[..., 0])
-    z = -scipy.special.ndtri((1.0 - LEVEL) / 2.0)
-    covered = (np.abs(error) < z * sd).mean(axis=1)
-    over = (error**2 / bound).mean(axis=1)
-
-    def mean(values: Array) -> tuple[float, float, int]:
-        return float(values.mean()), float(values.std(ddof=1)) / sqrt(n), n
-
-    several = tuple(error.mean(axis=0)), tuple(error.std(axis=0, ddof=1) / sqrt(n)), n
-    small = tuple(SMALL_BIAS * sd.mean(axis=0))
-    judge: Any = plain if efficient else unjudged
-    shift: Any = plain if n >= ENOUGH else unjudged
-    return (
-        *nees(NEES(), *mean(squares), float(p), CHI_SQUARE, RELATIVE * p),
-        *plain(COVERAGE("mean"), *mean(covered), LEVEL, NORMAL, 0.23 * RELATIVE / 2.0),
-        *judge(SQUARED_ERROR("mean"), *mean(over), 1.0, CRAMER_RAO, RELATIVE),
-        *shift(BIAS.each(NAMES[:p], UNITS[:p]), *several, 0.0, NO_BIAS, small),
-    )
 
 
 KINDS = {

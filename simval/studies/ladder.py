@@ -8,7 +8,7 @@ has its own number for each parameter.
 
 Trials come in antithetic pairs, noise and its negative: the mean of a pair has the
 bias but not the first-order error. The first and second order of each trial are control
-variates (`simval.studies.expanded`), so a bias of a thousandth of a standard deviation
+variates (`simval.studies.response`), so a bias of a thousandth of a standard deviation
 is measured. Such rows are ``control`` rows; the spread of the
 single trials stands beside them as ``plain`` rows, with the Cramer-Rao bound and the
 efficiency.
@@ -24,8 +24,7 @@ from pydantic import Field
 from simval.arrays import Array
 from simval.calibrate import calibrate
 from simval.figures import Figure, Listing, of_calibration, predictor
-from simval.moments import Moments
-from simval.montecarlo import moments_of, simulate
+from simval.montecarlo import moments_of
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row, control, plain, unjudged
 from simval.sensor import AccelerometerModel
@@ -41,23 +40,12 @@ from simval.statistics import (
     SECOND_ORDER,
 )
 from simval.streams import Streams
-from simval.studies.calibration_response import response_rows
-from simval.studies.drawn import correlation_row
-from simval.studies.expanded import (
-    Expanded,
-    Reduced,
-    beside,
-    noise_row,
-    reduced_mean,
-    stated,
-)
+from simval.studies.calibration import UNITS, expanded, response_rows
 from simval.studies.refusing import LEAST_NOISE, refusing
+from simval.studies.response import Expanded, Reduced, beside, reduced_mean, stated
 from simval.studies.study import Cost, StudyParameters
-from simval.theory.calibration import (
-    CalibrationMoments,
-    calibration_expansion,
-    calibration_moments,
-)
+from simval.studies.trials import Kept, correlation_row, noise_row, trials_of
+from simval.theory.calibration import CalibrationMoments, calibration_moments
 
 TITLE = "Bias ladder: bias, spread and efficiency of each calibration residual"
 SECTION = "ladder"
@@ -66,7 +54,6 @@ BLOCK = 256  # trials; part of the promise of equal bits
 G = 9.80665  # m/s^2, standard gravity
 # of many poses of an ideal sensor: `test_the_ladder`, test_calibration_theory.py
 RUNGS = {"squared": -3.5, "norm": -2.0, "weighted": -1.5, "sampson": 0.5, "adjusted": 0}
-UNITS = ("1",) * 6 + ("m/s²",) * 3
 
 
 class Parameters(StudyParameters):
@@ -108,102 +95,60 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     directions = fibonacci_sphere(parameters.poses)
     clean = sensor.distort(G * directions, np.random.default_rng(0))  # draws nothing
     sigma, residual = parameters.noise_std, parameters.residual
-    drawn: list[Array] = []
-    found: list[Array] = []  # of both of each pair
 
-    def errors(rng: np.random.Generator, count: int) -> Float[Array, "9 count"]:
-        noise = sigma * rng.standard_normal((count, *clean.shape))
+    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+        noise = sigma * rng.standard_normal((BLOCK, *clean.shape))
         both = np.concatenate([clean + noise, clean - noise])
         fit = calibrate(
             both, G, residual=residual, noise_std=sigma, covariance=False
         ).require_converged()
-        error = fit.parameters - sensor.parameters
-        drawn.append(noise)
-        found.append(np.stack([error[:count], error[count:]]))
-        return error[:count].T
+        plus, minus = np.split(fit.parameters - sensor.parameters, 2)
+        return {"noise": noise, "error": plus, "mirrored": minus}, {}
 
-    sums = simulate(errors, streams, samples=parameters.trials, block=BLOCK, batch=1)
-    measured = moments_of(sums)
+    trials = trials_of(streams, parameters.trials, BLOCK, trial)
+    noise, pairs = trials["noise"], np.stack([trials["error"], trials["mirrored"]])
     predicted = calibration_moments(
         sensor, directions, g=G, noise_std=sigma, residual=residual
     )
-    noise, pairs = np.concatenate(drawn), np.concatenate(found, axis=1)
-    expansion = calibration_expansion(sensor, directions, G, residual)
-    known = Expanded(
-        first=expansion.first(noise),
-        second=expansion.second(noise),
-        covariance=sigma**2 * expansion.slope @ expansion.slope.T,
-        mean_second=sigma**2 * expansion.mean_second,
-    )
-    rows = _spread_rows(measured, predicted)
-    return Outcome(
-        rows=(
-            *noise_row(noise.reshape(len(noise), -1) / sigma),
-            *_rung_rows(parameters, sensor, pairs, known, predicted),
-            *_bias_rows(pairs, known, predicted),
-            *rows,
-            *beside(rows, _spreads(*known.mirrored_sd(pairs), predicted)),
-            *correlation_row(drawn),
-            *response_rows(sensor, G * directions, G, residual),
-            *_scale_rows(pairs, known, predicted),
-        )
-    )
-
-
-def _bias_rows(
-    pairs: Float[Array, "2 t 9"], known: Expanded, predicted: CalibrationMoments
-) -> tuple[Row, ...]:
-    n, left = pairs.shape[1], predicted.bias_remainder
-    return control(
-        BIAS.each(predicted.names, UNITS),
-        *stated(known.mirrored_mean(pairs), predicted.bias, left, n), n,
-        predicted.bias, SECOND_ORDER, left,
-    )  # fmt: skip
-
-
-def _scale_rows(
-    pairs: Float[Array, "2 t 9"], known: Expanded, predicted: CalibrationMoments
-) -> tuple[Row, ...]:
-    """Bias of the three scales along the predicted one; its entries are judged."""
-    n, bias, left = pairs.shape[1], predicted.bias[3:6], predicted.bias_remainder[3:6]
-    size = float(np.sqrt(np.mean(bias**2)))
-    if not size > 0.0:  # theory has none at this order
-        return ()
-    weight = bias / size / 3.0
-    found = reduced_mean(
-        pairs.mean(axis=0)[:, 3:6] @ weight,
-        known.second[:, 3:6] @ weight,
-        float(known.mean_second[3:6] @ weight),
-    )
-    rest = float(np.abs(weight) @ left)
-    return unjudged(
-        BIAS_ALONG("K"), *stated(found, size, rest, n), n, size, SECOND_ORDER, rest
-    )
-
-
-def _spread_rows(measured: Moments, predicted: CalibrationMoments) -> tuple[Row, ...]:
-    n, names, sd = measured.samples, predicted.names, measured.sd
+    known = expanded(sensor, directions, G, noise, sigma, residual)
+    measured = moments_of(trials.sums("error"))
+    sd, n = measured.sd, measured.samples
     sd_error = np.diagonal(measured.covariance_error) / (2.0 * sd)
-    spread, efficiency = _spreads(sd, sd_error, predicted)
-    return (
+    spread = (
         *plain(
-            SD.each(names, UNITS), *spread, n,
+            SD.each(predicted.names, UNITS), sd, sd_error, n,
             predicted.sd, FIRST_ORDER, predicted.sd_remainder,
         ),
         *plain(
-            EFFICIENCY.each(names), *efficiency, n,
+            EFFICIENCY.each(predicted.names), *_efficiency(sd, sd_error, predicted), n,
             predicted.efficiency, FIRST_ORDER,
             predicted.efficiency * predicted.variance_remainder,
         ),
     )  # fmt: skip
+    sharper = known.mirrored_sd(pairs)
+    left = predicted.bias_remainder
+    bias = stated(known.mirrored_mean(pairs), predicted.bias, left, n)
+    return Outcome(
+        rows=(
+            *noise_row(noise.reshape(n, -1) / sigma),
+            *_rung_rows(parameters, sensor, pairs, known, predicted),
+            *control(
+                BIAS.each(predicted.names, UNITS), *bias, n,
+                predicted.bias, SECOND_ORDER, left,
+            ),
+            *spread,
+            *beside(spread, (sharper, _efficiency(*sharper, predicted))),
+            *correlation_row(noise.reshape(n // BLOCK, -1)),
+            *response_rows(sensor, G * directions, G, residual),
+            *_scale_rows(pairs, known, predicted),
+        )
+    )  # fmt: skip
 
 
-def _spreads(
-    sd: Float[Array, "9"], sd_error: Float[Array, "9"], predicted: CalibrationMoments
-) -> tuple[Reduced, Reduced]:
-    """Standard deviations and the efficiencies that they mean."""
+def _efficiency(sd: Array, sd_error: Array, predicted: CalibrationMoments) -> Reduced:
+    """Efficiencies that some standard deviations mean."""
     efficiency = (np.sqrt(np.diagonal(predicted.cramer_rao)) / sd) ** 2
-    return (sd, sd_error), (efficiency, 2.0 * efficiency * sd_error / sd)
+    return efficiency, 2.0 * efficiency * sd_error / sd
 
 
 def _rung_rows(
@@ -231,6 +176,26 @@ def _rung_rows(
         many = RUNGS[parameters.residual]
         rows += unjudged(SCALE_BIAS(), *found, samples, many, MANY_POSES)
     return rows
+
+
+def _scale_rows(
+    pairs: Float[Array, "2 t 9"], known: Expanded, predicted: CalibrationMoments
+) -> tuple[Row, ...]:
+    """Bias of the three scales along the predicted one; its entries are judged."""
+    n, bias, left = pairs.shape[1], predicted.bias[3:6], predicted.bias_remainder[3:6]
+    size = float(np.sqrt(np.mean(bias**2)))
+    if not size > 0.0:  # theory has none at this order
+        return ()
+    weight = bias / size / 3.0
+    found = reduced_mean(
+        pairs.mean(axis=0)[:, 3:6] @ weight,
+        known.second[:, 3:6] @ weight,
+        float(known.mean_second[3:6] @ weight),
+    )
+    rest = float(np.abs(weight) @ left)
+    return unjudged(
+        BIAS_ALONG("K"), *stated(found, size, rest, n), n, size, SECOND_ORDER, rest
+    )
 
 
 ALONG_NOISE = Figure(

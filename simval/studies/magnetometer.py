@@ -10,12 +10,24 @@ truth, beside the bound, the second-order bias, and the recipe's own covariance
 A relative error e of a standard deviation moves a 95 % interval's coverage by 0.23 e,
 and a bias of b standard deviations by 0.11 b^2; that of the ellipsoid of k parameters
 moves by :math:`2 x f_k(x)\, e`, with f the density of chi-square at its 95 % quantile
-x. The same trials are averaged once more with control variates
-(`simval.studies.magnetometer_controls`). One noise-free set in each cell must recover
-the truth to `RECOVERED`, and theory must meet how the estimate answers its readings
-(`simval.studies.magnetometer_response`).
+x.
+
+The same trials are averaged once more with the linear part c of the errors as a control
+variate (`simval.studies.response`): its square under its own inverse covariance is
+chi-square, the events that it lies within its intervals and its ellipsoid have the
+stated rate. The sum of squares of the residuals is, to first order, that of the white
+equations less that of the parameters,
+
+.. math:: \chi^2 \approx |Ex|^2 - c^T (JJ^T)^{-1} c,
+
+whose mean is 3 n - 22, whatever J is. One noise-free set in each cell must recover the
+truth to `RECOVERED`; the bound (M2) and the bias (M7) must meet how the estimate
+answers its readings (R2), and the covariance that the fit states must meet the bound.
 """
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import radians
 from typing import Annotated
 
 import numpy as np
@@ -23,58 +35,92 @@ import scipy
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.calibrate import ellipsoid_then_rotation
+from simval.calibrate import (
+    MagnetometerFit,
+    calibrate_magnetometer,
+    ellipsoid_then_rotation,
+)
 from simval.figures import Figure, Headline, Quote
-from simval.results import Outcome, Row, limit, nees, plain, unjudged
+from simval.geometry import attitude_matrix, random_quaternions
+from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
+from simval.sensor import AccelerometerModel, MagnetometerModel
 from simval.shapes import Float
 from simval.statistics import (
     BIAS,
+    BIAS_OFF,
     CHI_SQUARE,
     CHI_SQUARE_OF_FREEDOM,
+    COVARIANCE_OFF,
     COVERAGE,
     CRAMER_RAO,
     FIRST_ORDER,
     NEES,
     NORMAL,
     RECOVERY,
+    RESPONSE,
     SD,
     SECOND_ORDER,
     SPREAD,
     TRUTH,
     VARIANCE_OVER_BOUND,
-    Statistic,
 )
 from simval.streams import Streams
-from simval.studies.drawn import correlation_row
-from simval.studies.expanded import noise_row
-from simval.studies.magnetometer_controls import LEVEL, control_rows
-from simval.studies.magnetometer_response import (
-    fitted,
-    predicted_moments,
-    response_rows,
-    stated_row,
-)
-from simval.studies.magnetometer_scenario import Scenario, scenario
 from simval.studies.refusing import refusing
+from simval.studies.response import (
+    MET,
+    STEP,
+    Expanded,
+    Reduced,
+    apart,
+    beside,
+    linearized,
+    reduced_mean,
+    reduced_share,
+    response,
+)
 from simval.studies.study import Cost, StudyParameters
-from simval.theory.magnetometer import MagnetometerMoments
+from simval.studies.trials import (
+    Kept,
+    Trials,
+    correlation_row,
+    mean_of,
+    noise_row,
+    root,
+    stated_of,
+    trials_of,
+)
+from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
 from simval.units import PERCENT
 
 TITLE = "Magnetometer: all 22 parameters at the bound, and the usual recipe"
 SECTION = "magnetometer"
 
 BLOCK = 128  # trials; part of the promise of equal bits
+G = 9.80665  # m/s^2, standard gravity
+LEVEL = 0.95
+ALL = 22
 RECOVERED = 1e-9
 """Relative; of 1000 random sensors the worst was off by 3e-15."""
 INTERVAL_SLOPE = 0.23  # 2 z f(z) of the normal density at its 97.5 % quantile
 BIAS_SLOPE = 0.115  # z f(z), of a squared bias
+MOST_POSES = 20
+"""Poses: more tell nothing new of a formula."""
+UNLIKE = 100.0
+"""Ratio of the sensors' noise up to which differences are taken: beyond, a step of the
+noisy one is thousands of deviations of the other."""
+MET_COVARIANCE = 100.0 * MET
+"""Up to a dip of 85 degrees 6e-7 was the worst seen."""
+LOUD = 3e-4
+"""Relative noise that the fit is told of the noisier sensor: only the ratio of both
+weighs a reading, and of a smaller one a step would be hundreds of deviations."""
+MET_BIAS = MET
+"""In deviations of `LOUD`: 5e-9 was the worst seen."""
 PARTS = {
     "accelerometer": slice(0, 9),
     "M": slice(9, 18),
     "b": slice(18, 21),
     "dip": slice(21, 22),
 }
-OWN = ("M", "b", "dip")
 UNITS = ("1",) * 6 + ("m/s²",) * 3 + ("1",) * 12 + ("rad",)
 
 
@@ -104,24 +150,121 @@ class Parameters(StudyParameters):
         return Cost(0.8 + self.trials * (2e-4 + 2.5e-5 * self.poses), 102)
 
 
+def true_accelerometer() -> AccelerometerModel:
+    """The accelerometer that is to be recovered; raw units m/s^2."""
+    values = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
+    return AccelerometerModel.from_parameters(values)
+
+
+def true_magnetometer() -> MagnetometerModel:
+    """The magnetometer that is to be recovered: x and y changed, z turned, field 1."""
+    matrix = np.array([[0.04, 0.97, 0.05], [1.06, -0.03, 0.02], [-0.04, 0.06, -1.02]])
+    return MagnetometerModel(M=matrix, b=np.array([0.25, -0.1, 0.15]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scenario:
+    """The pose means of a cell without noise, and their noise, raw units."""
+
+    attitudes: Float[Array, "n 4"]
+    accelerometer: Float[Array, "n 3"]
+    magnetometer: Float[Array, "n 3"]
+    accelerometer_std: float
+    magnetometer_std: float
+    truth: Float[Array, "22"]
+
+    def readings(
+        self, x: Float[Array, "t d"]
+    ) -> tuple[Float[Array, "t n 3"], Float[Array, "t n 3"]]:
+        """Readings with this noise, in units of its deviation, pose by pose."""
+        noise = x.reshape(len(x), 2, *self.accelerometer.shape)
+        return (
+            self.accelerometer + self.accelerometer_std * noise[:, 0],
+            self.magnetometer + self.magnetometer_std * noise[:, 1],
+        )
+
+    def equations(self) -> Float[Array, "n 3 d"]:
+        """What the noise makes of a pose's equations, as white numbers.
+
+        Those of |u|^2 = 1, |v|^2 = 1 and u'v = -sin(dip), u and v the corrected
+        readings over their lengths: differentiated at the truth, and whitened.
+        """
+        n = len(self.accelerometer)
+        body = true_accelerometer().matrix / G
+        u = (self.accelerometer - self.truth[6:9]) @ body.T
+        iron = self.truth[9:18].reshape(3, 3)
+        v = (self.magnetometer - self.truth[18:21]) @ iron.T
+        slope = np.zeros((n, 3, 2, 3))
+        slope[:, 0, 0], slope[:, 1, 1] = 2.0 * u @ body, 2.0 * v @ iron
+        slope[:, 2, 0], slope[:, 2, 1] = v @ body, u @ iron
+        slope *= np.array([self.accelerometer_std, self.magnetometer_std])[:, None]
+        flat = slope.reshape(n, 3, 6)
+        factor = np.linalg.cholesky(flat @ flat.transpose(0, 2, 1))
+        white = np.linalg.solve(factor, flat).reshape(n, 3, 2, 3)
+        each = np.zeros((n, 3, 2, n, 3))
+        each[np.arange(n), :, :, np.arange(n)] = white
+        return each.reshape(n, 3, -1)
+
+
+def scenario(
+    poses: int, dip_deg: float, accelerometer_noise: float, field_noise: float
+) -> Scenario:
+    """Both sensors at rest in that many attitudes, with their noise as a share."""
+    # always the same attitudes, so that predictions involve no chance
+    q = random_quaternions(poses, np.random.default_rng(poses))
+    dip, turn = radians(dip_deg), attitude_matrix(q)
+    field = turn @ np.array([np.cos(dip), 0.0, -np.sin(dip)])
+    body, iron = true_accelerometer(), true_magnetometer()
+    quiet = np.random.default_rng(0)  # draws nothing: these sensors have no noise
+    return Scenario(
+        attitudes=q,
+        accelerometer=body.distort(G * turn[:, :, 2], quiet),
+        magnetometer=iron.distort(field, quiet),
+        accelerometer_std=G * accelerometer_noise,
+        magnetometer_std=field_noise,
+        truth=np.concatenate([body.parameters, iron.M.ravel(), iron.b, [dip]]),
+    )
+
+
+def fitted(case: Scenario, body: Array, iron: Array) -> MagnetometerFit:
+    """The calibration of a cell, with the noise that it is told."""
+    return calibrate_magnetometer(
+        body, iron, G, accelerometer_std=case.accelerometer_std,
+        magnetometer_std=case.magnetometer_std,
+    )  # fmt: skip
+
+
+def predicted_moments(case: Scenario) -> MagnetometerMoments:
+    """What theory says of a cell."""
+    return magnetometer_moments(
+        true_accelerometer(), true_magnetometer(), case.attitudes, case.truth[-1],
+        accelerometer_std=case.accelerometer_std,
+        magnetometer_std=case.magnetometer_std, g=G,
+    )  # fmt: skip
+
+
 @refusing("lower the noise or give more `poses`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell and set it beside theory."""
-    case = scenario(
-        parameters.poses,
-        parameters.dip_deg,
-        parameters.accelerometer_noise,
-        parameters.field_noise,
-    )
-    predicted = predicted_moments(case, parameters.dip_deg)
-    blocks = -(-parameters.trials // BLOCK)
-    trials = [_trials(case, streams.block(i)) for i in range(blocks)]
-    seen = {k: np.concatenate([block[k] for block in trials]) for k in trials[0]}
-    rows = (
-        *_parameter_rows(seen["error"], predicted),
-        *_bound_rows(seen, predicted),
-        *_coverage_rows(seen, predicted),
-    )
+    noises = parameters.accelerometer_noise, parameters.field_noise
+    case = scenario(parameters.poses, parameters.dip_deg, *noises)
+    predicted, size = predicted_moments(case), case.accelerometer.size
+
+    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+        noise = rng.standard_normal((2, BLOCK, size)).transpose(1, 0, 2)
+        noise = noise.reshape(BLOCK, -1)
+        readings = case.readings(noise)
+        fit = fitted(case, *readings).require_converged()
+        inside, square = stated_of(fit, case.truth, LEVEL)
+        kept = {
+            "noise": noise,
+            "error": fit.parameters - case.truth,
+            "recipe": ellipsoid_then_rotation(*readings) - case.truth[9:],
+            "inside": inside.astype(float),
+            "square": square,
+            "chi_square": fit.chi_square / fit.dof,
+        }
+        return kept, {}
 
     def errors(x: Float[Array, "t d"]) -> Float[Array, "t p"]:
         readings = case.readings(x)
@@ -129,51 +272,139 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         fit = fitted(case, *readings)
         return np.concatenate([fit.parameters - case.truth, usual], axis=1)
 
-    bound = np.diagonal(predicted.covariance)
+    seen = trials_of(streams, parameters.trials, BLOCK, trial)
+    both = linearized(errors, seen["noise"])
+    fit, recipe = both.take(slice(0, ALL)), both.take(slice(ALL, None))
+    measured = (
+        *_moments(seen, fit, predicted),
+        *_over_bound(seen, fit, recipe, predicted),
+        *_stated(seen, fit, case.equations().reshape(-1, 2 * size), predicted),
+    )
+    rows = tuple(row for each, _ in measured for row in each)
+    # noise of each sensor in each block
+    vectors = seen["noise"].reshape(-1, BLOCK, 2, size).transpose(0, 2, 1, 3)
     return Outcome(
         rows=(
             *_recovery(case),
             *noise_row(seen["noise"]),
             *rows,
-            *control_rows(rows, seen, errors, case.equations(), PARTS, bound),
-            *correlation_row(_vectors(seen["noise"])),
+            *beside(rows, [sharper for _, sharper in measured]),
+            *correlation_row(vectors.reshape(-1, BLOCK * size)),
             *stated_row(case, predicted),
-            *response_rows(
-                parameters.poses,
-                parameters.dip_deg,
-                parameters.accelerometer_noise,
-                parameters.field_noise,
-            ),
+            *response_rows(parameters.poses, parameters.dip_deg, *noises),
             *_spread_row(seen["error"], predicted),
         )
     )
 
 
-def _vectors(noise: Float[Array, "t d"]) -> Float[Array, "k m"]:
-    """Noise of each sensor in each block."""
-    t, d = noise.shape
-    both = noise.reshape(t // BLOCK, BLOCK, 2, d // 2).transpose(0, 2, 1, 3)
-    return both.reshape(2 * (t // BLOCK), -1)
+Measured = Iterator[tuple[tuple[Row, ...], Reduced]]
+"""Rows of some statistics, and the same with control variates."""
 
 
-def _trials(case: Scenario, rng: np.random.Generator) -> dict[str, Array]:
-    noise = rng.standard_normal((2, BLOCK, case.accelerometer.size))
-    noise = noise.transpose(1, 0, 2).reshape(BLOCK, -1)
-    body, iron = case.readings(noise)
-    fit = fitted(case, body, iron).require_converged()
-    error, sd = fit.parameters - case.truth, fit.sd
-    scaled = fit.covariance / (sd[:, :, None] * sd[:, None, :])
-    ratio = error / sd
-    low, high = np.moveaxis(fit.confidence_intervals(LEVEL), -1, 0)
-    square = np.vecdot(ratio, np.linalg.solve(scaled, ratio[..., None])[..., 0])
-    return {
-        "noise": noise,
-        "error": error,
-        "recipe": ellipsoid_then_rotation(body, iron) - case.truth[9:],
-        "inside": ((low <= case.truth) & (case.truth <= high)).astype(float),
-        "square": square,
-        "chi_square": fit.chi_square / fit.dof,
-    }
+def _moments(seen: Trials, fit: Expanded, predicted: MagnetometerMoments) -> Measured:
+    error = seen["error"]
+    n, mean = len(error), error.mean(axis=0)
+    off = error - mean
+    sd, spread = root(
+        np.sum(off * off, axis=0) / (n - 1), np.std(off * off, axis=0) / np.sqrt(n)
+    )
+    yield plain(
+        BIAS.each(predicted.names, UNITS), mean, sd / np.sqrt(n), n,
+        predicted.bias, SECOND_ORDER, predicted.bias_remainder,
+    ), fit.mean(error)  # fmt: skip
+    yield plain(
+        SD.each(predicted.names, UNITS), sd, spread, n,
+        predicted.sd, FIRST_ORDER, predicted.sd * (predicted.variance_remainder / 2.0),
+    ), fit.sd(error)  # fmt: skip
+
+
+def _over_bound(
+    seen: Trials, fit: Expanded, recipe: Expanded, predicted: MagnetometerMoments
+) -> Measured:
+    """Mean square errors over the bound, of the fit and of the usual recipe."""
+    bound, left = np.diagonal(predicted.covariance), predicted.variance_remainder
+    squares, square_bias = seen["error"] ** 2 / bound, predicted.bias**2 / bound
+
+    def sharper(known: Expanded, error: Array, part: slice, over: Array) -> Reduced:
+        weight = np.diag(1.0 / over[part]) / len(over[part])
+        return known.take(part).weighted_square(error[:, part], weight)
+
+    for name, part in PARTS.items():
+        mean = mean_of(squares[:, part].mean(axis=1))
+        expected = 1.0 + square_bias[part].mean()
+        rows = plain(VARIANCE_OVER_BOUND(name), *mean, expected, CRAMER_RAO, left)
+        yield rows, sharper(fit, seen["error"], part, bound)
+    # the recipe's bias is of second order as well, and not predicted: its variance is
+    usual, bound = seen["recipe"], bound[9:]
+    variance = np.diagonal(predicted.recipe)[9:] / bound
+    centred = usual - recipe.mean(usual)[0]
+    for name, whole in (*PARTS.items(),)[1:]:
+        part = slice(whole.start - 9, whole.stop - 9)
+        values = usual**2 / bound
+        values = values[:, part] - np.mean(usual, axis=0)[part] ** 2 / bound[part]
+        expected = float(variance[part].mean())
+        yield plain(
+            VARIANCE_OVER_BOUND(name, "usual recipe"), *mean_of(values.mean(axis=1)),
+            expected, FIRST_ORDER, expected * left,
+        ), sharper(recipe, centred, part, bound)  # fmt: skip
+
+
+def _stated(
+    seen: Trials, fit: Expanded, equations: Array, predicted: MagnetometerMoments
+) -> Measured:
+    """Whether the stated intervals, ellipsoid and residuals are what they say."""
+    n, inside, squares = len(seen["square"]), seen["inside"], seen["square"]
+    quantile = float(2.0 * scipy.special.gammaincinv(ALL / 2.0, LEVEL))
+    error = float(np.sqrt(LEVEL * (1.0 - LEVEL) / n))
+    relative = predicted.variance_remainder / 2.0
+    shift = float(
+        predicted.bias @ np.linalg.solve(predicted.covariance, predicted.bias)
+    )
+    moved = BIAS_SLOPE * (predicted.bias / predicted.sd) ** 2
+    # of the linear part: in its deviations, and normalised
+    sd = np.sqrt(np.diagonal(fit.covariance))
+    ratio = fit.first / sd
+    unit = fit.covariance / np.outer(sd, sd)
+    square = np.vecdot(ratio, np.linalg.solve(unit, ratio.T).T)
+    z = -scipy.special.ndtri((1.0 - LEVEL) / 2.0)
+    yield plain(
+        COVERAGE.each(predicted.names), inside.mean(axis=0), error, n,
+        LEVEL, NORMAL, INTERVAL_SLOPE * relative + moved,
+    ), reduced_share(inside > 0.5, np.abs(ratio) <= z, LEVEL)  # fmt: skip
+    yield plain(
+        COVERAGE("ellipsoid"), np.mean(squares <= quantile), error, n,
+        LEVEL, CHI_SQUARE,
+        _ellipsoid_slope(quantile, ALL) * (relative + shift / (2.0 * ALL)),
+    ), reduced_share(squares <= quantile, square <= quantile, LEVEL)  # fmt: skip
+    yield nees(
+        NEES(), squares.mean(), np.std(squares) / np.sqrt(n), n,
+        ALL + shift, CHI_SQUARE, ALL * 2.0 * relative,
+    ), reduced_mean(squares, square, ALL)  # fmt: skip
+    white = np.sum((seen["noise"] @ equations.T) ** 2, axis=1)
+    linear = (white - square) / (len(equations) - ALL)
+    yield plain(
+        CHI_SQUARE_OF_FREEDOM(), *mean_of(seen["chi_square"]),
+        1.0, CHI_SQUARE, 2.0 * relative,
+    ), reduced_mean(seen["chi_square"], linear, 1.0)  # fmt: skip
+
+
+def _ellipsoid_slope(x: float, freedom: int) -> float:
+    # 2 x f(x) of chi-square
+    half = freedom / 2.0
+    log = half * np.log(x / 2.0) - x / 2.0 - scipy.special.gammaln(half)
+    return float(2.0 * np.exp(log))
+
+
+def _spread_row(
+    error: Float[Array, "t 22"], predicted: MagnetometerMoments
+) -> tuple[Row, ...]:
+    """Standard deviation of M, RMS over its entries, which are judged one by one."""
+    part, n = PARTS["M"], len(error)
+    squares = np.mean((error - error.mean(axis=0))[:, part] ** 2, axis=1)
+    found = root(n / (n - 1) * squares.mean(), np.std(squares) / np.sqrt(n))
+    expected = float(np.sqrt(np.mean(predicted.sd[part] ** 2)))
+    left = expected * predicted.variance_remainder / 2.0
+    return unjudged(SPREAD("M"), *found, n, expected, FIRST_ORDER, left)
 
 
 def _recovery(case: Scenario) -> tuple[Row, ...]:
@@ -187,116 +418,33 @@ def _recovery(case: Scenario) -> tuple[Row, ...]:
     return limit(RECOVERY.each(PARTS), relative, RECOVERED, TRUTH, n=1)
 
 
-def _parameter_rows(
-    error: Float[Array, "t 22"], predicted: MagnetometerMoments
-) -> list[Row]:
-    n, mean = len(error), error.mean(axis=0)
-    off = error - mean
-    variance = np.sum(off * off, axis=0) / (n - 1)
-    sd, spread = np.sqrt(variance), np.std(off * off, axis=0) / np.sqrt(n)
-    return [
-        *plain(
-            BIAS.each(predicted.names, UNITS), mean, sd / np.sqrt(n), n,
-            predicted.bias, SECOND_ORDER, predicted.bias_remainder,
-        ),
-        *plain(
-            SD.each(predicted.names, UNITS), sd, spread / (2.0 * sd), n,
-            predicted.sd, FIRST_ORDER,
-            predicted.sd * (predicted.variance_remainder / 2.0),
-        ),
-    ]  # fmt: skip
+def stated_row(case: Scenario, predicted: MagnetometerMoments) -> tuple[Row, ...]:
+    """The covariance that the fit states at the truth, beside the bound."""
+    fit = fitted(case, case.accelerometer, case.magnetometer)
+    off = apart(fit.covariance, predicted.covariance)
+    return exact(COVARIANCE_OFF("stated"), off, 0.0, CRAMER_RAO, MET)
 
 
-def _spread_row(
-    error: Float[Array, "t 22"], predicted: MagnetometerMoments
+def response_rows(
+    poses: int, dip_deg: float, accelerometer_noise: float, field_noise: float
 ) -> tuple[Row, ...]:
-    """Standard deviation of M, RMS over its entries, which are judged one by one."""
-    part, n = PARTS["M"], len(error)
-    squares = np.mean((error - error.mean(axis=0))[:, part] ** 2, axis=1)
-    sd = float(np.sqrt(n / (n - 1) * squares.mean()))
-    expected = float(np.sqrt(np.mean(predicted.sd[part] ** 2)))
-    return unjudged(
-        SPREAD("M"), sd, np.std(squares) / np.sqrt(n) / (2.0 * sd), n, expected,
-        FIRST_ORDER, expected * predicted.variance_remainder / 2.0,
-    )  # fmt: skip
-
-
-def _bound_rows(seen: dict[str, Array], predicted: MagnetometerMoments) -> list[Row]:
-    """Mean square errors over the bound, of the fit and of the usual recipe."""
-    bound = np.diagonal(predicted.covariance)
-    recipe = np.diagonal(predicted.recipe) / bound
-    squares = seen["error"] ** 2 / bound
-    usual = seen["recipe"] ** 2 / bound[9:]
-    square_bias = predicted.bias**2 / bound
-    rows: list[Row] = []
-    for name, part in PARTS.items():
-        remainder = predicted.variance_remainder
-        rows += _mean_row(
-            VARIANCE_OVER_BOUND(name), squares[:, part].mean(axis=1),
-            1.0 + square_bias[part].mean(), CRAMER_RAO, remainder,
-        )  # fmt: skip
-    for name in OWN:
-        part = PARTS[name]
-        own = slice(part.start - 9, part.stop - 9)
-        # the recipe's bias is of second order as well, and not predicted: its variance
-        values = usual[:, own] - np.mean(seen["recipe"], axis=0)[own] ** 2 / bound[part]
-        expected = float(recipe[part].mean())
-        rows += _mean_row(
-            VARIANCE_OVER_BOUND(name, "usual recipe"), values.mean(axis=1),
-            expected, FIRST_ORDER, expected * predicted.variance_remainder,
-        )  # fmt: skip
-    return rows
-
-
-def _coverage_rows(seen: dict[str, Array], predicted: MagnetometerMoments) -> list[Row]:
-    n, names = len(seen["square"]), predicted.names
-    quantile = float(2.0 * scipy.special.gammaincinv(len(names) / 2.0, LEVEL))
-    inside = np.mean(seen["square"] <= quantile)
-    error = float(np.sqrt(LEVEL * (1.0 - LEVEL) / n))
-    relative = predicted.variance_remainder / 2.0
-    shift = float(
-        predicted.bias @ np.linalg.solve(predicted.covariance, predicted.bias)
+    """Rows of theory beside the estimate; none for noises too unlike."""
+    noise = np.array([accelerometer_noise, field_noise]) / LOUD
+    if noise.max() > UNLIKE * noise.min():
+        return ()
+    case = scenario(min(poses, MOST_POSES), dip_deg, *(noise / noise.max() * LOUD))
+    unit = np.ones(2 * case.accelerometer.size)
+    # a step is `STEP` of the size of the noisier sensor's reading
+    found = response(
+        lambda x: fitted(case, *case.readings(x)).parameters, 0.0 * unit, STEP / LOUD
     )
-    slope = _ellipsoid_slope(quantile, len(names))
-    moved = BIAS_SLOPE * (predicted.bias / predicted.sd) ** 2
-    return [
-        *plain(
-            COVERAGE.each(names), seen["inside"].mean(axis=0), error, n,
-            LEVEL, NORMAL, INTERVAL_SLOPE * relative + moved,
-        ),
-        *plain(
-            COVERAGE("ellipsoid"), inside, error, n, LEVEL, CHI_SQUARE,
-            slope * (relative + shift / (2.0 * len(names))),
-        ),
-        *nees(
-            NEES(), seen["square"].mean(), np.std(seen["square"]) / np.sqrt(n), n,
-            len(names) + shift, CHI_SQUARE, len(names) * 2.0 * relative,
-        ),
-        *_mean_row(
-            CHI_SQUARE_OF_FREEDOM(), seen["chi_square"], 1.0, CHI_SQUARE, 2.0 * relative
-        ),
-    ]  # fmt: skip
-
-
-def _ellipsoid_slope(x: float, freedom: int) -> float:
-    # 2 x f(x) of chi-square
-    half = freedom / 2.0
-    log = half * np.log(x / 2.0) - x / 2.0 - scipy.special.gammaln(half)
-    return float(2.0 * np.exp(log))
-
-
-def _mean_row(
-    statistic: Statistic,
-    values: Float[Array, " t"],
-    prediction: float,
-    predictor: str,
-    remainder: float,
-) -> tuple[Row, ...]:
-    n = len(values)
-    return plain(
-        statistic, values.mean(), np.std(values, ddof=1) / np.sqrt(n), n,
-        prediction, predictor, remainder,
-    )  # fmt: skip
+    predicted = predicted_moments(case)
+    off = apart(predicted.covariance, found.covariance(unit))
+    bias = np.abs(predicted.bias - found.bias(unit)) / predicted.sd
+    return (
+        *exact(COVARIANCE_OFF("predicted"), off, 0.0, RESPONSE, MET_COVARIANCE),
+        *exact(BIAS_OFF("predicted"), bias.max(), 0.0, RESPONSE, MET_BIAS),
+    )
 
 
 WORDS = {"M": "matrix M", "b": "hard iron b"}

@@ -30,7 +30,7 @@ import numpy as np
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.montecarlo import moments_of, simulate
+from simval.montecarlo import moments_of
 from simval.noise import (
     allan_covariance,
     allan_law,
@@ -54,9 +54,9 @@ from simval.statistics import (
     VARIANCE_OVER_BOUND,
 )
 from simval.streams import Streams
-from simval.studies.drawn import KEPT, correlation_row
 from simval.studies.response import MET, apart
 from simval.studies.study import Cost, StudyParameters
+from simval.studies.trials import KEPT, Kept, correlation_row, trials_of
 from simval.theory.coloured_noise import noise_bound, sampled_allan_law
 
 TITLE = "Noise model: are N, B and K at the bound, and do their intervals hold?"
@@ -138,22 +138,22 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         walk_raw_per_sqrt_s=parameters.walk * WHITE,
     )
 
-    drawn: list[Array] = []
-    misfits: list[Array] = []
-
-    def errors(rng: np.random.Generator, count: int) -> Array:
-        columns = []
-        for _ in range(count // 3):
+    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+        differences, misfits, errors = [], [], []
+        for _ in range(BLOCK // 3):  # an axis is a signal
             rows = model.draw(parameters.rows, RATE, rng)
-            drawn.append(rows[1::2, 0] - rows[: len(rows) // 2 * 2 : 2, 0])
+            # of two rows each: nearly white
+            each = rows[1::2, 0] - rows[: len(rows) // 2 * 2 : 2, 0]
+            differences.append(each[:KEPT])
             for variances in allan_variance(rows, theory.counts).T:
                 misfits.append(variances - theory.law @ theory.truth)
-                columns.append(_errors(variances, theory, parameters.estimate))
-        return np.array(columns).T
+                errors.append(_errors(variances, theory, parameters.estimate))
+        kept = {"differences": differences, "misfit": misfits, "error": errors}
+        return {name: np.array(each) for name, each in kept.items()}, {}
 
-    sums = simulate(errors, streams, samples=parameters.trials, block=BLOCK, batch=1)
-    measured = moments_of(sums)
-    value, error, n = measured.bias, measured.bias_error, sums.samples
+    trials = trials_of(streams, parameters.trials, BLOCK, trial)
+    measured = moments_of(trials.sums("error"))
+    value, error, n = measured.bias, measured.bias_error, measured.samples
     linear = parameters.estimate == "known weights"
     squares = theory.grown + theory.bias**2
     remainders = np.full(3, LAGS) if linear else np.array(REMAINDERS)
@@ -178,9 +178,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             RATE_OF_INTERVALS, NORMAL, COVERED,
         )  # fmt: skip
     if linear:
-        rows += _mean_rows(np.array(misfits), theory)
-    # differences of two rows each: nearly white
-    rows += correlation_row(each[:KEPT] for each in drawn)
+        rows += _mean_rows(trials["misfit"], theory)
+    rows += correlation_row(trials["differences"])
     return Outcome(rows=(*rows, *_white_row()))
 
 

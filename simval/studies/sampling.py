@@ -2,7 +2,7 @@ r"""What every study's numbers stand on: independent streams, unbiased variances
 
 Streams: blocks of neighbouring numbers, of this seed and of another, of this cell and
 of one that differs in a bit of its key, must be as independent as they are named. Their
-mean square and their strongest correlation are judged by `simval.studies.drawn`.
+mean square and their strongest correlation are judged by `simval.studies.trials`.
 
 Pairs of Box and Muller (`simval.montecarlo.fused`): r cos a and r sin a are normal
 and independent only if the angle a is uniform. Their sum over the root of 2 and
@@ -34,10 +34,9 @@ from simval.shapes import Float
 from simval.statics import initial_rest, variance_magnitude
 from simval.statistics import ENUMERATED, UNBIASED_VARIANCE
 from simval.streams import Streams
-from simval.studies.drawn import Drawn, drawn_rows, square_rows
-from simval.studies.expanded import reduced_mean
-from simval.studies.scoring import mean_of
+from simval.studies.response import reduced_mean
 from simval.studies.study import Cost, StudyParameters
+from simval.studies.trials import Drawn, drawn_rows, mean_of, square_rows
 
 TITLE = "Sampling: independent streams, and variances by n - 1"
 SECTION = None

@@ -12,7 +12,7 @@ from simval.arrays import Array
 from simval.calibrate.gyroscope import fit, moves
 from simval.scene import simulate_cached
 from simval.sensor import GyroscopeModel, NoiseModel
-from simval.studies import gyroscope_tumble, noise_model
+from simval.studies import gyroscope, noise_model
 
 
 def gyroscope_faults() -> list[Fault]:
@@ -32,7 +32,7 @@ def _scene() -> list[Fault]:
         return np.asarray(original(run, every) @ quarter.T)
 
     def averages(name: str, change: Any) -> Fault:
-        inject = wrapped(gyroscope_tumble, "average_rates", change)
+        inject = wrapped(gyroscope, "average_rates", change)
         return _fault("scene", name, inject, crash="sign" in name)
 
     return [
@@ -48,7 +48,7 @@ def _sensor() -> list[Fault]:
 
     def force_felt() -> AbstractContextManager[None]:
         # 1e-3 rad/s for each g, which nobody takes out
-        original = gyroscope_tumble.Tumble.__init__
+        original = gyroscope.Tumble.__init__
 
         def broken(self: Any, parameters: Any) -> None:
             original(self, parameters)
@@ -58,7 +58,7 @@ def _sensor() -> list[Fault]:
             )  # fmt: skip
             self.rates = self.rates + 1e-4 * run.specific_force[:: parameters.every]
 
-        return replaced(gyroscope_tumble.Tumble, "__init__", broken)
+        return replaced(gyroscope.Tumble, "__init__", broken)
 
     return [
         _fault(
@@ -102,13 +102,11 @@ def _calibrator() -> list[Fault]:
         return _fault("calibrator", name, wrapped(owner, function, change))
 
     return [
-        own(
-            "a clock that is 0.1 % slow", slow_clock, gyroscope_tumble, "moves_between"
-        ),
-        own("one row in twenty repeated", row_lost, gyroscope_tumble, "moves_between"),
+        own("a clock that is 0.1 % slow", slow_clock, gyroscope, "moves_between"),
+        own("one row in twenty repeated", row_lost, gyroscope, "moves_between"),
         own("coning term lost", no_coning, moves, "_step"),
         own("covariance without the shared poses", apart, fit, "covariance_of"),
-        own("told 0.7 of its noise", quiet, gyroscope_tumble, "calibrate_gyroscope"),
+        own("told 0.7 of its noise", quiet, gyroscope, "calibrate_gyroscope"),
     ]
 
 
@@ -120,7 +118,7 @@ def _formula() -> list[Fault]:
     return [
         _fault(
             "formula", "bound with poses of a third of their noise",
-            wrapped(gyroscope_tumble, "gyroscope_moments", still),
+            wrapped(gyroscope, "gyroscope_moments", still),
         )
     ]  # fmt: skip
 

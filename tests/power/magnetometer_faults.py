@@ -11,7 +11,7 @@ from simval.arrays import Array
 from simval.calibrate.magnetometer import equations
 from simval.calibrate.magnetometer.calibration import Scaled
 from simval.sensor import MagnetometerModel
-from simval.studies import magnetometer_response
+from simval.studies import magnetometer
 from simval.theory import magnetometer as theory
 
 
@@ -73,7 +73,7 @@ def _calibrator() -> list[Fault]:
         inject = wrapped(owner, function, change)
         return _fault("calibrator", name, inject, **options)
 
-    calibrate = (magnetometer_response, "calibrate_magnetometer")
+    calibrate = (magnetometer, "calibrate_magnetometer")
     return [
         own("sign of the dip's term", wrong_sign, Scaled, "physical"),
         own(
@@ -92,7 +92,7 @@ def _calibrator() -> list[Fault]:
 
 def _formula() -> list[Fault]:
     def claim(name: str, change: Any) -> Fault:
-        inject = after(magnetometer_response, "magnetometer_moments", change)
+        inject = after(magnetometer, "magnetometer_moments", change)
         return _fault("formula", name, inject)
 
     def known(original: Any, information: Array) -> Array:

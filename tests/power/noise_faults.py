@@ -18,11 +18,11 @@ from simval.sensor import AccelerometerModel, NoiseModel
 from simval.streams import Streams
 from simval.studies import (
     coverage,
-    expanded,
-    gyroscope_tumble,
+    gyroscope,
     ladder,
-    magnetometer_response,
-    scoring,
+    magnetometer,
+    response,
+    trials,
 )
 
 LOUDER = 1.01
@@ -111,8 +111,8 @@ def _told() -> list[Fault]:
 
     both = ("accelerometer_std", "magnetometer_std")
     return [
-        told("magnetometer", magnetometer_response, "calibrate_magnetometer", *both),
-        told("gyroscope", gyroscope_tumble, "calibrate_gyroscope", "angle_random_walk"),
+        told("magnetometer", magnetometer, "calibrate_magnetometer", *both),
+        told("gyroscope", gyroscope, "calibrate_gyroscope", "angle_random_walk"),
         told("filter", Mekf, "__init__", "accelerometer_noise", "magnetometer_noise"),
     ]
 
@@ -190,18 +190,18 @@ def _freedom() -> list[Fault]:
     return [
         by_n("sampling", "estimator", everywhere(plain, "_variance", variance)),
         by_n(
-            "sampling", "estimator", everywhere(scoring, "mean_of", mean),
+            "sampling", "estimator", everywhere(trials, "mean_of", mean),
             " in an error of a mean",
         ),
         by_n(
-            "sampling", "estimator", everywhere(expanded, "reduced_mean", reduced),
+            "sampling", "estimator", everywhere(response, "reduced_mean", reduced),
             " under control variates",
         ),
         by_n("coverage", "calibrator", wrapped(coverage, "calibrate", fewer)),
         by_n(
             "magnetometer",
             "calibrator",
-            everywhere(magnetometer_response, "fitted", free),
+            everywhere(magnetometer, "fitted", free),
         ),
         by_n(
             "ladder", "estimator", after(ladder, "moments_of", biased),

@@ -19,11 +19,11 @@ from simval.statics import detector, intervals, variance
 from simval.studies import (
     attitude_vectors,
     calibration,
-    gyroscope_tumble,
+    gyroscope,
     noise_model,
     scene,
-    scoring,
 )
+from simval.studies import detector as study_of_detector
 from simval.theory import calibration as calibration_theory
 from simval.theory import filter_model
 from simval.theory import gyroscope as gyroscope_theory
@@ -149,7 +149,7 @@ def _rests() -> list[Fault]:
         ),
         _smoke(
             "gyroscope", "scene", "rests end a row late",
-            wrapped(gyroscope_tumble, "_rests", longer),
+            wrapped(gyroscope, "_rests", longer),
         ),
     ]  # fmt: skip
 
@@ -174,7 +174,7 @@ def _detector() -> list[Fault]:
         _found("detector a sample early", *below, shifted(-1, 0)),
         _found("detector a sample late", *below, shifted(0, 1)),
         _found("detector shifted by a sample", *below, shifted(1, 1)),
-        _found("detector untrimmed", scoring, "detect", untrimmed),
+        _found("detector untrimmed", study_of_detector, "detect", untrimmed),
         _found("detector's window a sample late", variance, "variance_magnitude", late),
     ]
 

@@ -12,15 +12,15 @@ from simval.results import plain
 from simval.statistics import BIAS, SECOND_ORDER
 from simval.streams import Streams
 from simval.studies import calibration, ladder
-from simval.studies.expanded import (
+from simval.studies.magnetometer import scenario
+from simval.studies.response import (
     Expanded,
     beside,
     linearized,
-    noise_row,
     reduced_mean,
     reduced_share,
 )
-from simval.studies.magnetometer_scenario import scenario
+from simval.studies.trials import noise_row
 from simval.theory.calibration import calibration_expansion, calibration_moments
 
 A = np.array([[1.0, 0.5, 0.0], [0.0, 2.0, -0.3]])

@@ -25,11 +25,13 @@ from simval.statistics import (
     UNBIASED_VARIANCE,
 )
 from simval.streams import Streams, cell_key
+from simval.studies import detector, gyroscope, sampling
 from simval.studies import filter as filters
-from simval.studies import gyroscope, sampling, scoring
-from simval.studies.calibration import true_sensor
-from simval.studies.calibration_response import response_rows
-from simval.studies.drawn import (
+from simval.studies.calibration import response_rows, true_sensor
+from simval.studies.detector import known_rest_rows, known_rests
+from simval.studies.filter_prediction import stated_row
+from simval.studies.response import apart, response
+from simval.studies.trials import (
     FALSE_ALARM,
     Drawn,
     correlation_row,
@@ -37,9 +39,6 @@ from simval.studies.drawn import (
     square_rows,
     strongest_by_chance,
 )
-from simval.studies.filter_prediction import stated_row
-from simval.studies.known_rests import known_rest_rows, known_rests
-from simval.studies.response import apart, response
 from simval.verdict import judge
 
 SETTINGS = (6.0, 51, 15)
@@ -97,11 +96,11 @@ def test_the_reference_filter_states_what_theory_says(scenario, rate):
 def test_the_joint_fit_states_the_bound_of_short_pieces(every):
     given = gyroscope.Parameters(poses=14, trials=256, every=every)
     data = gyroscope.Tumble(given)
-    clean = data.trial(np.random.default_rng(0), 1, noise=0.0)
-    (row,) = gyroscope._stated_row(clean, data, 12)
+    clean = data.clean()
+    (row,) = gyroscope._stated_row(clean, data)
     assert row.value < 0.5 * row.remainder
     data.walk *= 1.01  # of the bound alone
-    (row,) = gyroscope._stated_row(clean, data, 12)
+    (row,) = gyroscope._stated_row(clean, data)
     assert row.value > row.remainder
 
 
@@ -270,7 +269,7 @@ def test_a_derivative_a_thousandth_off_is_beyond_the_response(monkeypatch):
     "settings", [SETTINGS, (2.5, 3, 0), (6.0, 101, 0), (1e3, 51, 15), (10.0, 51, 200)]
 )
 def test_known_rests_are_found_to_the_sample(settings):
-    rows = known_rest_rows(scoring.detect, interval_means, interval_counts, settings)
+    rows = known_rest_rows(detector.detect, interval_means, interval_counts, settings)
     assert len(rows) == 4
     assert answer(rows) == {"pass"}
 
@@ -300,7 +299,7 @@ def test_known_rests_are_known_by_brute_force():
 @pytest.mark.parametrize("change", [(-1, 0), (0, 1), (1, 1), (-15, 15)])
 def test_a_detector_that_is_a_sample_off_fails(change):
     def detect(*given):
-        intervals, *more = scoring.detect(*given)
+        intervals, *more = detector.detect(*given)
         return intervals + np.array(change), *more
 
     rows = known_rest_rows(detect, interval_means, interval_counts, SETTINGS)
@@ -310,17 +309,17 @@ def test_a_detector_that_is_a_sample_off_fails(change):
 @pytest.mark.parametrize("factor", [50.0 / 51.0, 1.004])
 def test_a_threshold_of_another_variance_finds_other_rests(factor, monkeypatch):
     # 50/51: a window's variance by n; 1.004: the initial rest's by n, of 500 samples
-    whole = scoring.variance_magnitude
+    whole = detector.variance_magnitude
     monkeypatch.setattr(
-        scoring, "variance_magnitude", lambda raw, window: factor * whole(raw, window)
+        detector, "variance_magnitude", lambda raw, window: factor * whole(raw, window)
     )
-    minimum = scoring.initial_rest
+    minimum = detector.initial_rest
 
     def rest(raw, count, window, least, spread):
         return minimum(raw, count, window, least, spread / factor)
 
-    monkeypatch.setattr(scoring, "initial_rest", rest)
-    rows = known_rest_rows(scoring.detect, interval_means, interval_counts, SETTINGS)
+    monkeypatch.setattr(detector, "initial_rest", rest)
+    rows = known_rest_rows(detector.detect, interval_means, interval_counts, SETTINGS)
     assert answer(rows_of(rows, KNOWN_RESTS)) == {"fail"}
 
 
@@ -328,7 +327,7 @@ def test_means_without_their_last_sample_fail():
     def means(samples, intervals):
         return interval_means(samples, intervals - np.array([0, 1]))
 
-    rows = known_rest_rows(scoring.detect, means, interval_counts, SETTINGS)
+    rows = known_rest_rows(detector.detect, means, interval_counts, SETTINGS)
     assert "fail" in answer(rows)
 
 

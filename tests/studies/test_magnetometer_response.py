@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from simval.results import CellName
-from simval.studies import magnetometer_response
-from simval.studies.magnetometer_response import (
+from simval.studies import magnetometer
+from simval.studies.magnetometer import (
     UNLIKE,
     fitted,
     predicted_moments,
     response_rows,
+    scenario,
 )
-from simval.studies.magnetometer_scenario import scenario
 from simval.verdict import judge, overall
 
 
@@ -53,15 +53,15 @@ def test_theory_meets_the_estimate_at_two_hundred_cells():
 def test_a_formula_that_is_off_by_a_thousandth_is_seen(monkeypatch, part):
     # the dip's bias was 2 % too large here: of the curvature of the arcsine the cosine
     # stood in the third power, where the second belongs
-    def off(case, dip_deg):
-        found = predicted_moments(case, dip_deg)
+    def off(case):
+        found = predicted_moments(case)
         wrong = np.array(getattr(found, part))
         wrong[-1] *= 1.001
         return replace(found, **{part: wrong})
 
     cell = (20, 66.0, 1e-4, 5e-3)
     assert judged(response_rows(*cell)) == "pass"
-    monkeypatch.setattr(magnetometer_response, "predicted_moments", off)
+    monkeypatch.setattr(magnetometer, "predicted_moments", off)
     assert judged(response_rows(*cell)) == "fail"
 
 

@@ -15,7 +15,7 @@ from simval.scene import simulate
 from simval.sensor import AccelerometerModel, MagnetometerModel
 from simval.streams import Streams, cell_key
 from simval.studies import detector, end_to_end
-from simval.studies.scoring import (
+from simval.studies.detector import (
     STILL_FORCE,
     normalized_square,
     pure,

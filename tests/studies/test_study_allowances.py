@@ -23,14 +23,13 @@ from simval.statistics import BIAS_OFF, COVARIANCE_OFF
 from simval.studies import (
     attitude_efficiency,
     calibration,
-    calibration_response,
     calibrator,
+    detector,
     estimator,
     estimator_setting,
     filter_prediction,
     filter_rows,
     gyroscope,
-    known_rests,
     magnetometer,
     noise_model,
     sampling,
@@ -168,7 +167,7 @@ def answer(row):
 @pytest.mark.parametrize("residual", ["squared", "norm", "weighted", "sampson"])
 def test_a_formula_that_is_off_by_a_ten_thousandth_is_seen(residual):
     sensor, u = true_sensor(0.0), fibonacci_sphere(12)
-    rows = calibration_response.response_rows(sensor, G * u, G, residual)
+    rows = calibration.response_rows(sensor, G * u, G, residual)
     theory = calibration_moments(sensor, u, g=G, noise_std=1.0, residual=residual)
     (bias,) = (row for row in rows if row.statistic.family == BIAS_OFF)
     assert bias.value < bias.remainder < 1e-4 * np.abs(theory.bias / theory.sd).max()
@@ -176,7 +175,7 @@ def test_a_formula_that_is_off_by_a_ten_thousandth_is_seen(residual):
         if row.statistic.family == COVARIANCE_OFF:
             assert row.value < row.remainder < 1e-4
     # at the most uneven poses that are judged, a derivative that is 0.1 % off
-    assert MET * (calibration_response.UNEVEN / EVEN) ** 4 < 1e-3
+    assert MET * (calibration.UNEVEN / EVEN) ** 4 < 1e-3
 
 
 def test_a_claim_of_one_percent_too_much_is_seen():
@@ -188,7 +187,7 @@ def test_sums_are_allowed_what_rounding_makes_of_them():
     # a mean of known rests: levels of up to 400 in amplitudes of 1, 500 of them and
     # more; each addition is off by eps/2 of the sum
     summed = 500 * 400 * EPS / 2.0
-    assert summed < known_rests.ROUNDED < 100.0 * summed
+    assert summed < detector.ROUNDED < 100.0 * summed
     # 27 variances of three values, ten operations each
     off = max(abs(row.value - 1.0) for row in sampling._variance_rows())
     assert off < 270 * EPS < sampling.ROUNDED < 100.0 * 270 * EPS

@@ -10,11 +10,12 @@ from random_attitudes import apart, full_covariances, geometry
 from rounding import EPS, relative
 
 from simval.attitude import two_vector_quaternion
+from simval.consistency import rotation_error
 from simval.errors import GeometryError, InputError, RefusedError
 from simval.geometry import compose, normalize
 from simval.streams import Streams
-from simval.studies import attitude_vectors, vectors_setting
-from simval.studies.stated_covariance import closed_form_square
+from simval.studies import attitude_vectors
+from simval.studies.attitude_vectors import closed_form_square
 from simval.theory import (
     attitude_bound,
     attitude_moments,
@@ -249,10 +250,10 @@ NAMES = {
 @pytest.mark.ci
 def test_a_covariance_that_is_wrong_is_not_its_own_remainder(monkeypatch):
     """Cubature sees the wrong one too, at any noise, so what falls is still small."""
-    for name in ("closed_form_square", "normalized_square"):
-        right = getattr(vectors_setting, name)
+    for name in ("closed_form_square", "normalised_square"):
+        right = getattr(attitude_vectors, name)
         monkeypatch.setattr(
-            vectors_setting, name, lambda *given, right=right: 1.2 * right(*given)
+            attitude_vectors, name, lambda *given, right=right: 1.2 * right(*given)
         )
     found = nees_rows()
     assert set(found) == NAMES
@@ -272,7 +273,7 @@ def test_where_first_order_fails_a_covariance_is_not_judged():
 def test_a_frame_that_is_singular_at_an_estimate_counts_nothing():
     setting = attitude_vectors.Setting(attitude_vectors.Parameters())
     r1, r2 = setting.references
-    frame = setting.frame
+    frame = setting.frames["best of four"]
     # a half turn about axis k leaves column k nothing, one about r1 the plain one
     place = ["x", "y", "z", "plain"].index(frame)
     empty = np.append(r1 if frame == "plain" else np.eye(3)[place], 0.0)
@@ -307,5 +308,5 @@ def test_a_turn_does_not_depend_on_the_sign_of_a_quaternion():
     part = turns / 2.0 * np.sinc(half / np.pi)
     estimates = compose(q, np.concatenate([part, np.cos(half)], axis=1))
     for sign in (1.0, -1.0, rng.choice([-1.0, 1.0], (50, 1))):
-        found = vectors_setting.turn_between(q, sign * estimates)
+        found = rotation_error(sign * estimates, q)
         np.testing.assert_allclose(found, turns, rtol=0, atol=1e-14)

@@ -1,0 +1,183 @@
+r"""The loop of every study that draws: trials in blocks, and the noise that is in them.
+
+A study says what a block of trials draws and what is kept of it; `trials_of` runs the
+blocks, each with its own stream, and holds what was kept in their order.
+
+Beside it the study hands over the noise of each sensor in each block, in units of the
+deviation that its parameters state: no estimator is in between. It is independent
+standard normal, so
+
+- the mean square of n such numbers is 1, with a standard error of :math:`\sqrt{2/n}`;
+- two vectors x, y of m of them have a correlation r = x'y/|x||y| with
+  :math:`r \sqrt{(m-1)/(1-r^2)}` Student's t of m - 1 degrees of freedom.  (R1)
+
+The strongest correlation of any two, of two blocks or of two sensors, must stay below
+what (R1) exceeds with probability `FALSE_ALARM` in any of the pairs. A stream that is
+used twice has the correlation 1.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from simval.arrays import Array
+from simval.calibrate import FitResult, MagnetometerFit
+from simval.montecarlo import Sums
+from simval.montecarlo.plain import batch_means, summed
+from simval.results import Row, limit, plain
+from simval.shapes import Float
+from simval.statistics import (
+    CHI_SQUARE,
+    INDEPENDENT,
+    NOISE_SQUARE,
+    STRONGEST_CORRELATION,
+)
+from simval.streams import Streams
+
+KEPT = 1024
+"""Numbers of a block that are compared: two blocks correlate by 0.03, and none of a
+thousand by 0.25."""
+
+FALSE_ALARM = 1e-9
+"""Of a cell, over all of its pairs."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Drawn:
+    """What is kept of the noise of a sensor in a block."""
+
+    square: float  # sum of squares
+    count: int
+    first: Float[Array, " m"]  # the first `KEPT`
+
+    @classmethod
+    def of(cls, noise: Array) -> "Drawn":
+        """Of noise in units of its deviation."""
+        flat = np.ravel(noise)
+        return cls(
+            square=float(np.vdot(flat, flat)),
+            count=flat.size,
+            first=flat[:KEPT].copy(),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trials:
+    """What some blocks of trials left."""
+
+    block: int  # trials in a block
+    kept: Mapping[str, Array]  # by name, (trials, ...)
+    noise: Sequence[Mapping[str, Drawn]]  # of each sensor, by block
+
+    def __getitem__(self, name: str) -> Array:
+        return self.kept[name]
+
+    def sums(self, name: str) -> Sums:
+        """Sums of the features of some errors, (trials, p), as of `simulate`."""
+        values, block = self.kept[name], self.block
+
+        def means(number: int) -> Array:
+            return batch_means(values[number * block : (number + 1) * block].T, 1)
+
+        return summed(means, len(values) // block, 1, 1)
+
+
+Kept = Mapping[str, Array]
+Trial = Callable[[np.random.Generator], tuple[Kept, Kept]]
+"""A block of trials: what is kept of each, and the noise of each sensor."""
+
+
+def trials_of(streams: Streams, trials: int, block: int, trial: Trial) -> Trials:
+    """Run that many trials, rounded up to whole blocks."""
+    kept: list[Kept] = []
+    noise: list[Mapping[str, Drawn]] = []
+    for number in range(-(-trials // block)):
+        values, drawn = trial(streams.block(number))
+        kept.append(values)
+        noise.append({name: Drawn.of(each) for name, each in drawn.items()})
+    whole = {name: np.concatenate([each[name] for each in kept]) for name in kept[0]}
+    return Trials(block=block, kept=whole, noise=noise)
+
+
+def stated_of(
+    fit: FitResult | MagnetometerFit, truth: Float[Array, " p"], level: float
+) -> tuple[NDArray[np.bool_], Array]:
+    """Whether each stated interval holds the truth, and the squared errors.
+
+    These are normalised by the stated covariance, (trials,).
+    """
+    low, high = np.moveaxis(fit.confidence_intervals(level), -1, 0)
+    scaled = fit.covariance / (fit.sd[:, :, None] * fit.sd[:, None, :])
+    ratio = (fit.parameters - truth) / fit.sd
+    square = np.vecdot(ratio, np.linalg.solve(scaled, ratio[..., None])[..., 0])
+    return (low <= truth) & (truth <= high), square
+
+
+def normalised_square(
+    error: Float[Array, "n 3"], covariance: Float[Array, "n 3 3"]
+) -> Float[Array, " n"]:
+    """Squares of some turns, each normalised by its covariance."""
+    solved = np.linalg.solve(covariance, error[..., None])[..., 0]
+    return np.asarray(np.sum(error * solved, axis=1))
+
+
+def root(square: Any, error: Any) -> tuple[Any, Any]:
+    """Root of a mean square, and its standard error."""
+    rms = np.sqrt(square)
+    return rms, error / (2.0 * rms)
+
+
+def mean_of(values: Float[Array, " n"] | list[float]) -> tuple[float, float, int]:
+    """Mean of some trials, its standard error, and their number."""
+    error = float(np.std(values, ddof=1)) / float(np.sqrt(len(values)))
+    return float(np.mean(values)), error, len(values)
+
+
+def drawn_rows(blocks: Sequence[Mapping[str, Drawn]]) -> tuple[Row, ...]:
+    """Rows of the noise of some blocks, of each sensor by its name."""
+    strongest = correlation_row(each.first for b in blocks for each in b.values())
+    return square_rows(blocks) + strongest
+
+
+def square_rows(blocks: Sequence[Mapping[str, Drawn]]) -> tuple[Row, ...]:
+    """Mean squares of the noise of some blocks, of each sensor by its name."""
+    rows: tuple[Row, ...] = ()
+    for name in blocks[0]:
+        n = sum(block[name].count for block in blocks)
+        square = sum(block[name].square for block in blocks) / n
+        error = float(np.sqrt(2.0 / n))
+        rows += plain(NOISE_SQUARE(name), square, error, n, 1.0, CHI_SQUARE)
+    return rows
+
+
+def correlation_row(vectors: Iterable[Array]) -> tuple[Row, ...]:
+    """The strongest correlation of two vectors of noise, beside what chance reaches."""
+    given = [np.ravel(vector) for vector in vectors]
+    m = min(len(vector) for vector in given)
+    X = np.array([vector[:m] for vector in given])
+    X /= np.maximum(np.linalg.norm(X, axis=1), np.finfo(float).tiny)[:, None]
+    r = np.minimum(np.abs(X @ X.T), 1.0)  # of equal ones, rounding
+    np.fill_diagonal(r, 0.0)
+    most = strongest_by_chance(len(X), m)
+    return limit(STRONGEST_CORRELATION(), r.max(), most, INDEPENDENT, n=m)
+
+
+def strongest_by_chance(count: int, m: int) -> float:
+    """Correlation that any two of so many reach with probability `FALSE_ALARM`."""
+    pairs = max(count * (count - 1) // 2, 1)
+    t = float(scipy.special.stdtrit(m - 1, FALSE_ALARM / (2.0 * pairs)))
+    return float(np.sqrt(t * t / (m - 1 + t * t)))
+
+
+def noise_row(x: Float[Array, "t d"]) -> tuple[Row, ...]:
+    """Mean square of the noise that was drawn, in units of what was asked for.
+
+    It needs no estimator, and rests on d numbers a trial: so it tells a wrong generator
+    from a wrong estimator, and before the estimator's own rows see it.
+    """
+    error = np.sqrt(2.0 / x.size)  # by the law, chi-square
+    return plain(NOISE_SQUARE(), np.mean(x * x), error, len(x), 1.0, CHI_SQUARE)
