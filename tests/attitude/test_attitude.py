@@ -17,15 +17,12 @@ from simval.attitude import (
 )
 from simval.attitude.comparators import ESTIMATORS, align_vectors, davenport, triad
 from simval.attitude.estimator import block_validity
-from simval.attitude.kernel import raw_quaternion
 from simval.errors import GeometryError, InputError
 from simval.geometry import (
     attitude_error,
     attitude_matrix,
     normalize,
 )
-
-FRAMES = ("plain", "x", "y", "z")
 
 
 def by_wahba(b1, b2, r1, r2):
@@ -87,29 +84,6 @@ def test_a_batch_is_a_loop_and_units_cancel(name):
         gap = attitude_error(whole[:50], estimator(*(scale * noisy)[:, :50]))
         # the lengths' own rounding, eps, over the gap of the eigenvalues
         assert np.max(gap * sine[:50] ** 2) < 40 * EPS
-
-
-@pytest.mark.parametrize("frame", FRAMES)
-def test_fixed_frames_are_exact_where_regular(frame):
-    q, vectors, _ = problems(5000, 2)
-    raw = raw_quaternion(np.concatenate([v.T for v in vectors]), frame)
-    norm = np.linalg.norm(raw, axis=0)
-    estimate = estimate_attitude(*vectors, frame)
-    error = attitude_error(q, estimate.q)[estimate.valid]
-    assert np.max(error * norm[estimate.valid]) < 20 * EPS
-    # |qbar| below 1e-8 of 5000 random attitudes: of order 1e-8 each, so all are valid
-    assert estimate.valid.all()
-
-
-def test_greatest_column_bound():
-    _, vectors, _ = problems(5000, 3)
-    block = np.concatenate([v.T for v in vectors])
-    norms = [np.linalg.norm(raw_quaternion(block, f), axis=0) for f in FRAMES]
-    n = np.linalg.norm(np.cross(vectors[2], vectors[3]), axis=-1)
-    np.testing.assert_allclose(
-        np.sum(np.square(norms), axis=0), n**2, rtol=0, atol=20 * EPS
-    )
-    assert np.all(np.max(norms, axis=0) >= n / 2 - 20 * EPS)
 
 
 def test_bad_rows_are_named_and_lose_nothing_else():
@@ -229,22 +203,6 @@ def test_davenport_equals_align_vectors_with_noise():
     assert np.max(gap * sine**2) < 40 * EPS
 
 
-def test_davenport_against_ahrs():
-    ahrs = pytest.importorskip("ahrs")
-    _, vectors, rng = problems(20, 3)
-    noisy = vectors + 0.01 * rng.standard_normal(vectors.shape)
-    ours = triad(*noisy)
-    for i in range(20):
-        b1, b2, r1, r2 = noisy[:, i]
-        peer = ahrs.filters.TRIAD(w1=b1, w2=b2, v1=r1, v2=r2)
-        # the peer's matrix takes one frame to the other; up to its direction
-        A = np.asarray(peer.A).reshape(3, 3)
-        mine = attitude_matrix(ours[i])
-        gap = min(np.abs(A - mine).max(), np.abs(A - mine.T).max())
-        # entries off by eps over the sine, here 0.1 or more, a dozen operations in each
-        assert gap < 200 * EPS
-
-
 def test_triad_takes_the_first_pair_exactly():
     _, vectors, rng = problems(200, 4)
     noisy = vectors + 0.05 * rng.standard_normal(vectors.shape)
@@ -254,15 +212,16 @@ def test_triad_takes_the_first_pair_exactly():
     np.testing.assert_allclose(predicted, normalize(noisy[0]), rtol=0, atol=20 * EPS)
 
 
-def test_comparators_refuse_what_the_estimator_refuses():
+def test_every_estimator_refuses():
     x, y, _ = np.eye(3)
-    for estimator in ESTIMATORS.values():
+    for name, estimator in EVERY.items():
         with pytest.raises(GeometryError, match="parallel"):
             estimator(x, x, y, y)
-        with pytest.raises(InputError, match="finite"):
+        with pytest.raises(InputError, match=r"finite|sample"):
             estimator(x, y, x, np.array([0, np.nan, 1]))
-        with pytest.raises(InputError, match="differ in length"):
-            estimator(x, 9.8 * y, x, y)
+        if name != "wahba":  # which takes any lengths
+            with pytest.raises(InputError, match="differ in length"):
+                estimator(x, 9.8 * y, x, y)
     for weights in ((1.0, float("nan")), (0.0, 1.0), (1.0, float("inf"))):
         with pytest.raises(InputError, match="`weights`"):
             davenport(x, y, x, y, weights=weights)

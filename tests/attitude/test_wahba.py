@@ -13,10 +13,18 @@ from simval.attitude import (
     wahba_covariance,
     wahba_quaternion,
 )
+from simval.consistency import rotation_error
 from simval.errors import GeometryError, InputError
-from simval.geometry import attitude_matrix, cross_matrix, normalize
+from simval.geometry import (
+    attitude_matrix,
+    compose,
+    cross_matrix,
+    from_rotation_vector,
+    normalize,
+)
 from simval.streams import Streams
 from simval.studies import attitude_vectors
+from simval.studies.attitude_vectors import closed_form_square
 from simval.theory import (
     attitude_bound,
     cubature_moments,
@@ -147,21 +155,6 @@ def test_power_against_a_wrong_vector(n):
     error = np.sqrt(power * (1.0 - power) / 20_000)
     assert 0.1 < power < 0.9
     assert share == pytest.approx(power, abs=4.0 * error)  # 6e-5 of false alarm
-
-
-def test_two_vectors_test_the_angle_between_them():
-    rng, _, b, r = problem(50, 2)
-    body = b + 1e-4 * rng.standard_normal((100, 2, 3))
-    tested = consistency(body, r, [[1e-4, 3e-4], [0.0, 2e-4]])
-    unit = normalize(body)
-    angle = np.arctan2(
-        np.linalg.norm(np.cross(unit[:, 0], unit[:, 1]), axis=1),
-        np.sum(unit[:, 0] * unit[:, 1], axis=1),
-    )
-    true = np.arctan2(np.linalg.norm(np.cross(r[0], r[1])), r[0] @ r[1])
-    z = (angle - true) / np.sqrt(1e-8 + 9e-8 + 4e-8)
-    # the loss is quadratic in the angle up to (1e-4)^2
-    assert tested.statistic == pytest.approx(z**2, rel=1e-6, abs=1e-7)
 
 
 def test_a_body_angle_that_disagrees_is_found():
@@ -295,3 +288,59 @@ def test_a_bound_with_a_reference_that_is_known():
     assert nearly == pytest.approx(known, rel=1e-9)  # (1e-8 / 0.01)^2 and rounding
     with pytest.raises(InputError, match="without noise"):
         wahba_bound(q, r, [0.0, 0.02, 0.03, 0.0, 0.0, 0.0])
+
+
+def nees_rows():
+    """Distances of the rows of normalised squares beyond their remainders."""
+    parameters = attitude_vectors.Parameters(ratio=10.0, samples=8192)
+    found = {str(r.statistic): r for r in run_cell(parameters) if r.check == "nees"}
+    assert set(found) == {
+        f"nees[{name}]" for name in ("weighted", "equal weights", "combined",
+                                     "best of four")
+    }  # fmt: skip
+    return [distance(row) for row in found.values()]
+
+
+@pytest.mark.ci
+def test_a_covariance_that_is_wrong_is_not_its_own_remainder(monkeypatch):
+    """Cubature sees the wrong one too, at any noise, so what falls is still small."""
+    for name in ("closed_form_square", "normalised_square"):
+        right = getattr(attitude_vectors, name)
+        monkeypatch.setattr(
+            attitude_vectors, name, lambda *given, right=right: 1.2 * right(*given)
+        )
+    assert min(nees_rows()) > 10.0
+
+
+def test_where_first_order_fails_a_covariance_is_not_judged():
+    parameters = attitude_vectors.Parameters(ratio=100.0, samples=4096)
+    rows = {str(row.statistic): row for row in run_cell(parameters)}
+    assert rows["nees[weighted]"].check == rows["nees[best of four]"].check == "nees"
+    failed = rows["nees[combined]"]
+    assert failed.check == "record"
+    assert failed.remainder > attitude_vectors.MOST_LEFT_OUT
+
+
+def test_a_frame_that_is_singular_at_an_estimate_counts_nothing():
+    setting = attitude_vectors.Setting(attitude_vectors.Parameters())
+    r1, _ = setting.references
+    place = ["x", "y", "z", "plain"].index(frame := setting.frames["best of four"])
+    # a half turn about axis k leaves column k nothing, one about r1 the plain one
+    empty = np.append(r1 if place == 3 else np.eye(3)[place], 0.0)
+    found = closed_form_square(
+        np.stack([setting.q, empty]), np.full((2, 3), 1e-4), setting.references,
+        np.full(4, 0.01), frame,
+    )  # fmt: skip
+    assert found[0] > 0.0
+    assert found[1] == 0.0
+
+
+def test_a_turn_does_not_depend_on_the_sign_of_a_quaternion():
+    rng = np.random.default_rng(11)
+    q = normalize(rng.standard_normal(4))
+    turns = rng.uniform(-1.5, 1.5, (50, 3))
+    turns[0] = 0.0
+    estimates = compose(q, from_rotation_vector(turns))
+    for sign in (1.0, -1.0, rng.choice([-1.0, 1.0], (50, 1))):
+        found = rotation_error(sign * estimates, q)
+        np.testing.assert_allclose(found, turns, rtol=0, atol=1e-14)

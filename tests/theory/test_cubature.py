@@ -91,3 +91,7 @@ def test_bad_input_is_refused():
         cubature_moments(lambda v: v, one, np.full((1, 3, 3), np.nan), one[0])
     with pytest.raises(RefusedError, match="not finite"):
         cubature_moments(lambda v: v * np.nan, one, np.eye(3)[None], one[0])
+    with pytest.raises(InputError, match="masked"):
+        cubature_moments(
+            lambda v: np.ma.array(v, mask=True), one, np.eye(3)[None], one[0]
+        )

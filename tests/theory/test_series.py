@@ -91,6 +91,8 @@ def test_bad_input_is_refused():
         series_moments(lambda v: [1 / (v[0] - 1.0)], one, cov)
     with pytest.raises(RefusedError, match="no power series"):
         series_moments(lambda v: [np.sqrt(v[0] - 2.0)], one, cov)
+    with pytest.raises(InputError, match="not a finite number"):
+        series_moments(lambda v: np.ma.masked_equal([1.0, 2.0], 1.0), one, cov)
 
 
 def one_result(estimator):
