@@ -12,16 +12,16 @@ words and shapes. Each row is copied when it comes, since a filter may answer wi
 same array again and again.
 """
 
-import reprlib
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from numbers import Real
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array, finite_array
+from simval.arrays import Array, finite_array, shaped_array
 from simval.errors import CrashedPluginError, InputError, PluginError, RefusedError
 from simval.plugins.attitudes import (
     fault_of,
@@ -43,6 +43,9 @@ from simval.sensor import forms
 from simval.sensor.models import FIXED, places_of
 from simval.shapes import Bool, Float
 from simval.text import message_of, words_of
+
+Mask = NDArray[np.bool_]
+Shape = tuple[int, ...]
 
 
 def called(name: str, function: Any, *arguments: Any, **words: Any) -> Any:
@@ -128,7 +131,12 @@ def handed(
     words = noise.told(estimator.reads, vectors)
     if estimator.takes == "pairs":
         return words
-    return {word: _in_rows(word, values) for word, values in words.items()}
+    # a row of body and one of reference vectors, of what is of each vector
+    return {
+        word: a if word == "weights" else np.stack(np.split(a, 2, axis), axis)
+        for word, a in words.items()
+        for axis in [int(word == "covariances")]
+    }
 
 
 def _row(
@@ -137,20 +145,6 @@ def _row(
     """One row of what a batch is given; only covariances are of each row."""
     own = {word: a[i] if word == "covariances" else a for word, a in words.items()}
     return [a[i] for a in given], own
-
-
-def _in_rows(word: str, values: Array) -> Array:
-    """One row of body and one of reference vectors, where there are both."""
-    if word == "weights":
-        return values
-    axis = 1 if word == "covariances" else 0
-    shape = (*values.shape[:axis], 2, -1, *values.shape[axis + 1 :])
-    return values.reshape(shape)
-
-
-LISTED = 1 << 10
-"""Entries up to which nested lists are searched for truth values: all that a
-calibrator answers, and what an estimator is probed with."""
 
 
 def quaternions_of(
@@ -188,13 +182,12 @@ def raw_attitudes(
     what = "matrices" if estimator.components == "matrix" else "quaternions"
     if estimator.batch:
         whole = (len(vectors[0]), *shape)
-        return _plain(name, what, found[0], whole, hint=_other_form).astype(float)
-    rows = [_plain(name, what, row, shape, hint=_other_form) for row in found]
-    return np.array(rows, dtype=float)
+        return numbers(name, what, found[0], whole, hint=other_form).copy()
+    return np.array([numbers(name, what, row, shape, hint=other_form) for row in found])
 
 
-def _other_form(found: tuple[int, ...], required: tuple[int, ...]) -> str:
-    """What to declare where the shape is that of another form of answer."""
+def other_form(found: Shape, required: Shape) -> str:
+    """What to declare where the shape is that of another form of attitude."""
     forms = {
         (4,): ", or declare the order of the `components`",
         (3, 3): ', or declare components="matrix"',
@@ -211,43 +204,29 @@ def covariances_of(
     estimator: Estimator, vectors: list[Float[Array, "n 3"]], noise: VectorNoise
 ) -> Float[Array, "n 3 3"]:
     """Ask an estimator for its covariances."""
-    name = estimator.name
+    name, one = estimator.name, (3, 3)
     assert estimator.covariance is not None
-    shape = (len(vectors[0]), 3, 3)
-    one = () if "noise_std" in estimator.reads else (noise.noise_std,)
-    found = answers(estimator, estimator.covariance, vectors, noise, *one)
-    if estimator.batch:
-        covariances = array_of(name, "covariance", found[0], shape, (3, 3))
-    else:
-        covariances = np.array(
-            [array_of(name, "covariance", row, (3, 3)) for row in found]
-        )
-    check_covariance(name, covariances)
-    return np.broadcast_to(covariances, shape)
+    shapes = [(len(vectors[0]), *one), one] if estimator.batch else [one]
+    size = () if "noise_std" in estimator.reads else (noise.noise_std,)
+    found = answers(estimator, estimator.covariance, vectors, noise, *size)
+    each = np.array([finite(name, "covariance", row, *shapes) for row in found])
+    covariances = each[0] if estimator.batch else each
+    require_covariances(name, covariances.reshape(-1, *one))
+    return np.broadcast_to(covariances, (len(vectors[0]), *one))
 
 
-def array_of(name: str, what: str, value: Any, *shapes: tuple[int, ...]) -> Array:
-    """Finite numbers of one of the shapes."""
-    found = _plain(name, what, value, *shapes)
-    try:
-        return finite_array(what, found, found.shape)
-    except InputError as error:
-        msg = f"{name} returned a bad answer: {error}"
-        raise PluginError(msg) from None
-
-
-def _plain(
+def numbers(
     name: str,
     what: str,
     value: Any,
-    *shapes: tuple[int, ...],
-    hint: Callable[[tuple[int, ...], tuple[int, ...]], str] = lambda *_: "",
-) -> NDArray[np.generic]:
-    """Plain numbers of one of the shapes; nothing is parsed, filled in or cut off."""
+    *shapes: Shape,
+    hint: Callable[[Shape, Shape], str] = lambda *_: "",
+) -> Array:
+    """Real numbers of one of the shapes; nothing is parsed, filled in or cut off."""
     try:
-        array = np.asarray(value)
-    except Exception as error:  # ragged, or whatever a user's object may raise
-        msg = f"{name} returned {what} that is not an array ({message_of(error)})"
+        array = shaped_array(what, value, ())
+    except InputError as error:
+        msg = f"{name} returned a bad answer: {error}"
         raise PluginError(msg) from None
     if array.shape not in shapes:
         msg = (
@@ -256,43 +235,74 @@ def _plain(
             f"{hint(array.shape, shapes[0])}"
         )
         raise PluginError(msg)
-    fault = "masked entries" if np.ma.is_masked(value) else _fault(array)
-    if isinstance(value, list | tuple) and array.size <= LISTED and not fault:
-        # among numbers, NumPy takes a truth value for 0 or 1
-        fault = _fault(np.asarray(value, dtype=object))
-    if fault:
-        msg = f"{name} returned {what} with {fault}; every entry must be a plain number"
-        raise PluginError(msg)
     # rows first, as an answer that was sent is: products of the same numbers by columns
     # end in other bits on some processors
     return np.asarray(array, order="C")
 
 
-def _fault(array: NDArray[np.generic]) -> str:
-    """First entry that is no real number of a double's range, with its place."""
-    if array.dtype.kind in "iuf":
-        return ""
-    for place in np.ndindex(array.shape):
-        entry: Any = array.item(place)
-        if isinstance(entry, bool) or not isinstance(entry, Real):
-            return f"{reprlib.repr(entry)} ({type(entry).__name__}) at {place}"
-        try:
-            float(entry)
-        except OverflowError:
-            return f"a number beyond the range of a double at {place}"
-    return ""
+def finite(name: str, what: str, value: Any, *shapes: Shape) -> Array:
+    """Finite numbers of one of the shapes."""
+    found = numbers(name, what, value, *shapes)
+    try:
+        return finite_array(what, found, found.shape)
+    except InputError as error:
+        msg = f"{name} returned a bad answer: {error}"
+        raise PluginError(msg) from None
 
 
-def check_covariance(name: str, matrices: Float[Array, "... p p"]) -> None:
+ASYMMETRY: Final = 1e-6
+"""Of a covariance, relative to the standard deviations: that of single precision."""
+
+NEGATIVE: Final = -1e-9
+"""Least eigenvalue of a correlation matrix that rounding makes of 0."""
+
+
+def sound_covariances(each: Float[Array, "n p p"], definite: int) -> Bool[Mask, " n"]:
+    """Which are finite, symmetric and positive, the first rows definitely so.
+
+    What is known exactly has a row of zeros, as the bias of a gyroscope without one.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        variances = np.diagonal(each, axis1=1, axis2=2)
+        std = np.sqrt(np.maximum(variances, 0.0))
+        size = std[:, :, None] * std[:, None, :]
+        skew = np.abs(each - each.swapaxes(1, 2)) <= ASYMMETRY * size
+        sound: Mask = np.logical_and(skew.all((1, 2)), finite_rows(each))
+        sound &= (variances >= 0.0).all(1) & (variances[:, :definite] > 0.0).all(1)
+    if sound.all():
+        with suppress(np.linalg.LinAlgError):
+            np.linalg.cholesky(each)
+            return sound
+    safe = np.where(size > 0.0, size, 1.0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        scaled = np.where(sound[:, None, None], each / safe, np.eye(each.shape[-1]))
+    least: Mask = np.linalg.eigvalsh(scaled)[:, 0] >= NEGATIVE
+    first: Mask = np.linalg.eigvalsh(scaled[:, :definite, :definite])[:, 0] > 0.0
+    return sound & least & first
+
+
+def require_covariances(name: str, each: Float[Array, "n p p"]) -> None:
     """Require symmetric and positive definite matrices."""
-    scale = np.abs(matrices).max(axis=(-2, -1), keepdims=True)
-    skew = np.abs(matrices - np.swapaxes(matrices, -1, -2)) / np.maximum(scale, 1e-300)
-    if not float(skew.max()) <= 1e-9:
-        msg = f"the covariance of {name} is not symmetric"
+    sound = sound_covariances(each, each.shape[-1])
+    if not sound.all():
+        words = _covariance_fault("covariance", each[np.argmin(sound)])
+        msg = f"{name} returned {words}"
         raise PluginError(msg)
-    if not float(np.linalg.eigvalsh(matrices / np.maximum(scale, 1e-300)).min()) > 0.0:
-        msg = f"the covariance of {name} is not positive definite"
-        raise PluginError(msg)
+
+
+def _covariance_fault(word: str, P: Float[Array, "p p"]) -> str:
+    """Say what is wrong of a covariance that is finite and not sound."""
+    apart = float(np.abs(P - P.T).max() / np.abs(P).max(initial=1e-300))
+    if apart > ASYMMETRY:
+        return (
+            f"`{word}` that is not symmetric, by {apart:.2g} of its greatest entry; "
+            "update it symmetrically, or return (P + P.T) / 2"
+        )
+    least = float(np.linalg.eigvalsh((P + P.T) / 2.0)[0])
+    return (
+        f"`{word}` that is not positive definite: its least eigenvalue is {least:.3g}; "
+        "a variance is above zero in each direction (Joseph's form keeps it so)"
+    )
 
 
 MIN_FREEDOM = 5
@@ -352,21 +362,53 @@ def calibrations_of(
 
 
 def _checked(name: str, calibrator: Calibrator, answer: Any) -> Calibration:
-    given, bias, covariance = _parts(name, answer)
-    places = places_of(calibrator.estimates)
-    matrix = array_of(name, "matrix", given, (3, 3))
+    given, places = _words_of(name, answer), places_of(calibrator.estimates)
+    matrix = finite(name, "matrix", given["matrix"], (3, 3))
     if 0 not in places:
         _require_class(name, calibrator.estimates, matrix)
-    checked = None
+    covariance = given.get("covariance")
     if covariance is not None:
-        checked = array_of(name, "covariance", covariance, (len(places),) * 2)
-        check_covariance(name, checked)
+        covariance = finite(name, "covariance", covariance, (len(places),) * 2).copy()
+        require_covariances(name, covariance[None])
+    dof = given.get("dof") if given.get("covariance_kind") == "type A" else MIN_FREEDOM
+    if not (isinstance(dof, int) and dof >= MIN_FREEDOM):
+        msg = (
+            f"{name} gives a covariance of type A with `dof` {dof!r}; its degrees of "
+            f"freedom must be a whole number, {MIN_FREEDOM} or more: use "
+            f"{len(places) + MIN_FREEDOM} poses or more"
+        )
+        raise PluginError(msg)
     return Calibration(  # in copies: the next answer may be in the same arrays
         matrix=matrix.copy(),
-        bias=array_of(name, "B", bias, (3,)).copy(),
-        covariance=None if checked is None else checked.copy(),
-        dof=_dof(name, answer, len(places)),
+        bias=finite(name, "B", given["B"], (3,)).copy(),
+        covariance=covariance,
+        dof=dof if given.get("covariance_kind") == "type A" else None,
     )
+
+
+def _words_of(name: str, answer: Any) -> Mapping[str, Any]:
+    """A calibrator's answer in any form as a mapping with `matrix` and `B`."""
+    if isinstance(answer, (tuple, list)) and len(answer) in (2, 3):
+        return dict(zip(("matrix", "B", "covariance"), answer, strict=False))
+    if not isinstance(answer, Mapping):
+        msg = (
+            f"{name} answered with {type(answer).__name__}; it must be (matrix, bias), "
+            "(matrix, bias, covariance) or a mapping with `matrix` and `B`"
+        )
+        raise PluginError(msg)
+    given = {"B": answer.get("bias"), **answer}
+    if "matrix" not in given and {"T", "K"} <= given.keys():
+        T = finite(name, "T", given["T"], (3, 3))
+        K = finite(name, "K", given["K"], (3,), (3, 3))
+        given["matrix"] = T @ (np.diag(K) if K.ndim == 1 else K)
+    if given.get("matrix") is None or given["B"] is None:
+        keys = ", ".join(str(key) for key in answer) or "nothing"
+        msg = (
+            f"{name} answered with {keys}; it must hold `matrix` (or `T` and `K`) "
+            "and `B`"
+        )
+        raise PluginError(msg)
+    return given
 
 
 def _require_class(
@@ -387,200 +429,138 @@ def _require_class(
         raise PluginError(msg)
 
 
-def _dof(name: str, answer: Any, parameters: int) -> int | None:
-    if not isinstance(answer, Mapping) or answer.get("covariance_kind") != "type A":
-        return None
-    dof = answer.get("dof")
-    if not (isinstance(dof, int) and dof >= MIN_FREEDOM):
-        msg = (
-            f"{name} gives a covariance of type A with `dof` {dof!r}; its degrees of "
-            f"freedom must be a whole number, {MIN_FREEDOM} or more: use "
-            f"{parameters + MIN_FREEDOM} poses or more"
-        )
-        raise PluginError(msg)
-    return dof
-
-
-def _parts(name: str, answer: Any) -> tuple[Any, Any, Any]:
-    if isinstance(answer, Mapping):
-        if "matrix" in answer:
-            matrix = answer["matrix"]
-        elif {"T", "K"} <= answer.keys():
-            T = array_of(name, "T", answer["T"], (3, 3))
-            K = array_of(name, "K", answer["K"], (3,), (3, 3))
-            matrix = T @ (np.diag(K) if K.ndim == 1 else K)
-        else:
-            matrix = None
-        bias = answer.get("B", answer.get("bias"))
-        if matrix is None or bias is None:
-            keys = ", ".join(str(key) for key in answer) or "nothing"
-            msg = (
-                f"{name} answered with {keys}; it must hold `matrix` (or `T` and `K`) "
-                "and `B`"
-            )
-            raise PluginError(msg)
-        return matrix, bias, answer.get("covariance")
-    if isinstance(answer, (tuple, list)) and len(answer) in (2, 3):
-        return answer[0], answer[1], answer[2] if len(answer) == 3 else None
-    msg = (
-        f"{name} answered with {type(answer).__name__}; it must be (matrix, bias), "
-        "(matrix, bias, covariance) or a mapping with `matrix` and `B`"
-    )
-    raise PluginError(msg)
-
-
-ASYMMETRY: Final = 1e-6
-"""Of a covariance, relative to the standard deviations: that of single precision."""
-
-NEGATIVE: Final = -1e-9
-"""Least eigenvalue of a correlation matrix that rounding makes of 0."""
-
-Mask = NDArray[np.bool_]
+KINDS: Final = MappingProxyType(
+    {
+        "attitude": "an attitude",
+        "pair": "a pair of attitude and covariance",
+        "mapping": "a mapping of ",
+    }
+)
+"""Forms that an answer of a filter may have."""
 
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """What each answer of a filter is."""
+    """What each answer of a filter is, as the first one was."""
 
-    name: str  # of the filter
-    kind: str  # "attitude", "pair" or "mapping"
-    words: tuple[str, ...]  # in the order of `ANSWERS`
-    shapes: tuple[tuple[int, ...], ...]  # of each word
+    filter: Filter
+    lead: Shape  # () or, of a batch, the number of trials
+    kind: str  # of `KINDS`
+    shapes: Mapping[str, Shape]  # of each word, in the order of `ANSWERS`
+
+    def values(self, answer: Any) -> tuple[Any, ...]:
+        """Values of its words, in their order."""
+        if self.kind == "attitude":
+            return (answer,)
+        if _kind(answer) != self.kind:
+            raise PluginError(self._changed(answer))
+        if self.kind == "pair":
+            return tuple(answer)
+        if len(answer) != len(self.shapes):
+            raise PluginError(self._changed(answer))
+        return tuple(answer.get(word) for word in self.shapes)
+
+    def storing(self, arrays: list[Array]) -> Callable[[int, Any], None]:
+        """Build the function that copies the answer of a row into arrays of all."""
+        ndarray, values, converted = np.ndarray, self.values, self._converted
+        places = [
+            (*each, a) for each, a in zip(self.shapes.items(), arrays, strict=True)
+        ]
+
+        def put(row: int, answer: Any) -> None:
+            for (word, shape, array), value in zip(places, values(answer), strict=True):
+                if (
+                    type(value) is ndarray
+                    and value.shape == shape
+                    and value.dtype.kind == "f"
+                ):
+                    array[row] = value
+                else:
+                    array[row] = converted(word, value, shape)
+
+        return put
+
+    def fault(self, arrays: list[Array]) -> tuple[int, str] | None:
+        """First row at which answers break a rule, and what is wrong, in words."""
+        found = []
+        for (word, shape), array in zip(self.shapes.items(), arrays, strict=True):
+            # a row of a batch has a value of each trial
+            each = array.reshape(-1, *shape[len(self.lead) :])
+            if word == "attitude":
+                sound = sound_rows(each, self.filter.components)
+            elif word.endswith("covariance"):
+                sound = sound_covariances(each, 3)
+            else:
+                sound = finite_rows(each)
+            if not sound.all():
+                bad = int(np.argmin(sound))
+                words = f"{self.filter.name} returned {self._fault(word, each[bad])}"
+                found.append((bad // (len(each) // len(array)), words))
+        return min(found, default=None)
+
+    def _fault(self, word: str, value: Float[Array, "..."]) -> str:
+        if not np.isfinite(value).all():
+            first = [int(i) for i in np.argwhere(~np.isfinite(value))[0]]
+            number = value[tuple(first)]
+            return f"`{word}` with {number} at {first}; every number must be finite"
+        if word == "attitude":
+            words = fault_of(value[None], self.filter.components)
+            return words.replace(" in row 0", "").replace("; every one", "; each")
+        return _covariance_fault(word, value)
+
+    def _converted(self, word: str, value: Any, shape: Shape) -> Any:
+        """Numbers that are no array of doubles; a plain list of floats is quick."""
+        if (
+            type(value) in (list, tuple)
+            and (len(value),) == shape
+            and set(map(type, value)) == {float}
+        ):
+            return value
+        if self.kind == "attitude" and (value is None or _kind(value) != self.kind):
+            raise PluginError(self._changed(value))
+        k = len(self.lead)
+
+        def hint(found: Shape, required: Shape) -> str:
+            own = word == "attitude" and found[:k] == self.lead
+            return other_form(found[k:], required[k:]) if own else ""
+
+        return numbers(self.filter.name, word, value, shape, hint=hint)
+
+    def _changed(self, answer: Any) -> str:
+        kind = _kind(answer)
+        now = "a pair" if kind == "pair" else f"one {type(answer).__name__}"
+        if answer is None:
+            now = "nothing (None)"
+        elif kind == "mapping":
+            now = f"a mapping of {', '.join(map(repr, answer)) or 'nothing'}"
+        words = ", ".join(map(repr, self.shapes)) if self.kind == "mapping" else ""
+        return (
+            f"{self.filter.name} returned {now}; it must answer each row, and as it "
+            f"answered the first: {KINDS[self.kind]}{words}"
+        )
 
 
-def form_of(filter: Filter, answer: Any, lead: tuple[int, ...]) -> Form:
+def form_of(filter: Filter, answer: Any, lead: Shape) -> Form:
     """Form of a first answer; `lead` is () or, of a batch, the number of trials."""
     kind = _kind(answer)
-    words = _words(filter.name, kind, answer)
-    given = dict(zip(words, _values(kind, words, answer), strict=True))
-    shapes = [_shape(filter, word, given, lead) for word in words]
-    return Form(filter.name, kind, words, tuple(shapes))
-
-
-def storing(form: Form, arrays: list[Array]) -> Callable[[int, Any], None]:
-    """Build the function that copies the answer of a row into arrays of all rows."""
-    ndarray, shapes = np.ndarray, form.shapes
-    if form.kind == "attitude":
-        (array,), (shape,) = arrays, shapes
-
-        def put_attitude(row: int, answer: Any) -> None:
-            if (
-                type(answer) is ndarray
-                and answer.shape == shape
-                and answer.dtype.kind == "f"
-            ):
-                array[row] = answer
-            else:
-                array[row] = _converted(form, "attitude", answer, shape)
-
-        return put_attitude
-    kind, words = form.kind, form.words
-    places = list(zip(words, arrays, shapes, strict=True))
-
-    def put(row: int, answer: Any) -> None:
-        if _kind(answer) != kind or (kind == "mapping" and len(answer) != len(words)):
-            raise PluginError(_changed(form, answer))
-        for (word, array, shape), value in zip(
-            places, _values(kind, words, answer), strict=True
-        ):
-            if (
-                type(value) is ndarray
-                and value.shape == shape
-                and value.dtype.kind == "f"
-            ):
-                array[row] = value
-            else:
-                array[row] = _converted(form, word, value, shape)
-
-    return put
-
-
-def faults(form: Form, filter: Filter, arrays: list[Array]) -> tuple[int, str] | None:
-    """First row at which answers break a rule, and what is wrong there, in words."""
-    found = [
-        each
-        for word, array, shape in zip(form.words, arrays, form.shapes, strict=True)
-        if (each := _first_fault(filter, word, array, shape)) is not None
-    ]
-    return min(found, default=None)
-
-
-def _first_fault(
-    filter: Filter, word: str, array: Float[Array, "..."], shape: tuple[int, ...]
-) -> tuple[int, str] | None:
-    """First bad row of one word, whose rows may hold a batch of trials each."""
-    own = _own(filter, word)
-    each = array.reshape(-1, *shape[len(shape) - own :])
-    sound = _sound(filter, word, each)
-    if sound.all():
-        return None
-    bad = int(np.argmin(sound))
-    words = _words_of_fault(filter, word, each[bad])
-    return bad // (len(each) // len(array)), f"{filter.name} returned {words}"
-
-
-def _own(filter: Filter, word: str) -> int:
-    """Axes of one word of one trial."""
-    if word == "attitude":
-        return len(tail(filter.components))
-    return 2 if word.endswith("covariance") else 1
-
-
-def _sound(filter: Filter, word: str, each: Float[Array, "n ..."]) -> Bool[Mask, " n"]:
-    if word == "attitude":
-        return sound_rows(each, filter.components)
-    if word.endswith("covariance"):
-        return sound_covariances(each)
-    return finite_rows(each)
-
-
-def sound_covariances(each: Float[Array, "n p p"]) -> Bool[Mask, " n"]:
-    """Which are finite, symmetric and positive, the first three definitely so.
-
-    What is known exactly has a row of zeros, as the bias of a gyroscope without one.
-    """
-    with np.errstate(invalid="ignore", over="ignore"):
-        variances = np.diagonal(each, axis1=1, axis2=2)
-        std = np.sqrt(np.maximum(variances, 0.0))
-        size = std[:, :, None] * std[:, None, :]
-        skew = np.abs(each - each.swapaxes(1, 2)) <= ASYMMETRY * size
-        sound: Mask = np.logical_and(skew.all((1, 2)), finite_rows(each))
-        sound &= (variances >= 0.0).all(axis=1) & (variances[:, :3] > 0.0).all(axis=1)
-    if sound.all():
-        try:
-            np.linalg.cholesky(each)
-        except np.linalg.LinAlgError:
-            pass
+    if kind == "mapping":
+        _require_known(filter.name, answer)
+        given = {word: answer[word] for word in ANSWERS if word in answer}
+    else:
+        values = answer if kind == "pair" else (answer,)
+        given = dict(zip(ANSWERS, values, strict=False))
+    shapes = {}
+    for word in given:
+        if word == "attitude":
+            own = tail(filter.components)
+        elif word in ("bias", "innovation"):
+            own = (3 if word == "bias" else max(_size(filter.name, word, given), 1),)
+        elif word == "covariance":  # of an attitude at the least
+            own = (max(_size(filter.name, word, given), 3),) * 2
         else:
-            return sound
-    safe = np.where(size > 0.0, size, 1.0)
-    with np.errstate(invalid="ignore", over="ignore"):
-        scaled = np.where(sound[:, None, None], each / safe, np.eye(each.shape[-1]))
-    least: Mask = np.linalg.eigvalsh(scaled)[:, 0] >= NEGATIVE
-    definite: Mask = np.linalg.eigvalsh(scaled[:, :3, :3])[:, 0] > 0.0
-    return sound & least & definite
-
-
-def _words_of_fault(filter: Filter, word: str, value: Float[Array, "..."]) -> str:
-    what = f"`{word}`"
-    if not np.isfinite(value).all():
-        first = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
-        number = value[first]
-        return f"{what} with {number} at {list(first)}; every number must be finite"
-    if word == "attitude":
-        words = fault_of(value[None], filter.components)
-        return words.replace(" in row 0", "").replace("; every one", "; each")
-    apart = float(np.abs(value - value.T).max() / np.abs(value).max(initial=1e-300))
-    if apart > ASYMMETRY:
-        return (
-            f"{what} that is not symmetric, by {apart:.2g} of its greatest entry; "
-            "update it symmetrically, or return (P + P.T) / 2"
-        )
-    least = float(np.linalg.eigvalsh((value + value.T) / 2.0)[0])
-    return (
-        f"{what} that is not positive definite: its least eigenvalue is {least:.3g}; "
-        "a variance is above zero in each direction (Joseph's form keeps it so)"
-    )
+            own = (_size(filter.name, "innovation", given),) * 2
+        shapes[word] = (*lead, *own)
+    return Form(filter, lead, kind, shapes)
 
 
 def _kind(answer: Any) -> str:
@@ -590,11 +570,8 @@ def _kind(answer: Any) -> str:
     return "mapping" if mapping else "attitude"
 
 
-def _words(name: str, kind: str, answer: Any) -> tuple[str, ...]:
-    if kind != "mapping":
-        return ANSWERS[:1] if kind == "attitude" else ANSWERS[:2]
-    unknown = [word for word in answer if word not in ANSWERS]
-    if unknown or "attitude" not in answer:
+def _require_known(name: str, answer: Mapping[str, Any]) -> None:
+    if "attitude" not in answer or not set(answer) <= set(ANSWERS):
         given, known = ", ".join(map(repr, answer)), ", ".join(map(repr, ANSWERS))
         msg = (
             f"{name} returned a mapping of {given or 'nothing'}; it must have "
@@ -607,80 +584,13 @@ def _words(name: str, kind: str, answer: Any) -> tuple[str, ...]:
             "return both, or neither"
         )
         raise PluginError(msg)
-    return tuple(word for word in ANSWERS if word in answer)
 
 
-def _values(kind: str, words: tuple[str, ...], answer: Any) -> tuple[Any, ...]:
-    if kind == "attitude":
-        return (answer,)
-    return answer if kind == "pair" else tuple(answer.get(word) for word in words)
-
-
-def _shape(
-    filter: Filter, word: str, given: Mapping[str, Any], lead: tuple[int, ...]
-) -> tuple[int, ...]:
-    """Shape that a word has in each answer, after the first."""
-    if word == "attitude":
-        return (*lead, *tail(filter.components))
-    if word == "bias":
-        return (*lead, 3)
-    last = _last_axis(filter.name, word, given[word])
-    if word == "innovation":
-        return (*lead, max(last, 1))
-    if word == "innovation_covariance":
-        last = _last_axis(filter.name, "innovation", given["innovation"])
-    else:
-        last = max(last, 3)  # of an attitude at the least
-    return (*lead, last, last)
-
-
-def _last_axis(name: str, word: str, value: Any) -> int:
+def _size(name: str, word: str, given: Mapping[str, Any]) -> int:
+    """Length of the last axis of a word."""
     try:
-        shape = np.shape(value)
+        shape = np.shape(given[word])
     except Exception as error:  # ragged, or whatever a user's object may raise
         msg = f"{name} returned `{word}` that is not an array ({message_of(error)})"
         raise PluginError(msg) from None
     return shape[-1] if shape else 0
-
-
-def _converted(form: Form, word: str, value: Any, shape: tuple[int, ...]) -> Any:
-    """Numbers that are no array of doubles; a plain list of floats is quick."""
-    if (
-        type(value) in (list, tuple)
-        and (len(value),) == shape
-        and set(map(type, value)) == {float}
-    ):
-        return value
-    if form.kind == "attitude" and (value is None or _kind(value) != form.kind):
-        raise PluginError(_changed(form, value))
-    try:
-        return array_of(form.name, word, value, shape)
-    except PluginError as error:
-        msg = f"{error}{_other_attitude(value, shape)}"
-        raise PluginError(msg) from None
-
-
-def _other_attitude(value: Any, shape: tuple[int, ...]) -> str:
-    """What to declare where the shape is that of another form of attitude."""
-    found = getattr(value, "shape", ())
-    if shape[-1:] == (4,) and found[-2:] == (3, 3):
-        return ', or declare components="matrix"'
-    if shape[-2:] == (3, 3) and found[-1:] == (4,):
-        return ", or declare the order of the `components`"
-    return ""
-
-
-def _changed(form: Form, answer: Any) -> str:
-    kind = _kind(answer)
-    if answer is None:
-        now = "nothing (None)"
-    elif kind == "mapping":
-        now = f"a mapping of {', '.join(map(repr, answer)) or 'nothing'}"
-    else:
-        now = "a pair" if kind == "pair" else f"one {type(answer).__name__}"
-    article = {"attitude": "an attitude", "pair": "a pair of attitude and covariance"}
-    first = article.get(form.kind, f"a mapping of {', '.join(map(repr, form.words))}")
-    return (
-        f"{form.name} returned {now}; it must answer each row, and as it answered the "
-        f"first: {first}"
-    )

@@ -57,7 +57,7 @@ from simval.geometry import (
     conjugate,
     normalize,
 )
-from simval.plugins.answers import Form, called, ended, faults, form_of, storing
+from simval.plugins.answers import Form, called, ended, form_of
 from simval.plugins.attitudes import WORLD_AXES, package_quaternion
 from simval.plugins.child import where_it_lives
 from simval.plugins.protocol import Filter
@@ -288,7 +288,7 @@ def stepped(
         form, arrays = stretch.form, stretch.arrays
         _require_unchanged(filter, readings, rows, columns)
         assert form is not None
-        if fault := faults(form, filter, arrays):
+        if fault := form.fault(arrays):
             row, words = fault
             msg = f"{words}, {place(readings, first + row)}"
             raise PluginError(msg)
@@ -297,7 +297,7 @@ def stepped(
     assert form is not None
     whole = [np.concatenate(each) for each in zip(*found, strict=True)]
     return Run(
-        words=dict(zip(form.words, whole, strict=True)),
+        words=dict(zip(form.shapes, whole, strict=True)),
         rows=np.diff(edges),
         seconds=np.array([seconds for seconds, _ in times]),
         processor=np.array([seconds for _, seconds in times]),
@@ -345,8 +345,8 @@ class _Stretch:
         return float(wall), float(processor)
 
     def _puts(self, form: Form, count: int) -> Callable[[int, Any], None]:
-        self.arrays = [np.empty((count, *shape)) for shape in form.shapes]
-        return storing(form, self.arrays)
+        self.arrays = [np.empty((count, *s)) for s in form.shapes.values()]
+        return form.storing(self.arrays)
 
 
 def _require_unchanged(

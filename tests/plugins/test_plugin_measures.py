@@ -379,7 +379,7 @@ def test_the_documented_scenes_are_judged_as_documented(tmp_path):
 @pytest.mark.parametrize("shape", [(), (3,), (3, 3)])
 def test_an_answer_stands_rows_first_in_its_own_shape(shape):
     given = np.asarray(np.arange(float(np.prod(shape))).reshape(shape), order="F")
-    read = answers.array_of("mine", "x", given, shape)
+    read = answers.numbers("mine", "x", given, shape)
     assert read.shape == shape
     assert read.flags.c_contiguous
     assert np.array_equal(read, given)
