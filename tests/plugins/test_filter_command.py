@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from filters_that_are_wrong import Rate, declared
 from sound_filters import tumbling
+from zoo import Rate, filtering
 
 from simval.errors import (
     CrashedPluginError,
@@ -141,7 +141,7 @@ def opened():
 
 def test_a_program_answers_as_a_filter_of_python(program):
     found = run_filter(program("right"), GIVEN, KEEP, "NWU")
-    own = run_filter(declared(Rate), GIVEN, KEEP, "NWU")
+    own = run_filter(filtering(Rate), GIVEN, KEEP, "NWU")
     # written with 17 digits, which are exact, and composed in the same order
     np.testing.assert_allclose(found.attitude, own.attitude, rtol=0, atol=1e-14)
     assert found.covariance is None

@@ -8,13 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rows_by_name
-from garbage_estimators import (
-    IDENTITY,
-    about_x,
-    off,
-    raising_at_yaw,
-    where,
-)
+from zoo import IDENTITY, raising_at_yaw, where
 
 from simval.attitude import two_vector_quaternion
 from simval.attitude.comparators import ESTIMATORS, davenport, triad
@@ -104,10 +98,6 @@ def test_what_fails_at_a_class_fails_by_its_row(plugin, classes):
     shown = {str(row.statistic): row.value for row in known if row.check == "record"}
     assert all(shown[f"failures[{name}]"] > 0.0 for name in classes)
     assert len(MAY_FAIL) == len(CLASSES) - 1
-
-
-def quadratic(q, *v):
-    return about_x(q, 0.3 * off(*v) ** 2)
 
 
 KINDS = {

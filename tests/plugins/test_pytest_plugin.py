@@ -15,113 +15,108 @@ from simval.check import check_function, told  # noqa: F401
 pytest_plugins = ["pytester"]
 
 PAGE = (ROOT / "docs" / "plugins.md").read_text(encoding="utf-8")
+HEAD = """
+import numpy as np
+from simval.attitude.comparators import davenport
+QUICK = {'components': 'xyzs', 'matrix': 'passive', 'name': 'mine'}
+QUICK |= {'noise_std': 0.05, 'samples': 1024}
+"""
+INSIDE = ("Traceback", "pytest_plugin", "During handling", "simval/", "def _judge")
 
 
 @pytest.fixture
-def ended(pytester):
-    """Run pytest, in this process, on some tests of a user."""
+def judged(pytester):
+    """Run pytest, in this process, on a user's test of some lines; gives what it says.
 
-    def run(text, *words):
-        pytester.makepyfile(text)
-        return pytester.runpytest_inprocess(*words, "-p", "no:cacheprovider")
+    A test that passes says nothing that is looked at.
+    """
+
+    def run(*lines, fixture="simval_estimator", words=(), passed=0):
+        body = "".join(f"    {line}\n" for line in lines)
+        pytester.makepyfile(f"{HEAD}\ndef test_mine({fixture}):\n{body}")
+        ended = pytester.runpytest_inprocess(*words, "-p", "no:cacheprovider")
+        ended.assert_outcomes(passed=passed, failed=1 - passed)
+        said = str(ended.stdout)
+        assert passed or not any(inside in said for inside in INSIDE)
+        return said
 
     return run
 
 
 @pytest.mark.ci
-def test_the_page_keeps_its_word(ended):
+def test_the_page_keeps_its_word(pytester):
     text = PAGE.partition("## In your test suite")[2]
     block = re.search(r"```python\n(.*?)```", text, re.DOTALL)[1]
-    lines = [line for line in block.splitlines() if line.strip()]
-    assert len(lines) <= 10
-    ended(block).assert_outcomes(passed=1)
-
-
-HEAD = """
-import numpy as np
-from simval.attitude.comparators import davenport
-"""
-WORDS = 'components="xyzs", matrix="passive", noise_std=0.05, samples=1024'
+    assert len([line for line in block.splitlines() if line.strip()]) <= 10
+    pytester.makepyfile(block)
+    ended = pytester.runpytest_inprocess("-p", "no:cacheprovider")
+    ended.assert_outcomes(passed=1)
 
 
 @pytest.mark.ci
-def test_a_failure_is_the_gates_message_alone(ended):
-    result = ended(
-        HEAD
-        + "def test_mine(simval_estimator):\n"
-        + "    known = np.sin(np.pi / 2)\n"  # a closure: in no file by itself
-        + "    def mine(*v):\n"
-        + "        q = davenport(*v)\n"
-        + "        return np.where(np.abs(q[:, 1:2]) > known - 1e-12, np.nan, q)\n"
-        + f"    simval_estimator(mine, {WORDS})\n"
+def test_a_failure_is_the_gates_message_alone(judged):
+    said = judged(
+        "known = np.sin(np.pi / 2)",  # a closure: in no file by itself
+        "def mine(*v):",
+        "    q = davenport(*v)",
+        "    return np.where(np.abs(q[:, 1:2]) > known - 1e-12, np.nan, q)",
+        "simval_estimator(mine, **QUICK)",
     )
-    result.assert_outcomes(failed=1)
-    said = str(result.stdout)
     assert "mine, estimator: FAIL" in said
     assert "  fails at  half turns about y 100.0%" in said
     assert "failures[half turns about y] against truth" in said
     assert "FAIL: of 34 checks against theory, 1 failed; false-alarm rate" in said
-    assert "FAILED test_a_failure_is_the_gates_message_alone.py::test_mine - " in said
-    for inside in ("Traceback", "pytest_plugin", "simval/check", "def _judge", ">   "):
-        assert inside not in said
+    assert re.search(r"FAILED test_\w+\.py::test_mine - ", said)
+    assert ">   " not in said
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("kind", "call", "words"),
     [
-        (f"simval_estimator(lambda *v: 1 / 0, {WORDS})", "ZeroDivisionError: division"),
-        (f"simval_estimator(lambda *v: exit(3), {WORDS})", "raised SystemExit: 3"),
-        (f"simval_estimator(lambda *v: None, {WORDS})", "as NoneType of shape ()"),
+        ("estimator", "lambda *v: 1 / 0, **QUICK", "ZeroDivisionError: division"),
+        ("estimator", "lambda *v: exit(3), **QUICK", "raised SystemExit: 3"),
+        ("estimator", "lambda *v: None, **QUICK", "as NoneType of shape ()"),
         (
-            'simval_estimator(davenport, components="xyzs", matrix="active")',
+            "estimator",
+            "davenport, **QUICK | {'matrix': 'active'}",
             'declare components="xyzs", matrix="passive" instead',
         ),
-        ("simval_estimator(davenport)", "cannot be used as it is declared"),
-        (f"simval_estimator(davenport, {WORDS}, tolerance=1)", "`tolerance` is no key"),
-        (
-            "simval_calibrator(lambda poses, g: (np.eye(3), np.zeros(3)))",
-            "the worst is",
-        ),
-        ("simval_calibrator(None)", "`calibrate` is None; it must be a function"),
+        ("estimator", "davenport", "cannot be used as it is declared"),
+        ("estimator", "davenport, **QUICK, tolerance=1", "`tolerance` is no key"),
+        ("calibrator", "lambda poses, g: (np.eye(3), np.zeros(3))", "the worst is"),
+        ("calibrator", "None", "`calibrate` is None; it must be a function"),
     ],
 )
-def test_what_cannot_be_judged_fails_in_words(ended, call, words):
-    fixture = call.partition("(")[0]
-    result = ended(f"{HEAD}\ndef test_mine({fixture}):\n    {call}\n")
-    result.assert_outcomes(failed=1)
-    said = str(result.stdout)
-    assert words in said
-    for inside in ("Traceback", "pytest_plugin", "During handling", "simval/"):
-        assert inside not in said
+def test_what_cannot_be_judged_fails_in_words(judged, kind, call, words):
+    fixture = f"simval_{kind}"
+    assert words in judged(f"{fixture}({call})", fixture=fixture)
 
 
-def test_the_users_own_line_is_shown_where_it_raises(ended):
-    result = ended(
-        f"{HEAD}\ndef inner(v):\n    return v[0] @ np.eye(7)\n\n"
-        f"def test_mine(simval_estimator):\n"
-        f"    simval_estimator(lambda *v: inner(v), {WORDS})\n"
+def test_the_users_own_line_is_shown_where_it_raises(judged):
+    said = judged(
+        "def inner(v):",
+        "    return v[0] @ np.eye(7)",
+        "simval_estimator(lambda *v: inner(v), **QUICK)",
     )
-    said = str(result.stdout)
     assert "in inner" in said
     assert "return v[0] @ np.eye(7)" in said
     assert "raised ValueError: matmul" in said
 
 
 @pytest.mark.ci
-def test_settings_of_a_test_do_not_change_the_answer(ended):
+def test_settings_of_a_test_do_not_change_the_answer(judged):
     # a warning of the function, where warnings are errors; state of NumPy
-    text = (
-        HEAD
-        + "def test_mine(simval_estimator):\n"
-        + "    before = np.seterr(all='raise')\n"
-        + "    def mine(*v):\n"
-        + "        np.ones(1) / np.zeros(1)\n"
-        + "        return davenport(*v)\n"
-        + f"    simval_estimator(mine, {WORDS})\n"
-        + "    assert np.geterr()['over'] == 'raise'\n"
-        + "    np.seterr(**before)\n"
+    judged(
+        "before = np.seterr(all='raise')",
+        "def mine(*v):",
+        "    np.ones(1) / np.zeros(1)",
+        "    return davenport(*v)",
+        "simval_estimator(mine, **QUICK)",
+        "assert np.geterr()['over'] == 'raise'",
+        "np.seterr(**before)",
+        words=("-W", "error::RuntimeWarning"),
+        passed=1,
     )
-    ended(text, "-W", "error::RuntimeWarning").assert_outcomes(passed=1)
 
 
 def collected(folder, *words):
@@ -149,19 +144,15 @@ def test_it_imports_nothing_until_it_is_asked(tmp_path):
     assert beside - ours <= {"typing"}
 
 
-MINE = (
-    f"{HEAD}\nQUICK = dict({WORDS}, name='mine')\n\ndef test_mine(simval_estimator):\n"
-)
-
-
 @pytest.mark.ci
-def test_a_test_gets_what_was_measured_and_has_limits_of_its_own(ended):
+def test_a_test_gets_what_was_measured_and_has_limits_of_its_own(judged):
     kept = ["rms < 1.1 bounds", "efficiency > 0.9", "bias[x] < 1e-1 rad"]
-    ended(
-        f"{MINE}    found = simval_estimator(davenport, **QUICK, limits={kept})\n"
-        "    rows = {str(row.statistic): row for row in found.cells[0].rows}\n"
-        "    assert 0.9 < rows['efficiency'].value < 1.1\n"
-    ).assert_outcomes(passed=1)
+    judged(
+        f"found = simval_estimator(davenport, **QUICK, limits={kept})",
+        "rows = {str(row.statistic): row for row in found.cells[0].rows}",
+        "assert 0.9 < rows['efficiency'].value < 1.1",
+        passed=1,
+    )
     for limit, words in (
         ("rms < 0.5 bounds", "FAIL: limit rms < 0.5 bounds: rms is 0.97"),
         ("efficiency > 2", "FAIL: limit efficiency > 2: efficiency"),
@@ -170,35 +161,48 @@ def test_a_test_gets_what_was_measured_and_has_limits_of_its_own(ended):
         ("rms < 2 s", "limit 'rms < 2 s': rms is in rad"),
         ("rms is small", "limit 'rms is small' cannot be read; it must be a statistic"),
     ):
-        result = ended(
-            f"{MINE}    simval_estimator(davenport, **QUICK, limits=[{limit!r}])\n"
+        assert words in judged(
+            f"simval_estimator(davenport, **QUICK, limits=[{limit!r}])"
         )
-        result.assert_outcomes(failed=1)
-        assert words in str(result.stdout)
-        assert "Traceback" not in str(result.stdout)
 
 
 @pytest.mark.ci
-def test_a_test_has_a_baseline_of_its_own(ended):
-    def mine(factor):
-        return (
-            f"{MINE}    def spoilt(b1, b2, r1, r2):\n"
-            f"        return davenport(b1, {factor} * b2, r1, r2)\n"
-            "    simval_estimator(spoilt, **QUICK, baseline='mine.json')\n"
-        )
+def test_a_test_has_a_baseline_of_its_own(judged):
+    def mine(factor, words=(), passed=0):
+        return judged(
+            "def spoilt(b1, b2, r1, r2):",
+            f"    return davenport(b1, {factor} * b2, r1, r2)",
+            "simval_estimator(spoilt, **QUICK, baseline='mine.json')",
+            words=words,
+            passed=passed,
+        ).replace("\n", " ")
 
-    result = ended(mine(1.0))
-    result.assert_outcomes(failed=1)
-    assert "there is no baseline mine.json; check its name, or write one with " in (
-        str(result.stdout).replace("\n", " ")
-    )
     why = ("--simval-update-baseline", "first")
-    ended(mine(1.0), *why).assert_outcomes(passed=1)
-    ended(mine(1.0)).assert_outcomes(passed=1)
-    # another weight: as right as before, and not what it was
-    result = ended(mine(1.1))
-    result.assert_outcomes(failed=1)
-    assert "FAIL" in str(result.stdout)
-    assert "rms" in str(result.stdout)
-    ended(mine(1.1), *why).assert_outcomes(passed=1)
-    ended(mine(1.1)).assert_outcomes(passed=1)
+    missing = "there is no baseline mine.json; check its name, or write one with "
+    assert missing in mine(1.0)
+    mine(1.0, why, passed=1)
+    mine(1.0, passed=1)
+    said = mine(1.1)  # another weight: as right as before, and not what it was
+    assert "FAIL" in said
+    assert "rms" in said
+    mine(1.1, why, passed=1)
+    mine(1.1, passed=1)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("start", [1.0, 1 / 3])
+def test_the_fixture_judges_a_filter(judged, start):
+    said = judged(
+        "from simval.plugins import Filter, find_plugin",
+        "own = find_plugin('simval:mekf', Filter)",
+        "def make(**reads):",
+        f"    reads['start_std'] *= {start}",
+        "    return own.make(**reads)",
+        "names = 'components', 'matrix', 'world', 'side', 'accelerometer', 'reads'",
+        "declared = {name: getattr(own, name) for name in (*names, 'batch')}",
+        "short = {'rate': 50.0, 'seconds': 4.0, 'trials': 256}",
+        "simval_filter(make, **declared, scenario='gimbal slow', **short)",
+        fixture="simval_filter",
+        passed=int(start == 1.0),
+    )
+    assert ("make, filter: FAIL" in said) == (start < 1.0)
