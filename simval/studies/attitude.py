@@ -21,8 +21,9 @@ exact answer are held to it to rounding, and what each truncated formula misses 
 reported.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -63,6 +64,7 @@ from simval.statistics import (
 from simval.streams import Streams
 from simval.studies.refusing import LEAST_NOISE
 from simval.studies.study import Cost, StudyParameters
+from simval.studies.trials import root
 from simval.theory.attitude import (
     RANGE,
     AttitudeMoments,
@@ -73,6 +75,11 @@ from simval.theory.expansion import (
     predicted_defect,
     unit_length_defect,
     unit_length_rounding,
+)
+from simval.theory.two_vector import (
+    noise_covariances,
+    tangent_covariances,
+    true_vectors,
 )
 from simval.units import DEGREE_OF_QUATERNION
 
@@ -88,17 +95,22 @@ CONTROLLED = 16
 """Chosen for its cost: the standard error of the pairs is of the next order anyway."""
 CONTROL_STREAM = 1
 COMPONENTS = ("x", "y", "z", "s")
-PREDICTORS: tuple[tuple[int | str, str], ...] = (
-    (2, ORDER_2),
-    ("4-paper", ORDER_4_SOURCE),
-    (4, ORDER_4),
-    ("exact", EXACT),
-)
+PREDICTORS: dict[int | str, str] = {
+    2: ORDER_2,
+    "4-paper": ORDER_4_SOURCE,
+    4: ORDER_4,
+    "exact": EXACT,
+}
+FORMULAS = {order: label for order, label in PREDICTORS.items() if order != "exact"}
 _UPPER = np.triu_indices(4)
-_BIAS = BIAS.each(COMPONENTS)
-_COVARIANCE = tuple(
-    COVARIANCE(COMPONENTS[i], COMPONENTS[j]) for i, j in zip(*_UPPER, strict=True)
+ENTRIES = (
+    *BIAS.each(COMPONENTS),
+    *(COVARIANCE(COMPONENTS[i], COMPONENTS[j]) for i, j in zip(*_UPPER, strict=True)),
 )
+
+Truth = tuple[Float[Array, "4"], Float[Array, "3"], Float[Array, "3"]]
+"""Quaternion and reference vectors."""
+Noise = Literal["isotropic", "tangent", "full"]
 
 
 class Parameters(StudyParameters):
@@ -119,16 +131,28 @@ class Parameters(StudyParameters):
         return Cost(0.05 + 5e-8 * self.samples, 97)
 
 
-def random_geometry(
-    number: int,
-) -> tuple[Float[Array, "4"], Float[Array, "3"], Float[Array, "3"]]:
+def random_geometry(number: int) -> Truth:
     """True quaternion and reference vectors of a numbered geometry."""
     rng = np.random.default_rng(number)
-    return (
-        normalize(rng.standard_normal(4)),
-        normalize(rng.standard_normal(3)),
-        normalize(rng.standard_normal(3)),
-    )
+    q, r1, r2 = (normalize(rng.standard_normal(k)) for k in (4, 3, 3))
+    return q, r1, r2
+
+
+def noise_shapes(
+    kind: Noise, number: int, truth: Truth, each: bool = False
+) -> Float[Array, "4 3 3"]:
+    """Covariances of the four vectors of a numbered geometry.
+
+    The greatest eigenvalue is 1: of all of them, or of each.
+    """
+    if kind == "isotropic":
+        return noise_covariances(1.0)
+    if kind == "tangent":
+        return tangent_covariances(true_vectors(*truth)[1], 1.0)
+    factor = np.random.default_rng([number, 1]).standard_normal((4, 3, 3))
+    full = factor @ factor.swapaxes(1, 2)
+    size = np.linalg.eigvalsh(full)[:, -1]
+    return np.asarray(full / (size[:, None, None] if each else size.max()))
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
@@ -137,7 +161,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     sigma = parameters.noise_std
     predictions = {
         label: attitude_moments(q, r1, r2, sigma, order=order)
-        for order, label in PREDICTORS
+        for order, label in PREDICTORS.items()
     }
     exact = predictions[EXACT]
     A = attitude_matrix(q)
@@ -169,112 +193,79 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     )
     # rank 3: the quaternion has unit length, and the fourth direction is rounding
     weight = np.linalg.pinv(predictions[ORDER_2].covariance, rcond=1e-8)
-    square, error = mean_square(sums, weight)
     expected = float(np.sum(weight * exact.second_moment))
     return Outcome(
         rows=(
             *unjudged(NORM_OVER_NOISE(), exact.norm / sigma),
             *_moment_rows(measured, predictions, float(exact.norm) / sigma >= RANGE),
-            *_control_rows(controlled, exact),
-            *_rms_rows(mean_square(sums, np.eye(4)), measured.samples, predictions),
-            *nees(NEES(), square, error, measured.samples, expected, EXACT),
-            *_unit_rows(mean_square(sums, np.eye(4))[0], measured, predictions),
+            *control(
+                [statistic.control for statistic in ENTRIES],
+                *_entries(controlled), controlled.samples, _entries(exact)[0], EXACT,
+            ),
+            *_rms_rows(sums, predictions),
+            *nees(NEES(), *mean_square(sums, weight), sums.samples, expected, EXACT),
+            *_unit_rows(sums, predictions),
             *_size_rows(sums, sigma, predictions),
         )
-    )
-
-
-def _unit_rows(
-    square: float, measured: Moments, predictions: dict[str, AttitudeMoments]
-) -> list[Row]:
-    """How well samples and predictions hold to the unit length of the estimate."""
-    q = predictions[EXACT].q_true
-    defect = unit_length_defect(square, float(q @ measured.bias))
-    rows = list(
-        limit(
-            UNIT_LENGTH("simulated"), abs(defect), unit_length_rounding(square),
-            ROUNDING, measured.samples,
-        )
     )  # fmt: skip
-    for label, predicted in predictions.items():
-        off = abs(predicted_defect(predicted, q))
-        if label == EXACT:
-            most = unit_length_rounding(float(np.trace(predicted.second_moment)))
-            rows += limit(UNIT_LENGTH(label), off, most, ROUNDING)
-        else:
-            rows += unjudged(UNIT_LENGTH(label), off)
-    return rows
+
+
+def _entries(moments: Moments) -> tuple[Float[Array, "14"], Float[Array, "14"]]:
+    """Bias and covariance of some moments in one row, and their standard errors."""
+    values = moments.bias, moments.covariance[_UPPER]
+    errors = moments.bias_error, moments.covariance_error[_UPPER]
+    return np.concatenate(values), np.concatenate(errors)
 
 
 def _moment_rows(
     measured: Moments, predictions: dict[str, AttitudeMoments], inside: bool
-) -> list[Row]:
-    remainders = expansion_remainders({o: predictions[k] for o, k in PREDICTORS})
-    n, covariance = measured.samples, measured.covariance[_UPPER]
-    error = measured.covariance_error[_UPPER]
-    rows: list[Row] = []
-    for order, label in PREDICTORS:
-        predicted, left = predictions[label], remainders[order]
+) -> Iterator[Row]:
+    left = expansion_remainders({o: predictions[k] for o, k in PREDICTORS.items()})
+    for order, label in PREDICTORS.items():
         judged = label == EXACT or (inside and label != ORDER_4_SOURCE)
-        write = plain if judged else unjudged
-        rows += write(
-            _BIAS, measured.bias, measured.bias_error, n, predicted.bias, label,
-            left.bias,
+        remainder = np.repeat([left[order].bias, left[order].covariance], (4, 10))
+        yield from (plain if judged else unjudged)(
+            ENTRIES, *_entries(measured), measured.samples,
+            _entries(predictions[label])[0], label, remainder,
         )  # fmt: skip
-        rows += write(
-            _COVARIANCE, covariance, error, n, predicted.covariance[_UPPER], label,
-            left.covariance,
-        )  # fmt: skip
-    return rows
 
 
-def _control_rows(controlled: Moments, exact: AttitudeMoments) -> tuple[Row, ...]:
-    """Bias and covariance under the Taylor control variate, beside the exact ones."""
-
-    def flat(
-        bias: Float[Array, "4"], covariance: Float[Array, "4 4"]
-    ) -> Float[Array, "14"]:
-        return np.concatenate([bias, covariance[_UPPER]])
-
-    return control(
-        [statistic.control for statistic in _BIAS + _COVARIANCE],
-        flat(controlled.bias, controlled.covariance),
-        flat(controlled.bias_error, controlled.covariance_error),
-        controlled.samples,
-        flat(exact.bias, exact.covariance),
-        EXACT,
-    )
-
-
-def _rms_rows(
-    mean: tuple[float, float], samples: int, predictions: dict[str, AttitudeMoments]
-) -> list[Row]:
+def _rms_rows(sums: Sums, predictions: dict[str, AttitudeMoments]) -> Iterator[Row]:
     """Length of the error's RMS and mean: what the report draws over the noise."""
-    rms = float(np.sqrt(mean[0]))
-    rows: list[Row] = []
+    found = root(*mean_square(sums, np.eye(4)))
     for label, predicted in predictions.items():
         expected = float(np.sqrt(np.trace(predicted.second_moment)))
-        rows += unjudged(RMS(), rms, mean[1] / (2 * rms), samples, expected, label)
-    return rows
+        yield from unjudged(RMS(), *found, sums.samples, expected, label)
+
+
+def _unit_rows(sums: Sums, predictions: dict[str, AttitudeMoments]) -> Iterator[Row]:
+    """How well samples and predictions hold to the unit length of the estimate."""
+    q, square = predictions[EXACT].q_true, mean_square(sums, np.eye(4))[0]
+    off = abs(unit_length_defect(square, float(q @ moments_of(sums).bias)))
+    most = unit_length_rounding(square)
+    yield from limit(UNIT_LENGTH("simulated"), off, most, ROUNDING, sums.samples)
+    for label, predicted in predictions.items():
+        off = abs(predicted_defect(predicted, q))
+        if label == EXACT:
+            most = unit_length_rounding(float(np.trace(predicted.second_moment)))
+            yield from limit(UNIT_LENGTH(label), off, most, ROUNDING)
+        else:
+            yield from unjudged(UNIT_LENGTH(label), off)
 
 
 def _size_rows(
     sums: Sums, sigma: float, predictions: dict[str, AttitudeMoments]
-) -> list[Row]:
+) -> Iterator[Row]:
     """One size of bias and covariance, and of what each formula leaves out of it.
 
     The size is the projection on the exact moment, whose entries are judged one by one.
     """
-    exact = predictions[EXACT]
+    exact, n = predictions[EXACT], sums.samples
     square, spread = mean_square(sums, np.eye(4))
     rms, expected = np.sqrt(square) / sigma, np.sqrt(np.trace(exact.second_moment))
-    rows = [
-        *unjudged(NORM(), exact.norm),
-        *unjudged(
-            RMS_OVER_NOISE(), rms, spread / (2 * rms * sigma**2), sums.samples,
-            expected / sigma, EXACT,
-        ),
-    ]  # fmt: skip
+    error = spread / (2 * rms * sigma**2)
+    yield from unjudged(NORM(), exact.norm)
+    yield from unjudged(RMS_OVER_NOISE(), rms, error, n, expected / sigma, EXACT)
     for part, family in (("bias", BIAS_ALONG), ("covariance", COVARIANCE_ALONG)):
         moment = np.asarray(getattr(exact, part))
         size = float(np.linalg.norm(moment))
@@ -284,11 +275,10 @@ def _size_rows(
         for label, predicted in predictions.items():
             own = np.asarray(getattr(predicted, part))
             projected = float(np.sum(moment / size * own))
-            rows += unjudged(family(), *found, sums.samples, projected, label)
+            yield from unjudged(family(), *found, n, projected, label)
             if label != EXACT:
                 off = float(np.linalg.norm(own - moment)) / size
-                rows += unjudged(LEFT_OUT(part), off, predictor=label)
-    return rows
+                yield from unjudged(LEFT_OUT(part), off, predictor=label)
 
 
 ABOUT = (
@@ -296,7 +286,6 @@ ABOUT = (
     "estimated in one fixed frame, and the error (truth minus estimate) is compared "
     "with what theory says it must be."
 )
-FORMULAS = tuple(label for _, label in PREDICTORS)
 
 
 def _along(row: Row) -> str:
@@ -329,7 +318,7 @@ FIGURES = (
         rows=(COVARIANCE_ALONG, BIAS_ALONG),
         by=EXACT,
         theory="the exact theory",
-        theories=FORMULAS,
+        theories=tuple(PREDICTORS.values()),
         along="noise_std",
         axis=NOISE,
         panels=_along,
@@ -353,7 +342,7 @@ FIGURES = (
         rows=[RMS],
         by=EXACT,
         theory="the exact theory",
-        theories=FORMULAS,
+        theories=tuple(PREDICTORS.values()),
         along="noise_std",
         axis=NOISE,
         panels=lambda row: "attitude",

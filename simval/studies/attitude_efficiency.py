@@ -29,8 +29,10 @@ from simval.statistics import (
     SQUARED_ERROR,
 )
 from simval.streams import Streams
+from simval.studies.attitude import Truth
 from simval.studies.refusing import LEAST_NOISE
 from simval.studies.study import Cost, StudyParameters
+from simval.studies.trials import mean_of
 from simval.theory.attitude import attitude_moments
 from simval.theory.estimators import attitude_bound
 from simval.theory.two_vector import true_vectors
@@ -83,17 +85,16 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Predict and simulate the RMS errors of one cell."""
     # always the same geometries, so that the predicted ratios involve no chance
     rng = np.random.default_rng(parameters.geometries)
-    problems = _geometries(parameters.geometries, rng)
-    predicted = np.array([_predicted(*problem) for problem in problems])
-    names = list(ESTIMATORS)
+    problems = geometries(parameters.geometries, rng)
+    predicted = np.array([predicted_squares(problem) for problem in problems])
     found = np.array(
         [
-            _simulated(*problem, parameters, streams.block(i))
+            _simulated(problem, parameters, streams.block(i))
             for i, problem in enumerate(problems)
         ]
     )
     squares, errors = found[:, 0], found[:, 1]
-    best = names.index("q-method")
+    best = [*ESTIMATORS].index("q-method")
     ratios = np.sqrt(predicted / predicted[:, best, None])
     simulated = np.sqrt(squares / squares[:, best, None])
     relative = errors / squares
@@ -101,17 +102,16 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     error = simulated * np.hypot(relative, relative[:, best, None]) / 2.0
     scaled = found / (predicted * parameters.noise_std**2)[:, None]
     rows: list[Row] = []
-    for k, name in enumerate(names):
-        rows += _ratio_rows(name, ratios[:, k], simulated[:, k], error[:, k])
+    for k, name in enumerate(ESTIMATORS):
+        rows += ratio_rows(name, ratios[:, k], simulated[:, k], error[:, k])
         rows += _scale_row(name, scaled[:, 0, k], scaled[:, 1, k], parameters.trials)
-    artifact = dict(zip(names, simulated.T, strict=True))
+    artifact = dict(zip(ESTIMATORS, simulated.T, strict=True))
     return Outcome(rows=tuple(rows), artifacts={"attitude-efficiency.npz": artifact})
 
 
-def _geometries(
-    count: int, rng: np.random.Generator
-) -> list[tuple[Float[Array, "4"], Float[Array, "3"], Float[Array, "3"]]]:
-    found: list[tuple[Array, Array, Array]] = []
+def geometries(count: int, rng: np.random.Generator) -> list[Truth]:
+    """Random attitudes with vectors that are not too close."""
+    found: list[Truth] = []
     while len(found) < count:
         q = random_quaternions(1, rng)[0]
         r1, r2 = normalize(rng.standard_normal((2, 3)))
@@ -120,43 +120,40 @@ def _geometries(
     return found
 
 
-def _predicted(
-    q: Float[Array, "4"], r1: Float[Array, "3"], r2: Float[Array, "3"]
-) -> list[float]:
-    # mean squared angle for unit noise, in the order of ESTIMATORS; TRIAD has no
-    # prediction here and is set beside the bound
-    bound = float(np.trace(attitude_bound(q, r1, r2, 1.0).rotation))
+def predicted_squares(problem: Truth) -> list[float]:
+    """Mean squared angle of each estimator for unit noise.
+
+    TRIAD has no prediction here and is set beside the bound.
+    """
+    bound = float(np.trace(attitude_bound(*problem, 1.0).rotation))
     combined, best = (
-        4.0 * float(np.trace(attitude_moments(q, r1, r2, 1.0, 2, frame).covariance))
+        4.0 * float(np.trace(attitude_moments(*problem, 1.0, 2, frame).covariance))
         for frame in ("combined", None)
     )
     return [combined, best, bound, bound]
 
 
 def _simulated(
-    q: Float[Array, "4"],
-    r1: Float[Array, "3"],
-    r2: Float[Array, "3"],
-    parameters: Parameters,
-    rng: np.random.Generator,
+    problem: Truth, parameters: Parameters, rng: np.random.Generator
 ) -> tuple[list[float], list[float]]:
     # mean squared angle of each estimator, and its standard error
     noise = rng.standard_normal((4, parameters.trials, 3))
-    vectors = true_vectors(q, r1, r2)[1][:, None] + parameters.noise_std * noise
+    vectors = true_vectors(*problem)[1][:, None] + parameters.noise_std * noise
     squares = [
-        attitude_error(estimator(*vectors), q) ** 2 for estimator in ESTIMATORS.values()
+        np.asarray(attitude_error(estimator(*vectors), problem[0])) ** 2
+        for estimator in ESTIMATORS.values()
     ]
-    means = [float(np.mean(square)) for square in squares]
-    root = np.sqrt(parameters.trials)
-    return means, [float(np.std(square, ddof=1) / root) for square in squares]
+    means, errors, _ = zip(*(mean_of(square) for square in squares), strict=True)
+    return [*means], [*errors]
 
 
-def _ratio_rows(
+def ratio_rows(
     name: str,
     predicted: Float[Array, " n"],
     simulated: Float[Array, " n"],
     error: Float[Array, " n"],
 ) -> list[Row]:
+    """Median and worst of the RMS errors over the q-method's, by theory and drawn."""
     rows: list[Row] = []
     for what, pick, most in (
         ("median", np.median, MEDIAN + SPREAD / np.sqrt(len(predicted))),
@@ -175,20 +172,16 @@ def _ratio_rows(
 
 
 def _scale_row(
-    name: str,
-    squares: Float[Array, " n"],
-    errors: Float[Array, " n"],
-    trials: int,
+    name: str, squares: Float[Array, " n"], errors: Float[Array, " n"], trials: int
 ) -> tuple[Row, ...]:
-    # free selection follows the noise, and TRIAD is not predicted: not judged
-    statistic, n = SQUARED_ERROR(name), len(squares) * trials
-    value = float(np.mean(squares))
     # from the spread of the trials in each geometry: the geometries are fewer, and
     # their spread has fewer degrees of freedom than `verdict.freedom` takes
     error = float(np.sqrt(np.sum(errors**2))) / len(errors)
+    found = SQUARED_ERROR(name), float(np.mean(squares)), error, len(squares) * trials
     if name in ("combined", "q-method"):
-        return plain(statistic, value, error, n, 1.0, FIRST_ORDER, REMAINDER)
-    return unjudged(statistic, value, error, n, predictor=FIRST_ORDER)
+        return plain(*found, 1.0, FIRST_ORDER, REMAINDER)
+    # free selection follows the noise, and TRIAD is not predicted: not judged
+    return unjudged(*found, predictor=FIRST_ORDER)
 
 
 KINDS = {RMS_RATIO: "theory", SIMULATED_RMS_RATIO: "simulated"}

@@ -34,7 +34,7 @@ from simval.statistics import (
     ORDER_4_SOURCE,
 )
 from simval.streams import Streams
-from simval.studies.attitude import random_geometry
+from simval.studies.attitude import Noise, Truth, noise_shapes, random_geometry
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import attitude_moments
 from simval.theory.expansion import (
@@ -44,13 +44,7 @@ from simval.theory.expansion import (
     second_order_bias,
     second_order_covariance,
 )
-from simval.theory.two_vector import (
-    TwoVectorGeometry,
-    noise_covariances,
-    tangent_covariances,
-    true_vectors,
-    two_vector_geometry,
-)
+from simval.theory.two_vector import TwoVectorGeometry, two_vector_geometry
 from simval.units import PERCENT
 
 TITLE = "Geometries: which attitude formula is nearer to the truth, and how often"
@@ -69,8 +63,6 @@ MOST_OFF: Final = 1e-4
 """Relative: the extrapolation leaves out (sigma/|qbar|)^4 = 2e-9 times the term after
 the next, of some thousands; 1e-12 of a covariance, which is (2 |qbar|/sigma)^2 = 1e5
 times the term, is what quadrature may be off by."""
-
-Noise = Literal["isotropic", "tangent", "full"]
 
 
 class Parameters(StudyParameters):
@@ -99,7 +91,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     off = np.zeros(CHECKED)
     numbers = islice(regular_geometries(parameters.frame), parameters.geometries)
     for i, (number, truth, geometry) in enumerate(numbers):
-        noise = _covariances(number, parameters.noise, truth)
+        noise = noise_shapes(parameters.noise, number, truth)
         ratios[i], leading = _leading(geometry, noise)
         if i < CHECKED:
             known = _extrapolated(truth, geometry, noise)
@@ -121,10 +113,6 @@ def artifact_of(named: Mapping[str, Any]) -> str:
     return f"attitude-geometries-{noise}-{frame}-{count}.npz"
 
 
-Truth = tuple[Array, Array, Array]
-"""Quaternion and reference vectors."""
-
-
 def regular_geometries(frame: str) -> Iterator[tuple[int, Truth, TwoVectorGeometry]]:
     """Numbered geometries, without those that are singular for theory."""
     for number in count():
@@ -134,18 +122,6 @@ def regular_geometries(frame: str) -> Iterator[tuple[int, Truth, TwoVectorGeomet
             yield number, (q, r1, r2), two_vector_geometry(q, r1, r2, chosen)
         except GeometryError:
             continue
-
-
-def _covariances(number: int, kind: Noise, truth: Truth) -> Array:
-    # (4, 3, 3), the greatest standard deviation being 1
-    if kind == "isotropic":
-        return noise_covariances(1.0)
-    if kind == "tangent":
-        return tangent_covariances(true_vectors(*truth)[1], 1.0)
-    factor = np.random.default_rng([number, 1]).standard_normal((4, 3, 3))
-    full: Array = factor @ factor.swapaxes(1, 2)
-    scaled: Array = full / np.linalg.eigvalsh(full)[:, -1].max()
-    return scaled
 
 
 def _leading(geometry: TwoVectorGeometry, noise: Array) -> tuple[Array, Array]:

@@ -24,9 +24,9 @@ from simval.statistics import (
     OTHER_SELECTION_RATE,
 )
 from simval.streams import Streams
-from simval.studies.attitude import PREDICTORS
+from simval.studies.attitude import FORMULAS, Truth
+from simval.studies.attitude_map import limits_of
 from simval.studies.study import Cost, StudyParameters
-from simval.theory.attitude import attitude_moments
 from simval.theory.exact import flip_probability
 from simval.theory.two_vector import (
     noise_covariances,
@@ -38,8 +38,6 @@ TITLE = "Limits: the noise at which each attitude formula breaks down"
 SECTION = "closeness"
 
 BLOCK = 4096  # samples; part of the promise of equal bits
-# what counts as off: the percent that a user would see, and the end of any use
-SHARES = {"1%": 0.01, "10%": 0.1}
 RATIOS = np.geomspace(200.0, 1.5, 50)
 """|qbar|/sigma, from where every formula holds to where none does."""
 
@@ -65,9 +63,7 @@ class Parameters(StudyParameters):
         return Cost(0.2 + 6e-7 * self.samples, 20)
 
 
-def geometry_of_norm(
-    norm: float,
-) -> tuple[Float[Array, "4"], Float[Array, "3"], Float[Array, "3"]]:
+def geometry_of_norm(norm: float) -> Truth:
     """An attitude whose plain column has a given length, r1 and r2 at right angles."""
     # e.n = norm with |e| = 0.8: the part of e in the plane of r1 and r2 is the rest
     r1, r2 = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
@@ -77,65 +73,28 @@ def geometry_of_norm(
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Find the limits and count the flips of one cell."""
-    q, r1, r2 = geometry_of_norm(parameters.norm)
-    rows = _limit_rows(q, r1, r2)
+    geometry = geometry_of_norm(parameters.norm)
+    rows: list[Row] = []
+    for (order, *entries), (ratio, _) in limits_of(geometry, RATIOS, "plain").items():
+        if RATIOS[-1] < ratio < RATIOS[0]:
+            label = FORMULAS[order]
+            rows += unjudged(LIMIT_RATIO(*entries), ratio, predictor=label)
     sigma = parameters.norm / parameters.ratio
-    rows += _flip_rows(q, r1, r2, sigma, parameters.samples, streams)
+    rows += _flip_rows(geometry, sigma, parameters.samples, streams)
     return Outcome(rows=tuple(rows))
 
 
-def _limit_rows(
-    q: Float[Array, "4"], r1: Float[Array, "3"], r2: Float[Array, "3"]
-) -> list[Row]:
-    norm = two_vector_geometry(q, r1, r2, "plain").norm
-    exact = [attitude_moments(q, r1, r2, norm / r, "exact", "plain") for r in RATIOS]
-    rows: list[Row] = []
-    for order, label in PREDICTORS:
-        if order == "exact":
-            continue
-        found = [attitude_moments(q, r1, r2, norm / r, order, "plain") for r in RATIOS]
-        for what in ("bias", "covariance"):
-            off = np.array(
-                [
-                    np.linalg.norm(getattr(f, what) - getattr(e, what))
-                    / np.linalg.norm(getattr(e, what))
-                    for f, e in zip(found, exact, strict=True)
-                ]
-            )
-            for share, limit in SHARES.items():
-                ratio = _crossing(off, limit)
-                if ratio is not None:
-                    rows += unjudged(LIMIT_RATIO(what, share), ratio, predictor=label)
-    return rows
-
-
-def _crossing(off: Float[Array, " n"], limit: float) -> float | None:
-    # the first ratio, from above, at which the error reaches the limit; between two
-    # grid points the log of the error is linear in the log of the ratio
-    reached = np.flatnonzero(off >= limit)
-    if reached.size == 0 or reached[0] == 0:
-        return None
-    i = int(reached[0])
-    step = np.log(limit / off[i - 1]) / np.log(off[i] / off[i - 1])
-    return float(RATIOS[i - 1] * (RATIOS[i] / RATIOS[i - 1]) ** step)
-
-
 def _flip_rows(
-    q: Float[Array, "4"],
-    r1: Float[Array, "3"],
-    r2: Float[Array, "3"],
-    sigma: float,
-    samples: int,
-    streams: Streams,
+    truth: Truth, sigma: float, samples: int, streams: Streams
 ) -> tuple[Row, ...]:
-    geometry = two_vector_geometry(q, r1, r2, "plain")
+    geometry = two_vector_geometry(*truth, "plain")
     chance = flip_probability(geometry, noise_covariances(sigma))
-    truth = true_vectors(q, r1, r2)[1].reshape(12, 1)
-    best = int(np.argmax(_norms(truth)[:, 0]))
+    quiet = true_vectors(*truth)[1].reshape(12, 1)
+    best = int(np.argmax(_norms(quiet)[:, 0]))
     blocks = -(-samples // BLOCK)
     flips = changes = 0
     for i in range(blocks):
-        vectors = truth + sigma * streams.block(i).standard_normal((12, BLOCK))
+        vectors = quiet + sigma * streams.block(i).standard_normal((12, BLOCK))
         flips += int(np.sum(geometry.q_true @ raw_quaternion(vectors, "plain") < 0.0))
         changes += int(np.sum(np.argmax(_norms(vectors), axis=0) != best))
     n = blocks * BLOCK

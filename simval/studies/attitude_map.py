@@ -8,7 +8,7 @@ is the geometry itself, through the ratio of one order to the one before,
 quantiles at the same noise are there too.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from itertools import islice
 from typing import Annotated, Any, Final, Literal
 
@@ -21,21 +21,23 @@ from simval.results import Outcome, Row, unjudged
 from simval.shapes import Float
 from simval.statistics import LIMIT_RATIO, NEXT_ORDER
 from simval.streams import Streams
-from simval.studies.attitude import PREDICTORS
-from simval.studies.attitude_geometries import QUANTILES, Truth, regular_geometries
+from simval.studies.attitude import FORMULAS, PREDICTORS, Truth
+from simval.studies.attitude_geometries import QUANTILES, regular_geometries
 from simval.studies.study import Cost, StudyParameters
 from simval.theory.attitude import AttitudeMoments, attitude_moments
 
 TITLE = "Map of the limits: where each attitude formula holds, over many geometries"
 SECTION = "ranges"
 
-SHARES: Final = {"1%": 0.01, "10%": 0.1}  # as of `attitude_limits`
+SHARES: Final = {"1%": 0.01, "10%": 0.1}
+"""What counts as off: the percent that a user would see, and the end of any use."""
 RATIOS: Final = np.geomspace(30.0, 1.2, 26)
 """|qbar|/sigma. Between two of them the log of an error is linear in that of the ratio
 but for its curvature, which moves a limit by less than 1 %."""
 
 PARTS: Final = ("bias", "covariance")
-FORMULAS: Final = {order: label for order, label in PREDICTORS if order != "exact"}
+Limit = tuple[int | str, str, str]
+"""A formula, a moment, and the share by which it is off."""
 
 
 class Parameters(StudyParameters):
@@ -56,15 +58,19 @@ class Parameters(StudyParameters):
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Find the quantiles of one cell."""
     drawn = islice(regular_geometries(parameters.frame), parameters.geometries)
-    limits = [_limits(truth, geometry.frame) for _, truth, geometry in drawn]
+    limits = [limits_of(truth, RATIOS, geometry.frame) for _, truth, geometry in drawn]
     rows: list[Row] = []
     artifact = {"searched": RATIOS[[0, -1]]}
-    for order, label in FORMULAS.items():
-        for part in PARTS:
-            for share in SHARES:
-                found = np.array([limit[order, part, share] for limit in limits])
-                rows += _rows(found, (part, share), label)
-                artifact[f"{label}, {part}, {share}"] = found[:, 0]
+    for order, part, share in limits[0]:
+        found = np.array([limit[order, part, share] for limit in limits])
+        label = FORMULAS[order]
+        artifact[f"{label}, {part}, {share}"] = found[:, 0]
+        # over the geometries of the ratio, and of rho where it is reached
+        values = np.quantile(found, list(QUANTILES.values()), axis=0)
+        for name, (ratio, rho) in zip(QUANTILES, values, strict=True):
+            entries = part, share, name
+            rows += unjudged(LIMIT_RATIO(*entries), ratio, predictor=label)
+            rows += unjudged(NEXT_ORDER(*entries), rho, predictor=label)
     name = artifact_of(parameters.model_dump())
     return Outcome(rows=tuple(rows), artifacts={name: artifact})
 
@@ -74,32 +80,25 @@ def artifact_of(named: Mapping[str, Any]) -> str:
     return f"attitude-map-{named['frame']}-{named['geometries']}.npz"
 
 
-def _rows(found: Array, entries: tuple[str, str], label: str) -> Iterator[Row]:
-    # quantiles over the geometries of the ratio, and of rho where it is reached
-    values = np.quantile(found, list(QUANTILES.values()), axis=0)
-    for name, (ratio, rho) in zip(QUANTILES, values, strict=True):
-        yield from unjudged(LIMIT_RATIO(*entries, name), ratio, predictor=label)
-        yield from unjudged(NEXT_ORDER(*entries, name), rho, predictor=label)
+def limits_of(
+    truth: Truth, ratios: Float[Array, " n"], frame: str
+) -> dict[Limit, tuple[float, float]]:
+    """Where each formula is off by each share: |qbar|/sigma and rho there.
 
-
-def _limits(
-    truth: Truth, frame: str
-) -> dict[tuple[int | str, str, str], tuple[float, float]]:
-    # |qbar|/sigma and rho at which each formula is off by each share
+    The first ratio at which it is, from above, or an end of the ratios.
+    """
     norm = attitude_moments(*truth, 1e-3, 2, frame).norm
-    noise = (norm / RATIOS)[:, None]  # a sample for each
-    found = {o: attitude_moments(*truth, noise, o, frame) for o, _ in PREDICTORS}
+    noise = (norm / ratios)[:, None]  # a sample for each
+    found = {o: attitude_moments(*truth, noise, o, frame) for o in PREDICTORS}
     rho = _relative(found[4], found[2], found[2], "covariance")
     limits = {}
     for order in FORMULAS:
         for part in PARTS:
             off = _relative(found[order], found["exact"], found["exact"], part)
             for share, size in SHARES.items():
-                ratio = crossing(off, size)
-                at = float(
-                    np.exp(np.interp(-np.log(ratio), -np.log(RATIOS), np.log(rho)))
-                )
-                limits[order, part, share] = (ratio, at)
+                ratio = _crossing(ratios, off, size)
+                at = np.exp(np.interp(-np.log(ratio), -np.log(ratios), np.log(rho)))
+                limits[order, part, share] = (ratio, float(at))
     return limits
 
 
@@ -113,16 +112,16 @@ def _relative(
     return gap / length(getattr(size, part))
 
 
-def crossing(off: Array, limit: float) -> float:
-    """First ratio, from above, at which an error reaches the limit; or the end."""
+def _crossing(ratios: Array, off: Array, limit: float) -> float:
+    # between two ratios the log of the error is linear in the log of the ratio
     reached = np.flatnonzero(off >= limit)
     if reached.size == 0:
-        return float(RATIOS[-1])
+        return float(ratios[-1])
     i = int(reached[0])
     if i == 0:
-        return float(RATIOS[0])
+        return float(ratios[0])
     step = np.log(limit / off[i - 1]) / np.log(off[i] / off[i - 1])
-    return float(RATIOS[i - 1] * (RATIOS[i] / RATIOS[i - 1]) ** step)
+    return float(ratios[i - 1] * (ratios[i] / ratios[i - 1]) ** step)
 
 
 FIGURES = (

@@ -10,7 +10,7 @@ its own order, so its slope is 4 too. No chance is involved.
 
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -31,16 +31,12 @@ from simval.statistics import (
     Family,
 )
 from simval.streams import Streams
-from simval.studies.attitude import PREDICTORS, random_geometry
+from simval.studies.attitude import PREDICTORS, Noise, noise_shapes, random_geometry
 from simval.studies.refusing import refusing
 from simval.studies.study import Cost, StudyParameters
-from simval.theory.attitude import AttitudeMoments, attitude_moments
+from simval.theory.attitude import attitude_moments
 from simval.theory.cubature import cubature_moments
-from simval.theory.two_vector import (
-    noise_covariances,
-    tangent_covariances,
-    true_vectors,
-)
+from simval.theory.two_vector import true_vectors
 
 TITLE = "Convergence order: how fast each attitude formula becomes exact"
 SECTION = "orders"
@@ -60,7 +56,10 @@ FLOOR = 3e-14
 ORDERS: dict[int | str, float] = {2: 4.0, "4-paper": 4.0, 4: 6.0}
 """The slope that each formula's error must have."""
 
-FAMILIES = ((BIAS_ORDER, BIAS_ERROR), (COVARIANCE_ORDER, COVARIANCE_ERROR))
+FAMILIES = {
+    "bias": (BIAS_ORDER, BIAS_ERROR),
+    "covariance": (COVARIANCE_ORDER, COVARIANCE_ERROR),
+}
 """Slope and distance of each moment."""
 
 
@@ -70,7 +69,7 @@ class Parameters(StudyParameters):
     geometry: Annotated[int, Field(ge=0, lt=2**63)] = Field(
         default=3, description="Number of the random attitude and vectors, a seed."
     )
-    noise: Literal["isotropic", "full", "tangent"] = Field(
+    noise: Noise = Field(
         default="isotropic",
         description="Equal isotropic noise, four different full covariances, or noise "
         "tangent to each unit vector.",
@@ -91,7 +90,6 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         If the greatest column of the geometry is shorter than `MIN_NORM`.
     """
     q, r1, r2 = random_geometry(parameters.geometry)
-    shape = _shape(parameters, q, r1, r2)
     norm = attitude_moments(q, r1, r2, LEVELS[0]).norm
     if not norm >= MIN_NORM:
         msg = (
@@ -99,72 +97,35 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             "or more for a slope; choose another number"
         )
         raise GeometryError(msg)
-    labels = dict(PREDICTORS)
-    gaps: dict[int | str, list[tuple[float, float]]] = {order: [] for order in ORDERS}
-    for level in LEVELS:
-        noise = level**2 * shape
-        found = {o: attitude_moments(q, r1, r2, noise, o) for o in ORDERS}
-        truth = _truth(parameters.noise, q, r1, r2, noise, found[2])
-        for order, moments in found.items():
-            gaps[order].append(
-                (
-                    float(np.linalg.norm(moments.bias - truth.bias)),
-                    float(np.linalg.norm(moments.covariance - truth.covariance)),
-                )
-            )
+    shape = noise_shapes(parameters.noise, parameters.geometry, (q, r1, r2), each=True)
+    found: dict[int | str, list[Moments]] = {order: [] for order in (*ORDERS, "truth")}
+    for noise in (level**2 * shape for level in LEVELS):
+        for order in ORDERS:
+            found[order].append(attitude_moments(q, r1, r2, noise, order))
+        if parameters.noise == "isotropic":
+            truth: Moments = attitude_moments(q, r1, r2, noise, "exact")
+        else:
+            second = attitude_moments(q, r1, r2, noise)
+            estimator = partial(two_vector_quaternion, frame=str(second.frame))
+            vectors = true_vectors(q, r1, r2)[1]
+            truth = cubature_moments(estimator, vectors, noise, second.q_true)
+        found["truth"].append(truth)
     rows = list(unjudged(NORM(), norm))
-    for order, pairs in gaps.items():
-        for families, gap in zip(FAMILIES, np.transpose(pairs), strict=True):
-            rows += _rows(*families, labels[order], gap, ORDERS[order])
+    for order, slope in ORDERS.items():
+        for part, families in FAMILIES.items():
+            pairs = zip(found[order], found["truth"], strict=True)
+            off = [getattr(a, part) - getattr(b, part) for a, b in pairs]
+            gap = np.array([np.linalg.norm(each) for each in off])
+            rows += _rows(*families, PREDICTORS[order], gap, slope)
     return Outcome(rows=tuple(rows))
-
-
-def _shape(
-    parameters: Parameters,
-    q: Float[Array, "4"],
-    r1: Float[Array, "3"],
-    r2: Float[Array, "3"],
-) -> Float[Array, "4 3 3"]:
-    # covariances (4, 3, 3) whose largest eigenvalue is 1
-    if parameters.noise == "isotropic":
-        return noise_covariances(1.0)
-    if parameters.noise == "tangent":
-        return tangent_covariances(true_vectors(q, r1, r2)[1], 1.0)
-    rng = np.random.default_rng([parameters.geometry, 1])
-    factor = rng.standard_normal((4, 3, 3))
-    full = factor @ factor.swapaxes(1, 2)
-    scaled: Array = full / np.linalg.eigvalsh(full)[:, -1, None, None]
-    return scaled
-
-
-def _truth(
-    kind: str,
-    q: Float[Array, "4"],
-    r1: Float[Array, "3"],
-    r2: Float[Array, "3"],
-    noise: Float[Array, "4 3 3"],
-    second: AttitudeMoments,
-) -> Moments:
-    if kind == "isotropic":
-        return attitude_moments(q, r1, r2, noise, "exact")
-    return cubature_moments(
-        partial(two_vector_quaternion, frame=str(second.frame)),
-        true_vectors(q, r1, r2)[1],
-        noise,
-        second.q_true,
-    )
 
 
 def _rows(
     slope: Family, distance: Family, label: str, gap: Float[Array, " n"], order: float
 ) -> tuple[Row, ...]:
-    fitted = gap > FLOOR
-    levels = np.log(LEVELS)
-    value = (
-        float(np.polyfit(levels[fitted], np.log(gap[fitted]), 1)[0])
-        if fitted.sum() >= 2
-        else float("nan")  # judged inconclusive
-    )
+    fitted, value = gap > FLOOR, float("nan")  # which is judged inconclusive
+    if fitted.sum() >= 2:
+        value = float(np.polyfit(np.log(LEVELS)[fitted], np.log(gap[fitted]), 1)[0])
     statistics = distance.each(f"{level:.4g}" for level in LEVELS)
     return (
         *exact(slope(), value, order, label, TOLERANCE),

@@ -23,7 +23,8 @@ from simval.studies import (
     attitude_limits,
     attitude_order,
 )
-from simval.studies.attitude_geometries import _covariances, regular_geometries
+from simval.studies.attitude import noise_shapes
+from simval.studies.attitude_geometries import regular_geometries
 from simval.theory import attitude_moments
 from simval.theory.exact import flip_probability
 from simval.theory.expansion import (
@@ -219,7 +220,7 @@ def test_the_squared_bias_stands_in_for_the_variance_along_q(noise):
     # tr (Pi P Pi)^2; the linear covariance has none along q, and the squared bias has
     # (tr Pi P Pi)^2 / 4: with three eigenvalues, half to one and a half of it
     for number, truth, geometry in islice(regular_geometries("greatest"), 60):
-        moments = scaled_error_moments(geometry, _covariances(number, noise, truth))
+        moments = scaled_error_moments(geometry, noise_shapes(noise, number, truth))
         q, P = moments.q, moments.P
         linear = second_order_covariance(q, P)
         along = q @ (complete_fourth_covariance(moments) - linear) @ q

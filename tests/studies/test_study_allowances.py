@@ -228,8 +228,8 @@ def test_a_gyroscope_s_noise_of_one_percent_and_a_bias_of_a_quarter_are_seen():
 
 def test_the_best_of_four_would_be_beyond_the_limits_of_the_combined_estimator():
     rng = np.random.default_rng(500)
-    problems = attitude_efficiency._geometries(20, rng)
-    predicted = np.array([attitude_efficiency._predicted(*p) for p in problems])
+    problems = attitude_efficiency.geometries(20, rng)
+    predicted = np.array([attitude_efficiency.predicted_squares(p) for p in problems])
     combined, best, bound = np.sqrt(predicted[:, :3].T)
     assert np.all(combined >= bound * (1.0 - 1e-9))
     most = attitude_efficiency.MEDIAN + attitude_efficiency.SPREAD / np.sqrt(len(best))
@@ -244,11 +244,11 @@ def test_the_best_of_four_would_be_beyond_the_limits_of_the_combined_estimator()
 )
 def test_the_combined_estimator_is_within_its_limits_for_any_number(geometries):
     rng = np.random.default_rng(geometries)
-    problems = attitude_efficiency._geometries(geometries, rng)
-    predicted = np.array([attitude_efficiency._predicted(*p) for p in problems])
+    problems = attitude_efficiency.geometries(geometries, rng)
+    predicted = np.array([attitude_efficiency.predicted_squares(p) for p in problems])
     name = "combined"
     ratios = np.sqrt(predicted[:, 0] / predicted[:, 2])
-    rows = attitude_efficiency._ratio_rows(name, ratios, ratios, 0.0 * ratios)
+    rows = attitude_efficiency.ratio_rows(name, ratios, ratios, 0.0 * ratios)
     judged = [row for row in rows if row.check == "limit"]
     assert len(judged) == 2
     assert all(row.value <= row.prediction for row in judged)
