@@ -52,7 +52,7 @@ SECTION = "ladder"
 
 BLOCK = 256  # trials; part of the promise of equal bits
 G = 9.80665  # m/s^2, standard gravity
-# of many poses of an ideal sensor: `test_the_ladder`, test_calibration_theory.py
+# of many poses of an ideal sensor: `test_the_ladder`, test_theory_calibration_page.py
 RUNGS = {"squared": -3.5, "norm": -2.0, "weighted": -1.5, "sampson": 0.5, "adjusted": 0}
 
 

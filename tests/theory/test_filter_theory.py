@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_paths import FIELD, UP, Plain, cross, model, sensors, wobble
+from filter_paths import FIELD, UP, Plain, model, sensors, wobble
 from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
@@ -304,37 +304,6 @@ def test_a_known_start_decays_as_the_state():
             e = W @ e
         sd = np.sqrt(np.diagonal(P))
         assert np.abs((found.mean[k] - e) / sd).max() < ROUNDING
-
-
-def test_first_order_of_a_step():
-    """F of (F1), by differences of the exact error of a perturbed estimate."""
-    path = wobble(1, h=0.1, rate=8.0)
-    plain = Plain(path, model())
-    turn, step = Rotation.from_rotvec(plain.phi[0]), 1e-6
-
-    def after(x):  # estimate = truth turned by minus x, its bias less by x
-        start = Rotation.from_rotvec(-x[:3])  # in the true body
-        rate = plain.phi[0] / 0.1 + x[3:]  # y - b_hat = w + b - b_hat
-        ours = start * Rotation.from_rotvec(0.1 * rate)
-        return np.r_[(ours.inv() * turn).as_rotvec(), x[3:]]
-
-    F = np.stack(
-        [(after(step * e) - after(-step * e)) / (2 * step) for e in np.eye(6)], axis=1
-    )
-    np.testing.assert_allclose(plain.step(0, model())[0], F, rtol=0, atol=1e-9)
-    active = np.ones((1, 2), dtype=bool)
-    steps = filter_recursion.steps_of(path, model(), active, slice(0, 1))
-    np.testing.assert_allclose(steps.F[0], F, rtol=0, atol=1e-9)
-    # the reading that turns with the error: y - A_hat r = [v x] dtheta
-    A = Rotation.from_quat(path.attitude[1])
-    seen = [
-        A.inv().apply(UP) - (A * Rotation.from_rotvec(-step * e)).inv().apply(UP)
-        for e in np.eye(3)
-    ]
-    np.testing.assert_allclose(
-        np.array(seen).T / step, steps.H[0, 0], rtol=0, atol=1e-5 * 9.8
-    )
-    np.testing.assert_allclose(steps.H[0, 0], cross(A.inv().apply(UP)), atol=1e-14)
 
 
 STILL = np.tile([0, 0, 0, 1.0], (3, 1))

@@ -14,7 +14,6 @@ from magnetometer_sets import (
     random_set,
     tilted,
 )
-from scipy.optimize import least_squares
 
 from simval.calibrate import calibrate_magnetometer, ellipsoid_then_rotation
 from simval.errors import GeometryError, InputError
@@ -220,24 +219,6 @@ def test_what_the_recipe_costs_depends_on_the_dip():
     assert ratios[80.0] > 5.0
 
 
-def test_theory_and_fit_agree_on_what_is_least():
-    """The weighted fit solves psi = 0 of theory: the two share no code."""
-    case = random_set(12, 5)
-    body, iron = (x[0] for x in case.noisy(1, np.random.default_rng(2)))
-    fit = calibrate_magnetometer(body, iron, G, FIELD, **NOISE)
-    problem = own.problem_of(
-        BODY, IRON, case.q, np.radians(60.0), BODY_STD, IRON_STD,
-        g=G, field=FIELD, form="triangular",
-    )  # fmt: skip
-    theta = fit.parameters.copy()
-    theta[-1] = np.sin(theta[-1])
-    y = np.concatenate([body, iron], axis=1)
-    c = own.equations(problem, theta, y)
-    score = np.einsum("nia,na->i", own._pull(problem, theta, y, problem.sigma), c)
-    step = fit.covariance @ score  # what is left to go
-    assert np.all(np.abs(step[:-1]) < 1e-6 * fit.sd[:-1])
-
-
 def test_eight_poses_have_rank_and_seven_have_not():
     case = random_set(8, 1)
     assert np.all(predicted(case).sd > 0.0)
@@ -258,32 +239,6 @@ def test_what_no_theory_is_made_of_is_refused():
     for change in ({"dip_deg": 90.0}, {"accelerometer_std": 0.0}):
         with pytest.raises(InputError, match=r"tells a heading|a noise is 0"):
             predicted(case, **change)
-
-
-def test_a_peer_s_least_squares_ends_in_the_same_place():
-    """SciPy's solver on the whitened equations, weights held at the fit's answer."""
-    case = random_set(12, 9)
-    body, iron = (x[0] for x in case.noisy(1, np.random.default_rng(2)))
-    fit = calibrate_magnetometer(body, iron, G, FIELD, **NOISE)
-    problem = own.problem_of(
-        AccelerometerModel.from_parameters(fit.parameters[:9]),
-        MagnetometerModel(M=fit.M, b=fit.b),
-        case.q, float(fit.dip), BODY_STD, IRON_STD, g=G, field=FIELD, form="triangular",
-    )  # fmt: skip
-    y, theta = np.concatenate([body, iron], axis=1), fit.parameters.copy()
-    theta[-1] = np.sin(theta[-1])
-    reach = own.reach_of(problem, theta, y) * problem.sigma[:, None]
-    root = np.linalg.inv(np.linalg.cholesky(reach @ np.swapaxes(reach, -1, -2)))
-
-    def rows(x):
-        c = own.equations(problem, theta + x * fit.sd, y)
-        return np.matvec(root, c).ravel()
-
-    start = np.random.default_rng(1).standard_normal(22)
-    found = least_squares(rows, start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
-    # steps of its stop rule, in standard deviations
-    np.testing.assert_allclose(found.x, 0.0, atol=1e-4)
-    assert 2.0 * found.cost == pytest.approx(fit.chi_square, rel=1e-6)
 
 
 def test_even_attitudes_are_the_scale_of_what_is_left_out():

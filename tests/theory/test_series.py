@@ -7,7 +7,6 @@ import pytest
 from rounding import EPS
 
 from simval.errors import InputError, RefusedError
-from simval.theory.cubature import cubature_moments
 from simval.theory.series import algebra, series_moments
 
 
@@ -49,36 +48,6 @@ def test_moments_of_the_length_of_a_vector():
         lambda v: [np.sqrt(np.sum(v * v))], [[0.0, 0.0, g]], [s**2 * np.eye(3)], order=2
     )
     assert second.covariance[0, 0] == pytest.approx(s**2, rel=100 * EPS, abs=0)
-
-
-def test_sixth_order_of_a_polynomial():
-    # e = n + n^2 + n^3 of one normal of standard deviation s:
-    # E e = s^2, V e = s^2 + (3 - 1 + 6) s^4 + 15 s^6
-    s = 0.3
-    cov = np.zeros((1, 3, 3))
-    cov[0, 1, 1] = s**2
-    found = series_moments(
-        lambda v: [-(v[1] + v[1] * v[1] + v[1] ** 3)], np.zeros((1, 3)), cov, order=6
-    )
-    # a handful of series operations, no cancellation
-    assert found.bias[0] == pytest.approx(s**2, rel=100 * EPS, abs=0)
-    expected = s**2 + 8 * s**4 + 15 * s**6
-    assert found.covariance[0, 0] == pytest.approx(expected, rel=100 * EPS, abs=0)
-
-
-def test_sixth_order_of_two_components():
-    # e = (n^2, n^4) of one normal of standard deviation s: the biases s^2 and 3 s^4
-    # are of different order, so only one of the two products in cov = E[n^6] - s^2
-    # 3 s^4 = 12 s^6 is not zero, and it stands on both sides of the diagonal
-    s = 0.3
-    cov = np.zeros((1, 3, 3))
-    cov[0, 0, 0] = s**2
-    found = series_moments(
-        lambda v: [-(v[0] ** 2), -(v[0] ** 4)], np.zeros((1, 3)), cov, order=6
-    )
-    expected = [[2 * s**4, 12 * s**6], [12 * s**6, 0.0]]  # V[n^4] is of order 8
-    np.testing.assert_allclose(found.covariance, expected, rtol=1e-13, atol=0)
-    np.testing.assert_allclose(found.bias, [s**2, 3 * s**4], rtol=1e-13)
 
 
 def test_bad_input_is_refused():
@@ -147,36 +116,6 @@ def test_what_has_no_series_says_what_to_do():
     ):
         with pytest.raises(InputError, match=r"numpy\.sqrt, take one .*not batches"):
             one_result(foreign)
-
-
-def test_an_estimator_of_ones_own():
-    # TRIAD's matrix, normalised cross products throughout, against cubature: the
-    # fourth order leaves (sigma/sine)^4 of the moments, with a constant below 100
-    def axes(first, second):
-        normal = np.cross(first, second)
-        unit = [v / np.sqrt(np.sum(v * v)) for v in (first, normal)]
-        return np.array([*unit, np.cross(*unit)])
-
-    def matrix(b1, b2, r1, r2):
-        return (axes(b1, b2).T @ axes(r1, r2)).reshape(9)
-
-    def batch(b1, b2, r1, r2):
-        return np.array([matrix(*v) for v in zip(b1, b2, r1, r2, strict=True)])
-
-    r1, r2 = np.array([1.0, 0.0, 0.0]), np.array([0.3, 0.9, 0.2])
-    A = np.array([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0], [0.0, 0.8, -0.6]])
-    vectors = np.stack([A @ r1, A @ r2, r1, r2])
-    noise = np.stack([s**2 * np.eye(3) for s in (0.01, 0.02, 0.01, 0.015)])
-    series = series_moments(matrix, vectors, noise)
-    second = series_moments(matrix, vectors, noise, order=2)
-    cubature = cubature_moments(batch, vectors, noise, A.reshape(9), degree=5)
-    for found, limit in ((series, 100 * 0.03**4), (second, 100 * 0.03**2)):
-        for what in ("bias", "covariance"):
-            value, exact = getattr(found, what), getattr(cubature, what)
-            gap = np.linalg.norm(value - exact) / np.linalg.norm(exact)
-            assert gap < limit
-            if found is second:
-                assert gap > 1e-5  # power: the orders are told apart
 
 
 INPUTS = np.array([[0.5, 1.0, -0.5], [1.0, 0.25, 0.5]])
