@@ -314,7 +314,10 @@ def magnetometer_moments(
     u, k = (noise / np.cos(dip)) ** 2, max(1.0, worst * count**0.5 / noise / EVEN)
     both = np.outer(to_dip, to_dip)
     return MagnetometerMoments(
-        names=(*forms.names(problem.form), *NAMES),
+        names=(
+            *(f"acc_{x}" if x in NAMES else x for x in forms.names(problem.form)),
+            *NAMES,
+        ),
         bias=bias * to_dip,
         covariance=covariance * both,
         recipe=_recipe(problem, slopes) * both,
