@@ -103,4 +103,4 @@ def simval(capsys):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Leave the figures out, for tests of the words around them: drawing is slow."""
-    monkeypatch.setattr("simval.report.environment.svg", lambda drawing: "<svg/>")
+    monkeypatch.setattr("simval.report.section.svg", lambda drawing: "<svg/>")

@@ -1,14 +1,59 @@
-"""The three answers of the first screen as data: lines of a number and its unit.
+r"""Two of the three answers of the first screen as data: lines with a number each.
 
-`answers_wrong`, `answers_theory` and `answers_before` make them from the rows.
+**As theory says**: how far the measured sizes of errors are from the predicted ones.
+A size is a standard deviation or an RMS error, and a variance or a normalised squared
+error by half of its relative deviation. Of a study, with values :math:`v_i`, standard
+errors :math:`s_i` and predictions :math:`p_i` of its sizes, each judged and sampled
+without control variates, and k = 1 or 1/2,
+
+.. math:: \bar d = \frac{\sum n_i k_i (v_i/p_i - 1)}{\sum n_i}  \tag{T1}
+
+is the mean deviation, weighted by the numbers of samples because these do not depend on
+the values. Its standard error takes the sizes of one cell as one and the same chance,
+and those of two cells as independent, as their streams are; cells of studies that set
+algorithms side by side share their chance too. A statistic that is compared with
+several theories counts once, with the exact one if it is among them.
+
+**Worse than before**: what changed from the baseline, or from another run. The gate and
+the comparison say what changed beyond its uncertainty; here it is counted by direction
+(`simval.statistics.Family.better`), and the greatest change comes first.
 """
 
-from collections.abc import Container, Sequence
+import shlex
+from collections import Counter
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf, isfinite
+from typing import Any, NamedTuple
 
-from simval.report.words import spelled
+import numpy as np
+
+from simval.change import question
+from simval.judge import Comparison, Step
+from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
+from simval.report.curves import simultaneous
+from simval.report.section import Against, Context, home
+from simval.report.words import measured, spelled
+from simval.results import CellName
+from simval.statistics import (
+    ALLAN_ERROR,
+    BUDGET,
+    COVARIANCE,
+    EXACT,
+    NEES,
+    NIS,
+    RMS,
+    RMS_OVER_BOUND,
+    SD,
+    SQUARED_ERROR,
+    VARIANCE_OVER_BOUND,
+    Statistic,
+)
+from simval.sweep import Run
 from simval.units import COUNT, DEGREE, MILLIRADIAN, Unit
-from simval.verdict import Answer
+from simval.verdict import WORST_FIRST, Answer, Verdict
+
+# ---- lines and blocks
 
 SHOWN = 3
 """Lines of an answer that stand outside its fold."""
@@ -109,3 +154,370 @@ def angle(value: float) -> str:
 def percent(value: float) -> str:
     """A share with two digits."""
     return f"{rounded(100.0 * value)} %"
+
+
+# ---- as theory says
+
+SIZES = {RMS: 1.0, SD: 1.0, RMS_OVER_BOUND: 1.0, BUDGET: 1.0} | dict.fromkeys(
+    (COVARIANCE, NEES, NIS, SQUARED_ERROR, VARIANCE_OVER_BOUND, ALLAN_ERROR), 0.5
+)
+"""Families that are sizes of errors, and k of eq. (T1)."""
+
+NOTE_ON_THEORY = (
+    "“On average”: mean deviation of measured from predicted sizes of errors (standard "
+    "deviations; half of that of a variance), weighted by the number of trials, and "
+    "its standard error; one value may be farther off. Each check by itself is in the "
+    "table of checks."
+)
+
+
+class Deviation(NamedTuple):
+    """Mean relative deviation of the sizes of a study, eq. (T1), and its error."""
+
+    value: float
+    error: float
+
+    @property
+    def said(self) -> str:
+        """It in percent, in words."""
+        return f"on average {measured(100.0 * self.value, 100.0 * self.error)} % off"
+
+
+def as_theory_says(context: Context) -> Block:
+    """Answer whether the measured agrees with theory, and how closely."""
+    verdicts = context.judged.verdicts
+    studies = in_order([v.cell.study for v in verdicts])
+    parts = {s: [v for v in verdicts if v.cell.study == s] for s in studies}
+    worst_first = sorted(studies, key=lambda s: WORST_FIRST.index(_worst(parts[s])))
+    missing = list(_missing(context))
+    lines = [*missing, *(_study_line(s, parts[s]) for s in worst_first)]
+    return Block(
+        title="As theory says",
+        answer=_worst(verdicts) if verdicts else "inconclusive",
+        headline=_headline(context.judged.counts, whole=not missing),
+        lines=lines,
+        note=f"{_farthest(verdicts)}{NOTE_ON_THEORY}",
+        fold="more studies",
+    )
+
+
+def _headline(answers: Counter[Answer], *, whole: bool) -> str:
+    if not answers:
+        return "Nothing was judged"
+    failed, unclear = answers["fail"], answers["inconclusive"]
+    if not failed and not unclear:
+        all_of = "All" if whole else "As far as measured, all"
+        return f"{all_of} {answers.total():,} checks agree"
+    parts = [f"{failed:,} fail"] if failed else []
+    parts += [f"{unclear:,} cannot be judged"] if unclear else []
+    return f"Of {answers.total():,} checks {' and '.join(parts)}"
+
+
+def _missing(context: Context) -> Iterable[Line]:
+    """What should have been measured and was not."""
+    judged = context.judged
+    counts: dict[str, dict[str, int]] = {}
+    for cell in judged.unfinished:
+        words = {"pending": "never run"}.get(cell.ending, cell.ending)
+        own = counts.setdefault(cell.study, {})
+        own[words] = own.get(words, 0) + 1
+    said = [
+        f"{called(study).lower()} ({', '.join(f'{n} {w}' for w, n in own.items())})"
+        for study, own in counts.items()
+    ]
+    if judged.gaps:
+        said.append(f"{len(judged.gaps)} things less than stated")
+    if said:
+        crashed = any(cell.ending == "crashed" for cell in judged.unfinished)
+        yield Line(
+            what="Not measured",
+            said=f"cells of {'; '.join(said)}" if counts else said[0],
+            link="failures",
+            answer="fail" if crashed else "inconclusive",
+        )
+
+
+def _study_line(study: str, verdicts: Sequence[Verdict]) -> Line:
+    answers = [verdict.answer for verdict in verdicts]
+    failed, unclear = answers.count("fail"), answers.count("inconclusive")
+    count = len(answers)
+    checks = f"{count:,} check{'s' if count > 1 else ''}"
+    bad = (
+        [f"{failed:,} of {checks} fail{_farthest_failing(verdicts)}"] if failed else []
+    )
+    bad += [f"{unclear:,} of {checks} inconclusive"] if unclear else []
+    found = deviation(study, verdicts)
+    told = found is not None and not failed and abs(found.value) + found.error < 1.0
+    near = [found.said] if found and told else []
+    return Line(
+        what=called(study),
+        said="; ".join([*bad, *near] if bad else [*near, checks]),
+        link="disagreements" if failed else home(study),
+        answer=_worst(verdicts),
+    )
+
+
+def _farthest_failing(verdicts: Sequence[Verdict]) -> str:
+    """The check that fails by most, and by how much."""
+    failing = [verdict for verdict in verdicts if verdict.answer == "fail"]
+    most = max(failing, key=lambda v: abs(v.sigmas) if v.sigmas == v.sigmas else np.inf)
+    s = "s" if len(failing) == 1 else ""
+    far = f", {most.sigmas:+.1f} standard errors" if most.sigmas == most.sigmas else ""
+    return f"{s}{', most' if not s else ':'} {most.row.statistic}{far}"
+
+
+def deviation(study: str, verdicts: Sequence[Verdict]) -> Deviation | None:
+    """Mean relative deviation of a study's sizes from their predictions, eq. (T1)."""
+    parts: dict[CellName, list[tuple[float, float, float]]] = {}
+    for verdict in _sizes(verdicts):
+        row, k = verdict.row, SIZES[verdict.row.statistic.family]
+        by = row.prediction or 1.0
+        numbers = (row.n, k * (row.value / by - 1.0), k * row.standard_error / by)
+        parts.setdefault(verdict.cell, []).append(numbers)
+    if not parts:
+        return None
+    total = sum(n for rows in parts.values() for n, _, _ in rows)
+    mean = sum(n * d for rows in parts.values() for n, d, _ in rows) / total
+    cells = [sum(n * e for n, _, e in rows) / total for rows in parts.values()]
+    error = sum(cells) if study in OF_ALGORITHMS else float(np.linalg.norm(cells))
+    return Deviation(mean, error)
+
+
+def _sizes(verdicts: Sequence[Verdict]) -> Iterable[Verdict]:
+    """Judged and sampled sizes, each once."""
+    found: dict[tuple[CellName, Statistic], Verdict] = {}
+    for verdict in verdicts:
+        row = verdict.row
+        off_diagonal = (
+            row.statistic.family == COVARIANCE and len(set(row.statistic.entries)) > 1
+        )
+        if (
+            verdict.p_value is None
+            or row.check == "control"
+            or row.statistic.family not in SIZES
+            or off_diagonal
+            or not (row.prediction or 0.0) > 0.0
+            or not verdict.cell.name
+        ):
+            continue
+        key = (verdict.cell, row.statistic)
+        if key not in found or row.predictor == EXACT:
+            found[key] = verdict
+    return found.values()
+
+
+def _farthest(verdicts: Sequence[Verdict]) -> str:
+    """How far beyond its remainder a check goes at most, and how far chance does."""
+    beyond = [
+        (abs(v.row.value - (v.row.prediction or 0.0)) - v.row.remainder)
+        / v.row.standard_error
+        for v in verdicts
+        if v.p_value is not None
+    ]
+    if not beyond:
+        return ""
+    return (
+        f"Of {len(beyond):,} sampled checks the farthest is {max(*beyond, 0.0):.1f} "
+        "standard errors beyond what its theory leaves open; of so many, chance alone "
+        f"reaches {simultaneous(len(beyond)):.1f} in one run of twenty. "
+    )
+
+
+def _worst(verdicts: Sequence[Verdict]) -> Answer:
+    answers = {verdict.answer for verdict in verdicts}
+    return next((answer for answer in WORST_FIRST if answer in answers), "pass")
+
+
+# ---- worse than before
+
+NOTE_ON_CHANGES = (
+    "A change counts beyond its uncertainty: on the same noise beyond rounding, on "
+    "other noise at the stated false-alarm rate for all together. Errors are better "
+    "small, stated covariances better true."
+)
+KINDS = {"better": "better", "worse": "worse", "neither": "changed"}
+ORDER = ("worse", "better", "changed", "lost")
+WORDS = {"lost": "no longer measured", "changed": "changed otherwise"}
+
+
+HEADS = {
+    "worse": "Worse than",
+    "better": "Better than",
+    "changed": "Different from",
+    "lost": "Less is measured than in",
+}
+
+
+class Change(NamedTuple):
+    """One statistic that changed."""
+
+    kind: str  # one of `ORDER`
+    what: str
+    where: str  # name of the cell
+    size: float  # in standard errors, or relative where it is without chance
+    said: str  # by how much
+
+
+def comparable(run: Run, baseline: Mapping[str, Any] | None) -> bool:
+    """Whether a baseline is of the run's suite, or the run holds all of its cells.
+
+    Cells are the same whatever their seed and effort. Of the same suite one is enough.
+    """
+    if baseline is None:
+        return False
+    stored = {_key(cell.study, cell.parameters) for cell in baseline["cells"].values()}
+    common = stored & {_key(cell.study, cell.parameters) for cell in run.cells}
+    same_suite = baseline["environment"].get("suite") == run.manifest["suite"]
+    return bool(common) and (same_suite or common == stored)
+
+
+def _key(study: str, parameters: Mapping[str, Any]) -> tuple[str, str]:
+    return study, str(question(parameters))
+
+
+def worse_than_before(context: Context) -> Block:
+    """Answer what changed from what the page is to be compared with."""
+    lines: list[Line] = []
+    headlines = []
+    if context.baseline is not None:
+        headline, own = _from_baseline(context)
+        headlines.append(headline)
+        lines += own
+    if context.against is not None:
+        headline, own = _from_run(context, context.against)
+        headlines.append(headline)
+        lines += own
+    if not headlines:
+        run = shlex.quote(context.folder)
+        headlines.append("Not compared")
+        lines += [
+            Line(
+                what="Ask",
+                said="with the stored baseline:",
+                command=f"simval report {run} --baseline",
+            ),
+            Line(
+                what="or",
+                said="with another run:",
+                command=f"simval report {run} --against RUN",
+            ),
+        ]
+    answers = {line.answer for line in lines}
+    worst: Answer = next((a for a in WORST_FIRST if a in answers), "pass")
+    asked = context.baseline is not None or context.against is not None
+    return Block(
+        title="Worse than before",
+        answer=worst,
+        headline="; ".join(headlines),
+        lines=lines,
+        note=NOTE_ON_CHANGES if asked else "",
+        fold="more",
+    )
+
+
+def _from_baseline(context: Context) -> tuple[str, list[Line]]:
+    """What the gate found beside the baseline, by direction."""
+    assert context.baseline is not None
+    if not comparable(context.run, context.baseline):
+        stored = str(context.baseline["environment"].get("suite"))
+        own = context.run.manifest["suite"]
+        said = (
+            f"it is of the suite {stored}, this run of {own}"
+            if stored != own
+            else "no cell of it has the study and the parameters of one of this run"
+        )
+        line = Line(what="Baseline", said=said, answer="inconclusive")
+        return "Cannot be compared with the baseline", [line]
+    compared = context.judged.comparisons
+    changes = [_change(c, c.step) for c in compared if c.answer == "fail"]
+    kinds = context.judged.changes
+    unresolved, new = kinds["unresolved"], kinds["new"]
+    same = kinds.total() - len(changes) - unresolved - new
+    notes = [f"{kinds['same']:,} of them to the bit"] if same else []
+    notes += [f"{unresolved:,} not resolved by so many trials"] if unresolved else []
+    notes += [f"{new:,} are new"] if new else []
+    notes += ["another environment"] if context.judged.environment else []
+    return _told("the baseline", changes, same, unresolved, notes)
+
+
+def _change(comparison: Comparison, step: Step | None) -> Change:
+    kind, size, said = "lost", inf, comparison.reason
+    if comparison.change not in ("missing", "unjudged"):
+        kind = "changed"
+        if comparison.change == "changed" and step is not None:
+            kind = KINDS[step.standing]
+            size, said = _size(step.before, step.after, comparison.sigmas)
+    where = str(comparison.cell)
+    return Change(kind, comparison.statistic, where, size, said)
+
+
+def _from_run(context: Context, against: Against) -> tuple[str, list[Line]]:
+    """What the comparison with another run found, by direction."""
+    found, name = against.changes, against.run.folder.name
+    if not found.total:
+        suites = [run.manifest["suite"] for run in (against.run, context.run)]
+        why = (
+            f"it is of the suite {suites[0]}, this one of {suites[1]}"
+            if suites[0] != suites[1]
+            else "no cell of it has the study and the parameters of one of this run"
+        )
+        line = Line(what=name, said=why, answer="inconclusive")
+        return f"Cannot be compared with {name}", [line]
+    changes = []
+    for d in found.of("changed"):
+        kind = KINDS[d.standing]
+        sigmas = float("nan") if d.sigmas is None else d.sigmas
+        size, said = _size(d.a.value, d.b.value, sigmas)
+        changes.append(Change(kind, str(d.a.statistic), d.cells[1], size, said))
+    moved, same = len(found.of("moved")), len(found.of("same"))
+    notes = [f"{moved:,} moved within their uncertainty"] if moved else []
+    alone = len(found.only_a) + len(found.only_b)
+    notes += [f"{alone:,} only in one run"] if alone else []
+    notes += ["another environment"] if found.environment else []
+    return _told(name, changes, same + moved, 0, notes)
+
+
+def _told(
+    name: str,
+    changes: Sequence[Change],
+    same: int,
+    unresolved: int,
+    notes: Sequence[str],
+) -> tuple[str, list[Line]]:
+    """The answer in a few words, and a line for each kind of change."""
+    of = {kind: [c for c in changes if c.kind == kind] for kind in ORDER}
+    total = len(changes) + same + unresolved
+    lines = [_kind_line(kind, own) for kind, own in of.items() if own]
+    said = f"{same:,} of {total:,} statistics"
+    detail = f": {'; '.join(notes)}" if notes else ""
+    unclear: Answer = "inconclusive" if unresolved else "pass"
+    lines.append(Line(what="Same", said=f"{said}{detail}", answer=unclear))
+    first = next((kind for kind in ORDER if of[kind]), "")
+    if first:
+        return f"{HEADS[first]} {name}", lines
+    return f"{'No worse than' if unresolved else 'Same as'} {name}", lines
+
+
+def _kind_line(kind: str, changes: Sequence[Change]) -> Line:
+    most = max(changes, key=lambda c: c.size)
+    which = "first" if kind == "lost" else "most"
+    by = f": {most.said}" if most.said and kind != "lost" else ""
+    answer: Answer = "pass" if kind == "better" else "fail"
+    return Line(
+        what=WORDS.get(kind, kind).capitalize(),
+        said=f"{len(changes):,}, {which} {most.what}{by}",
+        where=most.where,
+        answer=answer,
+    )
+
+
+def _size(old: float, new: float, sigmas: float) -> tuple[float, str]:
+    """How great a change is: to sort by, and in words."""
+    share = (abs(new) - abs(old)) / abs(old) if old else inf
+    relative = "" if not isfinite(share) else f"{'+' if share > 0 else '−'}"
+    if relative:
+        relative += percent(abs(share))
+    step = relative or f"from {rounded(old, 3)} to {rounded(new, 3)}"
+    if isfinite(sigmas):
+        return abs(sigmas), f"{step} ({abs(sigmas):.1f} standard errors)"
+    return abs(share), step

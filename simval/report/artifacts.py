@@ -12,8 +12,8 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.figures import Artifact, Distribution, Strip, Trace
+from simval.report.curves import described
 from simval.report.gallery import LINES, STYLES, Cells, begun, sentence, where_of
-from simval.report.notes import described
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
 from simval.report.section import Context
 from simval.report.words import FORMULAS, slug

@@ -12,15 +12,19 @@ import numpy as np
 from simval.judge import Difference, Move, RunComparison
 from simval.judge.runs import origin_of
 from simval.judge.trend import WAYS
-from simval.report.curves import Curve, axis_of, bar_width, curve, grouped, statistic
-from simval.report.environment import template
-from simval.report.notes import located
+from simval.report.curves import (
+    Curve,
+    axis_of,
+    bar_width,
+    curve,
+    grouped,
+    located,
+    statistic,
+)
 from simval.report.panels import COLOURS, Drawing, Panel, Series
-from simval.report.parameters import axis_words
-from simval.report.part import part_of
-from simval.report.section import Section, made
+from simval.report.section import Section, made, part_of, template
 from simval.report.table import Column, Table
-from simval.report.words import spelled
+from simval.report.words import axis_words, spelled
 from simval.statistics import Statistic
 from simval.sweep import Run
 from simval.sweep.run import CellResult

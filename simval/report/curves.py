@@ -1,22 +1,187 @@
-"""Curves made of the rows of a run: grouped by what varies, sorted along an axis."""
+r"""Curves made of the rows of a run: grouped by what varies, sorted along an axis.
+
+With them: what the page says of a point on request; slopes on log-log axes and bands
+that hold together; and measured over predicted, on a linear axis where one percent is
+seen: on a logarithmic one over four decades points within a percent of a line and
+points ten percent off it look the same.
+
+A slope is that of a power law :math:`y = a x^k` fitted by weighted least squares to the
+values themselves, not to their logarithms: a value that scatters about zero counts with
+its sign, so no point has to be left out, which would bias the slope.
+"""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from itertools import compress
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
 from simval.arrays import Array
 from simval.change import EFFORT
-from simval.report.notes import Measured, note
+from simval.judge.findings import reproduce
 from simval.report.palette import BOUND, THEORY
-from simval.report.panels import COLOURS, MARKERS, BarPanel, Series
-from simval.report.parameters import setting_words
-from simval.report.slope import simultaneous
+from simval.report.panels import (
+    COLOURS,
+    MARKERS,
+    BarPanel,
+    DotPanel,
+    Panel,
+    Series,
+    near,
+)
+from simval.report.words import measured, number, setting_words, spelled
 from simval.results import Row
-from simval.shapes import Float
+from simval.shapes import Bool, Float
 from simval.statistics import FAMILIES, Statistic
+from simval.sweep import Run
 from simval.sweep.run import CellResult
 from simval.units import COUNT, Unit
+
+# ---- points on request
+
+
+class Measured(NamedTuple):
+    """What a measure finds in a cell."""
+
+    value: float
+    error: float  # standard
+    prediction: float  # NaN without one
+    remainder: float = 0.0  # what the prediction itself may be off by
+    n: int = 0  # independent samples; 0 where there are none
+    unit: str = ""  # of the numbers
+    against: str = "predicted"  # what the prediction is
+
+
+def folder_of(run: Run) -> str:
+    """The run for a command: its path below the working folder, else its name.
+
+    Pages are shared, so they never show where on a machine a run is.
+    """
+    path, here = run.folder.absolute(), Path.cwd()
+    inside = path != here and path.is_relative_to(here)
+    return str(path.relative_to(here)) if inside else path.resolve().name
+
+
+def located(run: Run) -> Run:
+    """Tell the cells of a run how a command names it."""
+    folder = folder_of(run)
+    return replace(run, cells=tuple(replace(cell, run=folder) for cell in run.cells))
+
+
+def note(cell: CellResult, found: Measured, unit: Unit | None = None) -> str:
+    """Say in lines: value and samples, prediction, cell, and the command for it."""
+    factor = 1.0 if unit is None else unit.factor
+    name = found.unit if unit is None else unit.name
+    behind = f" {name}" if name not in ("", "1") else ""
+    samples = f", n = {found.n}" if found.n else ""
+    lines = [f"{measured(factor * found.value, factor * found.error)}{behind}{samples}"]
+    if isfinite(found.prediction):
+        off = factor * found.remainder
+        more = f", which leaves out {number(off, 2)}" if off > 0.0 else ""
+        words = f"{found.against} {number(factor * found.prediction)}{behind}"
+        lines.append(words + more)
+    inside = described(cell.study, cell.parameters)
+    lines.append(": ".join(filter(None, (spelled(cell.study), inside))))
+    lines.append(reproduce(cell.named, cell.run))
+    return "\n".join(line for line in lines if line)
+
+
+def described(
+    study: str, parameters: Mapping[str, Any], without: tuple[str, ...] = EFFORT
+) -> str:
+    """Spell the parameters of a cell in words."""
+    shown = (item for item in parameters.items() if item[0] not in without)
+    return ", ".join(setting_words(study, key, value) for key, value in shown)
+
+
+# ---- slopes
+
+
+Z95 = float(scipy.special.ndtri(0.975))  # of a two-sided interval of 95 %
+STEEPEST = 12.0
+"""Slopes are sought between plus and minus this: twice the greatest order
+of a formula."""
+
+
+@dataclass(frozen=True, slots=True)
+class Slope:
+    """A fitted slope."""
+
+    value: float  # of log y over log x
+    half_width: float  # half of the 95 % interval
+
+    def __str__(self) -> str:
+        """Slope and interval in words."""
+        return f"{self.value:.3f} ± {self.half_width:.3f}"
+
+
+def fitted_slope(
+    x: Float[Array, " n"], y: Float[Array, " n"], error: Float[Array, " n"]
+) -> Slope | None:
+    """Weighted least-squares exponent k of y = a x^k."""
+    if len(np.unique(x)) < 2 or not (np.all(error > 0) and np.all(np.isfinite(y))):
+        return None
+    z, weighted = np.log(x) - np.log(x).mean(), y / error
+    size = float(np.abs(weighted).max())
+    if not np.isfinite(weighted).all() or not size > 0.0:
+        return None
+
+    def cost(k: float) -> float:
+        shape = _shape(k, z, error)
+        return float(np.sum((weighted - (weighted @ shape) * shape) ** 2))
+
+    grid = np.linspace(-STEEPEST, STEEPEST, 97)
+    start = grid[int(np.argmin([cost(k) for k in grid]))]
+    if abs(start) == STEEPEST:
+        return None
+    step = grid[1] - grid[0]
+    fit = scipy.optimize.minimize_scalar(
+        cost,
+        bounds=(start - step, start + step),
+        method="bounded",
+        options={"xatol": 1e-10},
+    )
+    k = float(fit.x)
+    shape = _shape(k, z, error)
+    amplitude = float(weighted @ shape)
+    # derivative along k, with the part that the amplitude takes up removed
+    slant = amplitude * (z - (z * shape) @ shape) * shape
+    length = float(np.linalg.norm(slant))
+    if not abs(amplitude) > Z95 or not length > 0.0:
+        return None
+    return Slope(k, Z95 / length)
+
+
+def _shape(
+    k: float, z: Float[Array, " n"], error: Float[Array, " n"]
+) -> Float[Array, " n"]:
+    """Weighted curve x^k of unit length."""
+    exponent = k * z - np.log(error)  # errors may be as small or great as floats are
+    curve = np.exp(exponent - exponent.max())
+    return curve / np.linalg.norm(curve)
+
+
+def order(x: Float[Array, " n"], y: Float[Array, " n"]) -> float | None:
+    """Slope between the two smallest x of a deterministic curve."""
+    good = (x > 0) & (y > 0) & np.isfinite(y)
+    xs, first = np.unique(x[good], return_index=True)
+    if len(xs) < 2:
+        return None
+    ys = y[good][first]
+    return float(np.log(ys[1] / ys[0]) / np.log(xs[1] / xs[0]))
+
+
+def simultaneous(count: int, confidence: float = 0.95) -> float:
+    """Half width, in standard errors, of bands that hold for all points together."""
+    single = confidence ** (1.0 / max(count, 1))
+    return float(scipy.special.ndtri(0.5 + 0.5 * single))
+
+
+# ---- curves
 
 PREFERRED = ("noise_std", "poses")
 """Parameters that make the best axis, the best one first."""
@@ -244,3 +409,119 @@ def numeric(value: object) -> int | float | None:
     if isinstance(value, int | float) and not isinstance(value, bool):
         return value
     return None
+
+
+# ---- ratios
+
+SEEN = 1.0
+"""Half width of a band beyond which a ratio of 0 and one of 2 are both in it."""
+ROOM = 1.1
+"""Axis over the farthest end of a band."""
+LEAST = 1e-3
+"""Least half of an axis: what is nearer to 1 is drawn on it."""
+HEIGHT = 0.75
+MEASURED_OVER_PREDICTED = "measured / predicted"
+
+
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
+def ratio(c: Curve) -> Curve:
+    """Measured over predicted, where there is a prediction other than zero."""
+    good = np.isfinite(c.prediction) & (c.prediction != 0.0)
+    good &= np.isfinite(c.value) & np.isfinite(c.error)
+    some = kept(c, good)
+    size = np.abs(some.prediction)
+    return replace(
+        some,
+        value=some.value / some.prediction,
+        error=some.error / size,
+        prediction=np.ones(len(some.x)),
+        remainder=None if some.remainder is None else some.remainder / size,
+    )
+
+
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
+def seen(c: Curve, z: float) -> Curve:
+    """The points of a ratio whose bands tell it from 0 and from 2."""
+    return kept(c, np.less_equal(z * c.error, SEEN) & near(c.value))
+
+
+def kept(c: Curve, good: Bool[Array, " n"]) -> Curve:
+    """Some points of a curve, with all that it has of each point."""
+    changes: dict[str, Any] = {}
+    for name in (field.name for field in fields(c)):
+        whole = getattr(c, name)
+        if isinstance(whole, np.ndarray):
+            changes[name] = whole[good]
+        elif isinstance(whole, list | tuple) and len(whole) == len(good):
+            changes[name] = [*compress(whole, good)]
+    return replace(c, **changes)
+
+
+def ratio_panel(
+    title: str,
+    x_label: str,
+    measured: Sequence[Curve],
+    z: float,
+    lines: Sequence[Series] = (),
+    *,
+    log_x: bool = True,
+) -> Panel | None:
+    """Panel of the ratios that can be seen with bands of z errors; None if none can.
+
+    The lines are other predictions over the one that the points are divided by; they
+    do not widen the axis.
+    """
+    shown = [(i, seen(ratio(c), z)) for i, c in enumerate(measured)]
+    shown = [(i, c) for i, c in shown if len(c.x)]
+    if not shown:
+        return None
+    several = len(measured) > 1
+    points = [c.points(z, i, None if several else "") for i, c in shown]
+    return Panel(
+        title=title,
+        x_label=x_label,
+        y_label=MEASURED_OVER_PREDICTED,
+        series=(*lines, *points),
+        log_x=log_x,
+        log_y=False,
+        references=((1.0, ""),),
+        dodge=True,
+        limits=limits([s.y for s in points], [s.band for s in points]),
+        height=HEIGHT,
+    )
+
+
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
+def limits(
+    values: Sequence[Float[Array, " n"]], bands: Sequence[Float[Array, " n"] | None]
+) -> tuple[float, float]:
+    """Ends of an axis of ratios: about 1, and never narrower than the bands."""
+    half, lowest = LEAST, 0.0
+    for value, band in zip(values, bands, strict=True):
+        width = 0.0 if band is None else band
+        reach = np.abs(value - 1.0) + width
+        half = max(half, ROOM * float(np.max(reach, initial=0.0)))
+        lowest = min(lowest, float(np.min(value - width, initial=0.0)))
+    # an axis that reaches far above 1 has nothing to show below zero
+    return max(1.0 - half, ROOM * lowest), 1.0 + half
+
+
+def ratio_bars(
+    title: str, names: Sequence[str], groups: Sequence[Curve], z: float
+) -> DotPanel | None:
+    """The same of named parts, whose x is their place among the names."""
+    shown = [(i, seen(ratio(c), z)) for i, c in enumerate(groups)]
+    shown = [(i, c) for i, c in shown if len(c.x)]
+    if not shown:
+        return None
+    dots = []
+    for i, c in shown:
+        points = c.points(z, i)
+        dots.append(replace(points, x=points.y, y=points.x))
+    return DotPanel(
+        title=title,
+        x_label=MEASURED_OVER_PREDICTED,
+        names=names,
+        series=dots,
+        reference=(1.0, "theory"),
+    )

@@ -16,12 +16,18 @@ import scipy
 
 from simval.arrays import Array
 from simval.change import EFFORT
-from simval.report.curves import Curve, read, varying
+from simval.report.curves import (
+    SEEN,
+    Z95,
+    Curve,
+    Slope,
+    ratio,
+    read,
+    simultaneous,
+    varying,
+)
 from simval.report.panels import Drawing
-from simval.report.parameters import setting_words
-from simval.report.ratio import SEEN, ratio
-from simval.report.slope import Z95, Slope, simultaneous
-from simval.report.words import spelled
+from simval.report.words import setting_words, spelled
 from simval.results import Row
 from simval.shapes import Bool, Float
 from simval.statistics import Family, Statistic

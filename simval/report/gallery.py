@@ -29,6 +29,8 @@ from simval.report.curves import (
     first,
     grouped,
     position,
+    ratio_bars,
+    ratio_panel,
     read,
     spans,
     triple,
@@ -45,9 +47,7 @@ from simval.report.panels import (
     Panel,
     Series,
 )
-from simval.report.parameters import axis_words, setting_words
-from simval.report.ratio import ratio_bars, ratio_panel
-from simval.report.words import FORMULAS, slug, spelled
+from simval.report.words import FORMULAS, axis_words, setting_words, slug, spelled
 from simval.results import Row
 from simval.statistics import (
     EXACT,

@@ -1,49 +1,166 @@
-"""The page: the first screen, then the sections in order, each behind a fold."""
+"""The page: the first screen, then the chapters in order, each behind a fold.
+
+A chapter is a section under what it is about. It is open where a check of its studies
+fails or cannot be judged, and where it says what was not measured; else its summary
+line says what it found.
+"""
 
 import re
-from collections.abc import Container, Mapping
-from dataclasses import replace
-from types import ModuleType
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from simval.errors import InputError
 from simval.judge import compare_runs, judge_run
-from simval.report.answers import linked
-from simval.report.answers_before import comparable
-from simval.report.chapters import GROUPS, groups
+from simval.report import algorithms, any_study, checks, pictures, record, summary
+from simval.report.algorithms import has_user_code
+from simval.report.answers import comparable, linked
+from simval.report.curves import located
 from simval.report.declared import elsewhere, section_of
-from simval.report.environment import template
-from simval.report.notes import located
 from simval.report.panels import Drawing
-from simval.report.part import part_of
-from simval.report.section import Against, Context, Section
-from simval.report.sections import (
-    algorithms,
-    checks,
-    disagreements,
-    failures,
-    filters,
-    numbers,
-    other,
-    overview,
-    provenance,
-    scene,
-    statistics,
-    summary,
-)
-from simval.report.sections.algorithms import has_user_code
+from simval.report.section import Against, Context, Section, home, part_of, template
 from simval.report.table import Table
 from simval.studies import STUDIES
 from simval.sweep import Run
-from simval.verdict import ALPHA
+from simval.verdict import ALPHA, WORST_FIRST, Answer, Verdict
 
-OWN: Mapping[str, ModuleType] = {
-    module.__name__.rpartition(".")[2]: module
-    for module in (
-        summary, algorithms, overview, failures, disagreements, filters, scene,
-        other, statistics, checks, numbers, provenance,
+# ---- chapters
+
+GROUPS: Mapping[str, Mapping[str, str]] = {
+    "Algorithms": {
+        "algorithms": "Algorithms side by side",
+        "overview": "Simulation beside theory",
+    },
+    "Needs attention": {
+        "failures": "What was not measured",
+        "disagreements": "Failing checks",
+    },
+    "Calibration": {
+        "calibration": "Calibration error against noise",
+        "poses": "Number and geometry of the poses",
+        "ladder": "Bias ladder",
+        "magnetometer": "Magnetometer",
+        "gyroscope": "Gyroscope",
+    },
+    "Attitude": {
+        "attitude": "Attitude error against noise",
+        "orders": "Order of the attitude formulas",
+        "geometries": "Attitude formulas over many geometries",
+        "closeness": "Closeness to singularity",
+        "ranges": "Range of each attitude formula",
+        "vectors": "Weighted vectors",
+        "estimators": "What an estimator costs",
+        "budget": "Error budget",
+    },
+    "Filters": {"filters": "Attitude filters"},
+    "Scenes and more": {
+        "scene": "Scenes",
+        "statics": "Static intervals",
+        "convergence": "Convergence of the solvers",
+        "other": "Further studies",
+    },
+    "Checks and numbers": {
+        "statistics": "Efficiency, coverage and consistency",
+        "checks": "Checks",
+        "numbers": "All numbers",
+        "provenance": "Provenance",
+    },
+}
+"""Titles of the sections under each heading, by their anchors, in the page's order."""
+
+ALWAYS_OPEN = ("failures", "disagreements")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chapter:
+    """A section behind a fold."""
+
+    section: Section
+    finding: str  # what it found, or its first figure with a finding; may be empty
+    mark: str  # how many of its checks are no pass, in words; empty where all are
+    answer: Answer  # the worst of them
+    open: bool
+
+    @property
+    def contents(self) -> str:
+        """What is behind the fold, where no figure says what was found."""
+        counts = (
+            (len(self.section.drawings), "figure"),
+            (len(self.section.tables), "table"),
+        )
+        return ", ".join(f"{n} {what}{'s' if n > 1 else ''}" for n, what in counts if n)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Group:
+    """Chapters about one thing."""
+
+    anchor: str  # its id on the page
+    title: str
+    chapters: tuple[Chapter, ...]
+
+
+def groups(
+    sections: Sequence[Section],
+    verdicts: Iterable[Verdict],
+    opened: Iterable[str] = (),
+    *,
+    everything: bool = False,
+) -> tuple[Group, ...]:
+    """Sort sections into groups; those whose anchors are `opened` stand open."""
+    judged: dict[str, list[Answer]] = {}
+    for verdict in verdicts:
+        judged.setdefault(home(verdict.cell.study), []).append(verdict.answer)
+    opened = {*ALWAYS_OPEN, *opened}
+    found = []
+    for number, (title, anchors) in enumerate(GROUPS.items()):
+        chapters = tuple(
+            _chapter(
+                section,
+                judged.get(section.anchor, ()),
+                everything or section.anchor in opened,
+            )
+            for section in sections
+            if section.anchor in anchors
+        )
+        if chapters:
+            found.append(Group(anchor=f"part-{number}", title=title, chapters=chapters))
+    return tuple(found)
+
+
+def _chapter(section: Section, answers: Sequence[Answer], opened: bool) -> Chapter:
+    failed, unclear = answers.count("fail"), answers.count("inconclusive")
+    parts = [
+        f"{failed:,} check{'s fail' if failed > 1 else ' fails'}" if failed else "",
+        f"{unclear:,} inconclusive" if unclear else "",
+    ]
+    findings = (drawing.finding for drawing in section.drawings if drawing.finding)
+    worst: Answer = next((word for word in WORST_FIRST if word in answers), "pass")
+    return Chapter(
+        section=section,
+        finding=str(section.values.get("found") or next(findings, "")),
+        mark=", ".join(filter(None, parts)),
+        answer=worst,
+        open=opened or worst != "pass",
     )
-}  # fmt: skip
+
+
+# ---- page
+
+OWN: Mapping[str, Callable[[Context], Section | None]] = {
+    "summary": summary.summary_section,
+    "algorithms": algorithms.algorithms_section,
+    "overview": summary.overview_section,
+    "failures": record.failures_section,
+    "disagreements": checks.disagreements_section,
+    "filters": pictures.filters_section,
+    "scene": pictures.scene_section,
+    "other": any_study.other_section,
+    "statistics": any_study.statistics_section,
+    "checks": checks.checks_section,
+    "numbers": record.numbers_section,
+    "provenance": record.provenance_section,
+}
 """Sections that are more than what studies declare, by their anchors."""
 
 
@@ -128,11 +245,10 @@ def _sections(context: Context) -> tuple[Section, ...]:
     found = []
     for anchor, title in titles.items():
         own = OWN.get(anchor)
-        section = (
-            section_of(context, anchor, title) if own is None else own.section(context)
-        )
+        section = section_of(context, anchor, title) if own is None else own(context)
         if section is not None:
-            more = elsewhere(context, anchor, getattr(own, "SHOWN", ()))
+            also = any_study.SHOWN if anchor == "statistics" else ()
+            more = elsewhere(context, anchor, also)
             found.append(replace(section, elsewhere=more))
     anchors = {section.anchor for section in found}
     return tuple(_linked(section, anchors) for section in found)

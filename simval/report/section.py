@@ -1,20 +1,191 @@
-"""A section of the page, and what it is made from."""
+"""A section of the page: what it reads of a run, what it is made of, its template.
 
+Everything that comes from data is escaped in the templates.
+
+A page has figures and tables of some thousand points, and its reader no more eyes than
+that. Of a run of up to `LARGE` rows all cells are shown. Of a larger one, of each
+study: the axis with the most values, seeds among them, keeps every second one, again
+and again, until the rows fit. So a curve that is drawn has all of its points, on fewer
+noise levels, geometries or seeds. The verdict stays that of all cells.
+"""
+
+import hashlib
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib import resources
+from math import prod
 from typing import Any
 
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from simval.judge import GateResult, RunComparison
-from simval.report.environment import template
-from simval.report.notes import folder_of
-from simval.report.panels import Drawing
-from simval.report.part import Part
-from simval.report.table import Table
+from simval.report.curves import folder_of
+from simval.report.live import silent
+from simval.report.paint import svg
+from simval.report.panels import MANY, Drawing
+from simval.report.table import Table, sort_key, text
+from simval.report.words import measured, number
+from simval.studies import STUDIES
+from simval.studies.study import canonical
 from simval.sweep import Run
 from simval.sweep.run import CellResult
 from simval.verdict import Verdict
+
+# ---- templates
+
+SCRIPTS = ("sort.js", "points.js", "legends.js", "filter.js", "folds.js")
+"""Files of the page's script, one after the other."""
+
+NAMED = 100
+"""What a figure leaves out is named one by one up to this many, the rest counted."""
+
+PRINTED = 40
+"""Rows of the longest table that is printed though it is folded."""
+
+
+def template(*names: str) -> Template:
+    """Load the first template of these names that this package has."""
+    return _environment().select_template([f"{name}.html.j2" for name in names])
+
+
+def script() -> dict[str, Any]:
+    """The page's only script and its hash for the content security policy."""
+    folder = resources.files("simval.report") / "templates"
+    parts = [(folder / name).read_text(encoding="utf-8") for name in SCRIPTS]
+    content = "\n".join(['"use strict";', *parts])
+    digest = b64encode(hashlib.sha256(content.encode()).digest()).decode()
+    return {"text": Markup(content), "digest": digest}
+
+
+def _picture(drawing: Drawing) -> Markup:
+    return Markup(svg(drawing))
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("simval.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(number=number)
+    environment.globals.update(NAMED=NAMED, PRINTED=PRINTED, MANY=MANY, silent=silent)
+    environment.globals.update(
+        measured=measured, picture=_picture, text=text, sort_key=sort_key, script=script
+    )
+    return environment
+
+
+# ---- the part of a large run
+
+LARGE = 100_000
+"""Rows above which a run is large. Chosen: the accuracy suite has 6 000."""
+ROWS = LARGE // 2
+"""Rows of a large run that a page is made of."""
+
+Axes = Mapping[str, Sequence[str]]
+"""Values of each parameter of a study, spelled, in the order in which they come."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """The cells of a run that a page shows."""
+
+    run: Run  # with these cells alone
+    names: frozenset[str] = frozenset()  # of the cells, where they are not all
+    said: str = ""  # which they are; empty where they are all
+    # how many cells of each study the run has, where they are not all
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+
+def part_of(run: Run) -> Part:
+    """Choose the cells of a run that a page shows."""
+    cells = run.cells
+    rows = sum(len(cell.rows) for cell in cells)
+    if rows <= LARGE:
+        return Part(run=run)
+    grids, counts = _grids(cells)
+    room = ROWS * len(cells) // rows // max(len(grids), 1)
+    kept = {study: thinned(axes, counts[study], room) for study, axes in grids.items()}
+    places = [
+        place
+        for place, cell in enumerate(cells)
+        if all(value in kept[cell.study][key] for key, value in _values(cell))
+    ]
+    chosen = tuple(cells[place] for place in places)
+    names = frozenset(cell.name for cell in chosen)
+    said = (
+        f"The verdict is of all {len(cells):,} cells. Figures and tables are of "
+        f"{len(chosen):,} of them, a coarser grid ({_words(grids, kept)}), and of "
+        "checks that did not pass."
+    )
+    shown = replace(run, cells=chosen)
+    return Part(run=shown, names=names, said=said, counts=counts)
+
+
+def thinned(axes: Axes, count: int, room: int) -> dict[str, frozenset[str]]:
+    """Values that are kept of each axis so that of `count` cells about `room` stay."""
+    kept = {key: list(values) for key, values in axes.items()}
+    whole = prod(map(len, axes.values()))
+    while count * prod(map(len, kept.values())) > room * whole:
+        longest = max(kept, key=lambda key: len(kept[key]))
+        if len(kept[longest]) == 1:
+            break
+        kept[longest] = kept[longest][::2]
+    return {key: frozenset(values) for key, values in kept.items()}
+
+
+def _grids(cells: Sequence[CellResult]) -> tuple[dict[str, Axes], dict[str, int]]:
+    """The axes of each study, and the number of its cells."""
+    found: dict[str, dict[str, dict[str, None]]] = {}
+    counts: dict[str, int] = {}
+    for cell in cells:
+        counts[cell.study] = counts.get(cell.study, 0) + 1
+        own = found.setdefault(cell.study, {})
+        for key, value in _values(cell):
+            own.setdefault(key, {})[value] = None
+    axes = {
+        study: {key: list(values) for key, values in own.items()}
+        for study, own in found.items()
+    }
+    return dict(axes), counts
+
+
+def _values(cell: CellResult) -> list[tuple[str, str]]:
+    named: dict[str, Any] = {**cell.parameters, "seed": cell.seed}
+    return [(key, canonical(value)) for key, value in named.items()]
+
+
+def _words(
+    grids: Mapping[str, Axes], kept: Mapping[str, Mapping[str, frozenset[str]]]
+) -> str:
+    """How many values of which parameters, study by study."""
+    parts = []
+    for study, axes in grids.items():
+        fewer = [
+            f"{len(kept[study][key])} of {len(values)} values of {key}"
+            for key, values in axes.items()
+            if len(kept[study][key]) < len(values)
+        ]
+        parts.append(f"{study}: {', '.join(fewer) or 'all'}")
+    return "; ".join(parts)
+
+
+# ---- sections
+
+WITHOUT_SECTION = "other"
+"""Section of the studies that have none of their own."""
+
+
+def home(study: str) -> str:
+    """Anchor of the section that shows a study."""
+    own = STUDIES[study].section if study in STUDIES else None
+    return own or WITHOUT_SECTION
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

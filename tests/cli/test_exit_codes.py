@@ -8,8 +8,8 @@ from places import ROOT
 
 from simval.errors import InputError
 from simval.judge import judge_run
+from simval.report.checks import checks_section
 from simval.report.section import Context
-from simval.report.sections import checks
 from simval.sweep import (
     cluster,
     executors,
@@ -160,7 +160,7 @@ def test_a_cell_that_crashes_again_is_exit_code_4(simval, tiny_run, monkeypatch)
 def commands_of(run):
     """What the page gives to compute the cells of its checks again."""
     context = Context(run=run, judged=judge_run(run), titles={})
-    (table,) = [t for t in checks.section(context).tables if t.name == "verdicts"]
+    (table,) = [t for t in checks_section(context).tables if t.name == "verdicts"]
     place = [column.title for column in table.columns].index("command")
     return {row[place] for row in table.rows if row[place]}
 

@@ -24,8 +24,8 @@ from simval.recorded.errors import Consistency, Rms
 from simval.report.calibration_page import KINDS, kinds_of, readable
 from simval.report.filter_page import replies
 from simval.report.log_page import FOLDERS, envelope
-from simval.report.noise_page import UNITS
 from simval.sensor import AccelerometerModel, forms
+from simval.units import OF_A_DATA_SHEET
 
 NAMES = ("calibrated", "outlier", "filtered", "blind", "noise", "stuck")
 
@@ -177,10 +177,10 @@ def test_an_error_bar_is_the_change_of_what_it_corrects(model):
         assert bar == pytest.approx(change * unit.factor, rel=0.12)
 
 
-@pytest.mark.parametrize("sensor", UNITS)
+@pytest.mark.parametrize("sensor", OF_A_DATA_SHEET)
 @pytest.mark.parametrize("kind", "NBK")
 def test_units_of_noise_are_those_of_the_command(sensor, kind):
-    unit = UNITS[sensor][kind]
+    unit = OF_A_DATA_SHEET[sensor][kind]
     further = {
         re.sub(r"sqrt\((\w+)\)", r"√\1", title)
         .replace("ug", "µg")

@@ -16,7 +16,7 @@ from stores import edited, edited_run
 
 from simval.report import drawings, png, render, svg_file, tables
 from simval.report.paint import svg
-from simval.report.sections.provenance import command, suite_text
+from simval.report.record import command, suite_text
 from simval.sweep import load_run, load_suite
 
 
@@ -30,7 +30,7 @@ def page_and_figures(_tiny_run):
         return figures[drawing.name]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("simval.report.environment.svg", kept)
+        patch.setattr("simval.report.section.svg", kept)
         return render(load_run(_tiny_run)), figures
 
 
@@ -78,7 +78,7 @@ def test_the_same_run_gives_the_same_bytes(tiny_run, page_and_figures, monkeypat
     run = load_run(tiny_run)
     page, figures = page_and_figures
     monkeypatch.setattr(
-        "simval.report.environment.svg", lambda drawing: figures[drawing.name]
+        "simval.report.section.svg", lambda drawing: figures[drawing.name]
     )
     assert render(run) == page
     again = {d.name: svg(d) for d in drawings(run) if d.name in ("nees", "efficiency")}

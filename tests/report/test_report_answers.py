@@ -15,11 +15,10 @@ from simval.judge import (
     read_baseline,
     write_baseline,
 )
-from simval.report import render
-from simval.report.answers_theory import deviation
-from simval.report.answers_wrong import chosen
+from simval.report import render, summary
+from simval.report.answers import deviation
 from simval.report.page import context_of
-from simval.report.sections import summary
+from simval.report.summary import chosen
 from simval.report.words import measured
 from simval.results import CellName
 from simval.verdict import Verdict
@@ -31,7 +30,7 @@ DEGREES = 180.0 / np.pi
 
 def first_screen(run, **asked):
     """Lines of each answer, in words, and the section."""
-    section = summary.section(context_of(run, **asked))
+    section = summary.summary_section(context_of(run, **asked))
     groups = str(section.body).split('<div class="answer" role="group"')[1:]
     groups[-1] = groups[-1].partition('<p class="ran">')[0].partition("<figure")[0]
     lines = [

@@ -9,7 +9,17 @@ from matplotlib.colors import to_rgb
 from rounding import EPS
 
 from simval.report import palette
-from simval.report.curves import Curve
+from simval.report.curves import (
+    SEEN,
+    Z95,
+    Curve,
+    Slope,
+    limits,
+    ratio,
+    ratio_bars,
+    ratio_panel,
+    simultaneous,
+)
 from simval.report.findings import (
     SURE,
     agreement,
@@ -18,8 +28,6 @@ from simval.report.findings import (
     slopes_said,
 )
 from simval.report.panels import DotPanel, Series
-from simval.report.ratio import SEEN, limits, ratio, ratio_bars, ratio_panel
-from simval.report.slope import Z95, Slope, simultaneous
 from simval.units import MILLIRADIAN, of_row
 
 X = np.array([0.001, 0.01, 0.1])

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from simval.geometry import attitude_matrix, random_quaternions
-from simval.report.attitudes import LENGTH, SIZE, turning
 from simval.report.page import render, sections
+from simval.report.pictures import LENGTH, SIZE, turning
 from simval.sweep import load_run, run_suite
 from simval.sweep.suite import expand
 

@@ -252,7 +252,7 @@ def test_findings_are_of_all_rows_of_the_table(tmp_path):
 @pytest.mark.slow
 def test_findings_of_two_hundred_random_suites_are_of_all_rows(tmp_path, monkeypatch):
     # a slope is no claim, and fitting them takes most of the time
-    monkeypatch.setattr("simval.report.listings.fitted_slope", lambda *curve: None)
+    monkeypatch.setattr("simval.report.declared.fitted_slope", lambda *curve: None)
     assert family(range(200), tmp_path / "run") > 800
 
 

@@ -65,7 +65,7 @@ def others(tmp_path_factory):
 @pytest.fixture(scope="module")
 def undrawn():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("simval.report.environment.svg", lambda drawing: "<svg/>")
+        patch.setattr("simval.report.section.svg", lambda drawing: "<svg/>")
         yield
 
 
@@ -224,7 +224,7 @@ DECLARED = [name for name, study in STUDIES.items() if study.shown and name != "
 def test_every_statistic_is_shown_or_named(smoke, others, study, monkeypatch):
     """Other numbers in one statistic: a figure or table changes, or it is named."""
     # a slope is of what is drawn, and fitting them takes most of the time
-    monkeypatch.setattr("simval.report.listings.fitted_slope", lambda *curve: None)
+    monkeypatch.setattr("simval.report.declared.fitted_slope", lambda *curve: None)
     context = context_of(smoke if smoke.of(study) else others)
     anchors = {s.section or STUDIES[study].section for s in STUDIES[study].shown}
     named = elsewhere(context, STUDIES[study].section)

@@ -133,7 +133,7 @@ def test_a_run_of_some_thousand_rows_says_what_it_leaves_out(tiny_run, monkeypat
     from simval.report import render, tables
     from simval.sweep import load_run
 
-    monkeypatch.setattr("simval.report.environment.svg", lambda drawing: "<svg/>")
+    monkeypatch.setattr("simval.report.section.svg", lambda drawing: "<svg/>")
     count = grown(tiny_run, 4000)
     run = load_run(tiny_run)
     text = render(run)

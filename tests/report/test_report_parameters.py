@@ -2,7 +2,7 @@
 
 import pytest
 
-from simval.report.parameters import PARAMETERS, axis_words, named, setting_words
+from simval.report.words import PARAMETERS, axis_words, named, setting_words
 from simval.studies import STUDIES
 
 # a unit as the page has it, and as the descriptions of the parameters do

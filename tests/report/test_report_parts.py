@@ -7,8 +7,7 @@ import pytest
 from rows_by_name import cell
 
 from simval.judge.findings import reproduce
-from simval.report.curves import grouped, varying
-from simval.report.slope import fitted_slope, order, simultaneous
+from simval.report.curves import fitted_slope, grouped, order, simultaneous, varying
 from simval.report.table import Column, Table, csv_text, sort_key, text
 from simval.report.words import measured
 from simval.results import CellName

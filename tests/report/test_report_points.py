@@ -9,8 +9,7 @@ import rows_by_name
 from rows_by_name import cell
 
 from simval.report import tables
-from simval.report.curves import curve, statistic
-from simval.report.notes import Measured, folder_of, located, note
+from simval.report.curves import Measured, curve, folder_of, located, note, statistic
 from simval.report.page import sections
 from simval.statistics import RMS
 from simval.sweep import load_run

@@ -12,14 +12,12 @@ import small_runs
 
 from simval.judge import compare_algorithms
 from simval.judge.algorithms import ACCURACY
-from simval.report.contest import contest_of
-from simval.report.curves import bars
+from simval.report.algorithms import contest_of, dots
+from simval.report.curves import bars, limits
 from simval.report.page import context_of
 from simval.report.paint import placed, svg
 from simval.report.panels import Drawing
-from simval.report.ratio import limits
-from simval.report.sections.algorithm_figures import dots
-from simval.report.sections.summary import figures
+from simval.report.summary import figures
 from simval.report.table import Column, Table, csv_text, text
 from simval.statistics import EXACT, RMS
 from simval.units import MILLIRADIAN

@@ -12,14 +12,18 @@ from side_by_side import cell, estimator_rows, league, run_of
 from simval.judge import judge_run
 from simval.plugins.attitudes import CLASSES
 from simval.plugins.loading import BUILTIN
-from simval.report import render
-from simval.report.contest import answer_of, contest_of
+from simval.report import algorithms, any_study, render, summary
+from simval.report.algorithms import (
+    SPACE,
+    answer_of,
+    contest_of,
+    dots,
+    failing,
+    side_by_side,
+)
 from simval.report.page import sections
 from simval.report.paint import svg
 from simval.report.section import Context
-from simval.report.sections import algorithms, other, overview, summary
-from simval.report.sections.algorithm_figures import dots, failing
-from simval.report.sections.algorithm_tables import BOUND, side_by_side
 from simval.report.table import csv_text, text
 from simval.results import unjudged
 from simval.statistics import CRAMER_RAO, EFFICIENCY, FAMILIES, Family
@@ -54,7 +58,7 @@ def test_each_algorithm_has_a_row_with_all_that_is_known(tmp_path):
     assert found["× built-in"] == pytest.approx(6.0)
     assert (
         found["fails at"]
-        == f"reference{BOUND}as{BOUND}body{BOUND}100{BOUND}%,{BOUND}+1"
+        == f"reference{SPACE}as{SPACE}body{SPACE}100{SPACE}%,{SPACE}+1"
     )
 
 
@@ -138,10 +142,13 @@ def test_failures_are_a_map_with_what_was_declared(tmp_path):
 
 def test_where_none_fails_there_is_a_sentence_and_no_map(tmp_path, undrawn):
     run = league(tmp_path, count=2)
-    section = algorithms.section(context_of(run))
+    section = algorithms.algorithms_section(context_of(run))
     assert [d.name for d in section.drawings] == ["estimator-accuracy"]
     assert "No algorithm fails in any of 16 classes of exact cases" in section.body
-    assert "No algorithm" not in algorithms.section(context_of(league(tmp_path))).body
+    assert (
+        "No algorithm"
+        not in algorithms.algorithms_section(context_of(league(tmp_path))).body
+    )
 
 
 @pytest.mark.ci
@@ -156,21 +163,20 @@ def test_a_users_algorithms_come_right_after_the_verdict(tmp_path, monkeypatch):
     # the figures of the first screen go below them, and are on the page once
     drawn = [dots("x", "estimators", contest_of(only))]
     monkeypatch.setattr(summary, "figures", lambda context: drawn)
-    monkeypatch.setattr(overview, "figures", lambda context: drawn)
     for run, first, then in (
         (league(tmp_path), (), tuple(drawn)),
         (run_of(tmp_path, only), tuple(drawn), None),
     ):
         context = context_of(run)
-        assert summary.section(context).drawings == first
-        below = overview.section(context)
+        assert summary.summary_section(context).drawings == first
+        below = summary.overview_section(context)
         assert (None if below is None else below.drawings) == then
 
 
 def test_no_algorithm_is_among_further_studies_and_none_is_lost(tmp_path):
     run = league(tmp_path, count=3)
-    assert other.section(context_of(run)) is None
-    section = algorithms.section(context_of(run))
+    assert any_study.other_section(context_of(run)) is None
+    section = algorithms.algorithms_section(context_of(run))
     by_name = {table.name: table for table in section.tables}
     assert set(by_name) == {
         "estimator-algorithms", "estimator-cells", "study-estimator",
@@ -187,7 +193,7 @@ def test_a_calibrator_by_what_it_leaves(tmp_path, monkeypatch):
     monkeypatch.setattr("simval.judge.algorithms.SIZES", (left,))
     rows = unjudged(left(), 0.03, 0.001, 1024, 0.02, f"{CRAMER_RAO}, nine parameters")
     run = run_of(tmp_path, [cell("six.py", rows, study="calibrator")])
-    section = algorithms.section(context_of(run))
+    section = algorithms.algorithms_section(context_of(run))
     by_name = {table.name: table for table in section.tables}
     assert fields(by_name["calibrator-algorithms"], "six.py")["noise 0.01 m/s²"] == (
         pytest.approx(1.5),
@@ -237,7 +243,7 @@ def test_no_row_of_garbage_breaks_the_page_or_is_a_number_there(tmp_path, bad):
             broken[place] = replace(rows[place], **{field: bad})
             cells.append(cell(f"x.py:{place}-{field}", broken))
     run = run_of(tmp_path, cells)
-    section = algorithms.section(context_of(run))
+    section = algorithms.algorithms_section(context_of(run))
     for drawing in section.drawings:
         ElementTree.fromstring(svg(drawing))
     table = section.tables[0]

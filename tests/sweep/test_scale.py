@@ -13,7 +13,7 @@ from stores import digest
 
 from simval.errors import InputError
 from simval.judge import baseline, judge_run, write_baseline
-from simval.report.part import thinned
+from simval.report.section import thinned
 from simval.results import Outcome, Row
 from simval.statistics import BIAS
 from simval.sweep import executors, load_run, store

@@ -1,4 +1,4 @@
-"""What the numbers depend on, and the command that reproduces them."""
+"""What a run says of itself: what was not measured, every number, how to repeat it."""
 
 import json
 import shlex
@@ -6,13 +6,74 @@ from collections.abc import Mapping
 from typing import Any
 
 from simval.errors import InputError
+from simval.judge.findings import reproduce
 from simval.report.section import Context, Section, made
+from simval.report.table import NUMBERS, Column, Table, numbers_of
+from simval.report.words import sign_of_entries
 from simval.sweep import load_suite
+
+# ---- what was not measured
+
+MAX_FAILURES = 200  # for the size of a page; the rest is counted
+
+
+def failures_section(context: Context) -> Section | None:
+    """Make the section."""
+    unfinished, gaps = context.judged.unfinished, context.judged.gaps
+    if not unfinished and not gaps:
+        return None
+    cells = [cell for cell in unfinished if cell.status == "failed"]
+    return made(
+        "failures",
+        "What was not measured",
+        cells=cells[:MAX_FAILURES],
+        commands=[
+            reproduce(cell.named, context.folder) for cell in cells[:MAX_FAILURES]
+        ],
+        pending=[cell.name for cell in unfinished if cell.status == "pending"],
+        folder=shlex.quote(context.folder),
+        gaps=gaps[:MAX_FAILURES],
+        hidden=max(0, len(cells) - MAX_FAILURES) + max(0, len(gaps) - MAX_FAILURES),
+    )
+
+
+# ---- all numbers
+
+MAX_NUMBERS = 500  # for the size of a page; the rest is counted
+
+
+def numbers_section(context: Context) -> Section | None:
+    """Make the section."""
+    rows = [
+        (cell.name, *numbers_of(row)) for cell in context.run.cells for row in cell.rows
+    ]
+    if not rows:
+        return None
+    table = Table(
+        name="numbers",
+        caption="Value ± standard error of each statistic"
+        + sign_of_entries(
+            row.statistic for cell in context.run.cells for row in cell.rows
+        ),
+        columns=(Column("cell", "code"), *NUMBERS),
+        rows=rows,
+        shown=MAX_NUMBERS,
+    )
+    return made(
+        "numbers",
+        "All numbers",
+        tables=[table],
+        folder=context.run.folder.name,
+        found=f"{len(rows):,} statistics of {len(context.run.cells):,} cells.",
+    )
+
+
+# ---- provenance
 
 FILE = "simval sweep suite.toml"
 
 
-def section(context: Context) -> Section | None:
+def provenance_section(context: Context) -> Section | None:
     """Make the section."""
     manifest = context.run.manifest
     git = manifest["git"]

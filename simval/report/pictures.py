@@ -1,18 +1,33 @@
-"""The scene that was simulated: a picture, and the poses on the sphere."""
+"""Pictures of what was simulated: the scene with its poses, and a filter's trial.
+
+A trial turns as SVG with animations of its own: no script and no video.
+"""
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup, escape
 
 from simval.arrays import Array
 from simval.errors import InputError
+from simval.geometry import attitude_matrix, normalize
+from simval.judge.algorithms import algorithm_of
 from simval.report.artifacts import arrays, content_of, is_left, listed, shaped
 from simval.report.calibration_page import widest_gap
-from simval.report.panels import Drawing, SpherePanel
+from simval.report.curves import MAX_GROUPS
+from simval.report.declared import shown_of
+from simval.report.panels import COLOURS, Drawing, SpherePanel
 from simval.report.section import Context, Section, made
 from simval.report.words import slug
 from simval.shapes import Float
+from simval.studies.filter import artifact_of
+from simval.sweep.run import CellResult
+
+# ---- scene
 
 MAX_SCENES = 8  # for the size of a page; the others are named
 MAX_DIRECTIONS = 2000  # points of a panel, the first; for the size of a page
@@ -33,7 +48,7 @@ class Picture:
     drawing: Drawing  # map of its poses
 
 
-def section(context: Context) -> Section | None:
+def scene_section(context: Context) -> Section | None:
     """Make the section."""
     files = listed(context.run.folder, "scene-*.npz")
     scenes: list[Picture] = []
@@ -124,3 +139,103 @@ def _map(
             for sign, title in ((1.0, "z up"), (-1.0, "z down"))
         ],
     )
+
+
+# ---- turning axes
+
+SIZE = 240.0  # of the picture, in its own units
+LENGTH = 95.0  # of an axis
+LONGEST = 20.0  # s that it may take; a longer run is shown faster
+AZIMUTH, ELEVATION = np.radians(35.0), np.radians(25.0)  # from which it is seen
+
+
+def turning(
+    title: str,
+    time: Float[Array, " k"],
+    truth: Float[Array, "k 4"],
+    estimate: Float[Array, "k 4"],
+) -> Markup:
+    """Axes of the truth, thick and pale, and of the estimate, thin, in the world."""
+    seconds = min(float(time[-1] - time[0]), LONGEST)
+    share = (time - time[0]) / (time[-1] - time[0])
+    keys = ";".join(f"{each:.4g}" for each in share)
+    lines = []
+    for q, width, opacity in ((truth, 7.0, 0.35), (estimate, 2.0, 1.0)):
+        ends = _seen(attitude_matrix(normalize(q)))
+        for axis, colour in zip(range(3), COLOURS, strict=False):
+            lines.append(_line(ends[:, axis], keys, seconds, colour, width, opacity))
+    words = escape(title)
+    return Markup(  # every part is a number, a colour of ours, or escaped
+        f'<svg viewBox="0 0 {SIZE:g} {SIZE:g}" role="img" aria-label="{words}">'
+        f"<title>{words}</title>{''.join(lines)}</svg>"
+    )
+
+
+def _seen(axes: Float[Array, "k 3 3"]) -> Float[Array, "k 3 2"]:
+    """Ends of the body's axes, the rows, on the page: x right, y down."""
+    right = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
+    near = np.array([np.cos(AZIMUTH), np.sin(AZIMUTH), 0.0])
+    up = np.cos(ELEVATION) * np.array([0.0, 0.0, 1.0]) - np.sin(ELEVATION) * near
+    middle = SIZE / 2.0
+    across, down = axes @ right, -(axes @ up)
+    return middle + LENGTH * np.stack([across, down], axis=-1)
+
+
+def _line(
+    ends: Float[Array, "k 2"],
+    keys: str,
+    seconds: float,
+    colour: str,
+    width: float,
+    opacity: float,
+) -> str:
+    moves = "".join(
+        f'<animate attributeName="{name}" dur="{seconds:.3g}s" '
+        f'repeatCount="indefinite" keyTimes="{keys}" '
+        f'values="{";".join(f"{value:.1f}" for value in values)}"/>'
+        for name, values in zip(("x2", "y2"), ends.T, strict=True)
+    )
+    x, y = ends[0]
+    return (
+        f'<line x1="{SIZE / 2:g}" y1="{SIZE / 2:g}" x2="{x:.1f}" y2="{y:.1f}" '
+        f'stroke="{colour}" stroke-width="{width:g}" stroke-opacity="{opacity:g}" '
+        f'stroke-linecap="round">{moves}</line>'
+    )
+
+
+# ---- filters
+
+
+def filters_section(context: Context) -> Section | None:
+    """Make the section."""
+    cells = context.cells("filter")
+    if not cells:
+        return None
+    pictures = _turning(context, cells)
+    return made(
+        "filters", "Attitude filters", *shown_of(context, "filters"),
+        turning=pictures[:MAX_GROUPS], hidden=max(len(pictures) - MAX_GROUPS, 0),
+    )  # fmt: skip
+
+
+def _turning(context: Context, cells: Sequence[CellResult]) -> list[tuple[str, Markup]]:
+    """A moving picture of each cell that left attitudes, the worst first."""
+    found = []
+    for cell in cells:
+        file = context.run.folder / "artifacts" / artifact_of(cell.parameters)
+        if not is_left(file):
+            continue
+        content = arrays(file)
+        time = shaped(file, content, "time", None)
+        count = len(time)
+        truth, estimate = (
+            shaped(file, content, name, count, 4) for name in ("truth", "estimate")
+        )
+        if count < 2 or not (np.diff(time) > 0.0).all():
+            continue
+        words = f"{algorithm_of(cell)}, {cell.parameters.get('scenario', '')}"
+        # cosine of half of the greatest angle between the two
+        nearest = float(np.abs(np.vecdot(truth, estimate)).min())
+        found.append((nearest, words, turning(words, time, truth, estimate)))
+    found.sort(key=itemgetter(0))
+    return [(words, picture) for _, words, picture in found]

@@ -1,18 +1,36 @@
-"""Efficiency, coverage of the error bars, and NEES, of every study that has them."""
+"""What is drawn of any study: efficiency, coverage and NEES, and what has no section.
 
+A study that declares no figure of its own is drawn along what varies most.
+"""
+
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from simval.figures import VARYING, Figure
+from simval.figures import VARYING, Figure, predictor
+from simval.report.curves import varying
+from simval.report.declared import shown_of
 from simval.report.findings import Claim, behind, claiming
-from simval.report.gallery import panels_of
+from simval.report.gallery import drawn, panels_of
 from simval.report.panels import AnyPanel, Drawing
 from simval.report.section import Context, Section, made
-from simval.report.words import spelled
+from simval.report.table import NUMBERS, Column, Table, numbers_of
+from simval.report.words import axis_words, slug, spelled
 from simval.results import Row
-from simval.statistics import COVERAGE, EFFICIENCY, FIRST_ORDER, NEES, Family
+from simval.statistics import (
+    BUDGET,
+    COVERAGE,
+    COVERAGE_NORMAL,
+    EFFICIENCY,
+    FIRST_ORDER,
+    NEES,
+    Family,
+)
+from simval.studies import STUDIES
 from simval.sweep.run import CellResult
+
+# ---- efficiency, coverage, NEES
 
 MAX_PANELS = 9  # for the size of a page, as is `MAX_KINDS`
 MAX_KINDS = 4
@@ -75,7 +93,7 @@ FIGURES = (
 )
 
 
-def section(context: Context) -> Section | None:
+def statistics_section(context: Context) -> Section | None:
     """Make the section."""
     drawings: list[Drawing] = []
     for figure in FIGURES:
@@ -149,4 +167,96 @@ def _mean(rows: list[Row]) -> Row:
         prediction=prediction if np.isfinite(prediction) else None,
         remainder=rest,
         n=min(row.n for row in rows),
+    )
+
+
+# ---- studies without a section
+
+ELSEWHERE = (EFFICIENCY, COVERAGE, COVERAGE_NORMAL, NEES, BUDGET)
+MAX_OTHERS = 6  # for the size of a page, as is `MAX_ROWS`
+MAX_ROWS = 40
+
+
+def other_section(context: Context) -> Section | None:
+    """Make the section."""
+    studies = dict.fromkeys(cell.study for cell in context.run.cells)
+    parts = [
+        (context.titles.get(study, study), *_shown(context, study, cells))
+        for study in studies
+        if (cells := context.cells(study)) and not _has_section(study)
+    ]
+    if not parts:
+        return None
+    return made(
+        "other",
+        "Further studies",
+        [drawing for _, drawings, _ in parts for drawing in drawings],
+        [table for _, _, tables in parts for table in tables],
+        parts=parts,
+        found=" ".join(f"{title}.".replace("?.", "?") for title, _, _ in parts),
+    )
+
+
+def _has_section(study: str) -> bool:
+    return study in STUDIES and STUDIES[study].section is not None
+
+
+def _shown(
+    context: Context, study: str, cells: Sequence[CellResult]
+) -> tuple[list[Drawing], list[Table]]:
+    """What a study declares, or a figure of its statistics; and all its numbers."""
+    known = study in STUDIES and STUDIES[study].shown
+    drawings, tables = shown_of(context, "other", [study]) if known else ([], [])
+    if not known:
+        drawings = _drawings(study, cells)
+    return drawings, [*tables, numbers(study, cells)]
+
+
+def _drawings(study: str, cells: Sequence[CellResult]) -> list[Drawing]:
+    """Each statistic with a prediction, or each of all, along what varies."""
+    known = {
+        row.statistic: row.prediction is not None
+        for cell in cells
+        for row in cell.rows
+        if row.statistic.family not in ELSEWHERE
+    }
+    predicted = [what for what, has in known.items() if has]
+    figure = Figure(
+        name=f"study {study}",
+        what="What was measured",
+        rows=predicted or [*known],
+        along=VARYING,
+        panels=lambda row: spelled(str(row.statistic)),
+        lines=predictor,
+        value="value",
+        several=True,
+        ratio=False,
+        log_x=None,
+        log_y=None,
+        caption="All of its numbers are in the table.",
+    )
+    drawings = drawn(figure, cells)
+    names = dict.fromkeys(spelled(str(what)) for what in known)
+    shown = {panel.title for d in drawings for panel in d.panels[:MAX_OTHERS]}
+    rest = [name for name in names if name not in shown]
+    return [
+        replace(d, panels=d.panels[:MAX_OTHERS], left_out=[*d.left_out, *rest])
+        for d in drawings
+    ]
+
+
+def numbers(study: str, cells: Sequence[CellResult]) -> Table:
+    """Every row of a study, with the parameters that vary."""
+    keys = varying(cells)
+    rows = [
+        (*(cell.parameters.get(key) for key in keys), *numbers_of(row))
+        for cell in cells
+        for row in cell.rows
+    ]
+    return Table(
+        name=slug(f"study {study}"),
+        caption=f"Numbers of the study {study}",
+        columns=(*(Column(axis_words(study, key)) for key in keys), *NUMBERS),
+        rows=rows,
+        shown=MAX_ROWS,
     )
