@@ -12,7 +12,6 @@ Each part of the budget is also measured by itself: with the noise of one sensor
 of the two tumbles only, and all else at the truth.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated
 
@@ -33,7 +32,7 @@ from simval.statics import Intervals, interval_counts, interval_means
 from simval.statistics import BUDGET, CARRIED, CHI_SQUARE_3, IMPURE, NEES
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
-from simval.studies.detector import RATE, Tumble, detect, known_rest_rows, pure, thinned
+from simval.studies.detector import RATE, detect, known_rest_rows, pure, thinned
 from simval.studies.magnetometer import true_magnetometer
 from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.study import Cost, StudyParameters
@@ -83,11 +82,18 @@ class Parameters(StudyParameters):
         return Cost(0.5 + 3.5e-2 * self.trials, 22)
 
 
+Sensors = tuple[AccelerometerModel, MagnetometerModel]
+Std = tuple[float | Float[Array, " m"], float | Float[Array, " m"]]
+"""Noise of a mean of each sensor."""
+
+
 @lru_cache(maxsize=8)
 def tumbles(poses: int, attitudes: int) -> tuple[Trajectory, Wanted]:
     """Simulate both tumbles, or read them from the cache."""
     first = simulate_cached("gimbal", poses=poses, hold_time=2.0, first_hold=5.0)
-    turned = fibonacci_sphere(attitudes) @ _rotation()
+    # a fixed rotation that maps no axis near an axis
+    columns = np.array([[1.0, 2.0, 3.0], [3.0, -1.0, 1.0], [-2.0, 1.0, 2.0]])
+    turned = fibonacci_sphere(attitudes) @ np.linalg.qr(columns)[0]
     second = simulate_cached("gimbal", poses=turned, hold_time=0.2)
     wanted = Wanted(
         force=second.hold_means(),
@@ -98,76 +104,104 @@ def tumbles(poses: int, attitudes: int) -> tuple[Trajectory, Wanted]:
     return first, wanted
 
 
-def _rotation() -> Float[Array, "3 3"]:
-    # a fixed rotation that maps no axis near an axis
-    columns = np.array([[1.0, 2.0, 3.0], [3.0, -1.0, 1.0], [-2.0, 1.0, 2.0]])
-    orthogonal = np.linalg.qr(columns)[0]
-    return np.asarray(orthogonal)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scenario:
-    """Both true sensors and the first tumble; the field has length 1."""
+    """Both true sensors on both tumbles, without noise; the field has length 1."""
 
-    accelerometer: AccelerometerModel
-    magnetometer: MagnetometerModel
-    tumble: Tumble
-    field: Float[Array, "n 3"]  # of each row of the tumble
-    attitude: Float[Array, "n 4"]
-    dip: float  # rad
+    def __init__(self, trajectory: Trajectory, wanted: Wanted) -> None:
+        every = slice(None, None, max(round(trajectory.rate / RATE), 1))
+        self.sensors: Sensors = (true_sensor(0.0), true_magnetometer())
+        self.tumble, self.wanted = thinned(trajectory), wanted
+        self.attitude = trajectory.attitude[every]
+        self.dip = float(-np.arcsin(normalize(trajectory.magnetic)[2]))
+        field = normalize(trajectory.magnetic_field[every])
+        self.log = self.felt(self.tumble.force, field)
+        self.rests = self.felt(wanted.force, wanted.field)
 
-    def problem(
-        self,
-        q: Float[Array, "m 4"],
-        std: tuple[float | Float[Array, " m"], float | Float[Array, " m"]],
-    ) -> Problem:
+    def felt(self, force: Array, field: Array) -> tuple[Array, Array]:
+        """Readings of both sensors."""
+        quiet = np.random.default_rng(0)  # draws nothing
+        body, iron = self.sensors
+        return body.distort(force, quiet), iron.distort(field, quiet)
+
+    def problem(self, q: Float[Array, "m 4"], std: Std) -> Problem:
         """Poses of these attitudes at the truth, for theory."""
         return problem_of(
-            self.accelerometer, self.magnetometer, q, self.dip, *std,
+            *self.sensors, q, self.dip, *std,
             g=self.tumble.g, field=1.0, form="triangular",
         )  # fmt: skip
 
+    def calibrated(
+        self,
+        noisy: Float[Array, "m 3"],
+        intervals: Intervals,
+        std: tuple[Float[Array, " m"], Float[Array, " m"]],
+        rng: np.random.Generator,
+    ) -> list[Sensors]:
+        """Both sensors from the accelerometer's noise, the magnetometer's, and both."""
+        force, field = (interval_means(rows, intervals) for rows in self.log)
+        stirred = field + std[1][:, None] * rng.standard_normal(field.shape)
+        fit = calibrate_magnetometer(
+            np.stack([noisy, force, noisy]),
+            np.stack([field, stirred, stirred]),
+            self.tumble.g,
+            accelerometer_std=std[0],
+            magnetometer_std=std[1],
+            model="triangular",
+        ).require_converged()
+        return [
+            (
+                AccelerometerModel.from_parameters(values[:9]),
+                MagnetometerModel(M=values[9:18].reshape(3, 3), b=values[18:21]),
+            )
+            for values in fit.parameters
+        ]
 
-def scenario_of(trajectory: Trajectory, noise: float) -> Scenario:
-    """Sensors on the first tumble, thinned to the rate of a log."""
-    every = slice(None, None, max(round(trajectory.rate / RATE), 1))
-    return Scenario(
-        accelerometer=true_sensor(noise),
-        magnetometer=true_magnetometer(),
-        tumble=thinned(trajectory),
-        field=normalize(trajectory.magnetic_field[every]),
-        attitude=trajectory.attitude[every],
-        dip=float(-np.arcsin(normalize(trajectory.magnetic)[2])),
-    )
+    def estimates(
+        self, fitted: list[Sensors], std: Std, rng: np.random.Generator
+    ) -> list[Float[Array, "n 4"]]:
+        """Attitudes with one source of error each, and with all, as `PARTS`."""
+        exact = self.rests
+        noisy = tuple(
+            rows + each * rng.standard_normal(rows.shape)
+            for rows, each in zip(exact, std, strict=True)
+        )
+        shape = exact[0].shape
+        r1, r2 = (np.broadcast_to(r, shape) for r in (UP, self.wanted.field_world))
+        return [
+            two_vector_quaternion(
+                normalize(body.correct(force)), normalize(iron.correct(field)), r1, r2
+            )
+            for (body, iron), (force, field) in (
+                (fitted[0], exact),
+                (fitted[1], exact),
+                (self.sensors, (noisy[0], exact[1])),
+                (self.sensors, (exact[0], noisy[1])),
+                (fitted[2], noisy),
+            )
+        ]
 
 
 @refusing("lower the noise, or give more `poses` or a larger `average`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the error budget of one cell beside its prediction."""
     trajectory, wanted = tumbles(parameters.poses, parameters.attitudes)
-    scenario = scenario_of(trajectory, parameters.accelerometer_noise_std)
+    scenario = Scenario(trajectory, wanted)
     strength = float(np.linalg.norm(trajectory.magnetic))
-    noise = (
-        parameters.accelerometer_noise_std,
-        parameters.magnetometer_noise_std / strength,
-    )
-    mean_std = (
-        noise[0] / np.sqrt(parameters.average),
-        noise[1] / np.sqrt(parameters.average),
-    )
+    force_std = parameters.accelerometer_noise_std
+    noise = force_std, parameters.magnetometer_noise_std / strength
+    count = np.sqrt(parameters.average)
+    mean_std = noise[0] / count, noise[1] / count
     true = scenario.problem(wanted.q, mean_std)
     carriers = [carrier(true, wanted, k, *mean_std) for k in range(len(wanted.q))]
-    quiet = np.random.default_rng(0)  # draws nothing: without noise
-    felt = true_sensor(0.0).distort(scenario.tumble.force, quiet)
 
     def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
-        raw = scenario.accelerometer.distort(scenario.tumble.force, rng)
+        raw = true_sensor(force_std).distort(scenario.tumble.force, rng)
         intervals, _, _ = detect(raw, *SETTINGS)
-        impure = float(np.sum(~pure(intervals, scenario.tumble.still)))
         samples = np.sqrt(interval_counts(intervals))
         std = noise[0] / samples, noise[1] / samples
-        fitted = _calibrated(scenario, raw, intervals, std, rng)
-        estimates = _estimates(scenario, fitted, wanted, mean_std, rng)
+        means = interval_means(raw, intervals)
+        fitted = scenario.calibrated(means, intervals, std, rng)
+        estimates = scenario.estimates(fitted, mean_std, rng)
         angles = np.array([attitude_error(q, wanted.q) for q in estimates])
         middle = scenario.attitude[intervals.sum(axis=1) // 2]  # whole rests
         covariance = calibration_parts(scenario.problem(middle, std))
@@ -179,11 +213,10 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             "measured": np.mean(angles**2, axis=1),
             "predicted": np.trace(parts, axis1=2, axis2=3).mean(axis=0),
             "square": np.mean(normalised_square(rotation, parts[:, -1])),
-            "impure": impure,
+            "impure": np.sum(~pure(intervals, scenario.tumble.still)),
         }
-        return {k: np.array([v]) for k, v in kept.items()}, {
-            "samples": (raw - felt) / noise[0]
-        }
+        drawn = {"samples": (raw - scenario.log[0]) / force_std}
+        return {name: np.array([each], float) for name, each in kept.items()}, drawn
 
     trials = trials_of(streams, parameters.trials, 1, trial)
     remainder = NEXT_ORDER * max(mean_std[0] / scenario.tumble.g, mean_std[1]) ** 2
@@ -206,85 +239,6 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             *known_rest_rows(detect, interval_means, interval_counts, SETTINGS),
         )
     )  # fmt: skip
-
-
-Sensors = tuple[AccelerometerModel, MagnetometerModel]
-
-
-def _calibrated(
-    scenario: Scenario,
-    raw: Float[Array, "n 3"],
-    intervals: Intervals,
-    std: tuple[Float[Array, " m"], Float[Array, " m"]],
-    rng: np.random.Generator,
-) -> list[Sensors]:
-    """Both sensors from the accelerometer's noise, the magnetometer's, and both."""
-    quiet = np.random.default_rng(0)  # draws nothing: without noise
-    body = scenario.accelerometer
-    still = AccelerometerModel(T=body.T, K=body.K, B=body.B)
-    force = interval_means(still.distort(scenario.tumble.force, quiet), intervals)
-    field = interval_means(
-        scenario.magnetometer.distort(scenario.field, quiet), intervals
-    )
-    noisy = interval_means(raw, intervals)
-    stirred = field + std[1][:, None] * rng.standard_normal(field.shape)
-    fit = calibrate_magnetometer(
-        np.stack([noisy, force, noisy]),
-        np.stack([field, stirred, stirred]),
-        scenario.tumble.g,
-        accelerometer_std=std[0],
-        magnetometer_std=std[1],
-        model="triangular",
-    ).require_converged()
-    return [
-        (
-            AccelerometerModel.from_parameters(values[:9]),
-            MagnetometerModel(M=values[9:18].reshape(3, 3), b=values[18:21]),
-        )
-        for values in fit.parameters
-    ]
-
-
-def _estimates(
-    scenario: Scenario,
-    fitted: list[Sensors],
-    wanted: Wanted,
-    std: tuple[float, float],
-    rng: np.random.Generator,
-) -> list[Array]:
-    # attitudes with one source of error after the other, and with all, in PARTS' order
-    true = (
-        AccelerometerModel(
-            T=scenario.accelerometer.T,
-            K=scenario.accelerometer.K,
-            B=scenario.accelerometer.B,
-        ),
-        scenario.magnetometer,
-    )
-    quiet = np.random.default_rng(0)  # draws nothing: without noise
-    exact = true[0].distort(wanted.force, quiet), true[1].distort(wanted.field, quiet)
-    noisy = tuple(
-        rows + each * rng.standard_normal(rows.shape)
-        for rows, each in zip(exact, std, strict=True)
-    )
-    cases = (
-        (fitted[0], exact),
-        (fitted[1], exact),
-        (true, (noisy[0], exact[1])),
-        (true, (exact[0], noisy[1])),
-        (fitted[2], noisy),
-    )
-    shape = exact[0].shape
-    r1, r2 = np.broadcast_to(UP, shape), np.broadcast_to(wanted.field_world, shape)
-    return [
-        two_vector_quaternion(
-            normalize(sensors[0].correct(rows[0])),
-            normalize(sensors[1].correct(rows[1])),
-            r1,
-            r2,
-        )
-        for sensors, rows in cases
-    ]
 
 
 FIGURES = (

@@ -24,7 +24,7 @@ errors of 0.02 to 0.04; intervals that cover 95.1, 93.3 and 96.0 % (the same 6 0
 ``trials = 6000`` and ``rows = [4096, 16384]``.
 """
 
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -41,7 +41,7 @@ from simval.noise import (
 from simval.noise.fit import RIDGE, Problem, ends, fitted
 from simval.results import Outcome, Row, exact, plain
 from simval.sensor import NoiseModel
-from simval.shapes import Float, Int
+from simval.shapes import Float
 from simval.statistics import (
     ALLAN_ERROR,
     CLOSED_FORM,
@@ -104,34 +104,79 @@ class Parameters(StudyParameters):
         return Cost(0.2 + self.trials * (fit + 4e-4 + 2e-7 * self.rows), 40)
 
 
-class Theory(NamedTuple):
+class Theory:
     """What is known of a cell before a number is drawn, in units of rows."""
 
-    counts: Int[Array, " m"]
-    law: Float[Array, "m 3"]
-    forms: Float[Array, "m m 3 3"]
-    truth: Float[Array, "3"]
-    covariance: Float[Array, "m m"]
-    weights: Float[Array, "3 m"]  # of generalised least squares at the truth
-    predicted: Float[Array, "3"]  # variances of its estimates
-    bound: float  # Whittle's, of N squared
-    more: Float[Array, " m"]  # Allan variances of samples, less those of averages
-    grown: Float[Array, "3"]  # variances of the estimates from samples, over predicted
+    def __init__(self, parameters: Parameters) -> None:
+        rows, flicker, walk = parameters.rows, parameters.flicker, parameters.walk
+        self.counts = averaging_counts(rows)
+        self.law = allan_law(self.counts)[:, :3]
+        self.forms = covariance_forms(self.counts, rows)[..., :3, :3]
+        self.truth = np.array([WHITE**2 * RATE, flicker**2, walk**2 / RATE])
+        C = self.covariance = allan_covariance(self.forms, self.truth)
+        scale = np.sqrt(np.diagonal(C))
+        factor = np.linalg.cholesky(
+            C / np.multiply.outer(scale, scale) + RIDGE * np.eye(len(scale))
+        )
+        whitened = np.linalg.solve(factor, self.law / scale[:, None])
+        # of generalised least squares at the truth
+        self.weights = np.linalg.solve(factor.T, np.linalg.pinv(whitened).T).T / scale
+        averages = self.law @ self.truth
+        # Allan variances of samples, less those of averages; and over them
+        self.more = (sampled_allan_law(self.counts) - self.law) @ self.truth
+        D = 1.0 + self.more / averages
+        self.share = D**2  # their own variances, over those of averages
+        # variances of the estimates, and those from samples over them; mean errors in
+        # deviations
+        self.predicted = np.diagonal(self.weights @ C @ self.weights.T)
+        grown = np.diagonal(self.weights @ (D[:, None] * C * D) @ self.weights.T)
+        self.grown = grown / self.predicted
+        self.bias = self.weights @ self.more / np.sqrt(self.predicted)
+        bound = noise_bound(rows, RATE, white=WHITE, flicker=flicker, walk=walk)
+        self.bound = float(bound[0, 0]) * RATE**2  # Whittle's, of N squared
+
+    def errors(self, variances: Float[Array, " m"], estimate: str) -> Array:
+        """What is averaged of one signal: squared errors over theirs by theory.
+
+        Of the estimates, of N beside Whittle's bound, of the Allan variances; then
+        whether each interval holds the truth.
+        """
+        misfit = variances - self.law @ self.truth
+        allan = misfit**2 / np.diagonal(self.covariance)
+        inside: Array = np.empty(0)
+        if estimate == "known weights":
+            square = (self.weights @ misfit) ** 2
+        else:
+            problem = Problem(variances, self.law, self.forms)
+            found = fitted(problem)
+            square = (found.free - self.truth) ** 2
+            if estimate == "intervals":
+                low, high = ends(problem, found)
+                inside = 1.0 * ((low <= self.truth) & (self.truth <= high))
+        over = [square / self.predicted, [square[0] / self.bound]]
+        return np.concatenate([*over, allan[self.counts >= SHORTEST], inside])
 
     @property
-    def bias(self) -> Float[Array, "3"]:
-        """Mean errors, over the predicted deviations."""
-        return self.weights @ self.more / np.sqrt(self.predicted)
+    def allan_squares(self) -> Float[Array, " m"]:
+        """Mean square misfits of samples over the variances by (V4)."""
+        return self.share + self.more**2 / np.diagonal(self.covariance)
 
-    @property
-    def share(self) -> Float[Array, " m"]:
-        """Variances of the Allan variances of samples, over those of averages."""
-        return (1.0 + self.more / (self.law @ self.truth)) ** 2
+    def allan_error(self, n: int) -> Float[Array, " m"]:
+        """Their standard errors by the law.
+
+        A mean square of `freedom` squares has an excess of 12/freedom: the error that
+        is seen is the smaller the fewer large squares came; 4 s m^2 is what a known
+        mean m adds where the variance is s.
+        """
+        C = np.diagonal(self.covariance)
+        freedom = 2.0 * (self.law @ self.truth) ** 2 / C
+        known = 4.0 * self.share * self.more**2 / C
+        return np.sqrt(((2.0 + 12.0 / freedom) * self.share**2 + known) / n)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell."""
-    theory = _theory(parameters)
+    theory = Theory(parameters)
     model = NoiseModel(
         white_raw_per_sqrt_hz=WHITE,
         flicker_raw=parameters.flicker * WHITE,
@@ -147,7 +192,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             differences.append(each[:KEPT])
             for variances in allan_variance(rows, theory.counts).T:
                 misfits.append(variances - theory.law @ theory.truth)
-                errors.append(_errors(variances, theory, parameters.estimate))
+                errors.append(theory.errors(variances, parameters.estimate))
         kept = {"differences": differences, "misfit": misfits, "error": errors}
         return {name: np.array(each) for name, each in kept.items()}, {}
 
@@ -167,8 +212,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
                squares, LEAST_SQUARES, remainders),
         *plain(VARIANCE_OVER_BOUND("N^2"), value[3], error[3], n,
                ratio * squares[0], LEAST_SQUARES, ratio * remainders[0]),
-        *plain(allan, value[4:last], _allan_error(theory, n)[long], n,
-               _allan_squares(theory)[long], CLOSED_FORM,
+        *plain(allan, value[4:last], theory.allan_error(n)[long], n,
+               theory.allan_squares[long], CLOSED_FORM,
                LAGS + SECOND * (theory.share[long] - 1.0)),
     )  # fmt: skip
     if parameters.estimate == "intervals":
@@ -209,70 +254,3 @@ def _white_row() -> tuple[Row, ...]:
     known = 2.0 * np.einsum("aij,bij->ab", A, A)
     off = apart(allan_covariance(forms, np.array([1.0, 0.0, 0.0])), known)
     return exact(COVARIANCE_OFF("white"), off, 0.0, CLOSED_FORM, MET)
-
-
-def _theory(parameters: Parameters) -> Theory:
-    counts = averaging_counts(parameters.rows)
-    law = allan_law(counts)[:, :3]
-    forms = covariance_forms(counts, parameters.rows)[..., :3, :3]
-    flicker, walk = parameters.flicker * WHITE, parameters.walk * WHITE
-    truth = np.array([WHITE**2 * RATE, flicker**2, walk**2 / RATE])
-    covariance = allan_covariance(forms, truth)
-    scale = np.sqrt(np.diagonal(covariance))
-    factor = np.linalg.cholesky(
-        covariance / np.multiply.outer(scale, scale) + RIDGE * np.eye(len(scale))
-    )
-    whitened = np.linalg.solve(factor, law / scale[:, None])
-    weights = np.linalg.solve(factor.T, np.linalg.pinv(whitened).T).T / scale
-    more = (sampled_allan_law(counts) - law) @ truth
-    D = 1.0 + more / (law @ truth)
-    predicted = np.diagonal(weights @ covariance @ weights.T)
-    grown = np.diagonal(weights @ (D[:, None] * covariance * D) @ weights.T)
-    bound = noise_bound(parameters.rows, RATE, white=WHITE, flicker=flicker, walk=walk)
-    return Theory(
-        counts=counts,
-        law=law,
-        forms=forms,
-        truth=truth,
-        covariance=covariance,
-        weights=weights,
-        predicted=predicted,
-        bound=float(bound[0, 0]) * RATE**2,
-        more=more,
-        grown=grown / predicted,
-    )
-
-
-def _errors(
-    variances: Float[Array, " m"], theory: Theory, estimate: str
-) -> Float[Array, " k"]:
-    # of one signal: what `run` takes the mean of
-    misfit = variances - theory.law @ theory.truth
-    allan = misfit**2 / np.diagonal(theory.covariance)
-    inside: Array = np.empty(0)
-    if estimate == "known weights":
-        square = (theory.weights @ misfit) ** 2
-    else:
-        problem = Problem(variances, theory.law, theory.forms)
-        found = fitted(problem)
-        square = (found.free - theory.truth) ** 2
-        if estimate == "intervals":
-            low, high = ends(problem, found)
-            inside = 1.0 * ((low <= theory.truth) & (theory.truth <= high))
-    over = [square / theory.predicted, [square[0] / theory.bound]]
-    return np.concatenate([*over, allan[theory.counts >= SHORTEST], inside])
-
-
-def _allan_squares(theory: Theory) -> Float[Array, " m"]:
-    # mean square misfit of samples over the variance by (V4)
-    return theory.share + theory.more**2 / np.diagonal(theory.covariance)
-
-
-def _allan_error(theory: Theory, n: int) -> Float[Array, " m"]:
-    # standard error by the law, a mean square of `freedom` squares with an excess of
-    # 12/freedom: the error that is seen is the smaller the fewer large squares came;
-    # 4 s m^2 is what a known mean m adds where the variance is s
-    covariance = np.diagonal(theory.covariance)
-    freedom = 2.0 * (theory.law @ theory.truth) ** 2 / covariance
-    known = 4.0 * theory.share * theory.more**2 / covariance
-    return np.sqrt(((2.0 + 12.0 / freedom) * theory.share**2 + known) / n)

@@ -18,7 +18,7 @@ from simval.statistics import (
 )
 from simval.streams import Streams, cell_key
 from simval.studies import find_study
-from simval.studies.noise_model import LAGS, REMAINDERS, SECOND, Parameters, _theory
+from simval.studies.noise_model import LAGS, REMAINDERS, SECOND, Parameters, Theory
 from simval.theory.coloured_noise import LONGEST, sampled_allan_law
 
 STREAMS = Streams(1, cell_key("test noise study"))
@@ -80,7 +80,7 @@ def test_remainders_cover_the_second_order_of_estimated_weights(rows):
     With P_i = dW/dtheta_i, P_i X = 0, so it does not correlate with the first order,
     and for normal Allan variances adds C_ij P_i V P_j' to the covariance C = W V W'.
     """
-    theory = _theory(Parameters(rows=rows))
+    theory = Theory(Parameters(rows=rows))
     W = weights_at(theory, theory.truth)
     np.testing.assert_allclose(W, theory.weights, rtol=1e-6, atol=1e-9 * abs(W).max())
     V = theory.covariance
@@ -150,7 +150,7 @@ def exact_of_samples(counts, truth, n):
 )
 def test_covariance_of_samples(flicker, walk):
     """What a row of samples is predicted to be, beside all lags of their own law."""
-    theory = _theory(Parameters(rows=4096, flicker=flicker, walk=walk))
+    theory = Theory(Parameters(rows=4096, flicker=flicker, walk=walk))
     A, V = exact_of_samples(theory.counts, theory.truth, 4096)
     averages = theory.law @ theory.truth
     # averages of 256 rows or more count as continuous: 3e-5 of flicker

@@ -222,7 +222,7 @@ def rotation_between(q, truth):
 def case(poses=12, attitudes=5):
     """Both sensors on their tumbles, and the truth of the calibration."""
     trajectory, wanted = end_to_end.tumbles(poses, attitudes)
-    scenario = end_to_end.scenario_of(trajectory, 0.0)
+    scenario = end_to_end.Scenario(trajectory, wanted)
     return scenario, wanted, scenario.problem(wanted.q, (1.0, 1.0))
 
 
@@ -297,7 +297,7 @@ def test_the_calibrations_parts_are_what_moves_the_fit():
         found = part / np.outer(size, size)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4)
     whole = magnetometer_moments(
-        scenario.accelerometer, scenario.magnetometer, q, scenario.dip,
+        *scenario.sensors, q, scenario.dip,
         accelerometer_std=std[0], magnetometer_std=std[1], g=scenario.tumble.g,
     ).covariance  # fmt: skip
     scale = np.append(np.ones(21), np.cos(scenario.dip))

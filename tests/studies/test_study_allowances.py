@@ -60,7 +60,7 @@ def test_intervals_of_a_noise_model_that_are_a_tenth_short_are_seen():
 
 
 def test_the_quadrature_of_allan_covariances_is_within_what_is_allowed(monkeypatch):
-    theory = noise_model._theory(noise_model.Parameters(rows=4096))
+    theory = noise_model.Theory(noise_model.Parameters(rows=4096))
     # twice the nodes: each lag by itself, without a quadrature, gives this to 1e-8
     monkeypatch.setattr(quadrature, "NODES", 72)
     forms = covariance_forms(theory.counts, 4096)[..., :3, :3]
