@@ -10,6 +10,7 @@ from simval.calibrate import calibrate
 from simval.calibrate.gyroscope import moves_between
 from simval.scene import average_rates, simulate
 from simval.sensor import AccelerometerModel, GyroscopeModel
+from simval.theory import MovePath
 
 ACCELEROMETER = AccelerometerModel.from_parameters(
     np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
@@ -89,6 +90,21 @@ def fitted(truth, poses, rows, *, chunk=2, **options):
     return calibrate(
         poses, truth.g, residual="weighted", noise_std=truth.pose_std
     ), moves
+
+
+def path_of(truth, pieces=40, margin=10):
+    """Moves as theory takes them, from the scene's attitudes."""
+    rows = truth.intervals
+    inner = np.minimum(margin, np.diff(rows)[:, 0] // 3)
+    turns, seconds = [], []
+    for a, b in zip(
+        rows[:-1, 1] - 1 - inner[:-1], rows[1:, 0] + inner[1:], strict=True
+    ):
+        nodes = np.unique(np.round(np.linspace(a, b, pieces + 1)).astype(int))
+        attitude = Rotation.from_quat(truth.attitude[nodes])
+        turns.append((attitude[:-1].inv() * attitude[1:]).as_rotvec())
+        seconds.append(np.diff(truth.time[nodes]))
+    return MovePath(turns=np.array(turns), seconds=np.array(seconds))
 
 
 def rolled(axes_angles, hold=60, move=200, h=0.01):

@@ -34,6 +34,7 @@ from scipy.spatial.transform import Rotation
 from simval.calibrate import load_calibration, save_calibration
 from simval.calibrate.files import load_others
 from simval.errors import ConvergenceError, InputError, SimvalError
+from simval.sensor import forms
 
 EVERY = pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 SINGLE = [name for name, case in CASES.items() if case.estimator == "joint"]
@@ -281,10 +282,18 @@ def test_the_text_of_a_fit_holds_what_its_result_holds(case):
     values, bars = parameters(fit)[own].copy(), sd(fit)[own].copy()
     if "fields" in case.sources:
         values[-1], bars[-1] = np.degrees(values[-1]), np.degrees(bars[-1])
+    signs = [sign for _, sign in forms.entries(case.form)]  # the entries of T
+    values[:9] *= signs if len(case.sources) != 2 else 1.0
     assert len(rows) == len(values)
     for (_, value, bar), own, error in zip(rows, values, bars, strict=True):
-        assert abs(float(value)) == pytest.approx(abs(own), rel=1e-6)
+        # eight digits and three, as the table prints them
+        assert float(value) == pytest.approx(own, rel=5e-8)
         assert float(bar) == pytest.approx(error, rel=5e-3)
+    if case.sources == ("poses",):
+        ends = re.findall(r"(-?\d\S*) to +(-?\d\S*)", text)
+        for sign, own, printed in zip(signs, fit.intervals, ends, strict=True):
+            low, high = map(float, printed)
+            assert (low, high) == pytest.approx(sorted(sign * own), rel=5e-8)
     assert "converged after" in text or "chi2 per dof" in text
     assert len(fit.names) == len(set(fit.names)) == fit.parameters.shape[-1]
     many = str(case.fit(drawn(case, 3, np.random.default_rng(9))))
