@@ -183,14 +183,6 @@ def test_a_log_that_names_no_accelerometer_is_a_question(tmp_path, seed):
     check_asked(tmp_path, seed)
 
 
-@pytest.mark.slow
-def test_a_thousand_spellings(tmp_path):
-    """Exact: none may be lost, and none without an accelerometer accepted."""
-    for seed in range(1000, 2000):
-        check_read(tmp_path, seed)
-        check_asked(tmp_path, seed)
-
-
 def write_named(tmp_path, header, columns=7, name="log.csv", rate=100.0):
     rng = np.random.default_rng(1)
     rows = rng.normal(size=(30, columns))

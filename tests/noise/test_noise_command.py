@@ -219,24 +219,6 @@ def test_lost_rows(lost):
         require_even(log, 0, int(keep.sum()))
 
 
-def test_the_noise_of_a_pose_is_the_scatter_of_means(long_first):
-    """Means of rests of flicker noise scatter as the Allan variance says."""
-    model = NoiseModel(white_raw_per_sqrt_hz=0.002, flicker_raw=0.01)
-    (rows,) = [model.draw(30_000, RATE, stream(6, KEY, 0))]
-    axes = noise_of(rows, RATE)
-    rest = 300
-    predicted = mean_noise(axes, np.array([rest / RATE]))[0]
-    # neighbouring rests: half the mean square of their differences, 33 pairs and axes
-    fresh = model.draw(60_000, RATE, stream(6, KEY, 1))
-    means = fresh.reshape(-1, rest, 3).mean(axis=1)
-    differences = means[1::2] - means[:-1:2]
-    measured = np.sqrt(np.mean(differences**2) / 2.0)
-    # 300 differences: relative 4 %, and the estimate's own 8 %; 4 of their sum
-    assert abs(measured / predicted - 1.0) < 0.36
-    white = 0.002 / np.sqrt(3.0)
-    assert predicted > 3.0 * white  # power: white noise alone says a fifth of it
-
-
 @pytest.mark.ci
 def test_pose_noise_by_the_log_by_a_file_and_by_white_noise(
     long_first, simval, tmp_path

@@ -96,17 +96,6 @@ def stated_by_its_law(rows, draws):
 
 
 @pytest.mark.slow
-def test_white_noise_is_found_within_three_per_cent_of_the_bound():
-    signals = 1500
-    ours, usual, stated = at_the_bound(4096, signals, 2)
-    se = np.sqrt(2.0 / (signals - 1))
-    assert ours < 1.03 + stats.norm.isf(1e-4) * se
-    assert usual > 2.0
-    # the stated variance is the one that is seen, to its sampling error
-    assert abs(stated / ours - 1.0) < stats.norm.isf(1e-4) * se
-
-
-@pytest.mark.slow
 def test_intervals_cover_at_the_stated_rate():
     """N seen, B and K at the edge: 95 % intervals, upper bounds among them."""
     truth = (1.7e-4, 1e-4, 6e-5)
@@ -309,15 +298,9 @@ def widths(seeds):
             yield from ((c.low, c.high) for c in axis.coefficients)
 
 
-@pytest.mark.parametrize(
-    "seeds",
-    [
-        pytest.param(range(20), marks=pytest.mark.ci),
-        pytest.param(range(200), marks=pytest.mark.slow),
-    ],
-)
-def test_no_interval_is_from_zero_to_zero(seeds):
+@pytest.mark.slow
+def test_no_interval_is_from_zero_to_zero():
     """Estimates far below zero, 1 in 100, gave bounds of zero: 19 of these 1800."""
-    found = np.array(list(widths(seeds)))
-    assert len(found) == 9 * len(seeds)
+    found = np.array(list(widths(range(200))))
+    assert len(found) == 9 * 200
     assert np.all(found[:, 0] < found[:, 1])

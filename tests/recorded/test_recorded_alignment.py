@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from places import recording
 from recorded_logs import made
-from scipy.spatial.transform import Rotation
 from scipy.stats import binom, f
 
 from simval.errors import RefusedError
@@ -18,22 +17,20 @@ from simval.geometry import (
     compose,
     conjugate,
     from_rotation_vector,
-    random_quaternions,
 )
 from simval.logs import read_log, read_truth
 from simval.recorded import align, evaluate
-from simval.recorded.alignment import fit_turns, likely_offsets, polar
+from simval.recorded.alignment import fit_turns, likely_offsets
 from simval.recorded.attitudes import (
     Meaning,
     attitudes,
     meanings,
     of_matrix,
-    rotated,
     rotation_vector,
     stretches,
     turned,
 )
-from simval.recorded.errors import mean_with_error, quantile
+from simval.recorded.errors import quantile
 from simval.recorded.evaluation import FilterRun, turned_words
 from simval.recorded.settings import Signals, rests_of_log
 
@@ -48,43 +45,6 @@ def aligned(log, **changes):
         np.array(log.rests),
         "estimated",
     )
-
-
-def test_quaternions_are_scipys():
-    # the package's A(q) is the transpose of SciPy's matrix of the same numbers
-    rng = np.random.default_rng(1)
-    q, p = random_quaternions(40, rng), random_quaternions(40, rng)
-    first, then = Rotation.from_quat(q), Rotation.from_quat(p)
-    vectors = rng.standard_normal((40, 3))
-    # 1e-14: some tens of operations of 2e-16 on numbers of size 3
-    np.testing.assert_allclose(
-        rotated(q, vectors), first.apply(vectors), rtol=0, atol=1e-14
-    )
-    np.testing.assert_allclose(
-        turned(q, p), (first.inv() * then).as_rotvec(), rtol=0, atol=1e-13
-    )
-    np.testing.assert_allclose(
-        rotation_vector(q), first.as_rotvec(), rtol=0, atol=1e-13
-    )
-    for each in q:
-        again = of_matrix(Rotation.from_quat(each).inv().as_matrix())
-        assert attitude_error(again, each) < 1e-13
-
-
-def test_a_quaternion_in_another_order_is_the_same_motion_in_other_frames():
-    # what makes two classes of four meanings, here by brute force over a motion
-    log = made(1, seconds=20.0)
-    read = [
-        attitudes(log.truth.time, log.truth.components, each).q
-        for each in meanings("unstated")
-    ]
-    turns = [turned(q[:-1], q[1:]) for q in read]
-    for a, b, alike in ((0, 3, True), (1, 2, True), (0, 1, False), (2, 3, False)):
-        fit, left, *_ = np.linalg.lstsq(turns[a], turns[b], rcond=None)
-        # rounding leaves 1e-30 of the squares
-        assert (left.sum() < 1e-20 * np.sum(turns[b] ** 2)) == alike
-        if alike:
-            np.testing.assert_allclose(fit @ fit.T, np.eye(3), rtol=0, atol=1e-10)
 
 
 def test_between_rows_of_sixth_order():
@@ -211,38 +171,6 @@ def test_holes_are_left_out_and_not_bridged():
     assert there[20:380].all()
     error = attitude_error(found.attitude[there], log.attitude[there])
     assert np.sqrt(np.mean(error**2)) < 3e-3
-
-
-def test_a_mean_of_correlated_rows():
-    # red noise of 20 rows' memory: the standard error holds, the naive one does not
-    rng = np.random.default_rng(11)
-    ratios, naive = [], []
-    for _ in range(200):
-        white = rng.standard_normal(4100)
-        kernel = np.exp(-np.arange(100) / 20.0)
-        rows = np.convolve(white, kernel, "valid")[:4000, None]
-        mean, covariance, dof = mean_with_error(rows)
-        ratios.append(mean[0] ** 2 / covariance[0, 0])
-        naive.append(mean[0] ** 2 / (rows.var() / len(rows)))
-    # mean of F(1, 23) is 23/21, its sd 1.7: 4 of its standard errors; blocks of 167
-    # rows lose 20/167 of the variance
-    assert dof == 23
-    assert np.mean(ratios) == pytest.approx(23 / 21 * 1.1, abs=4 * 1.7 / np.sqrt(200))
-    assert np.mean(naive) > 10.0
-
-
-def test_the_nearest_rotation():
-    rng = np.random.default_rng(4)
-    for _ in range(20):
-        L = np.eye(3) + 0.3 * rng.standard_normal((3, 3))
-        Q = polar(L)
-        np.testing.assert_allclose(Q @ Q.T, np.eye(3), atol=1e-14)
-        assert np.linalg.det(Q) > 0.0
-        nearby = (
-            attitude_matrix(from_rotation_vector(1e-3 * rng.standard_normal((50, 3))))
-            @ Q
-        )
-        assert (np.linalg.norm(nearby - L, axis=(1, 2)) > np.linalg.norm(Q - L)).all()
 
 
 def test_a_log_is_found_anywhere_in_a_longer_truth():

@@ -66,17 +66,6 @@ def test_averages_are_the_integral_of_the_rate_to_fourth_order():
     assert error[-1] < 2e-6
 
 
-def test_without_the_bracket_the_order_is_two():
-    """Power of the test above: turn over time is not the average rate."""
-    error = []
-    for n in (100, 200):
-        t = np.arange(n + 1) / n
-        turned = attitude(t[:-1]).inv() * attitude(t[1:])
-        exact = increments(attitude(t).as_quat())
-        error.append(np.abs(turned.as_rotvec() - exact).max() * n)
-    assert 1.8 < np.log2(error[0] / error[1]) < 2.2
-
-
 @pytest.mark.parametrize("name", sorted(scenes()))
 def test_rates_of_every_scene_give_its_attitude_back(name, trajectories):
     trajectory = trajectories(name)

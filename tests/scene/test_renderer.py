@@ -30,7 +30,7 @@ COMMANDS = [
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("value", ["nonsense", "disable", "egl of a machine without"])
+@pytest.mark.parametrize("value", ["nonsense", "egl of a machine without"])
 def test_no_value_stops_a_command(tmp_path, value):
     (tmp_path / "sensor.toml").write_text(SENSOR)
     environment = {**os.environ, "MUJOCO_GL": value.partition(" of")[0]}

@@ -8,7 +8,7 @@ import pytest
 
 from simval.errors import InputError, SimulationError
 from simval.scene import Scene, Script, find_scene, simulate
-from simval.scene.physics import captured_messages, load_model, model_path
+from simval.scene.physics import load_model, model_path
 from simval.scene.run import check_run, settled_rests
 
 QUICK = {"poses": 2, "move_time": 0.2, "hold_time": 0.1, "first_hold": 0.1}
@@ -157,40 +157,6 @@ def test_an_input_of_the_wrong_shape_is_refused():
         simulate(spoiled(lambda s: replace(s, inputs={"contrl": s.inputs["ctrl"]})))
     with pytest.raises(InputError, match="`qpos` has shape"):
         simulate(spoiled(lambda s: replace(s, qpos=np.zeros(2))))
-
-
-def reset_run(tmp_path, steps=400):
-    """Rows of a run that MuJoCo resets by itself, as its default is."""
-    path = tmp_path / "reset.xml"
-    path.write_text(GIMBAL.replace(FLAG, ""))
-    model = mujoco.MjModel.from_xml_path(str(path))
-    data = mujoco.MjData(model)
-    rows = np.empty((steps, 14))
-    with captured_messages() as messages:
-        for k in range(steps):
-            if k == 300:
-                data.qvel[1] = np.inf
-            mujoco.mj_step(model, data)
-            rows[k] = data.sensordata
-    warnings = np.array([[w.lastinfo, w.number] for w in data.warning])
-    return rows, warnings, messages
-
-
-def test_an_automatic_reset_is_caught_by_its_warning_and_by_the_clock(tmp_path):
-    rows, warnings, messages = reset_run(tmp_path)
-    # what makes it dangerous: from the reset on the record is perfect static data
-    after = np.linalg.norm(rows[301:, :3], axis=1)
-    assert np.isfinite(rows).all()
-    assert np.abs(after - 9.80665).max() < 1e-12
-    limits = (0.002, 200.0, 50.0)
-    with pytest.raises(SimulationError, match=r"BADQVEL.*row 299"):
-        check_run("reset", rows, warnings, messages, *limits)
-    quiet = np.zeros_like(warnings)
-    with pytest.raises(
-        SimulationError, match=r"clock .* not regular, first at row 300"
-    ):
-        check_run("reset", rows, quiet, [], *limits)
-    check_run("reset", rows[:300], quiet, [], *limits)  # before it, all is well
 
 
 def test_frozen_rows_and_stray_values_are_caught():

@@ -75,18 +75,6 @@ def test_allan_variances_of_the_parts_and_of_their_sum(measured):
         assert np.abs(z_scores(measured[..., 3], other)).max() > limit
 
 
-def test_spectra_become_the_laws_of_long_averages():
-    m = 120
-    tau = m / RATE
-    laws = [N**2 / tau, 2.0 * np.log(2.0) / np.pi * B**2, K**2 * tau / 3.0]
-    # 2 sin(pi f h)/h against 2 pi f: relative 1/(2 m^2) for the walk, for flicker
-    # 3/(16 ln 2) ln m/m^2 and a constant that the half leaves room for
-    np.testing.assert_allclose(expected(m), laws, rtol=0.5 * np.log(m) / m**2)
-    walk = K**2 * np.array([1.0, 2.0]) / RATE / 3.0 * (1.0 + 0.5 / np.array([1, 4]))
-    found = [expected(m)[2] for m in (1, 2)]
-    np.testing.assert_allclose(found, walk, rtol=1e-10)
-
-
 def test_flicker_is_the_plain_sum_over_the_past():
     n = 50
     model = NoiseModel(flicker_raw=[1.0, 2.0, 0.0])
@@ -128,8 +116,3 @@ def test_axes_are_independent():
         assert np.abs(correlation).max() < stats.norm.isf(1e-4 / 12) * np.sqrt(
             1.5 / 20_000
         )
-
-
-def test_one_row_is_a_row():
-    model = NoiseModel(white_raw_per_sqrt_hz=1, flicker_raw=1, walk_raw_per_sqrt_s=1)
-    assert model.draw(1, RATE, stream(1, KEY, 0)).shape == (1, 3)
