@@ -28,9 +28,10 @@ from simval.plugins import Calibrator, Estimator, Filter
 from simval.plugins.loading import Meant, meant
 from simval.plugins.names import COMMAND, located, portable
 from simval.plugins.protocol import declarations
-from simval.results import Outcome, Row
+from simval.results import Row
 from simval.statistics import BELOW_BOUND, CRAMER_RAO
-from simval.studies import STUDIES, calibrator, estimator, filter
+from simval.studies import STUDIES
+from simval.studies.plugin import outcome
 from simval.studies.study import Cell
 from simval.sweep import run_suite
 from simval.sweep.cells import REFUSED, CellResult
@@ -261,17 +262,6 @@ def check_plugin(
     )
 
 
-Measure = Callable[[Any, Any, Any], Outcome]
-
-MEASURES: Final[Mapping[type, Measure]] = MappingProxyType(
-    {
-        Estimator: estimator.outcome,
-        Calibrator: calibrator.outcome,
-        Filter: filter.outcome,
-    }
-)
-"""What measures a plug-in that this process holds."""
-
 NUMPYS_OWN: Final[Mapping[str, Any]] = MappingProxyType(
     {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
 )
@@ -409,12 +399,13 @@ def _plugin(
 
 def _ended(position: int, cell: Cell, plugin: Held) -> CellResult:
     start, error = time.process_time(), ""
+    parameters: Any = cell.parameters
     rows: tuple[Row, ...] = ()
     # a test's own settings must not change what is measured
     with warnings.catch_warnings(), np.errstate(**NUMPYS_OWN):
         warnings.simplefilter("default")
         try:
-            rows = MEASURES[type(plugin)](plugin, cell.parameters, cell.streams).rows
+            rows = outcome(plugin, parameters, cell.streams).rows
         except CrashedPluginError as crash:
             error = _told(crash)
         except PluginError as refusal:

@@ -31,8 +31,7 @@ A command is a process for each trial, so its time limit is for every `CALLS` of
 in a batch the limit is for all trials.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import cached_property
 from itertools import permutations
 from math import ceil
 from typing import Annotated, Literal, Self
@@ -45,15 +44,15 @@ from simval.arrays import Array
 from simval.errors import PluginError
 from simval.moments import Moments
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
-from simval.plugins import Calibrator, find_plugin, probe_calibrator
+from simval.plugins import Calibrator, probe_calibrator
 from simval.plugins.answers import Calibration, calibration_of, calibrations_of
 from simval.plugins.names import COMMAND
 from simval.plugins.probe import TOLERANCE, G, probe_sensor
 from simval.plugins.programs import in_batch
-from simval.plugins.runs import Places, require_no_memory
+from simval.plugins.runs import Places
 from simval.poses import cube_faces, fibonacci_sphere
-from simval.results import Outcome, Row, limit, nees, plain, unjudged
-from simval.sensor import AccelerometerModel, forms
+from simval.results import Row, limit, nees, plain, unjudged
+from simval.sensor import forms
 from simval.sensor.models import ALL, mean_square_left, own_sensor, places_of
 from simval.shapes import Float
 from simval.statistics import (
@@ -78,9 +77,23 @@ from simval.statistics import (
 )
 from simval.streams import Streams
 from simval.studies.coverage import FREEDOM
-from simval.studies.plugin import PluginName, PluginParameters, isolated
+from simval.studies.plugin import (
+    Again,
+    AlgorithmParameters,
+    Call,
+    PluginName,
+    Problem,
+    Seconds,
+    compute,
+    outcome,
+    run,
+)
 from simval.studies.refusing import LEAST_NOISE
-from simval.theory.calibration import VARIANCE_NEXT, calibration_moments
+from simval.theory.calibration import (
+    VARIANCE_NEXT,
+    CalibrationMoments,
+    calibration_moments,
+)
 from simval.theory.calibration_classes import (
     bound_left,
     class_bound,
@@ -88,147 +101,12 @@ from simval.theory.calibration_classes import (
     pseudo_true,
 )
 
-FACES = 6
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Expected:
-    """Theory of one cell."""
-
-    places: tuple[int, ...]  # of what is estimated among the nine parameters
-    own: bool  # whether the sensor has these errors alone
-    # error of what it converges to: the middle of all criteria; 0 in its own class
-    bias: Float[Array, " p"]
-    spread: Float[Array, " p"]  # range of the criteria
-    bound: Float[Array, "p p"]  # Cramer-Rao, in its own class
-    bound_left: float  # RMS left at that bound, m/s^2
-    all_left: float | None  # RMS left at the bound of all nine, where poses show them
-    least: float  # RMS left by the best of the class without noise, m/s^2
-    variance_off: float  # remainder of a variance, relative
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Setting:
-    """What is the same in every trial of a cell."""
-
-    plugin: Calibrator
-    sensor: AccelerometerModel
-    directions: Float[Array, "n 3"]
-    faces: bool  # whether they are those of a cube, and so known
-    noise: float  # of an axis of a pose mean, raw units
-    theory: Expected
-
-    @property
-    def own(self) -> bool:
-        """Whether the sensor has no errors but those that are estimated."""
-        return self.theory.own
-
-    @property
-    def named(self) -> tuple[list[str], list[str]]:
-        """Names and units of what is estimated."""
-        places, names = self.theory.places, forms.names("triangular")
-        return [names[k] for k in places], [("1", "raw")[k >= 6] for k in places]
-
-    @property
-    def sizes(self) -> Float[Array, " p"]:
-        """Natural sizes of what is estimated."""
-        sizes = np.abs(self.sensor.parameters)
-        sizes[:3] = 1.0
-        sizes[6:] = G / np.abs(self.sensor.K).min()
-        return sizes[list(self.theory.places)]
-
-
-def setting_of(
-    plugin: Calibrator, *, faces: bool, poses: int, own_class: bool, noise_std: float
-) -> Setting:
-    """Sensor, poses and theory of a cell."""
-    directions = fibonacci_sphere(poses)
-    if faces:
-        directions = np.tile(cube_faces(), (poses // FACES, 1))
-    if faces and plugin.estimates == ALL:
-        msg = (
-            f"{plugin.name} estimates nine parameters, of which six faces of a cube "
-            'show six; use pose_set = "sphere", or declare in `estimates` what it '
-            "estimates"
-        )
-        raise PluginError(msg)
-    sensor = probe_sensor(plugin.estimates)
-    if own_class:
-        sensor = own_sensor(sensor, plugin.estimates)
-    scale = float(np.abs(np.linalg.inv(sensor.matrix)).max())
-    noise = noise_std * scale
-    return Setting(
-        plugin=plugin,
-        sensor=sensor,
-        directions=directions,
-        faces=faces,
-        noise=noise,
-        theory=expected(
-            sensor, directions, plugin.estimates, g=G, noise_std=noise, known=faces
-        ),
-    )
-
-
-def expected(
-    sensor: AccelerometerModel,
-    directions: Float[Array, "n 3"],
-    estimates: tuple[str, ...],
-    *,
-    g: float,
-    noise_std: float,
-    known: bool,
-) -> Expected:
-    """Work out the theory of one cell."""
-    places, poses = places_of(estimates), (sensor, directions)
-    inside = own_sensor(sensor, estimates)
-    own = estimates == ALL or np.array_equal(inside.parameters, sensor.parameters)
-    bias = spread = np.zeros(len(places))
-    if not own:
-        found = pseudo_true(*poses, places, g=g, known=known)
-        off = (found - sensor.parameters)[:, list(places)]
-        bias = (off.max(axis=0) + off.min(axis=0)) / 2.0
-        spread = np.ptp(off, axis=0)
-    if estimates == ALL:
-        moments = calibration_moments(*poses, g=g, noise_std=noise_std)
-        bound, remainder = moments.cramer_rao, moments.variance_remainder
-    else:
-        bound = class_bound(
-            inside, directions, places, g=g, noise_std=noise_std, known=known
-        )
-        remainder = VARIANCE_NEXT * _relative(inside, g, noise_std)
-    return Expected(
-        places=places,
-        own=own,
-        bias=bias,
-        spread=spread,
-        bound=bound,
-        bound_left=bound_left(inside, bound, places, g),
-        all_left=None if known else _all_left(*poses, g, noise_std),
-        least=least_left(sensor, places, g),
-        variance_off=remainder + FREEDOM,
-    )
-
-
-def _relative(sensor: AccelerometerModel, g: float, noise_std: float) -> float:
-    """Squared relative noise of the worst axis, as in eq. (K4)."""
-    scale = np.linalg.norm(sensor.matrix, axis=1).max()
-    return float((noise_std * scale / g) ** 2)
-
-
-def _all_left(
-    sensor: AccelerometerModel,
-    directions: Float[Array, "n 3"],
-    g: float,
-    noise_std: float,
-) -> float:
-    """RMS left at the bound of nine parameters."""
-    bound = calibration_moments(sensor, directions, g=g, noise_std=noise_std).cramer_rao
-    return bound_left(sensor, bound, places_of(ALL), g)
-
+__all__ = ["SECTION", "TITLE", "Parameters", "compute", "outcome", "run"]
 
 TITLE = "User-supplied calibrator: bias, spread and stated covariance"
 SECTION = "algorithms"
 
+FACES = 6
 BLOCK = 16  # trials; part of the promise of equal bits
 BIAS_ALLOWED = 7.0
 """Twice the greatest bias of the ladder's residuals, 3.5."""
@@ -253,11 +131,187 @@ AT_ONCE = 1 << 20
 """Readings of an axis that are handed over at once: files of 20 MB, 14 000 trials of 24
 poses."""
 
+Trials = tuple[Sums, Float[Array, "n p"], Float[Array, " p"]]
+"""Sums of the errors, the errors of all trials, and the error without noise."""
 
-class Parameters(PluginParameters):
+
+class Calibrations(Problem[Calibrator, float, Trials]):
+    """Calibrations of a known sensor from noisy means of its poses."""
+
+    kind = Calibrator
+    items = 1
+
+    def __init__(
+        self, plugin: Calibrator, parameters: "Parameters", streams: Streams
+    ) -> None:
+        self.plugin, self.parameters, self.streams = plugin, parameters, streams
+        self.faces = parameters.pose_set == "faces"
+        self.directions = fibonacci_sphere(parameters.poses)
+        if self.faces:
+            self.directions = np.tile(cube_faces(), (parameters.poses // FACES, 1))
+        estimates, self.places = plugin.estimates, list(places_of(plugin.estimates))
+        if self.faces and estimates == ALL:
+            msg = (
+                f"{plugin.name} estimates nine parameters, of which six faces of a "
+                'cube show six; use pose_set = "sphere", or declare in `estimates` '
+                "what it estimates"
+            )
+            raise PluginError(msg)
+        full = probe_sensor(estimates)
+        inside = own_sensor(full, estimates)
+        self.sensor = inside if parameters.sensor == "own class" else full
+        # whether the sensor has no errors but those that are estimated
+        known = np.array_equal(inside.parameters, self.sensor.parameters)
+        self.own = estimates == ALL or known
+        scale = float(np.abs(np.linalg.inv(self.sensor.matrix)).max())
+        self.noise = parameters.noise_std * scale  # of an axis of a pose mean, raw
+        self.clean = self.readings(self.directions)
+        # Cramer-Rao of what is estimated, and the remainder of a variance, relative
+        if estimates == ALL:
+            theory = self.nine_parameters()
+            self.bound, remainder = theory.cramer_rao, theory.variance_remainder
+        else:
+            self.bound = class_bound(
+                inside, self.directions, tuple(self.places),
+                g=G, noise_std=self.noise, known=self.faces,
+            )  # fmt: skip
+            # eq. (K4) of the worst axis
+            worst = np.linalg.norm(inside.matrix, axis=1).max()
+            remainder = VARIANCE_NEXT * float((self.noise * worst / G) ** 2)
+        self.variance_off = remainder + FREEDOM
+        self.inside = inside
+
+    def readings(self, directions: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+        """Means of poses without noise, raw units."""
+        return self.sensor.distort(G * directions, np.random.default_rng(0))
+
+    def nine_parameters(self) -> CalibrationMoments:
+        """Theory of all nine parameters."""
+        given = self.sensor, self.directions
+        return calibration_moments(*given, g=G, noise_std=self.noise)
+
+    @property
+    def named(self) -> tuple[list[str], list[str]]:
+        """Names and units of what is estimated."""
+        names = forms.names("triangular")
+        units = [("1", "raw")[k >= 6] for k in self.places]
+        return [names[k] for k in self.places], units
+
+    @property
+    def sizes(self) -> Float[Array, " p"]:
+        """Natural sizes of what is estimated."""
+        sizes = np.abs(self.sensor.parameters)
+        sizes[:3] = 1.0
+        sizes[6:] = G / np.abs(self.sensor.K).min()
+        return sizes[self.places]
+
+    @property
+    def relative(self) -> float:
+        """Square of the noise over g."""
+        return float((self.parameters.noise_std / G) ** 2)
+
+    @cached_property
+    def answer(self) -> Calibration:
+        """Its answer without noise."""
+        return calibration_of(self.plugin, self.clean, G, self.noise)
+
+    def probe(self) -> float:
+        """Greatest error without noise."""
+        return probe_calibrator(self.plugin, self.directions if self.faces else None)
+
+    def trials(self, probed: float) -> Trials:
+        """Errors of all trials, of a plug-in that estimates what it says."""
+        p = len(self.places)
+        settled = np.zeros(p) if self.own else self.error(self.answer)[:p]
+        blocks = list(range(ceil(self.parameters.trials / BLOCK)))
+        every = self.errors(blocks)
+        if every.shape[1] > p + 1:
+            require_order(self)
+        parts = iter(every.reshape(len(blocks), BLOCK, -1))
+        sums = simulate(
+            lambda rng, count: next(parts).T, self.streams,
+            samples=self.parameters.trials, block=BLOCK, batch=1,
+        )  # fmt: skip
+        require_spread(self, moments_of(sums))
+        return sums, every, settled
+
+    def errors(
+        self, blocks: list[int], order: Places | None = None
+    ) -> Float[Array, "n p"]:
+        """Errors of all trials of some blocks, asked in their own or another order.
+
+        Readings are handed over many blocks at once.
+        """
+        found: list[Array] = []
+        most = max(1, AT_ONCE // (BLOCK * self.clean.size))
+        if order is not None:  # of few
+            most = len(blocks)
+        for first in range(0, len(blocks), most):
+            noise = [
+                self.streams.block(k).standard_normal((BLOCK, *self.clean.shape))
+                for k in blocks[first : first + most]
+            ]
+            raw = self.clean + self.noise * np.concatenate(noise)
+            raw = raw if order is None else raw[order]
+            given = raw, G, self.noise, self.parameters.time_limit
+            found += map(self.error, calibrations_of(self.plugin, *given))
+        return np.array(found)
+
+    def error(self, answer: Calibration) -> Float[Array, " p"]:
+        """Error of the parameters, what is left and, with a covariance, the square."""
+        form = self.plugin.form
+        error = (answer.parameters("triangular") - self.sensor.parameters)[self.places]
+        left = mean_square_left(answer.matrix, answer.bias, self.sensor, G)
+        if answer.covariance is None:
+            return np.append(error, left)
+        own = error
+        if form != "triangular":
+            M = self.sensor.matrix
+            truth = forms.from_gram(form, M.T @ M, self.sensor.B)
+            own = answer.parameters(form) - truth
+        square = own @ np.linalg.solve(answer.covariance, own)
+        # its own mean over the one that a Type A covariance gives it
+        factor = 1.0 if answer.dof is None else (answer.dof - 2) / answer.dof
+        return np.append(error, [left, square * factor])
+
+    def again(self, answers: Trials) -> Again | None:
+        """Some blocks of what is one process for all trials."""
+        if self.parameters.alone:
+            return None
+        _, every, _ = answers
+        last, p = len(every) // BLOCK - 1, len(self.places)
+        blocks = np.unique(np.linspace(0, last, AGAIN).astype(int)).tolist()
+        first = np.concatenate([every[k * BLOCK :][:BLOCK] for k in blocks])
+        most = np.full(first.shape, np.inf)
+        most[:, :p] = TOLERANCE * self.sizes
+        most[:, p + 1 :] = SQUARE_APART * (1.0 + first[:, p + 1 :])
+        return first, lambda order: self.errors(blocks, order), most
+
+    def rows(self, probed: float, answers: Trials) -> tuple[Row, ...]:
+        """All that is asked of a calibrator."""
+        sums, every, settled = answers
+        measured = moments_of(sums)
+        return (
+            *limit(PROBE(), probed, TOLERANCE, TRUTH, n=1),
+            *settled_rows(self, settled),
+            *parameter_rows(self, measured, settled),
+            *left_rows(self, measured),
+            *extreme_rows(self, sums, every),
+            *nees_row(self, measured),
+        )
+
+    def call(self, plugin: Calibrator) -> Call:
+        """One calibration of poses of which every calibrator knows what to make."""
+        rng = np.random.default_rng(BLOCK)
+        raw = self.readings(fibonacci_sphere(self.parameters.poses))
+        noisy = raw + self.noise * rng.standard_normal(raw.shape)
+        return calibration_of, (noisy, G, self.noise)
+
+
+class Parameters(AlgorithmParameters):
     """One cell: a plug-in, poses, a sensor and a noise level."""
 
-    plugin = "algorithm"
+    problem = Calibrations
     no_noise = ("algorithm", "time_limit")
 
     algorithm: PluginName = Field(
@@ -283,7 +337,7 @@ class Parameters(PluginParameters):
     trials: Annotated[int, Field(ge=2 * BLOCK)] = Field(
         default=1024, description="Trials; rounded up to whole blocks of 16."
     )
-    time_limit: Annotated[float, Field(gt=0.0, le=86_400.0)] = Field(
+    time_limit: Seconds = Field(
         default=300.0,
         description="Wall time after which the cell fails, s; of a command for every "
         "64 trials, of one that takes all trials at once for all.",
@@ -300,158 +354,30 @@ class Parameters(PluginParameters):
             raise ValueError(msg)
         return self
 
+    @property
+    def alone(self) -> bool:
+        """Whether each trial has a process of its own, which remembers nothing."""
+        return self.algorithm.startswith(COMMAND) and not in_batch(self.algorithm)
 
-def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Measure the plug-in in a child process."""
-    limit = parameters.time_limit
-    if in_batch(parameters.algorithm):
-        limit += AROUND
-    elif _alone(parameters.algorithm):
-        limit *= ceil(parameters.trials / CALLS)
-    return isolated(outcome, parameters, streams, limit, Calibrator)
-
-
-def _alone(algorithm: str) -> bool:
-    """Whether each trial has a process of its own, which remembers nothing."""
-    return algorithm.startswith(COMMAND) and not in_batch(algorithm)
+    @property
+    def deadline(self) -> float:
+        """Seconds for all trials: a command's limit is for `CALLS` of them."""
+        if in_batch(self.algorithm):
+            return self.time_limit + AROUND
+        return self.time_limit * (ceil(self.trials / CALLS) if self.alone else 1)
 
 
-def compute(parameters: Parameters, streams: Streams) -> Outcome:
-    """Measure the plug-in in this process."""
-    return outcome(find_plugin(parameters.algorithm, Calibrator), parameters, streams)
-
-
-def outcome(plugin: Calibrator, parameters: Parameters, streams: Streams) -> Outcome:
-    """Measure a calibrator that this process holds."""
-    setting = setting_of(
-        plugin,
-        faces=parameters.pose_set == "faces",
-        poses=parameters.poses,
-        own_class=parameters.sensor == "own class",
-        noise_std=parameters.noise_std,
-    )
-    off = probe_calibrator(plugin, setting.directions if setting.faces else None)
-    settled = _settled(setting)
-    blocks = range(ceil(parameters.trials / BLOCK))
-    every = _errors(setting, parameters, streams, blocks)
-    if every.shape[1] > len(setting.theory.places) + 1:
-        _require_order(setting)
-    parts = iter(every.reshape(len(blocks), BLOCK, -1))
-    sums = simulate(
-        lambda rng, count: next(parts).T, streams,
-        samples=parameters.trials, block=BLOCK, batch=1,
-    )  # fmt: skip
-    measured = moments_of(sums)
-    relative = (parameters.noise_std / G) ** 2
-    _require_spread(measured, setting, np.sqrt(relative))
-    if not _alone(parameters.algorithm):
-        _require_no_memory(setting, parameters, streams, every)
-    rows = limit(PROBE(), off, TOLERANCE, TRUTH, n=1)
-    if not setting.own:
-        rows += _settled_rows(settled, setting)
-    rows += _parameter_rows(measured, setting, settled, relative)
-    rows += _left_rows(measured, setting)
-    rows += _extreme_rows(sums, every, setting, relative)
-    if sums.size == len(setting.theory.places) + 2:
-        rows += _nees_row(measured, setting)
-    return Outcome(rows=tuple(rows))
-
-
-def _errors(
-    setting: Setting,
-    parameters: Parameters,
-    streams: Streams,
-    blocks: Sequence[int],
-    order: Places | None = None,
-) -> Float[Array, "n p"]:
-    """Errors of all trials of some blocks, asked in their own or another order.
-
-    Readings are handed over many blocks at once.
-    """
-    clean = setting.sensor.distort(G * setting.directions, np.random.default_rng(0))
-    most, found = max(1, AT_ONCE // (BLOCK * clean.size)), []
-    if order is not None:  # of few
-        most = len(blocks)
-    for first in range(0, len(blocks), most):
-        noise = [
-            streams.block(k).standard_normal((BLOCK, *clean.shape))
-            for k in blocks[first : first + most]
-        ]
-        raw = clean + setting.noise * np.concatenate(noise)
-        answers = calibrations_of(
-            setting.plugin,
-            raw if order is None else raw[order],
-            G,
-            setting.noise,
-            parameters.time_limit,
-        )
-        found += [_error(setting, answer) for answer in answers]
-    return np.array(found)
-
-
-def _require_no_memory(
-    setting: Setting,
-    parameters: Parameters,
-    streams: Streams,
-    every: Float[Array, "n p"],
-) -> None:
-    """Check that some trials have the same errors in another order."""
-    last = len(every) // BLOCK - 1
-    blocks = np.unique(np.linspace(0, last, AGAIN).astype(int)).tolist()
-    first = np.concatenate([every[k * BLOCK :][:BLOCK] for k in blocks])
-    p = len(setting.theory.places)
-    allowed = np.full(first.shape, np.inf)
-    allowed[:, :p] = TOLERANCE * setting.sizes
-    allowed[:, p + 1 :] = SQUARE_APART * (1.0 + first[:, p + 1 :])
-    require_no_memory(
-        setting.plugin.name,
-        first,
-        lambda places: _errors(setting, parameters, streams, blocks, places),
-        allowed,
-    )
-
-
-def _settled(setting: Setting) -> Float[Array, " p"]:
-    """Error that is left without noise; none in its own class."""
-    p = len(setting.theory.places)
-    if setting.own:
-        return np.zeros(p)
-    clean = setting.sensor.distort(G * setting.directions, np.random.default_rng(0))
-    answer = calibration_of(setting.plugin, clean, G, setting.noise)
-    return _error(setting, answer)[:p]
-
-
-def _error(setting: Setting, answer: Calibration) -> Float[Array, " p"]:
-    """Error of the parameters, what is left and, with a covariance, the square."""
-    places, form = list(setting.theory.places), setting.plugin.form
-    error = (answer.parameters("triangular") - setting.sensor.parameters)[places]
-    left = mean_square_left(answer.matrix, answer.bias, setting.sensor, G)
-    if answer.covariance is None:
-        return np.append(error, left)
-    own = error
-    if form != "triangular":
-        M = setting.sensor.matrix
-        truth = forms.from_gram(form, M.T @ M, setting.sensor.B)
-        own = answer.parameters(form) - truth
-    square = own @ np.linalg.solve(answer.covariance, own)
-    # its own mean over the one that a Type A covariance gives it
-    factor = 1.0 if answer.dof is None else (answer.dof - 2) / answer.dof
-    return np.append(error, [left, square * factor])
-
-
-def _require_order(setting: Setting) -> None:
+def require_order(problem: Calibrations) -> None:
     """Refuse a covariance whose parameters stand in another order than theirs.
 
     Whatever its size, it has the proportions of the bound in another order, and is off
     them `ALIKE` times as far in this one.
     """
-    plugin, theory = setting.plugin, setting.theory
-    clean = setting.sensor.distort(G * setting.directions, np.random.default_rng(0))
-    covariance = calibration_of(plugin, clean, G, setting.noise).covariance
+    plugin, covariance = problem.plugin, problem.answer.covariance
     assert covariance is not None
-    bound, names, p = theory.bound, setting.named[0], len(theory.places)
+    bound, names, p = problem.bound, problem.named[0], len(problem.places)
     if plugin.form != "triangular":
-        own, form = setting.sensor.parameters, plugin.form
+        own, form = problem.sensor.parameters, plugin.form
         there, _ = forms.convert(own, None, source="triangular", target=form)
         J = forms.conversion_jacobian(own, there, source="triangular", target=form)
         bound, names = J @ bound @ J.T, list(forms.names(form))
@@ -473,104 +399,113 @@ def _require_order(setting: Setting) -> None:
         raise PluginError(msg)
 
 
-def _require_spread(measured: Moments, setting: Setting, relative: float) -> None:
+def require_spread(problem: Calibrations, measured: Moments) -> None:
     """Refuse what does not estimate a parameter: it never varies as the noise does."""
-    names, _ = setting.named
-    still = ~(measured.sd[: len(names)] > STILL * relative * setting.sizes)
+    names, least = problem.named[0], STILL * np.sqrt(problem.relative) * problem.sizes
+    still = ~(measured.sd[: len(names)] > least)
     if still.any():
         msg = (
-            f"{setting.plugin.name} gives the same {names[int(still.argmax())]} in all "
+            f"{problem.plugin.name} gives the same {names[int(still.argmax())]} in all "
             f"{measured.samples} trials, whatever their noise; it must estimate what "
             "it declares from the readings, or leave it out of `estimates`"
         )
         raise PluginError(msg)
 
 
-def _settled_rows(settled: Float[Array, " p"], setting: Setting) -> tuple[Row, ...]:
-    """Rows of the answer without noise, of a sensor outside the class."""
-    theory, (names, units) = setting.theory, setting.named
-    most = theory.spread + TOLERANCE * setting.sizes
-    off = np.abs(settled - theory.bias)
-    return limit(SETTLED.each(names, units), off, most, PSEUDO_TRUE, n=1)
+def settled_rows(problem: Calibrations, settled: Float[Array, " p"]) -> tuple[Row, ...]:
+    """Rows of the answer without noise, of a sensor outside the class.
+
+    It is in the middle of what all criteria converge to, or off it by their range.
+    """
+    if problem.own:
+        return ()
+    places, sensor = problem.places, problem.sensor
+    found = pseudo_true(
+        sensor, problem.directions, tuple(places), g=G, known=problem.faces
+    )
+    all_off = (found - sensor.parameters)[:, places]
+    middle = (all_off.max(axis=0) + all_off.min(axis=0)) / 2.0
+    most = np.ptp(all_off, axis=0) + TOLERANCE * problem.sizes
+    off = np.abs(settled - middle)
+    return limit(SETTLED.each(*problem.named), off, most, PSEUDO_TRUE, n=1)
 
 
-def _parameter_rows(
-    measured: Moments, setting: Setting, settled: Float[Array, " p"], relative: float
+def parameter_rows(
+    problem: Calibrations, measured: Moments, settled: Float[Array, " p"]
 ) -> tuple[Row, ...]:
-    theory, n, (names, units) = setting.theory, measured.samples, setting.named
+    """Rows of each parameter: bias, and spread beside the bound."""
+    n, (names, units) = measured.samples, problem.named
     p = len(names)
-    allowed = BIAS_ALLOWED * relative * setting.sizes
     sd = measured.sd[:p]
     variance_error = np.diagonal(measured.covariance_error)[:p]
+    allowed = BIAS_ALLOWED * problem.relative * problem.sizes
     rows = plain(
         BIAS.each(names, units), measured.bias[:p], measured.bias_error[:p], n,
-        settled, NO_BIAS if setting.own else NOISE_FREE, allowed,
+        settled, NO_BIAS if problem.own else NOISE_FREE, allowed,
     )  # fmt: skip
-    if not setting.own:
-        return rows + unjudged(SD.each(names, units), sd, variance_error / (2 * sd), n)
-    bound = np.sqrt(np.diagonal(theory.bound))
+    spread = SD.each(names, units), sd, variance_error / (2 * sd), n
+    if not problem.own:
+        return rows + unjudged(*spread)
+    bound = np.sqrt(np.diagonal(problem.bound))
     efficiency = (bound / sd) ** 2
+    error = efficiency * variance_error / sd**2
     return (
         *rows,
-        *unjudged(
-            SD.each(names, units), sd, variance_error / (2 * sd), n,
-            bound, CRAMER_RAO,
-        ),
-        *unjudged(
-            EFFICIENCY.each(names), efficiency,
-            efficiency * variance_error / sd**2, n,
-        ),
-    )  # fmt: skip
+        *unjudged(*spread, bound, CRAMER_RAO),
+        *unjudged(EFFICIENCY.each(names), efficiency, error, n),
+    )
 
 
-def _left_rows(measured: Moments, setting: Setting) -> tuple[Row, ...]:
-    p = len(setting.theory.places)
+def left_rows(problem: Calibrations, measured: Moments) -> tuple[Row, ...]:
+    """RMS of what a calibration leaves, beside the least that one can leave, m/s^2."""
+    p, places, sensor = len(problem.places), tuple(problem.places), problem.sensor
     rms = float(np.sqrt(measured.bias[p]))
     error, n = float(measured.bias_error[p]) / (2.0 * rms), measured.samples
-    predictors = [(CRAMER_RAO, setting.theory.bound_left)]
-    if not setting.own:
-        predictors = [(BEST_OF_CLASS, setting.theory.least)]
-        if setting.theory.all_left is not None:
-            predictors += [(NINE_PARAMETERS, setting.theory.all_left)]
-    rows: tuple[Row, ...] = ()
-    for predictor, value in predictors:
-        rows += unjudged(LEFT(), rms, error, n, value, predictor)
-    return rows
+    if problem.own:
+        least = bound_left(problem.inside, problem.bound, places, G)
+        return unjudged(LEFT(), rms, error, n, least, CRAMER_RAO)
+    best = least_left(sensor, places, G)
+    rows = unjudged(LEFT(), rms, error, n, best, BEST_OF_CLASS)
+    if problem.faces:  # which do not show all nine
+        return rows
+    nine = problem.nine_parameters().cramer_rao
+    least = bound_left(sensor, nine, places_of(ALL), G)
+    return rows + unjudged(LEFT(), rms, error, n, least, NINE_PARAMETERS)
 
 
-def _extreme_rows(
-    sums: Sums, every: Float[Array, "n p"], setting: Setting, relative: float
+def extreme_rows(
+    problem: Calibrations, sums: Sums, every: Float[Array, "n p"]
 ) -> tuple[Row, ...]:
     """Rows of what no calibrator does: better than the bound, or far off now and then.
 
     Normal errors are within the quantile of all of them together; the deviation of
     most, from the median size, is off by five of its standard errors at the most.
     """
-    theory, n = setting.theory, len(every)
-    p = len(theory.places)
+    n, p = len(every), len(problem.places)
     size = np.abs(every[:, :p] - np.median(every[:, :p], axis=0))
     deviations = np.median(size, axis=0) / scipy.special.ndtri(0.75)
     greatest = float((size.max(axis=0) / deviations).max())
     most = -scipy.special.ndtri(RARE / (2 * n * p)) * (1.0 + 5.0 * 1.17 / np.sqrt(n))
     rows = limit(GREATEST_ERROR(), greatest, most, NORMAL, n=n)
-    if not setting.own:
+    if not problem.own:
         return rows
     weight = np.zeros((sums.size, sums.size))
-    weight[:p, :p] = np.linalg.inv(theory.bound) / p
+    weight[:p, :p] = np.linalg.inv(problem.bound) / p
     ratio, error = mean_square(sums, weight)
     return rows + plain(
         BELOW_BOUND(), max(0.0, 1.0 - ratio), error, n, 0.0, CRAMER_RAO,
-        theory.variance_off + 2.0 * BIAS_ALLOWED * relative,
+        problem.variance_off + 2.0 * BIAS_ALLOWED * problem.relative,
     )  # fmt: skip
 
 
-def _nees_row(measured: Moments, setting: Setting) -> tuple[Row, ...]:
-    theory = setting.theory
-    p = len(theory.places)
+def nees_row(problem: Calibrations, measured: Moments) -> tuple[Row, ...]:
+    """Mean normalised square, where a covariance is given."""
+    p, n = len(problem.places), measured.samples
+    if len(measured.bias) < p + 2:
+        return ()
     value, error = measured.bias[p + 1], measured.bias_error[p + 1]
-    if not setting.own:
-        return unjudged(NEES(), value, error, measured.samples, float(p), CLAIM)
+    if not problem.own:
+        return unjudged(NEES(), value, error, n, float(p), CLAIM)
     bias = measured.bias[:p]
-    weight = np.linalg.inv(theory.bound)
-    left = bias @ weight @ bias + p * theory.variance_off
-    return nees(NEES(), value, error, measured.samples, float(p), CLAIM, left)
+    left = bias @ np.linalg.inv(problem.bound) @ bias + p * problem.variance_off
+    return nees(NEES(), value, error, n, float(p), CLAIM, left)

@@ -6,14 +6,13 @@ anything is measured here.
 """
 
 from collections.abc import Container
-from typing import Annotated
 
 from pydantic import Field
 
 from simval.results import Outcome
 from simval.scene import scenes, simulate
 from simval.streams import Streams
-from simval.studies.plugin import PluginName, PluginParameters, opened
+from simval.studies.plugin import PluginName, PluginParameters, Seconds, opened
 from simval.studies.scene import judged_rows
 
 TITLE = "User-supplied scene: is rest at rest, and do the poses suffice?"
@@ -28,7 +27,7 @@ class Parameters(PluginParameters):
     scene: PluginName = Field(
         default="", description="FILE.py that holds a scene, or a scene's name."
     )
-    time_limit: Annotated[float, Field(gt=0.0, le=86_400.0)] = Field(
+    time_limit: Seconds = Field(
         default=300.0, description="Wall time after which the cell fails, s."
     )
 
@@ -39,7 +38,7 @@ class Parameters(PluginParameters):
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate the scene in a child process."""
-    with opened(parameters, parameters.time_limit) as child:
+    with opened(parameters) as child:
         return Outcome(rows=judged_rows(child.ask(simulate, parameters.scene)))
 
 

@@ -1,18 +1,18 @@
 r"""A user-supplied attitude estimator: its errors, beside cubature and the bound.
 
 The plug-in's conventions are probed without noise first, at generic attitudes. At the
-classes of attitudes where estimators break (`simval.plugins.attitudes`) the
-share of exact cases that fail must be 0, unless the plug-in declares that class. Then
-each trial adds noise to the body vectors, or what `noise` says
-(`simval.plugins.noise`); the references are exact by default. The error is the rotation
-vector from the truth to the estimate, on the side that the plug-in declares. Its bias
-and covariance are set beside Gaussian cubature of the plug-in itself: no theory of it
-is needed, and the two share nothing but its code. The remainder is twice the difference
-between cubature of degree 7 and of degree 5.
+classes of attitudes where estimators break (`simval.plugins.attitudes`) the share of
+exact cases that fail must be 0, unless the plug-in declares that class. Then each trial
+adds noise to the body vectors, or what `noise` says (`simval.plugins.noise`); the
+references are exact by default. The error is the rotation vector from the truth to the
+estimate, on the side that the plug-in declares. Its bias and covariance are set beside
+Gaussian cubature of the plug-in itself: no theory of it is needed, and the two share
+nothing but its code. The remainder is twice the difference between cubature of degree 7
+and of degree 5.
 
-Such a comparison alone would let a wrong plug-in agree with itself. An error without
-first-order bias, :math:`e = Jn + \tfrac12 n^T H n`, has the mean
-:math:`\tfrac12\,\mathrm{tr}(H\Sigma)`: products of two first-order errors, as
+**No agreement with itself.** Such a comparison alone would let a wrong plug-in agree
+with itself. An error without first-order bias, :math:`e = Jn + \tfrac12 n^T H n`, has
+the mean :math:`\tfrac12\,\mathrm{tr}(H\Sigma)`: products of two first-order errors, as
 :math:`\tfrac12\,e' \times e''` is of two turns. So the bias by cubature must be within
 the trace of the covariance, up to the error of cubature itself. At a noise of `SMALL`,
 where that error is negligible, it must be within the trace of the Cramer-Rao bound, up
@@ -20,35 +20,53 @@ to rounding: a constant error does not shrink with the noise and fails. Of 400
 geometries with the same noise on all four vectors the two-vector estimator takes at
 most 0.17 of that trace; orthogonal frames and least squares have no such bias there.
 
-`simval.studies.estimator_setting` asks more: no bias of first order, nothing below the
-bound, and of an estimator that declares its class the bias and covariance of it.
+**Leading terms.** By cubature at a noise h and at half of it, with
+:math:`E[\theta] = l h + m h^2 + O(h^4)` and :math:`C = P h^2 + Q h^4 + O(h^6)`,
 
-Where the plug-in gives a covariance, and can know the noise that this is of, its
-normalised squared error has the mean 3, up to what the claim leaves out. An exact claim
-leaves out nothing: by cubature it may be off only by the error of cubature itself,
-again twice the difference of the degrees. A claim of order k is allowed twice the error
-that cubature finds in it, and its order must be true: halving the noise must reduce
-that error by :math:`2^k`, and at least by :math:`2^{k - 1/2}`. So a wrong leading term
-is never hidden by its own remainder. Nor is a covariance that is wrong at this noise
-alone: its error is at most :math:`2^{k + 1/2}` times that at half the noise, and what
-the next order brings, :math:`(c \lambda)^{k/2 + 1}` with the greatest variance
+.. math:: l h = 4\,\bar\theta_{h/2} - \bar\theta_h, \quad
+   m h^2 = \frac{16\,\bar\theta_{h/2} - \bar\theta_h}{3}, \quad
+   P h^2 = \frac{16\,C_{h/2} - C_h}{3}.
+
+An estimate that is right without noise is unbiased to first order: l is zero, and
+nothing is below the Cramer-Rao bound. One whose attitudes depend on the noise that it
+reads has no greater trace of P than least squares with equal weights, where noise is
+the same in every direction. An estimator that declares its class has the m and P of
+that class as well, and one that works with power series those of its own second order
+(`simval.studies.estimator_series`): order 2 leaves out what order 4 adds and what order
+4 leaves out, which is at most twice what cubature differs from it by. The rest of the
+sums are of relative order :math:`h^4`. The two-vector formula in its best frame has
+these terms where h does not reach another frame. Where it does, its errors have a kink
+there, and the sums are of no formula: h is the first of `NEARER` that reaches none.
+
+**Its covariance.** Where the plug-in gives one, and can know the noise that this is of,
+its normalised squared error has the mean 3, up to what the claim leaves out. An exact
+claim leaves out nothing: by cubature it may be off only by the error of cubature
+itself, again twice the difference of the degrees. A claim of order k is allowed twice
+the error that cubature finds in it, and its order must be true: halving the noise must
+reduce that error by :math:`2^k`, and at least by :math:`2^{k - 1/2}`. So a wrong
+leading term is never hidden by its own remainder. Nor is a covariance that is wrong at
+this noise alone: its error is at most :math:`2^{k + 1/2}` times that at half the noise,
+and what the next order brings, :math:`(c \lambda)^{k/2 + 1}` with the greatest variance
 :math:`\lambda` of the error, rad^2, and c of `NEXT`.
 
-Whatever the estimator, unit quaternions have :math:`E|q - \hat q|^2 = 2 q^T E[q - \hat
-q]`. The first block is held to it within what the lengths that the plug-in returned
-are off by (its own precision; `UNIT` at the most) and rounding.
+**Unit length.** Whatever the estimator, unit quaternions have :math:`E|q - \hat q|^2 =
+2 q^T E[q - \hat q]`. The first block is held to it within what the lengths that the
+plug-in returned are off by (its own precision; `UNIT` at the most) and rounding.
 
-With m the mean square of its errors and :math:`m_0` that of the built-in least squares
-under the same noise, the efficiency is the trace of the Cramer-Rao bound over m, and
-the difference :math:`\sqrt m - \sqrt{m_0}`. Cubature gives both without chance, to
-twice what its next lower degree differs by. Simulated they are a check of that; since
-both estimators see the same vectors the difference has a small standard error, by
+**Efficiency.** Beside its errors stand those of the built-in least squares, whose
+weights are the inverse variances of the pairs, from the same vectors. With m the mean
+square of the one and :math:`m_0` that of the other, the efficiency is the trace of the
+Cramer-Rao bound over m, and the difference :math:`\sqrt m - \sqrt{m_0}`. Cubature gives
+both without chance, to twice what its next lower degree differs by. Simulated they are
+a check of that; since both see the same vectors the difference has a small standard
+error, by
 
 .. math:: \frac12 \left(\frac{dm}{\sqrt m} - \frac{dm_0}{\sqrt{m_0}}\right), \tag{D1}
 
 and at least by the rounding of one estimate.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Annotated, Self
 
@@ -56,28 +74,48 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from simval.arrays import Array
-from simval.errors import InputError
+from simval.attitude import wahba_quaternion
+from simval.attitude.kernel import column_matrix
+from simval.errors import InputError, PluginError
+from simval.geometry import attitude_matrix, normalize
 from simval.moments import Moments
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
-from simval.plugins import Estimator, find_plugin, probe_estimator
+from simval.plugins import Estimator, probe_estimator
+from simval.plugins.answers import covariances_of, quaternions_of, raw_attitudes
 from simval.plugins.attitudes import COUNT
 from simval.plugins.noise import VectorNoise, vector_noise
-from simval.plugins.probe import TOLERANCE, failure_shares
-from simval.plugins.runs import require_no_memory
-from simval.results import Outcome, Row, limit, nees, plain, unjudged
+from simval.plugins.probe import (
+    TOLERANCE,
+    allowed,
+    failure_shares,
+    heeds,
+    rotation_error,
+)
+from simval.results import Row, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.statistics import (
+    BELOW_BOUND,
+    BIAS,
     CLAIM_OFF,
     CLAIM_OFF_FULL,
     CLAIM_OFF_HALF,
+    CLASS_BIAS,
+    CLASS_COVARIANCE,
+    COVARIANCE,
     CRAMER_RAO,
     CUBATURE,
     CUBATURE_BIAS,
     CUBATURE_BIAS_SMALL,
     CUBATURE_ERROR,
     EFFICIENCY,
+    EQUAL_WEIGHTS,
     FAILURES,
+    FIRST_ORDER_BIAS,
     NEES,
+    NO_BIAS,
+    ORDER_2,
+    ORDER_4,
+    OVER_EQUAL_WEIGHTS,
     PROBE,
     RMS,
     RMS_DIFFERENCE,
@@ -87,31 +125,373 @@ from simval.statistics import (
     TRUTH,
     UNIT_LENGTH,
     claim_of,
+    class_of,
     order,
 )
 from simval.streams import Streams
-from simval.studies.estimator_setting import (
-    DEGREE,
-    SQUARES,
-    MeanAndCovariance,
-    Setting,
-    leading_rows,
-    moment_rows,
-    series_rows,
+from simval.studies.attitude import random_geometry
+from simval.studies.estimator_series import series_of
+from simval.studies.plugin import (
+    Again,
+    AlgorithmParameters,
+    Call,
+    PluginName,
+    Problem,
+    Seconds,
+    compute,
+    outcome,
+    run,
 )
-from simval.studies.plugin import PluginName, PluginParameters, isolated
 from simval.studies.refusing import LEAST_NOISE
+from simval.theory import wahba_bound
+from simval.theory.cubature import cubature_moments, smolyak_hermite
+from simval.theory.estimators import OF_TWO_VECTORS, class_moments
 from simval.theory.expansion import unit_length_defect, unit_length_rounding
 
+__all__ = ["SECTION", "TITLE", "Parameters", "compute", "outcome", "run"]
 
-def failure_rows(
-    plugin: Estimator,
-    cases: int,
-    vectors: int = 2,
-    noise: VectorNoise | None = None,
-) -> tuple[Row, ...]:
+TITLE = "User-supplied attitude estimator: bias, spread and stated covariance"
+SECTION = "algorithms"
+
+BLOCK = 1024  # samples; part of the promise of equal bits, as is `BATCH`
+BATCH = 8
+MOST_NOISE = 0.1
+"""Of any vector, per axis."""
+
+DEGREE = 7
+"""Of cubature; its own error is twice what degree 5 differs by."""
+
+SQUARES = slice(-2, None)
+"""Columns of the errors that are squares: of the plug-in, and of the least squares."""
+
+HEEDED = 24
+"""Trials by which it is seen whether it uses what it reads."""
+
+SQUARE_APART = 0.01
+"""By which a normalised square may differ in another order, relative to it and 1."""
+
+SAME = 1e-9
+"""Relative difference of two RMS errors that may be rounding."""
+
+CLEARLY = 3.0
+"""A spread of so many remainders is enough to judge: twice is required."""
+
+SMALL = 1e-5
+"""Noise at which a second-order bias and the error of cubature are negligible."""
+
+SMALL_ROUNDING = 2.0 * TOLERANCE
+"""Rad; the root of rounding, 1.5e-8, times the sum of the weights' sizes, `WEIGHTS`;
+where cubature has greater weights, as many times more."""
+
+WEIGHTS = 107.0
+"""Of cubature with two body and two reference vectors."""
+
+NOISE = 1e-3
+"""The noise h: far above rounding, and its fourth power is nothing."""
+
+NEARER = (1e-4, 1e-5)
+"""Of 400 random geometries four have another frame within 1e-3 of their best one."""
+
+LEADING_TOLERANCE = 1e-3
+"""Relative, as of the leading term of a claimed covariance: the package's estimators
+are within 2e-8 in 60 random geometries, and a bias of less is 1e-3 of a standard
+deviation."""
+
+NEXT = 4.0
+"""1/rad^2; over 20 geometries, five kinds of noise and levels to 0.1, sound claims of
+least squares and of the information matrix need 0.43 of the greatest variance."""
+
+RESOLVED = 1e-6
+"""Relative error of a claim below which its order cannot be told from rounding."""
+
+AXES = ("x", "y", "z")
+EPS = float(np.finfo(float).eps)
+
+MeanAndCovariance = tuple[Float[Array, " p"], Float[Array, "p p"]]
+
+
+Trials = tuple[Sums, Float[Array, "n p"]]
+"""Sums of the errors of all trials, and the errors of the first block."""
+
+
+class Attitudes(Problem[Estimator, float, Trials]):
+    """Attitudes from noisy vectors: one geometry, under noise of one shape."""
+
+    kind = Estimator
+    items = BLOCK
+
+    def __init__(
+        self, plugin: Estimator, parameters: "Parameters", streams: Streams
+    ) -> None:
+        self.plugin, self.parameters, self.streams = plugin, parameters, streams
+        self.noise_std, vectors = parameters.noise_std, parameters.vectors
+        self.noise = vector_noise(parameters.noise, vectors)
+        require_fitting(plugin, vectors, self.noise)
+        self.q, *pairs = random_geometry(parameters.geometry)
+        rng = np.random.default_rng([20_271, parameters.geometry])
+        if plugin.fixed is not None:
+            self.references = np.concatenate(plugin.fixed.draw(1, rng))
+        else:
+            more = normalize(rng.standard_normal((vectors - 2, 3)))
+            self.references = np.concatenate([pairs, more])
+        body = self.references @ attitude_matrix(self.q).T
+        self.truth = np.concatenate([body, self.references])
+        self.roots = self.noise.roots([v[None] for v in self.truth])[0]
+
+    def probe(self) -> float:
+        """Greatest error without noise, rad."""
+        asked = self.plugin if self.claims else replace(self.plugin, covariance=None)
+        return probe_estimator(asked, self.parameters.vectors, self.noise)
+
+    def trials(self, probed: float) -> Trials:
+        """Errors of all trials, and of the first block."""
+        first: list[Float[Array, "n p"]] = []
+
+        def sampled(rng: np.random.Generator, count: int) -> Float[Array, "p n"]:
+            errors = self.errors(self.drawn(count, rng), self.noise_std)
+            first.extend([] if first else [errors])
+            return errors.T
+
+        count = self.parameters.samples
+        sums = simulate(sampled, self.streams, samples=count, block=BLOCK, batch=BATCH)
+        return sums, first[0]
+
+    def again(self, answers: Trials) -> Again:
+        """The first block."""
+        _, first = answers
+        vectors, most = self.first_block(), np.full(first.shape, np.inf)
+        most[:, :3] = TOLERANCE / self.sine
+        if self.claims:
+            most[:, 3] = SQUARE_APART * (1.0 + first[:, 3])
+        return first, lambda k: self.errors(vectors[k], self.noise_std), most
+
+    def rows(self, probed: float, answers: Trials) -> tuple[Row, ...]:
+        """All that is asked of an estimator."""
+        plugin, noise, sums = self.plugin, self.noise_std, answers[0]
+        measured, rounding = moments_of(sums), probed / self.sine
+        cubatures = self.cubature(noise, DEGREE), self.cubature(noise, DEGREE - 2)
+        fine, coarse = cubatures
+        # to twice what the next lower degree of cubature differs by
+        mean, covariance = (
+            2.0 * np.abs(a - b) for a, b in zip(fine, coarse, strict=True)
+        )
+        left = float(mean[:3].max()), float(covariance[:3, :3].max())
+        rows = [
+            *limit(PROBE(unit="rad"), probed, TOLERANCE, TRUTH, n=1),
+            *failure_rows(self),
+            *bias_rows(self, fine, coarse),
+            *leading_rows(self, rounding),
+            *moment_rows(measured, *fine, CUBATURE, left),
+            *size_rows(self, sums, cubatures, rounding),
+            *unit_rows(self),
+        ]
+        if plugin.series:
+            rows += series_rows(self, measured, fine)
+        if self.claims:
+            half = self.cubature(noise / 2.0, DEGREE)
+            off, at_half, other = map(claim_off, (fine, half, coarse))
+            spread = fine[1][:3, :3]
+            rows += claim_rows(
+                plugin.claim, measured, off, at_half, abs(off - other), spread
+            )
+        return tuple(rows)
+
+    def call(self, plugin: Estimator) -> Call:
+        """Attitudes of the first block."""
+        vectors = list(np.moveaxis(self.first_block(), 1, 0))
+        return raw_attitudes, (vectors, self.noise.at(self.noise_std))
+
+    @property
+    def sine(self) -> float:
+        """Sine between its references, by which rounding turns an estimate more."""
+        return TOLERANCE / float(allowed([v[None] for v in self.truth])[0])
+
+    @property
+    def weighs(self) -> bool:
+        """Whether its attitudes depend on what it reads of the noise."""
+        given = [np.repeat(v[None], HEEDED, axis=0) for v in self.truth]
+        return bool(self.plugin.reads) and heeds(self.plugin, given, covariance=False)
+
+    @property
+    def claims(self) -> bool:
+        """Whether it gives a covariance, and can know the noise that this is of."""
+        knows = bool(self.plugin.reads) or self.noise.one_number
+        return self.plugin.covariance is not None and knows
+
+    @property
+    def coupling(self) -> float:
+        r"""By how much noise along the vectors may add to a second-order bias.
+
+        Noise along a vector weighs it, and turns the estimate as far as it moves with
+        the noise across. With c_i the covariance of both and l_i the least variance
+        across, an estimate of the covariance P is off by at most the sum of |c_i|/l_i
+        times trace(P): none of noise that is the same in every direction, or across.
+        """
+        total = 0.0
+        for i in self.noise.noisy:
+            C, along = self.roots[i] @ self.roots[i], self.truth[i]
+            plane = np.linalg.svd(along[None])[2][1:]  # two directions across
+            least = np.linalg.eigvalsh(plane @ C @ plane.T)[0]
+            total += float(np.linalg.norm(plane @ C @ along) / least)
+        return total
+
+    def covariances(self, noise_std: float) -> Float[Array, "m 3 3"]:
+        """Covariance of each vector's noise."""
+        scaled: Array = noise_std**2 * self.roots @ self.roots
+        return scaled
+
+    def bound(self, noise_std: float) -> Float[Array, "3 3"]:
+        """Cramer-Rao bound of the rotation error, body side, rad^2.
+
+        Noise along a vector does not move it, so tangent noise has the bound of
+        noise of the same size in every direction.
+        """
+        noise = noise_std**2 * self.noise.unit
+        return wahba_bound(self.q, self.references, noise).rotation
+
+    def drawn(self, count: int, rng: np.random.Generator) -> Float[Array, "count m 3"]:
+        """Vectors of some trials."""
+        normal = rng.standard_normal((count, *self.truth.shape))
+        noise: Array = np.einsum("mij,nmj->nmi", self.noise_std * self.roots, normal)
+        return self.truth + noise
+
+    def first_block(self) -> Float[Array, "n m 3"]:
+        """Vectors of the first block."""
+        return self.drawn(BLOCK, self.streams.block(0))
+
+    def errors(
+        self, vectors: Float[Array, "n m 3"], noise_std: float
+    ) -> Float[Array, "n p"]:
+        """Errors of some trials, their normalised squares if claimed, and `SQUARES`."""
+        rows, noise = list(np.moveaxis(vectors, 1, 0)), self.noise.at(noise_std)
+        q = quaternions_of(self.plugin, rows, noise)
+        error = rotation_error(self.q, q, self.plugin.side)
+        columns = [error]
+        if self.claims:
+            P = covariances_of(self.plugin, rows, noise)
+            solved = np.linalg.solve(P, error[..., None])[..., 0]
+            columns.append(np.sum(error * solved, axis=1, keepdims=True))
+        k = len(self.references)
+        best = wahba_quaternion(vectors[:, :k], vectors[:, k:], noise.weights)
+        for other in (error, rotation_error(self.q, best, "body")):
+            columns.append(np.sum(other * other, axis=1, keepdims=True))
+        return np.concatenate(columns, axis=1)
+
+    def cubature(self, noise_std: float, degree: int) -> MeanAndCovariance:
+        """Mean and covariance of `errors` under the noise."""
+        noisy = self.noise.noisy
+
+        def errors(*vectors: Float[Array, "n 3"]) -> Float[Array, "n p"]:
+            every = np.repeat(self.truth[None], len(vectors[0]), axis=0)
+            every[:, noisy] = np.stack(vectors, axis=1)
+            return self.errors(every, noise_std)
+
+        moments = cubature_moments(
+            errors,
+            self.truth[noisy],
+            self.covariances(noise_std)[noisy],
+            np.zeros(6 if self.claims else 5),
+            degree,
+        )
+        return -moments.bias, moments.covariance
+
+    def nodes(self, noise_std: float, degree: int) -> Float[Array, "n m 3"]:
+        """The vectors that this cubature tries, by the same symmetric roots."""
+        noisy = self.noise.noisy
+        points = smolyak_hermite(3 * len(noisy), degree)[0].reshape(-1, len(noisy), 3)
+        every = np.repeat(self.truth[None], len(points), axis=0)
+        every[:, noisy] += np.einsum(
+            "mij,nmj->nmi", noise_std * self.roots[noisy], points
+        )
+        return every
+
+    @property
+    def weights(self) -> float:
+        """Sum of the sizes of the weights of cubature: what rounding grows by."""
+        _, weights = smolyak_hermite(3 * len(self.noise.noisy), DEGREE)
+        return float(np.abs(weights).sum())
+
+    def series(self, noise_std: float, order: int) -> Moments:
+        """Mean and covariance of the rotation error by power series."""
+        covariances, told = self.covariances(noise_std), self.noise.at(noise_std)
+        return series_of(self.plugin, self.q, self.truth, covariances, told, order)
+
+
+def require_fitting(plugin: Estimator, vectors: int, noise: VectorNoise) -> None:
+    """Check that a plug-in can be measured with these vectors and this noise."""
+    if vectors != 2 and (plugin.takes == "pairs" or plugin.reference is not None):
+        what = "two pairs" if plugin.takes == "pairs" else "the two fixed references"
+        msg = (
+            f"{plugin.name} takes {what} and `vectors` is {vectors}; set it to 2, or "
+            'declare takes="vectors" without `reference` if it takes more'
+        )
+        raise PluginError(msg)
+    if vectors != 2 and plugin.kind in OF_TWO_VECTORS:
+        msg = (
+            f'{plugin.name} declares kind="{plugin.kind}", whose theory is of two '
+            f"vectors, and `vectors` is {vectors}; set it to 2"
+        )
+        raise PluginError(msg)
+    if plugin.reference is not None and not noise.exact_references:
+        msg = (
+            f'{plugin.name} declares reference="{plugin.reference}", which it does not '
+            "measure, and `noise` gives the references noise; take one that does not"
+        )
+        raise PluginError(msg)
+
+
+class Parameters(AlgorithmParameters):
+    """One cell: a plug-in, a geometry and a noise level."""
+
+    problem = Attitudes
+    no_noise = ("algorithm", "cases", "time_limit")
+
+    algorithm: PluginName = Field(
+        default="", description="FILE.py, FILE.py:NAME or the name of an entry point."
+    )
+    geometry: Annotated[int, Field(ge=0, lt=2**63)] = Field(
+        default=3, description="Number of the random attitude and vectors, a seed."
+    )
+    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=MOST_NOISE)] = Field(
+        default=0.01, description="Noise per axis of each body vector of length 1."
+    )
+    noise: Annotated[str, AfterValidator(lambda text: " ".join(text.split()))] = Field(
+        default="body",
+        description="Noise of each vector relative to `noise_std`: body, all, tangent, "
+        'unequal, general, standard deviations such as "1 3 0 0" of b1, b2, r1, r2, '
+        "or as many 3 x 3 covariances in JSON.",
+    )
+    vectors: Annotated[int, Field(ge=2, le=6)] = Field(
+        default=2, description="Vector pairs."
+    )
+    samples: Annotated[int, Field(ge=BLOCK)] = Field(
+        default=16_384, description="Trials; rounded up to whole blocks of 1024."
+    )
+    cases: Annotated[int, Field(ge=64, le=1 << 20)] = Field(
+        default=COUNT, description="Exact cases of each class of attitudes."
+    )
+    time_limit: Seconds = Field(
+        default=300.0, description="Wall time after which the cell fails, s."
+    )
+
+    @model_validator(mode="after")
+    def _require_noise(self) -> Self:
+        """Check that the noise is of as many vectors, and no vector drowns in it."""
+        noise = vector_noise(self.noise, self.vectors, self.noise_std)
+        if not noise.std.max() <= MOST_NOISE * (1.0 + 1e-12):
+            msg = (
+                f"`noise_std` is {self.noise_std:g} and `noise` {self.noise:.60}: that "
+                f"makes {noise.std.max():.3g} of a vector of length 1; at most "
+                f"{MOST_NOISE:g} is allowed, so lower one of them"
+            )
+            raise InputError(msg)
+        return self
+
+
+def failure_rows(problem: Attitudes) -> tuple[Row, ...]:
     """Share of failures of each class; one that is declared is not judged."""
-    shares = failure_shares(plugin, cases, vectors, noise)
+    plugin, cases = problem.plugin, problem.parameters.cases
+    shares = failure_shares(plugin, cases, problem.parameters.vectors, problem.noise)
     declared = dict.fromkeys(name for name in plugin.fails_at if name in shares)
     known = {name: shares.pop(name) for name in declared}
     return (
@@ -120,19 +500,71 @@ def failure_rows(
     )
 
 
-_EPS = float(np.finfo(float).eps)
+def bias_rows(
+    problem: Attitudes, predicted: MeanAndCovariance, coarser: MeanAndCovariance
+) -> tuple[Row, ...]:
+    """Bias by cubature, and the most that is of second order."""
+    mean, covariance = predicted
+    unresolved = 2.0 * float(np.linalg.norm((mean - coarser[0])[:3]))
+    small = problem.noise.small(SMALL).noise_std
+    rounding = SMALL_ROUNDING * max(1.0, problem.weights / WEIGHTS)
+    longer = 1.0 + problem.coupling
+    most = (
+        longer * float(np.trace(covariance[:3, :3])) + unresolved + TOLERANCE,
+        longer * float(np.trace(problem.bound(small))) + rounding,
+    )
+    biases = [
+        float(np.linalg.norm(bias[:3]))
+        for bias in (mean, problem.cubature(small, DEGREE)[0])
+    ]
+    families = (CUBATURE_BIAS(), CUBATURE_BIAS_SMALL())
+    return limit(families, biases, most, SECOND_ORDER, n=1)
 
-SAME = 1e-9
-"""Relative difference of two RMS errors that may be rounding."""
 
-_CLEARLY = 3.0
-"""A spread of so many remainders is enough to judge: twice is required."""
+def moment_rows(
+    measured: Moments,
+    mean: Float[Array, " p"],
+    covariance: Float[Array, "p p"],
+    predictor: str,
+    left: tuple[float, float],
+) -> tuple[Row, ...]:
+    """Bias and covariance beside a prediction, and what each of them leaves out."""
+    n, upper = measured.samples, np.triu_indices(3)
+    pairs = [
+        COVARIANCE(AXES[i], AXES[j], unit="rad²") for i, j in zip(*upper, strict=True)
+    ]
+    return plain(
+        BIAS.each(AXES, ["rad"] * 3), measured.bias[:3], measured.bias_error[:3], n,
+        mean[:3], predictor, left[0],
+    ) + plain(
+        pairs, measured.covariance[upper], measured.covariance_error[upper], n,
+        covariance[upper], predictor, left[1],
+    )  # fmt: skip
+
+
+def series_rows(
+    problem: Attitudes, measured: Moments, cubature: MeanAndCovariance
+) -> tuple[Row, ...]:
+    """Rows of simulated moments beside theory of both orders."""
+    second, fourth = (problem.series(problem.noise_std, k) for k in (2, 4))
+    mean, covariance = cubature[0][:3], cubature[1][:3, :3]
+    left = (
+        2.0 * float(np.abs(mean - fourth.bias).max()),
+        2.0 * float(np.abs(covariance - fourth.covariance).max()),
+    )
+    rows: tuple[Row, ...] = ()
+    for theory, name in ((second, ORDER_2), (fourth, ORDER_4)):
+        apart = (
+            float(np.abs(theory.bias - fourth.bias).max()) + left[0],
+            float(np.abs(theory.covariance - fourth.covariance).max()) + left[1],
+        )
+        rows += moment_rows(measured, theory.bias, theory.covariance, name, apart)
+    return rows
 
 
 def size_rows(
-    setting: Setting,
+    problem: Attitudes,
     sums: Sums,
-    noise: float,
     cubatures: tuple[MeanAndCovariance, MeanAndCovariance],
     rounding: float,
 ) -> tuple[Row, ...]:
@@ -140,7 +572,7 @@ def size_rows(
     weight = np.zeros((sums.size, sums.size))
     weight[:3, :3] = np.eye(3)
     square, error = mean_square(sums, weight)
-    least, n = float(np.trace(setting.bound(noise))), sums.samples
+    least, n = float(np.trace(problem.bound(problem.noise_std))), sums.samples
     rms = float(np.sqrt(square))
     fine, coarse = (moments[0][SQUARES] for moments in cubatures)
     efficiency = least / float(fine[0])
@@ -155,7 +587,7 @@ def size_rows(
             EFFICIENCY("simulated"), least / square, least * error / square**2, n,
             efficiency, CUBATURE, left,
         ),
-        *_difference_rows(sums, fine, coarse, max(rounding, _EPS), setting.weights),
+        *_difference_rows(sums, fine, coarse, max(rounding, EPS), problem.weights),
     )  # fmt: skip
 
 
@@ -183,249 +615,148 @@ def _difference_rows(
     rounding: float,
     weights: float,
 ) -> tuple[Row, ...]:
+    """RMS error beside that of least squares, by eq. (D1)."""
+
+    def difference(squares: Float[Array, "2"]) -> float:
+        own, other = np.sqrt(squares)
+        return float(own - other)
+
     measured = moments_of(sums)
     squares = measured.bias[SQUARES]
     slope = np.array([0.5, -0.5]) / np.sqrt(squares)
     variance = float(slope @ measured.covariance[SQUARES, SQUARES] @ slope)
-    predicted = _difference(fine)
-    unresolved, rounded = 2.0 * abs(predicted - _difference(coarse)), weights * rounding
+    predicted = difference(fine)
+    unresolved, rounded = 2.0 * abs(predicted - difference(coarse)), weights * rounding
     left = unresolved + rounded
     spread = max(variance, rounding**2 * sums.samples)
     # what differs by rounding, its own or of cubature, is judged by it
     if unresolved < max(rounded, SAME * np.sqrt(squares[1])):
-        spread = max(spread, (_CLEARLY * left) ** 2)
+        spread = max(spread, (CLEARLY * left) ** 2)
     return plain(
-        RMS_DIFFERENCE(), _difference(squares), np.sqrt(spread / sums.samples),
+        RMS_DIFFERENCE(), difference(squares), np.sqrt(spread / sums.samples),
         sums.samples, predicted, CUBATURE, left,
     )  # fmt: skip
 
 
-def _difference(squares: Float[Array, "2"]) -> float:
-    own, other = np.sqrt(squares)
-    return float(own - other)
-
-
-TITLE = "User-supplied attitude estimator: bias, spread and stated covariance"
-SECTION = "algorithms"
-
-BLOCK = 1024  # samples; part of the promise of equal bits, as is `BATCH`
-BATCH = 8
-MOST_NOISE = 0.1
-"""Of any vector, per axis."""
-
-SQUARE_APART = 0.01
-"""By which a normalised square may differ in another order, relative to it and 1."""
-
-SMALL = 1e-5
-"""Noise at which a second-order bias and the error of cubature are negligible."""
-
-SMALL_ROUNDING = 2.0 * TOLERANCE
-"""Rad; the root of rounding, 1.5e-8, times the sum of the weights' sizes, `WEIGHTS`;
-where cubature has greater weights, as many times more."""
-
-WEIGHTS = 107.0
-"""Of cubature with two body and two reference vectors."""
-
-NEXT = 4.0
-"""1/rad^2; over 20 geometries, five kinds of noise and levels to 0.1, sound claims of
-least squares and of the information matrix need 0.43 of the greatest variance."""
-
-RESOLVED = 1e-6
-"""Relative error of a claim below which its order cannot be told from rounding."""
-
-
-class Parameters(PluginParameters):
-    """One cell: a plug-in, a geometry and a noise level."""
-
-    plugin = "algorithm"
-    no_noise = ("algorithm", "cases", "time_limit")
-
-    algorithm: PluginName = Field(
-        default="", description="FILE.py, FILE.py:NAME or the name of an entry point."
-    )
-    geometry: Annotated[int, Field(ge=0, lt=2**63)] = Field(
-        default=3, description="Number of the random attitude and vectors, a seed."
-    )
-    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=MOST_NOISE)] = Field(
-        default=0.01, description="Noise per axis of each body vector of length 1."
-    )
-    noise: Annotated[str, AfterValidator(lambda text: " ".join(text.split()))] = Field(
-        default="body",
-        description="Noise of each vector relative to `noise_std`: body, all, tangent, "
-        'unequal, general, standard deviations such as "1 3 0 0" of b1, b2, r1, r2, '
-        "or as many 3 x 3 covariances in JSON.",
-    )
-    vectors: Annotated[int, Field(ge=2, le=6)] = Field(
-        default=2, description="Vector pairs."
-    )
-    samples: Annotated[int, Field(ge=BLOCK)] = Field(
-        default=16_384, description="Trials; rounded up to whole blocks of 1024."
-    )
-    cases: Annotated[int, Field(ge=64, le=1 << 20)] = Field(
-        default=COUNT, description="Exact cases of each class of attitudes."
-    )
-    time_limit: Annotated[float, Field(gt=0.0, le=86_400.0)] = Field(
-        default=300.0, description="Wall time after which the cell fails, s."
-    )
-
-    @model_validator(mode="after")
-    def _require_noise(self) -> Self:
-        """Check that the noise is of as many vectors, and no vector drowns in it."""
-        noise = vector_noise(self.noise, self.vectors, self.noise_std)
-        if not noise.std.max() <= MOST_NOISE * (1.0 + 1e-12):
-            msg = (
-                f"`noise_std` is {self.noise_std:g} and `noise` {self.noise:.60}: that "
-                f"makes {noise.std.max():.3g} of a vector of length 1; at most "
-                f"{MOST_NOISE:g} is allowed, so lower one of them"
-            )
-            raise InputError(msg)
-        return self
-
-
-def claim_off(moments: tuple[Array, Array]) -> float:
-    """Relative error of the mean normalised square, whose true value is 3."""
-    return float(moments[0][3]) / 3.0 - 1.0
-
-
-def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Measure the plug-in in a child process."""
-    return isolated(outcome, parameters, streams, parameters.time_limit, Estimator)
-
-
-def compute(parameters: Parameters, streams: Streams) -> Outcome:
-    """Measure the plug-in in this process."""
-    return outcome(find_plugin(parameters.algorithm, Estimator), parameters, streams)
-
-
-def outcome(plugin: Estimator, parameters: Parameters, streams: Streams) -> Outcome:
-    """Measure an estimator that this process holds."""
-    noise, vectors = parameters.noise_std, parameters.vectors
-    setting = Setting(plugin, parameters.geometry, vectors, parameters.noise)
-    asked = plugin if setting.claims else replace(plugin, covariance=None)
-    off = probe_estimator(asked, vectors, setting.noise)
-    first: list[Float[Array, "n p"]] = []
-
-    def sampled(rng: np.random.Generator, count: int) -> Float[Array, "p n"]:
-        errors = setting.errors(setting.drawn(count, noise, rng), noise)
-        first.extend([] if first else [errors])
-        return errors.T
-
-    sums = simulate(
-        sampled,
-        streams,
-        samples=parameters.samples,
-        block=BLOCK,
-        batch=BATCH,
-    )
-    _require_no_memory(setting, noise, streams, first[0])
-    cubature = setting.cubature(noise, DEGREE)
-    coarser = setting.cubature(noise, DEGREE - 2)
-    rows = [
-        *limit(PROBE(unit="rad"), off, TOLERANCE, TRUTH, n=1),
-        *failure_rows(plugin, parameters.cases, vectors, setting.noise),
-        *_bias_rows(setting, cubature, coarser),
-        *leading_rows(setting, off / setting.sine),
-        *_beside_cubature(moments_of(sums), cubature, coarser),
-        *size_rows(setting, sums, noise, (cubature, coarser), off / setting.sine),
-        *_unit_rows(setting, noise, streams),
-    ]
-    if plugin.series:
-        rows += series_rows(setting, noise, moments_of(sums), cubature)
-    if setting.claims:
-        off, other = claim_off(cubature), claim_off(coarser)
-        half = setting.cubature(noise / 2.0, DEGREE)
-        rows += _claim_rows(
-            plugin.claim, moments_of(sums), off, claim_off(half), abs(off - other)
-        )
-        rows += _full_rows(plugin.claim, off, claim_off(half), cubature[1][:3, :3])
-    return Outcome(rows=tuple(rows))
-
-
-def _require_no_memory(
-    setting: Setting, noise: float, streams: Streams, first: Float[Array, "n p"]
-) -> None:
-    """Check that trials of the first block have the same errors in another order."""
-    vectors = setting.drawn(len(first), noise, streams.block(0))
-    allowed = np.full(first.shape, np.inf)
-    allowed[:, :3] = TOLERANCE / setting.sine
-    if setting.claims:
-        allowed[:, 3] = SQUARE_APART * (1.0 + first[:, 3])
-    require_no_memory(
-        setting.plugin.name,
-        first,
-        lambda places: setting.errors(vectors[places], noise),
-        allowed,
-    )
-
-
-def _unit_rows(setting: Setting, noise: float, streams: Streams) -> tuple[Row, ...]:
+def unit_rows(problem: Attitudes) -> tuple[Row, ...]:
     """Whether mean and mean square of the first block are those of unit quaternions."""
-    error = setting.additive(setting.drawn(BLOCK, noise, streams.block(0)))
-    estimate = setting.q - error
+    truth, vectors = problem.q, list(np.moveaxis(problem.first_block(), 1, 0))
+    q = quaternions_of(problem.plugin, vectors, problem.noise)
+    error = truth - np.copysign(1.0, q @ truth)[:, None] * q  # with the truth's sign
+    estimate = truth - error
     off = float(np.abs(np.sum(estimate * estimate, axis=1) - 1.0).max())
     square = float(np.mean(np.sum(error * error, axis=1)))
-    defect = unit_length_defect(square, float(setting.q @ error.mean(axis=0)))
+    defect = unit_length_defect(square, float(truth @ error.mean(axis=0)))
     most = unit_length_rounding(square, off)
     return limit(UNIT_LENGTH("simulated"), abs(defect), most, ROUNDING, BLOCK)
 
 
-def _bias_rows(
-    setting: Setting,
-    predicted: tuple[Float[Array, " p"], Float[Array, "p p"]],
-    coarser: tuple[Float[Array, " p"], Float[Array, "p p"]],
+def claim_off(moments: MeanAndCovariance) -> float:
+    """Relative error of the mean normalised square, whose true value is 3."""
+    return float(moments[0][3]) / 3.0 - 1.0
+
+
+def claim_rows(
+    claim: int | str,
+    measured: Moments,
+    off: float,
+    half: float,
+    unresolved: float,
+    covariance: Float[Array, "3 3"],
 ) -> tuple[Row, ...]:
-    """Bias by cubature, and the most that is of second order."""
-    mean, covariance = predicted
-    unresolved = 2.0 * float(np.linalg.norm((mean - coarser[0])[:3]))
-    small = setting.noise.small(SMALL).noise_std
-    rounding = SMALL_ROUNDING * max(1.0, setting.weights / WEIGHTS)
-    longer = 1.0 + setting.coupling
-    most = (
-        longer * float(np.trace(covariance[:3, :3])) + unresolved + TOLERANCE,
-        longer * float(np.trace(setting.bound(small))) + rounding,
-    )
-    biases = [
-        float(np.linalg.norm(bias[:3]))
-        for bias in (mean, setting.cubature(small, DEGREE)[0])
-    ]
-    families = (CUBATURE_BIAS(), CUBATURE_BIAS_SMALL())
-    return limit(families, biases, most, SECOND_ORDER, n=1)
+    """Mean normalised square, and whether the claimed order is true.
 
-
-def _beside_cubature(
-    measured: Moments, cubature: MeanAndCovariance, coarser: MeanAndCovariance
-) -> tuple[Row, ...]:
-    """Moments beside cubature, to twice what its next lower degree differs by."""
-    mean, covariance = (
-        2.0 * np.abs(a - b) for a, b in zip(cubature, coarser, strict=True)
-    )
-    left = float(mean[:3].max()), float(covariance[:3, :3].max())
-    return moment_rows(measured, *cubature, CUBATURE, left)
-
-
-def _full_rows(
-    claim: int | str, off: float, half: float, covariance: Float[Array, "3 3"]
-) -> tuple[Row, ...]:
-    """Whether the error of a claim is as much greater than at half the noise."""
+    The claim is `off` by cubature, as far as that resolves, and by `half` at half the
+    noise; the covariance is that of the errors.
+    """
     if isinstance(claim, str):
-        return ()
-    greatest = float(np.linalg.eigvalsh(covariance)[-1])
-    following = (NEXT * greatest) ** (claim / 2.0 + 1.0)
-    most = 2.0 ** (claim + 0.5) * abs(half) + following
-    return limit(CLAIM_OFF_FULL(), abs(off), max(most, RESOLVED), order(claim), n=1)
-
-
-def _claim_rows(
-    claim: int | str, measured: Moments, off: float, half: float, unresolved: float
-) -> tuple[Row, ...]:
-    """Mean normalised square, and whether the claimed order is true."""
-    if isinstance(claim, str):
-        statistic, value, allowed = CLAIM_OFF(), abs(off), 0.0
-        most, predictor = 2.0 * unresolved, CUBATURE_ERROR
+        statistics, values, allowed = [CLAIM_OFF()], [abs(off)], 0.0
+        most, predictor = np.array([2.0 * unresolved]), CUBATURE_ERROR
     else:
-        statistic, value, allowed = CLAIM_OFF_HALF(), abs(half), 6.0 * abs(off)
-        most, predictor = abs(off) / 2.0 ** (claim - 0.5), order(claim)
+        statistics, values = [CLAIM_OFF_HALF(), CLAIM_OFF_FULL()], [abs(half), abs(off)]
+        allowed, predictor = 6.0 * abs(off), order(claim)
+        following = NEXT * float(np.linalg.eigvalsh(covariance)[-1])
+        full = 2.0 ** (claim + 0.5) * abs(half) + following ** (claim / 2.0 + 1.0)
+        most = np.array([abs(off) / 2.0 ** (claim - 0.5), full])
+    most = np.maximum(most, RESOLVED)
     return nees(
         NEES(), measured.bias[3], measured.bias_error[3], measured.samples,
         3.0, claim_of(claim), allowed,
-    ) + limit(statistic, value, max(most, RESOLVED), predictor, n=1)  # fmt: skip
+    ) + limit(statistics, values, most, predictor, n=1)  # fmt: skip
+
+
+def leading_rows(problem: Attitudes, rounding: float) -> tuple[Row, ...]:
+    """Rows of moments at a noise and at half of it; `rounding` of one estimate, rad."""
+    sizes = [problem.noise.small(h).noise_std for h in (NOISE, *NEARER)]
+    noise = next((h for h in sizes if of_one_formula(problem, h)), sizes[-1])
+    whole, half = (problem.cubature(noise / part, DEGREE) for part in (1.0, 2.0))
+    plugin, weights = problem.plugin, problem.weights
+    A = attitude_matrix(problem.q) if plugin.side == "reference" else np.eye(3)
+    linear = A @ (4.0 * half[0] - whole[0])[:3]
+    bias = A @ (16.0 * half[0] - whole[0])[:3] / 3.0
+    covariance = A @ ((16.0 * half[1] - whole[1])[:3, :3] / 3.0) @ A.T
+    bound = problem.bound(noise)
+    size = float(np.trace(bound))
+    most = LEADING_TOLERANCE + 5.0 * weights * rounding / np.sqrt(size)
+    rows = limit(
+        (FIRST_ORDER_BIAS(),), (float(np.linalg.norm(linear)) / np.sqrt(size),),
+        most, NO_BIAS, n=1,
+    ) + limit(
+        (BELOW_BOUND(),), (max(0.0, 1.0 - _least_ratio(covariance, bound)),),
+        most, CRAMER_RAO, n=1,
+    )  # fmt: skip
+    if problem.noise.isotropic and np.ptp(problem.noise.weights) and problem.weighs:
+        given = problem.q, problem.references, problem.covariances(noise)
+        equal = float(np.trace(class_moments("wahba", *given)[1]))
+        rows += limit(
+            (OVER_EQUAL_WEIGHTS(),), (float(np.trace(covariance)) / equal,),
+            1.0 + most, EQUAL_WEIGHTS, n=1,
+        )  # fmt: skip
+    slack = 6.0 * weights * rounding
+    limits = (
+        LEADING_TOLERANCE + slack / size,
+        LEADING_TOLERANCE + 2.0 * slack / np.sqrt(size),
+    )
+    for predictor, mean, spread in _predictions(problem, noise, A):
+        # which is the bound's size or more, where it is the theory of an estimator
+        most_spread = max(np.linalg.norm(spread), np.linalg.norm(bound))
+        off = float(np.linalg.norm(covariance - spread) / most_spread)
+        rows += limit(
+            (CLASS_BIAS(), CLASS_COVARIANCE()),
+            (float(np.linalg.norm(bias - mean)) / size, off), limits, predictor, n=1,
+        )  # fmt: skip
+    return rows
+
+
+def of_one_formula(problem: Attitudes, noise: float) -> bool:
+    """Whether no node of cubature has another best frame than the truth."""
+    if problem.plugin.kind != "closed form":
+        return True
+    vectors = np.concatenate([problem.truth[None], problem.nodes(noise, DEGREE)])
+    columns = column_matrix(np.moveaxis(vectors, 0, 2), symmetric=False)
+    best = np.argmax(np.einsum("kin,kin->kn", columns, columns), axis=0)
+    return bool(np.all(best == best[0]))
+
+
+def _predictions(
+    problem: Attitudes, noise: float, A: Float[Array, "3 3"]
+) -> Iterator[tuple[str, Float[Array, "3"], Float[Array, "3 3"]]]:
+    """Theory of second order: of the declared class, and of the plug-in's own series.
+
+    Each with its name, on the body side, to which A takes the plug-in's.
+    """
+    kind = problem.plugin.kind
+    if kind is not None:
+        covariances, weights = problem.covariances(noise), problem.noise.weights
+        given = problem.q, problem.references, covariances, weights
+        yield class_of(kind), *class_moments(kind, *given)
+    if problem.plugin.series:
+        own = problem.series(noise, 2)
+        yield ORDER_2, A @ own.bias, A @ own.covariance @ A.T
+
+
+def _least_ratio(covariance: Float[Array, "3 3"], bound: Float[Array, "3 3"]) -> float:
+    """Least variance of any direction over the bound of its variance."""
+    root = np.linalg.cholesky(bound)
+    half = np.linalg.solve(root, covariance)
+    return float(np.linalg.eigvalsh(np.linalg.solve(root, half.T))[0])

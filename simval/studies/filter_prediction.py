@@ -1,8 +1,6 @@
 r"""What theory says of a filter in a scenario: the bound, and the reference filter.
 
-What theory says of a filter in a scenario: the bound, and the reference filter.
-
-What a filter's rows stand on: the noise drawn, and its covariance without noise.
+And what a filter's rows stand on: the noise drawn, and its covariance without noise.
 
 A filter is linear in small noise. All of it is told and drawn a thousand times smaller
 than usual, and given one unit at a time: each axis of each reading, each step of the
@@ -26,10 +24,9 @@ from simval.filters.signals import FilterInput, Told
 from simval.geometry import compose, conjugate, rotation_vector
 from simval.plugins import Filter
 from simval.plugins.runs import run_filter
-from simval.results import Row, exact, unjudged
+from simval.results import Row, exact
 from simval.shapes import Float
-from simval.statistics import BUDGET_AT, COVARIANCE_OFF, CRAMER_RAO, TRUTH, TURN_ORDER
-from simval.studies.filter_rows import spread
+from simval.statistics import COVARIANCE_OFF, CRAMER_RAO, TRUTH, TURN_ORDER
 from simval.studies.filter_scenarios import Course, Imperfect, course
 from simval.studies.response import apart
 from simval.studies.trials import Drawn, drawn_rows
@@ -94,20 +91,6 @@ def model_of(told: Told, magnetometer: bool) -> FilterModel:
         ),
         start=np.diag(start),
     )
-
-
-def budget_rows(theory: FilterPrediction, time: Float[Array, " k"]) -> tuple[Row, ...]:
-    """What each source adds to the predicted error, where it adds anything."""
-    rows: list[Row] = []
-    shown = spread(len(time))
-    variances = np.trace(theory.parts[:, :, :3, :3], axis1=2, axis2=3)
-    known = np.sum(theory.mean[:, :3] ** 2, axis=1)
-    several = (*zip(theory.names, variances, strict=True), ("known errors", known))
-    for name, square in several:
-        if np.any(square > 0.0):
-            entries = [BUDGET_AT(name, f"{t:.6g}") for t in time[shown]]
-            rows += unjudged(entries, np.sqrt(square[shown]))
-    return tuple(rows)
 
 
 def undisturbed(way: Course) -> Course:

@@ -1,183 +1,62 @@
-r"""Parameters of a study that runs a user's code, and its cells in a child process.
+r"""A user's code, measured: one way for estimators, calibrators and filters.
 
-A parameter is the word for a plug-in; its files are given absolute paths once, where
-the suite is read, and so mean the same in every process. With them goes what they hold.
-It is the study that starts the child, so it is the same under every scheduler.
+A study of an algorithm states a `Problem`: how it is probed, what its trials are, and
+which rows its answers make. What all of them share is here:
 
-Both are called in turns on the same input, and the ratio is the median of the turns'
-own, so that what else the machine does weighs on both alike. It is processor time, of
-programs that a call starts as well. A time is no row: it goes to ``timing.json`` and is
-never judged.
+    sources unchanged -> child process with a deadline -> probe -> trials -> some of
+    them again, in another order -> rows -> the time of a call
+
+The parent draws and measures, and the child only answers; it is the study that starts
+it, so it is the same under every scheduler. A parameter is the word for a plug-in; its
+files are given absolute paths once, where the suite is read, and so mean the same in
+every process. With them goes what they hold.
+
+Both the algorithm and the package's own are called in turns on the same input, and the
+ratio is the median of the turns' own, so that what else the machine does weighs on both
+alike. It is processor time, of programs that a call starts as well. A time is no row:
+it goes to ``timing.json`` and is never judged.
 """
 
 import contextlib
 import os
 import platform
-from collections.abc import Callable, Container, Iterator, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from math import inf
 from resource import RUSAGE_CHILDREN, getrusage
 from time import perf_counter, process_time
-from types import MappingProxyType
-from typing import Annotated, Any, Final, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, model_validator
 
+from simval.arrays import Array
 from simval.errors import PluginError
-from simval.filters.signals import Told
-from simval.plugins import Calibrator, Estimator, Filter, find_plugin
-from simval.plugins.answers import calibration_of, raw_attitudes
+from simval.plugins import find_plugin
 from simval.plugins.child import Child, started, told, where_it_lives
 from simval.plugins.loading import BESIDE, missing, sources
 from simval.plugins.names import located, portable
-from simval.plugins.noise import vector_noise
-from simval.plugins.probe import probe_sensor
-from simval.plugins.protocol import Plugin
-from simval.plugins.runs import readings_of, run_of
-from simval.plugins.worlds import path
-from simval.poses import fibonacci_sphere
-from simval.results import Outcome
+from simval.plugins.protocol import Algorithm
+from simval.plugins.runs import Places, require_no_memory
+from simval.results import Outcome, Row
 from simval.streams import Streams
 from simval.studies.study import StudyParameters
-
-BATCH = 1024
-"""Attitudes in a call of an estimator, as the study's blocks."""
-
-NOISE = 0.01
-G = 9.80665
-
-TOLD: Final = Told(
-    gyroscope_noise=1.75e-4,
-    gyroscope_walk=2e-5,
-    accelerometer_noise=2e-3 * G,
-    magnetometer_noise=2e-7,
-    gravity=G,
-    field=np.array([2e-5, 0.0, -4e-5]),
-    start_std=5e-3,
-    bias_std=1e-3,
-)
-ROWS = 100.0  # Hz
-SECONDS = (1.0, 1.0)  # of rest, and of a turn: a call of a filter steps through them
-WORLD = "NWU"  # of a filter that leaves it open: it takes no other time
-
-TURNS = 15
-LEAST_TURNS = 3
-BUDGET = 1.0
-"""Seconds after which no further turn is begun, once there are `LEAST_TURNS`."""
-
-LEAST = 1e-9
-"""Seconds that a call takes at the least: what the clock can tell."""
-
-Call = Callable[[], object]
-
-
-def _estimators(
-    plugin: Estimator, own: Estimator, parameters: Mapping[str, Any]
-) -> tuple[Call, Call, int]:
-    rng, count = np.random.default_rng(BATCH), parameters["vectors"]
-    _, exact = plugin.observed(count).generic(BATCH, rng)
-    body = [v + NOISE * rng.standard_normal(v.shape) for v in exact[:count]]
-    vectors = [*body, *exact[count:]]
-    noise = vector_noise(parameters["noise"], count, NOISE)
-    return (
-        lambda: raw_attitudes(plugin, vectors, noise),
-        lambda: raw_attitudes(own, vectors, noise),
-        BATCH,
-    )
-
-
-def _calibrators(
-    plugin: Calibrator, own: Calibrator, parameters: Mapping[str, Any]
-) -> tuple[Call, Call, int]:
-    sensor, rng = probe_sensor(), np.random.default_rng(BATCH)
-    raw = sensor.distort(G * fibonacci_sphere(parameters["poses"]), rng)
-    noisy = raw + NOISE * rng.standard_normal(raw.shape)
-    return (
-        lambda: calibration_of(plugin, noisy, G, NOISE),
-        lambda: calibration_of(own, noisy, G, NOISE),
-        1,
-    )
-
-
-def _filters(plugin: Filter, own: Filter, _: Any) -> tuple[Call, Call, int]:
-    given = path(TOLD, ROWS, *SECONDS).given
-    last = np.array([len(given.dt) - 1])
-
-    def run(each: Filter) -> Call:
-        trial = slice(0, 1) if each.batch else 0
-        readings = readings_of(each, given, trial, each.world or WORLD)
-        return lambda: run_of(each, readings, last)
-
-    return run(plugin), run(own), len(given.dt)
-
-
-_CLOCKS: Final[Mapping[str, tuple[Any, Any]]] = MappingProxyType(
-    {
-        Estimator.taken_by: (Estimator, _estimators),
-        Calibrator.taken_by: (Calibrator, _calibrators),
-        Filter.taken_by: (Filter, _filters),
-    }
-)
-
-
-@where_it_lives
-def call_time(plugin: Plugin, parameters: Mapping[str, Any]) -> dict[str, float]:
-    """Seconds of one call, of the package's own, their ratio, and what a call does.
-
-    Nothing where it raises: its cell has been measured.
-    """
-    kind, calls = _CLOCKS[plugin.taken_by]
-    with contextlib.suppress(Exception, SystemExit):
-        own = find_plugin(BESIDE[plugin.taken_by][0], kind)
-        theirs, ours, items = calls(plugin, own, parameters)
-        return _in_turns(theirs, ours) | {"items": items}
-    return {}
-
-
-def _in_turns(theirs: Call, ours: Call) -> dict[str, float]:
-    started = perf_counter()
-    seconds: list[tuple[float, float]] = []
-    ours()  # imports and memory; theirs has been called by the study
-    while len(seconds) < TURNS:
-        if len(seconds) >= LEAST_TURNS and perf_counter() - started > BUDGET:
-            break
-        seconds.append((_seconds(theirs), _seconds(ours)))
-    turns = np.array(seconds)
-    return {
-        "seconds": float(np.median(turns[:, 0])),
-        "builtin_seconds": float(np.median(turns[:, 1])),
-        "ratio": float(np.median(turns[:, 0] / turns[:, 1])),
-        "turns": len(turns),
-    }
-
-
-def _seconds(call: Call) -> float:
-    started = _spent()
-    call()
-    return max(_spent() - started, LEAST)
-
-
-def _spent() -> float:
-    """Processor time of this process and of those that it has waited for, s."""
-    children = getrusage(RUSAGE_CHILDREN)
-    return process_time() + children.ru_utime + children.ru_stime
-
 
 PluginName = Annotated[
     str, Field(min_length=1, max_length=4096), AfterValidator(located)
 ]
 """A value that names a plug-in, its files by absolute paths."""
 
-
-SHARE = 0.5
-"""Of the time limit that a cell may take and still have its calls timed: they take a
-sixth of a cell's time at the most, or a second."""
+Seconds = Annotated[float, Field(gt=0.0, le=86_400.0)]
+"""A time limit, s."""
 
 
 class PluginParameters(StudyParameters):
     """Parameters of a study of plug-ins: they know what their code was made of."""
+
+    if TYPE_CHECKING:
+        time_limit: float  # which each study has, after its own parameters
 
     _sources: dict[str, str] = PrivateAttr(default_factory=dict)
 
@@ -191,6 +70,11 @@ class PluginParameters(StudyParameters):
     def word(self) -> str:
         """What the plug-in is named by, its files by absolute paths."""
         return str(getattr(self, self.plugin))
+
+    @property
+    def deadline(self) -> float:
+        """Seconds after which the process of the plug-in is ended."""
+        return self.time_limit
 
     def named(self) -> dict[str, Any]:
         """Values with files by their names alone."""
@@ -209,7 +93,15 @@ class PluginParameters(StudyParameters):
 
     def require_same_sources(self) -> None:
         """Check that the code is what it was when these parameters were made."""
-        if changed := sorted(_changes(self._sources, sources(self.word))):
+        old, new = self._sources, sources(self.word)
+        changed = [
+            f"{key} {'is missing' if key not in new else 'has changed'}"
+            if key in old
+            else f"{key} is new"
+            for key in sorted(old.keys() | new.keys())
+            if old.get(key) != new.get(key)
+        ]
+        if changed:
             msg = (
                 "the plug-in is not what it was when the sweep was begun: "
                 f"{'; '.join(changed)}, on {platform.node()}; leave it alone while a "
@@ -218,29 +110,86 @@ class PluginParameters(StudyParameters):
             raise PluginError(msg)
 
 
-def _changes(old: Mapping[str, str], new: Mapping[str, str]) -> Iterator[str]:
-    for key in old.keys() | new.keys():
-        was, now = old.get(key, ""), new.get(key, "")
-        if was != now:
-            how = "is missing" if not now else "is new" if not was else "has changed"
-            yield f"{key} {how}"
+@contextmanager
+def opened(parameters: PluginParameters) -> Iterator[Child]:
+    """Open a process for a plug-in; what cannot be measured is the plug-in's doing."""
+    parameters.require_same_sources()
+    # numbers that overflow are judged, not announced
+    with started(parameters.deadline) as child, np.errstate(all="ignore"):
+        try:
+            yield child
+        except Exception as error:
+            raise told(error) from error
 
 
-ESTIMATE = "estimate"
-"""Name under which a study of a filter leaves the attitudes of one trial."""
+Own = TypeVar("Own", bound=Algorithm)
+Probed = TypeVar("Probed")
+Answers = TypeVar("Answers")
 
-Model = TypeVar("Model", bound=PluginParameters)
-Kind = TypeVar("Kind", bound=Plugin)
+Again = tuple[Array, Callable[[Places], Array], Array]
+"""Errors of some trials, what gives them in another order, and how far these may be."""
+
+Call = tuple[Callable[..., object], tuple[Any, ...]]
+"""A function that asks an algorithm, and its arguments after the algorithm."""
 
 
-def isolated(
-    outcome: Callable[[Kind, Model, Streams], Outcome],
-    parameters: Model,
-    streams: Streams,
-    time_limit: float,
-    kind: type[Kind],
-) -> Outcome:
-    """Measure a plug-in that a child process runs: ``outcome(plugin, ...)``.
+class Problem(ABC, Generic[Own, Probed, Answers]):
+    """What an algorithm is asked in a cell, and what is measured of its answers."""
+
+    kind: ClassVar[type[Algorithm]]
+
+    @abstractmethod
+    def __init__(self, plugin: Own, parameters: Any, streams: Streams) -> None:
+        self.plugin = plugin
+
+    @abstractmethod
+    def probe(self) -> Probed:
+        """Check its conventions without noise."""
+
+    @abstractmethod
+    def trials(self, probed: Probed) -> Answers:
+        """Have it answer the trials."""
+
+    def again(self, answers: Answers) -> Again | None:
+        """Trials to ask again; none of what is asked again where it is run."""
+        return None
+
+    @abstractmethod
+    def rows(self, probed: Probed, answers: Answers) -> tuple[Row, ...]:
+        """Metrics of the answers."""
+
+    def artifacts(self, answers: Answers) -> Mapping[str, Mapping[str, Array]]:
+        """Arrays for the report to draw from."""
+        return {}
+
+    @abstractmethod
+    def call(self, plugin: Own) -> Call:
+        """One call of an algorithm, as its trials are, to be timed."""
+
+    @property
+    @abstractmethod
+    def items(self) -> int:
+        """How much such a call does."""
+
+
+class AlgorithmParameters(PluginParameters):
+    """Parameters of a study of algorithms."""
+
+    plugin = "algorithm"
+    problem: ClassVar[type[Problem[Any, Any, Any]]]
+    """What the study asks."""
+
+    if TYPE_CHECKING:
+        algorithm: str
+
+    @property
+    def reference(self) -> bool:
+        """Whether it is the package's own, which needs no process of its own."""
+        return False
+
+
+def run(parameters: AlgorithmParameters, streams: Streams) -> Outcome:
+    """Measure an algorithm that a child process runs.
 
     Raises
     ------
@@ -248,24 +197,102 @@ def isolated(
         If the plug-in is another one now, breaks a rule, or its process raised, ended
         or answered nothing in time.
     """
-    with opened(parameters, time_limit) as child:
-        plugin = child.ask(find_plugin, parameters.word, kind)
-        measured = outcome(plugin, parameters, streams)
-        if not child.spent < SHARE * float(getattr(parameters, "time_limit", inf)):
+    if parameters.reference:
+        return compute(parameters, streams)
+    with opened(parameters) as child:
+        plugin = child.ask(find_plugin, parameters.word, parameters.problem.kind)
+        problem = parameters.problem(plugin, parameters, streams)
+        measured = _measured(problem)
+        if not child.spent < SHARE * parameters.time_limit:
             return measured
-        return replace(measured, times=call_time(plugin, parameters.model_dump()))
+        return replace(measured, times=call_time(problem))
 
 
-@contextmanager
-def opened(parameters: PluginParameters, time_limit: float) -> Iterator[Child]:
-    """Open a process for a plug-in; what cannot be measured is the plug-in's doing."""
-    parameters.require_same_sources()
-    # numbers that overflow are judged, not announced
-    with (
-        started(time_limit) as child,
-        np.errstate(all="ignore"),
-    ):
-        try:
-            yield child
-        except Exception as error:
-            raise told(error) from error
+def compute(parameters: AlgorithmParameters, streams: Streams) -> Outcome:
+    """Measure an algorithm in this process."""
+    plugin = find_plugin(parameters.word, parameters.problem.kind)
+    return outcome(plugin, parameters, streams)
+
+
+def outcome(
+    plugin: Algorithm, parameters: AlgorithmParameters, streams: Streams
+) -> Outcome:
+    """Measure an algorithm that this process holds."""
+    return _measured(parameters.problem(plugin, parameters, streams))
+
+
+def _measured(problem: Problem[Any, Any, Any]) -> Outcome:
+    probed = problem.probe()
+    answers = problem.trials(probed)
+    if (again := problem.again(answers)) is not None:
+        require_no_memory(problem.plugin.name, *again)
+    return Outcome(
+        rows=problem.rows(probed, answers), artifacts=problem.artifacts(answers)
+    )
+
+
+SHARE = 0.5
+"""Of the time limit that a cell may take and still have its calls timed: they take a
+sixth of a cell's time at the most, or a second."""
+
+TURNS = 15
+LEAST_TURNS = 3
+BUDGET = 1.0
+"""Seconds after which no further turn is begun, once there are `LEAST_TURNS`."""
+
+LEAST = 1e-9
+"""Seconds that a call takes at the least: what the clock can tell."""
+
+
+def call_time(problem: Problem[Any, Any, Any]) -> dict[str, float]:
+    """Seconds of one call, of the package's own, their ratio, and what a call does.
+
+    Nothing where it raises: its cell has been measured.
+    """
+    own = BESIDE[problem.kind.taken_by][0], problem.kind
+    ask, theirs = problem.call(problem.plugin)
+    _, ours = problem.call(find_plugin(*own))
+    found = _in_turns(problem.plugin, *own, ask, theirs, ours)
+    return found and found | {"items": problem.items}
+
+
+@where_it_lives
+def _in_turns(
+    plugin: Algorithm,
+    own: str,
+    kind: type[Algorithm],
+    ask: Callable[..., object],
+    theirs: Sequence[Any],
+    ours: Sequence[Any],
+) -> dict[str, float]:
+    beside, begun = find_plugin(own, kind), perf_counter()
+    seconds: list[tuple[float, float]] = []
+    with contextlib.suppress(Exception, SystemExit):
+        ask(beside, *ours)  # imports and memory; theirs has been called by the study
+        while len(seconds) < TURNS:
+            if len(seconds) >= LEAST_TURNS and perf_counter() - begun > BUDGET:
+                break
+            each = _seconds(ask, plugin, theirs), _seconds(ask, beside, ours)
+            seconds.append(each)
+        turns = np.array(seconds)
+        return {
+            "seconds": float(np.median(turns[:, 0])),
+            "builtin_seconds": float(np.median(turns[:, 1])),
+            "ratio": float(np.median(turns[:, 0] / turns[:, 1])),
+            "turns": len(turns),
+        }
+    return {}
+
+
+def _seconds(
+    ask: Callable[..., object], algorithm: Algorithm, given: Sequence[Any]
+) -> float:
+    """Processor time of a call, and of the programs that it has waited for, s."""
+
+    def spent() -> float:
+        children = getrusage(RUSAGE_CHILDREN)
+        return process_time() + children.ru_utime + children.ru_stime
+
+    begun = spent()
+    ask(algorithm, *given)
+    return max(spent() - begun, LEAST)

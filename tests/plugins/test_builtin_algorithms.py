@@ -30,7 +30,6 @@ from simval.plugins.loading import (
 from simval.plugins.protocol import Filter
 from simval.streams import Streams
 from simval.studies import estimator
-from simval.studies import plugin as call_time
 from simval.sweep import load_run, run_suite
 from simval.sweep.suite import expand
 from simval.verdict import judge
@@ -173,7 +172,7 @@ def test_a_cell_brings_its_time_and_no_row_of_it(tmp_path):
     run = load_run(tmp_path / "run")
     (cell,) = run.of("estimator")
     times = run.timing["calls"][cell.name]
-    assert times["items"] == call_time.BATCH
+    assert times["items"] == estimator.BLOCK
     # Davenport's method beside itself, but for a sign
     assert 0.2 < times["ratio"] < 5.0
     assert 0.0 < times["seconds"] < 1.0

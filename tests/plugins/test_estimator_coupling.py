@@ -4,16 +4,21 @@ import numpy as np
 import pytest
 
 from simval.plugins import Estimator, find_plugin
-from simval.studies.estimator import DEGREE, _bias_rows
-from simval.studies.estimator_setting import Setting
+from simval.streams import Streams
+from simval.studies.estimator import DEGREE, Attitudes, Parameters, bias_rows
 
 WAHBA = find_plugin("simval:wahba", Estimator)
 
 
+def under(geometry, noise):
+    parameters = Parameters(algorithm="any", geometry=geometry, noise=noise)
+    return Attitudes(WAHBA, parameters, Streams(1, (1,)))
+
+
 def judged(geometry, noise_std, noise="general"):
-    setting = Setting(WAHBA, geometry, 2, noise)
-    found = (setting.cubature(noise_std, degree) for degree in (DEGREE, DEGREE - 2))
-    return _bias_rows(setting, *found)
+    problem = under(geometry, noise)
+    found = (problem.cubature(noise_std, degree) for degree in (DEGREE, DEGREE - 2))
+    return bias_rows(problem, *found)
 
 
 @pytest.mark.parametrize(
@@ -31,12 +36,11 @@ def test_any_geometry_is_within_the_statement(geometry):
 
 @pytest.mark.parametrize("noise", ["body", "all", "tangent", "unequal", "1 3 0 0"])
 def test_noise_alike_in_every_direction_adds_nothing(noise):
-    assert Setting(WAHBA, 7, 2, noise).coupling < 1e-14
+    assert under(7, noise).coupling < 1e-14
 
 
 def test_a_bias_of_first_order_is_seen_under_general_noise():
-    setting = Setting(WAHBA, 7, 2, "general")
-    _, covariance = setting.cubature(1e-3, DEGREE)
+    _, covariance = under(7, "general").cubature(1e-3, DEGREE)
     # power: a bias of a twentieth of the least deviation is beyond it
     least = np.sqrt(np.diagonal(covariance)[:3]).min()
     assert judged(7, 1e-3)[0].prediction < 0.05 * least

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from simval.plugins import Estimator, find_plugin
-from simval.studies import estimator_setting as leading_terms
-from simval.studies.estimator_setting import Setting
+from simval.streams import Streams
+from simval.studies import estimator
 
 ROUNDING = 1.2e-15
 # geometries with another frame of the closed form within 1e-3 of its best one, found
@@ -19,10 +19,14 @@ CLOSED, TRIAD = (
 )
 
 
+def under(plugin, geometry, noise):
+    parameters = estimator.Parameters(algorithm="any", geometry=geometry, noise=noise)
+    return estimator.Attitudes(plugin, parameters, Streams(1, (1,)))
+
+
 def held(plugin, geometry, noise):
     """Whether all leading terms are within their limits."""
-    setting = Setting(plugin, geometry, 2, noise)
-    rows = leading_terms.leading_rows(setting, ROUNDING)
+    rows = estimator.leading_rows(under(plugin, geometry, noise), ROUNDING)
     return all(row.value <= row.prediction for row in rows)
 
 
@@ -30,7 +34,7 @@ def held(plugin, geometry, noise):
 def test_another_frame_within_reach_is_no_wrong_term(geometry, noise, monkeypatch):
     assert held(CLOSED, geometry, noise)
     # and that it is why: at the first noise they are of no formula
-    monkeypatch.setattr(leading_terms, "NEARER", ())
+    monkeypatch.setattr(estimator, "NEARER", ())
     assert not held(CLOSED, geometry, noise)
 
 
@@ -81,7 +85,7 @@ def test_the_noise_does_not_depend_on_what_the_plugin_answers():
     """Nor on its kind, but for the formula that has frames."""
     for geometry, noise in TIES:
         reach = [
-            leading_terms._of_one_formula(Setting(plugin, geometry, 2, noise), h)
+            estimator.of_one_formula(under(plugin, geometry, noise), h)
             for plugin in (CLOSED, turned(late), TRIAD)
             for h in (1e-3, 1e-5)
         ]

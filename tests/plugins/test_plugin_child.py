@@ -20,6 +20,7 @@ from places import EXAMPLES
 
 from simval.attitude.comparators import davenport, triad
 from simval.errors import CrashedPluginError, PluginError
+from simval.filters.signals import Told
 from simval.plugins import Calibrator, Estimator, Filter, find_plugin, find_world
 from simval.plugins.answers import (
     calibration_of,
@@ -36,8 +37,7 @@ from simval.plugins.worlds import path
 from simval.scene import simulate
 from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator
-from simval.studies.estimator_setting import Setting, series_of
-from simval.studies.plugin import TOLD, call_time
+from simval.studies.plugin import call_time
 from simval.sweep import run_suite
 from simval.sweep.suite import expand
 
@@ -106,6 +106,16 @@ ZOO = {
 
 AT_IMPORT = ("exits", "crashes", "closes all", "answers itself")
 
+TOLD = Told(
+    gyroscope_noise=1.75e-4,
+    gyroscope_walk=2e-5,
+    accelerometer_noise=2e-2,
+    magnetometer_noise=2e-7,
+    gravity=9.8,
+    field=np.array([2e-5, 0.0, -4e-5]),
+    start_std=5e-3,
+    bias_std=1e-3,
+)
 POSES = np.random.default_rng(1).standard_normal((5, 24, 3))
 
 
@@ -326,17 +336,22 @@ def test_a_convention_that_is_tried_is_tried_there(both):
         raw_attitudes(replace(both("pairs")[1], components="matrix"), vectors)
 
 
+def asked(plugin):
+    """What the study asks of an estimator."""
+    parameters = estimator.Parameters(algorithm="any")
+    return estimator.Attitudes(plugin, parameters, Streams(1, (1,)))
+
+
 @pytest.mark.parametrize("order", [2, 4])
 def test_its_power_series_are_too(order, both):
-    settings = [Setting(each, 3) for each in both("series")]
-    assert same(*(series_of(each, 0.01, order) for each in settings))
+    assert same(*(asked(each).series(0.01, order) for each in both("series")))
 
 
 def test_what_cannot_work_with_series_is_said_as_here(both):
     said = []
     for each in both("floats"):
         with pytest.raises(PluginError, match="declares series=True") as caught:
-            series_of(Setting(each, 3), 0.01, 2)
+            asked(each).series(0.01, 2)
         said.append(str(caught.value))
     assert said[0] == said[1]
     assert "astype(float)" in said[0]
@@ -400,10 +415,9 @@ def test_the_numbers_of_a_plugin_do_not_depend_on_the_process():
 
 
 def test_a_plugin_that_cannot_be_timed_has_no_time(both):
-    parameters = estimator.Parameters(algorithm="simval:triad").model_dump()
     for each in both("fails"):
-        assert call_time(each, parameters) == {}
-    assert call_time(both("pairs")[1], parameters)["items"] == 1024
+        assert call_time(asked(each)) == {}
+    assert call_time(asked(both("pairs")[1]))["items"] == 1024
 
 
 def test_triad_is_one_of_the_package(both):

@@ -22,7 +22,6 @@ from simval.plugins.probe import rotation_error
 from simval.streams import Streams
 from simval.studies import calibrator, estimator
 from simval.studies.attitude import random_geometry
-from simval.studies.estimator_setting import Setting
 from simval.studies.study import Cell
 from simval.theory import cubature_moments
 from simval.theory.estimators import triad_bias
@@ -216,8 +215,9 @@ def test_a_textbook_covariance_passes_by_default():
     ids=lambda plugin: plugin.name,
 )
 def test_theory_of_each_class_holds_under_each_noise(plugin, noise):
-    setting = Setting(plugin, 3, 2, noise)
-    rows = {str(r.statistic): r for r in estimator.leading_rows(setting, 1e-15)}
+    parameters = estimator.Parameters(algorithm="any", noise=noise)
+    problem = estimator.Attitudes(plugin, parameters, Streams(1, (1,)))
+    rows = {str(r.statistic): r for r in estimator.leading_rows(problem, 1e-15)}
     for name in ("first_order_bias", "below_bound", "class_bias", "class_covariance"):
         assert rows[name].value < 2e-6
         assert rows[name].prediction < 2e-3
@@ -292,10 +292,11 @@ def test_efficiency_is_without_chance():
         assert row.check == "plain"
         assert abs(row.value - rows["efficiency"].value) < 4.5 * row.standard_error
     # beside 50 000 more trials of the same geometry
-    setting = Setting(PLAIN, 3)
-    drawn = setting.drawn(50_000, 0.01, np.random.default_rng(3))
-    square = setting.errors(drawn, 0.01)[:, -2]
-    least = np.trace(setting.bound(0.01)) / first["efficiency"].value
+    parameters = estimator.Parameters(algorithm="any")
+    problem = estimator.Attitudes(PLAIN, parameters, Streams(1, (1,)))
+    drawn = problem.drawn(50_000, np.random.default_rng(3))
+    square = problem.errors(drawn, 0.01)[:, -2]
+    least = np.trace(problem.bound(0.01)) / first["efficiency"].value
     assert abs(square.mean() - least) < 4.5 * square.std() / np.sqrt(len(square))
 
 

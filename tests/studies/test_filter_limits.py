@@ -8,8 +8,8 @@ from simval.consistency import diverged
 from simval.filters.signals import FilterOutput
 from simval.geometry import from_rotation_vector
 from simval.moments import Moments
-from simval.studies.estimator import _claim_rows, _full_rows
-from simval.studies.filter_rows import (
+from simval.studies.estimator import claim_rows
+from simval.studies.filter import (
     Answers,
     consistency_rows,
     error_rows,
@@ -109,21 +109,18 @@ def test_a_claim_falls_with_the_noise_as_its_order_says(order):
         bias=np.array([0, 0, 0, 3.1]), covariance=np.eye(4), samples=100,
         bias_error=np.array([0, 0, 0, 0.1]), covariance_error=np.eye(4),
     )  # fmt: skip
-    nees, half = _claim_rows(order, moments, off, off / 8.0, 1e-9)
+    nees, half, full = claim_rows(order, moments, off, off / 8.0, 1e-9, covariance)
     assert (nees.value, nees.standard_error, nees.prediction) == (3.1, 0.1, 3.0)
     # twice the error that cubature finds in it, of a mean of 3
     assert nees.remainder == pytest.approx(2.0 * 3.0 * off, rel=1e-12)
     assert half.prediction == pytest.approx(off / 2.0 ** (order - 0.5), rel=1e-12)
     assert half.value == off / 8.0
-    (full,) = _full_rows(order, off, off / 8.0, covariance)
     following = (4.0 * 4e-4) ** (order / 2 + 1)
     expected = 2.0 ** (order + 0.5) * off / 8.0 + following
     assert full.prediction == pytest.approx(expected, rel=1e-12)
     # below a millionth an order cannot be told
-    _, half = _claim_rows(order, moments, 1e-9, 1e-9, 1e-9)
-    assert half.prediction == 1e-6
-    (full,) = _full_rows(order, 1e-9, 1e-9, 1e-9 * np.eye(3))
-    assert full.prediction == 1e-6
+    least = claim_rows(order, moments, 1e-9, 1e-9, 1e-9, 1e-9 * np.eye(3))
+    assert [row.prediction for row in least[1:]] == [1e-6, 1e-6]
 
 
 def test_an_exact_claim_may_be_off_by_twice_what_cubature_is():
@@ -131,7 +128,6 @@ def test_an_exact_claim_may_be_off_by_twice_what_cubature_is():
         bias=np.array([0, 0, 0, 3.0]), covariance=np.eye(4), samples=100,
         bias_error=np.array([0, 0, 0, 0.1]), covariance_error=np.eye(4),
     )  # fmt: skip
-    nees, off = _claim_rows("exact", moments, -1e-4, 0.0, 3e-5)
+    nees, off = claim_rows("exact", moments, -1e-4, 0.0, 3e-5, np.eye(3))
     assert nees.remainder == 0.0
     assert (off.value, off.prediction) == (1e-4, pytest.approx(6e-5, rel=1e-12))
-    assert _full_rows("exact", 1.0, 1.0, np.eye(3)) == ()

@@ -21,7 +21,7 @@ from simval.statistics import (
     WORST_INSTANT,
 )
 from simval.studies import filter as study
-from simval.studies.filter_rows import Answers
+from simval.studies.filter import Answers
 from simval.studies.filter_scenarios import NAMES, course, drawn
 from simval.sweep.suite import expand
 

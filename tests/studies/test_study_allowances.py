@@ -26,9 +26,7 @@ from simval.studies import (
     calibrator,
     detector,
     estimator,
-    estimator_setting,
     filter_prediction,
-    filter_rows,
     gyroscope,
     magnetometer,
     noise_model,
@@ -128,16 +126,16 @@ def test_slopes_of_a_coverage_are_those_of_its_density():
 
 def test_the_worst_instant_is_reached_by_chance_once_in_1e8_cells():
     instants = filters.INSTANTS
-    by_chance = instants * 2.0 * stats.norm.sf(filter_rows.WORST)
+    by_chance = instants * 2.0 * stats.norm.sf(filters.WORST)
     assert 1e-9 < by_chance < 1.01e-8
 
 
 def test_one_percent_of_a_filters_noise_is_seen():
     # what a step of 1/25 s leaves of a covariance, 0.35 dt^2 as measured, is within it
     left = 0.35 / 25.0**2
-    assert left < filter_rows.RELATIVE < 2.0 * LOUDER
+    assert left < filters.RELATIVE < 2.0 * LOUDER
     # all noises 5 % larger make a linear filter's errors 5 % larger
-    assert left / 2.0 < filter_rows.OVER < 0.05
+    assert left / 2.0 < filters.OVER < 0.05
 
 
 @pytest.mark.ci
@@ -180,7 +178,7 @@ def test_a_formula_that_is_off_by_a_ten_thousandth_is_seen(residual):
 
 def test_a_claim_of_one_percent_too_much_is_seen():
     # the package's estimators are within 2e-8 in 60 geometries
-    assert 1000.0 * 2e-8 < estimator_setting.LEADING_TOLERANCE < LOUDER
+    assert 1000.0 * 2e-8 < estimator.LEADING_TOLERANCE < LOUDER
 
 
 def test_sums_are_allowed_what_rounding_makes_of_them():
