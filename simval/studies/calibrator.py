@@ -131,7 +131,7 @@ AT_ONCE = 1 << 20
 """Readings of an axis that are handed over at once: files of 20 MB, 14 000 trials of 24
 poses."""
 
-Trials = tuple[Sums, Float[Array, "n p"], Float[Array, " p"]]
+Trials = tuple[Sums, Float[Array, "n q"], Float[Array, " p"]]
 """Sums of the errors, the errors of all trials, and the error without noise."""
 
 
