@@ -1,0 +1,596 @@
+"""The probe: conventions, forms and declarations of estimators and calibrators.
+
+A sound one is right to rounding; each way to be wrong is told in words, with the
+declaration that would be right where there is one.
+"""
+
+import dataclasses
+import json
+import re
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from rounding import EPS
+from scipy.spatial.transform import Rotation
+
+from simval import algorithms
+from simval.attitude import wahba_quaternion
+from simval.attitude.comparators import davenport
+from simval.calibrate import calibrate
+from simval.check import check_function
+from simval.errors import (
+    ConvergenceError,
+    CrashedPluginError,
+    GeometryError,
+    InputError,
+    PluginError,
+)
+from simval.geometry import (
+    FRAME_AXES,
+    FRAMES,
+    attitude_matrix,
+    conjugate,
+    normalize,
+)
+from simval.plugins import (
+    Calibrator,
+    Estimator,
+    Filter,
+    find_plugin,
+    probe_calibrator,
+    probe_estimator,
+)
+from simval.plugins.attitudes import CLASSES, VERTICALS, FixedReferences, Observed
+from simval.plugins.loading import BUILTIN
+from simval.plugins.noise import NAMED, vector_noise
+from simval.plugins.probe import G, failure_shares, probe_sensor, rotation_error
+from simval.studies import estimator
+from simval.studies.study import Cell
+
+PASSIVE = {"components": "xyzs", "matrix": "passive"}
+GOOD = Estimator(name="good", estimate=davenport, **PASSIVE)
+
+
+def of(plugin, **changes):
+    return dataclasses.replace(plugin, **changes)
+
+
+def changed(plugin, change):
+    """The plug-in with its answers changed."""
+    return of(plugin, estimate=lambda *v, **w: change(plugin.estimate(*v, **w)))
+
+
+def matrices(*vectors):
+    return attitude_matrix(davenport(*vectors))
+
+
+MATRIX = of(GOOD, estimate=matrices, components="matrix", matrix="active")
+ALONE = of(
+    MATRIX,
+    batch=False,
+    estimate=lambda *v: matrices(*(x[None] for x in v))[0],
+)
+STACKED = of(GOOD, estimate=wahba_quaternion, takes="vectors")
+FRACTIONS = np.vectorize(Fraction, otypes=[object])
+
+
+@pytest.mark.parametrize(
+    ("plugin", "most"),
+    [
+        # the singular values of a 3 x 3 matrix: some tens of roundings
+        *((plugin, 1e-13) for plugin in (GOOD, MATRIX, STACKED)),
+        (changed(MATRIX, lambda M: FRACTIONS(M) if len(M) < 30 else M), 1e-13),
+        (changed(MATRIX, lambda M: (1 + 9e-7) * M), 1e-13),
+        (changed(MATRIX, lambda M: M.astype(np.float32)), 1e-6),
+        (changed(GOOD, lambda q: (1 - 9e-7) * q), 1e-13),
+    ],
+)
+def test_a_sound_estimator_is_right_to_rounding(plugin, most):
+    assert probe_estimator(plugin) < most
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("name", [n for n in BUILTIN if n != "simval:mekf"])
+def test_the_packages_own_pass(name):
+    kind = Estimator if re.search("wahba|triad|form|combined", name) else Calibrator
+    probe = probe_estimator if kind is Estimator else probe_calibrator
+    assert probe(find_plugin(name, kind)) <= 1e-9
+
+
+def test_a_noise_of_nothing_moves_no_parameter():
+    """What stands in for no noise is below rounding."""
+    poses = np.random.default_rng(0).standard_normal((24, 3))
+    poses *= G / np.linalg.norm(poses, axis=1)[:, None]
+    for name in ("squared", "adjusted"):
+        matrix, bias, covariance = getattr(algorithms, name).calibrate(poses, G, 0.0)
+        np.testing.assert_allclose(matrix, np.eye(3), rtol=0, atol=1e-13)
+        np.testing.assert_allclose(bias, 0.0, rtol=0, atol=1e-12)
+        assert np.diagonal(covariance).max() < 1e-20
+
+
+@pytest.mark.parametrize(
+    ("estimate", "declared"),
+    [
+        (davenport, {"components": "sxyz"}),
+        (davenport, {"matrix": "active"}),
+        (lambda *v: np.roll(davenport(*v), 1, axis=1), {}),
+        (lambda *v: conjugate(davenport(*v)), {}),
+        (matrices, {"components": "matrix"}),
+    ],
+)
+def test_a_wrong_convention_is_refused_with_the_right_one(estimate, declared):
+    wrong = of(GOOD, estimate=estimate, **declared)
+    with pytest.raises(PluginError, match="rad from the truth without noise") as caught:
+        probe_estimator(wrong)
+    words = str(caught.value).partition("; declare ")[2].partition(" instead")[0]
+    right = dict(part.split("=") for part in words.replace('"', "").split(", "))
+    # a dozen operations over the sine of the probe's vectors
+    assert probe_estimator(of(wrong, **right)) <= 40 * EPS
+
+
+class Mute:
+    def __array__(self, *words, **options):
+        raise RuntimeError("mute")
+
+
+MIRROR = np.diag([1.0, 1.0, -1.0])
+BROKEN = [
+    (GOOD, lambda q: q[:, :3], "shape"),
+    (GOOD, lambda q: q[:-1], r"shape \(23, 4\)"),
+    (GOOD, lambda q: np.nan * q, "non-finite quaternions in 24 of 24 rows"),
+    (GOOD, lambda q: 2.0 * q, "length is off by 1;.* normalise"),
+    (GOOD, lambda q: (1 - 2e-6) * q, "length is off by -2e-06;"),
+    (GOOD, lambda q: "no", "`quaternions` .* holds text"),
+    (GOOD, lambda q: None, "holds None, of type NoneType"),
+    (GOOD, lambda q: [[0.0], [0.0, 1.0]], "not an array"),
+    (GOOD, lambda q: Mute(), "not an array .*mute"),
+    (GOOD, lambda q: q.astype(str), "holds text"),
+    (GOOD, lambda q: 1j * q, "complex"),
+    (
+        GOOD,
+        lambda q: [[True, *row[1:]] for row in q.tolist()],
+        "holds True",
+    ),
+    (GOOD, lambda q: np.ma.masked_less(q, 0.0), "entries are masked"),
+    (GOOD, lambda q: np.broadcast_to(0.5, (10**12, 4)), "shape .1000000000000, 4.;"),
+    (GOOD, lambda q: 1 / 0, "raised ZeroDivisionError"),
+    (GOOD, lambda q: np.roll(q, 1, axis=0), r"\d\.\d+ rad from the truth"),
+    (GOOD, lambda q: np.tile([0.0, 0.0, 0.0, 1.0], (len(q), 1)), "no order"),
+    (MATRIX, lambda M: M @ MIRROR, "is a reflection, its determinant is -1"),
+    (MATRIX, lambda M: 1.01 * M, r"columns have the length 1\.01 instead of 1"),
+    (MATRIX, lambda M: (1 + 2e-6) * M, r"length 1 instead|length 1\.0"),
+    (MATRIX, lambda M: -2.0 * M, "columns have the length 2 instead of 1"),
+    (MATRIX, lambda M: M * [1.0, 1.0, 1.001], r"not orthonormal, by 0\.001"),
+    (MATRIX, lambda M: M + 1e-3, r"not orthonormal, by 0\.00\d+"),
+    (MATRIX, lambda M: 0.0 * M, r"not orthonormal, by 0\.5"),
+    (MATRIX, lambda M: M * np.nan, "non-finite matrices in 24 of 24 rows"),
+    (MATRIX, lambda M: M[0], r"shape \(3, 3\).*declare batch=False"),
+    (MATRIX, lambda M: M.reshape(-1, 9), r"shape \(24, 9\)"),
+    (MATRIX, lambda M: M[:, 0, [0, 0, 0, 0]], "declare the order of the `components`"),
+    (MATRIX, lambda M: np.roll(M, 1, axis=1), r"same 2\.09 rad about the axis \(.*bod"),
+]
+
+
+@pytest.mark.parametrize(("plugin", "change", "words"), BROKEN)
+def test_a_broken_answer_is_refused_in_words(plugin, change, words):
+    with pytest.raises(PluginError, match=words):
+        probe_estimator(changed(plugin, change))
+
+
+def test_a_broken_function_is_refused_in_words():
+    def overwriting(b1, *v):
+        q = davenport(b1, *v)
+        b1 *= 2.0
+        return q
+
+    def single(b1, *v):
+        if b1.shape != (3,):
+            raise ValueError("one vector, please")
+        return ALONE.estimate(b1, *v)
+
+    takes_one = "raised ValueError: one vector, please; it takes one .* batch=False"
+    for plugin, words in (
+        (of(GOOD, estimate=overwriting), "changes its input"),
+        (of(GOOD, estimate=lambda b1, b2, *r: davenport(*r, b1, b2)), "rad from the t"),
+        (of(ALONE, estimate=single, batch=True), takes_one),
+    ):
+        with pytest.raises(PluginError, match=words):
+            probe_estimator(plugin)
+
+
+@pytest.mark.parametrize(
+    ("error", "crashed"),
+    [
+        (GeometryError("parallel"), False),
+        (ConvergenceError("no end"), False),
+        (InputError("a word of ours, but no refusal"), True),
+        (ValueError("theirs"), True),
+    ],
+    ids=lambda each: type(each).__name__,
+)
+def test_a_refusal_of_ours_is_a_refusal_of_the_plugin(error, crashed):
+    """A plug-in may be our own solver: what it says of its data is no crash."""
+
+    def refuse(*words, **more):
+        raise error
+
+    for probe, plugin in (
+        (probe_estimator, of(GOOD, estimate=refuse)),
+        (probe_calibrator, Calibrator(name="mine", calibrate=refuse)),
+    ):
+        with pytest.raises(PluginError, match=str(error)) as caught:
+            probe(plugin)
+        assert isinstance(caught.value, CrashedPluginError) is crashed
+
+
+def test_the_sides_of_the_error_are_what_they_say():
+    rng = np.random.default_rng(1)
+    q, theta = normalize(rng.standard_normal(4)), 1e-4 * rng.standard_normal(3)
+    A, small = attitude_matrix(q), Rotation.from_rotvec(-theta).as_matrix()
+    # an independent route: the matrix itself, through SciPy
+    for side, turned in (("body", small @ A), ("reference", A @ small)):
+        estimate = conjugate(Rotation.from_matrix(turned).as_quat())
+        # rounding of a quaternion, 1e-16, over nothing smaller than 1
+        error = rotation_error(q, estimate, side)
+        np.testing.assert_allclose(error, theta, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_the_cases_of_a_class_are_exact(name):
+    q, (b1, b2, r1, r2) = Observed().cases(name)
+    # lengths and the angle between the vectors, by a dozen roundings
+    for unit in (q, b1, b2, r1, r2):
+        assert np.abs(np.linalg.norm(unit, axis=1) - 1.0).max() < 4e-15
+    angle = np.sum(r1 * r2, axis=1)
+    assert np.abs(angle - np.sum(b1 * b2, axis=1)).max() < 4e-15
+    half, none = np.abs(q[:, 3]) < 1e-15, np.abs(q[:, 3]) > 1.0 - 1e-6
+    assert half.all() == name.startswith("half turns")
+    assert none.all() == (name in ("identity", "reference as body", "small angles"))
+    assert not (name == "orthogonal" and angle.any())
+    assert (b1 is r1) == (name == "reference as body")
+    for axis in "xyz":
+        if name == f"half turns about {axis}":
+            assert np.all(np.abs(q[:, "xyz".index(axis)]) == 1.0)
+
+
+@pytest.mark.parametrize("vectors", [2, 3, 6])
+def test_vectors_come_in_stacks(vectors):
+    seen = []
+
+    def estimate(body, references):
+        seen.append((body.shape, references.shape))
+        return wahba_quaternion(body, references)
+
+    probe_estimator(of(STACKED, estimate=estimate), vectors)
+    assert {shape[1:] for pair in seen for shape in pair} == {(vectors, 3)}
+    assert not any(failure_shares(STACKED, 32, vectors).values())
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"takes": "pairs"}, "takes two pairs and `vectors` is 3; set it to 2, or"),
+        ({"reference": "NED"}, "takes the two fixed ref"),
+        ({"kind": "triad"}, "theory is of two vectors"),
+    ],
+)
+def test_what_cannot_take_more_vectors_is_refused(changes, words):
+    few = {"vectors": 3, "samples": 1024, "noise_std": 0.01}
+    (cell,) = check_function(of(STACKED, **changes), Estimator, **few).cells
+    assert words in cell.reason
+
+
+# frames of fixed references
+
+
+def in_frame(frame, vertical, dip=None):
+    """Davenport's solution of a frame, of one dip or of the field's level part."""
+    fixed = FixedReferences(frame=frame, vertical=vertical)
+
+    def estimate(b1, b2, *_):
+        level = np.zeros(len(b1))
+        if dip is None:
+            b1 = normalize(b1)
+            b2 = normalize(b2 - np.sum(b1 * b2, axis=1, keepdims=True) * b1)
+        return davenport(b1, b2, *fixed.vectors(level + (dip or 0.0)))
+
+    return of(GOOD, estimate=estimate, reference=frame, vertical=vertical, dip=dip)
+
+
+def test_the_frames_are_what_they_say():
+    for frame, (north, up) in FRAME_AXES.items():
+        east = np.cross(north, up)
+        axes = dict(zip("NED", (north, east, -np.array(up)), strict=True))
+        axes |= {"U": np.array(up), "W": -east}
+        for letter, axis in zip(frame, np.eye(3), strict=True):
+            assert np.array_equal(np.abs(axes[letter]), axis)
+            assert axes[letter] @ axis == 1.0
+        force, field = FixedReferences(frame=frame).vectors(np.array([0.0, 1.0]))
+        assert np.array_equal(force, [up, up])
+        assert np.allclose(field @ up, [0.0, -np.sin(1.0)], rtol=0, atol=1e-16)
+        assert np.allclose(field @ north, [1.0, np.cos(1.0)], rtol=0, atol=1e-16)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("vertical", VERTICALS)
+@pytest.mark.parametrize("frame", FRAMES)
+def test_a_frame_passes_and_every_other_is_told(frame, vertical):
+    sound = in_frame(frame, vertical, 1.1)
+    assert probe_estimator(sound) < 1e-13
+    assert probe_estimator(in_frame(frame, vertical)) < 1e-13
+    other = next(name for name in FRAMES if name != frame)
+    flipped = next(name for name in VERTICALS if name != vertical)
+    right = f'declare reference="{frame}", vertical="{vertical}" and comp'
+    for wrong in (of(sound, reference=other), of(sound, vertical=flipped)):
+        with pytest.raises(PluginError, match=right):
+            probe_estimator(wrong)
+    undeclared = of(in_frame(frame, vertical), reference=None, vertical="up")
+    # of any dip, NED and NWU are one frame whose first reference has the other sign
+    same = {"NED": "NWU", "NWU": "NED"}.get(frame, frame)
+    words = f'reference="({frame}", vertical="{vertical}|{same}", vertical="{flipped})"'
+    with pytest.raises(PluginError, match=words):
+        probe_estimator(undeclared)
+
+
+@pytest.mark.ci
+def test_a_fixed_frame_is_measured_in_its_classes():
+    few = {"samples": 1024, "noise_std": 0.01}
+    for dip, kind in ((1.1, "wahba"), (None, "triad")):
+        plugin = of(in_frame("NED", "down", dip), kind=kind)
+        shares = failure_shares(plugin, 64)
+        assert not any(shares.values())
+        none = {"nearly parallel", "orthogonal"} if dip else set()
+        assert shares.keys() == CLASSES.keys() - none
+        found = check_function(plugin, Estimator, **few)
+        rows = {str(row.statistic): row for row in found.cells[0].rows}
+        assert rows["class_bias"].value < 1e-6
+        assert not [v for v in found.result.verdicts if v.answer == "fail"]
+    (cell,) = check_function(plugin, Estimator, **few, noise="all").cells
+    assert "`noise` gives the references noise" in cell.reason
+    # a field at 1e-3 rad of the vertical is steep, and no steeper
+    _, (_, _, up, field) = in_frame("NED", "down").observed().cases("nearly parallel")
+    sine = np.linalg.norm(np.cross(up, field), axis=1)
+    assert 0.9e-3 < sine.min() < sine.max() < 0.11
+
+
+@pytest.mark.parametrize("declared", [-1.1, 0.3, 1.0, None])
+def test_a_wrong_dip_is_told(declared):
+    wrong = of(in_frame("ENU", "up", 1.1), dip=declared)
+    with pytest.raises(PluginError, match="declare the dip that it was written for"):
+        probe_estimator(wrong)
+
+
+# declarations
+
+GARBAGE = ("", "no such", " a", "a,b", 3, 2.0, None, ("x",), [], {}, b"x", float("nan"))
+KINDS = {
+    "estimator": GOOD,
+    "calibrator": Calibrator(name="c", calibrate=print),
+    "filter": Filter(name="f", make=print, **PASSIVE),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_declared_must_be_a_known_word(kind):
+    """Any garbage is refused by its field, and what is left out has its default."""
+    fields = dataclasses.fields(KINDS[kind])
+    for each in (each for each in fields if each.name != "noise_std"):
+        for odd in (*GARBAGE, np.array(["xyzs", "sxyz"]), np.array([2, 4])):
+            free = each.name == "name" and isinstance(odd, str) and odd == "no such"
+            if free or odd is each.default:
+                continue
+            with pytest.raises(PluginError, match=f"`{each.name}` is "):
+                of(KINDS[kind], **{each.name: odd})
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"claim": True}, "^`claim` is True"),
+        ({"batch": 1}, "^`batch` is 1; it must be declared as one of True, False"),
+        ({"fails_at": ("generic",)}, "^`fails_at` is .*tuple of names out of"),
+        ({"reads": ("sigma",)}, "^`reads` is .*names out of 'noise_std', 'weights'"),
+        ({"vertical": "down"}, "so declare its `reference` as well"),
+        ({"dip": 0.5}, "so declare its `reference` as well"),
+        ({"reference": "NED", "dip": 66.0}, r"^`dip` is 66\.0; .* 1\.5 or less"),
+        ({"reference": "NED", "dip": True}, "^`dip` is True"),
+    ],
+)
+def test_words_that_do_not_fit_each_other_are_refused(values, words):
+    with pytest.raises(PluginError, match=words):
+        of(GOOD, **values)
+
+
+# noise in words, and what is handed over
+
+SKEW = json.dumps([[[1.0, 0.2, 0.0], [0.2, 2.0, 0.3], [0.0, 0.3, 0.5]]] * 4)
+
+
+@pytest.mark.parametrize("text", [*NAMED, "1 3 0 0", " 0.5  1 0 2e0 ", SKEW])
+def test_words_of_noise(text):
+    noise = vector_noise(text, 2, 0.02)
+    assert noise.unit.shape == (4, 3, 3)
+    assert np.linalg.eigvalsh(noise.unit).min() >= 0.0
+    assert np.allclose(noise.at(0.04).std, 2.0 * noise.std, rtol=1e-15, atol=0)
+    cell = estimator.Parameters(algorithm="any", noise=text, noise_std=0.02)
+    assert cell.noise == " ".join(text.split())
+    assert f"noise={cell.noise}" in Cell("estimator", cell, 1).name
+
+
+BAD_WORDS = [
+    *((text, "must be one of body, all") for text in ("", "Body", "body all")),
+    ("1, 3, 0, 0", "must be one of body, all"),
+    ("1 2 3", "is of 3 vectors; 2 body and 2 reference vectors need 4"),
+    ("1 1 0 0 0 0", "is of 6 vectors"),
+    ("1", "is of 1 vectors"),
+    *((f"{first} 1 0 0", "must be 0 or more") for first in ("nan", "-1")),
+    *((f"{first} 1 0 0", "must be 0.01 to 100") for first in ("inf", "1e200", "1e-3")),
+    ("1 101 0 0", "must be 0.01 to 100"),
+    *((text, "only a reference may have none") for text in ("0 1 0 0", "1 0 1 1")),
+    *((text, "a list of 3 x 3 covariances") for text in ("[1, 3, 0, 0]", "[" * 5000)),
+    ("[[[1, 0, 0]", "a list of 3 x 3 covariances"),
+    (json.dumps([np.eye(3).tolist()] * 3), "is of 3 vectors"),
+    (json.dumps([np.diag([1, 1, 0]).tolist()] * 4), "must be 0.01 to 100"),
+    (json.dumps([np.diag([1, 1, -1]).tolist()] * 4), "must be 0.01 to 100"),
+    (json.dumps([np.triu(np.ones((3, 3))).tolist()] * 4), "must be symmetric"),
+    (json.dumps([np.full((3, 3), np.nan).tolist()] * 4), "must be symmetric"),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), BAD_WORDS, ids=str)
+def test_bad_words_of_noise_are_refused(text, words):
+    with pytest.raises(InputError, match=r"^`noise` is ") as caught:
+        vector_noise(text)
+    assert words in str(caught.value)
+    with pytest.raises(ValidationError, match=r"`noise` is "):
+        estimator.Parameters(algorithm="any", noise=text, noise_std=1e-4)
+
+
+def test_no_vector_drowns():
+    estimator.Parameters(algorithm="any", noise_std=0.1, noise="unequal")
+    for more, words in (
+        ({"noise_std": 0.1}, r"that makes 0\.3 of a vector"),
+        ({"vectors": 3}, "is of 4 vectors; 3 body and 3 ref"),
+    ):
+        with pytest.raises(ValidationError, match=words):
+            estimator.Parameters(algorithm="any", noise="1 3 0 0", **more)
+
+
+@pytest.mark.parametrize("batch", [True, False])
+@pytest.mark.parametrize("takes", ["pairs", "vectors"])
+def test_what_an_estimator_reads_is_handed_to_it(takes, batch):
+    seen = []
+
+    def estimate(*vectors, noise_std, weights, covariances):
+        seen.append((len(vectors[0]), noise_std, weights, covariances))
+        pairs = vectors
+        if takes == "vectors":
+            pairs = [v[..., i, :] for v in vectors for i in (0, 1)]
+        found = davenport(*(v.reshape(-1, 3) for v in pairs))
+        return found if batch else found[0]
+
+    reads = ("noise_std", "weights", "covariances")
+    plugin = of(GOOD, estimate=estimate, takes=takes, batch=batch, reads=reads)
+    with pytest.raises(PluginError, match="`weights`, `covariances` and ignores it"):
+        probe_estimator(plugin, 2, vector_noise("1 3 0.5 0", 2))
+    stacked = (2, 2) if takes == "vectors" else (4,)
+    n, std, weights, covariances = seen[0]
+    # the probe's own size is 0.01
+    known = np.array([0.01, 0.03, 0.005, 0.0])
+    assert np.allclose(std, known.reshape(stacked), rtol=1e-14, atol=0)
+    sums = 1e-4 * np.array([1.25, 9.0])
+    assert np.allclose(weights, 1.0 / sums, rtol=1e-14, atol=0)
+    assert covariances.shape == (*((n,) if batch else ()), *stacked, 3, 3)
+    one = covariances[0] if batch else covariances
+    spread = np.einsum("m,ij->mij", known**2, np.eye(3))
+    assert np.allclose(one.reshape(4, 3, 3), spread, rtol=1e-14, atol=0)
+
+
+def test_tangent_noise_is_across_each_vector():
+    vectors = list(normalize(np.random.default_rng(2).normal(size=(4, 9, 3))))
+    spread = vector_noise("tangent", 2, 0.1).covariances(vectors)
+    for i, v in enumerate(vectors):
+        assert np.abs(np.einsum("nij,nj->ni", spread[:, i], v)).max() < 1e-17
+        trace = np.trace(spread[:, i], axis1=1, axis2=2)
+        assert np.allclose(trace, 0.02 * (i < 2), rtol=1e-14, atol=0)
+
+
+# calibrators
+
+
+def fitted(poses, g):
+    fit = calibrate(poses, g=g)
+    return fit.matrix, fit.B
+
+
+def answering(change=lambda *found: found, **declared):
+    """The package's calibration, its answer changed."""
+    return Calibrator(
+        name="c", calibrate=lambda p, g: change(*fitted(p, g)), **declared
+    )
+
+
+def in_parts(M, B):
+    K = np.linalg.norm(M, axis=0)
+    return {"T": M / K, "K": K, "B": B, "extra": 1}
+
+
+@pytest.mark.parametrize("change", [lambda *found: found, in_parts])
+def test_a_sound_calibrator_is_right_in_any_form_of_answer(change):
+    # the package's own stop rule is 1e-12, the condition of the poses below 10
+    assert probe_calibrator(answering(change)) <= 1e-10
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda M, B: (np.linalg.inv(M), B), "looks inverted"),
+        (lambda M, B: (M, -B), "wrong sign"),
+        (lambda M, B: (M, M @ B), "added after the matrix"),
+        (lambda M, B: (1.01 * M, B), "no other sign"),
+        (lambda M, B: (M[:2], B), "shape"),
+        (lambda M, B: (M * np.nan, B), "non-finite"),
+        (lambda M, B: ([["2.06"] * 3] * 3, B), "`matrix` .* holds text"),
+        (lambda M, B: {"matrix": [[None] * 3] * 3, "B": B}, "`matrix` .* holds None"),
+        (lambda M, B: (M, [0, 0, 10**400]), "`B` .* too large"),
+        (
+            lambda M, B: {"T": M, "K": [1.5, True, None], "B": B},
+            "`K` .* holds True",
+        ),
+        (lambda M, B: (M, [0.3, -0.2, False]), "`B` .* holds False"),
+        (lambda M, B: (M, [0.3, -0.2, np.True_]), "`B` .* holds .*True"),
+        (lambda M, B: {"T": M, "K": [1.0, 1.0], "B": B}, r"shape \(3,\) or \(3, 3\)"),
+        (lambda M, B: M, "answered with ndarray"),
+        (lambda M, B: {"matrix": M}, "must hold"),
+        (lambda M, B: (M, B, np.zeros((9, 9))), "not positive definite"),
+        (lambda M, B: (M, B, np.eye(9) + np.eye(9, k=1) / 2), "not symmetric"),
+        (lambda M, B: (np.zeros((3, 3)), B), "true parameters"),
+    ],
+)
+def test_a_broken_calibrator_is_refused_in_words(change, words):
+    with pytest.raises(PluginError, match=words):
+        probe_calibrator(answering(change))
+
+
+EYE, ZERO = np.eye(3), np.zeros(3)
+TYPE_A = {"matrix": EYE, "B": ZERO, "covariance_kind": "type A"}
+NINE, SIX, THREE = ({"estimates": e} for e in (None, ("scale", "bias"), ("bias",)))
+
+
+@pytest.mark.parametrize(
+    ("declared", "answer", "words"),
+    [
+        (SIX, (EYE + 1e-6 * np.eye(3, k=1), ZERO), "must be diagonal, bu"),
+        (SIX, (EYE[::-1], ZERO), "diagonal, but it has 1 in row 0, colu"),
+        (SIX, (np.zeros((3, 3)), ZERO), "true parameters|finite"),
+        (SIX, (EYE, ZERO, np.eye(9)), r"shape \(9, 9\); .* \(6, 6\)"),
+        (SIX, (EYE, ZERO, -np.eye(6)), "not positive definite"),
+        (THREE, (1.001 * EYE, ZERO), "unit matrix, but it has 1.001 in row 0, col"),
+        (THREE, (EYE, ZERO, np.eye(6)), r"shape \(6, 6\); .* \(3, 3\)"),
+        (THREE, (EYE, 0.3), r"B as float of shape \(\)"),
+        (THREE, TYPE_A | {"dof": 4}, "5 or more: use 8 poses or more"),
+        (NINE, TYPE_A | {"dof": 4}, "5 or more: use 14 poses or more"),
+        (NINE, TYPE_A | {"dof": 5.0}, "5 or more: use 14 poses or more"),
+        (NINE, TYPE_A | {"dof": 5}, "true parameters"),
+    ],
+)
+def test_an_answer_outside_the_class_is_refused(declared, answer, words):
+    declared = {k: v for k, v in declared.items() if v}
+    plugin = Calibrator(name="c", calibrate=lambda p, g: answer, **declared)
+    with pytest.raises(PluginError, match=words):
+        probe_calibrator(plugin)
+
+
+@pytest.mark.parametrize("share", [1 - 1e-3, 1 + 1e-3])
+def test_an_answer_without_noise_is_right_to_a_millionth(share):
+    """Relative to the greatest entry for B, to 1 for T and K."""
+    greatest = 1e-6 * share * float(np.abs(probe_sensor().B).max())
+    moved = answering(lambda M, B: (M, B + greatest * np.array([1.0, 0.0, 0.0])))
+    # rounding of a fit leaves 1e-12 of it
+    if share < 1.0:
+        assert probe_calibrator(moved) <= 1e-6
+    else:
+        with pytest.raises(PluginError, match="from the true parameters"):
+            probe_calibrator(moved)
