@@ -95,7 +95,7 @@ class PluginParameters(StudyParameters):
         """Check that the code is what it was when these parameters were made."""
         old, new = self._sources, sources(self.word)
         changed = [
-            f"{key} {'is missing' if key not in new else 'has changed'}"
+            f"{key} {'has changed' if new.get(key) else 'is missing'}"
             if key in old
             else f"{key} is new"
             for key in sorted(old.keys() | new.keys())
