@@ -68,3 +68,11 @@ def test_the_tutorials_filter_is_the_example():
     text = (ROOT / "docs" / "tutorials" / "filter.md").read_text(encoding="utf-8")
     (code,) = [m.group(3) for m in FENCE.finditer(text) if m.group(2) == "mine.py"]
     assert code == (EXAMPLES / "kalman.py").read_text(encoding="utf-8")
+
+
+def test_examples_in_the_documentation_are_the_files():
+    text = (ROOT / "docs" / "plugins.md").read_text()
+    blocks = re.findall(r"```python\n(.*?)```", text, re.S)
+    for name in ("align", "ellipsoid"):
+        code = (EXAMPLES / f"{name}.py").read_text()
+        assert code.partition('"""\n\n')[2].strip() in map(str.strip, blocks)

@@ -156,18 +156,3 @@ def test_the_rate_of_false_alarms_is_the_stated_one_and_faults_are_seen():
     # power at 40 trials, each side by its own name: 4.5 and 2 of 3
     assert alarms(rng, 1.5)[0] > 0.95
     assert alarms(rng, 1.0 / 1.5)[1] > 0.95
-
-
-@pytest.mark.ci
-def test_times_of_one_trial_are_no_samples():
-    # counted as samples, 10 correlated instants of 40 trials alarm far too often
-    rng = np.random.default_rng(8)
-    wrong = 0
-    for _ in range(CAMPAIGNS):
-        squares = np.sum(correlated(rng, 40, 10, 3, 0.9) ** 2, axis=-1)
-        total, freedom = squares.sum(), 3 * squares.size
-        tail = min(
-            scipy.stats.chi2.cdf(total, freedom), scipy.stats.chi2.sf(total, freedom)
-        )
-        wrong += tail < ALPHA / 2.0
-    assert wrong / CAMPAIGNS > 2.0 * ALPHA
