@@ -16,6 +16,7 @@ A covariance is probed by its leading term, with differences of the estimator it
 that no theory of ours stands behind the verdict.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 
@@ -84,6 +85,9 @@ def cause_of(answers: Float[Array, "n ..."], of_moved: Float[Array, "n ..."]) ->
     )
 
 
+OTHERWISE = "asked again it answers otherwise"
+IMPRECISE = "its conventions fit, its precision does not"
+
 TOLERANCE = 1e-6
 """Rad, and relative to the parameters: the root of rounding is 1.5e-8, which is what a
 sound but ill-conditioned algorithm may lose, times 64. A rounding of vectors turns
@@ -122,29 +126,32 @@ def failing(
     noise: VectorNoise | None = None,
 ) -> Bool[Mask, " n"]:
     """Which of some exact cases are no estimate of the truth, (n,)."""
-    tolerance = allowed(vectors)
-
-    def halved(start: int, stop: int) -> Mask:
-        # arrays that are one to the caller stay one to the estimator
-        rows = slice(start, stop)
-        own = {id(v): v[rows] for v in vectors}
-        try:
-            raw = raw_attitudes(estimator, [own[id(v)] for v in vectors], noise)
-        except PluginError:
-            if stop - start == 1:
-                return np.array([True])
-            middle = (start + stop) // 2
-            return np.concatenate([halved(start, middle), halved(middle, stop)])
-        sound = sound_rows(raw, estimator.components)
-        some = np.reshape(sound, (-1, *(1 for _ in tail(estimator.components))))
-        any_attitude = np.eye(3) if raw.ndim == 3 else np.full(4, 0.5)
-        q = package_quaternion(
-            np.where(some, raw, any_attitude), estimator.components, estimator.matrix
+    components, matrix = estimator.components, estimator.matrix
+    try:
+        raw = raw_attitudes(estimator, vectors, noise)
+    except PluginError:
+        if len(truth) == 1:
+            return np.array([True])
+        middle = len(truth) // 2
+        halves = (slice(0, middle), slice(middle, None))
+        return np.concatenate(
+            [
+                failing(estimator, truth[own], _rows(vectors, own), noise)
+                for own in halves
+            ]
         )
-        wrong: Mask = ~(sound & (attitude_error(truth[rows], q) <= tolerance[rows]))
-        return wrong
+    sound = sound_rows(raw, components)
+    some = np.reshape(sound, (-1, *(1 for _ in tail(components))))
+    any_attitude = np.eye(3) if components == "matrix" else np.full(4, 0.5)
+    q = package_quaternion(np.where(some, raw, any_attitude), components, matrix)
+    wrong: Mask = ~(sound & (attitude_error(truth, q) <= allowed(vectors)))
+    return wrong
 
-    return halved(0, len(truth))
+
+def _rows(vectors: list[Float[Array, "n 3"]], rows: slice) -> list[Array]:
+    """Some rows; arrays that are one to the caller stay one to the estimator."""
+    own = {id(v): v[rows] for v in vectors}
+    return [own[id(v)] for v in vectors]
 
 
 SPREAD_NOISE = 1e-3
@@ -179,62 +186,52 @@ def probe_covariance(
     noise: VectorNoise,
 ) -> None:
     """Check the leading term of a covariance."""
-    told = noise.small(SPREAD_NOISE)
-    claimed = covariances_of(estimator, vectors, told)
-    seen = {
-        side: told.noise_std**2 * _leading(estimator, truth, vectors, side, told)
-        for side in ("body", "reference")
-    }
-    off = {
-        side: float(
-            np.max(
-                np.linalg.norm(claimed - value, axis=(-2, -1))
-                / np.linalg.norm(value, axis=(-2, -1))
-            )
-        )
-        for side, value in seen.items()
-    }
-    other = "reference" if estimator.side == "body" else "body"
-    if not off[estimator.side] <= SPREAD_TOLERANCE + SPREAD_NOISE:
-        factor = float(np.median(_trace(claimed) / _trace(seen[estimator.side])))
+    small = noise.small(SPREAD_NOISE)
+    claimed = covariances_of(estimator, vectors, small)
+    off, factor = {}, {}
+    for side in ("body", "reference"):
+        J = _slopes(estimator, truth, vectors, side, small)
+        seen = small.noise_std**2 * np.einsum("dni,dnj->nij", J, J)
+        apart = np.linalg.norm(claimed - seen, axis=(-2, -1))
+        off[side] = float(np.max(apart / np.linalg.norm(seen, axis=(-2, -1))))
+        traces = (np.trace(each, axis1=-2, axis2=-1) for each in (claimed, seen))
+        factor[side] = float(np.median(np.divide(*traces)))
+    side, other = estimator.side, "reference" if estimator.side == "body" else "body"
+    if not off[side] <= SPREAD_TOLERANCE + SPREAD_NOISE:
         hint = (
             f'it fits side="{other}": declare that'
             if off[other] <= SPREAD_TOLERANCE + SPREAD_NOISE
-            else f"its trace is {factor:.4g} times what it should be"
+            else f"its trace is {factor[side]:.4g} times what it should be"
         )
         msg = (
-            f"the covariance of {estimator.name} is {off[estimator.side]:.3g} off, "
+            f"the covariance of {estimator.name} is {off[side]:.3g} off, "
             "relative, from that of its own errors at a noise of "
             f"{SPREAD_NOISE:g}; {hint}"
         )
         raise PluginError(msg)
 
 
-def _leading(
+def _slopes(
     estimator: Estimator,
     truth: Float[Array, "n 4"],
     vectors: list[Float[Array, "n 3"]],
     side: str,
     noise: VectorNoise,
-) -> Float[Array, "n 3 3"]:
-    """J C J' of the estimator, by central differences: covariance for unit noise."""
+) -> Float[Array, "d n 3"]:
+    """Error by each direction of unit noise, by central differences."""
     roots = noise.at(1.0).roots(vectors)
-    total = np.zeros((len(truth), 3, 3))
-    for which, axis in product(noise.noisy, range(3)):
-        direction = roots[:, which, :, axis]
-        ends = []
-        for sign in (1.0, -1.0):
-            moved = [v.copy() for v in vectors]
-            moved[which] += sign * STEP * direction
-            q = quaternions_of(estimator, moved, noise)
-            ends.append(rotation_error(truth, q, side))
-        slope = (ends[0] - ends[1]) / (2.0 * STEP)
-        total += slope[:, :, None] * slope[:, None, :]
-    return total
 
+    def error(which: int, step: Array) -> Array:
+        ends = [v + step if k == which else v for k, v in enumerate(vectors)]
+        return rotation_error(truth, quaternions_of(estimator, ends, noise), side)
 
-def _trace(matrices: Float[Array, "n 3 3"]) -> Float[Array, " n"]:
-    return np.trace(matrices, axis1=-2, axis2=-1)
+    return np.stack(
+        [
+            (error(which, step) - error(which, -step)) / (2.0 * STEP)
+            for which, axis in product(noise.noisy, range(3))
+            for step in [STEP * roots[:, which, :, axis]]
+        ]
+    )
 
 
 ALIKE = 1e-2
@@ -248,52 +245,55 @@ def what_fits(
     estimator: Estimator,
     truth: Float[Array, "n 4"],
     vectors: list[Float[Array, "n 3"]],
-    noise: VectorNoise | None = None,
-    first: Float[Array, "n 4"] | None = None,
-) -> str:
-    """Say how many rows each convention fits, and which classes of attitudes.
+    noise: VectorNoise,
+    first: Float[Array, "n 4"],
+) -> Iterator[str]:
+    """Say what would fit answers that are not the truth, the best of it first.
 
     `first` is what it answered to these vectors before.
     """
-    again = quaternions_of(estimator, vectors, noise)
-    apart = np.zeros(1) if first is None else attitude_error(again, first)
+    apart = attitude_error(quaternions_of(estimator, vectors, noise), first)
     if not np.all(apart <= allowed(vectors)):
-        return (
-            f"asked again it answers otherwise, by {apart.max():.3g} rad: it must "
-            "answer the same each time"
-        )
-    fits = {}
-    for other in _alike(estimator):
-        fits[other] = ~failing(other, truth, vectors, noise)
-        if fits[other].all():
-            return f"declare {other.spelled()} instead"
-    for other in fits:
-        if words := nearly_right(other, truth, vectors, noise):
-            return (
-                words
-                if not other.spelled(estimator)
-                else f"declare {other.spelled()} instead; {words}"
-            )
-    if words := _fitting_frame(estimator, len(vectors) // 2, len(truth), noise):
-        return words
-    # of equals the declared one, which is told without its words
-    best = max(
-        fits, key=lambda other: (fits[other].sum(), not other.spelled(estimator))
+        off = apart.max()
+        yield f"{OTHERWISE}, by {off:.3g} rad: it must answer the same each time"
+    fits = {each: ~failing(each, truth, vectors, noise) for each in _alike(estimator)}
+    yield from (
+        f"declare {o.spelled()} instead" for o, fit in fits.items() if fit.all()
     )
-    count, number = int(fits[best].sum()), len(truth)
-    classes = _classes(best if count else estimator, len(vectors) // 2, noise)
-    if not count:
-        return (
-            f"no order or direction of the components fits any of {number} rows "
-            f"{classes}: is it b = A r, with body vectors first?{_fixed(estimator)}"
+    for other in fits:
+        declare = f"declare {other.spelled()} instead; " * bool(
+            other.spelled(estimator)
         )
-    words = f"with {best.spelled()} "
-    wrong = int(np.flatnonzero(~fits[best])[0])
-    q = quaternions_of(best, vectors, noise)
-    off = float(attitude_error(truth[wrong], q[wrong]))
-    return (
-        f"{'' if not best.spelled(estimator) else words}{count} of {number} rows fit, "
-        f"row {wrong}, {_turn(truth[wrong])}, does not, by {off:.3g} rad {classes}"
+        if words := nearly_right(other, truth, vectors, noise):
+            yield f"{declare}{words}"
+    count = len(vectors) // 2
+    yield from _fitting_frames(estimator, count, len(truth), noise)
+    # of equals the declared one, which is told without its words
+    best = max(fits, key=lambda each: (fits[each].sum(), not each.spelled(estimator)))
+    number, right = len(truth), int(fits[best].sum())
+    shares = failure_shares(best if right else estimator, CASES, count, noise)
+    whole = [name for name, share in shares.items() if share == 0.0]
+    classes = f"(all cases fit of: {'; '.join(whole)})"
+    if not whole:
+        classes = "(and no class of attitudes)"
+    if right:
+        wrong = int(np.argmin(fits[best]))
+        q = quaternions_of(best, vectors, noise)[wrong]
+        off = float(attitude_error(truth[wrong], q))
+        vector, scalar = truth[wrong, :3], truth[wrong, 3]
+        turn = np.degrees(2.0 * np.arctan2(np.linalg.norm(vector), abs(scalar)))
+        declared = f"with {best.spelled()} " * bool(best.spelled(estimator))
+        yield (
+            f"{declared}{right} of {number} rows fit, row {wrong}, a turn by "
+            f"{turn:.0f} degrees, does not, by {off:.3g} rad {classes}"
+        )
+    dip = "any `dip`" if estimator.dip is None else f"a `dip` of {estimator.dip:g} rad"
+    fixed = f" It was tried with {dip}: declare the dip that it was written for"
+    if estimator.reference is None:
+        fixed = " Are its references fixed? Then declare `reference`"
+    yield (
+        f"no order or direction of the components fits any of {number} rows "
+        f"{classes}: is it b = A r, with body vectors first?{fixed}"
     )
 
 
@@ -301,7 +301,7 @@ def nearly_right(
     estimator: Estimator,
     truth: Float[Array, "n 4"],
     vectors: list[Float[Array, "n 3"]],
-    noise: VectorNoise | None = None,
+    noise: VectorNoise,
 ) -> str:
     """Say what is wrong of answers that are all off alike, or by little; else none."""
     q = quaternions_of(estimator, vectors, noise)
@@ -322,32 +322,21 @@ def nearly_right(
         raw_attitudes(estimator, vectors, noise),
         raw_attitudes(estimator, [moved(v) for v in vectors], noise),
     )
-    return f"its conventions fit, its precision does not: {cause}"
+    return f"{IMPRECISE}: {cause}"
 
 
-def _fitting_frame(
-    estimator: Estimator, vectors: int, count: int, noise: VectorNoise | None
-) -> str:
+def _fitting_frames(
+    estimator: Estimator, vectors: int, count: int, noise: VectorNoise
+) -> Iterator[str]:
     """Say which fixed references an estimator was written for, if it was for any."""
-    if vectors != 2:
-        return ""
-    for frame, vertical in product(FRAMES, VERTICALS):
+    for frame, vertical in product(FRAMES, VERTICALS) if vectors == 2 else ():
         for dip in dict.fromkeys((None, estimator.dip)):
             fixed = replace(estimator, reference=frame, vertical=vertical, dip=dip)
             truth, exact = fixed.observed().generic(count, np.random.default_rng(1))
             for other in _alike(fixed):
                 if not failing(other, truth, exact, noise).any():
                     words = f'declare reference="{frame}", vertical="{vertical}"'
-                    return f"{words} and {other.spelled()} instead"
-    return ""
-
-
-def _fixed(estimator: Estimator) -> str:
-    """What else may be wrong of an estimator whose references are fixed."""
-    if estimator.reference is None:
-        return " Are its references fixed? Then declare `reference`"
-    dip = "any `dip`" if estimator.dip is None else f"a `dip` of {estimator.dip:g} rad"
-    return f" It was tried with {dip}: declare the dip that it was written for"
+                    yield f"{words} and {other.spelled()} instead"
 
 
 def _alike(estimator: Estimator) -> list[Estimator]:
@@ -356,26 +345,6 @@ def _alike(estimator: Estimator) -> list[Estimator]:
     every = alternatives(estimator)
     return [each for each in every if (each.components == "matrix") == matrix]
 
-
-def _turn(q: Float[Array, "4"]) -> str:
-    angle = 2.0 * np.arctan2(np.linalg.norm(q[:3]), abs(q[3]))
-    return f"a turn by {np.degrees(angle):.0f} degrees"
-
-
-def _classes(estimator: Estimator, vectors: int, noise: VectorNoise | None) -> str:
-    """Name the classes of which every case fits."""
-    shares = failure_shares(estimator, CASES, vectors, noise)
-    right = [name for name, share in shares.items() if share == 0.0]
-    if not right:
-        return "(and no class of attitudes)"
-    return f"(all cases fit of: {'; '.join(right)})"
-
-
-__all__ = [
-    "TOLERANCE",
-    "probe_estimator",
-    "rotation_error",
-]
 
 COUNT = 24
 """Rows of the first batch; a fast path starts later."""
@@ -418,25 +387,28 @@ def probe_estimator(
         are, it does not use what it reads, or the covariance is not that of its errors.
     """
     noise = vector_noise("body", vectors) if noise is None else noise
-    told = noise.at(BATCH_NOISE)
+    at_batch = noise.at(BATCH_NOISE)
     observed = estimator.observed(vectors)
     truth, exact = observed.generic(COUNT, np.random.default_rng(20_268))
-    q = _first_answer(estimator, truth, exact, told)
+    q = _first_answer(estimator, truth, exact, at_batch)
     error, most = np.asarray(attitude_error(truth, q)), allowed(exact)
     if not np.all(error <= most):
+        why = next(what_fits(estimator, truth, exact, at_batch, q))
+        msg = f"{estimator.name}: {_far(error, most)}; {why}"
+        raise PluginError(msg)
+    _probe_rows(estimator, exact, q, [0], at_batch)
+    if estimator.reads and not depends_on_noise(estimator, exact, covariance=True):
+        words = ", ".join(f"`{word}`" for word in estimator.reads)
         msg = (
-            f"{estimator.name}: {_far(error, most)}; "
-            f"{what_fits(estimator, truth, exact, told, q)}"
+            f"{estimator.name} reads {words} and ignores it: its answers are the same "
+            "whatever it is told; use it, or leave it out of `reads`"
         )
         raise PluginError(msg)
-    _probe_rows(estimator, exact, q, [0], told)
-    if estimator.reads:
-        _probe_reading(estimator, exact)
     if estimator.covariance is not None:
         probe_covariance(estimator, truth, exact, noise)
     for count in BATCHES:
         rng = np.random.default_rng(count)
-        _probe_batch(estimator, *observed.generic(count, rng), rng, told)
+        _probe_batch(estimator, *observed.generic(count, rng), rng, at_batch)
     return float((error * (TOLERANCE / most)).max())
 
 
@@ -484,9 +456,7 @@ def _probe_batch(
             f"its {_far(error, most)}{cause and f'; {cause}'}"
         )
         raise PluginError(msg)
-    noisy: list[Array] = [
-        v + BATCH_NOISE * rng.standard_normal(v.shape) for v in vectors
-    ]
+    noisy = _noisy(vectors, rng)
     rows = np.linspace(0, count - 1, COUNT).astype(int).tolist()
     _probe_rows(estimator, noisy, quaternions_of(estimator, noisy, noise), rows, noise)
 
@@ -501,7 +471,7 @@ def _probe_rows(
     """Check that rows of a batch, and their covariances, equal those computed alone."""
     claimed = _claimed(estimator, vectors, noise)
     for row in rows:
-        own = [v[row : row + 1] for v in vectors]
+        own = _rows(vectors, slice(row, row + 1))
         alone = quaternions_of(estimator, own, noise)
         spread = _claimed(estimator, own, noise)
         off = float(attitude_error(alone, q[row : row + 1]).max())
@@ -516,7 +486,7 @@ def _probe_rows(
             raise PluginError(msg)
 
 
-def heeds(
+def depends_on_noise(
     estimator: Estimator, vectors: list[Float[Array, "n 3"]], *, covariance: bool
 ) -> bool:
     """Whether its attitudes, or its covariances too, depend on the noise that it reads.
@@ -525,33 +495,26 @@ def heeds(
     vectors have, so that whoever leaves out what is too far off does so.
     """
     k = len(vectors) // 2
-    rng, rising = np.random.default_rng(20_273), np.geomspace(0.1, 1.0, k)
-    noisy: list[Array] = [
-        v + BATCH_NOISE * rng.standard_normal(v.shape) for v in vectors
-    ]
-    told = [
+    rising = np.geomspace(0.1, 1.0, k)
+    noisy = _noisy(vectors, np.random.default_rng(20_273))
+    read = [
         vector_noise(" ".join(map(str, [*sizes, *np.zeros(k)])), k, noise_std)
         for sizes, noise_std in ((rising, BATCH_NOISE), (rising[::-1], 1e-9))
     ]
     try:
-        q, other = (quaternions_of(estimator, noisy, noise) for noise in told)
+        q, other = (quaternions_of(estimator, noisy, noise) for noise in read)
         if not np.array_equal(q, other):
             return True
-        P, another = (_claimed(estimator, noisy, noise) for noise in told)
+        P, another = (_claimed(estimator, noisy, noise) for noise in read)
     except PluginError:  # which is an answer to the noise
         return True
     return covariance and not np.array_equal(P, another)
 
 
-def _probe_reading(estimator: Estimator, vectors: list[Float[Array, "n 3"]]) -> None:
-    """Check that what it reads makes a difference."""
-    if not heeds(estimator, vectors, covariance=True):
-        words = ", ".join(f"`{word}`" for word in estimator.reads)
-        msg = (
-            f"{estimator.name} reads {words} and ignores it: its answers are the same "
-            "whatever it is told; use it, or leave it out of `reads`"
-        )
-        raise PluginError(msg)
+def _noisy(
+    vectors: list[Float[Array, "n 3"]], rng: np.random.Generator
+) -> list[Float[Array, "n 3"]]:
+    return [v + BATCH_NOISE * rng.standard_normal(v.shape) for v in vectors]
 
 
 def _claimed(
@@ -606,26 +569,22 @@ def probe_calibrator(
     error = float(_errors(answer, sensor).max())
     if not error <= TOLERANCE:
         again, of_moved = (
-            calibration_of(calibrator, given, G, STATED_NOISE)
+            _numbers(calibration_of(calibrator, given, G, STATED_NOISE))
             for given in (raw, moved(raw))
         )
-        msg = (
-            f"{calibrator.name} is {error:.3g} from the true parameters without noise, "
-            f"{TOLERANCE:g} is allowed; "
-        )
-        if not np.all(np.abs(_numbers(again) - _numbers(answer)) <= TOLERANCE):
-            msg += (
-                "asked again it answers otherwise: it must answer the same each time, "
-                "so keep nothing from one call to the next"
+        why = _other_meaning(answer, sensor, calibrator.estimates)
+        if not np.all(np.abs(again - _numbers(answer)) <= TOLERANCE):
+            why = (
+                f"{OTHERWISE}: it must answer the same each time, so keep nothing from "
+                "one call to the next"
             )
         elif error <= NEAR:
-            cause = cause_of(_numbers(answer)[None], _numbers(of_moved)[None])
-            msg += (
-                "its conventions fit, its precision does not: "
-                f"{cause}; {_worst(answer, sensor)}"
-            )
-        else:
-            msg += _other_meaning(answer, sensor, calibrator.estimates)
+            cause = cause_of(_numbers(answer)[None], of_moved[None])
+            why = f"{IMPRECISE}: {cause}; {_worst(answer, sensor)}"
+        msg = (
+            f"{calibrator.name} is {error:.3g} from the true parameters without noise, "
+            f"{TOLERANCE:g} is allowed; {why}"
+        )
         raise PluginError(msg)
     return error
 
@@ -654,7 +613,7 @@ def _other_meaning(
     M, B = answer.matrix, answer.bias
     invertible = np.linalg.cond(M) < 1.0 / np.finfo(float).eps
     inverse = np.linalg.inv(M) if invertible else M
-    readings: dict[str, tuple[Array, Array]] = {
+    readings = {
         "`matrix` looks inverted: it must take raw readings to force": (inverse, B),
         "`matrix` looks transposed": (M.T, B),
         "`B` has the wrong sign: force = matrix @ (raw - B)": (M, -B),
@@ -667,9 +626,21 @@ def _other_meaning(
         other = Calibration(matrix=matrix, bias=bias)
         if float(_errors(other, sensor).max()) <= TOLERANCE:
             return words
+    needed = (
+        f"It declares that it estimates {' and '.join(estimates)}, and the sensor of "
+        "the probe has no other error"
+    )
+    if estimates == ALL:
+        needed = (
+            "All nine parameters are needed: the sensor of the probe has misalignment "
+            "S, scale K and bias B. If it estimates fewer, declare which in "
+            "`estimates`"
+        )
     return (
         f"no other sign, order or direction fits either; {_worst(answer, sensor)}. "
-        f"{_needed(estimates)}"
+        f"{needed}; if it needs the six faces of a cube, set `calibrator.pose_set = "
+        '"faces"` in a suite, as by `simval sweep smoke --plugin FILE.py --set '
+        "calibrator.pose_set=faces`"
     )
 
 
@@ -688,21 +659,3 @@ def _worst(answer: Calibration, sensor: AccelerometerModel) -> str:
 
 def _numbers(answer: Calibration) -> Float[Array, "12"]:
     return np.append(answer.matrix, answer.bias)
-
-
-def _needed(estimates: tuple[str, ...]) -> str:
-    faces = (
-        'if it needs the six faces of a cube, set `calibrator.pose_set = "faces"` in a '
-        "suite, as by `simval sweep smoke --plugin FILE.py --set "
-        "calibrator.pose_set=faces`"
-    )
-    if estimates == ALL:
-        return (
-            "All nine parameters are needed: the sensor of the probe has misalignment "
-            "S, scale K and bias B. If it estimates fewer, declare which in "
-            f"`estimates`; {faces}"
-        )
-    return (
-        f"It declares that it estimates {' and '.join(estimates)}, and the sensor of "
-        f"the probe has no other error; {faces}"
-    )

@@ -106,35 +106,27 @@ def _are_names(values: Any, known: tuple[str, ...]) -> bool:
 
 
 def declarations(plugin: Any) -> dict[str, str]:
-    """Words for each declaration; its name and what it must have are left out."""
+    """Words for each declaration but its name; what it leaves open is left out."""
     if not is_dataclass(plugin):
         return {}
+    values = {each: getattr(plugin, each.name) for each in fields(plugin)}
     return {
-        each.name: one_line(_spelled(getattr(plugin, each.name)))
-        for each in fields(plugin)
-        if each.name != "name" and not _must_run(each.default, plugin, each.name)
+        each.name: one_line(_spelled(value))
+        for each, value in values.items()
+        # a function without a default is the algorithm itself
+        if not (each.default is MISSING and callable(value))
+        if each.name != "name" and value is not None
     }
-
-
-def _must_run(default: Any, plugin: Any, name: str) -> bool:
-    """Whether it is the algorithm itself: a function without a default."""
-    return default is MISSING and callable(getattr(plugin, name))
 
 
 def _spelled(value: Any) -> str:
-    kinds: Mapping[type, Callable[[Any], str]] = {
-        bool: lambda yes: "yes" if yes else "no",
-        tuple: lambda values: ", ".join(map(_spelled, values)) or "none",
-        Path: lambda path: path.name,
-    }
-    if value is None:
-        return "none"
-    if callable(value):
-        return "given"
-    for kind, spell in kinds.items():
-        if isinstance(value, kind):
-            return spell(value)
-    return str(value)
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, tuple):
+        return ", ".join(map(_spelled, value)) or "none"
+    if isinstance(value, Path):
+        return value.name
+    return "given" if callable(value) else str(value)
 
 
 Claim = Literal["exact", 2, 4]

@@ -394,7 +394,7 @@ def require_the_same_again(
     Of a batch, which is all trials, it is asked for the beginning alone.
     """
     if readings.lead:
-        readings = _beginning(readings, max(AGAIN, int(rows[0]) + 1))
+        readings = beginning(readings, max(AGAIN, int(rows[0]) + 1))
         rows = rows[rows < len(readings.dt)]
         words = {word: values[: len(rows)] for word, values in before.words.items()}
         before = replace(before, words=words)
@@ -412,7 +412,7 @@ def require_the_same_again(
 
 def require_a_life_of_its_own(filter: Filter, one: Readings, other: Readings) -> None:
     """Require that two filters, stepped by turns, answer as each does alone."""
-    one, other = _beginning(one), _beginning(other)
+    one, other = beginning(one), beginning(other)
     rows = np.arange(len(one.dt))
     alone = run_of(filter, one, rows)
     sensors = [list(np.array(a)) for a in other.sensors]
@@ -437,7 +437,7 @@ def require_a_life_of_its_own(filter: Filter, one: Readings, other: Readings) ->
 
 def require_trials_alone(filter: Filter, batch: Readings, alone: Readings) -> None:
     """Require that the first trial of a batch is what it is alone."""
-    batch, alone = _beginning(batch), _beginning(alone)
+    batch, alone = beginning(batch), beginning(alone)
     rows = np.arange(len(batch.dt))
     runs = [run_of(filter, own, rows) for own in (batch, alone)]
     q = [own_quaternions(filter, run.words["attitude"][:, 0]) for run in runs]
@@ -501,7 +501,8 @@ def _some(readings: Readings, trials: int) -> Readings:
     return replace(readings, lead=(n,), sensors=sensors, reads=reads)
 
 
-def _beginning(readings: Readings, count: int = BY_TURNS) -> Readings:
+def beginning(readings: Readings, count: int = BY_TURNS) -> Readings:
+    """The first rows."""
     rows = slice(0, count)
     return replace(
         readings,

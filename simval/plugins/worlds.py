@@ -45,7 +45,7 @@ from simval.plugins.attitudes import WORLDS
 from simval.plugins.child import where_it_lives
 from simval.plugins.protocol import Filter, alternatives
 from simval.plugins.runs import (
-    Run,
+    beginning,
     on_body_side,
     own_quaternions,
     readings_of,
@@ -80,7 +80,12 @@ class Path:
 def path(told: Told, rate: float, rest: float, turn: float) -> Path:
     """Rest for some seconds, then turn for some."""
     still, moving = (max(round(seconds * rate), 0) for seconds in (rest, turn))
-    phi = np.concatenate([_sway(still, rate), _turns(moving)])
+    t = (np.arange(still) + 0.5) / rate
+    sway = np.stack([np.cos(t), np.cos(t + 2.0), np.cos(t + 4.0)], axis=1)
+    t = (np.arange(moving) + 0.5) / max(moving, 1)
+    axis = np.stack([np.cos(2.0 * t), np.sin(2.0 * t), 0.6 - t], axis=1)
+    size = ANGLE * 2.0 * np.sin(np.pi * t) ** 2 / max(moving, 1)  # from rest to rest
+    phi = np.concatenate([SWAY / rate * sway, size[:, None] * normalize(axis)])
     half = np.linalg.norm(phi, axis=1, keepdims=True) / 2.0
     # sinc(x) is sin(pi x) / (pi x): no branch at rest
     steps = np.concatenate([phi / 2.0 * np.sinc(half / np.pi), np.cos(half)], axis=1)
@@ -107,20 +112,6 @@ def _products(q: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
         found[shift:] = compose(found[:-shift], found[shift:])
         shift *= 2
     return found
-
-
-def _sway(count: int, rate: float) -> Float[Array, "count 3"]:
-    """Rotation vectors of a body that is all but at rest."""
-    t = (np.arange(count) + 0.5) / rate
-    return SWAY / rate * np.stack([np.cos(t), np.cos(t + 2.0), np.cos(t + 4.0)], axis=1)
-
-
-def _turns(count: int) -> Float[Array, "count 3"]:
-    """Rotation vectors of smooth turns that begin and end at rest."""
-    t = (np.arange(count) + 0.5) / max(count, 1)
-    axis = np.stack([np.cos(2.0 * t), np.sin(2.0 * t), 0.6 - t], axis=1)
-    size = ANGLE * 2.0 * np.sin(np.pi * t) ** 2 / max(count, 1)
-    return size[:, None] * normalize(axis) if count else np.zeros((0, 3))
 
 
 STAYS: Final = np.radians(5.0)
@@ -155,14 +146,9 @@ class Stray:
     """How far one declaration strays."""
 
     declared: Filter
-    full: float  # greatest error of attitude, rad
+    judged: float  # greatest error of what it is judged by, rad
     inclination: float
     error: PluginError | None = None
-
-    @property
-    def judged(self) -> float:
-        """What it is judged by, rad."""
-        return self.full if self.declared.magnetometer else self.inclination
 
 
 @dataclass(slots=True)
@@ -174,53 +160,49 @@ class Trial:
     rate: float
     paths: dict[tuple[float, float], Path] = field(default_factory=dict)
     runs: dict[tuple[object, ...], Array | PluginError] = field(default_factory=dict)
-    strays: dict[tuple[object, ...], Stray] = field(default_factory=dict)
 
     def all_of(self, filters: Iterable[Filter]) -> list[Stray]:
         """How far each declaration strays."""
         return [self.stray(each) for each in filters]
 
-    def after_a_long_rest(self, some: list[Stray]) -> list[Stray]:
-        """How far declarations stray where the turn comes after a long rest."""
-        return [self._judged(each.declared, LONGER[1]) for each in some]
-
     def stray(self, declared: Filter) -> Stray:
         """How far one declaration strays; at a glance first, if it starts at once."""
-        key = tuple(getattr(declared, word) for word in declared.conventions)
-        if key not in self.strays:
-            self.strays[key] = self._stray(declared)
-        return self.strays[key]
-
-    def _stray(self, declared: Filter) -> Stray:
         if "start" in self.filter.reads:
             for rest, turn in ((0.0, GLANCE), (REST, 0.0)):
-                glance = self._judged(declared, rest, turn)
+                glance = self.judged(declared, rest, turn)
                 if not glance.judged <= FAR:
                     return glance
-            return self._judged(declared, REST)
+            return self.judged(declared, REST)
         for rest in LONGER[:-1]:
             raw = self._raw(declared, rest, TURN)
-            if isinstance(raw, PluginError) or self._settled(declared, raw, rest):
-                return self._judged(declared, rest)
-        return self._judged(declared, LONGER[-1])
+            if isinstance(raw, PluginError):
+                return self.judged(declared, rest)
+            # whether it has come to rest before the turn begins
+            end = self._path(rest, TURN).rest - 1
+            before = max(end - round(JUDGED * self.rate), 0)
+            q = own_quaternions(declared, raw[[before, end]])
+            if attitude_error(q[0], q[1]) <= SETTLED:
+                return self.judged(declared, rest)
+        return self.judged(declared, LONGER[-1])
 
-    def _settled(self, declared: Filter, raw: Array, rest: float) -> bool:
-        """Whether a filter has come to rest before the turn begins."""
-        end = self._path(rest, TURN).rest - 1
-        before = max(end - round(JUDGED * self.rate), 0)
-        q = own_quaternions(declared, raw[[before, end]])
-        return bool(attitude_error(q[0], q[1]) <= SETTLED)
-
-    def _judged(self, declared: Filter, rest: float, turn: float = TURN) -> Stray:
-        raw, truth = self._raw(declared, rest, turn), self._path(rest, turn)
+    def judged(self, declared: Filter, rest: float, turn: float = TURN) -> Stray:
+        """How far it strays on one path."""
+        raw, path = self._raw(declared, rest, turn), self._path(rest, turn)
         if isinstance(raw, PluginError):
-            return Stray(declared=declared, full=np.inf, inclination=np.inf, error=raw)
+            return Stray(
+                declared=declared, judged=np.inf, inclination=np.inf, error=raw
+            )
         first = 0
         if "start" not in self.filter.reads:
-            first = max(truth.rest - round(JUDGED * self.rate), 0)
+            first = max(path.rest - round(JUDGED * self.rate), 0)
         q = to_scene(own_quaternions(declared, raw[first:]), str(declared.world))
-        full, inclination = _errors(truth.truth[first:], q)
-        return Stray(declared=declared, full=full, inclination=inclination)
+        truth = path.truth[first:]
+        up, other = (attitude_matrix(each)[:, :, 2] for each in (truth, q))
+        sine = np.linalg.norm(np.cross(up, other), axis=1)
+        inclination = float(np.arctan2(sine, np.vecdot(up, other)).max())
+        full = float(np.max(attitude_error(truth, q)))
+        judged = full if declared.magnetometer else inclination
+        return Stray(declared=declared, judged=judged, inclination=inclination)
 
     def explained(self, declared: Filter) -> str:
         """One fault by which a declaration strays as it does; empty where none does.
@@ -250,15 +232,12 @@ class Trial:
                 "declared: transpose the matrix, or conjugate the quaternion, once"
             )
         most = min(round(LATEST * self.rate), half - 1)
-        rows = range(-most, most + 1)
-        left = [
-            float(np.max(attitude_error(here.truth[half - k : len(q) + half - k], q)))
-            if k >= 0
-            else float(np.max(attitude_error(here.truth[half - k :], q[: len(q) + k])))
-            for k in rows
-        ]
-        k = rows[int(np.argmin(left))]
-        if k == 0 or min(left) > LIKE * left[most]:
+        left = {}
+        for k in range(-most, most + 1):
+            true = here.truth[half - k : len(own) - k]
+            left[k] = float(np.max(attitude_error(true, q[: len(true)])))
+        k = min(left, key=lambda each: left[each])
+        if k == 0 or left[k] > LIKE * left[0]:
             return ""
         return (
             f"its answers are {'late' if k > 0 else 'early'} by {abs(k)} rows, "
@@ -275,13 +254,13 @@ class Trial:
     def _raw(
         self, declared: Filter, rest: float, turn: float
     ) -> Float[Array, "T ..."] | PluginError:
-        """Answers to a path; what is handed the same is run once."""
+        """Answers to a path; what is given the same is run once."""
         here = self._path(rest, turn).given
         trials = slice(0, 1) if declared.batch else 0
         readings = readings_of(declared, here, trials, str(declared.world))
-        handed = [np.asarray(v).tobytes() for v in readings.reads.values()]
+        given = [np.asarray(v).tobytes() for v in readings.reads.values()]
         form = "matrix" if declared.components == "matrix" else "quaternion"
-        key = (rest, turn, form, declared.accelerometer, *handed)
+        key = (rest, turn, form, declared.accelerometer, *given)
         if key not in self.runs:
             rows = np.arange(len(here.dt))
             try:
@@ -292,14 +271,6 @@ class Trial:
             except PluginError as error:
                 self.runs[key] = error
         return self.runs[key]
-
-
-def _errors(truth: Float[Array, "T 4"], q: Float[Array, "T 4"]) -> tuple[float, float]:
-    """Greatest errors of attitude, and of inclination, rad."""
-    up, other = (attitude_matrix(each)[:, :, 2] for each in (truth, q))
-    sine = np.linalg.norm(np.cross(up, other), axis=1)
-    inclination = np.arctan2(sine, np.vecdot(up, other))
-    return float(np.max(attitude_error(truth, q))), float(inclination.max())
 
 
 BIAS: Final = (1e-3, -2e-3, 1.5e-3)
@@ -314,41 +285,32 @@ of the bias both are 0, and there is no verdict."""
 
 def require_signs(filter: Filter, told: Told, world: str, rate: float) -> None:
     """Check the sign of the bias, and of its covariance with the attitude."""
-    still = path(told, rate, SECONDS, 0.0)
+    still, bias = path(told, rate, SECONDS, 0.0), np.array(BIAS)
     given = replace(
         still.given,
-        gyroscope=still.given.gyroscope + np.array(BIAS),
+        gyroscope=still.given.gyroscope + bias,
         start=still.truth[:1],
     )
-    first = _run(filter, _beginning(given), world)
-    covariance = first.words.get("covariance")
-    larger = covariance is not None and covariance.shape[-1] >= 6
-    if "bias" not in first.words and not larger:
+    readings = readings_of(filter, given, slice(0, 1) if filter.batch else 0, world)
+    first = run_of(filter, beginning(readings, 1), np.arange(1)).words
+    larger = "covariance" in first and first["covariance"].shape[-1] >= 6
+    if "bias" not in first and not larger:
         return
-    words = {
-        word: values[:, 0] if filter.batch else values
-        for word, values in _run(filter, given, world).words.items()
-    }
-    if "bias" in words:
-        _require_bias(filter, words["bias"][-1])
-    if larger:
-        own = own_quaternions(filter, words["attitude"][-1:])
-        P = on_body_side(filter, words["covariance"][-1:], own)[0]
-        _require_covariance(filter, P)
-
-
-def _require_bias(filter: Filter, found: Float[Array, "3"]) -> None:
-    bias = np.array(BIAS)
-    if float(found @ bias) < -CLEAR * float(bias @ bias):
+    run = run_of(filter, readings, np.array([len(given.dt) - 1]))
+    last = {w: v[:, 0] if filter.batch else v for w, v in run.words.items()}
+    if "bias" in last and float((found := last["bias"][0]) @ bias) < -CLEAR * float(
+        bias @ bias
+    ):
         msg = (
             f"{filter.name} answers with the `bias` {_numbers(found)} rad/s where it "
             f"is {_numbers(bias)}: return what the gyroscope reads at rest, so that "
             "the rate is the reading less the bias"
         )
         raise PluginError(msg)
-
-
-def _require_covariance(filter: Filter, P: Float[Array, "p p"]) -> None:
+    if not larger:
+        return
+    own = own_quaternions(filter, last["attitude"])
+    P = on_body_side(filter, last["covariance"], own)[0]
     size = float(np.sqrt(np.trace(P[:3, :3]) * np.trace(P[3:6, 3:6])))
     if float(np.trace(P[:3, 3:6])) > CLEAR * size:
         msg = (
@@ -357,23 +319,6 @@ def _require_covariance(filter: Filter, P: Float[Array, "p p"]) -> None:
             "the rotation vector of the body; turn the sign of the blocks between them"
         )
         raise PluginError(msg)
-
-
-def _run(filter: Filter, given: FilterInput, world: str) -> Run:
-    trials = slice(0, 1) if filter.batch else 0
-    readings = readings_of(filter, given, trials, world)
-    return run_of(filter, readings, np.array([len(given.dt) - 1]))
-
-
-def _beginning(given: FilterInput) -> FilterInput:
-    """The first row."""
-    return replace(
-        given,
-        dt=given.dt[:1],
-        gyroscope=given.gyroscope[:, :1],
-        accelerometer=given.accelerometer[:, :1],
-        magnetometer=given.magnetometer[:, :1],
-    )
 
 
 def _numbers(values: Float[Array, "3"]) -> str:
@@ -425,54 +370,40 @@ def find_world(filter: Filter, told: Told, rate: float = 100.0) -> FoundWorld:
         does, with what was tried; or if a sign of its bias is wrong.
     """
     trial = Trial(filter, told, rate)
+    # one without a magnetometer, or with a field, has the north that it is given
+    any_north = not filter.magnetometer or "field" in filter.reads
     worlds = (filter.world,) if filter.world else WORLDS
     strays = trial.all_of(replace(filter, world=world) for world in worlds)
     if not any(each.judged <= STAYS for each in strays):
-        raise _misdeclared(trial, filter, min(strays, key=lambda each: each.judged))
-    # of a declared one that has any north the others say nothing
-    more = () if filter.world and _any_north(filter) else WORLDS
-    every = trial.all_of(replace(filter, world=world) for world in (*worlds, *more))
-    alike = list({e.declared.world: e for e in every if e.judged <= STAYS}.values())
-    if len(alike) > 1 and not _any_north(filter):
-        alike = _lasting(trial, filter, alike)
-    best = _chosen(filter, alike)
-    names = [str(each.declared.world) for each in alike]
-    world = str(best.declared.world)
-    rest = tuple(name for name in PREFERRED if name in names and name != world)
-    require_signs(filter, told, world, rate)
-    return FoundWorld(world=world, alike=rest, stray=best.judged)
+        least = min(strays, key=lambda each: each.judged)
+        raise _misdeclared(trial, filter, least, any_north)
+    if filter.world and not any_north:  # else the others say nothing
+        strays += trial.all_of(replace(filter, world=world) for world in WORLDS)
+    stay = {each.declared.world: each for each in strays if each.judged <= STAYS}
+    if len(stay) > 1 and not any_north:
+        after = {
+            world: trial.judged(own.declared, LONGER[1]) for world, own in stay.items()
+        }
+        lasting = {world: each for world, each in after.items() if each.judged <= STAYS}
+        if lasting and filter.world in after.keys() - lasting.keys():
+            raise _misdeclared(trial, filter, after[filter.world], any_north)
+        stay = lasting or stay
+    world = min(stay, key=(filter.world, *PREFERRED).index)
+    if filter.world is None and len(stay) > 1 and not any_north:
+        msg = (
+            f"{filter.name} stays where it is started in the worlds "
+            f"{' and '.join(map(str, stay))} alike, so its own cannot be found: "
+            "declare its `world`"
+        )
+        raise PluginError(msg)
+    alike = tuple(name for name in PREFERRED if name in stay and name != world)
+    require_signs(filter, told, str(world), rate)
+    return FoundWorld(world=str(world), alike=alike, stray=stay[world].judged)
 
 
-def _any_north(filter: Filter) -> bool:
-    """Whether a filter has the north that it is given, by start and field."""
-    return not filter.magnetometer or "field" in filter.reads
-
-
-def _lasting(trial: Trial, filter: Filter, alike: list[Stray]) -> list[Stray]:
-    """Worlds in which a filter stays over a long rest as well, the declared one too."""
-    after = trial.after_a_long_rest(alike)
-    lasting = [each for each in after if each.judged <= STAYS]
-    for own in after:
-        if lasting and own.declared.world == filter.world and own not in lasting:
-            raise _misdeclared(trial, filter, own)
-    return lasting or alike
-
-
-def _chosen(filter: Filter, alike: list[Stray]) -> Stray:
-    """The declared one of the worlds in which a filter stays, or one of its own."""
-    order = (filter.world, *PREFERRED)
-    best = min(alike, key=lambda each: order.index(each.declared.world))
-    if filter.world is not None or len(alike) == 1 or _any_north(filter):
-        return best
-    names = " and ".join(str(each.declared.world) for each in alike)
-    msg = (
-        f"{filter.name} stays where it is started in the worlds {names} alike, so its "
-        "own cannot be found: declare its `world`"
-    )
-    raise PluginError(msg)
-
-
-def _misdeclared(trial: Trial, filter: Filter, off: Stray) -> PluginError:
+def _misdeclared(
+    trial: Trial, filter: Filter, off: Stray, any_north: bool
+) -> PluginError:
     """Say which declaration fits a filter that strays, or what was tried."""
     tried = trial.all_of(alternatives(filter))
     fits = [each for each in tried if each.judged <= STAYS]
@@ -488,8 +419,8 @@ def _misdeclared(trial: Trial, filter: Filter, off: Stray) -> PluginError:
     if not fits:
         why = trial.explained(off.declared) or _what_was_tried(filter, tried)
         return PluginError(f"{filter.name} {where}; {why}")
-    if len(fits) > 2 and not _any_north(filter):  # two are the same, upside down
-        after = trial.after_a_long_rest(fits)
+    if len(fits) > 2 and not any_north:  # two are the same, upside down
+        after = [trial.judged(each.declared, LONGER[1]) for each in fits]
         fits = [each for each in after if each.judged <= STAYS] or fits
     best = min(fits, key=lambda each: (_changes(each.declared, filter), each.judged))
     msg = (
@@ -524,14 +455,10 @@ def _what_was_tried(filter: Filter, tried: list[Stray]) -> str:
         )
     parts = []
     for world in WORLDS:
-        own = [each for each in tried if each.declared.world == world]
-        best = min(own, key=lambda each: each.judged)
-        parts.append(f"{world} {_degrees(best.judged)}")
+        least = min(each.judged for each in tried if each.declared.world == world)
+        off = f"{np.degrees(least):.0f}" if np.isfinite(least) else "fails"
+        parts.append(f"{world} {off}")
     return (
         f"it stays in none of the {len(tried)} declarations that were tried; by "
         f"degrees, the least in each world: {', '.join(parts)}{hint}"
     )
-
-
-def _degrees(angle: float) -> str:
-    return f"{np.degrees(angle):.0f}" if np.isfinite(angle) else "fails"

@@ -87,8 +87,8 @@ from simval.plugins.noise import VectorNoise, vector_noise
 from simval.plugins.probe import (
     TOLERANCE,
     allowed,
+    depends_on_noise,
     failure_shares,
-    heeds,
     rotation_error,
 )
 from simval.results import Row, limit, nees, plain, unjudged
@@ -310,7 +310,9 @@ class Attitudes(Problem[Estimator, float, Trials]):
     def weighs(self) -> bool:
         """Whether its attitudes depend on what it reads of the noise."""
         given = [np.repeat(v[None], HEEDED, axis=0) for v in self.truth]
-        return bool(self.plugin.reads) and heeds(self.plugin, given, covariance=False)
+        return bool(self.plugin.reads) and depends_on_noise(
+            self.plugin, given, covariance=False
+        )
 
     @property
     def claims(self) -> bool:

@@ -11,6 +11,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from places import EXAMPLES
 from pydantic import ValidationError
 from rounding import EPS
 from scipy.spatial.transform import Rotation
@@ -370,6 +371,14 @@ KINDS = {
     "calibrator": Calibrator(name="c", calibrate=print),
     "filter": Filter(name="f", make=print, **PASSIVE),
 }
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_declaration_stands_on_the_page(kind):
+    page = (EXAMPLES.parent / "plugins.md").read_text()
+    section = page.partition(f" {kind}\n\n")[2].partition("\n## ")[0]
+    for each in dataclasses.fields(KINDS[kind])[1:]:  # without its name
+        assert f"`{each.name}" in section
 
 
 @pytest.mark.parametrize("kind", KINDS)
