@@ -68,7 +68,7 @@ FINE = 100
 as many."""
 LEFT_OUT = 2e-5
 """Of a covariance in deviations, by the square of the rows to a reading: 7e-6, 1.3e-4
-and 7.8e-4 were seen with 1, 5 and 10 (`tests/studies/test_foundations.py`)."""
+and 7.8e-4 were seen with 1, 5 and 10 (`tests/studies/test_calibration_studies.py`)."""
 RELATIVE = 5e-3
 """Of a variance or a NEES: the bound's segments, and the covariance that is taken at a
 noisy estimate, which moves it by some 1e-3."""
@@ -84,7 +84,7 @@ PIECES = 40
 """Segments of a move in the bound. Beside the limit of ever shorter ones, a variance is
 off by up to 4e-3 of itself with 14 poses, 3e-3 with 40 and 12e-3 with 12, and the mean
 of all twelve, which is judged, by 1e-4, 4e-4 and 8e-4
-(`tests/studies/test_gyroscope_study.py`)."""
+(`tests/studies/test_calibration_studies.py`)."""
 THINNED = {f"{ROWS / k:g} Hz": k for k in (1, 2, 5, 10)}
 """Rows of 500 Hz to a reading, for the order of an integrator, by the rate's name."""
 AVERAGES, STRAIGHT = "averages", "straight lines"

@@ -4,63 +4,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from cells import excess, outcome
 from scipy import stats
 from scipy.integrate import quad
 
 from simval.noise import allan_covariance, allan_law
 from simval.noise.fit import RIDGE
-from simval.statistics import (
-    ALLAN_ERROR,
-    COVERAGE,
-    MEAN_ERROR,
-    SQUARED_ERROR,
-    VARIANCE_OVER_BOUND,
-)
-from simval.streams import Streams, cell_key
-from simval.studies import find_study
 from simval.studies.noise_model import LAGS, REMAINDERS, SECOND, Parameters, Theory
 from simval.theory.coloured_noise import LONGEST, sampled_allan_law
-
-STREAMS = Streams(1, cell_key("test noise study"))
-
-
-def rows(estimate, trials=264):
-    study = find_study("noise_model")
-    parameters = study.parameters(rows=4096, trials=trials, estimate=estimate)
-    return study.run(parameters, STREAMS).rows
-
-
-def excess(row):
-    """Standard errors by which a row is beyond what its prediction may be off by."""
-    return (abs(row.value - row.prediction) - row.remainder) / row.standard_error
-
-
-def require_near(found):
-    # one false alarm in 1e3 seeds for all of them together
-    plain = [row for row in found if row.check == "plain"]
-    limit = stats.norm.isf(1e-3 / (2 * len(plain)))
-    assert max(excess(row) for row in plain) < limit
-    assert all(row.n == 264 and np.isfinite(row.value) for row in plain)
-    correlation, white = (row for row in found if row.check != "plain")
-    assert correlation.value < correlation.prediction
-    assert white.value < white.remainder
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize("estimate", ["known weights", "fitted"])
-def test_every_row_is_near_its_prediction(estimate):
-    found = rows(estimate)
-    families = {row.statistic.family for row in found if row.check == "plain"}
-    unbiased = {MEAN_ERROR} if estimate == "known weights" else set()
-    assert families == {ALLAN_ERROR, SQUARED_ERROR, VARIANCE_OVER_BOUND} | unbiased
-    require_near(found)
-
-
-@pytest.mark.slow
-def test_the_intervals_cover_at_their_rate():
-    found = rows("intervals")
-    assert sum(row.statistic.family == COVERAGE for row in found) == 3
-    require_near(found)
 
 
 def weights_at(theory, truth):
@@ -176,20 +127,13 @@ def test_the_law_of_samples_is_that_of_averages_over_many_rows():
 @pytest.mark.ci
 def test_strong_flicker_is_judged_by_the_law_of_samples():
     """At B = 2 N the mean error of N^2 is a quarter of its deviation, and not 0."""
-    study = find_study("noise_model")
-    parameters = study.parameters(
-        rows=4096, trials=600, estimate="known weights", flicker=2.0, walk=1.0
-    )
-    found = {
-        str(row.statistic): row
-        for row in study.run(parameters, STREAMS).rows
-        if row.check == "plain"
-    }
-    limit = stats.norm.isf(1e-3 / (2 * len(found)))
-    assert max(excess(row) for row in found.values()) < limit
-    assert (
-        found["mean_error[N^2]"].value > limit * found["mean_error[N^2]"].standard_error
-    )
+    cell = {"rows": 4096, "trials": 600, "flicker": 2.0, "walk": 1.0}
+    rows = outcome("noise_model", estimate="known weights", **cell).rows
+    sampled = {str(row.statistic): row for row in rows if row.check == "plain"}
+    limit = stats.norm.isf(1e-3 / (2 * len(sampled)))
+    assert max(excess(row) for row in sampled.values()) < limit
+    mean = sampled["mean_error[N^2]"]
+    assert mean.value > limit * mean.standard_error
 
 
 @pytest.mark.parametrize("m", [1, 2, 3, 5, 20, 100])

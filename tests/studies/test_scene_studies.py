@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cells import rows_of
 from rounding import EPS
 from scipy import stats
 
@@ -13,7 +14,6 @@ from simval.errors import SimvalError
 from simval.geometry import attitude_error, compose, conjugate, normalize
 from simval.scene import simulate
 from simval.sensor import AccelerometerModel, MagnetometerModel
-from simval.streams import Streams, cell_key
 from simval.studies import detector, end_to_end
 from simval.studies.detector import (
     STILL_FORCE,
@@ -33,21 +33,12 @@ def folder(tmp_path_factory):
         yield
 
 
-def streams(name):
-    return Streams(11, cell_key(name))
-
-
 def scored(*known):
     return {family.name: value for family, value in score(*known).items()}
 
 
-def rows_of(outcome):
-    return {str(row.statistic): row for row in outcome.rows}
-
-
 def detected(**setting):
-    parameters = detector.Parameters(**setting)
-    return rows_of(detector.run(parameters, streams("detector")))
+    return rows_of("detector", **setting)
 
 
 def test_the_score_of_a_case_by_hand():
@@ -137,22 +128,6 @@ def test_a_trembling_hand_is_never_at_rest():
     assert "nees[pure]" not in found
 
 
-def test_the_figure_of_the_detector_has_what_the_report_draws():
-    parameters = detector.Parameters(poses=12, trials=2)
-    outcome = detector.run(parameters, streams("figure"))
-    ((name, drawn),) = outcome.artifacts.items()
-    assert name.startswith("static-gimbal")
-    n = len(drawn["time"])
-    assert drawn["signal"].shape == (n, 3)
-    assert drawn["variance"].shape == (n,)
-    assert drawn["intervals"].shape == (12, 2)
-    starts, stops = drawn["intervals"].T
-    assert np.all(starts < stops)
-    # each detected interval lies in one true rest
-    inside = (drawn["truth"][:, :1] <= starts) & (stops <= drawn["truth"][:, 1:])
-    assert np.all(inside.sum(axis=0) == 1)
-
-
 def test_a_fit_that_cannot_be_had_is_not_a_number():
     sensor = AccelerometerModel(T=np.eye(3), K=np.ones(3), B=np.zeros(3), noise_std=1.0)
     assert np.isnan(
@@ -169,33 +144,17 @@ def test_a_window_must_be_odd(window):
 TRIALS = 64
 
 
-@pytest.fixture(scope="module")
-def budget():
-    parameters = end_to_end.Parameters(trials=TRIALS)
-    return rows_of(end_to_end.run(parameters, streams("budget")))
-
-
 @pytest.mark.ci
-def test_every_part_of_the_budget_is_as_predicted(budget):
-    limit = stats.t.isf(1e-4 / 2 / 6, TRIALS - 1)  # six rows, one alarm in 1e4 seeds
-    for part in PARTS:
-        row = budget[f"budget[{part}]"]
-        assert abs(row.value - row.prediction) < limit * row.standard_error
-        assert row.remainder < 1e-4 * row.prediction
-    row = budget["nees"]
-    assert abs(row.value - 3.0) < limit * row.standard_error
-    assert budget["impure"].value == 0.0
-
-
-def test_the_parts_add_up(budget):
-    predicted = [budget[f"budget[{part}]"].prediction ** 2 for part in PARTS]
+def test_the_parts_of_the_budget_add_up():
+    rows = rows_of("end_to_end", trials=TRIALS)
+    assert rows["impure"].value == 0.0
+    parts = [rows[f"budget[{part}]"] for part in PARTS]
+    assert all(row.remainder < 1e-4 * row.prediction for row in parts)
+    predicted = [row.prediction**2 for row in parts]
     # the mean over trials of a sum is the sum of the means: rounding only
     assert sum(predicted[:4]) == pytest.approx(predicted[4], rel=1e-12, abs=0)
-    measured = [budget[f"budget[{part}]"].value ** 2 for part in PARTS]
-    spread = [
-        2 * budget[f"budget[{p}]"].value * budget[f"budget[{p}]"].standard_error
-        for p in PARTS
-    ]
+    measured = [row.value**2 for row in parts]
+    spread = [2 * row.value * row.standard_error for row in parts]
     # the cross terms of independent sources average to zero; 4.4 sigma, 1e-5
     assert abs(sum(measured[:4]) - measured[4]) < 4.4 * np.linalg.norm(spread)
 
@@ -203,8 +162,7 @@ def test_the_parts_add_up(budget):
 @pytest.mark.slow
 def test_a_budget_without_a_part_is_rejected():
     """Power: with few poses and long means neither part of the tumble can be left."""
-    parameters = end_to_end.Parameters(trials=TRIALS, poses=12, average=2000)
-    rows = rows_of(end_to_end.run(parameters, streams("power")))
+    rows = rows_of("end_to_end", trials=TRIALS, poses=12, average=2000)
     total = rows["budget[total]"]
     limit = stats.t.isf(1e-4 / 2, TRIALS - 1)
     assert abs(total.value - total.prediction) < limit * total.standard_error
