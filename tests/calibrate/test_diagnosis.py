@@ -93,7 +93,10 @@ def test_standardised_residuals_are_standard(residual):
     unknown noise they follow Student's t."""
     batch = poses(12, 500, seed=1)
     fit = calibrate(batch, G, residual=residual)
-    values = residuals(fit, batch, SIGMA).standardized
+    found = residuals(fit, batch, SIGMA)
+    values = found.standardized
+    beyond = np.sum((np.abs(values) > found.limit[:, None]).any(axis=1))
+    assert beyond <= stats.binom.isf(1e-4 / 4, 500, FALSE_ALARM)
     # a chi-square below 1 % falls back to the scatter: it cuts the tail only
     assert np.all(np.abs(values.var(axis=0) - 1) < 5 * np.sqrt(2 / 500) + 0.05)
     leverage = diagnose(calibrate(batch[0], G, residual=residual), batch[0]).leverage

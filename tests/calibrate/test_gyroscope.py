@@ -44,7 +44,7 @@ from simval.theory.joint_bias import gyroscope_bias
 
 ZERO = np.random.default_rng(0)
 TRUTH = np.concatenate([ACCELEROMETER.parameters, M.ravel(), GYROSCOPE.B])
-TIME, RATE, RESTS, ATTITUDES = rolled(GENERIC, hold=150, move=60, h=H)
+TIME, RATE, RESTS, _ = rolled(GENERIC, hold=150, move=60, h=H)
 
 
 # starts and forms

@@ -8,11 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from simval.calibrate import load_calibration
-from simval.calibrate.files import load_others
-from simval.cli import run
 from simval.errors import (
-    ConvergenceError,
     InputError,
     RefusedError,
     SaturatedError,
@@ -88,13 +84,6 @@ def test_every_sensor_of_a_log_is_found_within_its_error_bars(path, whole):
 
 
 @pytest.mark.ci
-def test_the_moves_help_the_accelerometer(whole):
-    own, joint = whole.log.fit, whole.accelerometer
-    assert np.all(joint.parameters == whole.gyroscope.accelerometer)
-    assert np.any(joint.parameters != own.parameters)
-
-
-@pytest.mark.ci
 def test_three_sensors_are_of_one_fit(path, whole):
     """Where one is left out, the others are as they were without it."""
     fit = whole.together
@@ -124,47 +113,23 @@ def test_three_sensors_are_of_one_fit(path, whole):
 
 
 @pytest.mark.ci
-def test_sensors_that_do_not_agree_are_left_as_two_fits_have_them(path, monkeypatch):
-    def astray(*given, **named):
-        msg = "far from each other"
-        raise ConvergenceError(msg)
+def test_the_command_writes_all_and_correct_applies_it(simval, path, tmp_path):
+    """Noise of a pose and of a message; what `correct` makes of the rows is the truth.
 
-    log = read_log(path)
-    result = calibrate_log(log)
-    monkeypatch.setattr("simval.calibrate.calibrate_nine_axis", astray)
-    found = calibrate_sensors(log, result)
-    assert found.together is None
-    assert found.gyroscope is not None
-    assert found.magnetometer is not None
-    assert found.reasons[-1].endswith("not fitted together: far from each other")
-
-
-@pytest.mark.slow
-def test_the_command_writes_all_and_correct_applies_it(path, tmp_path, capsys):
-    file, page = tmp_path / "imu.json", tmp_path / "imu.html"
-    words = ["calibrate", str(path), "--out", str(file), "--report", str(page)]
-    words += ["--kalibr", str(tmp_path / "imu.yaml")]
-    assert run([*words, "--field", "4.47213595499958e-05"]) == 0
-    said = capsys.readouterr().out
-    words = ("gyroscope         rate = M (reading - B)", "degrees below", "M_zz")
-    for each in (*words, "together          accelerometer, gyroscope and magnetometer"):
-        assert each in said
-    assert (tmp_path / "imu.yaml").read_text().startswith("imu0:\n  T_i_b:")
+    That file, page and terminal agree is `test_one_fit`'s.
+    """
+    file, out = tmp_path / "imu.json", tmp_path / "corrected.csv"
+    words = ["--out", file, "--field", "4.47213595499958e-05"]
+    assert simval("calibrate", path, *words)[0] == 0
     written = json.loads(file.read_text())
     assert written["left_out"] == {}
     one = written["together"]
     assert len(one["names"]) == len(one["covariance"]) == 34
-    assert one["status"] == "converged"
-    np.testing.assert_array_equal(
-        written["covariance"], np.array(one["covariance"])[:9, :9]
-    )
-    assert load_calibration(file).parameters.tolist() == written["parameters"]
-    part = said[said.index("magnetometer      field") :]
-    assert "noise of a pose" in part
-    assert "of the log's longest rest" in part
+    whole = np.array(one["covariance"])
+    np.testing.assert_array_equal(written["covariance"], whole[:9, :9])
     # 3 counts a row, rounded: the root of 9 + 1/12 over the rows of a rest, to three
-    # standard deviations, 0.7 % each; the Allan variance of 12 s tells
-    # that of a usual rest to a fifth
+    # standard deviations, 0.7 % each; the Allan variance of 12 s tells that of a usual
+    # rest to a fifth
     compass = written["magnetometer"]
     assert compass["pose_noise"] == "log"
     rows = np.diff(written["interval_samples"])[:, 0]
@@ -174,15 +139,10 @@ def test_the_command_writes_all_and_correct_applies_it(path, tmp_path, capsys):
     assert std == pytest.approx(np.median(white), rel=0.4)
     covariance = written["ros_imu"]["angular_velocity_covariance"]
     # 0.15 raw per root hertz is 1.5 a row at 100 Hz, on scales of 1.1e-3
-    assert np.sqrt(covariance[::4]) == pytest.approx(
-        1.5 * np.array([1.1e-3, 1.12e-3, 1.05e-3]), rel=0.1
-    )
+    assert np.sqrt(covariance[::4]) == pytest.approx(1.5 * np.full(3, 1.1e-3), rel=0.15)
     assert written["ros_imu"]["orientation_covariance"][0] == -1.0
-    assert "<h2" in page.read_text(encoding="utf-8")
-    out = tmp_path / "corrected.csv"
-    line = ["correct", str(path), "--calibration", str(file), "--out", str(out)]
-    assert run(line) == 0
-    assert "unchanged" not in capsys.readouterr().err
+    code, _, said = simval("correct", path, "--calibration", file, "--out", out)
+    assert (code, "unchanged" in said) == (0, False)
     corrected = np.genfromtxt(out, delimiter=",", names=True)
     true = np.genfromtxt(path, delimiter=",", names=True)
     truths = (("a", "true_fz_ms2", 0.02), ("w", "true_wz_rads", 4e-3))
@@ -224,16 +184,13 @@ def test_kalibrs_file_says_the_same_readings(path, whole):
 
 
 @pytest.mark.ci
-def test_what_a_calibration_lacks_is_unchanged_and_said(path, tmp_path, capsys):
+def test_what_a_calibration_lacks_is_unchanged_and_said(simval, path, tmp_path):
     file, out = tmp_path / "a.json", tmp_path / "out.csv"
-    words = ["calibrate", str(path), "--out", str(file), "--sensors", "none"]
-    assert run(words) == 0
-    capsys.readouterr()
-    line = ["correct", str(path), "--calibration", str(file), "--out", str(out)]
-    assert run(line) == 0
-    said = capsys.readouterr().err
-    assert "unchanged         the gyroscope: the calibration has none" in said
-    assert "unchanged         the magnetometer" in said
+    assert simval("calibrate", path, "--out", file, "--sensors", "none")[0] == 0
+    code, _, said = simval("correct", path, "--calibration", file, "--out", out)
+    assert code == 0
+    for name in ("gyroscope", "magnetometer"):
+        assert f"unchanged         the {name}" in said
     rows = np.loadtxt(out, delimiter=",", skiprows=1)
     np.testing.assert_array_equal(rows[:, 4:7], read_log(path).gyro)
 
@@ -285,7 +242,7 @@ def test_a_sensor_that_is_asked_for_must_be_there(path):
         calibrate_sensors(log, result, sensors=["barometer"])
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(20))
 def test_a_rail_is_told_from_a_round_top(seed):
     """Random moves, noise and converters: clipped ones are told, whole ones are not."""
     rng = np.random.default_rng([5, seed])
@@ -309,20 +266,3 @@ def test_a_rail_is_told_from_a_round_top(seed):
 
 def log_of(time, rows):
     return Log(path="log.csv", time=time, accelerometer=rows, gyro=rows, rate=100.0)
-
-
-BAD = [None, 1, "M", [], {}, {"M": 1}, {"M": [[1, 0], [0, 1]], "B": [0, 0, 0]}, {
-    "M": [[0] * 3] * 3, "B": [0] * 3, "b": [0] * 3
-}, {"M": [["a"] * 3] * 3, "B": [0] * 3, "b": [0] * 3}]  # fmt: skip
-
-
-@pytest.mark.parametrize("name", ["gyroscope", "magnetometer"])
-@pytest.mark.parametrize("block", BAD)
-def test_a_damaged_block_is_refused(tmp_path, name, block):
-    path = tmp_path / "imu.json"
-    path.write_text(json.dumps({name: block}))
-    if block is None:
-        assert load_others(path) == (None, None)
-        return
-    with pytest.raises(InputError, match=str(path)):
-        load_others(path)

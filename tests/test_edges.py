@@ -5,11 +5,9 @@ import pytest
 import side_by_side
 from rows_by_name import cell, row
 from scipy.spatial.transform import Rotation
-from tumbles import ACCELEROMETER, FIRST_UP, GENERIC, GYROSCOPE, rolled
 from written import written
 
-from simval.calibrate import calibrate, moves_between
-from simval.errors import InputError, RefusedError
+from simval.errors import InputError
 from simval.judge.gate import gaps_of
 from simval.logs import read_log
 from simval.logs.truth import read_truth
@@ -81,26 +79,6 @@ def test_a_converter_stops_what_is_beyond_its_ends_and_nothing_at_them(quantum):
     beyond = [x < low or x > high for x in values]
     assert np.array_equal(found.saturated, np.array([beyond] * 3).T)
     assert np.array_equal(found.raw, np.minimum(np.maximum(force, low), high))
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_reading_at_the_end_of_the_range_is_refused_and_one_below_it_is_not(side):
-    rng = np.random.default_rng(3)
-    time, rate, rests, attitudes = rolled(GENERIC, hold=8, move=20)
-    poses = ACCELEROMETER.distort(9.81 * attitudes.inv().apply(FIRST_UP), rng)
-    rows = GYROSCOPE.distort(rate, rng)
-    moving = rows[8:-8]
-    for readings, call in (
-        (poses, lambda y, most: calibrate(y, 9.81, full_scale=most)),
-        (moving, lambda _, most: moves_between(time, rows, rests, full_scale=most)),
-    ):
-        greatest = np.unravel_index(np.abs(readings).argmax(), readings.shape)
-        readings[greatest] = side * abs(readings[greatest])
-        end = abs(readings[greatest])
-        call(readings, np.nextafter(end, UP))
-        for most in (end, np.nextafter(end, DOWN)):
-            with pytest.raises(RefusedError, match=r"saturated|range ends"):
-                call(readings, most)
 
 
 # --- recorded attitudes

@@ -1,0 +1,399 @@
+"""The rests of a log: the same at any rate, without the rows that are lost or turn."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_logs import G, Motion, far, log_of, noise, three
+from places import recording
+from scipy.signal import lfilter
+from true_sensor import MODEL
+from tumbles import tumble
+from written import written
+
+from simval.errors import InputError, RefusedError
+from simval.logs import read_log
+from simval.multiposition import calibrate_log, calibrate_sensors
+from simval.multiposition.rests import find_rests
+from simval.recorded.settings import signals
+from simval.statics import detector, evened, still_parts
+from simval.statics.turns import FALSE_ALARM, WINDOW
+
+
+def recorded(motion, rate, rng, jitter=0.0, lost=0.0, **of_noise):
+    """Log of a motion; its clock may jitter by a share of a row, and rows be lost."""
+    t, _ = motion.times(rate)
+    raw = MODEL.distort(motion.force(t), rng) + noise(rng, len(t), rate, **of_noise)
+    clock = t + jitter / rate * rng.uniform(-1.0, 1.0, len(t))
+    keep = rng.random(len(t)) >= lost
+    keep[[0, -1]] = True
+    return log_of(clock[keep], raw[keep])
+
+
+def require_right(motion, log):
+    """Each rest of the motion once, and the parameters within their error bars."""
+    result = calibrate_log(log, g=G)
+    middle = log.time[(result.intervals[:, 0] + result.intervals[:, 1]) // 2]
+    assert len(middle) == motion.count
+    assert np.all((motion.start < middle) & (middle < motion.stop))
+    # nine t values with 15 degrees of freedom: beyond 10 one in 1e7 each; what is
+    # sought is a false rest, which is off by hundreds
+    assert far(result.fit, MODEL.parameters) < 10.0
+    return result
+
+
+def motion_of(seed, **how):
+    return Motion(np.random.default_rng(seed), **how)
+
+
+# one motion at any rate
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("rate", [5.0, 10.0, 25.0, 50.0, 142.0, 400.0, 800.0, 2000.0])
+def test_the_same_motion_at_any_rate_gives_the_same_rests(rate):
+    motion = motion_of(31)
+    require_right(motion, recorded(motion, rate, np.random.default_rng(32)))
+
+
+@pytest.mark.parametrize(
+    "how",
+    [{"jitter": 0.4}, {"lost": 0.15}, {"band": 5.0}, {"band": 1.0}, {"sigma": 0.05}],
+)
+@pytest.mark.parametrize("rate", [25.0, 400.0])
+def test_jitter_lost_rows_and_coloured_noise_change_nothing(rate, how):
+    motion = motion_of(33)
+    require_right(motion, recorded(motion, rate, np.random.default_rng(34), **how))
+
+
+@pytest.mark.slow
+def test_a_thousand_motions_at_random_rates():
+    """None lost, no false rest; the t values of 9000 parameters stay below ten."""
+    for seed in range(1000):
+        rng = np.random.default_rng([41, seed])
+        motion = Motion(rng)
+        rate = float(np.exp(rng.uniform(np.log(10.0), np.log(2000.0))))
+        how = [{}, {"jitter": 0.4}, {"lost": 0.1}, {"band": 10.0}][seed % 4]
+        require_right(motion, recorded(motion, rate, rng, **how))
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("FLOOR_MULTIPLE", (1.2, 10.0)), ("FLOOR_QUANTILE", (0.01, 0.2))],
+)
+def test_the_noise_floor_decides_little(monkeypatch, name, values):
+    motion = motion_of(41, turn=(4.0, 7.0))  # two fifths at rest
+    log = recorded(motion, 25.0, np.random.default_rng(42), band=5.0)
+    rests = require_right(motion, log).intervals
+    for value in values:
+        monkeypatch.setattr(detector, name, value)
+        found = require_right(motion, log).intervals
+        # the ends move where the motion is as small as the noise: half a window
+        assert abs(found - rests).max() <= 13
+
+
+@pytest.mark.parametrize("quantile", [0.5, 0.7])
+def test_a_log_needs_rests_in_more_than_the_noise_floor_s_share(monkeypatch, quantile):
+    motion = motion_of(41, turn=(8.0, 14.0))  # a fifth at rest
+    log = recorded(motion, 25.0, np.random.default_rng(42))
+    require_right(motion, log)
+    monkeypatch.setattr(detector, "FLOOR_QUANTILE", quantile)
+    with pytest.raises(RefusedError):
+        calibrate_log(log, g=G)
+
+
+def test_a_clock_that_changes_its_rate_and_holds_of_a_second():
+    """100 Hz, then 50 Hz: windows of rows would last two seconds there."""
+    motion = motion_of(35)
+    log = recorded(motion, 100.0, np.random.default_rng(36))
+    keep = (log.time < 40.0) | (np.arange(len(log.time)) % 2 == 0)
+    require_right(motion, log_of(log.time[keep], log.accelerometer[keep]))
+    for rate in (25.0, 500.0):  # where the noise is white
+        motion = motion_of(37, hold=(1.1, 1.6), turn=(0.5, 1.2), first=2.0)
+        require_right(motion, recorded(motion, rate, np.random.default_rng(38)))
+
+
+def restless(rng, rate, seconds=90.0):
+    """A log of a sensor that turns and shakes all the time, slowly or fast."""
+    t = np.arange(0.0, seconds, 1.0 / rate)
+    f = 10 ** rng.uniform(-1.3, 0.3, (3, 4, 1))
+    phase, size = rng.uniform(0, 6.3, (3, 4, 1)), rng.normal(size=(3, 4, 1))
+    u = np.sum(size * np.sin(2 * np.pi * f * t + phase), axis=1).T
+    force = G * u / np.linalg.norm(u, axis=1, keepdims=True)
+    shaken = np.sin(2 * np.pi * 10 ** rng.uniform(-1, 0.5, 3) * t[:, None])
+    force += 10 ** rng.uniform(-2, 0.5) * shaken
+    sigma = 10 ** rng.uniform(-3, -1)
+    return log_of(t, MODEL.distort(force, rng) + noise(rng, len(t), rate, sigma))
+
+
+# of these seeds five were accepted by windows of a second alone
+RESTLESS = [(5, 50.0), (22, 100.0), (50, 100.0), (53, 50.0), (59, 200.0)]
+
+
+@pytest.mark.parametrize(
+    "some",
+    [
+        RESTLESS,
+        pytest.param(
+            [(k, [25.0, 50.0, 100.0, 200.0][k % 4]) for k in range(1000)],
+            marks=pytest.mark.slow,
+        ),
+    ],
+    ids=["few", "thousand"],
+)
+def test_a_log_without_any_rest_is_refused(some):
+    """One in a thousand may pass for a calibration."""
+    accepted = 0
+    for seed, rate in some:
+        try:
+            calibrate_log(restless(np.random.default_rng([seed, 3]), rate), g=G)
+        except RefusedError:
+            continue
+        accepted += 1
+    assert accepted <= len(some) // 1000
+
+
+def test_the_detector_at_100_hz_is_that_of_its_authors():
+    raw = np.random.default_rng(0).normal(size=(1000, 3))
+    even = evened(np.arange(1000) / 100.0, raw)
+    assert (even.window, even.minimum, even.block) == (101, 100, 1)
+    np.testing.assert_array_equal(even.samples, raw)
+    # the same span of time, and rests of two seconds, at each rate
+    for rate in (10.0, 15.0, 25.0, 99.0, 285.7, 1000.0, 2000.0):
+        even = evened(np.arange(3000) / rate, np.zeros((3000, 3)))
+        assert abs(even.window / even.rate - 1.0) <= 2.0 / even.rate  # odd
+        least = (even.window + even.minimum - 1) / even.rate
+        assert abs(least - 2.0) <= 0.5 / even.rate
+        assert even.rate <= 150.0
+        back = even.rows(np.array([[3, 9]])) / even.block
+        np.testing.assert_array_equal(back, [[3, 9]])
+    raw = np.zeros((100, 3))
+    with pytest.raises(RefusedError, match="4 rows a second; 5 or more"):
+        evened(np.arange(100) / 4.0, raw)
+    with pytest.raises(InputError, match="each increasing"):
+        evened(np.zeros(100), raw)
+    with pytest.raises(InputError, match="at least one window of the detector"):
+        evened(np.arange(100) / 200.0, raw)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("step", [2, 4, 8])
+def test_decimated_recordings_give_the_same_answer(step):
+    """The real log at 50, 25 and 12.5 Hz, within two of its own standard deviations.
+
+    Poses and their errors are the same, and the rows left are a part of the others; the
+    two answers differ by the noise of the means, a fifth of what limits them at 100 Hz.
+    """
+    log = read_log(recording("xsens/xsens_acc.mat"))
+    few = log_of(log.time[::step], log.accelerometer[::step])
+    whole, part = (calibrate_log(each, g=9.81744) for each in (log, few))
+    assert abs(len(part.intervals) - 38) <= 2
+    # a rest is found to a row or some at either end: 0.08 s each at 12.5 Hz
+    assert abs(part.rest_seconds - whole.rest_seconds) < 1.0
+    off = (part.fit.parameters - whole.fit.parameters) / whole.fit.sd
+    assert np.abs(off).max() < 2.0
+
+
+@pytest.mark.ci
+def test_the_command_takes_the_accelerometer_and_says_so(simval, tmp_path):
+    """A magnetometer in the first three columns, a clock in milliseconds."""
+    rng, motion = np.random.default_rng(39), motion_of(39)
+    log = recorded(motion, 25.0, rng)
+    field = 48.0 * log.accelerometer / G + [12.0, -3.0, 5.0]
+    path, header = tmp_path / "log.csv", "mx,my,mz,acc_x,acc_y,acc_z,time_ms"
+    written(path, header, field, log.accelerometer, 1000.0 * log.time)
+    code, out, _ = simval("calibrate", path, "--g", G, "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert found["columns"]["ax"] == [4, "acc_x"]
+    assert found["rate"] == pytest.approx(25.0, rel=1e-6)
+    assert found["clock_unit_seconds"] == 1e-3
+    assert np.abs(np.array(found["B"]) - [0.3, -0.2, 0.1]).max() < 0.01
+    said = simval("calibrate", path, "--g", G)[1]
+    assert "ax = column 4 'acc_x', ay = column 5 'acc_y', az = column 6 'acc_z'" in said
+    assert "t = column 7 'time_ms', in units of 0.001 s" in said
+
+
+# rows that are lost
+
+HOW = [
+    {"clock": clock, "bursts": bursts} for clock in (True, False) for bursts in (0, 1)
+]
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("how", HOW)
+@pytest.mark.parametrize("logs", [2, pytest.param(200, marks=pytest.mark.slow)])
+def test_a_log_with_lost_rows_is_calibrated(how, logs):
+    """Without 1 to 20 % of its rows; stamped bursts last up to 2 s."""
+    for seed in range(logs):
+        made = three(seed, turning=False)
+        rng, log, n = np.random.default_rng([55, seed]), made.log, len(made.log.time)
+        share, keep = 0.01 * 20.0 ** rng.random(), np.ones(n, bool)
+        longest = 2.0 if how["clock"] else 0.2
+        while np.mean(~keep) < share:
+            row, size = int(rng.integers(1, n)), rng.uniform(0.02, longest) * log.rate
+            keep[row : row + (int(size) if how["bursts"] else 1)] = False
+        keep[[0, -1]] = True
+        time = log.time[keep] if how["clock"] else log.time[: np.sum(keep)]
+        gyro = log.gyro[keep] if how["clock"] else None
+        lossy = log_of(time, log.accelerometer[keep], gyro)
+        result = calibrate_log(lossy, g=G)
+        assert len(result.intervals) >= 0.5 * len(made.holds)  # shorter ones are none
+        for fit in (result.fit, calibrate_sensors(lossy, result).accelerometer):
+            # 200 logs, 9 values of t with 7 degrees of freedom and more
+            assert far(fit, made.accelerometer.parameters) < 8.0, (seed, how)
+
+
+def test_a_filter_needs_every_row():
+    made = three(0, turning=False)
+    keep = np.r_[0:500, 512 : len(made.log.time)]
+    rows = made.log.accelerometer[keep]
+    log = log_of(made.log.time[keep], rows, made.log.gyro[keep], rows)
+    si = (1.0, "m/s^2")
+    with pytest.raises(InputError, match="a filter needs what was turned there"):
+        signals(log, made.holds, accelerometer=si, gyro=si, calibration=None)
+
+
+# rests in which the gyroscope turns
+
+
+def alone(log):
+    return find_rests(replace(log, gyro=None), None).best
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("logs", [3, pytest.param(200, marks=pytest.mark.slow)])
+def test_a_rest_that_turns_is_cut_or_left_out(logs):
+    """What is used hardly turns, what is still is used, and the answer is right; the
+    twin of the log keeps the accelerometer's rests, to the row."""
+    cuts = 0
+    for seed in range(logs):
+        made, twin = three(seed), three(seed, turning=False).log
+        result = calibrate_log(made.log, g=G)
+        rates = made.log.gyro - made.gyroscope.B
+        for a, b in result.intervals:
+            turned = np.flatnonzero(made.turning[a:b]) + a
+            if len(turned):  # by its noise in half a second, and what a drift may leave
+                angle = np.linalg.norm(rates[turned].mean(axis=0)) * len(turned)
+                few = 12.0 * made.rate_std * np.sqrt(0.5 * made.log.rate)
+                assert angle < (few + np.radians(0.7) * len(turned)), seed
+        still = [hold for hold in made.holds if not made.turning[slice(*hold)].any()]
+        ends = alone(made.log).intervals
+        for a, b in still:
+            own = ends[(ends[:, 0] >= a) & (ends[:, 1] <= b)]
+            assert len(own)
+            assert (result.intervals == own[0]).all(axis=1).any(), (seed, a)
+        assert len(result.cuts) <= len(made.holds) - len(still)
+        cuts += len(result.cuts)
+        own = calibrate_sensors(made.log, result).accelerometer
+        # 1800 values of a log's t with 7 degrees of freedom or more
+        assert far(own, made.accelerometer.parameters) < 6.0
+        best = find_rests(twin, None).best
+        assert best.cuts == ()
+        np.testing.assert_array_equal(best.intervals, alone(twin).intervals)
+    assert cuts > 0.7 * logs
+
+
+def gyroscope(seed):
+    """Rows and rests of a gyroscope: white, walking, held by hand, leaning, slow."""
+    rng = np.random.default_rng([9, seed])
+    count, hz = int(rng.integers(9, 40)), float(rng.choice([25.0, 50.0, 100.0, 200.0]))
+    holds = (rng.uniform(1.0, 4.0, count) * hz).astype(int)
+    start = np.cumsum(holds + (rng.uniform(1.5, 3.0, count) * hz).astype(int)) - holds
+    n, rests = int(start[-1] + holds[-1]), np.stack([start, start + holds], axis=1)
+    x = rng.standard_normal((n, 3))
+    size = np.zeros((n, 1))
+    for a, b in rests:
+        size[a:b] = 10 ** rng.uniform(-1.0, 1.0)
+    if seed % 5 == 1:
+        walk = np.cumsum(rng.standard_normal((n, 3)), axis=0)
+        x += walk / np.sqrt(hz) * 10 ** rng.uniform(-2.0, -0.3)
+    elif seed % 5 == 2:  # a hand, at 2 to 8 Hz, in each rest as much as it likes
+        f, r = min(rng.uniform(2.0, 8.0), hz / 4.0), np.exp(-2 * np.pi / hz)
+        pole = [1.0, -2.0 * r * np.cos(2 * np.pi * f / hz), r * r]
+        hand = lfilter([1.0, -1.0], pole, rng.standard_normal((n, 3)), axis=0)
+        x += size * hand / hand.std()
+    elif seed % 5 == 3:  # sensitivity to force
+        for a, b in rests:
+            x[a:b] += 0.5 * rng.standard_normal(3)
+    elif seed % 5 == 4:
+        keep = np.exp(-2 * np.pi * 5.0 / hz)
+        x = lfilter([1.0 - keep], [1.0, -keep], x, axis=0)
+    step = 10 ** rng.uniform(-1.0, 0.5) if seed % 3 == 0 else 1e-6
+    return np.arange(n) / hz, step * np.round(x / step), rests
+
+
+@pytest.mark.ci
+def test_false_alarms_and_power():
+    """150 gyroscopes at rest: with 1e-3 a log, three alarms have a chance of 5e-4."""
+    alarms = missed = 0
+    cut = [0, 0, 0]
+    for seed in range(150):
+        time, rows, rests = gyroscope(seed)
+        alarms += bool(still_parts(evened(time, rows), rests)[1])
+        k, turned = len(rests) // 2, rows.copy()
+        first, last = rests[k]
+        middle = (first + last) // 2
+        ends = ((first, last), (first, middle), (middle, last))[seed % 3]
+        # beyond any limit: scatter about 1 in a mean of half a second, t below 25
+        turned[slice(*ends)] += [40.0, 0.0, 0.0]
+        cuts = still_parts(evened(time, turned), rests)[1]
+        found = [each.kept for each in cuts if each.rest == (first, last)]
+        missed += not found
+        for a, b in filter(None, found):
+            # its middle is in what turns where half of a window that does is too little
+            most = (25.0 / 40.0 - 0.5) * WINDOW / time[1] + 2  # two rows are a tick
+            assert min(b, ends[1]) - max(a, ends[0]) <= most
+            cut[seed % 3] += 1
+    assert FALSE_ALARM == 1e-3
+    assert alarms <= 2
+    assert missed == 0
+    # of 50 that turn at either end; of a short rest too little is left
+    assert cut[0] == 0
+    assert min(cut[1:]) > 12, cut
+
+
+def test_a_gyroscope_without_noise_is_still():
+    """A move that ends smoothly never ends by no noise at all: to 1e-31."""
+    truth = tumble(poses=12, hold_time=2.0)
+    rng = np.random.default_rng(3)
+    force = truth.force + 0.01 * rng.standard_normal(truth.force.shape)
+    best = find_rests(log_of(truth.time, force, truth.rate), None).best
+    assert best.cuts == ()
+    assert len(best.intervals) == 12
+
+
+def test_too_few_still_rests_leave_the_gyroscope_out():
+    """A turn about the vertical is nothing to the accelerometer."""
+    made = three(1, turning=False)
+    holds, stop = made.holds[:11], int(made.holds[10, 1])
+    rows = made.log.gyro[:stop].copy()
+    for a, b in holds[3:6]:
+        rows[a:b] += np.radians([5.0, 0.0, 0.0])
+    log = log_of(made.log.time[:stop], made.log.accelerometer[:stop], rows)
+    result = calibrate_log(log, g=G)
+    assert len(result.cuts) == 3
+    assert len(result.intervals) == 11
+    assert all(re.search("kept whole: .* few rests would be$", c) for c in result.cuts)
+    left = calibrate_sensors(log, result).left_out["gyroscope"]
+    assert re.search("turns in 3 of the 11 rests .* and 9 in which both", left)
+    with pytest.raises(RefusedError, match="turns in 3 of the 11"):
+        calibrate_sensors(log, result, sensors=["gyroscope"])
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("name", ["imu0", "imu1"])
+def test_the_recorded_hand_turns(name):
+    """Two of 23 rests turn by 28 degrees/s, others at an end: each is a line."""
+    log = read_log(recording(f"mpu9150/{name}.log"), 100.0)
+    result = calibrate_log(log, g=9.81)
+    whole = calibrate_sensors(log, result)
+    said = re.findall(r"rest from (\S+) s to .* (?:cut|left out): the gyro", str(whole))
+    assert len(said) == len(result.cuts) >= 8
+    assert len(result.intervals) == len(alone(log).intervals) == 23
+    # degrees of a move; 0.246 and 0.217 with the rests as the accelerometer has them
+    gaps = np.degrees(whole.gyroscope.gap_angles)
+    assert np.sqrt(np.mean(gaps**2)) < 0.16
