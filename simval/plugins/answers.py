@@ -460,12 +460,11 @@ class Form:
             raise PluginError(self._changed(answer))
         return tuple(answer.get(word) for word in self.shapes)
 
-    def storing(self, arrays: list[Array]) -> Callable[[int, Any], None]:
-        """Build the function that copies the answer of a row into arrays of all."""
+    def storing(self, rows: int) -> tuple[Callable[[int, Any], None], list[Array]]:
+        """Build arrays of some rows, and what copies the answer of a row into them."""
+        arrays: list[Array] = [np.empty((rows, *s)) for s in self.shapes.values()]
         ndarray, values, converted = np.ndarray, self.values, self._converted
-        places = [
-            (*each, a) for each, a in zip(self.shapes.items(), arrays, strict=True)
-        ]
+        places = list(zip(self.shapes, self.shapes.values(), arrays, strict=True))
 
         def put(row: int, answer: Any) -> None:
             for (word, shape, array), value in zip(places, values(answer), strict=True):
@@ -478,7 +477,7 @@ class Form:
                 else:
                     array[row] = converted(word, value, shape)
 
-        return put
+        return put, arrays
 
     def fault(self, arrays: list[Array]) -> tuple[int, str] | None:
         """First row at which answers break a rule, and what is wrong, in words."""

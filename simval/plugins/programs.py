@@ -59,12 +59,13 @@ import select
 import shlex
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
 from time import monotonic
-from typing import Any, Final
+from typing import IO, Any, Final
 
 import numpy as np
 
@@ -120,19 +121,16 @@ def run(
             raise CrashedPluginError(msg) from None
 
 
-def filled(word: str, values: dict[str, str]) -> str:
-    """Put values in the places of a word."""
-    for place, value in values.items():
-        word = word.replace(f"{{{place}}}", value)
-    return word
-
-
 def failure(program: str, code: int, folder: Path) -> str:
     """Say how a program ended, with the last that it said."""
     with (folder / ERRORS).open("rb") as content:
-        content.seek(max(0, content.seek(0, os.SEEK_END) - 300))
-        tail = content.read().decode(errors="replace").strip()
-    return f"`{program}` {ending(code)}: {tail or 'silent'}"
+        return f"`{program}` {ending(code)}: {tail_of(content) or 'silent'}"
+
+
+def tail_of(content: IO[bytes]) -> str:
+    """The end of what was written to a file."""
+    content.seek(max(0, content.seek(0, os.SEEK_END) - 300))
+    return content.read().decode(errors="replace").strip()
 
 
 def json_object(who: str, printed: bytes) -> dict[str, Any]:
@@ -189,6 +187,13 @@ class Invocation:
         """Tell whether a placeholder is among the words."""
         return any(f"{{{place}}}" in word for word in self.words)
 
+    def filled(self, values: Mapping[str, str]) -> list[str]:
+        """The words with values in their places."""
+        words = list(self.words)
+        for place, value in values.items():
+            words = [word.replace(f"{{{place}}}", value) for word in words]
+        return words
+
 
 def invocation_of(algorithm: str) -> Invocation:
     """Read a command.
@@ -204,7 +209,18 @@ def invocation_of(algorithm: str) -> Invocation:
     except ValueError as error:
         msg = f"`{algorithm}` cannot be split into words: {error}"
         raise UnusablePluginError(msg) from None
-    _require_known(algorithm, words)
+    for word in words:
+        found = _PLACE.fullmatch(word)
+        if found is not None and found[1] not in PLACES:
+            near = get_close_matches(found[1].lower(), PLACES, 1)
+            meant = f"did you mean {{{near[0]}}}? " if near else ""
+            known = ", ".join(f"{{{place}}}" for place in PLACES)
+            msg = (
+                f"`{algorithm}` has the placeholder {{{found[1]}}}, which does not "
+                f"exist; {meant}There are {known}. Braces that are no placeholder need "
+                f"a space inside: `{{ {found[1]} }}`"
+            )
+            raise UnusablePluginError(msg)
     kept, standard_input = _without_redirection(algorithm, words)
     text = " ".join(words)
     given = [place for place in (*SINGLE, *BATCH) if f"{{{place}}}" in text]
@@ -245,22 +261,6 @@ def in_batch(algorithm: str) -> bool:
     if not algorithm.startswith(COMMAND) or fault_of(algorithm):
         return False
     return bool(invocation_of(algorithm).batch)
-
-
-def _require_known(algorithm: str, words: list[str]) -> None:
-    for word in words:
-        found = _PLACE.fullmatch(word)
-        if found is None or found[1] in PLACES:
-            continue
-        near = get_close_matches(found[1].lower(), PLACES, 1)
-        meant = f"did you mean {{{near[0]}}}? " if near else ""
-        known = ", ".join(f"{{{place}}}" for place in PLACES)
-        msg = (
-            f"`{algorithm}` has the placeholder {{{found[1]}}}, which does not exist; "
-            f"{meant}There are {known}. Braces that are no placeholder need a space "
-            f"inside: `{{ {found[1]} }}`"
-        )
-        raise UnusablePluginError(msg)
 
 
 def _without_redirection(algorithm: str, words: list[str]) -> tuple[list[str], bool]:
@@ -321,24 +321,17 @@ def answers(
         answer = json_object(who, line)
         name = answer.pop(key, None)
         if type(name) is not type(names[0]) or name not in known:
+            some = dict.fromkeys((json.dumps(names[0]), json.dumps(names[-1])))
             msg = (
                 f"{who} `{key}` is {json.dumps(name)}; each answer must repeat the "
-                f"`{key}` of its trial, {_example(names)}"
+                f"`{key}` of its trial, {' to '.join(some)}"
             )
             raise PluginError(msg)
         if name in found:
             msg = f"{who} `{key}` {json.dumps(name)} is answered twice"
             raise PluginError(msg)
         found[name] = answer
-    _require_all(program, key, names, found)
-    return [found[name] for name in names]
-
-
-def _require_all(
-    program: str, key: str, names: Sequence[Any], found: Mapping[Any, Any]
-) -> None:
-    left = [json.dumps(name) for name in names if name not in found]
-    if left:
+    if left := [json.dumps(name) for name in names if name not in found]:
         more = ", ..." if len(left) > MISSING else ""
         msg = (
             f"`{program}` answered {len(found)} of {len(names)} trials and ended with "
@@ -346,11 +339,7 @@ def _require_all(
             "print one JSON object for each trial, each in a line of its own"
         )
         raise PluginError(msg)
-
-
-def _example(names: Sequence[Any]) -> str:
-    first, last = json.dumps(names[0]), json.dumps(names[-1])
-    return first if len(names) == 1 else f"{first} to {last}"
+    return [found[name] for name in names]
 
 
 def _lines(file: Path) -> Iterator[tuple[int, bytes]]:
@@ -429,7 +418,18 @@ def command_calibrator(words: str, **declared: Any) -> Calibrator:
     def calibrate_all(
         sets: Float[Array, "t n 3"], g: float, noise_std: float, seconds: float
     ) -> list[Any]:
-        return _answers(command, sets, g, noise_std, seconds)
+        if command.batch == "trials":
+            same = {"g": g, "noise_std": noise_std}
+            lines = [{"poses": poses, **same} for poses in sets.tolist()]
+            return _lines_answered(command, lines, {"g": repr(g)}, seconds)
+        with _folder() as folder:
+            data = folder / "poses"
+            data.mkdir()
+            files = [f"{number:06d}.csv" for number in range(len(sets))]
+            for file, poses in zip(files, sets, strict=True):
+                _save(data / file, poses)
+            words = command.filled({"poses_folder": str(data), "g": repr(g)})
+            return answers(words, folder, seconds, "file", files)
 
     if not command.batch:
         return Calibrator(calibrate=calibrate, **given)
@@ -482,46 +482,18 @@ def _answer(
     command: Invocation, poses: Float[Array, "n 3"], g: float, noise_std: float
 ) -> Any:
     """Run a process for one trial."""
-    with TemporaryDirectory(
-        prefix="simval-command-", ignore_cleanup_errors=True
-    ) as name:
-        folder, program = Path(name), command.words[0]
-        files = {"poses": f"{name}/poses.csv", "log": f"{name}/log.csv"}
+    with _folder() as folder:
+        files = {"poses": f"{folder}/poses.csv", "log": f"{folder}/log.csv"}
         if command.uses("poses"):
             _save(files["poses"], poses)
         if command.uses("log"):
             _save(files["log"], log_of(poses, noise_std))
-        code = run(_filled(command, {**files, "g": repr(g)}), folder, CALL_LIMIT)
-        if code != 0:
-            msg = failure(program, code, folder)
-            raise CrashedPluginError(msg)
+        words = command.filled({**files, "g": repr(g)})
+        if code := run(words, folder, CALL_LIMIT):
+            raise CrashedPluginError(failure(words[0], code, folder))
         with (folder / OUTPUT).open("rb") as content:
             printed = content.read(ANSWER_LIMIT + 1)
-        return json_object(f"`{program}`", printed)
-
-
-def _answers(
-    command: Invocation,
-    sets: Float[Array, "t n 3"],
-    g: float,
-    noise_std: float,
-    seconds: float,
-) -> list[Any]:
-    """Run one process for all trials."""
-    if command.batch == "trials":
-        same = {"g": g, "noise_std": noise_std}
-        lines = [{"poses": poses, **same} for poses in sets.tolist()]
-        return _lines_answered(command, lines, {"g": repr(g)}, seconds)
-    with TemporaryDirectory(
-        prefix="simval-command-", ignore_cleanup_errors=True
-    ) as name:
-        data = Path(name, "poses")
-        data.mkdir()
-        files = [f"{number:06d}.csv" for number in range(len(sets))]
-        for file, poses in zip(files, sets, strict=True):
-            _save(data / file, poses)
-        words = _filled(command, {"poses_folder": str(data), "g": repr(g)})
-        return answers(words, Path(name), seconds, "file", files)
+        return json_object(f"`{words[0]}`", printed)
 
 
 def _lines_answered(
@@ -531,21 +503,23 @@ def _lines_answered(
     seconds: float,
 ) -> list[Any]:
     """Run one process for some trials, a line each."""
-    with TemporaryDirectory(
-        prefix="simval-command-", ignore_cleanup_errors=True
-    ) as name:
-        file = Path(name, "trials.jsonl")
+    with _folder() as folder:
+        file = folder / "trials.jsonl"
         with file.open("w", encoding="utf-8") as content:
             for trial, line in enumerate(lines):
                 content.write(json.dumps({"trial": trial, **line}) + "\n")
-        words = _filled(command, {"trials": str(file), **values})
+        words = command.filled({"trials": str(file), **values})
         given = file if command.standard_input else None
         names = list(range(len(lines)))
-        return answers(words, Path(name), seconds, "trial", names, given)
+        return answers(words, folder, seconds, "trial", names, given)
 
 
-def _filled(command: Invocation, values: dict[str, str]) -> Sequence[str]:
-    return [filled(word, values) for word in command.words]
+@contextmanager
+def _folder() -> Iterator[Path]:
+    with TemporaryDirectory(
+        prefix="simval-command-", ignore_cleanup_errors=True
+    ) as name:
+        yield Path(name)
 
 
 def _save(file: str | Path, rows: Float[Array, "n k"]) -> None:
@@ -620,18 +594,17 @@ def command_filter(words: str, **declared: Any) -> Filter:
     entries = 9 if declared.get("components") == "matrix" else 4
 
     def make(**reads: Any) -> "_Process":
-        return _Process([_with_reads(word, reads) for word in split], entries)
+        values = {
+            word: np.ravel(np.asarray(v, dtype=float)) for word, v in reads.items()
+        }
+
+        def text(found: re.Match[str]) -> str:
+            return ",".join(map(repr, values[found[1]].tolist()))
+
+        return _Process([_READ.sub(text, word) for word in split], entries)
 
     given = {"name": Path(split[0]).name, **declared}
     return Filter(make=make, reads=tuple(dict.fromkeys(places)), **given)
-
-
-def _with_reads(word: str, reads: dict[str, Any]) -> str:
-    return _READ.sub(lambda found: _numbers(reads[found[1]]), word)
-
-
-def _numbers(value: Any) -> str:
-    return ",".join(map(repr, np.ravel(np.asarray(value, dtype=float)).tolist()))
 
 
 class _Process:
@@ -669,7 +642,9 @@ class _Process:
 
     def _answered(self, dt: float, readings: Sequence[Array]) -> Any:
         if self.pending or (self.rows and self._readable(0.0)):
-            self._require_alive()
+            self.pending = self.pending or os.read(self.printed, LINE_LIMIT)
+            if not self.pending:  # what can be read is just its end
+                raise CrashedPluginError(self._death())
             raise PluginError(self._more_than_a_line())
         numbers = [dt, *(x for reading in readings for x in reading.tolist())]
         row = f"{' '.join(map(repr, numbers))}\n".encode()
@@ -710,10 +685,16 @@ class _Process:
             self.pending += self._rest(END_LIMIT)
             if self.pending:
                 raise PluginError(self._more_than_a_line())
-            self._require_ended()
-            if code := self.process.wait():
+            code = self.process.wait(timeout=END_LIMIT)
+            if code:
                 msg = f"{self._ended(code)} after all of its rows"
                 raise CrashedPluginError(msg)
+        except subprocess.TimeoutExpired:
+            msg = (
+                f"`{self.program}` still runs {END_LIMIT:g} s after its input has "
+                "ended; end with the end of standard input"
+            )
+            raise CrashedPluginError(msg) from None
         finally:
             self._kill()
 
@@ -757,23 +738,6 @@ class _Process:
 
     def _readable(self, seconds: float) -> bool:
         return bool(self.ready.poll(max(seconds, 0.0) * 1e3))
-
-    def _require_alive(self) -> None:
-        """Require that what can be read is not just its end."""
-        if not self.pending:
-            self.pending = os.read(self.printed, LINE_LIMIT)
-        if not self.pending:
-            raise CrashedPluginError(self._death())
-
-    def _require_ended(self) -> None:
-        try:
-            self.process.wait(timeout=END_LIMIT)
-        except subprocess.TimeoutExpired:
-            msg = (
-                f"`{self.program}` still runs {END_LIMIT:g} s after its input has "
-                "ended; end with the end of standard input"
-            )
-            raise CrashedPluginError(msg) from None
 
     def _more_than_a_line(self) -> str:
         text = shown(self.pending[:80].decode(errors="replace"))
@@ -823,8 +787,7 @@ class _Process:
         return f"`{self.program}` {ending(code)}{self._last_words()}"
 
     def _last_words(self) -> str:
-        self.errors.seek(max(0, self.errors.seek(0, os.SEEK_END) - 300))
-        tail = self.errors.read().decode(errors="replace").strip()
+        tail = tail_of(self.errors)
         return f" (standard error: {tail})" if tail else ""
 
     def _end_input(self) -> None:

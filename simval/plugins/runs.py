@@ -58,7 +58,7 @@ from simval.geometry import (
     normalize,
 )
 from simval.plugins.answers import Form, called, ended, form_of
-from simval.plugins.attitudes import WORLD_AXES, package_quaternion
+from simval.plugins.attitudes import WORLD_AXES, package_quaternion, tail
 from simval.plugins.child import where_it_lives
 from simval.plugins.protocol import Filter
 from simval.shapes import Float
@@ -278,14 +278,26 @@ def stepped(
     edges = stretches(len(readings.dt))
     form: Form | None = None
     found: list[list[Array]] = []
-    times: list[tuple[float, float]] = []
+    times: list[Array] = []
     for first, last in pairwise(edges.tolist()):
         rows = slice(first, last)
         columns = [np.array(a[rows], order="C") for a in readings.sensors]
         given = [readings.dt[rows].tolist(), *(list(a) for a in columns)]
-        stretch = _Stretch(filter, readings, first, form)
-        times.append(stretch.step(update, given))
-        form, arrays = stretch.form, stretch.arrays
+        row, put, arrays = -1, None, list[Array]()
+        if form is not None:
+            put, arrays = form.storing(last - first)
+        start = np.array([perf_counter(), process_time()])
+        try:
+            for row, values in enumerate(zip(*given, strict=True)):
+                answer = update(*values)
+                if put is None:
+                    form = form_of(filter, answer, readings.lead)
+                    put, arrays = form.storing(last - first)
+                put(row, answer)
+        except (Exception, SystemExit) as error:  # whatever a user's filter may raise
+            where = f", {place(readings, first + max(row, 0))}"
+            raise ended(filter.name, error, where) from error
+        times.append(np.array([perf_counter(), process_time()]) - start)
         _require_unchanged(filter, readings, rows, columns)
         assert form is not None
         if fault := form.fault(arrays):
@@ -296,11 +308,12 @@ def stepped(
         found.append([a[own] for a in arrays])
     assert form is not None
     whole = [np.concatenate(each) for each in zip(*found, strict=True)]
+    seconds, processor = np.transpose(times)
     return Run(
         words=dict(zip(form.shapes, whole, strict=True)),
         rows=np.diff(edges),
-        seconds=np.array([seconds for seconds, _ in times]),
-        processor=np.array([seconds for _, seconds in times]),
+        seconds=seconds,
+        processor=processor,
     )
 
 
@@ -313,40 +326,6 @@ def stretches(rows: int) -> NDArray[np.intp]:
 def place(readings: Readings, row: int) -> str:
     """Say where a row is."""
     return f"at row {row} ({readings.end[row]:.6g} s){readings.where}"
-
-
-class _Stretch:
-    """Answers to the rows of one stretch, of a form that its first may have to set."""
-
-    def __init__(
-        self, filter: Filter, readings: Readings, first: int, form: Form | None
-    ) -> None:
-        self.filter, self.readings, self.first = filter, readings, first
-        self.form, self.arrays = form, list[Array]()
-
-    def step(
-        self, update: Callable[..., Any], given: Sequence[Sequence[Any]]
-    ) -> tuple[float, float]:
-        """Step through the rows; seconds that it took, and of processor time."""
-        count, row = len(given[0]), -1
-        put = None if self.form is None else self._puts(self.form, count)
-        start = np.array([perf_counter(), process_time()])
-        try:
-            for row, values in enumerate(zip(*given, strict=True)):
-                answer = update(*values)
-                if put is None:
-                    self.form = form_of(self.filter, answer, self.readings.lead)
-                    put = self._puts(self.form, count)
-                put(row, answer)
-        except (Exception, SystemExit) as error:  # whatever a user's filter may raise
-            where = f", {place(self.readings, self.first + max(row, 0))}"
-            raise ended(self.filter.name, error, where) from error
-        wall, processor = np.array([perf_counter(), process_time()]) - start
-        return float(wall), float(processor)
-
-    def _puts(self, form: Form, count: int) -> Callable[[int, Any], None]:
-        self.arrays = [np.empty((count, *s)) for s in form.shapes.values()]
-        return form.storing(self.arrays)
 
 
 def _require_unchanged(
@@ -456,31 +435,24 @@ def require_an_even_pace(
     filter: Filter, readings: Readings, runs: Sequence[Run]
 ) -> None:
     """Require that a row takes no longer the more rows there were before."""
-    first, last = _ends(runs)
+    paces = np.array([run.processor / run.rows for run in runs])
+    count = max(paces.shape[1] // 8, 1)
+    first, last = (float(p.min()) for p in (paces[:, :count], paces[:, -count:]))
     if not last > SUSPICIOUS * first:
         return
-    ratios = [_second_time(filter, readings) for _ in range(REPEATS)]
-    if min(ratios) > SLOWER:
+    ratio = min(_second_time(filter, readings) for _ in range(REPEATS))
+    if ratio > SLOWER:
         msg = (
             f"{filter.name} takes longer and longer: a row takes {first * 1e6:.3g} us "
             f"at the beginning of a run and {last * 1e6:.3g} us at its end, and "
-            f"{min(ratios):.2g} times as long when the same readings come once more; "
+            f"{ratio:.2g} times as long when the same readings come once more; "
             "keep no history that grows"
         )
         raise PluginError(msg)
 
 
-def _ends(runs: Sequence[Run]) -> tuple[float, float]:
-    """Time of a row at the beginning of a run, and at its end: the least of a few."""
-    paces = np.array([run.processor / run.rows for run in runs])
-    count = max(paces.shape[1] // 8, 1)
-    return float(paces[:, :count].min()), float(paces[:, -count:].min())
-
-
 def _second_time(filter: Filter, readings: Readings) -> float:
     """Median over its stretches of the second time of all rows over the first."""
-    if readings.lead:
-        readings = _some(readings, 8)
     none = np.arange(1)
     try:
         with making(filter, readings) as update:
@@ -488,17 +460,6 @@ def _second_time(filter: Filter, readings: Readings) -> float:
     except PluginError:  # of readings that begin anew it makes nothing
         return 0.0
     return float(np.median(paces[1].processor / np.maximum(paces[0].processor, LEAST)))
-
-
-def _some(readings: Readings, trials: int) -> Readings:
-    """The first trials of a batch."""
-    n = min(trials, readings.lead[0])
-    reads = {
-        word: value[:n] if word == "start" else value
-        for word, value in readings.reads.items()
-    }
-    sensors = tuple(a[:, :n] for a in readings.sensors)
-    return replace(readings, lead=(n,), sensors=sensors, reads=reads)
 
 
 def beginning(readings: Readings, count: int = BY_TURNS) -> Readings:
@@ -522,25 +483,15 @@ def _difference(filter: Filter, before: Run, now: Run) -> tuple[int, str] | None
         if other.shape != values.shape:
             return 0, f"`{word}` of another shape"
         same = np.equal(values, other).reshape(len(values), -1).all(axis=1)
-        if not same.all():
-            row = int(np.argmin(same))
-            found.append((row, f"`{word}` {_apart(filter, word, values, other)}"))
+        if same.all():
+            continue
+        apart = f"{float(np.abs(values - other).max()):.2g}"
+        if word == "attitude":
+            own = tail(filter.components)
+            q = [own_quaternions(filter, a.reshape(-1, *own)) for a in (values, other)]
+            apart = f"{float(attitude_error(*q).max()):.2g} rad"
+        found.append((int(np.argmin(same)), f"`{word}` by up to {apart}"))
     return min(found, default=None)
-
-
-def _apart(
-    filter: Filter,
-    word: str,
-    values: Float[Array, "k ..."],
-    other: Float[Array, "k ..."],
-) -> str:
-    """By how much the kept rows of two runs differ, at most."""
-    if word != "attitude":
-        return f"by up to {float(np.abs(values - other).max()):.2g}"
-    axes = 2 if filter.components == "matrix" else 1
-    flat = [a.reshape(-1, *a.shape[a.ndim - axes :]) for a in (values, other)]
-    q = [own_quaternions(filter, a) for a in flat]
-    return f"by up to {float(attitude_error(*q).max()):.2g} rad"
 
 
 PARTS: Final = 8
@@ -575,79 +526,57 @@ def run_filter(
         If it raises, breaks a rule of its answers, changes its input, keeps state
         between runs, or takes longer and longer for a row.
     """
-    rows = _rows(keep, len(given.dt))
+    assert (np.diff(keep) > 0).all(), "rows increase"
+    assert 0 <= keep[0] <= keep[-1] < len(given.dt), "rows are those of the readings"
     trials: list[int | slice] = list(range(len(given.start)))
     if filter.batch:
         trials = [slice(0, len(given.start))]
     each = [readings_of(filter, given, own, world) for own in trials]
-    runs = [run_of(filter, own, rows) for own in each]
+    runs = [run_of(filter, own, keep) for own in each]
     _require_one_form(filter, runs)
-    require_the_same_again(filter, each[0], rows, runs[0])
+    require_the_same_again(filter, each[0], keep, runs[0])
     if filter.batch:
         alone = readings_of(filter, given, slice(0, 1), world)
         require_trials_alone(filter, each[0], alone)
     else:
         require_a_life_of_its_own(filter, each[0], each[-1])
     require_an_even_pace(filter, each[0], runs)
-    return _output(filter, rows, each[0], runs, world)
-
-
-def _rows(keep: NDArray[np.intp], count: int) -> NDArray[np.intp]:
-    rows = np.asarray(keep, dtype=np.intp)
-    assert rows.ndim == 1, "rows are a list"
-    assert len(rows) > 0, "an answer is kept"
-    assert (np.diff(rows) > 0).all(), "rows increase"
-    assert 0 <= rows[0] <= rows[-1] < count, "rows are those of the readings"
-    return rows
+    words = {
+        word: np.ascontiguousarray(np.moveaxis(first, 1, 0))
+        if filter.batch
+        else np.stack([run.words[word] for run in runs])
+        for word, first in runs[0].words.items()
+    }
+    raw, covariance = words["attitude"], words.get("covariance")
+    n, k = raw.shape[:2]
+    own = own_quaternions(filter, raw.reshape(n * k, *raw.shape[2:]))
+    if covariance is not None:
+        flat = covariance.reshape(n * k, *covariance.shape[2:])
+        covariance = on_body_side(filter, flat, own).reshape(covariance.shape)
+    return FilterOutput(
+        kept=keep,
+        attitude=to_scene(own, world).reshape(n, k, 4),
+        covariance=covariance,
+        seconds=np.median([row_times(each[0], run) for run in runs], axis=0),
+        bias=words.get("bias"),
+        innovation=words.get("innovation"),
+        innovation_covariance=words.get("innovation_covariance"),
+    )
 
 
 def _require_one_form(filter: Filter, runs: list[Run]) -> None:
     """Require the same words and shapes of all trials."""
-    forms = [{word: a.shape for word, a in run.words.items()} for run in runs]
+    forms = [
+        ", ".join(f"{word} {a.shape[1:]}" for word, a in run.words.items())
+        for run in runs
+    ]
     for trial, form in enumerate(forms):
         if form != forms[0]:
-            shapes = (
-                ", ".join(f"{word} {shape[1:]}" for word, shape in each.items())
-                for each in (form, forms[0])
-            )
             msg = (
-                f"{filter.name} answers trial {trial} with {next(shapes)} and trial 0 "
-                f"with {next(shapes)}; every trial must have the same"
+                f"{filter.name} answers trial {trial} with {form} and trial 0 "
+                f"with {forms[0]}; every trial must have the same"
             )
             raise PluginError(msg)
-
-
-def _output(
-    filter: Filter,
-    rows: NDArray[np.intp],
-    first: Readings,
-    runs: list[Run],
-    world: str,
-) -> FilterOutput:
-    words = {word: _by_trial(first, word, runs) for word in runs[0].words}
-    raw = words["attitude"]
-    n, k = raw.shape[:2]
-    own = own_quaternions(filter, raw.reshape(n * k, *raw.shape[2:]))
-    covariance = words.get("covariance")
-    if covariance is not None:
-        shape = covariance.shape
-        flat = on_body_side(filter, covariance.reshape(n * k, *shape[2:]), own)
-        covariance = flat.reshape(shape)
-    return FilterOutput(
-        kept=rows,
-        attitude=to_scene(own, world).reshape(n, k, 4),
-        covariance=covariance,
-        bias=words.get("bias"),
-        innovation=words.get("innovation"),
-        innovation_covariance=words.get("innovation_covariance"),
-        seconds=np.median([row_times(first, run) for run in runs], axis=0),
-    )
-
-
-def _by_trial(first: Readings, word: str, runs: list[Run]) -> Float[Array, "n k ..."]:
-    if first.lead:
-        return np.ascontiguousarray(np.moveaxis(runs[0].words[word], 1, 0))
-    return np.stack([run.words[word] for run in runs])
 
 
 def row_times(first: Readings, run: Run) -> Float[Array, " q"]:
