@@ -8,8 +8,8 @@ rate is a fact about a machine and its day.
 import argparse
 from statistics import median
 
-from benchmarks import attitude, calibration, filters, gyroscope, rest, startup, trials
-from benchmarks.race import ROUNDS, Race, children, run_race
+from benchmarks import attitude, calibration, filters, gyroscope, rest, trials
+from benchmarks.race import ROUNDS, Race, run_race
 
 RACES = (
     Race(
@@ -59,13 +59,6 @@ RACES = (
         title="Attitude filters, and the bound on them, at 100 Hz",
         item="rows of a trial",
         contenders=filters.contenders,
-    ),
-    Race(
-        name="startup",
-        title="Starts of commands",
-        item="starts",
-        contenders=startup.starts,
-        clock=children,
     ),
 )
 

@@ -68,7 +68,6 @@ class Race:
     title: str
     item: str
     contenders: Callable[[], list[Contender]]
-    clock: Callable[[], float] = time.process_time
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,10 +80,10 @@ class Result:
 
 
 def run_race(
-    race: Race, rounds: int = ROUNDS, clock: Callable[[], float] | None = None
+    race: Race, rounds: int = ROUNDS, clock: Callable[[], float] = time.process_time
 ) -> list[Result]:
     """Let the contenders take turns, after a run that is compared and not timed."""
-    contenders, clock = race.contenders(), clock or race.clock
+    contenders = race.contenders()
     found = {each.name: each.once() for each in contenders}
     require_agreement(race.name, found, {c.name for c in contenders if c.other})
     rng = np.random.default_rng(0)
@@ -142,11 +141,3 @@ def _require_equal(where: str, pair: tuple[Answer, Answer]) -> None:
     if not np.all(off <= allowed):  # true for NaN
         msg = f"{where} differ by up to {np.max(off):.1e}: find out which is wrong"
         raise AssertionError(msg)
-
-
-def children() -> float:
-    """Processor time of the processes that have ended, s."""
-    import resource  # not on every system
-
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime

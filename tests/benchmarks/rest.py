@@ -6,7 +6,6 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from benchmarks.in_numpy import allan_variances
 from benchmarks.race import Answer, Contender, Done
 from simval.noise import allan_variance
 from simval.scene.physics import captured_messages, mujoco, roll_out
@@ -86,6 +85,16 @@ def allan() -> list[Contender]:
         Contender(name=name, run=partial(run, signal, counts), seen=seen)
         for name, run in ways.items()
     ]
+
+
+def allan_variances(rate, counts):
+    """Overlapping Allan variances by second differences of the running sum."""
+    angle = np.concatenate([[0.0], np.cumsum(rate)])
+    found = np.empty(len(counts))
+    for i, m in enumerate(counts):
+        second = angle[2 * m :] - 2.0 * angle[m:-m] + angle[: -2 * m]
+        found[i] = np.mean(second * second) / (2.0 * m * m)
+    return found
 
 
 def _allantools(rate, counts):

@@ -71,7 +71,7 @@ SMALL = {
     rest: {"ROWS": 20_000, "MOST_STEPS": 50},
     trials: {"SAMPLES": 2**17},
 }
-SLOW = {"gyroscope", "startup", "estimators", "predictions"}
+SLOW = {"gyroscope", "estimators", "predictions"}
 
 
 @pytest.mark.parametrize(

@@ -1,24 +1,25 @@
-"""A fault: what it breaks, in which suite, and how it is injected into the flow."""
+"""A fault as data: what it breaks in which suite, and the function that it replaces."""
 
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
 
-Inject = Callable[[], AbstractContextManager[None]]
 Part = Literal["estimator", "formula", "noise", "sensor", "scene", "calibrator", "run"]
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One injected fault."""
+    """One injected fault: ``change(original, *arguments)`` takes a function's place."""
 
     suite: str  # key of `power.matrix.SUITES`
     part: Part  # where in the flow it is
     name: str  # what is wrong, in words
-    inject: Inject  # gives a context in which the flow is broken
-    _: KW_ONLY
+    owner: Any = None  # module or class that has the function
+    function: str = ""
+    change: Callable[..., Any] | None = None
+    everywhere: bool = False  # wherever a module has it: the fault is in its own lines
     # Why theory alone cannot see it; its run is then compared with a baseline too. A
     # fault that has such a reason and is seen by theory makes the catalogue wrong.
     baseline: str = ""
@@ -26,6 +27,13 @@ class Fault:
     # injection, and does not count as a detection.
     crash: bool = False
     stops: bool = False  # whether the driver stops; then the unfinished run is judged
+    context: Callable[[], AbstractContextManager[None]] | None = None  # instead
+
+    def inject(self) -> AbstractContextManager[None]:
+        """A context in which the flow is broken."""
+        if self.context:
+            return self.context()
+        return changed(self.owner, self.function, self.change, self.everywhere)
 
 
 @contextmanager
@@ -39,43 +47,30 @@ def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
         setattr(owner, name, before)
 
 
-def wrapped(owner: Any, name: str, change: Callable[..., Any]) -> Inject:
-    """Wrap a function of the flow: ``change(original, *arguments)`` takes its place."""
+@contextmanager
+def changed(owner: Any, name: str, change: Any, everywhere: bool = False) -> Any:
+    """Wrap a function of the flow while the context lasts."""
+    original = owner.__dict__[name]
 
-    def inject() -> AbstractContextManager[None]:
-        original = owner.__dict__[name]
+    def broken(*arguments: Any, **options: Any) -> Any:
+        return change(original, *arguments, **options)
 
-        def broken(*arguments: Any, **options: Any) -> Any:
-            return change(original, *arguments, **options)
-
-        return replaced(owner, name, broken)
-
-    return inject
-
-
-def everywhere(owner: Any, name: str, change: Callable[..., Any]) -> Inject:
-    """Wrap a function wherever a module has it: the fault is in its own lines."""
-
-    @contextmanager
-    def inject() -> Iterator[None]:
-        original = getattr(owner, name)
-
-        def broken(*arguments: Any, **options: Any) -> Any:
-            return change(original, *arguments, **options)
-
-        with ExitStack() as stack:
-            for module in list(sys.modules.values()):
-                if vars(module).get(name) is original:
-                    stack.enter_context(replaced(module, name, broken))
-            yield
-
-    return inject
+    owners = [m for m in list(sys.modules.values()) if vars(m).get(name) is original]
+    with ExitStack() as stack:
+        for each in owners if everywhere else [owner]:
+            stack.enter_context(replaced(each, name, broken))
+        yield
 
 
-def after(owner: Any, name: str, change: Callable[[Any], Any]) -> Inject:
-    """Change what a function of the flow returns."""
+def then(change: Callable[[Any], Any]) -> Callable[..., Any]:
+    """Change what a function returns."""
+    return lambda original, *arguments, **options: change(
+        original(*arguments, **options)
+    )
 
-    def broken(original: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
-        return change(original(*arguments, **options))
 
-    return wrapped(owner, name, broken)
+def told(**changes: Callable[[Any], Any]) -> Callable[..., Any]:
+    """Change the arguments that a function is given by name."""
+    return lambda original, *arguments, **options: original(
+        *arguments, **options | {k: f(options[k]) for k, f in changes.items()}
+    )

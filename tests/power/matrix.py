@@ -13,15 +13,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from power.attitude_faults import attitude_faults
-from power.calibration_faults import calibration_faults
+from power import attitude, calibration, filters, machinery, small
 from power.fault import Fault, replaced
-from power.filter_faults import filter_faults
-from power.gyroscope_faults import gyroscope_faults, noise_faults
-from power.magnetometer_faults import magnetometer_faults
-from power.noise_faults import small_noise_faults
-from power.run_faults import run_faults
-from power.small_faults import small_code_faults
 from simval.errors import InputError
 from simval.judge import GateResult, findings, judge_run, read_baseline, write_baseline
 from simval.sweep.run import Run, load_run
@@ -109,16 +102,10 @@ class Result:
 
 def faults() -> tuple[Fault, ...]:
     """Every fault, in the order of the flow."""
-    return (
-        *calibration_faults(),
-        *magnetometer_faults(),
-        *gyroscope_faults(),
-        *noise_faults(),
-        *filter_faults(),
-        *attitude_faults(),
-        *run_faults(),
-        *small_noise_faults(),
-        *small_code_faults(),
+    return tuple(
+        fault
+        for module in (calibration, filters, attitude, machinery, small)
+        for fault in module.FAULTS
     )
 
 

@@ -8,7 +8,7 @@ from scipy import stats
 
 from power import __main__ as command
 from power import rates
-from power.fault import Fault, wrapped
+from power.fault import Fault
 from power.matrix import faults, inject_all
 from simval.studies import attitude
 from simval.sweep import executors
@@ -58,7 +58,7 @@ def test_any_fault_can_be_put_in(name):
 
 
 def test_a_fault_that_is_not_found_is_said(capsys):
-    harmless = Fault(name="nothing", part="run", suite="scene", inject=nullcontext)
+    harmless = Fault("scene", "run", "nothing", context=nullcontext)
     assert command.inject((harmless,)) == 1
     out = capsys.readouterr().out
     assert "the gate was wrong: nothing: pass, its clean twin pass" in out
@@ -66,12 +66,7 @@ def test_a_fault_that_is_not_found_is_said(capsys):
     assert "only a baseline sees: nothing: nobody knows why" in out
     assert command.inject((FAULTS["rates in degrees"],)) == 0
     # an injection that does not fit the flow crashes it, which proves nothing
-    wrong = Fault(
-        name="misfit",
-        part="run",
-        suite="scene",
-        inject=wrapped(executors, "execute", lambda original: original()),
-    )
+    wrong = Fault("scene", "run", "misfit", executors, "execute", lambda original: 0)
     assert command.inject((wrong,)) == 1
     assert ", and cells of it crashed" in capsys.readouterr().out
     assert command.inject(()) == 1

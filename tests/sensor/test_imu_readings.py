@@ -162,26 +162,31 @@ def _late(name, delay):
     return kinds[name](delay_s=delay)
 
 
-def test_ranges_and_limits_stop_each_sensor():
-    readings = read(
-        accelerometer_effects=Effects(range_g=0.5),
-        gyroscope_effects=GyroscopeEffects(range_rad_s=2.0),
-        magnetometer_effects=MagnetometerEffects(limits_raw=(-100.0, 200.0)),
+@pytest.mark.parametrize(
+    ("name", "effects", "truth", "reach"),
+    [
+        ("accelerometer", Effects(range_g=0.5), "specific_force", 0.5 * 9.80665),
+        ("gyroscope", GyroscopeEffects(range_rad_s=2.0), "rate", 2.0),
+        ("magnetometer", MagnetometerEffects(range_t=3e-5), "field", 3e-5),
+    ],
+)
+def test_a_range_stops_a_sensor(name, effects, truth, reach):
+    found, clean = (
+        getattr(read(**given), name) for given in ({f"{name}_effects": effects}, {})
     )
-    clean = read()
-    over = np.abs(MOTION.rate) > 2.0
-    np.testing.assert_array_equal(readings.gyroscope.out_of_range, over)
+    over = np.abs(getattr(MOTION, truth)) > reach
+    np.testing.assert_array_equal(found.out_of_range, over)
     whole = ~over.any(axis=1)
-    np.testing.assert_array_equal(
-        readings.gyroscope.raw[whole], clean.gyroscope.raw[whole]
-    )
-    assert np.any(readings.gyroscope.raw[~whole] != clean.gyroscope.raw[~whole])
-    raw = clean.magnetometer.raw
-    np.testing.assert_array_equal(
-        readings.magnetometer.saturated, (raw < -100) | (raw > 200)
-    )
-    np.testing.assert_array_equal(readings.magnetometer.raw, np.clip(raw, -100, 200))
-    assert readings.accelerometer.out_of_range.any()
+    np.testing.assert_array_equal(found.raw[whole], clean.raw[whole])
+    assert np.all((found.raw != clean.raw)[~whole].any(axis=1))
+
+
+def test_limits_of_the_electronics_stop_the_reading():
+    raw = read().magnetometer.raw
+    limits = MagnetometerEffects(limits_raw=(-100.0, 200.0))
+    found = read(magnetometer_effects=limits).magnetometer
+    np.testing.assert_array_equal(found.saturated, (raw < -100) | (raw > 200))
+    np.testing.assert_array_equal(found.raw, np.clip(raw, -100, 200))
 
 
 def test_the_g_sensitivity_is_of_the_force_of_the_row():
@@ -293,6 +298,21 @@ def test_the_models_noise_is_taken_where_the_effects_state_none():
     stated = read_force(Effects(noise_std_raw=0.1))
     np.testing.assert_array_equal(read_force(Effects(), model=noisy).raw, stated.raw)
     assert not read_force(Effects(noise_std_raw=0.0), model=noisy).noise_raw.any()
+
+
+def test_noise_has_its_level_and_is_white():
+    """Of each axis, and beside the walk: no two numbers are correlated."""
+    effects = Effects(noise_std_raw=0.1, bias_walk_raw_per_sqrt_s=0.1)
+    readings = read_force(effects)
+    noise = readings.noise_raw / 0.1
+    low, high = stats.chi2.ppf([5e-5, 1 - 5e-5], noise.size)
+    assert low < np.sum(noise**2) < high
+    assert 1.02**2 * np.sum(noise**2) > high  # power: 2 % louder
+    walk = np.diff(readings.bias_walk_raw, axis=0) / (0.1 * np.sqrt(0.01))
+    pairs = (noise[1:], noise[:-1]), (noise, np.roll(noise, 1, 1)), (noise[1:], walk)
+    for one, other in pairs:  # means of 60 000 products of variance 1
+        limit = stats.norm.isf(1e-4 / 6) / np.sqrt(one.size)
+        assert abs(np.mean(one * other)) < limit
 
 
 def test_the_bias_walk_has_independent_increments_of_the_stated_density():

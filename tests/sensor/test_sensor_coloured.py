@@ -105,6 +105,7 @@ def test_one_effect_leaves_the_others_numbers_alone():
         )
         assert not any(alone[i].any() for i in range(3) if i != place)
     assert not parts[2][0].any()  # the walk starts from zero
+    assert one.draw(1, 50.0, stream(3, KEY, 0)).shape == (1, 3)
 
 
 def test_axes_are_independent():
