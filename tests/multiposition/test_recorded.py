@@ -40,12 +40,11 @@ def xsens():
 
 
 @pytest.mark.ci
-def test_xsens_command(simval, xsens):
+@pytest.mark.parametrize("hint", [("--rest", "50"), ()])
+def test_xsens_command(simval, xsens, hint):
     """The whole command: 38 +- 2 rests, each parameter within one Type A sd."""
     log, reference, _ = xsens
-    code, out, _ = simval(
-        "calibrate", log.path, "--g", XSENS_G, "--rest", "50", "--json"
-    )
+    code, out, _ = simval("calibrate", log.path, "--g", XSENS_G, *hint, "--json")
     got = json.loads(out)
     assert (code, got["status"], got["model"]) == (0, "converged", "triangular")
     assert abs(got["intervals"] - 38) <= 2
