@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import small_runs
 from matplotlib.colors import to_rgb
 from rounding import EPS
 
@@ -22,12 +23,15 @@ from simval.report.curves import (
 )
 from simval.report.findings import (
     SURE,
+    Claim,
     agreement,
     agrees,
+    limited,
     percent,
     slopes_said,
 )
 from simval.report.panels import DotPanel, Series
+from simval.statistics import BIAS, SD
 from simval.units import MILLIRADIAN, of_row
 
 X = np.array([0.001, 0.01, 0.1])
@@ -169,6 +173,24 @@ def test_what_theory_leaves_out_is_not_held_against_it():
     # power: a remainder that does not reach, and none
     assert "off theory" in agrees("It", [made(sigmas, remainder=rest / 2.0)])
     assert "off theory" in agrees("It", [made(sigmas)])
+
+
+def test_a_limit_is_the_greatest_bias_that_the_trials_do_not_show():
+    """Of 0.1 and 0.2 +- 0.1 beside a scatter of 2: (0.2 + 2.24 * 0.1) / 2 = 21 %."""
+
+    def rows(name, values):
+        return [
+            small_runs.row(f"{name}[{e}]", "p", v, 1.0, 0.1 / v, 99)
+            for e, v in zip("xy", values, strict=True)
+        ]
+
+    cell = small_runs.cell_of(
+        "calibration", [*rows("bias", (0.1, 0.2)), *rows("sd", (2.0, 2.0))]
+    )
+    bias, scale = (Claim(subject="", cells=[cell], what=[what]) for what in (BIAS, SD))
+    said = limited("The bias", bias, scale, "the scatter")
+    assert "what 99 trials can see: less than 21 % of the scatter in all 2" in said
+    assert "theory puts it at 10 % at most" in said
 
 
 def test_what_cannot_be_seen_is_counted_and_is_no_agreement():
