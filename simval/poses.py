@@ -20,6 +20,7 @@ the least, and that ratio.
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,8 +28,10 @@ import numpy as np
 from simval.arguments import instance, whole_number
 from simval.arrays import Array, ReadOnly, finite_array, physical_array
 from simval.errors import InputError
+from simval.files import MOST_DOCUMENT, read_text
 from simval.geometry import normalize
 from simval.shapes import Float
+from simval.text import read_whole
 
 PARAMETERS = 9
 MOST = 10_000_000  # directions at once: a quarter of a gigabyte
@@ -178,3 +181,42 @@ def describe(directions: Float[Array, "n 3"]) -> str:
     if len(distinct) == 6 and np.all(facing == 2) and np.all(across == 4):
         return "the six faces of a cube"
     return f"{len(distinct)} different direction(s)"
+
+
+def named_poses(text: str) -> Float[Array, "n 3"]:
+    """Directions of a pose set, by the words of `simval plan --poses`."""
+    sets = {"faces": cube_faces, "edges": cube_edges, "corners": cube_corners}
+    parts = []
+    for name in text.split("+"):
+        kind, _, count = name.strip().partition(":")
+        if kind in sets and not count:
+            parts.append(sets[kind]())
+        elif kind == "fibonacci" and 0 < (number := read_whole(count) or 0) <= 100_000:
+            parts.append(fibonacci_sphere(number))
+        else:
+            msg = (
+                f"`--poses` has {name.strip()!r}; it must be fibonacci:N with N from 1 "
+                "to 100000, faces, edges or corners, joined by +"
+            )
+            raise InputError(msg)
+    return np.concatenate(parts)
+
+
+def read_directions(path: Path) -> Float[Array, "n 3"]:
+    """Read rows of x y z from a text file."""
+    try:
+        lines = read_text(path, MOST_DOCUMENT).replace(",", " ").splitlines()
+        rows = [[float(x) for x in line.split()] for line in lines if line.strip()]
+    except OSError as error:
+        msg = f"cannot read {path}: {error.strerror}; give a file of rows x y z"
+        raise InputError(msg) from None
+    except ValueError as error:
+        msg = f"{path} has something that is not a number ({error}); rows are x y z"
+        raise InputError(msg) from None
+    if not rows or any(len(row) != 3 for row in rows):
+        msg = f"{path} must have rows of three numbers x y z, and at least one"
+        raise InputError(msg)
+    if not np.isfinite(rows).all():
+        msg = f"{path} has a number that is not finite; rows are x y z"
+        raise InputError(msg)
+    return np.array(rows)

@@ -19,12 +19,12 @@ from pydantic import ValidationError
 from simval import files, report
 from simval.calibrate import load_calibration
 from simval.cli import run
-from simval.cli.plan import read_directions
 from simval.errors import InputError, PluginError, RefusedError
 from simval.judge.baseline import read_baseline
 from simval.logs import read_log, read_truth
 from simval.noise import load_noise
 from simval.plugins import Estimator, find_plugin
+from simval.poses import read_directions
 from simval.scene.physics import load_model
 from simval.sensor import load_imu
 from simval.streams import Streams

@@ -12,10 +12,9 @@ from scipy.spatial.transform import Rotation
 from simval.calibrate import calibrate, calibrate_magnetometer
 from simval.calibrate.files import save_calibration
 from simval.cli import group, run
-from simval.cli.plan import named_poses
 from simval.errors import GeometryError, InputError
 from simval.geometry import random_quaternions
-from simval.poses import cube_faces, fibonacci_sphere
+from simval.poses import cube_faces, fibonacci_sphere, named_poses
 from simval.sensor import AccelerometerModel, GyroscopeModel, MagnetometerModel
 from simval.theory import (
     gyroscope_moments,

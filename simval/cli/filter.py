@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from simval.recorded.settings import Signals, Start
     from simval.recorded.world import TruthWorld
 
-FORMAT = "simval filter 1"
 MOST_ROWS = 200_000
 """Rows whose answers are kept: covariances of six by six are then 60 MB. Of a longer
 log rows are left out evenly."""
@@ -139,10 +138,12 @@ def command(
     """
     from simval.logs import read_log
     from simval.noise import load_noise
+    from simval.recorded.alignment import prepared
     from simval.recorded.described import (
         alignment_lines,
         evaluation_object,
         filter_lines,
+        log_values,
     )
     from simval.recorded.settings import start_of
 
@@ -157,7 +158,7 @@ def command(
     head += _offered(path) if recorded is None else []
     say([] if as_json else head)
     done, failed, code = _evaluated(filters, found, start, alignment, time_limit)
-    written = as_object(log, found, start, alignment, recorded) | {
+    written = log_values(log, found, start, alignment, recorded) | {
         "filters": [evaluation_object(each) for each in done],
         "failed": failed,
     }
@@ -204,45 +205,6 @@ def truth_of(
         raise InputError(msg)
     stem = "" if truth in (None, "log") else str(truth)
     return read_truth(log.path, stem=stem, columns=columns, clock=log.time)
-
-
-def prepared(
-    log: Log,
-    recorded: Truth | None,
-    calibration: Path | None,
-    units: tuple[str | None, str | None],
-    world: TruthWorld | None = None,
-) -> tuple[Signals, Alignment | None]:
-    """Readings in SI units, and the truth aligned with them."""
-    from simval.multiposition.log_units import accelerometer_scale, gyro_scale
-    from simval.recorded import align
-    from simval.recorded.settings import rests_of_log, signals, with_gyro_unit
-    from simval.statics import interval_means
-
-    rests = rests_of_log(log)
-    accelerometer = accelerometer_scale(
-        log, interval_means(log.accelerometer, rests), units[0]
-    )
-    gyro = gyro_scale(log, units[1])
-    found = signals(
-        log,
-        rests,
-        accelerometer=(accelerometer.si_per_raw, accelerometer.how),
-        gyro=(gyro.si_per_raw, gyro.how),
-        calibration=None if calibration is None else str(calibration),
-    )
-    if recorded is None:
-        return with_gyro_unit(found, None), None
-    alignment = align(
-        recorded,
-        found.time,
-        found.gyro,
-        found.force,
-        found.field,
-        found.rests,
-        world,
-    )
-    return with_gyro_unit(found, alignment.fit.scale), alignment
 
 
 def _offered(path: Path) -> list[str]:
@@ -335,41 +297,3 @@ def _evaluated(
             continue
         done.append(evaluate(run, found, alignment))
     return done, failed, code
-
-
-def as_object(
-    log: Log,
-    found: Signals,
-    start: Start,
-    alignment: Alignment | None,
-    recorded: Truth | None,
-) -> dict[str, Any]:
-    """The log, what filters were told, and the truth, as plain JSON values."""
-    from simval.multiposition.objects import log_object
-    from simval.recorded.described import truth_object
-
-    told = start.told
-    return {
-        "format": FORMAT,
-        **log_object(log),
-        "units": {
-            "gyroscope": found.gyro_unit,
-            "accelerometer": found.force_unit,
-            "magnetometer": found.field_unit or None,
-        },
-        "rests": found.rests.tolist(),
-        "start": {"row": start.row, "attitude": start.attitude.tolist()},
-        "told": {
-            "gyroscope_noise": told.gyroscope_noise,
-            "gyroscope_walk": told.gyroscope_walk,
-            "accelerometer_noise": told.accelerometer_noise,
-            "magnetometer_noise": told.magnetometer_noise,
-            "gravity": told.gravity,
-            "field": told.field.tolist(),
-            "start_std": told.start_std,
-            "bias_std": told.bias_std,
-        },
-        "truth": None
-        if alignment is None or recorded is None
-        else truth_object(alignment, recorded),
-    }

@@ -7,17 +7,19 @@ A magnetometer is often slower than its log: its own readings are what counts.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
-from simval.arrays import Array, ReadOnly, frozen
+from simval.arrays import Array, ReadOnly, frozen, positive_number
 from simval.errors import InputError, RefusedError
 from simval.logs import Log
 from simval.multiposition.rests import find_rests
-from simval.noise import AxisNoise, NoiseFile
+from simval.noise import AxisNoise, NoiseFile, load_noise
 from simval.noise.fit import noise_of_readings, rows_to_a_reading
 from simval.noise.model import LEAST_ROWS
+from simval.sensor import AccelerometerModel
 from simval.shapes import Float
 from simval.statics import WINDOWS, Intervals, interval_means
 
@@ -376,3 +378,42 @@ def _require_this_unit(
     here = float(np.sqrt(np.median(spread)))
     there = float(np.sqrt(np.mean([axis.variances[0] for axis in axes])))
     require_one_unit(here, there, f"a reading of the magnetometer of {log.path}")
+
+
+FARTHEST = 2.0  # times the longest average: so far the fitted model is believed
+
+
+def planned_noise(
+    path: Path, hold: float | None, sensor: AccelerometerModel | None
+) -> float:
+    """Noise of a pose mean by the Allan variance at its length, units of the plan.
+
+    Those are the log's where a sensor is given, else m/s^2.
+    """
+    known = load_noise(path)
+    if hold is None:
+        msg = "the time that is averaged in a pose is not known; give `--hold`"
+        raise InputError(msg)
+    hold = positive_number("hold", hold, "s")
+    longest = FARTHEST * float(known.accelerometer[0].seconds[-1])
+    if hold > longest:
+        msg = (
+            f"{path} has averages over {longest / FARTHEST:.3g} s at most, which says "
+            f"enough for holds of {longest:.3g} s, and `--hold` is {hold:.3g} s; "
+            f"measure the noise in a rest of {SHOWS * hold:.3g} s or longer"
+        )
+        raise RefusedError(msg)
+    std = float(mean_noise(known.accelerometer, np.array([hold]))[0])
+    if sensor is None:
+        if known.si_per_raw is None:
+            msg = f"{path} does not know m/s^2 in its unit; give `--sensor` too"
+            raise InputError(msg)
+        return std * known.si_per_raw
+    scale = float(np.mean(np.diagonal(sensor.matrix)))
+    if known.si_per_raw is not None and not 0.5 < scale / known.si_per_raw < 2.0:
+        msg = (
+            f"the sensor has {scale:.4g} m/s^2 in one raw unit, and {path} "
+            f"{known.si_per_raw:.4g}; give both in the same unit"
+        )
+        raise InputError(msg)
+    return std

@@ -28,6 +28,7 @@ noise than on one, and least squares would move the clock to where there is less
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -36,7 +37,8 @@ import scipy
 from simval.arrays import Array, frozen
 from simval.errors import GeometryError, RefusedError
 from simval.geometry import cross_matrix
-from simval.logs import Truth
+from simval.logs import Log, Truth
+from simval.multiposition.log_units import accelerometer_scale, gyro_scale
 from simval.recorded.attitudes import (
     STRETCH,
     Attitudes,
@@ -51,9 +53,10 @@ from simval.recorded.attitudes import (
     turned,
 )
 from simval.recorded.errors import Measured, block_of, jackknife
+from simval.recorded.settings import Signals, rests_of_log, signals, with_gyro_unit
 from simval.recorded.world import TruthWorld, World, find_world, taken_world
 from simval.shapes import Float
-from simval.statics import Intervals
+from simval.statics import Intervals, interval_means
 
 OVERLAP: Final = 0.3
 """Least share of the shorter recording that the other one must cover: with less, two
@@ -602,3 +605,37 @@ def _noise(read: Attitudes, spans: Float[Array, "m 2"]) -> Float[Array, "3"]:
         squares += np.sum(second**2, axis=0) / 6.0
         count += len(second)
     return np.sqrt(squares / count) if count else np.full(3, np.nan)
+
+
+def prepared(
+    log: Log,
+    recorded: Truth | None,
+    calibration: Path | None,
+    units: tuple[str | None, str | None],
+    world: TruthWorld | None = None,
+) -> tuple[Signals, Alignment | None]:
+    """Readings in SI units, and the truth aligned with them."""
+    rests = rests_of_log(log)
+    accelerometer = accelerometer_scale(
+        log, interval_means(log.accelerometer, rests), units[0]
+    )
+    gyro = gyro_scale(log, units[1])
+    found = signals(
+        log,
+        rests,
+        accelerometer=(accelerometer.si_per_raw, accelerometer.how),
+        gyro=(gyro.si_per_raw, gyro.how),
+        calibration=None if calibration is None else str(calibration),
+    )
+    if recorded is None:
+        return with_gyro_unit(found, None), None
+    alignment = align(
+        recorded,
+        found.time,
+        found.gyro,
+        found.force,
+        found.field,
+        found.rests,
+        world,
+    )
+    return with_gyro_unit(found, alignment.fit.scale), alignment

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from simval.logs import Truth
+from simval.logs import Log, Truth
+from simval.multiposition.objects import log_object
 from simval.recorded import Alignment, Evaluation
 from simval.recorded.alignment import polar
 from simval.recorded.errors import Consistency, Measured, Rms
 from simval.recorded.evaluation import norths, turned_words
-from simval.recorded.settings import Signals
+from simval.recorded.settings import Signals, Start
 from simval.recorded.world import World
 from simval.text import interval_words
 
@@ -318,3 +319,41 @@ def plain(value: Any) -> Any:
     if array.ndim:
         return [plain(each) for each in array]
     return array.item() if np.isfinite(array) else None
+
+
+FORMAT = "simval filter 1"
+
+
+def log_values(
+    log: Log,
+    found: Signals,
+    start: Start,
+    alignment: Alignment | None,
+    recorded: Truth | None,
+) -> dict[str, Any]:
+    """The log, what filters were told, and the truth, as plain JSON values."""
+    told = start.told
+    return {
+        "format": FORMAT,
+        **log_object(log),
+        "units": {
+            "gyroscope": found.gyro_unit,
+            "accelerometer": found.force_unit,
+            "magnetometer": found.field_unit or None,
+        },
+        "rests": found.rests.tolist(),
+        "start": {"row": start.row, "attitude": start.attitude.tolist()},
+        "told": {
+            "gyroscope_noise": told.gyroscope_noise,
+            "gyroscope_walk": told.gyroscope_walk,
+            "accelerometer_noise": told.accelerometer_noise,
+            "magnetometer_noise": told.magnetometer_noise,
+            "gravity": told.gravity,
+            "field": told.field.tolist(),
+            "start_std": told.start_std,
+            "bias_std": told.bias_std,
+        },
+        "truth": None
+        if alignment is None or recorded is None
+        else truth_object(alignment, recorded),
+    }

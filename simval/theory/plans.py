@@ -18,7 +18,7 @@ in units of gravity and of the field; M, b and the dip then have the error bars 
 The noise of a pose mean follows from a noise density and a hold time.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -480,3 +480,96 @@ def _rotation(vectors: Float[Array, "k 3"]) -> Any:
 
 def _ideal_accelerometer() -> AccelerometerModel:
     return AccelerometerModel(T=np.eye(3), K=np.ones(3), B=np.zeros(3))
+
+
+# ---- words and JSON values
+
+PLAN_KEYS: Final = (
+    "names", "sd", "bound", "bias", "noise_std", "poses", "rank", "condition",
+    "next_direction", "sd_next",
+)  # fmt: skip
+GYROSCOPE_KEYS: Final = (
+    "names", "sd", "accelerometer_sd", "moves", "rank", "condition", "next_axis",
+    "next_angle", "sd_next",
+)  # fmt: skip
+
+
+def as_object(
+    result: Plan | GyroscopePlan, keys: Sequence[str] = PLAN_KEYS
+) -> dict[str, Any]:
+    """Plan as plain JSON values; infinite becomes null."""
+
+    def plain(value: Any) -> Any:
+        array = np.asarray(value)
+        objects = array.astype(object)
+        if array.dtype.kind == "f":
+            objects[~np.isfinite(array)] = None
+        return objects.tolist()
+
+    return {key: plain(getattr(result, key)) for key in keys}
+
+
+def described(result: Plan, form: str, g: float, source: str = "") -> list[str]:
+    """Describe a plan in lines of text."""
+    helps = ", ".join(f"{x:.3f}" for x in result.next_direction)
+    lines = [
+        f"poses           {result.poses}, {_rank(result)}",
+        f"noise           {result.noise_std:.4g} in each axis of a pose mean{source}",
+        f"next direction  ({helps}), specific force in sensor axes",
+        "",
+    ]
+    if result.rank < 9:
+        return [
+            *lines,
+            f"nothing to predict: these poses tell {result.rank} of the nine "
+            f"parameters apart, whatever the noise; add {9 - result.rank} or more, the "
+            "first along the next direction, and plan again",
+        ]
+    lines.append("            predicted sd      bound       bias   with the next pose")
+    columns = (
+        forms.entries(form),
+        result.sd,
+        result.bound,
+        result.bias,
+        result.sd_next,
+    )
+    for (name, sign), sd, bound, bias, after in zip(*columns, strict=True):
+        numbers = f"{sd:14.4g} {bound:10.4g} {sign * bias:10.2g} {after:20.4g}"
+        lines.append(f"  {name:7s} {numbers}")
+    if (np.abs(result.bias) > result.sd).any():
+        lines += [
+            "",
+            f"not to be believed: this noise, {result.noise_std:.3g}, is so large "
+            f"beside gravity, {g:.3g} m/s^2, that a bias of second order is above the "
+            "standard deviation; check the units of both",
+        ]
+    return lines
+
+
+def _rank(result: Plan | GyroscopePlan) -> str:
+    """How many of the nine combinations of parameters are told, and how evenly."""
+    words = f"rank {result.rank} of 9"
+    return words if result.rank < 9 else f"{words}, condition {result.condition:.3g}"
+
+
+def gyroscope_described(result: GyroscopePlan) -> list[str]:
+    """Describe the plan of a gyroscope in lines of text."""
+    helps = ", ".join(f"{x:.3f}" for x in result.next_axis)
+    lines = [
+        "",
+        f"moves           {result.moves}, {_rank(result)}",
+        f"next turn       {np.degrees(result.next_angle):.0f} degrees about ({helps}), "
+        "sensor axes, from the last pose",
+        "",
+    ]
+    if not np.isfinite(result.sd).all():
+        return [
+            *lines,
+            "nothing to predict: these poses and moves do not tell the gyroscope's "
+            "matrix, whatever the noise; add the next turn, or poses, and plan again",
+        ]
+    lines.append("            predicted sd   with the next turn")
+    for name, sd, after in zip(result.names, result.sd, result.sd_next, strict=True):
+        lines.append(f"  {name:7s} {sd:14.4g} {after:20.4g}")
+    lines.append("rad/s per rad/s, and rad/s; both sensors fitted together")
+    return lines
