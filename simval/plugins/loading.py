@@ -18,6 +18,7 @@ import re
 import shutil
 import sys
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
@@ -49,8 +50,15 @@ STATED = frozenset({"simval", "numpy", "scipy", "mujoco", "pydantic"})
 
 def imported_versions(files: Iterable[str]) -> dict[str, str]:
     """Version of each installed package that some Python files name in an import."""
-    named = {name for file in files if file.endswith(".py") for name in _named(file)}
-    foreign = named - STATED - sys.stdlib_module_names
+    tops: set[str] = set()
+    for file in (each for each in files if each.endswith(".py")):
+        with suppress(OSError):  # loading it fails, in words
+            for node in _nodes(read_bytes(file, MOST_DOCUMENT)):
+                if isinstance(node, ast.Import):
+                    tops |= {alias.name.partition(".")[0] for alias in node.names}
+                elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                    tops.add((node.module or "").partition(".")[0])
+    foreign = tops - STATED - sys.stdlib_module_names
     if not foreign:
         return {}
     found = {dist for name in foreign for dist in _distributions().get(name, ())}
@@ -63,17 +71,12 @@ def _distributions() -> Mapping[str, list[str]]:
     return metadata.packages_distributions()
 
 
-def _named(file: str) -> Iterator[str]:
-    """First part of each module that a file imports."""
+def _nodes(content: bytes) -> list[ast.AST]:
+    """All parts of a Python file; none where it cannot be read, which loading tells."""
     try:
-        nodes = ast.walk(ast.parse(read_bytes(file, MOST_DOCUMENT)))
-    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
-        return  # loading it fails, in words
-    for node in nodes:
-        if isinstance(node, ast.Import):
-            yield from (alias.name.partition(".")[0] for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-            yield node.module.partition(".")[0]
+        return list(ast.walk(ast.parse(content)))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return []
 
 
 GROUP: Final = "simval.plugins"
@@ -104,13 +107,6 @@ BESIDE: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 )
 """What ``--plugin`` adds beside a user's, by the field: the optimum first, whose time
 is the unit of a call's; of estimators the plainest one too."""
-
-
-def meant_builtin(word: str) -> str:
-    """Words that ask whether one of these was meant; none if none is near."""
-    own = {name.removeprefix(PREFIX): name for name in BUILTIN}
-    near = nearest(word.removeprefix(PREFIX), own)
-    return f" (did you mean `{own[near[0]]}`?)" if near else ""
 
 
 def points_of(name: str) -> tuple[Any, ...]:
@@ -169,10 +165,7 @@ def missing(text: str, held: Container[str] = ()) -> str:
     elif points_of(text):
         files = []
     elif text.startswith(PREFIX):
-        return (
-            f"there is no built-in algorithm `{text}`{meant_builtin(text)}; there are "
-            f"{', '.join(BUILTIN)}"
-        )
+        return _no_builtin(text)
     else:
         return f"no installed package offers a plug-in `{text}`"
     gone = next((path for path in files if not is_file(path)), None)
@@ -209,12 +202,8 @@ def _digest(file: Path) -> str:
 
 
 def _named_by_python(file: Path, root: Path, content: bytes) -> list[Path]:
-    try:
-        nodes = list(ast.walk(ast.parse(content)))
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return []  # loading it fails, in words
     named: set[Path] = set()
-    for node in nodes:
+    for node in _nodes(content):
         if isinstance(node, ast.Import):
             named.update(*(_modules(root, alias.name) for alias in node.names))
         elif isinstance(node, ast.ImportFrom):
@@ -299,7 +288,28 @@ def find_plugin(algorithm: str, kind: type[Kind]) -> Kind:
         command: Any = command_calibrator(algorithm)
         return command
     file, name = _python_file(algorithm)
-    return _of_file(file, name, kind) if file else _of_package(algorithm, kind)
+    held = _held_by(Path(file)) if file else _loaded(algorithm)
+    fitting = [
+        value for value in held if isinstance(value, kind) and name in ("", value.name)
+    ]
+    if len(fitting) == 1:
+        return fitting[0]
+    if not file and len(held) != 1:
+        raise _no_plugin(algorithm, len(held))
+    names = ", ".join(value.name for value in held if isinstance(value, Plugin))
+    msg = (
+        f"{file} holds {len(fitting)} {kind.__name__}s"
+        f"{f' named {name}' if name else ''}; it must hold one, or be given as "
+        f"FILE:NAME (it has: {names or 'none'})"
+    )
+    if not file:
+        (point,) = points_of(algorithm)
+        home = kind.__module__.rpartition(".")[0]
+        msg = (
+            f"the entry point `{algorithm}` = {point.value} is of type "
+            f"{type(held[0]).__name__}; it must be a {home}.{kind.__name__}"
+        )
+    raise UnusablePluginError(msg)
 
 
 def spelled(words: Mapping[str, Sequence[str]]) -> list[str]:
@@ -352,13 +362,8 @@ def offer(plugin: str) -> list[tuple[str, str, dict[str, str]]]:
 
     For each the field that takes it, its name, and what it declares.
     """
-    is_file = plugin.endswith(".py")
-    try:
-        values = _held_by(Path(plugin)) if is_file else _loaded(plugin)
-    except SystemExit as error:
-        what = "file" if is_file else "package"
-        msg = f"the plug-in {what} {plugin} calls exit({error.code})"
-        raise UnusablePluginError(msg) from None
+    file = plugin.endswith(".py")
+    values = _held_by(Path(plugin)) if file else _loaded(plugin)
     held = [
         (value.taken_by, value.name, declarations(value))
         for value in values
@@ -420,7 +425,7 @@ def _imported(file: Path) -> ModuleType:
     It is a module like any other, so that what looks one up later finds it: pickle, the
     evaluation of annotations, an import of a neighbour from inside a function.
     """
-    folder, name = str(file.resolve().parent), _module_name(file)
+    folder, name = str(file.resolve().parent), f"simval_plugin_{file.stem}"
     # not resolved: what it has beside itself is beside the link that names it
     path = str(file.absolute())
     loader = SourceFileLoader(name, path)
@@ -439,10 +444,6 @@ def _imported(file: Path) -> ModuleType:
     return module
 
 
-def _module_name(file: Path) -> str:
-    return f"simval_plugin_{file.stem}"
-
-
 def _python_file(word: str) -> tuple[str, str]:
     """Python file that a word names, or nothing, and what is meant inside it."""
     path, _, name = word.partition(".py:")
@@ -451,61 +452,38 @@ def _python_file(word: str) -> tuple[str, str]:
     return word if word.endswith(".py") else "", ""
 
 
-def _of_file(file: str, name: str, kind: type[Kind]) -> Kind:
-    return _fitting(file, _held_by(Path(file)), name, kind)
+def _meant_builtin(word: str) -> str:
+    own = {name.removeprefix(PREFIX): name for name in BUILTIN}
+    near = nearest(word.removeprefix(PREFIX), own)
+    return f" (did you mean `{own[near[0]]}`?)" if near else ""
 
 
-def _fitting(file: str, held: Sequence[Any], name: str, kind: type[Kind]) -> Kind:
-    fitting = [value for value in held if isinstance(value, kind)]
-    if name:
-        fitting = [value for value in fitting if value.name == name]
-    if len(fitting) != 1:
-        names = ", ".join(value.name for value in held) or "none"
-        msg = (
-            f"{file} holds {len(fitting)} {kind.__name__}s"
-            f"{f' named {name}' if name else ''}; it must hold one, or be given as "
-            f"FILE:NAME (it has: {names})"
-        )
-        raise UnusablePluginError(msg)
-    return fitting[0]
-
-
-def _of_package(name: str, kind: type[Kind]) -> Kind:
-    held = _loaded(name)
-    fitting = [value for value in held if isinstance(value, kind)]
-    if len(fitting) == 1:
-        return fitting[0]
-    if len(held) == 1:
-        (point,) = points_of(name)
-        home = kind.__module__.rpartition(".")[0]
-        msg = (
-            f"the entry point `{name}` = {point.value} is of type "
-            f"{type(held[0]).__name__}; it must be a {home}.{kind.__name__}"
-        )
-        raise UnusablePluginError(msg)
-    raise _no_plugin(name, len(held))
+def _no_builtin(word: str) -> str:
+    return (
+        f"there is no built-in algorithm `{word}`{_meant_builtin(word)}; there are "
+        f"{', '.join(BUILTIN)}"
+    )
 
 
 def _no_plugin(word: str, count: int) -> UnusablePluginError:
-    offered = [known for known, _ in installed()]
-    near = did_you_mean(word, offered) or meant_builtin(word)
     if word.startswith(PREFIX):
-        return UnusablePluginError(
-            f"there is no built-in algorithm `{word}`{near}; there are "
-            f"{', '.join(BUILTIN)}"
-        )
-    names = ", ".join(offered) or "none"
+        return UnusablePluginError(_no_builtin(word))
+    offered = [known for known, _ in installed()]
+    near = did_you_mean(word, offered) or _meant_builtin(word)
     return UnusablePluginError(
         f"there is no plug-in `{word}`{near}: a file must end in .py (FILE.py or "
         f"FILE.py:NAME), a command begin with `{COMMAND}`, and {count or 'no'} "
         f"installed package{'s offer' if count > 1 else ' offers'} one of that name "
-        f"(installed: {names})"
+        f"(installed: {', '.join(offered) or 'none'})"
     )
 
 
 def _loaded(name: str) -> list[Any]:
     try:
         return [point.load() for point in points_of(name)]
+    except SystemExit as error:
+        msg = f"the plug-in package {name} calls exit({error.code})"
+        raise UnusablePluginError(msg) from None
     except Exception as error:  # whatever an installed package may raise
         msg = f"the entry point `{name}` fails with {message_of(error)}"
         raise UnusablePluginError(msg) from error
