@@ -440,58 +440,32 @@ def test_lost_rows_do_not_contradict_a_stated_rate(tmp_path):
     assert read_log(log_of(tmp_path, time), rate=100.0).rate < 90.0
 
 
-@pytest.mark.parametrize(
-    ("rate", "good"),
-    [
-        (100.0 / 1.1 * (1 + OFF), True),
-        (100.0 / 1.1 * (1 - OFF), False),
-        (100.0 / 0.9 * (1 - OFF), True),
-        (100.0 / 0.9 * (1 + OFF), False),
-    ],
-)
-def test_a_stated_rate_agrees_within_a_tenth(tmp_path, rate, good):
-    path = log_of(tmp_path, 0.01 * np.arange(CLOCK_ROWS))
-    if good:
-        # the clock's own rate is what counts; its digits are exact to 1e-12
-        assert read_log(path, rate=rate).rate == pytest.approx(100.0, rel=1e-10)
-    else:
-        with pytest.raises(InputError, match="says 100 Hz"):
+STEPS = np.arange(CLOCK_ROWS)
+PLAIN, SECONDS = "t ax ay az", "t[s] ax ay az"
+UNIT, SAYS = "what is its unit", "says 100 Hz"
+CLOCKS = [  # header, times, stated rate, the rate that is read or what is said
+    # a stated rate agrees within a tenth, and the clock's own is what counts
+    *((SECONDS, 0.01 * STEPS, rate, 100.0)
+      for rate in (100.0 / 1.1 * (1 + OFF), 100.0 / 0.9 * (1 - OFF))),
+    *((SECONDS, 0.01 * STEPS, rate, SAYS)
+      for rate in (100.0 / 1.1 * (1 - OFF), 100.0 / 0.9 * (1 + OFF))),
+    # without a unit it is seconds at the rates of accelerometers
+    *((PLAIN, STEPS / rate, None, rate) for rate in (7.0 * (1 + OFF), 5e4 * (1 - OFF))),
+    *((PLAIN, STEPS / rate, None, UNIT) for rate in (7.0 * (1 - OFF), 5e4 * (1 + OFF))),
+    # or milliseconds since 1970 at dates of this century
+    *((PLAIN, 1e3 * start + 10.0 * STEPS, None, 100.0) for start in (1e9, 2.5e9 - 1.0)),
+    *((PLAIN, 1e3 * start + 10.0 * STEPS, None, UNIT) for start in (1e9 - 1.0, 2.5e9)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("header", "time", "rate", "found"), CLOCKS)
+def test_the_limits_of_a_clock(tmp_path, header, time, rate, found):
+    path = log_of(tmp_path, time, header)
+    if isinstance(found, str):
+        with pytest.raises(InputError, match=found):
             read_log(path, rate=rate)
-
-
-@pytest.mark.parametrize(
-    ("rate", "good"),
-    [
-        (7.0 * (1 + OFF), True),
-        (7.0 * (1 - OFF), False),
-        (5e4 * (1 - OFF), True),
-        (5e4 * (1 + OFF), False),
-    ],
-)
-def test_a_clock_without_a_unit_is_seconds_at_rates_of_accelerometers(
-    tmp_path, rate, good
-):
-    path = log_of(tmp_path, np.arange(CLOCK_ROWS) / rate, header="t ax ay az")
-    if good:
-        assert read_log(path).rate == pytest.approx(rate, rel=1e-6)
     else:
-        with pytest.raises(InputError, match="what is its unit"):
-            read_log(path)
-
-
-@pytest.mark.parametrize(
-    ("start", "good"),
-    [(1e9, True), (1e9 - 1.0, False), (2.5e9 - 1.0, True), (2.5e9, False)],
-)
-def test_another_unit_counts_for_dates_of_this_century(tmp_path, start, good):
-    """Milliseconds since 1970, 100 rows a second."""
-    time = 1e3 * start + 10.0 * np.arange(CLOCK_ROWS)
-    path = log_of(tmp_path, time, header="t ax ay az")
-    if good:
-        assert read_log(path).rate == pytest.approx(100.0, rel=1e-6)
-    else:
-        with pytest.raises(InputError, match="what is its unit"):
-            read_log(path)
+        assert read_log(path, rate=rate).rate == pytest.approx(found, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -6,16 +6,13 @@ studies of a user's code are given the package's own, in this process: what is a
 whether the study's verdicts are right, and not whether a process can be started.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, Final, get_args
+from typing import Final, get_args
 
 import numpy as np
 
-from simval.arrays import Array
 from simval.plugins import Calibrator, find_plugin
-from simval.results import Outcome
-from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies import (
     attitude,
@@ -43,12 +40,6 @@ FEW = 1024
 LEAST = 256
 """Trials of a study whose trials are slow: with fewer the gate judges nothing."""
 
-Setting = Callable[[np.random.Generator], Any]
-"""Parameters of a cell, drawn at random."""
-
-Run = Callable[[Any, Streams], Outcome]
-"""Rows of a cell."""
-
 WITHOUT_CHANCE: Final[Mapping[str, str]] = MappingProxyType(
     {
         "scene": "draws nothing",
@@ -62,8 +53,11 @@ WITHOUT_CHANCE: Final[Mapping[str, str]] = MappingProxyType(
 """Studies without a judged row that has a standard error, each with the reason."""
 
 
-def _attitude(rng: np.random.Generator) -> attitude.Parameters:
-    number = int(rng.integers(1_000_000))
+NUMBERS = 1_000_000  # of geometries
+
+
+def _attitude(rng):
+    number = int(rng.integers(NUMBERS))
     # between 20 and 100 standard deviations from where the estimate flips
     norm = two_vector_geometry(*attitude.random_geometry(number)).norm
     return attitude.Parameters(
@@ -73,115 +67,26 @@ def _attitude(rng: np.random.Generator) -> attitude.Parameters:
     )
 
 
-def _vectors(rng: np.random.Generator) -> attitude_vectors.Parameters:
-    return attitude_vectors.Parameters(
-        vectors=int(rng.integers(2, 7)),
-        ratio=float(10 ** rng.uniform(0.0, 2.0)),
-        geometry=int(rng.integers(1_000_000)),
-        samples=4096,
-    )
-
-
-def _calibration(rng: np.random.Generator) -> calibration.Parameters:
-    poses, noise = int(rng.integers(12, 41)), float(rng.uniform(0.003, 0.03))
-    return calibration.Parameters(
-        poses=poses, hold_time=0.02, noise_std=noise, trials=FEW
-    )
-
-
-def _ladder(rng: np.random.Generator) -> ladder.Parameters:
+def _ladder(rng):
     which = ladder.Parameters.model_fields["residual"].annotation
     residual = get_args(which)[rng.integers(5)]
     spread = float(rng.uniform(0.0, 0.9))
     return ladder.Parameters(residual=residual, scale_spread=spread, trials=FEW)
 
 
-def _coverage(rng: np.random.Generator) -> coverage.Parameters:
-    poses = int(rng.integers(15, 60))
-    if rng.random() < 0.5:
-        return coverage.Parameters(poses=poses, sigma="known", trials=4 * FEW)
-    return coverage.Parameters(poses=poses, sigma="type A", trials=4 * FEW)
-
-
-def _magnetometer(rng: np.random.Generator) -> magnetometer.Parameters:
-    return magnetometer.Parameters(
-        poses=int(rng.integers(30, 100)),
-        dip_deg=float(rng.uniform(-75.0, 75.0)),
-        field_noise=float(rng.uniform(1e-4, 5e-3)),
-        trials=FEW,
-    )
-
-
-def _limits(rng: np.random.Generator) -> attitude_limits.Parameters:
-    ratio = float(rng.uniform(1.5, 2.5))
-    return attitude_limits.Parameters(
-        norm=float(rng.uniform(0.1, 0.7)), ratio=ratio, samples=16_384
-    )
-
-
-def _gyroscope(rng: np.random.Generator) -> gyroscope.Parameters:
-    return gyroscope.Parameters(poses=int(rng.integers(13, 17)), trials=256)
-
-
-def _noise_model(rng: np.random.Generator) -> noise_model.Parameters:
-    return noise_model.Parameters(
-        estimate="known weights",
-        rows=4096,
-        flicker=float(rng.uniform(0.2, 2.0)),
-        walk=float(rng.uniform(0.1, 1.0)),
-    )
-
-
-def _sampling(rng: np.random.Generator) -> sampling.Parameters:
-    return sampling.Parameters(
-        blocks=int(rng.integers(2, 33)), numbers=int(rng.integers(1024, 8193))
-    )
-
-
-def _even_seeds(parameters: sampling.Parameters, streams: Streams) -> Outcome:
+def _even_seeds(parameters, streams):
     # the study draws the streams of the next seed too, which is then no other run's
     return sampling.run(parameters, Streams(2 * streams.seed, streams.key))
 
 
-def _efficiency(rng: np.random.Generator) -> attitude_efficiency.Parameters:
-    return attitude_efficiency.Parameters(
-        geometries=int(rng.integers(100, 201)),
-        trials=int(rng.integers(10, 51)),
-        noise_std=float(10 ** rng.uniform(-5.0, -3.0)),
-    )
-
-
-def _detector(rng: np.random.Generator) -> detector.Parameters:
-    return detector.Parameters(
-        scene="die" if rng.random() < 0.5 else "gimbal",
-        poses=int(rng.integers(14, 18)),
-        noise_std=float(rng.uniform(0.003, 0.03)),
-        multiplier=float(rng.uniform(4.0, 12.0)),
-        window=2 * int(rng.integers(15, 36)) + 1,
-        trim=int(rng.integers(5, 26)),
-        trials=LEAST,
-    )
-
-
-def _end_to_end(rng: np.random.Generator) -> end_to_end.Parameters:
-    return end_to_end.Parameters(
-        poses=int(rng.integers(12, 15)),
-        attitudes=int(rng.integers(2, 9)),
-        accelerometer_noise_std=float(rng.uniform(0.005, 0.04)),
-        magnetometer_noise_std=float(10 ** rng.uniform(-8.0, -7.0)),
-        average=int(rng.integers(10, 400)),
-        trials=LEAST,
-    )
-
-
-def _estimator(rng: np.random.Generator) -> estimator.Parameters:
+def _estimator(rng):
     names = ("wahba", "weighted-wahba", "triad", "closed-form", "combined")
     name = names[rng.integers(len(names))]
     kinds = ("body", "all", "tangent", "unequal", "general")
     return estimator.Parameters(
         algorithm=f"simval:{name}",
         vectors=int(rng.integers(2, 4)) if name.endswith("wahba") else 2,
-        geometry=int(rng.integers(1_000_000)),
+        geometry=int(rng.integers(NUMBERS)),
         noise=kinds[rng.integers(len(kinds))],
         noise_std=float(10 ** rng.uniform(-3.0, -2.0)),
         samples=4096,
@@ -189,7 +94,7 @@ def _estimator(rng: np.random.Generator) -> estimator.Parameters:
     )
 
 
-def _calibrator(rng: np.random.Generator) -> calibrator.Parameters:
+def _calibrator(rng):
     noise = float(rng.uniform(0.003, 0.03))
     if rng.random() < 0.5:  # `SIX`
         return calibrator.Parameters(
@@ -208,9 +113,7 @@ def _calibrator(rng: np.random.Generator) -> calibrator.Parameters:
     )
 
 
-def _faces(
-    poses: Float[Array, "n 3"], g: float
-) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
+def _faces(poses, g):
     up, down = np.split(poses.reshape(-1, 6, 3).mean(axis=0), 2)
     up, down = np.diag(up), np.diag(down)
     return np.diag(2.0 * g / (up - down)), (up + down) / 2.0
@@ -220,13 +123,13 @@ SIX: Final = Calibrator(name="six faces", calibrate=_faces, estimates=("scale", 
 """A calibrator of less than nine parameters, which the package has none of."""
 
 
-def _calibrated(parameters: calibrator.Parameters, streams: Streams) -> Outcome:
+def _calibrated(parameters, streams):
     name = parameters.algorithm
     plugin = find_plugin(name, Calibrator) if name else SIX
     return calibrator.outcome(plugin, parameters, streams)
 
 
-def _filter(rng: np.random.Generator) -> filter.Parameters:
+def _filter(rng):
     scenario = ("gimbal slow", "long rest")[rng.integers(2)]
     wrong = (
         "",
@@ -246,24 +149,86 @@ def _filter(rng: np.random.Generator) -> filter.Parameters:
     )
 
 
-SETTINGS: Final[Mapping[str, tuple[Run, Setting]]] = MappingProxyType(
+def drawn(study, **settings):
+    """Parameters of a study, drawn in this order: (low, high), or a function of rng."""
+
+    def one(rng, value):
+        match value:
+            case (int() as low, int() as high):
+                return int(rng.integers(low, high))
+            case (float() as low, float() as high):
+                return float(rng.uniform(low, high))
+        return value(rng) if callable(value) else value
+
+    return lambda rng: study.Parameters(
+        **{name: one(rng, value) for name, value in settings.items()}
+    )
+
+
+def power_of_ten(low, high):
+    return lambda rng: float(10 ** rng.uniform(low, high))
+
+
+def either(one, other):
+    return lambda rng: one if rng.random() < 0.5 else other
+
+
+def sampled(study, **settings):
+    return study.run, drawn(study, **settings)
+
+
+SETTINGS: Final[Mapping] = MappingProxyType(
     {
-        "sampling": (_even_seeds, _sampling),
-        "calibration": (calibration.run, _calibration),
+        "sampling": (
+            _even_seeds, drawn(sampling, blocks=(2, 33), numbers=(1024, 8193))
+        ),
+        "calibration": sampled(
+            calibration,
+            poses=(12, 41), noise_std=(0.003, 0.03), hold_time=0.02, trials=FEW,
+        ),
         "ladder": (ladder.run, _ladder),
-        "coverage": (coverage.run, _coverage),
-        "gyroscope": (gyroscope.run, _gyroscope),
-        "magnetometer": (magnetometer.run, _magnetometer),
+        "coverage": sampled(
+            coverage, poses=(15, 60), sigma=either("known", "type A"), trials=4 * FEW
+        ),
+        "gyroscope": sampled(gyroscope, poses=(13, 17), trials=256),
+        "magnetometer": sampled(
+            magnetometer,
+            poses=(30, 100), dip_deg=(-75.0, 75.0), field_noise=(1e-4, 5e-3),
+            trials=FEW,
+        ),
         "attitude": (attitude.run, _attitude),
-        "attitude_efficiency": (attitude_efficiency.run, _efficiency),
-        "attitude_limits": (attitude_limits.run, _limits),
-        "attitude_vectors": (attitude_vectors.run, _vectors),
-        "noise_model": (noise_model.run, _noise_model),
-        "detector": (detector.run, _detector),
-        "end_to_end": (end_to_end.run, _end_to_end),
+        "attitude_efficiency": sampled(
+            attitude_efficiency,
+            geometries=(100, 201), trials=(10, 51), noise_std=power_of_ten(-5.0, -3.0),
+        ),
+        "attitude_limits": sampled(
+            attitude_limits, ratio=(1.5, 2.5), norm=(0.1, 0.7), samples=16_384
+        ),
+        "attitude_vectors": sampled(
+            attitude_vectors,
+            vectors=(2, 7), ratio=power_of_ten(0.0, 2.0), geometry=(0, NUMBERS),
+            samples=4096,
+        ),
+        "noise_model": sampled(
+            noise_model,
+            estimate="known weights", rows=4096, flicker=(0.2, 2.0), walk=(0.1, 1.0),
+        ),
+        "detector": sampled(
+            detector,
+            scene=either("die", "gimbal"), poses=(14, 18), noise_std=(0.003, 0.03),
+            multiplier=(4.0, 12.0),
+            window=lambda rng: 2 * int(rng.integers(15, 36)) + 1,
+            trim=(5, 26), trials=LEAST,
+        ),
+        "end_to_end": sampled(
+            end_to_end,
+            poses=(12, 15), attitudes=(2, 9), accelerometer_noise_std=(0.005, 0.04),
+            magnetometer_noise_std=power_of_ten(-8.0, -7.0), average=(10, 400),
+            trials=LEAST,
+        ),
         "estimator": (estimator.compute, _estimator),
         "calibrator": (_calibrated, _calibrator),
         "filter": (filter.compute, _filter),
     }
-)
+)  # fmt: skip
 """Studies whose judged rows rest on samples, each with its random settings."""
