@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from clusters import free_port
 from places import ROOT
+from processes import free_port
 
 RECIPES = ROOT / "docs" / "examples" / "cluster"
 

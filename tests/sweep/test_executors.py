@@ -1,88 +1,44 @@
-"""Local workers that die; random kills; a full disk."""
+"""Local workers that die; random kills; a full disk; cells that cannot travel."""
 
 import contextlib
 import os
 import random
-import resource
 import signal
 import subprocess
-import sys
 import time
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
-from places import ROOT
+from processes import finished, poisoned, sweep, until
 from stores import digest
 
-from simval.sweep import (
-    executors,
-    load_run,
-    load_suite,
-    run_suite,
-    store,
-)
+from simval.sweep import executors, load_run, load_suite, run_suite
 from simval.sweep.executors import Queue
 
 pytestmark = pytest.mark.ci
 
-SITE = "import poison; poison.install()\n"
 
-
-def environment(tmp_path, poison):
-    """Environment in which every Python starts with `poison.install()`."""
-    (tmp_path / "site").mkdir(exist_ok=True)
-    (tmp_path / "site" / "sitecustomize.py").write_text(SITE)
-    path = os.pathsep.join([str(tmp_path / "site"), str(ROOT / "tests"), str(ROOT)])
-    return {**os.environ, "PYTHONPATH": path, "SIMVAL_TEST_POISON": poison}
-
-
-def sweep(suite, folder, *words, **options):
-    command = [
-        sys.executable,
-        "-m",
-        "simval",
-        "sweep",
-        str(suite),
-        "--out",
-        str(folder),
-    ]
-    return subprocess.Popen(
-        [*command, *words],
-        stderr=subprocess.PIPE,
-        text=True,
-        **{"preexec_fn": hear_ctrl_c, **options},
-    )
-
-
-def hear_ctrl_c():
-    """Undo what a shell does to a job in the background, so that tests can be one."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
-def test_a_cell_that_kills_its_worker_fails_alone(
-    tiny_suite, tiny_run, tmp_path, simval, monkeypatch
-):
+def test_a_cell_that_kills_its_worker_fails_alone(tiny_suite, tiny_run, tmp_path):
     folder = tmp_path / "poisoned"
-    for name, value in environment(tmp_path, "kill:0.02").items():
-        monkeypatch.setenv(name, value)
-    code, _, err = simval("sweep", tiny_suite, "--out", folder, "--workers", 2)
-    assert code == 4, err
-    run = load_run(folder)
-    failed = [cell for cell in run.cells if cell.status == "failed"]
-    assert [cell.parameters["noise_std"] for cell in failed] == [0.02]
-    assert "worker process died" in failed[0].error
+    words = poisoned(tmp_path, "kill:0.02")
+    process = sweep(tiny_suite, folder, "--workers", 2, **words)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 4, err
+    (failed,) = [cell for cell in load_run(folder).cells if cell.status == "failed"]
+    assert failed.parameters["noise_std"] == 0.02
+    assert "worker process died" in failed.error
     # and without the poison the same folder goes on to the same table
     run_suite(str(tiny_suite), folder, resume=True)
     assert digest(folder) == digest(tiny_run)
 
 
 class Fragile(Executor):
-    """An executor that breaks between a cell's end and the next submission."""
+    """A pool in this process that breaks after some batches; a place cannot travel."""
 
-    def __init__(self, breaks_at):
-        self.left = breaks_at
+    def __init__(self, left=-1, mute=None):
+        self.left, self.mute = left, mute
 
     def __enter__(self):
         return self
@@ -90,59 +46,48 @@ class Fragile(Executor):
     def __exit__(self, *error):
         return False
 
-    def submit(self, function, *arguments):
+    def submit(self, function, batch):
         if self.left == 0:
             raise BrokenProcessPool
         self.left -= 1
         future = Future()
-        future.set_result(function(*arguments))
+        if self.mute in batch.places:
+            future.set_exception(TypeError("cannot pickle"))
+            return future
+        try:
+            future.set_result(function(batch))
+        except Exception as error:
+            future.set_exception(error)
         return future
 
 
-def ended(compute, *options):
-    """Place, reason of the failure and size of its batch, of each cell that ended."""
-    return [
-        (done.cell[0], done.cell[6], len(batch))
-        for batch in compute(*options)
-        for done in batch
-    ]
-
-
-def test_no_cell_is_lost_when_the_pool_breaks_before_a_submission(
-    tiny_suite, monkeypatch
-):
-    cells = load_suite(str(tiny_suite)).cells
+@pytest.fixture
+def pooled(tiny_suite, monkeypatch):
+    """Places and errors of cells that end in some pools; the cells compute nothing."""
     monkeypatch.setattr(executors, "attempt", lambda k, cell: (k, "done", 0.0))
-    pools = iter([Fragile(1), Fragile(0), Fragile(9), Fragile(9)])
-    monkeypatch.setattr(executors, "_pool", lambda workers: next(pools))
-    queue = Queue(cells, [0, 1, 2, 3], 1e-3)
-    found = [place for place, _, _ in ended(executors.pooled, queue, 1)]
-    assert sorted(found) == [0, 1, 2, 3]
+
+    def end(pools, together=1):
+        pools = iter(pools)
+        monkeypatch.setattr(executors, "_pool", lambda workers: next(pools))
+        monkeypatch.setattr(executors, "SHARES", 4 / together)
+        queue = Queue(load_suite(str(tiny_suite)).cells, range(4), 1e-3)
+        done = [each for batch in executors.pooled(queue, 1) for each in batch]
+        return sorted((each.cell[0], each.cell[6]) for each in done)
+
+    return end
 
 
-@pytest.mark.parametrize("together", [1, 2, 3])
-def test_an_outcome_that_cannot_travel_fails_its_cell_alone(
-    tiny_suite, monkeypatch, together
-):
-    cells = load_suite(str(tiny_suite)).cells
-    monkeypatch.setattr(executors, "attempt", lambda k, cell: (k, "done", 0.0))
-    monkeypatch.setattr(executors, "SHARES", 3 / together)
+def test_no_cell_is_lost_when_the_pool_breaks_before_a_submission(pooled):
+    """Between a cell's end and the next submission."""
+    found = pooled([Fragile(1), Fragile(0), Fragile(9), Fragile(9)])
+    assert [place for place, _ in found] == [0, 1, 2, 3]
 
-    class Mute(Fragile):
-        def submit(self, function, batch):
-            if 1 in batch.places:
-                future = Future()
-                future.set_exception(TypeError("cannot pickle"))
-                return future
-            return super().submit(function, batch)
 
-    monkeypatch.setattr(executors, "_pool", lambda workers: Mute(9))
-    found = ended(executors.pooled, Queue(cells, [0, 1, 2], 1e-3), 1)
-    assert sorted(found) == [
-        (0, "done", 1),
-        (1, "TypeError: cannot pickle", 1),
-        (2, "done", 1),
-    ]
+@pytest.mark.parametrize("together", [1, 2, 4])
+def test_an_outcome_that_cannot_travel_fails_its_cell_alone(pooled, together):
+    found = pooled([Fragile(mute=1)], together)
+    assert found[1] == (1, "TypeError: cannot pickle")
+    assert found[:1] + found[2:] == [(0, "done"), (2, "done"), (3, "done")]
 
 
 def test_the_last_line_of_an_error_is_its_whole_message(
@@ -162,11 +107,6 @@ def test_the_last_line_of_an_error_is_its_whole_message(
         r"ValueError: \x00",
     ]
     assert all(cell.error.startswith("Traceback") for cell in run.cells)
-    assert cell_lines(run, "one line") == 1  # not said again where it is one line
-
-
-def cell_lines(run, words):
-    return sum(cell.error.count(words) for cell in run.cells)
 
 
 def children(pid):
@@ -179,38 +119,22 @@ def children(pid):
     "number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
 )
 def test_workers_end_with_their_driver(tiny_suite, tmp_path, number):
-    folder = tmp_path / "orphans"
-    process = sweep(
-        tiny_suite, folder, "--workers", "2", env=environment(tmp_path, "slow:600")
-    )
-    limit = time.monotonic() + 60
-    while len(children(process.pid)) < 3 and time.monotonic() < limit:
-        time.sleep(0.05)
+    words = poisoned(tmp_path, "slow:600")
+    process = sweep(tiny_suite, tmp_path / "orphans", "--workers", 2, **words)
+    until(lambda: len(children(process.pid)) > 2)
     workers = children(process.pid)
     time.sleep(2.0)  # they are computing
     process.send_signal(number)
     process.communicate(timeout=60)
-    limit = time.monotonic() + 30
-    while any(Path(f"/proc/{w}").exists() for w in workers):
-        assert time.monotonic() < limit, "workers outlived their driver"
-        time.sleep(0.1)
+    until(lambda: not any(Path(f"/proc/{worker}").exists() for worker in workers), 30)
 
 
-def killed_at(suite, folder, delay, tmp_path, workers, after_a_cell):
-    process = sweep(
-        suite,
-        folder,
-        "--workers",
-        str(workers),
-        "--resume",
-        env=environment(tmp_path, "slow:0.3"),
-        start_new_session=True,
-    )
+def killed_at(suite, folder, delay, workers, after_a_cell, **poison):
+    words = ("--workers", workers, "--resume")
+    process = sweep(suite, folder, *words, group=True, **poison)
     if after_a_cell:  # in the middle for certain, however slow the machine is
-        before, limit = len(finished(folder)), time.monotonic() + 60
-        while len(finished(folder)) == before and process.poll() is None:
-            assert time.monotonic() < limit
-            time.sleep(0.01)
+        before = len(finished(folder))
+        until(lambda: len(finished(folder)) > before or process.poll() is not None)
         delay = 0.05 * delay
     with contextlib.suppress(subprocess.TimeoutExpired):
         process.wait(timeout=delay)
@@ -219,24 +143,22 @@ def killed_at(suite, folder, delay, tmp_path, workers, after_a_cell):
     process.communicate()
 
 
-def finished(folder):
-    if not (folder / "run.sqlite").exists():
-        return {}
-    with store.opened(folder / "run.sqlite") as database:
-        return {
-            c.name: c.seconds for c in store.read_cells(database) if c.status == "done"
-        }
-
-
-def survives_kills(tiny_suite, tiny_run, tmp_path, kills, seed):
-    rng = random.Random(seed)
-    folder = tmp_path / "killed"
-    seen = set()
+@pytest.mark.parametrize(
+    ("kills", "seed"),
+    [
+        (1, 11),  # after its first cell; at random moments in the nightly runs
+        *(pytest.param(10, seed, marks=pytest.mark.slow) for seed in range(4)),
+    ],
+)
+def test_a_run_that_is_killed_ends_the_same(
+    tiny_suite, tiny_run, tmp_path, kills, seed
+):
+    rng, folder, seen = random.Random(seed), tmp_path / "killed", set()
+    poison = poisoned(tmp_path, "slow:0.3")
     for k in range(kills):
-        before = finished(folder)
-        delay = rng.uniform(0.3, 2.5)
+        before, delay = finished(folder), rng.uniform(0.3, 2.5)
         workers = rng.choice([1, 2])
-        killed_at(tiny_suite, folder, delay, tmp_path, workers, k % 2 == 0)
+        killed_at(tiny_suite, folder, delay, workers, k % 2 == 0, **poison)
         after = finished(folder)
         seen.add(len(after))
         # no finished cell is lost, and none is computed twice: its time stays
@@ -246,30 +168,10 @@ def survives_kills(tiny_suite, tiny_run, tmp_path, kills, seed):
     assert digest(folder) == digest(tiny_run)
 
 
-def test_a_run_killed_in_the_middle_ends_the_same(tiny_suite, tiny_run, tmp_path):
-    # after its first cell; at random moments in the nightly runs
-    survives_kills(tiny_suite, tiny_run, tmp_path, kills=1, seed=11)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4))
-def test_a_run_killed_many_times_ends_the_same(tiny_suite, tiny_run, tmp_path, seed):
-    survives_kills(tiny_suite, tiny_run, tmp_path, kills=10, seed=seed)
-
-
 def test_ctrl_c_in_a_pool_leaves_a_resumable_run(tiny_suite, tiny_run, tmp_path):
-    folder = tmp_path / "stopped"
-    process = sweep(
-        tiny_suite,
-        folder,
-        "--workers",
-        "2",
-        env=environment(tmp_path, "slow:1.0"),
-        start_new_session=True,
-    )
-    limit = time.monotonic() + 60
-    while not (folder / "run.sqlite").exists() and time.monotonic() < limit:
-        time.sleep(0.02)
+    folder, poison = tmp_path / "stopped", poisoned(tmp_path, "slow:1.0")
+    process = sweep(tiny_suite, folder, "--workers", 2, group=True, **poison)
+    until((folder / "run.sqlite").exists)
     time.sleep(0.5)
     os.killpg(process.pid, signal.SIGINT)
     _, err = process.communicate(timeout=60)
@@ -289,11 +191,7 @@ def test_a_full_disk_is_a_clear_error_and_resumable(
     tiny_suite, tiny_run, tmp_path, limit
 ):
     folder = tmp_path / "full"
-
-    def limited():  # no file may grow beyond the limit
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
-
-    process = sweep(tiny_suite, folder, "--workers", "1", preexec_fn=limited)
+    process = sweep(tiny_suite, folder, "--workers", 1, limit=limit)
     _, err = process.communicate(timeout=120)
     assert process.returncode == 2, err
     assert "disk full" in err

@@ -3,7 +3,6 @@
 import json
 import pickle
 import sys
-from concurrent.futures import Future
 from dataclasses import replace
 from types import ModuleType, SimpleNamespace
 
@@ -59,29 +58,12 @@ def test_a_local_process_that_differs_stops_the_sweep(tmp_path, monkeypatch, wor
     stated = Stated(driver=replace(here(), **OTHERS["source code"]))
     monkeypatch.setattr("simval.sweep.runner.Stated", lambda **words: stated)
     if workers == 2:  # a pool in this process
-        monkeypatch.setattr(executors, "_pool", lambda workers: Answering(None))
+        monkeypatch.setattr(executors, "_pool", lambda workers: Fragile())
     with pytest.raises(InputError, match=r"source code is \w{12}, the driver's 0{12}"):
         run_suite(suite, tmp_path / "run", workers=workers)
     monkeypatch.undo()
     run = run_suite(suite, tmp_path / "run", resume=True)
     assert {cell.status for cell in run.cells} == {"done"}
-
-
-class Answering(Fragile):
-    """An executor that computes, and changes its answers."""
-
-    def __init__(self, change):
-        super().__init__(-1)
-        self.change = change
-
-    def submit(self, function, *arguments):
-        future = Future()
-        try:
-            answer = function(*arguments)
-            future.set_result(self.change(answer) if self.change else answer)
-        except StrangerError as error:
-            future.set_exception(error)
-        return future
 
 
 def test_a_file_that_changes_before_it_is_loaded_is_seen(tmp_path, monkeypatch):

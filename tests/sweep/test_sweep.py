@@ -3,9 +3,7 @@
 import json
 import math
 import re
-import time
 from dataclasses import replace
-from multiprocessing import get_context
 from types import SimpleNamespace
 
 import numpy as np
@@ -215,20 +213,3 @@ def test_an_impossible_number_fails_its_cell_and_not_the_run(
         assert {*given[cell.seed], "family"} >= {named[1]}
     for command in ("gate", "report"):
         assert "damaged" not in "".join(simval(command, folder)[1:])
-
-
-@pytest.mark.ci
-def test_a_killed_run_resumes_to_the_same_table(tiny_suite, tiny_run, tmp_path):
-    folder = tmp_path / "killed"
-    # a fork has imported everything already
-    process = get_context("fork").Process(
-        target=run_suite, args=(str(tiny_suite), folder)
-    )
-    process.start()
-    limit = time.monotonic() + 60
-    while not (folder / "run.sqlite").exists() and time.monotonic() < limit:
-        time.sleep(0.01)
-    process.kill()
-    process.join()
-    run_suite(str(tiny_suite), folder, resume=True)
-    assert digest(folder) == digest(tiny_run)

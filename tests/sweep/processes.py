@@ -1,8 +1,9 @@
-"""Schedulers and workers on loopback, some of them not what the driver is."""
+"""Sweeps as processes, alone and on clusters on loopback, some workers strangers."""
 
 import contextlib
 import os
 import re
+import resource
 import shutil
 import signal
 import socket
@@ -108,16 +109,23 @@ def without_simval(folder):
     return package.parent
 
 
-def sweep(suite, folder, *words, source=ROOT, **environment):
-    """A driver as a process."""
+def sweep(suite, folder, *words, source=ROOT, group=False, limit=None, **environment):
+    """A driver as a process, which hears Ctrl-C; its files may have a limit of size."""
     command = [sys.executable, "-m", "simval", "sweep", str(suite)]
+
+    def begin():
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        if limit:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+
     return subprocess.Popen(
         [*command, "--out", str(folder), *map(str, words)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         env=plain(source, **environment),
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        start_new_session=group,
+        preexec_fn=begin,
     )
 
 
@@ -138,16 +146,18 @@ def until(condition, seconds=90):
 
 
 def finished(folder):
-    """Number of finished cells of a run."""
+    """Times of the finished cells of a run, by their names."""
     if not (folder / "run.sqlite").exists():
-        return 0
+        return {}
     with store.opened(folder / "run.sqlite") as database:
-        return store.count(database, "done")
+        cells = store.read_cells(database)
+        return {cell.name: cell.seconds for cell in cells if cell.status == "done"}
 
 
-def poisoned(folder):
-    """A path by which a Python starts with what `poison` does."""
+def poisoned(folder, words):
+    """Words by which a Python's cells kill it or wait, as `poison` says."""
     site = folder / "site"
     site.mkdir(exist_ok=True)
     (site / "sitecustomize.py").write_text("import poison; poison.install()\n")
-    return os.pathsep.join([str(site), str(ROOT)])
+    source = os.pathsep.join([str(site), str(ROOT)])
+    return {"SIMVAL_TEST_POISON": words, "source": source}
