@@ -75,7 +75,7 @@ def test_a_failure_is_the_gates_message_alone(judged):
     [
         ("estimator", "lambda *v: 1 / 0, **QUICK", "ZeroDivisionError: division"),
         ("estimator", "lambda *v: exit(3), **QUICK", "raised SystemExit: 3"),
-        ("estimator", "lambda *v: None, **QUICK", "as NoneType of shape ()"),
+        ("estimator", "lambda *v: None, **QUICK", "it holds None, of type NoneType"),
         (
             "estimator",
             "davenport, **QUICK | {'matrix': 'active'}",
