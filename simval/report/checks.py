@@ -7,22 +7,21 @@ from typing import Any
 import numpy as np
 
 from simval.change import EFFORT
+from simval.figures import Figure
 from simval.judge.findings import reproduce
 from simval.report.curves import (
     PREFERRED,
     Measure,
     Measured,
     axis_of,
-    bar_width,
     curve,
     described,
     grouped,
     numeric,
-    statistic,
     varying,
 )
 from simval.report.findings import Claim, claiming
-from simval.report.palette import THEORY
+from simval.report.gallery import panels_of
 from simval.report.panels import GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.table import Column, Table
@@ -31,7 +30,6 @@ from simval.results import CellName, Row
 from simval.statistics import Statistic
 from simval.sweep import Run
 from simval.sweep.run import CellResult
-from simval.units import value_words
 from simval.verdict import WORST_FIRST, Answer, Verdict
 
 # ---- figures of failing checks
@@ -92,7 +90,11 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
         return None
     axis = axis_of(cells)
     members = next(g for g in grouped(cells, axis).values() if failed in g)
-    panels = [_values(members, axis, verdict.row)]
+    figure = Figure(
+        name=name, rows=[what], by=predictor, along=axis, value="value", log_x=None,
+        log_y=False, theory=predictor or "prediction", caption="",
+    )  # fmt: skip
+    panels, _ = panels_of(figure, {f"{spelled(study)}, {what}": members})
     if verdict.row.standard_error > 0.0:
         panels.append(_distances(members, axis, verdict.row))
     against = f" against {predictor}" if predictor else ""
@@ -117,26 +119,6 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
     return claiming(drawing, claim) if claim.found.off else drawing
 
 
-def _values(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
-    c = curve("measured", cells, axis, statistic(row.statistic, row.predictor))
-    series: list[Series] = []
-    study = cells[0].study
-    if c is not None:
-        label = row.predictor or "prediction"
-        predicted = c.predicted("-", label)
-        if len(np.unique(c.x)) == 1:  # no line, but a mark for each point
-            predicted = Series(
-                label=label, x=c.x, y=c.prediction, colour=THEORY, marker="D"
-            )
-        series = [c.points(bar_width([c])), predicted]
-    return _panel(
-        f"{spelled(study)}, {row.statistic}",
-        value_words(row.unit),
-        (study, axis),
-        series,
-    )
-
-
 def _distances(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
     c = curve("difference", cells, axis, _distance(row))
     series: list[Series] = []
@@ -148,20 +130,11 @@ def _distances(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
             label=words, x=c.x, y=zero, band=c.prediction, colour=GREY, line="-"
         )
         series = [allowed, c.points(1.0)]
-    return _panel(
-        "distance from the prediction", "standard errors", (study, axis), series
-    )
-
-
-def _panel(
-    title: str, y_label: str, along: tuple[str, str], series: list[Series]
-) -> Panel:
-    """A panel over a parameter of a study, in words."""
     return Panel(
-        title=title,
-        x_label=axis_words(*along),
-        y_label=y_label,
-        series=tuple(series),
+        title="distance from the prediction",
+        x_label=axis_words(study, axis),
+        y_label="standard errors",
+        series=series,
         log_x=bool(series) and bool(np.all(series[0].x > 0.0)),
         log_y=False,
     )

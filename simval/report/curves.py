@@ -271,9 +271,14 @@ def curve(
             if (place := position(cell, axis)) is not None
             if (values := measure(cell)) is not None
         ]
-    if not points:
-        return None
-    points.sort(key=lambda point: (point[0], *point[2][:4]))
+    return along_axis(label, points) if points else None
+
+
+def along_axis(
+    label: str, points: Iterable[tuple[float, CellResult, Measured]]
+) -> Curve:
+    """Sort what was found in cells by its place on an axis."""
+    points = sorted(points, key=lambda point: (point[0], *point[2][:4]))
     numbers = [(place, *found[:4]) for place, _, found in points]
     x, value, error, prediction, rest = np.array(numbers, dtype=float).T
     return Curve(

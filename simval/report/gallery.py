@@ -23,6 +23,7 @@ from simval.report import palette
 from simval.report.curves import (
     MAX_GROUPS,
     Curve,
+    along_axis,
     axis_of,
     bar_width,
     bars,
@@ -33,7 +34,6 @@ from simval.report.curves import (
     ratio_panel,
     read,
     spans,
-    triple,
     varying,
 )
 from simval.report.findings import Claim, behind, claiming, limited
@@ -309,19 +309,8 @@ def _bars(figure: Figure, groups: Mapping[str, Cells]) -> Panels:
 
 def _curve(label: str, points: Sequence[Point]) -> Curve:
     """A line of rows, sorted along the axis."""
-    points = sorted(points, key=lambda point: (point.x, *triple(point.row)))
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not drawn
-        values = [(p.x, *read(p.row)[:4]) for p in points]
-        x, value, error, prediction, rest = np.array(values, dtype=float).T
-    return Curve(
-        label=label,
-        x=x,
-        value=value,
-        error=error,
-        prediction=prediction,
-        remainder=rest,
-        sources=[(p.cell, read(p.row)) for p in points],
-    )
+        return along_axis(label, [(p.x, p.cell, read(p.row)) for p in points])
 
 
 def curves_of(figure: Figure, points: Sequence[Point]) -> dict[str, list[Curve]]:
