@@ -107,21 +107,19 @@ def path_of(truth, pieces=40, margin=10):
     return MovePath(turns=np.array(turns), seconds=np.array(seconds))
 
 
-def rolled(axes_angles, hold=60, move=200, h=0.01):
+def rolled(axes_angles, hold=60, move=200, h=0.01, first=None):
     """Time, averages of the rate, rests and their attitudes; moves about fixed axes."""
-    parts = [np.zeros((hold, 3))]
+    first = hold if first is None else first
+    s = np.linspace(0.0, 1.0, move + 1)
+    course = np.diff(s**3 * (10 - 15 * s + 6 * s * s)) / h
+    parts = [np.zeros((first, 3))]
     for axis, angle in axes_angles:
-        s = np.linspace(0.0, 1.0, move + 1)
-        course = s**3 * (10 - 15 * s + 6 * s * s)
         unit = np.array(axis) / np.linalg.norm(axis)
-        parts += [np.diff(course)[:, None] * unit * angle / h, np.zeros((hold, 3))]
+        parts += [course[:, None] * unit * angle, np.zeros((hold, 3))]
     rate = np.concatenate(parts)
-    rests = np.array(
-        [
-            [k * (move + hold), k * (move + hold) + hold]
-            for k in range(len(axes_angles) + 1)
-        ]
-    )
+    stops = first + (move + hold) * np.arange(len(axes_angles) + 1)
+    rests = np.stack([stops - hold, stops], axis=1)
+    rests[0, 0] = 0
     turned = [Rotation.identity()]
     for axis, angle in axes_angles:
         step = Rotation.from_rotvec(np.array(axis) / np.linalg.norm(axis) * angle)

@@ -21,7 +21,7 @@ from simval.calibrate import (
 from simval.sensor import MODELS, convert, forms
 
 QUIET, G, H, MARGIN = np.random.default_rng(0), 9.81, 0.01, 1
-TIME, RATE, RESTS, ATTITUDES = rolled(GENERIC, hold=150, move=60, h=H)
+TIME, RATE, RESTS, ATTITUDES = rolled(GENERIC, hold=100, move=150, h=H, first=400)
 LEVEL = np.cross(FIRST_UP, [1.0, 0.0, 0.0]) / np.linalg.norm(
     np.cross(FIRST_UP, [1.0, 0.0, 0.0])
 )

@@ -126,7 +126,7 @@ def test_derivative_is_that_of_the_turn(scheme, chunk):
 @pytest.mark.ci
 def test_error_bars_hold_with_the_jitter_that_is_stated():
     """NEES of twelve; one false alarm in 1e4, and the jitter left out is seen."""
-    trials, jitter, walk, std = 16, 1e-3, 1e-4, 1e-3
+    trials, jitter, walk, std = 48, 1e-3, 1e-4, 1e-3
     time, rate, rests, attitudes = rolled(GENERIC, hold=50, move=100)
     up, rng, truth = attitudes.inv().apply(FIRST_UP), np.random.default_rng(1), []
     truth = np.concatenate([M.ravel(), GYROSCOPE.B])

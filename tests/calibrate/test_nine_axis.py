@@ -38,8 +38,6 @@ from simval.errors import (
 from simval.geometry import attitude_matrix
 from simval.theory import (
     MovePath,
-    gyroscope_moments,
-    magnetometer_moments,
     nine_axis_moments,
 )
 
@@ -138,34 +136,6 @@ def test_a_magnetometer_that_tells_nothing_leaves_the_gyroscopes_fit(noisy):
     np.testing.assert_allclose(fit.sd[:, :21], sd, rtol=5e-3)
     far = (found.fit.parameters[:, :21] - whole) / sd
     assert np.abs(far).max() > 5e-2
-
-
-def test_bound_is_that_of_two_sensors_where_the_third_tells_nothing():
-    """Two theories with other code: one eliminates attitudes, one equations."""
-    truth = tumble(20)
-    common = {"pose_std": truth.pose_std, "bias_std": 1e-4, "g": truth.g}
-    given = GYROSCOPE, ACCELEROMETER, IRON, attitudes(truth), DIP, path_of(truth)
-
-    def of(walk, std):
-        return nine_axis_moments(
-            *given, field_std=std, field=FIELD, angle_random_walk=walk, **common
-        ).cramer_rao
-
-    alone = magnetometer_moments(
-        ACCELEROMETER, IRON, attitudes(truth), DIP, accelerometer_std=truth.pose_std,
-        magnetometer_std=IRON_STD, g=truth.g, field=FIELD,
-    ).covariance  # fmt: skip
-    sd = np.sqrt(np.diagonal(alone))
-    blind = of(1e5, IRON_STD)[np.ix_(POSES, POSES)]
-    # inverses of condition 1e4 in scaled units
-    assert np.abs((blind - alone) / np.outer(sd, sd)).max() < 1e-9
-    alone = gyroscope_moments(
-        GYROSCOPE, ACCELEROMETER, truth.directions, path_of(truth),
-        angle_random_walk=WALK, **common,
-    ).cramer_rao  # fmt: skip
-    sd = np.sqrt(np.diagonal(alone))
-    still = of(WALK, 1e6)[:21, :21]
-    assert np.abs((still - alone) / np.outer(sd, sd)).max() < 1e-9
 
 
 def brute(path, first, noise, g=9.80665):
