@@ -11,7 +11,6 @@ import json
 import os
 import pickle
 import re
-import shutil
 import signal
 import tomllib
 import zipfile
@@ -31,7 +30,6 @@ from simval.poses import fibonacci_sphere
 from simval.scene.physics import load_model
 from simval.sweep import load_run
 
-QUICK, NIGHTLY = 34, 334  # times six kinds: 204 and 2004
 LIMIT = 60  # s, for what takes less than one: a hang, not a slow machine
 
 WORDS = (
@@ -101,22 +99,7 @@ class Files:
         self.folder, self.run, self.capsys = folder, run, capsys
         self.baseline = folder / "good.json"
         write_baseline(self.baseline, load_run(run), "good")
-        self.good_run = load_run(run)
         self.good_baseline = read_baseline(self.baseline)
-
-    def sqlite(self):
-        return (self.run / "run.sqlite").read_bytes()
-
-    def check_sqlite(self, data):
-        folder = self.folder / "bad-run"
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir()
-        (folder / "run.sqlite").write_bytes(data)
-        code, _ = called(self.capsys, "gate", folder, "--baseline", self.baseline)
-        if code == 0:
-            assert judged_in(load_run(folder)) == judged_in(self.good_run)
-        if code != 2:
-            called(self.capsys, "report", folder)
 
     def json(self):
         return self.baseline.read_bytes()
@@ -181,19 +164,6 @@ def _refused(word):
     raise ValueError(word)
 
 
-def judged_in(run):
-    # one bit of a prediction may turn and leave it as good as it was; what is
-    # measured, and by which rule it is judged, may not
-    return [
-        (
-            c.name,
-            c.status,
-            [(r.statistic, r.check) for r in c.rows if r.check != "record"],
-        )
-        for c in run.cells
-    ]
-
-
 def damage(kind, seed, count, files):
     rng = np.random.default_rng([seed, sum(kind.encode())])
     good = getattr(files, kind)()
@@ -211,21 +181,17 @@ def damage(kind, seed, count, files):
             raise
 
 
-KINDS = ("sqlite", "json", "toml", "csv", "log", "xml")
+KINDS = ("json", "toml", "csv", "log", "xml")
+"""A damaged store is in tests/sweep/test_store.py."""
 
 
-@pytest.mark.ci
+@pytest.mark.parametrize(
+    "count",
+    [pytest.param(34, marks=pytest.mark.ci), pytest.param(400, marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("kind", KINDS)
-def test_damaged_files_end_in_words(kind, tiny_run, tmp_path, capsys, undrawn):
-    # a damaged store goes through every command; test_damaged_runs has more
-    count = 8 if kind == "sqlite" else QUICK
+def test_damaged_files_end_in_words(kind, count, tiny_run, tmp_path, capsys, undrawn):
     damage(kind, 20_265, count, Files(tmp_path, tiny_run, capsys))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-def test_many_damaged_files_end_in_words(kind, tiny_run, tmp_path, capsys):
-    damage(kind, 20_266, NIGHTLY, Files(tmp_path, tiny_run, capsys))
 
 
 @pytest.mark.ci
