@@ -23,6 +23,10 @@ else its numbers along what varies; ``ABOUT`` stands above them.
 A study that runs a user's code has a fifth, ``compute``: what ``run`` asks a child
 process to do.
 
+What studies share: `simval.studies.trials` runs trials in blocks and judges the noise
+in them, `simval.studies.response` is how any estimator answers its readings, and the
+control variates that follow from it.
+
 To add a study, write the module and put its name into `simval.vocabulary.STUDIES`;
 suites, the command line, the gate and the report take it from there. A module is
 imported when its study is asked for: the child process of a plug-in needs no other. A

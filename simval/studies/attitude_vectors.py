@@ -66,7 +66,7 @@ from simval.studies.response import (
     response,
 )
 from simval.studies.study import Cost, StudyParameters
-from simval.studies.trials import correlation_row, noise_row, normalised_square
+from simval.studies.trials import correlation_row, noise_row, normalised_square, root
 from simval.theory import (
     attitude_moments,
     cubature_moments,
@@ -315,7 +315,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     body = setting.draw(n, streams.block(0))
     values, x = setting.features(body), setting.noise(body)
     off = left_out(parameters)
-    rows, ratios = _estimator_rows(setting, values, off)
+    rows = _estimator_rows(setting, values, x, off)
     tests = _test_rows("good", setting, 0.0, x, values[:, -1], off[-1])
     vectors = [*np.moveaxis(x, 1, 0)]
     if shift > 0.0:
@@ -331,8 +331,6 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         rows=(
             *noise_row(x.reshape(n, -1)),
             *rows,
-            *ratios,
-            *_control_rows(setting, rows, values, x),
             *tests,
             *correlation_row(vectors),
             *_stated_rows(setting),
@@ -341,47 +339,44 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def _estimator_rows(
-    setting: Setting, values: Array, off: Array
-) -> tuple[list[Row], list[Row]]:
-    # squared error and normalised square of each estimator, and its RMS over the bound
+    setting: Setting, values: Array, x: Float[Array, "t n 3"], off: Array
+) -> tuple[Row, ...]:
+    """Squared error and normalised square of each estimator, and RMS over the bound.
+
+    Then the judged ones of them with the linear turns as control variates.
+    """
     n, count = len(values), len(setting.predicted)
     mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(n)
+    known = linearized(setting.errors, x.reshape(n, -1))
     squares: list[Row] = []
     own: list[Row] = []
     ratios: list[Row] = []
+    linear: list[tuple[Array, float]] = []
+    normal: list[tuple[Array, float]] = []
     for k, (name, predicted) in enumerate(setting.predicted.items()):
         squares += plain(
             SQUARED_ERROR(name), mean[k], error[k], n, 1.0, FIRST_ORDER, off[k]
         )
-        ratio, root = np.sqrt(predicted / setting.bound), np.sqrt(mean[k])
-        width = ratio * error[k] / (2.0 * root)
+        ratio = np.sqrt(predicted / setting.bound)
+        rms, width = root(mean[k], ratio * error[k])
         ratios += unjudged(
-            RMS_OVER_BOUND(name), ratio * root, width, n, ratio, FIRST_ORDER
+            RMS_OVER_BOUND(name), ratio * rms, width, n, ratio, FIRST_ORDER
         )
         j = k + count
         judged = nees if off[j] <= MOST_LEFT_OUT else unjudged
         own += judged(NEES(name), mean[j], error[j], n, 3.0, CHI_SQUARE_3, off[j])
-    return squares + own, ratios
-
-
-def _control_rows(
-    setting: Setting, rows: list[Row], values: Array, x: Float[Array, "t n 3"]
-) -> tuple[Row, ...]:
-    """The judged ones of these rows, with the linear turns as control variates."""
-    known = linearized(setting.errors, x.reshape(len(x), -1))
-    squares, normal = [], []
-    for k, size in enumerate(setting.predicted.values()):
-        own = known.take(slice(3 * k, 3 * k + 3))
-        mean = float(np.trace(own.covariance)) / size
-        squares.append((np.sum(own.first**2, axis=1) / size, mean))
-        solved = np.linalg.solve(own.covariance, own.first.T).T
-        normal.append((np.vecdot(own.first, solved), 3.0))
-    return tuple(
+        turn = known.take(slice(3 * k, 3 * k + 3))
+        variance = float(np.trace(turn.covariance)) / predicted
+        linear.append((np.sum(turn.first**2, axis=1) / predicted, variance))
+        solved = np.linalg.solve(turn.covariance, turn.first.T).T
+        normal.append((np.vecdot(turn.first, solved), 3.0))
+    sharper = [
         each
-        for k, (row, linear) in enumerate(zip(rows, squares + normal, strict=True))
+        for k, row in enumerate(squares + own)
         if row.check != "record"
-        for each in beside([row], [reduced_mean(values[:, k], *linear)])
-    )
+        for each in beside([row], [reduced_mean(values[:, k], *(linear + normal)[k])])
+    ]
+    return (*squares, *own, *ratios, *sharper)
 
 
 def _test_rows(

@@ -26,9 +26,8 @@ answers its readings (R2), and the covariance that the fit states must meet the 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from math import radians
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import scipy
@@ -43,7 +42,7 @@ from simval.calibrate import (
 from simval.figures import Figure, Headline, Quote
 from simval.geometry import attitude_matrix, random_quaternions
 from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
-from simval.sensor import AccelerometerModel, MagnetometerModel
+from simval.sensor import MagnetometerModel
 from simval.shapes import Float
 from simval.statistics import (
     BIAS,
@@ -65,6 +64,7 @@ from simval.statistics import (
     VARIANCE_OVER_BOUND,
 )
 from simval.streams import Streams
+from simval.studies.calibration import true_sensor
 from simval.studies.refusing import refusing
 from simval.studies.response import (
     MET,
@@ -121,6 +121,7 @@ PARTS = {
     "b": slice(18, 21),
     "dip": slice(21, 22),
 }
+NOISES = ("accelerometer_std", "magnetometer_std")
 UNITS = ("1",) * 6 + ("m/s²",) * 3 + ("1",) * 12 + ("rad",)
 
 
@@ -150,111 +151,82 @@ class Parameters(StudyParameters):
         return Cost(0.8 + self.trials * (2e-4 + 2.5e-5 * self.poses), 102)
 
 
-def true_accelerometer() -> AccelerometerModel:
-    """The accelerometer that is to be recovered; raw units m/s^2."""
-    values = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
-    return AccelerometerModel.from_parameters(values)
-
-
 def true_magnetometer() -> MagnetometerModel:
     """The magnetometer that is to be recovered: x and y changed, z turned, field 1."""
     matrix = np.array([[0.04, 0.97, 0.05], [1.06, -0.03, 0.02], [-0.04, 0.06, -1.02]])
     return MagnetometerModel(M=matrix, b=np.array([0.25, -0.1, 0.15]))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scenario:
-    """The pose means of a cell without noise, and their noise, raw units."""
+    """Both sensors at rest in some attitudes: clean pose means and their noise."""
 
-    attitudes: Float[Array, "n 4"]
-    accelerometer: Float[Array, "n 3"]
-    magnetometer: Float[Array, "n 3"]
-    accelerometer_std: float
-    magnetometer_std: float
-    truth: Float[Array, "22"]
+    def __init__(
+        self, poses: int, dip_deg: float, accelerometer_noise: float, field_noise: float
+    ) -> None:
+        # always the same attitudes, so that predictions involve no chance
+        self.attitudes = random_quaternions(poses, np.random.default_rng(poses))
+        dip, turn = radians(dip_deg), attitude_matrix(self.attitudes)
+        field = turn @ np.array([np.cos(dip), 0.0, -np.sin(dip)])
+        body, iron = self.sensors = true_sensor(0.0), true_magnetometer()
+        quiet = np.random.default_rng(0)  # draws nothing: these sensors have no noise
+        self.means = body.distort(G * turn[:, :, 2], quiet), iron.distort(field, quiet)
+        self.std = G * accelerometer_noise, field_noise
+        self.told: dict[str, Any] = dict(zip(NOISES, self.std, strict=True))
+        self.truth = np.concatenate([body.parameters, iron.M.ravel(), iron.b, [dip]])
+        self.size = 6 * poses  # numbers of a trial's noise
 
     def readings(
         self, x: Float[Array, "t d"]
     ) -> tuple[Float[Array, "t n 3"], Float[Array, "t n 3"]]:
-        """Readings with this noise, in units of its deviation, pose by pose."""
-        noise = x.reshape(len(x), 2, *self.accelerometer.shape)
-        return (
-            self.accelerometer + self.accelerometer_std * noise[:, 0],
-            self.magnetometer + self.magnetometer_std * noise[:, 1],
+        """Pose means with this noise, in units of its deviation, pose by pose."""
+        noise = x.reshape(len(x), 2, -1, 3)
+        (body, iron), (first, second) = self.means, self.std
+        return body + first * noise[:, 0], iron + second * noise[:, 1]
+
+    def fitted(self, body: Array, iron: Array) -> MagnetometerFit:
+        """The calibration, with the noise that it is told."""
+        return calibrate_magnetometer(body, iron, G, **self.told)
+
+    def predicted(self) -> MagnetometerMoments:
+        """What theory says of it."""
+        dip = float(self.truth[-1])
+        return magnetometer_moments(
+            *self.sensors, self.attitudes, dip, g=G, **self.told
         )
 
-    def equations(self) -> Float[Array, "n 3 d"]:
-        """What the noise makes of a pose's equations, as white numbers.
+    def equations(self) -> Float[Array, "m d"]:
+        """What the noise makes of the poses' equations, as white numbers.
 
         Those of |u|^2 = 1, |v|^2 = 1 and u'v = -sin(dip), u and v the corrected
         readings over their lengths: differentiated at the truth, and whitened.
         """
-        n = len(self.accelerometer)
-        body = true_accelerometer().matrix / G
-        u = (self.accelerometer - self.truth[6:9]) @ body.T
-        iron = self.truth[9:18].reshape(3, 3)
-        v = (self.magnetometer - self.truth[18:21]) @ iron.T
+        (force, field), n = self.means, len(self.attitudes)
+        body, iron = self.sensors[0].matrix / G, self.truth[9:18].reshape(3, 3)
+        u = (force - self.truth[6:9]) @ body.T
+        v = (field - self.truth[18:21]) @ iron.T
         slope = np.zeros((n, 3, 2, 3))
         slope[:, 0, 0], slope[:, 1, 1] = 2.0 * u @ body, 2.0 * v @ iron
         slope[:, 2, 0], slope[:, 2, 1] = v @ body, u @ iron
-        slope *= np.array([self.accelerometer_std, self.magnetometer_std])[:, None]
-        flat = slope.reshape(n, 3, 6)
+        flat = (slope * np.array(self.std)[:, None]).reshape(n, 3, 6)
         factor = np.linalg.cholesky(flat @ flat.transpose(0, 2, 1))
         white = np.linalg.solve(factor, flat).reshape(n, 3, 2, 3)
         each = np.zeros((n, 3, 2, n, 3))
         each[np.arange(n), :, :, np.arange(n)] = white
-        return each.reshape(n, 3, -1)
-
-
-def scenario(
-    poses: int, dip_deg: float, accelerometer_noise: float, field_noise: float
-) -> Scenario:
-    """Both sensors at rest in that many attitudes, with their noise as a share."""
-    # always the same attitudes, so that predictions involve no chance
-    q = random_quaternions(poses, np.random.default_rng(poses))
-    dip, turn = radians(dip_deg), attitude_matrix(q)
-    field = turn @ np.array([np.cos(dip), 0.0, -np.sin(dip)])
-    body, iron = true_accelerometer(), true_magnetometer()
-    quiet = np.random.default_rng(0)  # draws nothing: these sensors have no noise
-    return Scenario(
-        attitudes=q,
-        accelerometer=body.distort(G * turn[:, :, 2], quiet),
-        magnetometer=iron.distort(field, quiet),
-        accelerometer_std=G * accelerometer_noise,
-        magnetometer_std=field_noise,
-        truth=np.concatenate([body.parameters, iron.M.ravel(), iron.b, [dip]]),
-    )
-
-
-def fitted(case: Scenario, body: Array, iron: Array) -> MagnetometerFit:
-    """The calibration of a cell, with the noise that it is told."""
-    return calibrate_magnetometer(
-        body, iron, G, accelerometer_std=case.accelerometer_std,
-        magnetometer_std=case.magnetometer_std,
-    )  # fmt: skip
-
-
-def predicted_moments(case: Scenario) -> MagnetometerMoments:
-    """What theory says of a cell."""
-    return magnetometer_moments(
-        true_accelerometer(), true_magnetometer(), case.attitudes, case.truth[-1],
-        accelerometer_std=case.accelerometer_std,
-        magnetometer_std=case.magnetometer_std, g=G,
-    )  # fmt: skip
+        return each.reshape(3 * n, -1)
 
 
 @refusing("lower the noise or give more `poses`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell and set it beside theory."""
     noises = parameters.accelerometer_noise, parameters.field_noise
-    case = scenario(parameters.poses, parameters.dip_deg, *noises)
-    predicted, size = predicted_moments(case), case.accelerometer.size
+    case = Scenario(parameters.poses, parameters.dip_deg, *noises)
+    predicted = case.predicted()
 
     def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
-        noise = rng.standard_normal((2, BLOCK, size)).transpose(1, 0, 2)
+        noise = rng.standard_normal((2, BLOCK, case.size // 2)).transpose(1, 0, 2)
         noise = noise.reshape(BLOCK, -1)
         readings = case.readings(noise)
-        fit = fitted(case, *readings).require_converged()
+        fit = case.fitted(*readings).require_converged()
         inside, square = stated_of(fit, case.truth, LEVEL)
         kept = {
             "noise": noise,
@@ -269,7 +241,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     def errors(x: Float[Array, "t d"]) -> Float[Array, "t p"]:
         readings = case.readings(x)
         usual = ellipsoid_then_rotation(*readings) - case.truth[9:]
-        fit = fitted(case, *readings)
+        fit = case.fitted(*readings)
         return np.concatenate([fit.parameters - case.truth, usual], axis=1)
 
     seen = trials_of(streams, parameters.trials, BLOCK, trial)
@@ -278,18 +250,18 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     measured = (
         *_moments(seen, fit, predicted),
         *_over_bound(seen, fit, recipe, predicted),
-        *_stated(seen, fit, case.equations().reshape(-1, 2 * size), predicted),
+        *_stated(seen, fit, case.equations(), predicted),
     )
     rows = tuple(row for each, _ in measured for row in each)
     # noise of each sensor in each block
-    vectors = seen["noise"].reshape(-1, BLOCK, 2, size).transpose(0, 2, 1, 3)
+    vectors = seen["noise"].reshape(-1, BLOCK, 2, case.size // 2).swapaxes(1, 2)
     return Outcome(
         rows=(
             *_recovery(case),
             *noise_row(seen["noise"]),
             *rows,
             *beside(rows, [sharper for _, sharper in measured]),
-            *correlation_row(vectors.reshape(-1, BLOCK * size)),
+            *correlation_row(vectors.reshape(-1, BLOCK * case.size // 2)),
             *stated_row(case, predicted),
             *response_rows(parameters.poses, parameters.dip_deg, *noises),
             *_spread_row(seen["error"], predicted),
@@ -408,7 +380,7 @@ def _spread_row(
 
 
 def _recovery(case: Scenario) -> tuple[Row, ...]:
-    fit = fitted(case, case.accelerometer, case.magnetometer)
+    fit = case.fitted(*case.means)
     error = np.abs(fit.parameters - case.truth)
     sizes = [np.abs(case.truth[PARTS[name]]).max() for name in (*PARTS,)[:-1]]
     relative = [
@@ -420,7 +392,7 @@ def _recovery(case: Scenario) -> tuple[Row, ...]:
 
 def stated_row(case: Scenario, predicted: MagnetometerMoments) -> tuple[Row, ...]:
     """The covariance that the fit states at the truth, beside the bound."""
-    fit = fitted(case, case.accelerometer, case.magnetometer)
+    fit = case.fitted(*case.means)
     off = apart(fit.covariance, predicted.covariance)
     return exact(COVARIANCE_OFF("stated"), off, 0.0, CRAMER_RAO, MET)
 
@@ -432,13 +404,13 @@ def response_rows(
     noise = np.array([accelerometer_noise, field_noise]) / LOUD
     if noise.max() > UNLIKE * noise.min():
         return ()
-    case = scenario(min(poses, MOST_POSES), dip_deg, *(noise / noise.max() * LOUD))
-    unit = np.ones(2 * case.accelerometer.size)
+    case = Scenario(min(poses, MOST_POSES), dip_deg, *(noise / noise.max() * LOUD))
+    unit = np.ones(case.size)
     # a step is `STEP` of the size of the noisier sensor's reading
     found = response(
-        lambda x: fitted(case, *case.readings(x)).parameters, 0.0 * unit, STEP / LOUD
+        lambda x: case.fitted(*case.readings(x)).parameters, 0.0 * unit, STEP / LOUD
     )
-    predicted = predicted_moments(case)
+    predicted = case.predicted()
     off = apart(predicted.covariance, found.covariance(unit))
     bias = np.abs(predicted.bias - found.bias(unit)) / predicted.sd
     return (

@@ -178,8 +178,8 @@ FREEDOM = (
     shared(" under control variates", response, "reduced_mean", reduced_by_n),
     by_n("coverage", "calibrator", "", coverage, "calibrate", type_a_by_fewer),
     by_n(
-        "magnetometer", "calibrator", "", magnetometer, "fitted",
-        then(lambda fit: replace(fit, dof=fit.dof + 1)), everywhere=True,
+        "magnetometer", "calibrator", "", magnetometer.Scenario, "fitted",
+        then(lambda fit: replace(fit, dof=fit.dof + 1)),
     ),
     by_n(
         "ladder", "estimator", " in the study's own lines", ladder, "moments_of",

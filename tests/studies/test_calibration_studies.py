@@ -17,14 +17,8 @@ from simval.statistics import (
     VARIANCE_OVER_BOUND,
 )
 from simval.streams import Streams, cell_key
-from simval.studies import coverage, gyroscope, ladder, magnetometer
-from simval.studies.magnetometer import (
-    UNLIKE,
-    fitted,
-    predicted_moments,
-    response_rows,
-    scenario,
-)
+from simval.studies import coverage, gyroscope, ladder
+from simval.studies.magnetometer import UNLIKE, Scenario, response_rows
 
 
 @pytest.mark.slow
@@ -150,21 +144,22 @@ def test_theory_meets_the_magnetometers_estimate_at_any_legal_cell(seed, count):
 def test_a_formula_that_is_off_by_a_thousandth_is_seen(monkeypatch, part):
     # the dip's bias was 2 % too large here: of the curvature of the arcsine the cosine
     # stood in the third power, where the second belongs
+    predicted = Scenario.predicted
+
     def off(case):
-        found = predicted_moments(case)
+        found = predicted(case)
         wrong = np.array(getattr(found, part))
         wrong[-1] *= 1.001
         return replace(found, **{part: wrong})
 
     cell = (20, 66.0, 1e-4, 5e-3)
     assert answers(response_rows(*cell)) == {"pass"}
-    monkeypatch.setattr(magnetometer, "predicted_moments", off)
+    monkeypatch.setattr(Scenario, "predicted", off)
     assert "fail" in answers(response_rows(*cell))
 
 
 def test_white_equations_of_the_magnetometer_are_white():
-    case = scenario(20, 66.0, 1e-3, 5e-3)
-    E = case.equations().reshape(60, -1)
+    E = Scenario(20, 66.0, 1e-3, 5e-3).equations()
     np.testing.assert_allclose(E @ E.T, np.eye(60), rtol=0, atol=1e-12)
 
 
@@ -173,11 +168,10 @@ def test_white_equations_of_the_magnetometer_are_white():
 def test_a_sensor_of_little_noise_ends_as_soon_as_any(noises, count):
     # the last steps gain less of the cost than it is rounded by: before, a third of
     # these trials were damped there and took up to 100 steps, some without an end
-    case = scenario(count, -20.0, *noises)
+    case = Scenario(count, -20.0, *noises)
     noise = np.random.default_rng(count).standard_normal((100, 6 * count))
-    assert (
-        fitted(case, *case.readings(noise)).require_converged().iterations.max() <= 10
-    )
+    fit = case.fitted(*case.readings(noise)).require_converged()
+    assert fit.iterations.max() <= 10
 
 
 GYROSCOPE = {"poses": 14, "trials": 256}
