@@ -28,7 +28,7 @@ WINDOWS = (1.0, 0.5)  # s
 # for 1 Hz at 100 Hz, and 80 to 1000 where a slow motion was taken for a rest
 SLOWEST_NOISE = 0.3  # s
 WHITE = 1.5  # white noise has 1, with 50 ticks less than this in all but 1e-4 of rests
-SLOWEST = 5.0  # Hz; windows of 5 ticks: every rest of test_rates.py still found
+SLOWEST = 5.0  # Hz; windows of 5 ticks: every rest of test_rests.py still found
 CLOCK_ERROR = 0.01  # relative; of a nominal rate
 
 

@@ -250,6 +250,6 @@ def test_newton_is_quadratic_and_the_others_are_linear():
     # linear: the distance falls by one factor a step, within 20 % of itself
     factors = gauss[1:] / gauss[:-1]
     assert np.ptp(np.log(factors)) < 0.2
-    # quadratic: three more digits in the first step (and its order: `test_leverage`)
+    # quadratic: three more digits in the first step
     assert newton[0] < 1e-3 * gauss[0]
     assert len(newton) < len(gauss)
