@@ -25,7 +25,6 @@ from simval.sweep.cells import cell_entry, cell_result, row_entries
 from simval.sweep.runner import Progress, drive
 from simval.sweep.suite import expand
 
-QUICK, NIGHTLY = 24, 200
 FILES = ("run.sqlite", "manifest.json", "timing.json", "results.csv")
 
 
@@ -58,35 +57,32 @@ def read(folder):
     return repr((run.cells, run.manifest, run.timing))
 
 
-def survived(run, folder, capsys, count, seed):
-    """Damage copies of a run; what is not refused must read the same. Count those."""
-    good, same, rng = read(run), 0, np.random.default_rng(seed)
+@pytest.mark.parametrize(
+    "count",
+    [
+        pytest.param(24, marks=pytest.mark.ci),
+        pytest.param(200, marks=pytest.mark.slow),
+    ],
+)
+def test_damage_is_refused_or_changes_nothing(tiny_run, tmp_path, capsys, count):
+    """Copies of a run are damaged; what is not refused must read the same."""
+    good, same, rng = read(tiny_run), 0, np.random.default_rng([33, count > 24])
     for number in range(count):
-        shutil.copytree(run, folder / "bad")
-        file = folder / "bad" / FILES[int(rng.choice(4, p=[0.7, 0.1, 0.1, 0.1]))]
+        shutil.copytree(tiny_run, tmp_path / "bad")
+        file = tmp_path / "bad" / FILES[int(rng.choice(4, p=[0.7, 0.1, 0.1, 0.1]))]
         file.write_bytes(damaged(file.read_bytes(), rng))
-        code = simval_command(["gate", str(folder / "bad"), "--no-baseline"])
+        code = simval_command(["gate", str(tmp_path / "bad"), "--no-baseline"])
         out, err = capsys.readouterr()
         if code == 2:
             assert err.startswith("error: "), (number, file, out, err)
             with pytest.raises(InputError):
-                read(folder / "bad")
+                read(tmp_path / "bad")
         else:  # what SQLite does not use
             assert code == 0, (number, file, out, err)
-            assert read(folder / "bad") == good, (number, file)
+            assert read(tmp_path / "bad") == good, (number, file)
             same += 1
-        shutil.rmtree(folder / "bad")
-    return same
-
-
-@pytest.mark.ci
-def test_damage_is_refused_or_changes_nothing(tiny_run, tmp_path, capsys):
-    assert survived(tiny_run, tmp_path, capsys, QUICK, [33, 0]) < QUICK / 2
-
-
-@pytest.mark.slow
-def test_two_hundred_damages_are_refused_or_change_nothing(tiny_run, tmp_path, capsys):
-    assert survived(tiny_run, tmp_path, capsys, NIGHTLY, [33, 1]) < NIGHTLY / 2
+        shutil.rmtree(tmp_path / "bad")
+    assert same < count / 2
 
 
 @pytest.mark.parametrize(
