@@ -243,6 +243,22 @@ def test_any_step_added_up_is_regular_and_another_is_not(timestep, rows, lost, l
     )
 
 
+def test_the_limit_is_that_of_the_sums():
+    """Some step drifts by nearly half of what is allowed, so a third would refuse it.
+
+    At most the last half of the rows lies in the last binade. If each addition there
+    is off by half a unit, those in the one before are hardly off at all.
+    """
+    used = []
+    for timestep in np.random.default_rng(4).uniform(1e-4, 1e-3, 600):
+        clock = added(timestep, ROWS)
+        assert is_regular(clock, timestep).all()
+        expected = timestep * np.arange(ROWS)
+        allowed = ROWS * np.spacing(expected[-1]) / 2.0
+        used.append(abs(clock[-1] - expected[-1]) / allowed)
+    assert 0.4 < max(used) < 0.5
+
+
 def test_a_run_with_a_step_too_few_is_refused_by_name():
     rows = np.zeros((4000, 14))
     rows[:, 13] = added(1e-3, 4000)

@@ -102,6 +102,12 @@ def test_two_quadratures_in_different_coordinates_agree():
         assert relative(bias, fine_bias) < 1e-9
 
 
+def test_rules_agree_relative_to_what_they_find():
+    bias = np.array([1e-4, 0.0, 0.0, 0.0])
+    # 1 % apart, and 1 % of the 1e-6 below which rounding has no such digits to give
+    assert exact._relative(1.01 * bias, bias) == pytest.approx(0.01, rel=0.02)
+
+
 @pytest.mark.parametrize("k", [0.3, 2.0, 3.5, 5.0, 8.0, 11.9, 12.1, 100.0, 1e4])
 def test_density_integrates_to_one(k):
     # the polar range may be cut only where the density has fallen below rounding
