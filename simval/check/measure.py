@@ -70,7 +70,7 @@ SETTINGS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
 )
 """What differs from the default of a study."""
 
-TOLD: Final = ("body", "unequal")
+READ_NOISE: Final = ("body", "unequal")
 """Noise with which an estimator is checked that reads what noise there is."""
 
 OF_A_COMMAND: Final[Mapping[str, Any]] = MappingProxyType(
@@ -81,12 +81,11 @@ OF_A_COMMAND: Final[Mapping[str, Any]] = MappingProxyType(
 
 def settings_of(plugin: Meant) -> dict[str, Any]:
     """What differs from the default of its study."""
-    settings = SETTINGS.get(plugin.field.partition(".")[0], {})
-    told = (
-        plugin.field == Estimator.taken_by
-        and plugin.declared.get("reads", "none") != "none"
-    )
-    return {**settings, "noise": list(TOLD)} if told else dict(settings)
+    settings = dict(SETTINGS.get(plugin.field.partition(".")[0], {}))
+    reads = plugin.declared.get("reads", "none") != "none"
+    if reads and plugin.field == Estimator.taken_by:
+        settings["noise"] = list(READ_NOISE)
+    return settings
 
 
 def suite_of(plugins: Iterable[Meant], seed: int) -> Suite:
@@ -325,26 +324,20 @@ def check_function(
     held = Meant(kind.taken_by, plugin.name, plugin.name, declarations(plugin))
     table = {**settings_of(held), **settings, field: plugin.name}
     suite = expand("check", {"seed": seed, study: table})
-    cells = tuple(_ended(i, cell, plugin) for i, cell in enumerate(suite.cells))
+    cells = tuple(_measured(i, cell, plugin) for i, cell in enumerate(suite.cells))
     found = {} if baseline is None else manifest(suite)
     run = Run(folder=Path("check"), cells=cells, manifest=found, timing={})
+    result = judge_run(run, None, alpha)
+    if baseline is not None:
+        if update_baseline and result.exit_code == 0:
+            write_baseline(Path(baseline), run, update_baseline)
+        result = judge_run(run, read_baseline(Path(baseline)), alpha)
     return Checked(
         plugins=(held,),
         cells=cells,
-        result=_judged(run, baseline, update_baseline, alpha),
+        result=result,
         missed=tuple(missed_limits(limits, cells)),
     )
-
-
-def _judged(
-    run: Run, baseline: str | Path | None, reason: str, alpha: float
-) -> GateResult:
-    """Judge a run, beside the baseline if there is one; and make it the baseline."""
-    if baseline is None:
-        return judge_run(run, None, alpha)
-    if reason and judge_run(run, None, alpha).exit_code == 0:
-        write_baseline(Path(baseline), run, reason)
-    return judge_run(run, read_baseline(Path(baseline)), alpha)
 
 
 def _sorted_out(
@@ -364,18 +357,16 @@ def _sorted_out(
         )
         raise InputError(msg)
     declared = {
-        word
-        for word in words.keys() & own
-        if word not in set_by or isinstance(words[word], bool)
+        word: value
+        for word, value in words.items()
+        if word in own and (word not in set_by or isinstance(value, bool))
     }
-    return (
-        {word: words[word] for word in declared},
-        {word: _listed(value) for word, value in words.items() if word not in declared},
-    )
-
-
-def _listed(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
+    settings = {
+        word: list(value) if isinstance(value, tuple) else value
+        for word, value in words.items()
+        if word not in declared
+    }
+    return declared, settings
 
 
 def _plugin(
@@ -397,7 +388,7 @@ def _plugin(
         raise InputError(msg) from None
 
 
-def _ended(position: int, cell: Cell, plugin: Held) -> CellResult:
+def _measured(position: int, cell: Cell, plugin: Held) -> CellResult:
     start, error = time.process_time(), ""
     parameters: Any = cell.parameters
     rows: tuple[Row, ...] = ()
@@ -407,7 +398,13 @@ def _ended(position: int, cell: Cell, plugin: Held) -> CellResult:
         try:
             rows = outcome(plugin, parameters, cell.streams).rows
         except CrashedPluginError as crash:
-            error = _told(crash)
+            cause = crash.__cause__
+            frames = traceback.extract_tb(
+                None if cause is None else cause.__traceback__
+            )
+            own = [f for f in frames if not Path(f.filename).is_relative_to(OURS)]
+            # lines of the user's own code, then the message
+            error = f"{''.join(traceback.format_list(own))}{crash}\n"
         except PluginError as refusal:
             error = f"{REFUSED}{refusal}\n"
         except SystemExit as ending:
@@ -423,11 +420,3 @@ def _ended(position: int, cell: Cell, plugin: Held) -> CellResult:
         seconds=time.process_time() - start,
         rows=rows,
     )
-
-
-def _told(crash: CrashedPluginError) -> str:
-    """Frames of the user's own code, then the message."""
-    cause = crash.__cause__
-    frames = traceback.extract_tb(None if cause is None else cause.__traceback__)
-    own = [frame for frame in frames if not Path(frame.filename).is_relative_to(OURS)]
-    return f"{''.join(traceback.format_list(own))}{crash}\n"

@@ -128,7 +128,7 @@ def handed(
 ) -> dict[str, Array]:
     """What an estimator asked to be handed, by name."""
     noise = vector_noise("body", len(vectors) // 2) if noise is None else noise
-    words = noise.told(estimator.reads, vectors)
+    words = noise.read(estimator.reads, vectors)
     if estimator.takes == "pairs":
         return words
     # a row of body and one of reference vectors, of what is of each vector

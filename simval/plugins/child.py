@@ -2,7 +2,8 @@
 
 The parent keeps the measuring and has a function called where the plug-in is. It sends
 the function's name and its arguments, and gets what it returns: words as JSON, numbers
-as they are, so that every number crosses to the bit and nothing is unpickled. The
+as they are, so that every number crosses to the bit and nothing is unpickled. Which
+functions is open: who asks is our own code, and each study asks something else. The
 plug-in may raise, print, exit, hang or crash its interpreter: each ends as a
 `PluginError` that says so (`CrashedPluginError` where it raised, died or did not end),
 and its whole process group goes with it.
@@ -358,7 +359,7 @@ def ending(code: int) -> str:
     return f"was killed by {name} ({signal.strsignal(-code) or 'unknown'})"
 
 
-def told(error: BaseException) -> PluginError:
+def as_plugin_error(error: BaseException) -> PluginError:
     """What is said of a plug-in that has made an error, refused or raised."""
     if isinstance(error, SimvalError):
         refused = isinstance(error, RefusedError)
@@ -381,7 +382,7 @@ def answer_all(connection: socket.socket) -> None:
             crashed = isinstance(error, CrashedPluginError)
             end.send((number, "crashed" if crashed else "refused", str(error)))
         except BaseException as error:  # SystemExit too: no plug-in ends the cell
-            end.send((number, "lost", str(told(error))))
+            end.send((number, "lost", str(as_plugin_error(error))))
 
 
 def main(number: int, time_limit: float) -> None:

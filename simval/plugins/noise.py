@@ -114,14 +114,14 @@ class VectorNoise:
         roots: Array = scaled @ axes.swapaxes(-1, -2)
         return roots
 
-    def told(
+    def read(
         self, reads: tuple[str, ...], vectors: list[Float[Array, "n 3"]]
     ) -> dict[str, Array]:
         """What an estimator of pairs asked to be handed."""
-        told = {"noise_std": self.std, "weights": self.weights}
+        known = {"noise_std": self.std, "weights": self.weights}
         if "covariances" in reads:
-            told["covariances"] = self.covariances(vectors).copy()
-        return {word: told[word] for word in reads}
+            known["covariances"] = self.covariances(vectors).copy()
+        return {word: known[word] for word in reads}
 
 
 def vector_noise(text: str, vectors: int = 2, noise_std: float = 1.0) -> VectorNoise:

@@ -34,7 +34,7 @@ from pydantic import AfterValidator, Field, PrivateAttr, model_validator
 from simval.arrays import Array
 from simval.errors import PluginError
 from simval.plugins import find_plugin
-from simval.plugins.child import Child, started, told, where_it_lives
+from simval.plugins.child import Child, as_plugin_error, started, where_it_lives
 from simval.plugins.loading import BESIDE, missing, sources
 from simval.plugins.names import located, portable
 from simval.plugins.protocol import Algorithm
@@ -119,7 +119,7 @@ def opened(parameters: PluginParameters) -> Iterator[Child]:
         try:
             yield child
         except Exception as error:
-            raise told(error) from error
+            raise as_plugin_error(error) from error
 
 
 Own = TypeVar("Own", bound=Algorithm)
