@@ -10,11 +10,18 @@ from scipy import stats
 
 from simval.errors import InputError
 from simval.statistics import (
+    BIAS,
+    BIAS_ALONG,
     CHI_SQUARE_OF_FREEDOM,
+    COVARIANCE_ALONG,
     COVERAGE,
     NEES,
+    RMS,
+    RMS_OVER_BOUND,
+    RMS_OVER_NOISE,
     SCALE_BIAS,
     SD,
+    SPREAD,
     SQUARED_ERROR,
     VARIANCE_OVER_BOUND,
 )
@@ -22,6 +29,7 @@ from simval.studies import STUDIES, find_study
 from simval.studies.attitude import RANGE
 from simval.studies.ladder import RUNGS
 
+DRAWN = (BIAS_ALONG, COVARIANCE_ALONG, RMS, RMS_OVER_BOUND, RMS_OVER_NOISE, SPREAD)
 CI, SLOW = pytest.mark.ci, pytest.mark.slow
 VECTORS = {"vectors": 3, "ratio": 30.0, "samples": 8192}
 GIMBAL = {"scene": "gimbal", "poses": 12}
@@ -32,6 +40,7 @@ SMALL = {  # study, parameters, and how many of its rows are judged
     "scene": ("scene", GIMBAL, 6, CI),
     "clean calibration": ("calibration", {"noise_std": 0.0}, 3, ()),
     "calibration": ("calibration", CALIBRATED, 44, CI),
+    "noisy": ("calibration", CALIBRATED | {"noise_std": 2.0, "poses": 40}, 44, CI),
     **{
         residual: (
             "ladder",
@@ -118,6 +127,21 @@ def test_a_prediction_that_is_wrong_fails(name, family, factor):
     assert "fail" in answers(rows)
 
 
+@pytest.mark.ci
+@pytest.mark.parametrize("name", ["noisy", "attitude", "squared", "magnetometer"])
+def test_what_the_report_draws_is_as_predicted(name):
+    """Sizes of several entries are not judged again, but stand beside theory."""
+    drawn = [
+        row
+        for row in of_family(cell(name), *DRAWN)
+        if row.predictor in ("exact", "first order", "second order")
+    ]
+    assert drawn
+    assert all(excess(row) < 4.5 for row in drawn)
+    told = [abs(r.value) / r.standard_error for r in of_family(drawn, BIAS_ALONG)]
+    assert not told or max(told) > 9.0  # power: one bias is told from half of it
+
+
 def test_noise_free_recovery_from_the_scene():
     for row in cell("clean calibration"):
         # without noise: eps times the condition, 1e2, of numbers of size 10
@@ -152,6 +176,10 @@ def test_expansions_of_the_attitude_are_judged_inside_their_range_alone():
         if row.predictor == "order 2" and row.standard_error > 0.0
     ]
     assert "fail" in answers(strict)
+    # a formula is allowed one remainder for all entries of a moment
+    for predictor in ("order 2", "order 4, complete"):
+        own = [row for row in of_family(far, BIAS) if row.predictor == predictor]
+        assert len({row.remainder for row in own}) == 1
     near = {row.predictor for row in judged(cell("attitude"))}
     assert near == {"exact", "rounding", "order 2", "order 4, complete"}
 
