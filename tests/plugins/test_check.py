@@ -100,7 +100,7 @@ def test_the_command_tells_what_fails_and_what_to_do(simval, tmp_path, monkeypat
     assert code == 1
     lines = out.splitlines()
     assert lines[0] == "mine, estimator: FAIL"
-    assert lines[1].startswith("  declares  components xyzs; matrix passive; covarian")
+    assert lines[1].startswith("  declares  components xyzs; matrix passive; ")
     assert lines[2] == "  fails at  half turns about y 100.0%"
     assert lines[4].split() == ["noise_std", "0.01", "noise_std", "0.05"]
     assert "half turns about y] against truth at noise_std 0.01: 1 is above" in out
