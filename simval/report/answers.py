@@ -429,7 +429,7 @@ def _from_baseline(context: Context) -> tuple[str, list[Line]]:
         line = Line(what="Baseline", said=said, answer="inconclusive")
         return "Cannot be compared with the baseline", [line]
     compared = context.judged.comparisons
-    changes = [_change(c, c.step) for c in compared if c.answer == "fail"]
+    changes = [_change(c) for c in compared if c.answer == "fail"]
     kinds = context.judged.changes
     unresolved, new = kinds["unresolved"], kinds["new"]
     same = kinds.total() - len(changes) - unresolved - new
@@ -440,15 +440,17 @@ def _from_baseline(context: Context) -> tuple[str, list[Line]]:
     return _told("the baseline", changes, same, unresolved, notes)
 
 
-def _change(comparison: Comparison, step: Step | None) -> Change:
-    kind, size, said = "lost", inf, comparison.reason
-    if comparison.change not in ("missing", "unjudged"):
-        kind = "changed"
-        if comparison.change == "changed" and step is not None:
-            kind = KINDS[step.standing]
-            size, said = _size(step.before, step.after, comparison.sigmas)
+def _change(comparison: Comparison) -> Change:
+    if comparison.change == "changed" and comparison.step is not None:
+        return _of_step(comparison.step)
+    kind = "lost" if comparison.change in ("missing", "unjudged") else "changed"
     where = str(comparison.cell)
-    return Change(kind, comparison.statistic, where, size, said)
+    return Change(kind, comparison.statistic, where, inf, comparison.reason)
+
+
+def _of_step(step: Step) -> Change:
+    size, said = _size(step.before, step.after, step.sigmas)
+    return Change(KINDS[step.standing], str(step.statistic), step.cell, size, said)
 
 
 def _from_run(context: Context, against: Against) -> tuple[str, list[Line]]:
@@ -463,12 +465,7 @@ def _from_run(context: Context, against: Against) -> tuple[str, list[Line]]:
         )
         line = Line(what=name, said=why, answer="inconclusive")
         return f"Cannot be compared with {name}", [line]
-    changes = []
-    for d in found.of("changed"):
-        kind = KINDS[d.standing]
-        sigmas = float("nan") if d.sigmas is None else d.sigmas
-        size, said = _size(d.a.value, d.b.value, sigmas)
-        changes.append(Change(kind, str(d.a.statistic), d.cells[1], size, said))
+    changes = [_of_step(step) for step in found.steps if step.moved]
     moved, same = len(found.of("moved")), len(found.of("same"))
     notes = [f"{moved:,} moved within their uncertainty"] if moved else []
     alone = len(found.only_a) + len(found.only_b)
@@ -511,13 +508,13 @@ def _kind_line(kind: str, changes: Sequence[Change]) -> Line:
     )
 
 
-def _size(old: float, new: float, sigmas: float) -> tuple[float, str]:
+def _size(old: float, new: float, sigmas: float | None) -> tuple[float, str]:
     """How great a change is: to sort by, and in words."""
     share = (abs(new) - abs(old)) / abs(old) if old else inf
     relative = "" if not isfinite(share) else f"{'+' if share > 0 else '−'}"
     if relative:
         relative += percent(abs(share))
     step = relative or f"from {rounded(old, 3)} to {rounded(new, 3)}"
-    if isfinite(sigmas):
+    if sigmas is not None and isfinite(sigmas):
         return abs(sigmas), f"{step} ({abs(sigmas):.1f} standard errors)"
     return abs(share), step
