@@ -20,8 +20,9 @@ It is a module with four names:
 Where it has ``FIGURES``, the report draws these (`simval.figures`: data, no drawing),
 else its numbers along what varies; ``ABOUT`` stands above them.
 
-A study that runs a user's code has a fifth, ``compute``: what ``run`` asks a child
-process to do.
+A study of a user's algorithm states a `Problem` (`simval.studies.plugin`): how it is
+probed, its trials and its rows. Its ``run`` is that of all such studies, for which a
+child process answers, as is a fifth name, ``compute``, for which this one does.
 
 What studies share: `simval.studies.trials` runs trials in blocks and judges the noise
 in them, `simval.studies.response` is how any estimator answers its readings, and the

@@ -139,7 +139,6 @@ class Calibrations(Problem[Calibrator, float, Trials]):
     """Calibrations of a known sensor from noisy means of its poses."""
 
     kind = Calibrator
-    items = 1
 
     def __init__(
         self, plugin: Calibrator, parameters: "Parameters", streams: Streams
@@ -305,7 +304,7 @@ class Calibrations(Problem[Calibrator, float, Trials]):
         rng = np.random.default_rng(BLOCK)
         raw = self.readings(fibonacci_sphere(self.parameters.poses))
         noisy = raw + self.noise * rng.standard_normal(raw.shape)
-        return calibration_of, (noisy, G, self.noise)
+        return calibration_of, (noisy, G, self.noise), 1
 
 
 class Parameters(AlgorithmParameters):

@@ -143,6 +143,7 @@ from simval.studies.plugin import (
     run,
 )
 from simval.studies.refusing import LEAST_NOISE
+from simval.studies.trials import normalised_square
 from simval.theory import wahba_bound
 from simval.theory.cubature import cubature_moments, smolyak_hermite
 from simval.theory.estimators import OF_TWO_VECTORS, class_moments
@@ -218,7 +219,6 @@ class Attitudes(Problem[Estimator, float, Trials]):
     """Attitudes from noisy vectors: one geometry, under noise of one shape."""
 
     kind = Estimator
-    items = BLOCK
 
     def __init__(
         self, plugin: Estimator, parameters: "Parameters", streams: Streams
@@ -299,7 +299,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
     def call(self, plugin: Estimator) -> Call:
         """Attitudes of the first block."""
         vectors = list(np.moveaxis(self.first_block(), 1, 0))
-        return raw_attitudes, (vectors, self.noise.at(self.noise_std))
+        return raw_attitudes, (vectors, self.noise.at(self.noise_std)), BLOCK
 
     @property
     def sine(self) -> float:
@@ -371,8 +371,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
         columns = [error]
         if self.claims:
             P = covariances_of(self.plugin, rows, noise)
-            solved = np.linalg.solve(P, error[..., None])[..., 0]
-            columns.append(np.sum(error * solved, axis=1, keepdims=True))
+            columns.append(normalised_square(error, P)[:, None])
         k = len(self.references)
         best = wahba_quaternion(vectors[:, :k], vectors[:, k:], noise.weights)
         for other in (error, rotation_error(self.q, best, "body")):
@@ -700,20 +699,15 @@ def leading_rows(problem: Attitudes, rounding: float) -> tuple[Row, ...]:
     bound = problem.bound(noise)
     size = float(np.trace(bound))
     most = LEADING_TOLERANCE + 5.0 * weights * rounding / np.sqrt(size)
-    rows = limit(
-        (FIRST_ORDER_BIAS(),), (float(np.linalg.norm(linear)) / np.sqrt(size),),
-        most, NO_BIAS, n=1,
-    ) + limit(
-        (BELOW_BOUND(),), (max(0.0, 1.0 - _least_ratio(covariance, bound)),),
-        most, CRAMER_RAO, n=1,
-    )  # fmt: skip
+    first = float(np.linalg.norm(linear)) / np.sqrt(size)
+    below = max(0.0, 1.0 - _least_ratio(covariance, bound))
+    rows = limit(FIRST_ORDER_BIAS(), first, most, NO_BIAS, n=1)
+    rows += limit(BELOW_BOUND(), below, most, CRAMER_RAO, n=1)
     if problem.noise.isotropic and np.ptp(problem.noise.weights) and problem.weighs:
         given = problem.q, problem.references, problem.covariances(noise)
         equal = float(np.trace(class_moments("wahba", *given)[1]))
-        rows += limit(
-            (OVER_EQUAL_WEIGHTS(),), (float(np.trace(covariance)) / equal,),
-            1.0 + most, EQUAL_WEIGHTS, n=1,
-        )  # fmt: skip
+        over = float(np.trace(covariance)) / equal
+        rows += limit(OVER_EQUAL_WEIGHTS(), over, 1.0 + most, EQUAL_WEIGHTS, n=1)
     slack = 6.0 * weights * rounding
     limits = (
         LEADING_TOLERANCE + slack / size,
@@ -723,10 +717,8 @@ def leading_rows(problem: Attitudes, rounding: float) -> tuple[Row, ...]:
         # which is the bound's size or more, where it is the theory of an estimator
         most_spread = max(np.linalg.norm(spread), np.linalg.norm(bound))
         off = float(np.linalg.norm(covariance - spread) / most_spread)
-        rows += limit(
-            (CLASS_BIAS(), CLASS_COVARIANCE()),
-            (float(np.linalg.norm(bias - mean)) / size, off), limits, predictor, n=1,
-        )  # fmt: skip
+        apart = float(np.linalg.norm(bias - mean)) / size, off
+        rows += limit((CLASS_BIAS(), CLASS_COVARIANCE()), apart, limits, predictor, n=1)
     return rows
 
 

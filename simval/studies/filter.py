@@ -296,21 +296,12 @@ class Filtering(Problem[Filter, str, Answers]):
         }
         return {artifact_of(self.parameters.named()): content}
 
-    @property
-    def motion(self) -> FilterInput:
-        """Readings of a rest of a second and a turn of another."""
-        return path(self.told, self.parameters.rate, 1.0, 1.0).given
-
-    @property
-    def items(self) -> int:
-        """Steps of a call."""
-        return len(self.motion.dt)
-
     def call(self, plugin: Filter) -> Call:
-        """One run, of a filter that leaves its world open in that of the scenes."""
-        given, trial = self.motion, slice(0, 1) if plugin.batch else 0
+        """A rest of a second and a turn of another; a world left open is NWU."""
+        given = path(self.told, self.parameters.rate, 1.0, 1.0).given
+        trial, steps = slice(0, 1) if plugin.batch else 0, len(given.dt)
         readings = readings_of(plugin, given, trial, plugin.world or "NWU")
-        return run_of, (readings, np.array([len(given.dt) - 1]))
+        return run_of, (readings, np.array([steps - 1])), steps
 
 
 class Parameters(AlgorithmParameters):

@@ -39,17 +39,22 @@ string, so that a list of such is an axis of a suite.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 
-from simval.arrays import Array, frozen
+from simval.arrays import Array, ReadOnly
 from simval.errors import InputError
 from simval.filters.signals import FilterInput, Told
-from simval.geometry import attitude_matrix, compose, random_quaternions
+from simval.geometry import (
+    attitude_matrix,
+    compose,
+    from_rotation_vector,
+    random_quaternions,
+)
 from simval.scene import average_rates, simulate_cached
 from simval.shapes import Float
 
@@ -100,34 +105,25 @@ def wrong_of(parts: Sequence[str]) -> Wrong:
     found: dict[str, float] = {}
     for part in parts:
         name, _, number = part.rpartition(" ")
-        value = _number(number)
         least, most = MOST.get(name, (np.inf, -np.inf))
-        if name in found or not least <= value <= most:
-            raise _refused(part, name, name in found)
-        found[name] = value
+        try:
+            value = float(number)
+        except ValueError:
+            value = np.nan
+        if name in found:
+            fault = f"`{name}` twice; give it once"
+        elif name not in MOST:
+            known = ", ".join(f"`{each} X`" for each in MOST)
+            fault = f"{part[:60]!r}; after its name there may be {known}"
+        elif not least <= value <= most:
+            between = f"from {least:g} to {most:g}"
+            fault = f"{part[:60]!r}; the number of `{name}` must be {between}"
+        else:
+            found[name] = value
+            continue
+        msg = f"`scenario` has {fault}"
+        raise InputError(msg)
     return Wrong(**{name.replace(" ", "_"): value for name, value in found.items()})
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return np.nan
-
-
-def _refused(part: str, name: str, twice: bool) -> InputError:
-    if twice:
-        return InputError(f"`scenario` has `{name}` twice; give it once")
-    if name in MOST:
-        least, most = MOST[name]
-        msg = (
-            f"`scenario` has {part[:60]!r}; the number of `{name}` must be from "
-            f"{least:g} to {most:g}"
-        )
-        return InputError(msg)
-    words = ", ".join(f"`{each} X`" for each in MOST)
-    msg = f"`scenario` has {part[:60]!r}; after its name there may be {words}"
-    return InputError(msg)
 
 
 ROWS: Final = 500.0  # Hz, of the scenes
@@ -137,36 +133,24 @@ ANYWHERE: Final = "unknown start"
 UNKNOWN: Final = np.pi / np.sqrt(3.0)  # rad per axis of a turn that may be any
 
 
-@dataclass(frozen=True, slots=True)
-class _Recorded:
-    """A scene and its parameters, and whether its own acceleration is felt."""
-
-    scene: str
-    words: Mapping[str, Any] = field(default_factory=dict)
-    felt: bool = False
-
-
-def _gimbal(move: float, *, felt: bool = False) -> _Recorded:
-    poses = 12 if move > 1.0 else 30
-    words = {"poses": poses, "move_time": move, "hold_time": 0.5}
-    return _Recorded("gimbal", words, felt)
-
-
-_SLOW = _gimbal(2.0)
-_SCENES: Final[Mapping[str, _Recorded]] = MappingProxyType(
+_SLOW = ("gimbal", {"poses": 12, "move_time": 2.0, "hold_time": 0.5})
+_SCENES: Final[Mapping[str, tuple[str, dict[str, Any]]]] = MappingProxyType(
     {
         "gimbal slow": _SLOW,
-        "gimbal fast": _gimbal(0.8),
-        "lever arm": _gimbal(2.0, felt=True),
-        "handheld": _Recorded("handheld", {"poses": 20}, felt=True),
-        "pivot": _Recorded("pivot", {"spin_rate": 4.0, "turns": 40.0}, felt=True),
-        "long rest": _Recorded("gimbal", {"poses": 2, "first_hold": 100.0}),
+        "gimbal fast": ("gimbal", {"poses": 30, "move_time": 0.8, "hold_time": 0.5}),
+        "lever arm": _SLOW,
+        "handheld": ("handheld", {"poses": 20}),
+        "pivot": ("pivot", {"spin_rate": 4.0, "turns": 40.0}),
+        "long rest": ("gimbal", {"poses": 2, "first_hold": 100.0}),
         "vibration": _SLOW,
         "magnetic disturbance": _SLOW,
         "unknown start": _SLOW,
     }
 )
+"""Name of the scene, and its parameters."""
 
+FELT: Final = ("lever arm", "handheld", "pivot")
+"""Scenarios whose own acceleration is felt."""
 
 NAMES: Final = tuple(_SCENES)
 
@@ -189,7 +173,7 @@ def scenario_of(text: str) -> tuple[str, Wrong]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Course:
+class Course(ReadOnly):
     """What ideal sensors read of a scenario, row by row, and what they should.
 
     The first row of the attitude is before the first step.
@@ -204,10 +188,6 @@ class Course:
     iron: Float[Array, "T 3"]  # which the magnetometer reads besides, T
     g: float  # m/s^2
     magnetic: Float[Array, "3"]  # the field in the world, T
-
-    def __post_init__(self) -> None:
-        for name in ("dt", "attitude", "rate", "up", "field", "acceleration", "iron"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def time(self) -> Float[Array, " T"]:
@@ -229,8 +209,8 @@ def course(scenario: str, rate: float, seconds: float) -> Course:
     InputError
         If the rate does not divide that of the scenes, or the scenario is shorter.
     """
-    recorded = _SCENES[scenario]
-    run = simulate_cached(recorded.scene, **recorded.words)
+    scene, words = _SCENES[scenario]
+    run = simulate_cached(scene, **words)
     every, count = steps_of(run.rate, rate, seconds)
     most = (len(run.time) - 1) // every
     if count > most:
@@ -242,7 +222,9 @@ def course(scenario: str, rate: float, seconds: float) -> Course:
     kept = slice(None, count * every + 1, every)
     attitude, time = run.attitude[kept], run.time[kept]
     up = attitude_matrix(attitude[1:]) @ np.array([0.0, 0.0, run.g])
-    felt = run.specific_force[kept][1:] - up if recorded.felt else np.zeros_like(up)
+    felt = np.zeros_like(up)
+    if scenario in FELT:
+        felt = run.specific_force[kept][1:] - up
     clock = time[1:] - time[0]
     if scenario == "vibration":
         wave = np.sin(2.0 * np.pi * SHAKE[1] * clock)
@@ -350,10 +332,6 @@ def _start(
 ) -> Float[Array, "n 4"]:
     if anywhere:
         return random_quaternions(count, rng)
-    turn = std * rng.standard_normal((count, 3))
-    angle = np.linalg.norm(turn, axis=1, keepdims=True)
-    vector = turn * 0.5 * np.sinc(angle / (2.0 * np.pi))
-    step = np.concatenate([vector, np.cos(angle / 2.0)], axis=1)
     truth = np.broadcast_to(course.attitude[0], (count, 4))
-    q = compose(truth, step)
+    q = compose(truth, from_rotation_vector(std * rng.standard_normal((count, 3))))
     return q / np.linalg.norm(q, axis=1, keepdims=True)

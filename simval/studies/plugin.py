@@ -94,13 +94,11 @@ class PluginParameters(StudyParameters):
     def require_same_sources(self) -> None:
         """Check that the code is what it was when these parameters were made."""
         old, new = self._sources, sources(self.word)
-        changed = [
-            f"{key} {'has changed' if new.get(key) else 'is missing'}"
-            if key in old
-            else f"{key} is new"
-            for key in sorted(old.keys() | new.keys())
-            if old.get(key) != new.get(key)
-        ]
+        changed = []
+        for key in sorted(old.keys() | new.keys()):
+            was, now = old.get(key, ""), new.get(key, "")
+            how = "is missing" if not now else "is new" if not was else "has changed"
+            changed += [f"{key} {how}"] if was != now else []
         if changed:
             msg = (
                 "the plug-in is not what it was when the sweep was begun: "
@@ -129,8 +127,9 @@ Answers = TypeVar("Answers")
 Again = tuple[Array, Callable[[Places], Array], Array]
 """Errors of some trials, what gives them in another order, and how far these may be."""
 
-Call = tuple[Callable[..., object], tuple[Any, ...]]
-"""A function that asks an algorithm, and its arguments after the algorithm."""
+Call = tuple[Callable[..., object], tuple[Any, ...], int]
+"""A function that asks an algorithm, its arguments after that, and what it does then:
+so many attitudes, calibrations or steps."""
 
 
 class Problem(ABC, Generic[Own, Probed, Answers]):
@@ -165,11 +164,6 @@ class Problem(ABC, Generic[Own, Probed, Answers]):
     @abstractmethod
     def call(self, plugin: Own) -> Call:
         """One call of an algorithm, as its trials are, to be timed."""
-
-    @property
-    @abstractmethod
-    def items(self) -> int:
-        """How much such a call does."""
 
 
 class AlgorithmParameters(PluginParameters):
@@ -250,10 +244,10 @@ def call_time(problem: Problem[Any, Any, Any]) -> dict[str, float]:
     Nothing where it raises: its cell has been measured.
     """
     own = BESIDE[problem.kind.taken_by][0], problem.kind
-    ask, theirs = problem.call(problem.plugin)
-    _, ours = problem.call(find_plugin(*own))
+    ask, theirs, items = problem.call(problem.plugin)
+    _, ours, _ = problem.call(find_plugin(*own))
     found = _in_turns(problem.plugin, *own, ask, theirs, ours)
-    return found and found | {"items": problem.items}
+    return found and found | {"items": items}
 
 
 @where_it_lives

@@ -1,0 +1,467 @@
+"""Study filter: words, courses and draws, its rows, and what the own filter does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rows_by_name
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from simval.errors import InputError
+from simval.filters import Mekf
+from simval.filters.signals import FilterOutput
+from simval.geometry import (
+    attitude_matrix,
+    compose,
+    from_rotation_vector,
+    random_quaternions,
+)
+from simval.statistics import BOUND_AT, BUDGET_AT
+from simval.studies import filter as study
+from simval.studies.filter_prediction import RATE, lost, response_rows
+from simval.studies.filter_scenarios import (
+    MOST,
+    NAMES,
+    Wrong,
+    course,
+    drawn,
+    scenario_of,
+    spelled,
+    wrong_of,
+)
+from simval.sweep.suite import expand
+from simval.verdict import judge
+
+
+def cells(**settings):
+    """Cells of the study."""
+    return expand("test", {"seed": 1, "filter": settings}).cells
+
+
+def measured(**settings):
+    """Rows of one cell."""
+    (cell,) = cells(**settings)
+    return study.compute(cell.parameters, cell.streams).rows
+
+
+def failing(rows):
+    """Statistics of the rows that fail."""
+    judged = judge(rows_by_name.named(rows))
+    return {str(v.row.statistic) for v in judged if v.answer == "fail"}
+
+
+# --- what is wrong, in words ----------------------------------------------------------
+
+
+@given(st.dictionaries(st.sampled_from(sorted(MOST)), st.floats(0.0, 1.0)))
+def test_words_and_numbers_are_read_as_they_are_written(shares):
+    values = {}
+    for name, share in shares.items():
+        least, most = MOST[name]
+        values[name] = min(max(least + share * (most - least), least), most)
+    text = ",   ".join(
+        ["  long   rest", *(f"{name}  {value!r}" for name, value in values.items())]
+    )
+    scenario, found = scenario_of(spelled(text))
+    assert scenario == "long rest"
+    assert spelled(spelled(text)) == spelled(text)
+    right = Wrong()
+    for name in MOST:
+        field = name.replace(" ", "_")
+        assert getattr(found, field) == values.get(name, getattr(right, field))
+
+
+def test_what_is_wrong_changes_what_is_told_and_how_the_gyroscope_is():
+    (cell,) = cells()
+    way = course("gimbal slow", 100.0, 8.0)
+    true = study.sensors_of(cell.parameters, way).told(way)
+    words = ["gyroscope noise 3", "magnetometer noise 0.5", "scale 0.01", "turned 0.02"]
+    wrong = wrong_of(words)
+    told = wrong.told(true)
+    assert told.gyroscope_noise == 3.0 * true.gyroscope_noise
+    assert told.magnetometer_noise == 0.5 * true.magnetometer_noise
+    for name in ("accelerometer_noise", "gyroscope_walk", "start_std", "bias_std"):
+        assert getattr(told, name) == getattr(true, name)
+    turn = Rotation.from_rotvec(0.02 * np.ones(3) / np.sqrt(3.0)).as_matrix()
+    assert np.abs(wrong.M - 1.01 * turn.T).max() < 1e-15
+    assert np.array_equal(Wrong().M, np.eye(3))
+
+
+REFUSED = [
+    ("", "it must be one of gimbal slow"),
+    ("scale 1e-3", "it must be one of gimbal slow"),
+    ("pivot, scale", "after its name there may be"),
+    ("pivot, scale nan", "must be from -0.1 to 0.1"),
+    ("pivot, scale one", "must be from -0.1 to 0.1"),
+    ("pivot, scale 0.2", "must be from -0.1 to 0.1"),
+    ("pivot, gyroscope noise 0", "must be from 0.001 to 1000"),
+    ("pivot, scale 1e-3, scale 1e-3", "has `scale` twice"),
+    ("pivot, bias 1e-3", "after its name there may be"),
+    ("pivot, scale 1e-3,", "after its name there may be"),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), REFUSED)
+def test_what_cannot_be_read_is_refused_with_what_can(text, words):
+    with pytest.raises(InputError, match=f"`scenario` .*{words}"):
+        scenario_of(spelled(text))
+
+
+@given(st.text(max_size=40), st.sampled_from(["", *NAMES]))
+def test_no_text_is_read_by_chance(text, name):
+    whole = spelled(f"{name}, {text}" if name else text)
+    try:
+        found = scenario_of(whole)
+    except InputError:
+        return
+    assert found[0] in NAMES
+    assert len(whole.split(", ")) == 1 or any(word in text for word in MOST)
+
+
+# --- courses, and the trials drawn over them ------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rates_of_a_course_turn_its_attitudes_into_each_other(name):
+    # what the coning's next order leaves of a step: 1e-4 rad at 940 degrees/s, 100 Hz
+    way = course(name, 100.0, 8.0)
+    turn = Rotation.from_rotvec(way.rate * way.dt[:, None])
+    A = attitude_matrix(way.attitude)
+    off = turn.inv().as_matrix() @ A[:-1] @ A[1:].swapaxes(1, 2)
+    angle = np.linalg.norm(Rotation.from_matrix(off).as_rotvec(), axis=1)
+    fastest = np.linalg.norm(way.rate, axis=1).max() * 0.01
+    assert angle.max() < fastest**2 / 4.0 + 1e-9
+    up, field = (
+        (A[1:].swapaxes(1, 2) @ v[..., None])[..., 0] for v in (way.up, way.field)
+    )
+    assert np.abs(up - [0.0, 0.0, way.g]).max() < 1e-9
+    assert np.abs(field - way.magnetic).max() < 1e-18
+    north, west, vertical = way.magnetic
+    assert north > 0.0 == west > vertical, "north and down, in NWU"
+
+
+def test_which_scenarios_read_what_no_filter_is_told_of():
+    ways = {name: course(name, 100.0, 9.0) for name in NAMES}
+    felt = {name for name, way in ways.items() if np.any(way.acceleration)}
+    assert felt == {"lever arm", "handheld", "pivot", "vibration"}
+    iron = "magnetic disturbance"
+    assert {name for name, way in ways.items() if way.disturbed} == {*felt, iron}
+    size = np.linalg.norm(ways[iron].iron, axis=1)
+    third = len(size) // 3
+    assert not size[: third - 1].any()
+    assert not size[2 * third + 1 :].any(), "it goes again"
+    assert size.max() == pytest.approx(0.5 * np.linalg.norm([2e-5, 4e-5]), rel=1e-3)
+
+
+def test_the_acceleration_of_a_lever_arm_is_that_of_a_turning_arm():
+    # second differences of an arm that turns, beside what the scene says; 500 Hz
+    way = course("pivot", 500.0, 8.0)
+    A = attitude_matrix(way.attitude)
+
+    def felt(arm):
+        path = A.swapaxes(1, 2) @ arm
+        acceleration = (path[2:] - 2.0 * path[1:-1] + path[:-2]) * 500.0**2
+        return np.vecdot(A[1:-1], acceleration[:, None, :]).ravel()
+
+    # least squares over the whole course: linear in the arm
+    columns = np.stack([felt(axis) for axis in np.eye(3)], axis=1)
+    arm = np.linalg.lstsq(columns, way.acceleration[:-1].ravel(), rcond=None)[0]
+    assert np.abs(columns @ arm - way.acceleration[:-1].ravel()).max() < 2e-3
+    assert 0.01 < np.linalg.norm(arm) < 0.1, "27 mm"
+
+
+def test_a_course_that_is_not_to_be_had_is_refused():
+    with pytest.raises(InputError, match="ask for less"):
+        course("gimbal slow", 100.0, 100.0)
+    with pytest.raises(InputError, match="divided by a whole number"):
+        course("gimbal slow", 99.0, 8.0)
+
+
+def test_the_bias_walks_as_white_noise_integrated_finely_does():
+    # joint covariance of the bias's step and its average over it, from 200 substeps
+    rng = np.random.default_rng(3)
+    h, K, fine = 0.02, 0.5, 200
+    walk = np.cumsum(
+        K * np.sqrt(h / fine) * rng.standard_normal((20_000, fine)), axis=1
+    )
+    expected = np.cov(walk[:, -1], walk.mean(axis=1))
+    way = course("long rest", 50.0, 8.0)
+    (cell,) = cells(scenario="long rest", rate=50.0, seconds=8.0, trials=8)
+    sensors = replace(
+        study.sensors_of(cell.parameters, way),
+        gyroscope_noise=0.0,
+        gyroscope_walk=K,
+        bias_std=0.0,
+    )
+    told = study.told_of(cell.parameters, way)
+    given, bias = drawn(way, sensors, told, 64, np.random.default_rng(4))
+    before = np.concatenate([np.zeros((64, 1, 3)), bias[:, :-1]], axis=1)
+    step, inside = bias - before, given.gyroscope - way.rate - before
+    found = np.cov(step.ravel(), inside.ravel())
+    # 76 800 and 20 000 samples: 5 standard errors of a variance, and of the sum's bias
+    assert np.abs(found / expected - 1.0).max() < 5.0 * np.sqrt(2.0 / 20_000) + 0.01
+
+
+def test_each_noise_is_of_the_stated_size():
+    way = course("long rest", 100.0, 8.0)
+    (cell,) = cells(scenario="long rest", seconds=8.0, trials=8)
+    given, bias = drawn(
+        way, study.sensors_of(cell.parameters, way),
+        study.told_of(cell.parameters, way), 200, np.random.default_rng(5),
+    )  # fmt: skip
+    conjugate = np.broadcast_to(way.attitude[0] * [-1, -1, -1, 1], (200, 4))
+    field = np.linalg.norm(way.magnetic)
+    stated = {  # deviation, of the parameters' defaults; the walk in a step is 1e-3
+        "gyroscope": (given.gyroscope - bias, np.radians(0.01) * 10.0),
+        "accelerometer": (given.accelerometer - way.up, 2e-3 * way.g),
+        "magnetometer": (given.magnetometer - way.field, 5e-3 * field),
+        "start": (2.0 * compose(conjugate, given.start)[:, :3], 5e-3),
+        "first bias": (bias[:, 0], 1e-3),
+    }
+    for name, (noise, sd) in stated.items():
+        # five standard errors of a deviation, and what is left out
+        off = 5.0 / np.sqrt(2.0 * noise.size) + 1e-3
+        assert noise.std() == pytest.approx(sd, rel=off), name
+
+
+def test_what_is_wrong_changes_no_draw():
+    names = ["gimbal slow", "gimbal slow, scale 1e-3", "gimbal slow, calibration 1e-3"]
+    every = cells(scenario=names, algorithm=["simval:mekf"])
+    assert all(other.streams == every[0].streams for other in every)
+    way = course("gimbal slow", 100.0, 8.0)
+    draws = []
+    for cell in every:
+        sensors = study.sensors_of(cell.parameters, way)
+        told = study.told_of(cell.parameters, way)
+        draws.append(drawn(way, sensors, told, 8, cell.streams.block(0))[0])
+    for other in draws[1:]:
+        for word in ("accelerometer", "magnetometer", "start"):
+            assert np.array_equal(getattr(other, word), getattr(draws[0], word))
+        assert not np.array_equal(other.gyroscope, draws[0].gyroscope)
+
+
+# --- rows of answers that are made by hand --------------------------------------------
+
+TRIALS, ROWS, SD = 40, 12, 0.01
+
+
+def answers_of(errors):
+    """Answers whose errors in the body are these, (n, k, 3), stated as SD."""
+    n, k = errors.shape[:2]
+    found = FilterOutput(
+        kept=np.arange(k),
+        attitude=from_rotation_vector(errors),
+        covariance=np.broadcast_to(SD**2 * np.eye(3), (n, k, 3, 3)).copy(),
+        bias=None,
+        innovation=np.random.default_rng(4).standard_normal((n, k, 2)),
+        innovation_covariance=np.broadcast_to(np.eye(2), (n, k, 2, 2)).copy(),
+        seconds=np.ones(1),
+    )
+    return study.Answers(
+        found=found, truth=np.tile([0.0, 0.0, 0.0, 1.0], (k, 1)),
+        bias=np.zeros((n, k, 3)), time=0.5 * np.arange(k), late=np.arange(1, k),
+    )  # fmt: skip
+
+
+ERRORS = SD * np.random.default_rng(3).standard_normal((TRIALS, ROWS, 3))
+
+
+def by_name(rows):
+    return {str(row.statistic): row for row in rows}
+
+
+def test_an_error_may_be_two_per_cent_over_the_bound():
+    bound = np.tile(SD**2 * np.eye(3), (ROWS - 1, 1, 1))
+    answers = answers_of(ERRORS)
+    rows = by_name(study.error_rows(answers, bound, judged=True))
+    whole = SD * np.sqrt(3.0)  # of three axes
+    found = rows["rms"]
+    assert found.check == "plain"
+    assert found.prediction == pytest.approx(whole, rel=1e-12)
+    assert found.remainder == pytest.approx(0.02 * whole, rel=1e-12)
+    # the error by trials: a mean of squares, of which the root has half the relative
+    squares = (np.linalg.norm(ERRORS[:, 1:], axis=-1) ** 2).mean(axis=1)
+    error = squares.std(ddof=1) / np.sqrt(TRIALS) / (2.0 * found.value)
+    assert found.standard_error == pytest.approx(error, rel=1e-9)
+    assert rows["rms_over_bound"].standard_error == pytest.approx(
+        error / whole, rel=1e-9
+    )
+    at = [row for name, row in rows.items() if name.startswith("rms_at")]
+    over = [row for name, row in rows.items() if name.startswith("rms_over_bound_at")]
+    assert [row.value for row in over] == pytest.approx(
+        [row.value / whole for row in at], rel=1e-12
+    )
+    assert study.error_rows(answers, bound, judged=False)[0].check == "record"
+
+
+def test_squares_may_be_off_by_a_hundredth_and_no_instant_by_far():
+    rows = by_name(study.consistency_rows(answers_of(ERRORS), judged=True))
+    for name, dimension in (("nees", 3.0), ("nis", 2.0)):
+        assert rows[name].prediction == dimension
+        assert rows[name].remainder == pytest.approx(0.01 * dimension, rel=1e-12)
+    worst = rows["worst_instant[attitude]"]
+    assert (worst.check, worst.prediction) == ("limit", 6.5)
+    squares = np.sum(ERRORS[:, 1:] ** 2, axis=-1) / SD**2
+    scores = np.abs(stats.norm.isf(stats.chi2(3 * TRIALS).sf(squares.sum(axis=0))))
+    # what rounding leaves of the small turn, and of a tail and back
+    assert worst.value == pytest.approx(scores.max(), rel=1e-6)
+    pairs = rows["innovation_pairs"]
+    assert (pairs.prediction, pairs.remainder) == (1.0, 0.01)
+    assert abs(pairs.value - 1.0) < 4.0 * pairs.standard_error
+
+
+def test_a_trial_has_strayed_beyond_thirty_degrees_in_its_second_half():
+    for degrees, row, share in ((29.999, 5, 0.0), (30.001, 5, 0.25), (30.001, 2, 0.0)):
+        errors = np.zeros((4, 6, 3))
+        errors[1, row, 2] = np.radians(degrees)
+        (found,) = study.lost_row(answers_of(errors), judged=True)
+        assert (found.value, found.prediction, found.check) == (share, 0.0, "limit")
+
+
+@pytest.mark.parametrize("steps", [100, 101, 150, 200, 2000, 50_000])
+def test_instants_are_spread_with_the_row_before_each(steps):
+    kept, late = study.instants(steps)
+    assert kept[0] >= 0
+    assert kept[-1] == steps - 1
+    assert (np.diff(kept) > 0).all()
+    assert (kept[late] - kept[late - 1] == 1).all()
+    assert len(late) >= 99
+
+
+def test_headings_of_a_filter_without_a_compass_count_from_its_first():
+    truth = random_quaternions(6, np.random.default_rng(6))
+    about_up = np.array([0.0, 0.0, np.sin(0.7), np.cos(0.7)])
+    off = compose(
+        np.broadcast_to(about_up, (2, 6, 4)), np.broadcast_to(truth, (2, 6, 4))
+    )
+    answers = answers_of(np.zeros((2, 6, 3)))
+    answers = replace(answers, truth=truth, found=replace(answers.found, attitude=off))
+    assert answers.angle.min() > 1.39
+    shifted = answers.from_its_own_heading()
+    assert shifted.angle.max() < 1e-12
+    assert shifted.shifted
+
+
+# --- the reference filter, and what it stands on --------------------------------------
+
+
+@pytest.mark.ci
+def test_the_reference_filter_is_consistent_and_reaches_the_bound():
+    rows = measured(seconds=8.0, trials=128)
+    assert not failing(rows)
+    found = by_name(rows)
+    for name, mean in (("nees", 3.0), ("nees[attitude and bias]", 6.0), ("nis", 6.0)):
+        assert (found[name].check, found[name].prediction) == ("nees", mean)
+    assert {"rms", "innovation_pairs", "diverged"} <= found.keys()
+    assert found["settling_trials"].value == 1.0
+    # the budget's parts add up to the bound, instant by instant
+    at = [n.partition(",")[2] for n in found if n.startswith(f"{BOUND_AT.name}[")]
+    for t in at:
+        parts = [
+            row.value**2
+            for name, row in found.items()
+            if name.startswith(f"{BUDGET_AT.name}[") and name.endswith(f",{t}")
+        ]
+        bound = found[f"{BOUND_AT.name}[attitude,{t}"].value
+        assert sum(parts) == pytest.approx(bound**2, rel=1e-6)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "gyroscope noise 0.333",
+        "turned 1e-3",
+        # of the same two kinds, each three seconds: by night
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("accelerometer noise 2", "scale 1e-3", "calibration 1e-3")
+        ),
+    ],
+)
+def test_theory_says_what_the_reference_filter_does_when_it_is_told_wrongly(wrong):
+    rows = measured(scenario=f"gimbal slow, {wrong}", seconds=8.0, trials=128)
+    assert not failing(rows)
+    told = [row for row in rows if row.predictor == "first order, carried through"]
+    found = by_name(told)
+    assert {found[name].check for name in ("rms", "nees", "nis")} == {"plain"}
+    # power: it is told from a filter that is told the truth
+    assert abs(found["nees"].value - 3.0) > 4.0 * found["nees"].standard_error
+    assert "turn_order" not in by_name(rows), "it does not depend on what it is told"
+
+
+MOVED, STATED = "covariance_off[moved]", "covariance_off[stated while the bias walks]"
+STEP, CORRECT = Mekf._step, Mekf._correct
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("scenario", ["gimbal slow", "gimbal fast", "long rest"])
+def test_what_each_noise_moves_is_the_bound(scenario):
+    rows = by_name(response_rows(Mekf, scenario))
+    assert not failing(rows.values())
+    assert max(rows[MOVED].value, rows[STATED].value) < 0.3 * rows[MOVED].remainder
+    assert ("turn_order" in rows) == (scenario != "long rest")
+    assert abs(rows["turn_order"].value - 3.0) < 0.05 if "turn_order" in rows else True
+
+
+def test_without_coning_what_turns_leave_out_is_of_second_order():
+    first, second = (
+        lost(Mekf, "gimbal fast", rate, coning=False) for rate in (RATE / 2.0, RATE)
+    )
+    assert 1.9 < np.log2(first / second) < 2.1
+
+
+def coning(factor):
+    def step(own, h, rate):
+        own.before = factor * own.before
+        STEP(own, h, rate)
+
+    return "_step", step
+
+
+def walk(factor, white=1.0):
+    def step(own, h, rate):
+        right = own.N2, own.K2
+        own.N2, own.K2 = white * own.N2, factor * own.K2
+        STEP(own, h, rate)
+        own.N2, own.K2 = right
+
+    return "_step", step
+
+
+def shared(factor):
+    def step(own, h, rate):
+        STEP(own, h, rate)
+        i = np.arange(6)
+        own.P[..., i, (i + 3) % 6] += (1.0 - factor) * own.K2 * h**2 / 2.0
+
+    return "_step", step
+
+
+def gain(of, factor):
+    def correct(own, *given):
+        before = getattr(own, of)
+        answer = CORRECT(own, *given)
+        setattr(own, of, before + factor * (getattr(own, of) - before))
+        return answer
+
+    return "_correct", correct
+
+
+FAULTS = [
+    *((coning(factor), "turn_order") for factor in (0.0, 0.8, 2.0)),
+    *((gain("b", factor), MOVED) for factor in (0.9, 1.05)),
+    (gain("q", 0.9), MOVED),
+    *((shared(factor), STATED) for factor in (0.5, 1.1)),
+    *((walk(*factors), STATED) for factors in ((0.5,), (1.05,), (1.0, 0.95))),
+]
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(("fault", "seen"), FAULTS)
+def test_a_filter_that_is_wrong_is_seen(fault, seen):
+    wrong = type("Wrong", (Mekf,), dict([fault]))
+    assert seen in failing(response_rows(wrong, "gimbal slow"))
