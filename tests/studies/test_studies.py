@@ -34,6 +34,7 @@ CI, SLOW = pytest.mark.ci, pytest.mark.slow
 VECTORS = {"vectors": 3, "ratio": 30.0, "samples": 8192}
 GIMBAL = {"scene": "gimbal", "poses": 12}
 NOISE = {"rows": 4096, "trials": 264}
+FILTER = {"seconds": 8.0, "trials": 128}
 CALIBRATED = {"noise_std": 1e-3, "trials": 4096, "poses": 12, "hold_time": 0.05}
 SMALL = {  # study, parameters, and how many of its rows are judged
     "sampling": ("sampling", {"blocks": 4}, 15, ()),
@@ -68,6 +69,17 @@ SMALL = {  # study, parameters, and how many of its rows are judged
     "intervals": ("noise_model", NOISE | {"estimate": "intervals"}, 30, SLOW),
     "detector": ("detector", {"trials": 60}, 5, CI),
     "end_to_end": ("end_to_end", {"trials": 64}, 12, CI),
+    "filter": ("filter", FILTER, 16, CI),
+    **{
+        wrong: ("filter", FILTER | {"scenario": f"gimbal slow, {wrong}"}, 9, mark)
+        for wrong, mark in (
+            ("gyroscope noise 0.333", CI),
+            ("turned 1e-3", CI),
+            ("accelerometer noise 2", SLOW),
+            ("scale 1e-3", SLOW),
+            ("calibration 1e-3", SLOW),
+        )
+    },
 }
 RIGHT = [pytest.param(k, marks=m, id=k) for k, (*_, m) in SMALL.items()]
 
