@@ -13,6 +13,7 @@ from simval.statistics import (
     BIAS,
     BIAS_ALONG,
     CHI_SQUARE_OF_FREEDOM,
+    COVARIANCE,
     COVARIANCE_ALONG,
     COVERAGE,
     NEES,
@@ -189,9 +190,10 @@ def test_expansions_of_the_attitude_are_judged_inside_their_range_alone():
     ]
     assert "fail" in answers(strict)
     # a formula is allowed one remainder for all entries of a moment
-    for predictor in ("order 2", "order 4, complete"):
-        own = [row for row in of_family(far, BIAS) if row.predictor == predictor]
-        assert len({row.remainder for row in own}) == 1
+    for family in (BIAS, COVARIANCE):
+        for predictor in ("order 2", "order 4, complete"):
+            own = [r for r in of_family(far, family) if r.predictor == predictor]
+            assert len({row.remainder for row in own}) == 1
     near = {row.predictor for row in judged(cell("attitude"))}
     assert near == {"exact", "rounding", "order 2", "order 4, complete"}
 
