@@ -16,7 +16,7 @@ from simval.geometry import (
     random_quaternions,
 )
 from simval.studies import attitude_geometries, attitude_limits
-from simval.studies.attitude import noise_shapes
+from simval.studies.attitude import noise_shapes, random_geometry
 from simval.studies.attitude_geometries import regular_geometries
 from simval.theory import attitude as theory_of_attitude
 from simval.theory import attitude_moments
@@ -176,6 +176,15 @@ def test_a_wrong_leading_term_fails(monkeypatch):
     )
     rows = outcome.__wrapped__("attitude_geometries", geometries=20).rows
     assert answers(rows) == {"fail"}
+
+
+@pytest.mark.parametrize("noise", ["isotropic", "tangent", "full"])
+def test_the_greatest_noise_is_one(noise):
+    truth = random_geometry(3)
+    for each, shape in ((True, (4,)), (False, ())):
+        sizes = np.linalg.eigvalsh(noise_shapes(noise, 3, truth, each))[:, -1]
+        greatest = sizes if each else sizes.max()
+        np.testing.assert_allclose(greatest, np.ones(shape), rtol=1e-14)
 
 
 @pytest.mark.parametrize("noise", ["isotropic", "tangent", "full"])
