@@ -469,11 +469,11 @@ def _probe_rows(
     noise: VectorNoise,
 ) -> None:
     """Check that rows of a batch, and their covariances, equal those computed alone."""
-    claimed = _claimed(estimator, vectors, noise)
+    claimed = _stated_covariances(estimator, vectors, noise)
     for row in rows:
         own = _rows(vectors, slice(row, row + 1))
         alone = quaternions_of(estimator, own, noise)
-        spread = _claimed(estimator, own, noise)
+        spread = _stated_covariances(estimator, own, noise)
         off = float(attitude_error(alone, q[row : row + 1]).max())
         apart = float(np.linalg.norm(spread[0] - claimed[row]))
         most = float(allowed(own)[0])
@@ -505,7 +505,7 @@ def depends_on_noise(
         q, other = (quaternions_of(estimator, noisy, noise) for noise in read)
         if not np.array_equal(q, other):
             return True
-        P, another = (_claimed(estimator, noisy, noise) for noise in read)
+        P, another = (_stated_covariances(estimator, noisy, noise) for noise in read)
     except PluginError:  # which is an answer to the noise
         return True
     return covariance and not np.array_equal(P, another)
@@ -517,7 +517,7 @@ def _noisy(
     return [v + BATCH_NOISE * rng.standard_normal(v.shape) for v in vectors]
 
 
-def _claimed(
+def _stated_covariances(
     estimator: Estimator, vectors: list[Float[Array, "n 3"]], noise: VectorNoise
 ) -> Float[Array, "n 3 3"]:
     if estimator.covariance is None:
@@ -572,7 +572,6 @@ def probe_calibrator(
             _numbers(calibration_of(calibrator, given, G, STATED_NOISE))
             for given in (raw, moved(raw))
         )
-        why = _other_meaning(answer, sensor, calibrator.estimates)
         if not np.all(np.abs(again - _numbers(answer)) <= TOLERANCE):
             why = (
                 f"{OTHERWISE}: it must answer the same each time, so keep nothing from "
@@ -581,6 +580,8 @@ def probe_calibrator(
         elif error <= NEAR:
             cause = cause_of(_numbers(answer)[None], of_moved[None])
             why = f"{IMPRECISE}: {cause}; {_worst(answer, sensor)}"
+        else:
+            why = _other_meaning(answer, sensor, calibrator.estimates)
         msg = (
             f"{calibrator.name} is {error:.3g} from the true parameters without noise, "
             f"{TOLERANCE:g} is allowed; {why}"

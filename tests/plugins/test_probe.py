@@ -554,7 +554,7 @@ def test_a_sound_calibrator_is_right_in_any_form_of_answer(change):
         (lambda M, B: M, "answered with ndarray"),
         (lambda M, B: {"matrix": M}, "must hold"),
         (lambda M, B: (M, B, np.zeros((9, 9))), "not positive definite"),
-        (lambda M, B: (M, B, 2.0 - np.eye(9)), "not positive definite"),
+        (lambda M, B: (M, B, 2.0 - np.eye(9)), "`covariance` .* positive definite"),
         (lambda M, B: (M, B, np.eye(9) + np.eye(9, k=1) / 2), "not symmetric"),
         (lambda M, B: (np.zeros((3, 3)), B), "true parameters"),
     ],
