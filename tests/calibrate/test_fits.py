@@ -337,8 +337,13 @@ def test_a_fit_is_kept_in_json(case, tmp_path):
 
 
 @EVERY
-def test_intervals_have_their_level_and_results_cannot_be_written(case):
-    fit = case.fit(drawn(case, 1, np.random.default_rng(11)))
+def test_freedoms_and_intervals_and_results_that_cannot_be_written(case):
+    fit, n = case.fit(drawn(case, 1, np.random.default_rng(11))), len(RESTS)
+    # a norm of each pose, two directions or three angles of each move, less parameters
+    dof = {"poses": n - 9, "fields": 3 * n - 22, "rates": 2 * (n - 1) - 9}
+    both = dof["poses"] + dof["rates"] if case.estimator == "joint" else dof["rates"]
+    dof["rates"] = both
+    assert fit.dof == (6 * n - 34 if len(case.sources) == 3 else dof[case.sources[-1]])
     half = np.diff(fit.confidence_intervals(0.8), axis=-1)[..., 0] / 2.0
     law = stats.norm if case.known else stats.t(fit.dof)
     np.testing.assert_allclose(half, law.ppf(0.9) * fit.sd, rtol=1e-9)

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from tumbles import ACCELEROMETER, FIRST_UP, GENERIC, GYROSCOPE, M, rolled
 
 from simval.calibrate import calibrate, calibrate_gyroscope, moves_between
+from simval.calibrate.gyroscope.covariance import GyroscopeNoise, jitter_noise
 from simval.calibrate.gyroscope.moves import SCHEMES, path_statistics
 from simval.calibrate.gyroscope.turn import end_of, turn
 from simval.errors import InputError, RefusedError, SaturatedError
@@ -124,9 +125,46 @@ def test_derivative_is_that_of_the_turn(scheme, chunk):
 
 
 @pytest.mark.ci
+@pytest.mark.parametrize("chunk", [1, 2, 4])
+def test_the_turn_of_a_move_scatters_as_its_time_stamps_do(chunk):
+    """Every row as it was and every stamp drawn, against the closed form."""
+    jitter, draws, move = 3e-4, 30, 100
+    time, rate, rests, _ = rolled(GENERIC[:8], hold=50, move=move)
+    rows, rng = GYROSCOPE.distort(rate, np.random.default_rng(0)), RNG
+
+    def ends(clock):
+        moves = moves_between(clock, rows, rests, chunk=chunk, margin=5)
+        B = GYROSCOPE.B - moves.centre
+        return moves, turn(moves.statistics, M[None], B), B
+
+    moves, true, B = ends(time)
+    noise = GyroscopeNoise(
+        angle_random_walk=np.zeros(3), bias_random_walk=0.0, clock_jitter=jitter,
+        pose_std=np.zeros((1, 3)),
+    )  # fmt: skip
+    predicted = jitter_noise(true, moves, M[None], B, noise)[0]
+    back, theta = np.swapaxes(true.C[0], -1, -2), []
+    for _ in range(draws):
+        found = ends(time + jitter * rng.standard_normal(len(time)))[1]
+        theta.append(Rotation.from_matrix(found.C[0] @ back).as_rotvec())
+    # moves share no stamps; each turns about one axis, so its error has one direction,
+    # and the 8 x 30 squares of it over their variance are a chi-square; one false
+    # alarm in 1e4 for each chunk; evenness over a chunk of c steps is good to
+    # (c pi/100)^2/6, as a sine of that wavelength is
+    along = np.linalg.eigh(predicted)[1][:, :, -1]
+    size = np.einsum("dki,ki->dk", np.array(theta), along)
+    share = size**2 / np.trace(predicted, axis1=-2, axis2=-1)
+    low, high = stats.chi2.ppf([5e-5, 1.0 - 5e-5], share.size) / share.size
+    even = (chunk * np.pi / move) ** 2 / 6.0
+    assert low - even < share.mean() < high + even
+    # across it nothing to first order
+    assert np.square(theta).sum() < 1.02 * (size**2).sum()
+
+
+@pytest.mark.ci
 def test_error_bars_hold_with_the_jitter_that_is_stated():
     """NEES of twelve; one false alarm in 1e4, and the jitter left out is seen."""
-    trials, jitter, walk, std = 48, 1e-3, 1e-4, 1e-3
+    trials, jitter, walk, std = 16, 1e-3, 1e-4, 1e-3
     time, rate, rests, attitudes = rolled(GENERIC, hold=50, move=100)
     up, rng, truth = attitudes.inv().apply(FIRST_UP), np.random.default_rng(1), []
     truth = np.concatenate([M.ravel(), GYROSCOPE.B])
