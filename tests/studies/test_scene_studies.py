@@ -42,8 +42,8 @@ def detected(**setting):
 
 
 def test_the_score_of_a_case_by_hand():
-    still = np.array([1, 1, 1, 1, 0, 0, 1, 1, 1, 0, 0, 1], bool)
-    hold = np.array([0, 0, 0, -1, -1, -1, 1, 1, 1, -1, -1, -1])
+    still = np.array([1, 1, 1, 1, 0, 0, 1, 1, 1, 0, 0, 1, 0], bool)
+    hold = np.array([0, 0, 0, -1, -1, -1, 1, 1, 1, -1, -1, -1, -1])
     intervals = np.array([[1, 3], [3, 6], [7, 10]])
     assert scored(intervals, still, hold) == {
         "precision": 5 / 8,  # rows 1 2 3 7 8 of 1 2 3 4 5 7 8 9
