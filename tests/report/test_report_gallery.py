@@ -320,6 +320,9 @@ def test_a_long_trace_is_pixels_and_a_damaged_one_is_refused(tmp_path):
     (drawing,) = drawn_artifacts(trace, context, [cell])
     assert "2 intervals, and the sensor is never truly at rest." in drawing.finding
     readings, variance = drawing.panels
+    for line in readings.series:
+        np.testing.assert_array_equal(line.y, np.sin(time))
+        np.testing.assert_array_equal(line.x, time)
     assert readings.spans == ((1.0, 2.0), (5.0, 9.0))
     assert variance.spans == ()
     assert variance.references == [(0.1, "threshold")]
@@ -340,4 +343,11 @@ def test_a_trace_without_an_axis_counts_its_values(others):
     (panel,) = drawing.panels
     assert {s.label for s in panel.series} == {"", "lm", "gauss-newton", "newton"}
     assert panel.series[0].x[:2] == pytest.approx([0.0, 1.0])
+    file = (
+        others.folder / "artifacts" / trace.file(context.cells("solvers")[0].parameters)
+    )
+    with np.load(file) as ways:
+        for name, line in zip(sorted(ways.files), panel.series[::2], strict=True):
+            way = ways[name]  # what is zero has no place on a logarithmic axis
+            np.testing.assert_array_equal(line.y, np.where(way > 0.0, way, np.nan))
     assert "for newton" in drawing.finding
