@@ -8,7 +8,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate import FitResult, GyroscopeFit, MagnetometerFit, NineAxisFit
-from simval.calibrate.magnetometer.equations import DIP, IRON, MATRIX
+from simval.calibrate.magnetometer.result import DIP, IRON, MATRIX
 from simval.errors import InputError
 from simval.report.curves import axis_of, curves, grouped, read
 from simval.results import Row

@@ -167,22 +167,20 @@ def test_a_refused_trial_leaves_its_neighbours(noisy):
         fit.require_converged()
 
 
-def test_a_trial_that_goes_astray_stays_where_it_was(noisy):
-    """Fits that are far from each other: no step counts, and the neighbour's do."""
+def test_a_fit_comes_back_from_afar_or_says_that_it_does_not(noisy):
     truth, (poses, _, fields), found = noisy
     far = found.magnetometer.parameters.copy()
     far[0, 9:] *= 0.5
     compass = replace(found.magnetometer, parameters=far)
     fit = again(found, poses, fields, None, compass, pose_std=truth.pose_std)
-    assert list(fit.status) == ["max iterations", "converged"]
-    np.testing.assert_allclose(fit.parameters[0, MAG], far[0, 9:], rtol=1e-12)
-    off = (fit.parameters[1] - found.fit.parameters[1]) / fit.sd[1]
-    assert np.abs(off).max() < 1e-5
-    with pytest.raises(ConvergenceError, match="disagree by more"):
-        fit.require_converged()
+    assert fit.converged.all()
+    # linearised within 1e-3 of an error bar of the end, times the relative noise
+    assert np.abs((fit.parameters - found.fit.parameters) / fit.sd).max() < 1e-5
     # the poses of another order, with their own noise
     fit = again(found, poses, fields[:, ::-1], pose_std=truth.pose_std)
     assert not fit.converged.any()
+    with pytest.raises(ConvergenceError, match="disagree by more"):
+        fit.require_converged()
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,10 @@ from functools import partial
 import numpy as np
 
 from power.fault import Fault, then, told
-from simval.calibrate.gyroscope import fit, moves
-from simval.calibrate.magnetometer import equations
+from simval.calibrate import equations
+from simval.calibrate.gyroscope import moves
 from simval.calibrate.magnetometer.calibration import Scaled
+from simval.calibrate.magnetometer.result import DIP
 from simval.calibrate.minimization import Leverage
 from simval.scene import simulate_cached
 from simval.sensor import AccelerometerModel, GyroscopeModel, MagnetometerModel, forms
@@ -161,22 +162,25 @@ calibrate = (magnetometer, "calibrate_magnetometer")
 def wrong_sign(original, scaled, theta, spread):
     # u'v - s = 0 for u'v + s = 0, in all of its places: the sine changes its sign
     turned = np.array(theta)
-    turned[:, equations.DIP] *= -1.0
+    turned[:, DIP] *= -1.0
     return original(scaled, turned, spread)
 
 
-def without_accelerometer(original, at, readings):
+def one_sign(original, sensor, w, theta):
+    norm, dip = original(sensor, w, theta)
+    return [norm, dip._replace(value=dip.value - 2.0 * theta[:, -1:])]
+
+
+def without_accelerometer(original, L):
     # of the third equation, which both sensors' noise is in
-    own = original(at, readings)
-    quiet = replace(readings, accelerometer_std=1e-9 * readings.accelerometer_std)
-    own[..., 2, :] = original(at, quiet)[..., 2, :]
-    own[..., 2, 0] = 0.0
-    return own
+    quiet = np.array(L)
+    quiet[:, :, 2, :3] *= 1e-9
+    return original(quiet)
 
 
-def unweighted(original, at, readings):
-    flat = np.zeros_like(original(at, readings))
-    flat[..., range(3), range(3)] = 1.0 / readings.magnetometer_std.mean()
+def unweighted(original, L):
+    flat = np.zeros_like(original(L))
+    flat[..., range(3), range(3)] = 1.0 / np.sqrt(np.vecdot(L, L)[..., 1].mean())
     return flat
 
 
@@ -195,14 +199,14 @@ MAGNETOMETER = (
     iron("hard iron dropped", change=lambda o, m, *a: o(replace(m, b=0.0 * m.b), *a)),
     weigher("sign of the dip's term", Scaled, "physical", wrong_sign),
     weigher(
-        "dip's term, not its derivative", equations, "residual",
-        lambda o, at, sine: o(at, -sine), crash=True,
+        "dip's term, not its derivative", equations.Magnetometer, "equations",
+        one_sign, crash=True,
     ),
     weigher(
         "accelerometer's noise left out of the weights",
-        equations, "whitener", without_accelerometer,
+        equations, "_whitener", without_accelerometer,
     ),
-    weigher("all equations weighed alike", equations, "whitener", unweighted),
+    weigher("all equations weighed alike", equations, "_whitener", unweighted),
     weigher(
         "the twin of the other hemisphere", *calibrate,
         lambda o, *a, **more: o(*a, **more | {"hemisphere": "south"}),
@@ -256,12 +260,16 @@ def no_coning(steps):
     return np.asarray(steps)
 
 
-def poses_apart(V):
-    # the noise of a pose as if each gap had its own
-    own = np.zeros_like(V)
-    for k in range(0, V.shape[1] - 1, 2):
+def poses_apart(original, V):
+    # the noise of a pose as if each gap had its own; what is no covariance of rows, the
+    # information of 21 parameters, stays
+    if V.shape[-1] <= 21:
+        return original(V)
+    own, gaps = np.array(V), 2 * ((V.shape[-1] - 4) // 3)
+    own[:, :gaps] = own[:, :, :gaps] = 0.0
+    for k in range(0, gaps, 2):
         own[:, k : k + 2, k : k + 2] = V[:, k : k + 2, k : k + 2]
-    return own
+    return original(own)
 
 
 GYROSCOPE = (
@@ -284,7 +292,7 @@ GYROSCOPE = (
     turns("one row in twenty repeated", gyroscope, "moves_between", row_lost),
     turns("coning term lost", moves, "_step", then(no_coning)),
     turns(
-        "covariance without the shared poses", fit, "covariance_of", then(poses_apart)
+        "covariance without the shared poses", equations, "_inverse_root", poses_apart
     ),
     turns(
         "told 0.7 of its noise", gyroscope, "calibrate_gyroscope",

@@ -1,13 +1,13 @@
 """Calibrate a gyroscope from the rotations between rests."""
 
-from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
 from simval.arguments import choice, instance
 from simval.arrays import Array, physical_array
-from simval.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
+from simval.calibrate.equations import Problem, minimize, weighed
+from simval.calibrate.factors import NOT_JUDGED
 from simval.calibrate.gyroscope.covariance import (
     Given,
     Setting,
@@ -15,20 +15,23 @@ from simval.calibrate.gyroscope.covariance import (
     setting_of,
 )
 from simval.calibrate.gyroscope.fit import (
-    MOVED,
+    MOST_STEPS,
     A,
     Fitted,
     approach,
     drift,
-    ended,
     first_matrix,
-    residuals,
+    joint,
+    one_way,
+    problem_of,
+    turns_of,
 )
-from simval.calibrate.gyroscope.moves import Moves, taken
-from simval.calibrate.gyroscope.residuals import across, directions
+from simval.calibrate.gyroscope.moves import Moves
+from simval.calibrate.gyroscope.residuals import across
 from simval.calibrate.gyroscope.result import GyroscopeFit
 from simval.calibrate.result import FitResult
-from simval.errors import GeometryError, InputError, RefusedError
+from simval.errors import GeometryError, InputError
+from simval.geometry import normalize
 from simval.shapes import Float
 from simval.turns import MATRIX, TurnObservability, best_next_turn, judge, missing
 
@@ -94,9 +97,7 @@ def degrees_of_freedom(moves: Moves, setting: Setting) -> int:
     return 2 * k + norms - 9
 
 
-def empty(
-    t: int, moves: Moves, setting: Setting, estimator: str, condition: Array
-) -> dict[str, Any]:
+def empty(t: int, moves: Moves, condition: Array) -> dict[str, Any]:
     """Numbers of trials that are not fitted yet."""
     k = moves.statistics.shape[1]
     shapes: dict[str, tuple[int, ...]] = {
@@ -110,46 +111,22 @@ def empty(
     return made
 
 
-def write(
-    result: dict[str, Any],
-    good: Any,
-    found: Fitted,
-    moves: Moves,
-    setting: Setting,
-) -> None:
+def write(result: dict[str, Any], good: Any, found: Fitted, problem: Problem) -> None:
     """Write the numbers of fitted trials among them."""
-    t, k = len(found.M), moves.statistics.shape[1]
-    matrix = found.M.reshape(t, 9)
+    turns, theta = turns_of(problem), found.theta
+    M, B = turns.split(theta[:, A:])
     result["parameters"][good] = np.concatenate(
-        [matrix, found.B + moves.centre], axis=1
+        [M.reshape(-1, 9), B + turns.moves.centre], axis=1
     )
-    result["accelerometer"][good] = found.theta
-    result["covariance"][good] = _whole(found, setting)
-    across2 = (found.r[:, : 2 * k].reshape(t, k, 2) ** 2).sum(axis=-1)
-    result["gap_angles"][good] = np.arcsin(np.minimum(np.sqrt(across2), 1.0))
-    dof = degrees_of_freedom(moves, setting)
-    chi2 = found.linear.gain.chi2(found.r)
-    result["chi2_per_dof"][good] = chi2 / dof if dof > 0 else np.nan
+    result["accelerometer"][good] = theta[:, :A]
+    result["covariance"][good] = found.covariance
+    at = problem.corrected(theta[:, :A])
+    result["gap_angles"][good] = turns.angles(at, theta[:, A:])
+    dof = degrees_of_freedom(turns.moves, turns.setting)
+    result["chi2_per_dof"][good] = found.chi2 / dof if dof > 0 else np.nan
     result["step"][good] = found.step
-    done = (found.step <= 1e-3) & (found.moved <= MOVED)
-    result["status"][good] = np.where(done, "converged", "max iterations")
+    result["status"][good] = np.where(found.converged, "converged", "max iterations")
     result["iterations"][good] = found.iterations
-
-
-def _whole(found: Fitted, setting: Setting) -> Float[Array, "t 21 21"]:
-    # covariance of the accelerometer's nine, M and B
-    C = found.linear.gain.covariance
-    t, first = len(C), A if setting.joint else 0
-    whole = np.zeros((t, 21, 21))
-    if not setting.joint:
-        whole[:, :A, :A] = found.linear.accelerometer
-        whole[:, A : A + C.shape[1], :A] = found.linear.cross
-        whole[:, :A, A : A + C.shape[1]] = np.swapaxes(found.linear.cross, -1, -2)
-    start = A - first
-    whole[:, start : start + C.shape[1], start : start + C.shape[1]] = C
-    if setting.free == 9:
-        whole[:, [18, 19, 20], [18, 19, 20]] = setting.bias_std**2
-    return whole
 
 
 ESTIMATORS: Final = ("joint", "generalised", "unweighted")
@@ -243,7 +220,8 @@ def calibrate_gyroscope(
         moves, readings, given, model=accelerometer.model,
         residual=accelerometer.residual, g=accelerometer.g, estimator=estimator,
     )  # fmt: skip
-    u, _ = directions(setting.model, theta, readings, setting.g)
+    problem = problem_of(moves, readings, setting)
+    u = normalize(problem.corrected(theta)["accelerometer"].w)
     M = _start(moves, u, start)
     M, J, e = approach(moves, setting, u, M)
     refusals, condition = _judged(u, M, J, e)
@@ -251,28 +229,32 @@ def calibrate_gyroscope(
     if single and refusals[0]:
         raise GeometryError(refusals[0])
     good = np.array([not text for text in refusals])
-    result = empty(len(M), moves, setting, estimator, condition)
-    trials = np.flatnonzero(good)
-    part = moves if good.all() else taken(moves, good)
-    chosen = replace(setting, bias_value=setting.bias_value[good])
-    start = theta[good], M[good], chosen.bias_value
-    for at, found in ended(part, readings[good], chosen, start):
-        here = trials[at]
-        write(result, here, found, taken(moves, here), chosen)
+    result = empty(len(M), moves, condition)
+    problem = problem if good.all() else problem.take(good)
+    own = setting.bias_value[good, : setting.free - A]
+    begin = np.concatenate([theta[good], M[good].reshape(-1, A), own], axis=1)
+    noise, follows = NOT_JUDGED, None
+    if setting.joint:
+        solution = minimize(problem, begin, MOST_STEPS)
+        here = problem.local(solution.theta)
+        # a noise of zero, or below rounding, is no statement
+        stated = setting.noise.pose_std == checked_pose_std(pose_std, readings.shape[1])
+        if single and stated.all():
+            problem, solution, here, noise = weighed(
+                problem, solution, here, MOST_STEPS
+            )
+            follows = drift(problem, solution, here, noise)
+        found = joint(problem, solution, here)
+    else:
+        found = one_way(problem, begin)
+    write(result, good, found, problem)
     result["status"] = np.where(
         good, result["status"], [f"refused: {text}" for text in refusals]
     )
-    noise, follows = NOT_JUDGED, None
-    # a noise of zero, or below rounding, is no statement
-    stated = setting.noise.pose_std == checked_pose_std(pose_std, readings.shape[1])
-    if single and setting.joint and stated.all():
-        found, noise = _weighed(moves, readings, setting, found)
-        write(result, trials, found, moves, setting.noisier(*noise.factor))
-        follows = drift(found, moves, noise)
     if single:
-        sd, _ = worst_sd(result["covariance"][0, A : 2 * A, A : 2 * A], found.M[0])
-        rows = relative_rows(found.linear.by_gyroscope[0], found.M[0])
-        require_told(rows, u[0], sd)
+        M = found.theta[0, A : 2 * A].reshape(3, 3)
+        sd, _ = worst_sd(found.covariance[0, A : 2 * A, A : 2 * A], M)
+        require_told(relative_rows(found.turned[0], M), u[0], sd)
         result = {name: value[0] for name, value in result.items()}
     return GyroscopeFit(
         model=setting.model,
@@ -283,21 +265,6 @@ def calibrate_gyroscope(
         drift=follows,
         **result,
     )
-
-
-def _weighed(
-    moves: Moves, readings: Float[Array, "1 n 3"], setting: Setting, found: Fitted
-) -> tuple[Fitted, NoiseFactors]:
-    # by the noise that the residuals ask for, where it is more than stated
-    def fit(last: Fitted, factor: Any) -> Fitted:
-        start = last.theta, last.M, last.B
-        *_, (_, found) = ended(moves, readings, setting.noisier(*factor), start)
-        return found
-
-    found, noise = judged(found, fit, residuals)
-    if noise.refusal:
-        raise RefusedError(noise.refusal)
-    return found, noise
 
 
 def _readings(

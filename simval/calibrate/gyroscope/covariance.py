@@ -26,13 +26,29 @@ from simval.arrays import (
     physical_array,
 )
 from simval.calibrate.gyroscope.moves import Moves
-from simval.calibrate.gyroscope.residuals import Rows, walk_blocks
 from simval.calibrate.gyroscope.turn import Turn, bias_slopes, wander
 from simval.errors import InputError
 from simval.shapes import Float
 
 # Of the readings' own size: below it noise is rounding, and V is still positive.
 _FLOOR = 1e-11
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Gaps:
+    """Rows of the gaps alone at some parameters of the gyroscope."""
+
+    e: Float[Array, "t r"]
+    by_turn: Float[Array, "t k a 3"]  # of each gap, by theta
+    by_gyroscope: Float[Array, "t r 12"]
+
+
+def walk_blocks(
+    rows: Gaps, theta_covariance: Float[Array, "t k 3 3"]
+) -> Float[Array, "t k a a"]:
+    """Covariance that the angle's own noise leaves in each gap."""
+    back = np.swapaxes(rows.by_turn, -1, -2)
+    return rows.by_turn @ theta_covariance @ back
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -139,7 +155,7 @@ def walk_covariance(
 
 
 def drift_noise(
-    rows: Rows, moves: Moves, noise: GyroscopeNoise, w: Float[Array, " n"]
+    rows: Gaps, moves: Moves, noise: GyroscopeNoise, w: Float[Array, " n"]
 ) -> Float[Array, "t r m"]:
     """Noise of the gaps by a bias that walks, where it is held for constant.
 
@@ -158,7 +174,7 @@ def drift_noise(
 
 
 def line_noise(
-    rows: Rows,
+    rows: Gaps,
     moved: Turn,
     moves: Moves,
     M: Float[Array, "t 3 3"],
@@ -231,7 +247,7 @@ def jitter_noise(
 
 
 def sensitivity_noise(
-    rows: Rows,
+    rows: Gaps,
     moved: Turn,
     moves: Moves,
     M: Float[Array, "t 3 3"],
@@ -382,7 +398,7 @@ class Spread:
 
 
 def spread(
-    rows: Rows,
+    rows: Gaps,
     moved: Turn,
     moves: Moves,
     setting: Setting,
@@ -422,3 +438,19 @@ def shared(V: Float[Array, "t r r"], found: Spread, ends: int) -> None:
         V[:, -3:, -3:] += found.ends @ found.ends.T
         V[:, :gaps, -3:] = found.maps[-1] @ found.ends.T
         V[:, -3:, :gaps] = np.swapaxes(V[:, :gaps, -3:], -1, -2)
+
+
+def own_covariance(
+    found: Spread, bias_std: Float[Array, " b"]
+) -> Float[Array, "t r r"]:
+    """Covariance of the rows of the gaps, and of the rests' bias where it is a row."""
+    t, k, size, _ = found.blocks.shape
+    first, ends = size * np.arange(k), len(bias_std)
+    V = np.zeros((t, size * k + ends, size * k + ends))
+    for i in range(size):
+        for j in range(size):
+            V[:, first + i, first + j] = found.blocks[:, :, i, j]
+    last = np.arange(size * k, size * k + ends)
+    V[:, last, last] = bias_std**2
+    shared(V, found, ends)
+    return V

@@ -13,15 +13,12 @@ Moves of a radian or two tell a scale within some ten percent from any other, so
 a tenth apart are tried. If axes are not those of the accelerometer, all 48 orders and
 signs are.
 
-The way of a fit: a start; plain Gauss-Newton steps until it is near; a linearisation
-there, with the covariance of the rows; steps with it until they are far below the error
-bars; and so again from where they ended, until the way there is below `MOVED`. Weights
-and covariance are then those at the solution, to the product of that way and of the
-noise over the readings.
+The way of a fit: a start; plain Gauss-Newton steps until it is near; and the solver of
+`equations`, or without the accelerometer's parameters generalised least squares,
+linearised again until no step is left.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import permutations, product
 from typing import Any, Final
 
@@ -29,21 +26,20 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate.drift import Drift, find_drift
-from simval.calibrate.factors import NoiseFactors, Residuals
-from simval.calibrate.gyroscope.covariance import Setting, Spread, shared, spread
-from simval.calibrate.gyroscope.moves import Moves, merged, taken
-from simval.calibrate.gyroscope.residuals import (
-    Rows,
-    across,
-    carried,
-    covariance_of,
-    directions,
-    gap_rows,
-    gap_values,
-    gravity,
-    influence,
+from simval.calibrate.equations import (
+    TOLERANCE,
+    Accelerometer,
+    Corrected,
+    Local,
+    Problem,
+    Solution,
 )
+from simval.calibrate.factors import NoiseFactors
+from simval.calibrate.gyroscope.covariance import Setting
+from simval.calibrate.gyroscope.moves import Moves, merged
+from simval.calibrate.gyroscope.residuals import InterRest, across, gap_values
 from simval.calibrate.gyroscope.turn import end_of, turn
+from simval.calibrate.residuals import WEIGHTED, noise_shares
 from simval.shapes import Float
 
 _RANK = 1e-7  # of the greatest singular value
@@ -150,41 +146,23 @@ def _costs(statistics: Array, u: Array, E: Array, guesses: Array) -> Float[Array
 
 NEAR: Final = 3e-3  # relative step; the next error is its square
 MOST_PLAIN: Final = 30
-MOST_STEPS: Final = 12  # with one linearisation; each takes a thousandth of the error
-MOST_LINEAR: Final = 12
-SETTLED: Final = 1e-5  # standard deviations
-MOVED: Final = 1e-2  # standard deviations that a linearisation may be from the end
-ROUNDED: Final = 1e-13  # of the parameters' own size
+MOST_STEPS: Final = 30
+ROUNDED: Final = 1e-14  # of a row
 _ANGLE: Final = 0.5  # rad a chunk on the way there
 A = 9  # accelerometer's parameters
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Linear:
-    """Rows at a point, their estimator, and what else is asked of them."""
-
-    r: Float[Array, "t r"]
-    gain: Gain
-    L: Float[Array, "t r m"]  # unit noises of the poses to the rows
-    E: Float[Array, "t k 2 3"]
-    by_gyroscope: Float[Array, "t e 12"]  # of the gaps, for the observability
-    # covariance of the accelerometer's own fit, and of the estimate with it
-    accelerometer: Float[Array, "t 9 9"]
-    cross: Float[Array, "t p 9"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fitted:
-    """Parameters at the end: accelerometer's, M, and B less the centre."""
+    """Where the fit of each trial ended."""
 
-    theta: Float[Array, "t 9"]
-    M: Float[Array, "t 3 3"]
-    B: Float[Array, "t 3"]
-    linear: Linear
-    r: Float[Array, "t r"]
-    step: Float[Array, " t"]
-    moved: Float[Array, " t"]  # greatest step since the linearisation
-    iterations: int
+    theta: Float[Array, "t p"]  # accelerometer's, M, and B less the centre if fitted
+    covariance: Float[Array, "t 21 21"]
+    chi2: Float[Array, " t"]
+    step: Float[Array, " t"]  # the last, in standard deviations
+    iterations: Any  # (t,)
+    converged: Any  # bool, (t,)
+    turned: Float[Array, "t e 12"]  # derivative of the rows of the turns by M and B
 
 
 def approach(
@@ -220,206 +198,119 @@ def coarse(moves: Moves, M: Float[Array, "t 3 3"]) -> Float[Array, "t k 10 c"]:
     return merged(moves.statistics, min(8, 2 ** int(np.log2(size))))
 
 
-def linearise(
-    moves: Moves,
-    poses: Float[Array, "t n 3"],
-    setting: Setting,
-    theta: Float[Array, "t 9"],
-    M: Float[Array, "t 3 3"],
-    B: Float[Array, "t 3"],
-) -> Linear:
-    """Rows, derivative and covariance at a point."""
-    noise = setting.noise
-    found = gravity(setting.model, theta, poses, setting.g)
-    moved = turn(moves.statistics, M, B)
-    rows = gap_rows(found, moved, noise.pose_std)
-    pulled = influence(found, setting.residual, noise.pose_std)
-    found_noise = spread(rows, moved, moves, setting, M, B)
-    if not setting.joint:
-        rows = carried(rows, pulled)
-    t, n = found.c.shape
-    norms = n if setting.joint else 0
-    own = np.zeros((t, norms, n, 3))
-    if norms:
-        each = np.arange(n)
-        own[:, each, each] = found.c_by_reading * noise.pose_std
-    slopes = found.c_by_theta[:, :norms, : A if norms else 0]
-    J, V, L = assembled(
-        rows, found_noise, setting, slopes, own.reshape(t, norms, 3 * n)
-    )
-    estimator = gain(J, V, weighted=setting.weighted)
-    K = estimator.K[..., : rows.e.shape[1]]
-    back = np.swapaxes(pulled, -1, -2)
-    return Linear(
-        r=_values(rows.e, found.c, B, setting),
-        gain=estimator,
-        L=L,
-        E=rows.E,
-        by_gyroscope=rows.by_gyroscope,
-        accelerometer=pulled @ back,
-        cross=-(K @ rows.by_pose) @ back,
+def problem_of(moves: Moves, poses: Float[Array, "t n 3"], setting: Setting) -> Problem:
+    """Accelerometer and gyroscope of the same rests."""
+    std = np.broadcast_to(setting.noise.pose_std, poses.shape)
+    sensor = Accelerometer(readings=poses, std=std, model=setting.model, g=setting.g)
+    turns = InterRest(moves=moves, setting=setting, each=2)
+    return Problem(sensors=(sensor,), turns=turns)
+
+
+def turns_of(problem: Problem) -> InterRest:
+    """The gyroscope's block."""
+    assert isinstance(problem.turns, InterRest)
+    return problem.turns
+
+
+def joint(problem: Problem, found: Solution, here: Local) -> Fitted:
+    """Both sensors in one fit: their covariance."""
+    setting, between = turns_of(problem).setting, here.between
+    assert between is not None
+    covariance = np.zeros((len(found.theta), 21, 21))
+    free = A + setting.free
+    covariance[:, :free, :free] = here.covariance()[0]
+    last = np.arange(free, 21)
+    covariance[:, last, last] = setting.bias_std[: len(last)] ** 2
+    return Fitted(
+        theta=found.theta,
+        covariance=covariance,
+        chi2=here.chi_square,
+        step=found.step,
+        iterations=found.iterations,
+        converged=found.converged,
+        turned=between.whole,
     )
 
 
-def assembled(
-    rows: Rows,
-    noise: Spread,
-    setting: Setting,
-    J_poses: Float[Array, "t c q"],
-    L_poses: Float[Array, "t c m"],
-) -> tuple[Float[Array, "t r p"], Float[Array, "t r r"], Float[Array, "t r m"]]:
-    """J, V and the poses' part of its root: of the moves, the poses, and the bias.
+def one_way(problem: Problem, theta: Float[Array, "t p"]) -> Fitted:
+    """The gyroscope beside an accelerometer that is held, whose error it inherits.
 
-    The parameters are those of the sensors that are read at rest, q, if they are fitted
-    too, and the gyroscope's; the bias has rows where it is estimated.
+    The noise of a pose reaches a row on two ways, directly and through the
+    accelerometer's own fit, of which (U1) is the covariance.
     """
-    t, gaps = rows.e.shape
-    both, first = gaps + J_poses.shape[1], J_poses.shape[2]
-    ends = 3 if setting.free == 12 else 0
-    J = np.zeros((t, both + ends, first + setting.free))
-    J[:, :gaps, first:] = rows.by_gyroscope[..., : setting.free]
-    if first:
-        J[:, :gaps, :first] = rows.by_accelerometer
-        J[:, gaps:both, :first] = J_poses
-    L = np.concatenate([rows.by_pose, L_poses], axis=1)
-    V = np.zeros((t, *J.shape[1:2] * 2))
-    V[:, :both, :both] = covariance_of(L, noise.blocks)
-    if ends:
-        J[:, -3:, -3:] = np.eye(3)
-        V[:, [-3, -2, -1], [-3, -2, -1]] = setting.bias_std**2
-    shared(V, noise, ends)
-    return J, V, np.pad(L, ((0, 0), (0, ends), (0, 0)))
-
-
-def _values(e: Array, c: Array, B: Array, setting: Setting) -> Float[Array, "t r"]:
-    parts = [e]
-    if setting.joint:
-        parts.append(c)
-    if setting.free == 12:
-        parts.append(B - setting.bias_value)
-    return np.concatenate(parts, axis=1)
-
-
-def ended(
-    moves: Moves,
-    poses: Float[Array, "t n 3"],
-    setting: Setting,
-    start: tuple[Array, Array, Array],
-) -> Iterator[tuple[Any, Fitted]]:
-    """Fit from some theta, M and B: which trials, and where they are, the last holds.
-
-    A trial is linearised again until it stands.
-    """
-    theta, M, B = map(np.array, start)
-    at = np.arange(len(M))
-    for _ in range(MOST_LINEAR):
-        if not at.size:
+    turns, theta = turns_of(problem), theta.copy()
+    at, setting = problem.corrected(theta[:, :A]), turns.setting
+    pulled = influence(problem, at, theta[:, :A], setting)
+    t = len(theta)
+    for count in range(1, MOST_STEPS + 1):
+        rows = turns.rows(at, theta[:, A:])
+        by_theta, direct = rows.by["accelerometer"]
+        L = direct.reshape(t, rows.r.shape[1], -1) + by_theta @ pulled
+        V = L @ np.swapaxes(L, -1, -2) + rows.V
+        found = gain(rows.own, V, weighted=setting.weighted)
+        step = -np.matvec(found.K, rows.r)
+        sd = np.sqrt(np.diagonal(found.covariance, axis1=-2, axis2=-1))
+        taken = np.max(np.abs(step) / sd, axis=1)
+        change = np.abs(np.matvec(rows.own, step)).max(axis=1)
+        settled = (taken <= TOLERANCE) | (change <= ROUNDED)
+        step[settled] = 0.0  # the numbers are those of the linearisation
+        if settled.all() or count == MOST_STEPS:
             break
-        part = moves if len(at) == len(M) else taken(moves, at)
-        chosen = replace(setting, bias_value=setting.bias_value[at])
-        found = iterate(part, poses[at], chosen, theta[at], M[at], B[at])
-        yield at, found
-        theta[at], M[at], B[at] = found.theta, found.M, found.B
-        at = at[found.moved > MOVED]
-
-
-def residuals(found: Fitted) -> Residuals:
-    """Rows of one joint fit, and whose noise is in them."""
-    gain, L = found.linear.gain, found.linear.L[0]
-    root = np.linalg.inv(gain.white[0])
-    return Residuals.of_rests_and_moves(
-        found.r[0], gain.J[0], root @ root.T,
-        {"accelerometer": (L.reshape(len(L), -1, 3), slice(0, A))},
-        (found.linear.E.shape[1], 2, slice(A, None)),
+        theta[:, A:] += step
+    covariance = np.zeros((t, 21, 21))
+    back, free = np.swapaxes(pulled, -1, -2), A + setting.free
+    cross = -(found.K @ L) @ back
+    covariance[:, :A, :A] = pulled @ back
+    covariance[:, A:free, :A] = cross
+    covariance[:, :A, A:free] = np.swapaxes(cross, -1, -2)
+    covariance[:, A:free, A:free] = found.covariance
+    last = np.arange(free, 21)
+    covariance[:, last, last] = setting.bias_std[: len(last)] ** 2
+    return Fitted(
+        theta=theta, covariance=covariance, chi2=found.chi2(rows.r), step=taken,
+        iterations=np.full(t, count), converged=settled, turned=rows.whole,
     )  # fmt: skip
 
 
-def drift(found: Fitted, moves: Moves, noise: NoiseFactors) -> Drift:
+def influence(
+    problem: Problem, at: dict[str, Corrected], theta: Array, setting: Setting
+) -> Float[Array, "t 9 m"]:
+    r"""Error of the accelerometer's parameters by unit noise of each pose and axis.
+
+    Its own fit solves :math:`\sum_i a_i c_i d_i = 0, d = \partial c/\partial\theta`,
+    with the weights a of eq. (U1) of `evidence`.
+    """
+    alone = Problem(sensors=problem.sensors)
+    _, J, L = alone.rests(at, theta)
+    d, noise, std = J[:, :, 0], L[:, :, 0], problem.sensors[0].std
+    root = np.ones(d.shape[:2])
+    if setting.residual in WEIGHTED:
+        shares = noise_shares(setting.residual, np.sqrt((std[0] ** 2).mean(axis=1)))
+        weight = 1.0 if shares is None else shares
+        root = np.sqrt(weight / ((noise / std) ** 2).sum(axis=-1))
+    rows = d * root[..., None]
+    size = np.sqrt((rows * rows).sum(axis=1, keepdims=True))
+    Q, R = np.linalg.qr(rows / size)
+    pull = (Q * root[..., None])[..., None, :] * noise[..., :, None]  # t n 3 9
+    flat = np.swapaxes(pull.reshape(len(root), -1, 9), -1, -2)
+    return -np.linalg.solve(R, flat) / np.swapaxes(size, -1, -2)
+
+
+def drift(problem: Problem, found: Solution, here: Local, noise: NoiseFactors) -> Drift:
     """Whether a bias or a gain of the gyroscope of one joint fit drifts."""
-    gain, gaps = found.linear.gain, found.linear.by_gyroscope[0]
+    turns, between, white = turns_of(problem), here.between, here.white[0]
+    assert between is not None
+    moves, gaps = turns.moves, between.whole[0]
+    M = turns.split(found.theta[:, A:])[0][0]
     middle = moves.times[:, 0] + 0.5 * moves.seconds
-    time = np.full(
-        found.r.shape[1], middle.mean()
-    )  # what is no move of its own tells none
+    # what is no move of its own tells none
+    time = np.full(len(white), middle.mean())
     time[: len(gaps)] = np.repeat(middle, 2)
     columns = {}
     for a, axis in enumerate("xyz"):
-        scaled = gaps[:, [a, 3 + a, 6 + a]] @ found.M[0][:, a]
-        for what, own in (("bias", gaps[:, A + a]), ("gain", scaled)):
-            columns[f"the {what} of {axis}"] = np.pad(own, (0, len(time) - len(own)))
-    return find_drift(
-        found.r[0], gain.J[0], columns, time, known=bool(noise.borne),
-        white=gain.white[0],
-    )  # fmt: skip
-
-
-def iterate(
-    moves: Moves,
-    poses: Float[Array, "t n 3"],
-    setting: Setting,
-    theta: Float[Array, "t 9"],
-    M: Float[Array, "t 3 3"],
-    B: Float[Array, "t 3"],
-) -> Fitted:
-    """Steps with one linearisation until they are far below the error bars."""
-    linear = linearise(moves, poses, setting, theta, M, B)
-    first = A if setting.joint else 0
-    sd = np.sqrt(np.diagonal(linear.gain.covariance, axis1=-2, axis2=-1))
-    size = _sizes(moves, M, theta, first, setting.free)
-    r = linear.r
-    taken, left = np.full(len(M), np.nan), np.full(len(M), np.inf)
-    moved = np.zeros(len(M))
-    for count in range(1, MOST_STEPS + 1):
-        step = -(linear.gain.K @ r[..., None])[..., 0]
-        step[left <= SETTLED] = 0.0  # a trial does not wait for its neighbours
-        theta = theta + step[:, :first] if first else theta
-        M = M + step[:, first : first + A].reshape(-1, 3, 3)
-        B = B + step[:, first + A :] if setting.free == 12 else B
-        last, taken = taken, np.max(np.abs(step) / sd, axis=1)
-        rounding = np.max(np.abs(step) / size, axis=1) <= ROUNDED
-        moved = np.maximum(moved, np.where(rounding, 0.0, taken))
-        left = np.where(rounding, 0.0, _left(taken, last))
-        if np.all(left <= SETTLED) or count == MOST_STEPS:
-            r = r + (linear.gain.J @ step[..., None])[..., 0]
-            break
-        r = _rows_at(moves, poses, setting, theta, M, B, linear.E)
-    return Fitted(
-        theta=theta, M=M, B=B, linear=linear, r=r, step=left, moved=moved,
-        iterations=count,
-    )  # fmt: skip
-
-
-def _left(taken: Float[Array, " t"], last: Float[Array, " t"]) -> Float[Array, " t"]:
-    # what the next step would be if steps go on shrinking as they did
-    shrinking = np.where(np.isnan(last), 1.0, taken / np.maximum(last, 1e-300))
-    return taken * np.minimum(shrinking, 1.0)
-
-
-def _rows_at(
-    moves: Moves,
-    poses: Array,
-    setting: Setting,
-    theta: Array,
-    M: Array,
-    B: Array,
-    E: Array,
-) -> Float[Array, "t r"]:
-    u, c = directions(setting.model, theta, poses, setting.g)
-    e = gap_values(end_of(moves.statistics, M, B), u, E)
-    return _values(e, c, B, setting)
-
-
-def _sizes(
-    moves: Moves, M: Array, theta: Array, first: int, free: int
-) -> Float[Array, "t p"]:
-    # what rounding is measured against
-    t = len(M)
-    way = np.sqrt((moves.statistics[:, :, :3] ** 2).sum(axis=2)).sum(axis=-1)
-    rate = (way / moves.seconds).mean(axis=1)
-    scale = np.linalg.norm(M, axis=(1, 2))[:, None]
-    parts = [np.broadcast_to(scale, (t, A))]
-    if first:
-        parts.insert(0, np.maximum(np.abs(theta), np.abs(theta[:, 3:6]).mean()))
-    if free == 12:
-        parts.append(np.broadcast_to(rate[:, None], (t, 3)))
-    return np.concatenate(parts, axis=1)
+        scaled = gaps[:, [a, 3 + a, 6 + a]] @ M[:, a]
+        for what, column in (("bias", gaps[:, A + a]), ("gain", scaled)):
+            whole = np.pad(column, (0, len(time) - len(column)))
+            columns[f"the {what} of {axis}"] = whole
+    r, J = (np.linalg.solve(white, x) for x in (here.rows[0], here.slopes[0]))
+    return find_drift(r, J, columns, time, known=bool(noise.borne), white=white)

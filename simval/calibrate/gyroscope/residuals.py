@@ -1,23 +1,8 @@
-r"""Inter-rest residuals of gravity, and their derivatives.
+r"""Inter-rest residuals: a gyroscope's block of the calibration core.
 
-**Directions of gravity at the rests, and how they depend on readings and parameters.**
-
-With :math:`h_i = M_a (\bar y_i - b_a)`, :math:`u_i = h_i/|h_i|` and
-:math:`c_i = |h_i|^2/g^2 - 1`, all derivatives are those of h and of the norm:
-:math:`\mathrm{d}u = (I - uu^T)\,\mathrm{d}h/|h|`, :math:`\mathrm{d}c = 2h^T
-\mathrm{d}h/g^2`. The accelerometer's fit solves :math:`\sum_i a_i c_i d_i = 0`,
-:math:`d = \partial c/\partial\theta_a`, so the noise n_i of a pose mean moves it by
-
-.. math:: \mathrm{d}\theta_a = \sum_i \Gamma_i n_i,\qquad
-   \Gamma_i = -\Big(\sum_k a_k d_k d_k^T\Big)^{-1} a_i\, d_i\,
-   \partial c_i/\partial y_i,
-
-with the weights a of eq. (U1) of `evidence`.
-
-**The rows of the fit: gaps, norms and the bias, with their noise.**
-
-Gap k turns the direction :math:`u_k` into :math:`u_{k+1}`; along it nothing is seen,
-so with :math:`E_k` two unit vectors across :math:`u_{k+1}`
+Turn k takes the direction of gravity :math:`u_k = h_k/|h_k|, h = M_a(\bar y - b_a)`
+into :math:`u_{k+1}`; along it nothing is seen, so with :math:`E_k` two unit vectors
+across :math:`u_{k+1}`
 
 .. math:: e_k = E_k^T (C_k^T u_k - u_{k+1}) \tag{N5}
 
@@ -27,88 +12,28 @@ and, :math:`\epsilon_k` the angle random walk of the move,
    + E_k^T (C_k^T \mathrm{d}u_k - \mathrm{d}u_{k+1}),\quad
    \mathrm{cov}\,\epsilon_k = N^2 \sum_j \tau_j (D_j M)(D_j M)^T. \tag{N6}
 
-Neighbouring gaps share a direction. Where the accelerometer has been calibrated before,
-its error is a sum over the same poses (`gravity.influence`), common to all gaps; where
-it is fitted together with the gyroscope, the norms :math:`c_i` are rows as well, and
-the poses are noise of both. The rows' covariance is :math:`V = LL^T` plus the walk's
-blocks, L the map from unit noises to rows.
+A magnetometer adds a third row, eq. (J1) of `nine_axis`. The bias B has rows where it
+is estimated: what the rests say of it, over the mean rate of the moves.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate.gyroscope.turn import Turn
-from simval.calibrate.residuals import WEIGHTED, noise_shares
-from simval.sensor import forms
+from simval.calibrate.equations import Between, Corrected
+from simval.calibrate.gyroscope.covariance import (
+    Gaps,
+    Setting,
+    own_covariance,
+    spread,
+)
+from simval.calibrate.gyroscope.moves import Moves, taken
+from simval.calibrate.gyroscope.turn import Turn, end_of, turn
+from simval.geometry import normalize
 from simval.shapes import Float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Gravity:
-    """Directions and norms of the rests, with derivatives."""
-
-    u: Float[Array, "t n 3"]
-    c: Float[Array, "t n"]
-    u_by_reading: Float[Array, "t n 3 3"]
-    c_by_reading: Float[Array, "t n 3"]
-    u_by_theta: Float[Array, "t n 3 9"]
-    c_by_theta: Float[Array, "t n 9"]
-
-
-def gravity(
-    model: str, theta: Float[Array, "t 9"], poses: Float[Array, "t n 3"], g: float
-) -> Gravity:
-    """Directions, norms and derivatives for some parameters of the accelerometer."""
-    M = forms.matrix(model, theta)
-    offset = poses - theta[:, None, 6:]
-    h = offset @ np.swapaxes(M, -1, -2)
-    dM = forms.matrix_derivatives(model, theta)
-    t, n = h.shape[:2]
-    dh = np.empty((t, n, 3, 9))
-    dh[..., :6] = np.einsum("tpij,tnj->tnip", dM, offset)
-    dh[..., 6:] = -M[:, None]
-    length = np.sqrt((h * h).sum(axis=-1))[..., None]
-    u = h / length
-    across = (np.eye(3) - u[..., :, None] * u[..., None, :]) / length[..., None]
-    twice = 2.0 / g**2 * h[..., None, :]
-    return Gravity(
-        u=u,
-        c=(h * h).sum(axis=-1) / g**2 - 1.0,
-        u_by_reading=across @ M[:, None],
-        c_by_reading=(twice @ M[:, None])[..., 0, :],
-        u_by_theta=across @ dh,
-        c_by_theta=(twice @ dh)[..., 0, :],
-    )
-
-
-def directions(
-    model: str, theta: Float[Array, "t 9"], poses: Float[Array, "t n 3"], g: float
-) -> tuple[Float[Array, "t n 3"], Float[Array, "t n"]]:
-    """Directions and norms alone."""
-    M = forms.matrix(model, theta)
-    h = (poses - theta[:, None, 6:]) @ np.swapaxes(M, -1, -2)
-    square = (h * h).sum(axis=-1)
-    return h / np.sqrt(square)[..., None], square / g**2 - 1.0
-
-
-def influence(
-    found: Gravity, residual: str, pose_std: Float[Array, "n 3"]
-) -> Float[Array, "t 9 m"]:
-    """Error of the accelerometer's parameters by unit noise of each pose and axis."""
-    root = np.ones(found.c.shape)
-    if residual in WEIGHTED:
-        shares = noise_shares(residual, np.sqrt((pose_std**2).mean(axis=1)))
-        weight = 1.0 if shares is None else shares
-        root = np.sqrt(weight / (found.c_by_reading**2).sum(axis=-1))
-    rows = found.c_by_theta * root[..., None]
-    size = np.sqrt((rows * rows).sum(axis=1, keepdims=True))
-    Q, R = np.linalg.qr(rows / size)
-    pull = (Q * root[..., None])[..., None, :] * found.c_by_reading[..., :, None]
-    noise = pull * pose_std[..., None]  # t n 3 9
-    flat = np.swapaxes(noise.reshape(len(root), -1, 9), -1, -2)
-    return -np.linalg.solve(R, flat) / np.swapaxes(size, -1, -2)
 
 
 def across(u: Float[Array, "t k 3"]) -> Float[Array, "t k 2 3"]:
@@ -122,18 +47,6 @@ def across(u: Float[Array, "t k 3"]) -> Float[Array, "t k 2 3"]:
     return np.stack([first, second], axis=-2)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Rows:
-    """Linearised rows of the gaps at some parameters."""
-
-    e: Float[Array, "t r"]
-    by_turn: Float[Array, "t k a 3"]  # of each gap, by theta
-    by_gyroscope: Float[Array, "t r 12"]
-    by_accelerometer: Float[Array, "t r q"]
-    by_pose: Float[Array, "t r m"]  # unit noise of each pose and axis, direct
-    E: Float[Array, "t k a 3"]
-
-
 def gap_values(
     C: Float[Array, "t k 3 3"],
     u: Float[Array, "t n 3"],
@@ -145,51 +58,142 @@ def gap_values(
     return e.reshape(len(u), -1)
 
 
-def gap_rows(found: Gravity, moved: Turn, pose_std: Float[Array, "n 3"]) -> Rows:
-    """Rows of the gaps and their derivatives, eq. (N6)."""
-    u = found.u
-    t, n = u.shape[:2]
-    k = n - 1
-    E = across(u[:, 1:])
-    EC = E @ np.swapaxes(moved.C, -1, -2)  # by u_k
-    by_turn = np.cross(EC, u[:, :-1, None, :])  # E C'[u x], row by row
-    by_a = EC @ found.u_by_theta[:, :-1] - E @ found.u_by_theta[:, 1:]
-    noise = found.u_by_reading * pose_std[:, None, :]
-    by_pose = np.zeros((t, k, 2, n, 3))
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InterRest:
+    """A gyroscope read between rests: M row by row, and B where it is estimated.
+
+    Each of its turns has two rows of gravity (N5), and a third of the field beside a
+    magnetometer (J1); the bias is what the rests say of it, to its noise.
+    """
+
+    moves: Moves
+    setting: Setting
+    each: int  # rows of a turn
+
+    name: ClassVar[str] = "gyroscope"
+
+    @property
+    def size(self) -> int:
+        """Parameters."""
+        return self.setting.free
+
+    @property
+    def item(self) -> tuple[int, int]:
+        """Moves, and rows of each."""
+        return self.moves.statistics.shape[1], self.each
+
+    @cached_property
+    def rate(self) -> Float[Array, "t 1"]:
+        """Mean rate of the moves, raw units: the unit of the bias's rows."""
+        S, seconds = self.moves.statistics[:, :, :3], self.moves.seconds
+        way = np.sqrt((S * S).sum(axis=2)).sum(axis=-1)
+        return (way / seconds).mean(axis=1)[:, None]
+
+    def take(self, trials: Any) -> Self:
+        """Some of the trials."""
+        setting = replace(self.setting, bias_value=self.setting.bias_value[trials])
+        return replace(self, moves=taken(self.moves, trials), setting=setting)
+
+    def noisier(self, factor: float) -> Self:
+        """The same with so many times the noise."""
+        return replace(self, setting=self.setting.noisier(1.0, factor))
+
+    def split(self, theta: Array) -> tuple[Float[Array, "t 3 3"], Float[Array, "t 3"]]:
+        """M, and B less the centre of the moves."""
+        B = theta[:, 9:] if self.size == 12 else self.setting.bias_value
+        return theta[:, :9].reshape(-1, 3, 3), B
+
+    def gaps(
+        self, at: dict[str, Corrected], theta: Array
+    ) -> tuple[Gaps, Turn, Float[Array, "t k a 3"]]:
+        """Rows of the turns alone, the turns, and the axes in which they compare."""
+        M, B = self.split(theta)
+        moved = turn(self.moves.statistics, M, B)
+        w = self._compared(at)
+        E = across(w[:, 1:, 0])
+        if self.each == 3:
+            sideways = normalize(np.cross(w[:, 1:, 0], w[:, 1:, 2]))
+            E = np.concatenate([E, sideways[:, :, None]], axis=2)
+        EC = E @ np.swapaxes(moved.C, -1, -2)
+        by_turn = np.cross(EC, w[:, :-1])
+        t, k, a, _ = E.shape
+        e = np.vecdot(EC, w[:, :-1]) - np.vecdot(E, w[:, 1:])
+        slopes = (by_turn @ moved.slopes).reshape(t, k * a, 12)
+        gaps = Gaps(e=e.reshape(t, k * a), by_turn=by_turn, by_gyroscope=slopes)
+        return gaps, moved, E
+
+    def rows(self, at: dict[str, Corrected], theta: Array) -> Between:
+        """Linearised rows of the turns, eq. (N6), and of the bias over the rate."""
+        gaps, moved, E = self.gaps(at, theta)
+        M, B = self.split(theta)
+        noise = spread(gaps, moved, self.moves, self.setting, M, B)
+        t, rows = gaps.e.shape
+        ends = 3 if self.size == 12 else 0
+        own = np.zeros((t, rows + ends, self.size))
+        own[:, :rows] = gaps.by_gyroscope[..., : self.size]
+        EC = E @ np.swapaxes(moved.C, -1, -2)
+        by = {}
+        for name, mine in (("accelerometer", slice(0, 2)), ("magnetometer", [2])):
+            if name not in at:
+                continue
+            first, last = np.zeros(E.shape), np.zeros(E.shape)
+            first[:, :, mine], last[:, :, mine] = EC[:, :, mine], -E[:, :, mine]
+            if name == "accelerometer":  # whose direction is compared
+                length = np.linalg.norm(at[name].w, axis=-1)[..., None, None]
+                u = at[name].w[..., None, :] / length
+                flat = (np.eye(3) - np.swapaxes(u, -1, -2) * u) / length
+                first, last = first @ flat[:, :-1], last @ flat[:, 1:]
+            by[name] = _pulled(at[name], first, last, ends)
+        r, unit = gaps.e, np.ones((t, rows + ends))
+        if ends:
+            own[:, -3:, 9:] = np.eye(3) / self.rate[:, None]
+            r = np.concatenate([r, (B - self.setting.bias_value) / self.rate], axis=1)
+            unit[:, -3:] = 1.0 / self.rate
+        V = own_covariance(noise, self.setting.bias_std[:ends])
+        V *= unit[:, :, None] * unit[:, None]
+        return Between(r=r, own=own, by=by, V=V, axes=E, whole=gaps.by_gyroscope)
+
+    def values(
+        self, at: dict[str, Corrected], theta: Array, here: Array
+    ) -> Float[Array, "t r"]:
+        """Values of the rows, compared in the axes of a linearisation."""
+        M, B = self.split(theta)
+        C = end_of(self.moves.statistics, M, B)
+        w = self._compared(at)
+        EC = here @ np.swapaxes(C, -1, -2)
+        e = np.vecdot(EC, w[:, :-1]) - np.vecdot(here, w[:, 1:])
+        parts = [e.reshape(len(e), -1)]
+        if self.size == 12:
+            parts.append((B - self.setting.bias_value) / self.rate)
+        return np.concatenate(parts, axis=1)
+
+    def angles(self, at: dict[str, Corrected], theta: Array) -> Float[Array, "t k"]:
+        """Between gravity as turned and as read at the end of each turn, rad."""
+        u = normalize(at["accelerometer"].w)
+        C = end_of(self.moves.statistics, *self.split(theta))
+        turned = (u[:, :-1, None] @ C)[:, :, 0]
+        sine = np.linalg.norm(np.cross(turned, u[:, 1:]), axis=-1)
+        return np.asarray(np.arcsin(np.minimum(sine, 1.0)))
+
+    def _compared(self, at: dict[str, Corrected]) -> Float[Array, "t n a 3"]:
+        # vectors of each rest that the rows compare
+        u = normalize(at["accelerometer"].w)
+        field = [at["magnetometer"].w] if self.each == 3 else []
+        return np.stack([u, u, *field], axis=2)
+
+
+def _pulled(
+    at: Corrected, first: Float[Array, "t k a 3"], last: Array, more: int
+) -> tuple[Float[Array, "t r q"], Float[Array, "t r n 3"]]:
+    # derivatives of the rows by a triad's parameters and unit noises, from those by its
+    # vectors at the start and the end of each turn
+    start, from_start = at.pull(first, slice(None, -1))
+    end, from_end = at.pull(last, slice(1, None))
+    t, k, a = first.shape[:3]
     gap = np.arange(k)
-    by_pose[:, gap, :, gap] = np.moveaxis(EC @ noise[:, :-1], 1, 0)
-    by_pose[:, gap, :, gap + 1] = -np.moveaxis(E @ noise[:, 1:], 1, 0)
-    return Rows(
-        e=gap_values(moved.C, u, E),
-        by_turn=by_turn,
-        by_gyroscope=(by_turn @ moved.slopes).reshape(t, 2 * k, 12),
-        by_accelerometer=by_a.reshape(t, 2 * k, 9),
-        by_pose=by_pose.reshape(t, 2 * k, 3 * n),
-        E=E,
-    )
-
-
-def walk_blocks(
-    rows: Rows, theta_covariance: Float[Array, "t k 3 3"]
-) -> Float[Array, "t k a a"]:
-    """Covariance that the angle's own noise leaves in each gap."""
-    back = np.swapaxes(rows.by_turn, -1, -2)
-    return rows.by_turn @ theta_covariance @ back
-
-
-def covariance_of(
-    L: Float[Array, "t r m"], blocks: Float[Array, "t k a a"]
-) -> Float[Array, "t r r"]:
-    """Covariance V of rows of which the first are those of the gaps."""
-    V = L @ np.swapaxes(L, -1, -2)
-    k, size = blocks.shape[1:3]
-    first = size * np.arange(k)
-    for i in range(size):
-        for j in range(size):
-            V[:, first + i, first + j] += blocks[:, :, i, j]
-    return V
-
-
-def carried(rows: Rows, influence: Float[Array, "t 9 m"]) -> Rows:
-    """Rows with the way of the pose noise through the accelerometer's calibration."""
-    return replace(rows, by_pose=rows.by_pose + rows.by_accelerometer @ influence)
+    L = np.zeros((t, k, a, k + 1, 3))
+    L[:, gap, :, gap] = np.moveaxis(from_start, 1, 0)
+    L[:, gap, :, gap + 1] = np.moveaxis(from_end, 1, 0)
+    padded = ((0, 0), (0, more), (0, 0))
+    J = np.pad((start + end).reshape(t, k * a, -1), padded)
+    return J, np.pad(L.reshape(t, k * a, k + 1, 3), (*padded, (0, 0)))

@@ -22,18 +22,15 @@ from simval.arrays import (
     shaped_array,
 )
 from simval.calibrate.accelerometer import checked_time
-from simval.calibrate.evidence import repeated_poses
-from simval.calibrate.factors import NOT_JUDGED, NoiseFactors, Residuals, judged
-from simval.calibrate.magnetometer.equations import (
-    ACCELEROMETER,
-    DIP,
-    IRON,
-    MATRIX,
-    PARAMETERS,
+from simval.calibrate.equations import (
+    Accelerometer,
+    Magnetometer,
     Prior,
-    Readings,
-    reach,
+    Problem,
+    residuals,
 )
+from simval.calibrate.evidence import repeated_poses
+from simval.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
 from simval.calibrate.magnetometer.evidence import (
     STATUS_NAMES,
     Code,
@@ -45,7 +42,14 @@ from simval.calibrate.magnetometer.evidence import (
     summarize,
 )
 from simval.calibrate.magnetometer.findings import Found, Single, look
-from simval.calibrate.magnetometer.result import MagnetometerFit
+from simval.calibrate.magnetometer.result import (
+    ACCELEROMETER,
+    DIP,
+    IRON,
+    MATRIX,
+    PARAMETERS,
+    MagnetometerFit,
+)
 from simval.calibrate.magnetometer.start import solve
 from simval.calibrate.minimization import normalized
 from simval.calibrate.result import FitResult
@@ -218,21 +222,10 @@ def refuse_repeated(accelerometer: Array, magnetometer: Array) -> None:
 class Scaled:
     """A block of trials in the units of the fit, and the way back."""
 
-    readings: Readings
-    prior: Prior | None
+    problem: Problem
     finite: Any  # bool, (t,)
     sizes: Float[Array, "t 22"]
     shifts: Float[Array, "t 22"]
-
-    def noisier(self, accelerometer: float, magnetometer: float) -> "Scaled":
-        """The same with so many times the noise of either sensor."""
-        own = self.readings
-        readings = replace(
-            own,
-            accelerometer_std=own.accelerometer_std * accelerometer,
-            magnetometer_std=own.magnetometer_std * magnetometer,
-        )
-        return replace(self, readings=readings)
 
     def physical(
         self, theta: Float[Array, "t 22"], covariance: Float[Array, "t 22 22"]
@@ -249,7 +242,10 @@ class Scaled:
 def scale(
     batch: tuple[Array, ...], noise: tuple[Array, Array], rows: slice, options: Options
 ) -> Scaled:
-    """Move both sensors' readings to their middle and scale them to unit size."""
+    """Move both sensors' readings to their middle and scale them to unit size.
+
+    The noise is that of each pose, (n, 1), or of each of its axes, (n, 3).
+    """
     raw = [readings[rows] for readings in batch]
     whole = [np.isfinite(x).all(axis=(1, 2)) for x in raw]
     finite = np.asarray(whole[0] & whole[1])
@@ -264,14 +260,18 @@ def scale(
     sizes[:, MATRIX] = (options.field / scale_m)[:, None]
     sizes[:, IRON] = scale_m[:, None]
     shifts[:, 6:9], shifts[:, IRON] = centre_a, centre_m
+    stds = [
+        np.broadcast_to(std / unit[:, None, None], za.shape)
+        for std, unit in zip(noise, (scale_a, scale_m), strict=True)
+    ]
     return Scaled(
-        readings=Readings(
-            accelerometer=za,
-            magnetometer=zm,
-            accelerometer_std=noise[0] / scale_a[:, None],
-            magnetometer_std=noise[1] / scale_m[:, None],
+        problem=Problem(
+            sensors=(
+                Accelerometer(readings=za, std=stds[0], model=options.model),
+                Magnetometer(readings=zm, std=stds[1]),
+            ),
+            prior=_prior(options, rows, sizes[:, :9], shifts[:, :9]),
         ),
-        prior=_prior(options, rows, sizes[:, :9], shifts[:, :9]),
         finite=finite,
         sizes=sizes,
         shifts=shifts,
@@ -371,8 +371,8 @@ def calibrate_magnetometer(
     pair = checked_pair(accelerometer, magnetometer, options.known)
     count, single = pair[0].shape[-2], pair[0].ndim == 2
     noise = (
-        checked_std("accelerometer_std", accelerometer_std, count),
-        checked_std("magnetometer_std", magnetometer_std, count),
+        checked_std("accelerometer_std", accelerometer_std, count)[:, None],
+        checked_std("magnetometer_std", magnetometer_std, count)[:, None],
     )
     times = checked_time(time, count)
     batch = tuple(readings.reshape(-1, count, 3) for readings in pair)
@@ -437,12 +437,12 @@ _SHAPES: dict[str, tuple[int, ...]] = {
 
 
 def _fit_block(scaled: Scaled, options: Options) -> _Block:
-    readings, prior = scaled.readings, scaled.prior
-    solution, sure = solve(options.model, readings, prior, options.max_iterations)
+    problem = scaled.problem
+    solution, sure = solve(problem, options.max_iterations)
     theta = _twin(solution.theta, options.hemisphere)
-    equations = 3 * readings.accelerometer.shape[1] + (0 if prior is None else 9)
-    dof = equations - PARAMETERS
-    summary = summarize(options.model, theta, readings, prior, dof)
+    known = 0 if problem.prior is None else 9
+    dof = 3 * problem.accelerometer.readings.shape[1] + known - PARAMETERS
+    summary = summarize(problem, theta, dof)
     code = judge(summary, theta, solution.converged, options.hemisphere)
     code = np.where(sure | (code > Code.MAX_ITERATIONS), code, int(Code.AMBIGUOUS))
     code = np.where(scaled.finite, code, int(Code.NON_FINITE))
@@ -462,31 +462,15 @@ def _fit_block(scaled: Scaled, options: Options) -> _Block:
 
 def _weighed(block: _Block, options: Options) -> tuple[_Block, NoiseFactors]:
     # one set by the noise that its residuals ask for, where it is more than stated
+    problem = block.scaled.problem
+
     def fit(_: _Block, factor: Any) -> _Block:
-        return _fit_block(block.scaled.noisier(*factor), options)
+        noisier = replace(block.scaled, problem=problem.noisier(*factor))
+        return _fit_block(noisier, options)
 
     if block.numbers["code"][0] != Code.CONVERGED or options.known is not None:
         return block, NOT_JUDGED
-    return judged(block, fit, _residuals)
-
-
-def _residuals(block: _Block) -> Residuals:
-    # whitened equations of the first trial, and whose noise is in them
-    here, readings = block.summary.here, block.scaled.readings
-    own = np.einsum(
-        "nij,njsm->nism", here.whiten[0], reach(block.summary.at, readings)[0]
-    )
-    count, each = len(own), np.arange(len(own))
-    spread = np.zeros((count, 3, count, 2, 3))
-    spread[each, :, each] = own
-    L = spread.reshape(3 * count, count, 2, 3)
-    return Residuals.of_rests_and_moves(
-        here.rows[0], here.slopes[0], np.eye(3 * count),
-        {
-            "accelerometer": (L[:, :, 0], ACCELEROMETER),
-            "magnetometer": (L[:, :, 1], slice(ACCELEROMETER.stop, PARAMETERS)),
-        },
-    )  # fmt: skip
+    return judged(block, fit, lambda last: residuals(problem, last.summary.here))
 
 
 def _twin(theta: Float[Array, "t 22"], hemisphere: str) -> Float[Array, "t 22"]:
@@ -503,16 +487,13 @@ def _twin(theta: Float[Array, "t 22"], hemisphere: str) -> Float[Array, "t 22"]:
 def _refuse(
     code: int, named: dict[str, Array], block: _Block, noise: tuple[Array, Array]
 ) -> None:
-    scaled = block.scaled.readings
     refuse(
         code, named,
         half_width=float(block.summary.half_width[0]),
         widest=int(block.summary.widest[0]),
         sine=float(block.theta[0, DIP]),
         factor=float(seen_over_stated(block.summary.chi_square, block.dof)[0]),
-        noise=float(
-            max(scaled.accelerometer_std.max(), scaled.magnetometer_std.max())
-        ),
+        noise=max(float(each.std.max()) for each in block.scaled.problem.sensors),
     )  # fmt: skip
 
 
@@ -520,10 +501,8 @@ def _single(block: _Block, time: Float[Array, " n"], options: Options) -> Single
     matrix = block.numbers["parameters"][0, MATRIX].reshape(3, 3)
     iron = np.linalg.norm(matrix @ block.numbers["parameters"][0, IRON])
     return Single(
-        model=options.model,
+        problem=block.scaled.problem,
         theta=block.theta[0],
-        readings=block.scaled.readings,
-        prior=block.scaled.prior,
         summary=block.summary,
         dof=block.dof,
         time=time,

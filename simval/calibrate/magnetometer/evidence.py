@@ -15,22 +15,21 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array
+from simval.calibrate.equations import (
+    Accelerometer,
+    Corrected,
+    Local,
+    Magnetometer,
+    Problem,
+)
 from simval.calibrate.evidence import WIDEST
-from simval.calibrate.magnetometer.equations import (
+from simval.calibrate.magnetometer.result import (
     ACCELEROMETER,
     DIP,
     IRON,
     MATRIX,
     PARAMETERS,
-    Corrected,
-    Local,
-    Prior,
-    Readings,
-    corrected,
-    jacobian,
-    local,
 )
-from simval.calibrate.solver import solve_positive
 from simval.errors import GeometryError, RefusedError
 from simval.sensor import forms
 from simval.shapes import Float
@@ -75,7 +74,6 @@ STATUS_NAMES = np.array(
 class Summary:
     """What is known at the end of a fit, in its scaled units."""
 
-    at: Corrected
     here: Local
     covariance: Float[Array, "t 22 22"]  # NaN where the rank is below 22
     chi_square: Float[Array, " t"]
@@ -85,33 +83,22 @@ class Summary:
     full_rank: Any  # bool, (t,)
 
 
-def summarize(
-    model: str,
-    theta: Float[Array, "t 22"],
-    readings: Readings,
-    prior: Prior | None,
-    dof: int,
-) -> Summary:
+def summarize(problem: Problem, theta: Float[Array, "t 22"], dof: int) -> Summary:
     """Work out covariance and evidence at the solutions."""
     with np.errstate(all="ignore"):  # hopeless trials are NaN
-        here = local(model, theta, readings, prior)
-        at = corrected(model, theta, readings)
-        normal = here.normal
-        one = np.broadcast_to(np.eye(PARAMETERS), normal.shape)
-        covariance, pivot = solve_positive(normal, one)
-        covariance = (covariance + np.swapaxes(covariance, -1, -2)) / 2.0
+        here = problem.local(theta)
+        covariance, pivot = here.covariance()
         full = np.asarray(pivot > _LEAST_PIVOT, dtype=bool)
         covariance[~full] = np.nan
-        chi_square = np.vecdot(here.rows, here.rows)
-        natural = natural_sd(model, theta, at, covariance)
-        half = _NORMAL_95 * natural * seen_over_stated(chi_square, dof)[:, None]
+        natural = natural_sd(problem.accelerometer.model, theta, here.at, covariance)
+        factor = seen_over_stated(here.chi_square, dof)
+        half = _NORMAL_95 * natural * factor[:, None]
     half = np.where(np.isfinite(half), half, np.inf)
     widest = np.argmax(half, axis=1)
     return Summary(
-        at=at,
         here=here,
         covariance=covariance,
-        chi_square=chi_square,
+        chi_square=here.chi_square,
         half_width=np.max(half, axis=1),
         widest=widest,
         full_rank=full,
@@ -127,25 +114,27 @@ def seen_over_stated(chi_square: Float[Array, " t"], dof: int) -> Float[Array, "
 
 
 def natural_sd(
-    model: str, theta: Array, at: Corrected, covariance: Array
+    model: str, theta: Array, at: dict[str, Corrected], covariance: Array
 ) -> Float[Array, "t 25"]:
     """Standard deviations of E, M db of both sensors and ds: natural sizes."""
     count = len(theta)
     carry = np.zeros((count, 25, PARAMETERS))
     bad = np.asarray(~np.isfinite(theta).all(axis=1))
     eye = np.eye(3)
-    matrix_a = np.where(bad[:, None, None], eye, at.matrix_a)
-    matrix_m = np.where(bad[:, None, None], eye, at.matrix_m)
+    matrix_a, matrix_m = at["accelerometer"].matrix, at["magnetometer"].matrix
+    inverse_a, inverse_m = (
+        np.linalg.pinv(np.where(bad[:, None, None], eye, matrix))
+        for matrix in (matrix_a, matrix_m)
+    )
     slopes = forms.matrix_derivatives(model, theta[:, ACCELEROMETER])
-    moved = slopes @ np.linalg.pinv(matrix_a)[:, None]
+    moved = slopes @ inverse_a[:, None]
     carry[:, :9, :6] = np.swapaxes(moved.reshape(count, 6, 9), -1, -2)
-    carry[:, 9:12, 6:9] = at.matrix_a
-    inverse = np.linalg.pinv(matrix_m)
+    carry[:, 9:12, 6:9] = matrix_a
     for row in range(3):  # a row of dM times the inverse
         rows = slice(12 + 3 * row, 15 + 3 * row)
         columns = slice(MATRIX.start + 3 * row, MATRIX.start + 3 * row + 3)
-        carry[:, rows, columns] = np.swapaxes(inverse, -1, -2)
-    carry[:, 21:24, IRON] = at.matrix_m
+        carry[:, rows, columns] = np.swapaxes(inverse_m, -1, -2)
+    carry[:, 21:24, IRON] = matrix_m
     carry[:, 24, DIP] = 1.0
     return np.sqrt(np.einsum("tij,tjk,tik->ti", carry, covariance, carry))
 
@@ -328,15 +317,14 @@ def nominal_rank(
     theta[0, :9] = forms.from_gram("triangular", np.eye(3), np.zeros(3))
     theta[0, 9:18] = np.eye(3).ravel()
     theta[0, 21] = -np.mean(np.vecdot(up, along))
-    one = np.ones((1, len(up)))
-    readings = Readings(
-        accelerometer=up[None],
-        magnetometer=along[None],
-        accelerometer_std=one,
-        magnetometer_std=one,
+    one = np.ones((1, len(up), 3))
+    problem = Problem(
+        sensors=(
+            Accelerometer(readings=up[None], std=one, model="triangular"),
+            Magnetometer(readings=along[None], std=one),
+        )
     )
-    at = corrected("triangular", theta, readings)
-    slopes = jacobian("triangular", theta, at)[0].reshape(-1, PARAMETERS)
+    slopes = problem.rests(problem.corrected(theta), theta)[1].reshape(-1, PARAMETERS)
     values = np.linalg.svd(slopes, compute_uv=False)
     return int(np.count_nonzero(values > min(_RANK * noise, 0.1) * values[0]))
 

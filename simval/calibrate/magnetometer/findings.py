@@ -17,22 +17,15 @@ polynomials of degree 1 to 3 over the time of the poses, adds the columns
 where that is more than the noise  (M6).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
 from simval.arrays import Array
-from simval.calibrate.magnetometer.equations import (
-    DIP,
-    IRON,
-    PARAMETERS,
-    Local,
-    Prior,
-    Readings,
-    minimize,
-)
+from simval.calibrate.equations import Local, Problem, Sensor, minimize
 from simval.calibrate.magnetometer.evidence import Summary, natural_sd, summarize
+from simval.calibrate.magnetometer.result import DIP, IRON, PARAMETERS
 from simval.calibrate.magnetometer.start import ENOUGH
 from simval.geometry import normalize
 from simval.poses import fibonacci_sphere
@@ -55,7 +48,7 @@ class Trend:
 
 def pose_chi_squares(here: Local, covariance: Float[Array, "22 22"]) -> Array:
     """Chi-square of each pose of one trial, eq. (M5); NaN where none is left."""
-    count = here.whiten.shape[1]
+    count = here.white.shape[1]
     slopes = here.slopes[0, : 3 * count].reshape(count, 3, PARAMETERS)
     rows = here.rows[0, : 3 * count].reshape(count, 3)
     left = np.eye(3) - slopes @ covariance @ np.swapaxes(slopes, -1, -2)
@@ -78,11 +71,11 @@ def trend(
     dof: int,
 ) -> Trend:
     """How the strength of the field of one trial varies with time, eq. (M6)."""
-    count = here.whiten.shape[1]
+    count = here.white.shape[1]
     whole = np.zeros((len(here.rows[0]), _DEGREE))
     tau = 2.0 * (time - time.min()) / np.ptp(time) - 1.0
     basis = np.polynomial.legendre.legvander(tau, _DEGREE)[:, 1:]
-    column = here.whiten[0] @ np.array([0.0, -2.0, theta[DIP]])
+    column = here.white[0] @ np.array([0.0, -2.0, theta[DIP]])
     whole[: 3 * count] = (column[:, :, None] * basis[:, None, :]).reshape(-1, _DEGREE)
     slopes, rows = here.slopes[0], here.rows[0]
     # what is left of the columns beside the 22 parameters
@@ -121,10 +114,8 @@ _TILTS, _HEADINGS = 24, 5  # attitudes that stand for evenly spread ones
 class Single:
     """One set, fitted, in the scaled units of the fit."""
 
-    model: str
+    problem: Problem
     theta: Float[Array, "22"]
-    readings: Readings
-    prior: Prior | None
     summary: Summary
     dof: int
     time: Float[Array, " n"]
@@ -174,7 +165,7 @@ def look(fit: Single) -> Found:
 
 def _left_out(fit: Single) -> tuple[tuple[int, ...], float]:
     # poses that do not fit the others, and the chi-square by freedom of the others
-    count = fit.readings.accelerometer.shape[1]
+    count = fit.problem.accelerometer.readings.shape[1]
     kept, out = np.arange(count), list[int]()
     summary, dof = fit.summary, fit.dof
     while True:
@@ -186,11 +177,9 @@ def _left_out(fit: Single) -> tuple[tuple[int, ...], float]:
             break
         out.append(int(kept[worst]))
         kept, dof = np.delete(kept, worst), dof - 3
-        readings = Readings(
-            **{k: getattr(fit.readings, k)[:, kept] for k in Readings.__slots__}
-        )
-        again = minimize(fit.model, fit.theta[None], readings, fit.prior, 50)
-        summary = summarize(fit.model, again.theta, readings, fit.prior, dof)
+        problem = fit.problem.take(slice(None), kept)
+        again = minimize(problem, fit.theta[None], 50)
+        summary = summarize(problem, again.theta, dof)
         if not np.isfinite(summary.covariance).all():
             break
     if len(out) > count // 3:  # then it is no matter of single poses
@@ -199,7 +188,7 @@ def _left_out(fit: Single) -> tuple[tuple[int, ...], float]:
 
 
 def _few_words(fit: Single) -> str:
-    count = fit.readings.accelerometer.shape[1]
+    count = fit.problem.accelerometer.readings.shape[1]
     if count >= ENOUGH:
         return ""
     return (
@@ -241,8 +230,8 @@ def _scatter_words(fit: Single, *, explained: bool) -> str:
 
 def _by_equation(fit: Single) -> str:
     # the raw sizes of the three equations, in units that a person knows
-    at, sine = fit.summary.at, fit.theta[DIP]
-    up, field = at.up[0], at.field[0]
+    sine = fit.theta[DIP]
+    up, field = (each.w[0] for each in fit.summary.here.at.values())
     lengths = np.linalg.norm(up, axis=1), np.linalg.norm(field, axis=1)
     cosine = np.clip(np.vecdot(up, field) / (lengths[0] * lengths[1]), -1.0, 1.0)
     angle = np.degrees(np.arcsin(-cosine) - np.arcsin(sine))
@@ -285,29 +274,24 @@ def _geometry_words(fit: Single) -> str:
 
 
 def _natural(fit: Single, summary: Summary) -> Float[Array, "25"]:
-    return natural_sd(fit.model, fit.theta[None], summary.at, summary.covariance)[0]
+    model = fit.problem.accelerometer.model
+    return natural_sd(model, fit.theta[None], summary.here.at, summary.covariance)[0]
 
 
 def even_sd(fit: Single) -> Float[Array, "25"]:
     """Natural error bars of as many poses turned evenly to all sides."""
-    up, field = even_poses(float(np.clip(fit.theta[DIP], -1.0, 1.0)))
-    at, given = fit.summary.at, fit.readings
-    x_a = up @ np.linalg.inv(at.matrix_a[0]).T + fit.theta[6:9]
-    x_m = field @ np.linalg.inv(at.matrix_m[0]).T + fit.theta[IRON]
-    std = [
-        np.full((1, len(up)), 1.0 / np.sqrt(np.mean(x**-2.0)))
-        for x in (given.accelerometer_std, given.magnetometer_std)
-    ]
-    readings = Readings(
-        accelerometer=x_a[None],
-        magnetometer=x_m[None],
-        accelerometer_std=std[0],
-        magnetometer_std=std[1],
-    )
+    directions = even_poses(float(np.clip(fit.theta[DIP], -1.0, 1.0)))
+    given = fit.problem.sensors
+    at = fit.summary.here.at
+    even: list[Sensor] = []
+    for sensor, along, bias in zip(given, directions, (slice(6, 9), IRON), strict=True):
+        x = along @ np.linalg.inv(at[sensor.name].matrix[0]).T + fit.theta[bias]
+        std = np.full((1, *x.shape), 1.0 / np.sqrt(np.mean(sensor.std**-2.0)))
+        even.append(replace(sensor, readings=x[None], std=std))
     # the information of many is shared out; a prior, which is not, is left out
-    even = summarize(fit.model, fit.theta[None], readings, None, 0)
-    share = np.sqrt(len(up) / given.accelerometer.shape[1])
-    return natural_sd(fit.model, fit.theta[None], even.at, even.covariance)[0] * share
+    count, few = len(directions[0]), given[0].readings.shape[1]
+    summary = summarize(Problem(sensors=tuple(even)), fit.theta[None], 0)
+    return _natural(fit, summary) * np.sqrt(count / few)
 
 
 def even_poses(sine: float) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
@@ -322,7 +306,7 @@ def even_poses(sine: float) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
 
 
 def _axes_words(fit: Single) -> str:
-    right = np.linalg.det(fit.summary.at.matrix_m[0]) > 0.0
+    right = np.linalg.det(fit.summary.here.at["magnetometer"].matrix[0]) > 0.0
     if right:
         return ""
     return (

@@ -8,10 +8,12 @@ import numpy as np
 from simval.arrays import Array
 from simval.calibrate.estimate import Estimate, magnetometer_text
 from simval.calibrate.factors import NoiseFactors
-from simval.calibrate.magnetometer.equations import ACCELEROMETER, DIP, IRON, MATRIX
 from simval.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.shapes import Float
 
+PARAMETERS = 22
+ACCELEROMETER, MATRIX, IRON, DIP = slice(0, 9), slice(9, 18), slice(18, 21), 21
+"""Where the parameters stand: the accelerometer's nine, M row by row, b, the dip."""
 OWN_NAMES = (
     *(f"M_{row}{column}" for row in "xyz" for column in "xyz"),
     *(f"b_{axis}" for axis in "xyz"),

@@ -31,7 +31,7 @@ rotation R and the sine s of the dip with the least
 vectors says of shape and hard iron.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 from typing import Any
 
@@ -39,17 +39,13 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.calibrate.accelerometer import checked_readings
-from simval.calibrate.magnetometer.equations import (
+from simval.calibrate.equations import Prior, Problem, Solution, minimize
+from simval.calibrate.magnetometer.result import (
     ACCELEROMETER,
     DIP,
     IRON,
     MATRIX,
     PARAMETERS,
-    Prior,
-    Readings,
-    Solution,
-    local,
-    minimize,
 )
 from simval.calibrate.minimization import fit_ellipsoid, normalized
 from simval.calibrate.residuals import moment_matrix
@@ -73,38 +69,32 @@ class Shape:
     quadric: Any  # bool: whether the poses themselves gave it, (t,)
 
 
-def start(
-    model: str, readings: Readings, known: Float[Array, "t 9"] | None
-) -> Float[Array, "t 22"]:
+def start(problem: Problem) -> Float[Array, "t 22"]:
     """Start of the 22 parameters; those of a known accelerometer as they are."""
-    body, iron = both_shapes(model, readings, known)
-    up, field = seen(model, body, iron, readings)
-    turn, sine = turn_between(up, field)
+    body, iron = both_shapes(problem)
+    turn, sine = turn_between(*seen(problem, body, iron))
     return assembled(body, iron, turn, sine)
 
 
 def both_shapes(
-    model: str,
-    readings: Readings,
-    known: Float[Array, "t 9"] | None,
-    *,
-    spheres: bool = False,
+    problem: Problem, *, spheres: bool = False
 ) -> tuple[Float[Array, "t 9"], Shape]:
     """Parameters of the accelerometer, and the shape of the magnetometer."""
     least = np.inf if spheres else _QUADRIC
-    if known is None:
-        body = shape(readings.accelerometer, least)
-        known = forms.from_gram(model, body.root @ body.root, body.bias)
-    return known, shape(readings.magnetometer, least)
+    iron = shape(problem.magnetometer.readings, least)
+    if problem.prior is not None:
+        return problem.prior.theta[:, ACCELEROMETER], iron
+    own = problem.accelerometer
+    body = shape(own.readings, least)
+    return forms.from_gram(own.model, body.root @ body.root, body.bias), iron
 
 
 def seen(
-    model: str, body: Float[Array, "t 9"], iron: Shape, readings: Readings
+    problem: Problem, body: Float[Array, "t 9"], iron: Shape
 ) -> tuple[Float[Array, "t n 3"], Float[Array, "t n 3"]]:
     """Up on the accelerometer's axes, and the field on the magnetometer's own."""
-    matrix = forms.matrix(model, body)
-    up = (readings.accelerometer - body[:, None, 6:]) @ np.swapaxes(matrix, -1, -2)
-    return up, (readings.magnetometer - iron.bias[:, None]) @ iron.root
+    up = problem.accelerometer.corrected(body).w
+    return up, (problem.magnetometer.readings - iron.bias[:, None]) @ iron.root
 
 
 def assembled(
@@ -203,25 +193,15 @@ _SIZES = (-0.5, -0.2, 0.2, 0.5)  # of a jump, in scaled units
 _SAME = 1e-3  # of the parameters in scaled units: two ends of the same answer
 
 
-def solve(
-    model: str, readings: Readings, prior: Prior | None, most: int
-) -> tuple[Solution, Any]:
+def solve(problem: Problem, most: int) -> tuple[Solution, Any]:
     """Solution of each trial, and whether no other fits as well, (t,) of bool."""
-    known = None if prior is None else prior.theta[:, ACCELEROMETER]
     with np.errstate(all="ignore"):  # a hopeless trial has NaN, and is refused
-        if readings.accelerometer.shape[1] >= ENOUGH:
-            theta = start(model, readings, known)
-            sure = np.ones(len(theta), dtype=bool)
-            return minimize(model, theta, readings, prior, most), sure
-        found = [
-            _ended(model, theta, readings, prior, most)
-            for theta in _starts(model, readings, known)
-        ]
+        if problem.accelerometer.readings.shape[1] >= ENOUGH:
+            theta = start(problem)
+            return minimize(problem, theta, most), np.ones(len(theta), dtype=bool)
+        found = [_ended(problem, theta, most) for theta in _starts(problem)]
         best = _best(found)[0]
-        found += [
-            _freed(model, theta, readings, prior, most)
-            for theta in _jumps(model, best.theta, readings, prior)
-        ]
+        found += [_freed(problem, theta, most) for theta in _jumps(problem, best.theta)]
         return _best(found)
 
 
@@ -231,36 +211,30 @@ class _Ended:
     cost: Float[Array, " t"]  # infinite where it did not converge
 
 
-def _ended(
-    model: str, theta: Array, readings: Readings, prior: Prior | None, most: int
-) -> _Ended:
-    near = minimize(model, theta, readings, _rounded(model, theta, prior), most)
-    return _freed(model, near.theta, readings, prior, most)
+def _ended(problem: Problem, theta: Array, most: int) -> _Ended:
+    held = replace(problem, prior=_rounded(problem, theta))
+    return _freed(problem, minimize(held, theta, most).theta, most)
 
 
-def _freed(
-    model: str, theta: Array, readings: Readings, prior: Prior | None, most: int
-) -> _Ended:
-    ended = minimize(model, theta, readings, prior, most)
-    rows = local(model, ended.theta, readings, prior).rows
-    cost = np.where(ended.converged, np.vecdot(rows, rows), np.inf)
-    return _Ended(solution=ended, cost=np.where(np.isfinite(cost), cost, np.inf))
+def _freed(problem: Problem, theta: Array, most: int) -> _Ended:
+    ended = minimize(problem, theta, most)
+    cost = problem.local(ended.theta).chi_square
+    cost = np.where(ended.converged & np.isfinite(cost), cost, np.inf)
+    return _Ended(solution=ended, cost=cost)
 
 
-def _jumps(
-    model: str, theta: Float[Array, "t 22"], readings: Readings, prior: Prior | None
-) -> list[Float[Array, "t 22"]]:
+def _jumps(problem: Problem, theta: Float[Array, "t 22"]) -> list[Array]:
     # another answer lies along what the poses see least
-    normal = local(model, theta, readings, prior).normal
+    normal = problem.local(theta).normal
     usable = np.asarray(np.isfinite(normal).all(axis=(1, 2)))
     vectors = np.linalg.eigh(np.where(usable[:, None, None], normal, np.eye(22)))[1]
     return [theta + size * vectors[:, :, k] for k in range(_WEAKEST) for size in _SIZES]
 
 
-def _rounded(model: str, theta: Float[Array, "t 22"], prior: Prior | None) -> Prior:
+def _rounded(problem: Problem, theta: Float[Array, "t 22"]) -> Prior:
     # shapes near those of the start, in natural sizes; the turn is left free
-    count = len(theta)
-    root = np.zeros((count, 12, PARAMETERS))
+    model, prior = problem.accelerometer.model, problem.prior
+    root = np.zeros((len(theta), 12, PARAMETERS))
     body = theta[:, ACCELEROMETER]
     inverse = np.linalg.pinv(forms.matrix(model, body))
     slopes = forms.matrix_derivatives(model, body) @ inverse[:, None]
@@ -280,11 +254,9 @@ def _rounded(model: str, theta: Float[Array, "t 22"], prior: Prior | None) -> Pr
     return Prior(theta=held, root=both)
 
 
-def _starts(
-    model: str, readings: Readings, known: Float[Array, "t 9"] | None
-) -> list[Float[Array, "t 22"]]:
-    body, iron = both_shapes(model, readings, known, spheres=True)
-    up, field = seen(model, body, iron, readings)
+def _starts(problem: Problem) -> list[Float[Array, "t 22"]]:
+    body, iron = both_shapes(problem, spheres=True)
+    up, field = seen(problem, body, iron)
     count = len(up)
     turns, sines, costs = [], [], []
     for turn in _cube_turns():
@@ -350,6 +322,7 @@ def _best(found: list[_Ended]) -> tuple[Solution, Any]:
         theta=_upright(theta, mirrored),
         iterations=sum(each.solution.iterations for each in found),
         converged=np.isfinite(costs[best, trials]),
+        step=np.array([each.solution.step for each in found])[best, trials],
     ), ~np.any(near & (apart > _SAME), axis=0)
 
 
