@@ -10,6 +10,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import zoo
 from places import EXAMPLES, ROOT
@@ -19,8 +20,9 @@ from zoo import ZOO, drawn, ellipsoid, leading, named
 from simval.attitude.comparators import davenport
 from simval.check import check_function, told
 from simval.check.words import to_json
-from simval.errors import InputError
+from simval.errors import InputError, PluginError
 from simval.plugins import Calibrator, Estimator, Filter, find_plugin
+from simval.plugins.runs import require_no_memory
 from simval.sweep import load_run
 
 FILE = Path(zoo.__file__)
@@ -67,6 +69,25 @@ def test_what_is_wrong_is_named_and_what_is_sound_passes(name, draw):
     answer = found.result.exit_code
     assert answer == code if code is not None else bool(answer) == bool(words)
     assert re.search(words, told(found)), told(found)
+
+
+TRUE = np.random.default_rng(1).standard_normal((64, 3))
+DEPENDING = {
+    "the place": lambda own: own + 1e-5 * (np.arange(len(own)) == 50)[:, None],
+    "the rows before": lambda own: own + 1e-5 * np.cumsum(own, axis=0),
+    "how many are asked": lambda own: own + 1e-5 * (len(own) < 40),
+    "nothing": lambda own: 0.0 * own,
+}
+
+
+@pytest.mark.parametrize("what", DEPENDING)
+def test_answers_are_of_their_own_trial_alone(what):
+    allowed, answered = np.full(TRUE.shape, 1e-6), DEPENDING[what]
+    require_no_memory("mine", TRUE, lambda places: TRUE[places] + 0.9e-6, allowed)
+    with pytest.raises(PluginError, match="from one call to the next"):
+        require_no_memory(
+            "mine", answered(TRUE), lambda places: answered(TRUE[places]), allowed
+        )
 
 
 @pytest.mark.slow  # three processes for each
