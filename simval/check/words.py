@@ -5,19 +5,21 @@ form of error (`simval.studies.filter`) or one reading stands out.
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from math import floor, inf, isfinite, log10
 from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 
+from simval.arrays import Array
 from simval.check.measure import Checked
 from simval.errors import CrashedPluginError
 from simval.judge import Finding, findings, headline
 from simval.plugins.loading import Meant
 from simval.plugins.names import located, portable
-from simval.results import Row
+from simval.results import CellName, Row
 from simval.statistics import (
     AT_AN_INSTANT,
     CONSTANT,
@@ -37,14 +39,6 @@ from simval.studies.filter import MOST
 from simval.sweep.cells import CellResult
 from simval.text import one_line
 
-_BETTER: Final = (
-    "nobody can be better than the bound: it knows the truth, or what it saw before"
-)
-_JUMPS: Final = (
-    "trials and cubature of the same function disagree: it jumps, or depends on more "
-    "than its arguments"
-)
-
 _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
     {
         "failures": "mend the formula there, or declare the class in `fails_at`",
@@ -52,7 +46,10 @@ _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
             "an estimate that is right without noise has no error proportional to it: "
             "look for an offset, an absolute value or a threshold"
         ),
-        "below_bound": _BETTER,
+        "below_bound": (
+            "nobody can be better than the bound: it knows the truth, or what it saw "
+            "before"
+        ),
         "squared_error_over_predicted": (
             "rare trials are far off, more than cubature shows: look for a threshold"
         ),
@@ -70,22 +67,37 @@ _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
         ),
         "cubature_bias": "the bias is greater than terms of second order can make it",
         "cubature_bias_at_small_noise": "an error is left that does not shrink with it",
-        "bias": _JUMPS,
-        "covariance": _JUMPS,
+        "bias": (
+            "trials and cubature of the same function disagree: it jumps, or depends "
+            "on more than its arguments"
+        ),
+        "covariance": (
+            "trials and cubature of the same function disagree: it jumps, or depends "
+            "on more than its arguments"
+        ),
         "nees": "the covariance that it states is not that of its errors",
         "claim_off": "the covariance is not exact: declare the order that it keeps",
         "claim_off_at_the_noise": "the covariance is not that of its errors",
         "claim_off_at_half_noise": "the covariance lacks a term of the claimed order",
         "unit_length": "the quaternions are not of unit length",
-        "calibrator bias": (
-            "a parameter is off by more than any sound residual makes it"
-        ),
-        # of the others `why` says it
-        "filter diverged": "it loses the attitude, or never finds it",
-        "filter rms_below_bound": _BETTER,
     }
 )
-"""By family of statistics, with the study before it where that has its own words."""
+"""By family of statistics."""
+
+_OF_A_CALIBRATOR: Final = MappingProxyType(
+    {"bias": "a parameter is off by more than any sound residual makes it"}
+)
+
+_OF_A_FILTER: Final = MappingProxyType(
+    {
+        # of the others `filter_advice` says why
+        "diverged": "it loses the attitude, or never finds it",
+        "rms_below_bound": (
+            "nobody can be better than the bound: it knows the truth, or what it saw "
+            "before"
+        ),
+    }
+)
 
 
 UNSETTLED: Final = (
@@ -102,8 +114,11 @@ def advice_on(finding: Finding) -> str:
     if finding.answer != "fail" or not finding.statistic:
         return ""
     family = finding.statistic.partition("[")[0]
-    general = "" if finding.study == "filter" else _ADVICE.get(family, "")
-    return _ADVICE.get(f"{finding.study} {family}", general)
+    if finding.study == "filter":
+        return _OF_A_FILTER.get(family, "")
+    if finding.study == "calibrator":
+        return _OF_A_CALIBRATOR.get(family, "") or _ADVICE.get(family, "")
+    return _ADVICE.get(family, "")
 
 
 MUCH: Final = 0.1
@@ -138,16 +153,17 @@ Rows = dict[str, Row]
 def why(cells: Sequence[CellResult]) -> list[str]:
     """Sentences on why a filter fails, in its worst cell."""
     done = [
-        (cell, {str(row.statistic): row for row in cell.rows})
+        {str(row.statistic): row for row in cell.rows}
         for cell in cells
         if cell.status == "done"
     ]
-    if not done:
+    shares = [_value(rows, SYSTEMATIC()) for rows in done]
+    if not shares:
         return []
-    shares = [_value(rows, SYSTEMATIC()) for _, rows in done]
-    if max(shares) >= MUCH:
-        return [_same_in_all(*done[int(np.argmax(shares))], min(shares))]
-    return list(_different(max((rows for _, rows in done), key=_off)))
+    worst = int(np.argmax(shares))
+    if shares[worst] >= MUCH:
+        return [_same(done[worst], cells[worst], min(shares))]
+    return list(_random(max(done, key=_off)))
 
 
 def _value(rows: Rows, statistic: object) -> float:
@@ -157,14 +173,10 @@ def _value(rows: Rows, statistic: object) -> float:
 
 def _off(rows: Rows) -> float:
     row = rows.get(str(NEES()))
-    return 0.0 if row is None else abs(_log_over_3(row))
+    return 0.0 if row is None else abs(np.log(max(row.value, 1e-9) / 3.0))
 
 
-def _log_over_3(nees: Row) -> float:
-    return float(np.log(max(nees.value, 1e-9) / 3.0))
-
-
-def _same_in_all(cell: CellResult, rows: Rows, least: float) -> str:
+def _same(rows: Rows, cell: CellResult, least: float) -> str:
     """What all trials share."""
     share = _value(rows, SYSTEMATIC())
     first = f"{100.0 * share:.0f} % of its squared error is the same in every trial: "
@@ -194,101 +206,129 @@ def _same_in_all(cell: CellResult, rows: Rows, least: float) -> str:
     )
 
 
-def _different(rows: Rows) -> Iterator[str]:
+def _random(rows: Rows) -> Iterator[str]:
     """What differs from trial to trial: its size, what is stated, each reading's."""
     nees = rows.get(str(NEES()))
     if nees is None:
         return
-    over, readings = nees.value > 3.0, list(_readings(rows))
-    if not abs(nees.value - 3.0) > CLEAR * nees.standard_error:
-        yield from readings
-        return
     parts = {
-        name: (_value(rows, PART_OVER_STATED(name)), _value(rows, over_bound))
+        name: (_value(rows, PART_OVER_STATED(name)), _value(rows, over))
         for name in ("heading", "inclination")
-        for over_bound in [STATED_OVER_BOUND(name)]
+        for over in [STATED_OVER_BOUND(name)]
     }
     said = ", ".join(
         f"{name} {np.sqrt(square):.3g} times what it states, which is "
         f"{stated:.3g} times the bound"
         for name, (square, stated) in parts.items()
     )
-    yield (
-        f"{'overconfident' if over else 'underconfident'}: its errors are "
-        f"{'greater' if over else 'smaller'} than its covariance says, RMS of {said}"
-    )
-    at = [row for row in rows.values() if row.statistic.family == NEES_AT]
-    off = np.array([_log_over_3(row) for row in at])
-    early = late = False
-    if len(off) >= LEAST:
-        worst, half = int(np.abs(off).argmax()), off[len(off) // 2 :]
-        early = worst < len(off) // 4 and bool(
-            np.median(np.abs(half)) < 0.6 * abs(off[worst])
-        )
-        late = bool(abs(off[0]) < 0.5 * abs(np.median(half)))
-    if early:
-        yield (
-            "its covariance is wrong at the start, most at "
-            f"{float(at[worst].statistic.entries[-1]):g} s: does it take `start_std` "
-            "and `bias_std` as they are?"
-        )
-    yield from readings
-    if early or readings:
-        return
     bound = _value(rows, RMS_OVER_BOUND())
+    over = nees.value > 3.0
+    clear = abs(nees.value - 3.0) > CLEAR * nees.standard_error
+    if clear:
+        side = "overconfident" if over else "underconfident"
+        yield (
+            f"{side}: its errors are {'greater' if over else 'smaller'} than its "
+            f"covariance says, RMS of {said}"
+        )
+    early = _early(rows) if clear else ""
+    readings = list(_readings(rows))
+    if early:
+        yield early
+    yield from readings
+    if clear and not readings and not early:
+        yield _without_reading(rows, bound, over, parts)
+
+
+def _without_reading(
+    rows: Rows, bound: float, over: bool, parts: dict[str, tuple[float, float]]
+) -> str:
     stated = min(value for _, value in parts.values())
-    own = any(row.statistic.family == PART_OF_INNOVATION for row in rows.values())
-    causes = (
-        (
-            late,
+    if _late(rows):
+        own = any(row.statistic.family == PART_OF_INNOVATION for row in rows.values())
+        return (
             "what it states is right at the start and wrong later: the noise that it "
             "has for the gyroscope"
             + (
                 " is too small, or its bias is wrong (its gain, its sign)"
                 if over
                 else f"{'' if own else ', or for another sensor,'} is too great"
-            ),
-        ),
-        (
-            stated > 1.0 / FACTOR and over and bound >= AT_BOUND,
+            )
+        )
+    if stated > 1.0 / FACTOR and over and bound >= AT_BOUND:
+        return (
             f"its errors are {bound:.3g} times the bound, and it states the bound: a "
-            "state or a source of noise is missing",
-        ),
-        (
-            bound < AT_BOUND,
+            "state or a source of noise is missing"
+        )
+    if bound < AT_BOUND:
+        return (
             f"its errors are as small as they can be, {bound:.3g} times the bound: "
-            "look at what it states, its factor, side and units",
-        ),
-        (
-            not over,
+            "look at what it states, its factor, side and units"
+        )
+    if not over:
+        return (
             f"its errors are {bound:.3g} times the bound: it weighs a sensor too "
-            "little, whose noise it has too great",
-        ),
-        (
-            True,
-            "it states less than the bound, which no filter can reach: the noise that "
-            "it has for a sensor is too small, or readings count twice",
-        ),
+            "little, whose noise it has too great"
+        )
+    return (
+        "it states less than the bound, which no filter can reach: the noise that it "
+        "has for a sensor is too small, or readings count twice"
     )
-    yield next(words for holds, words in causes if holds)
+
+
+def _late(rows: Rows) -> bool:
+    """Whether what it states is right at first, and wrong in the second half."""
+    _, off = _along_time(rows)
+    if len(off) < LEAST:
+        return False
+    late = float(np.median(off[len(off) // 2 :]))
+    return bool(abs(off[0]) < 0.5 * abs(late))
+
+
+def _early(rows: Rows) -> str:
+    """Whether what it states is wrong at the start, and less so later."""
+    time, off = _along_time(rows)
+    if len(off) < LEAST:
+        return ""
+    worst = int(np.abs(off).argmax())
+    late = float(np.median(np.abs(off[len(off) // 2 :])))
+    if worst >= len(off) // 4 or not late < 0.6 * abs(off[worst]):
+        return ""
+    return (
+        f"its covariance is wrong at the start, most at {time[worst]:g} s: does it "
+        "take `start_std` and `bias_std` as they are?"
+    )
+
+
+def _along_time(rows: Rows) -> tuple[Array, Array]:
+    """Times at which a NEES is kept, s, and logarithms of it over 3."""
+    at = [
+        (float(row.statistic.entries[-1]), np.log(max(row.value, 1e-9) / 3.0))
+        for row in rows.values()
+        if row.statistic.family == NEES_AT
+    ]
+    time, off = np.array(at or np.zeros((0, 2))).T
+    return time, off
 
 
 def _readings(rows: Rows) -> Iterator[str]:
     """Readings whose innovations are not what it states; of six, three a sensor."""
     found = [r for r in rows.values() if r.statistic.family == PART_OF_INNOVATION]
     ratio = np.array([row.value for row in found])
-    means = {f"reading {k + 1}": float(value) for k, value in enumerate(ratio)}
-    where = ""
-    if len(ratio) == 6:
-        sensors = ("the accelerometer", "the magnetometer")
-        means = dict(zip(sensors, ratio.reshape(2, 3).mean(axis=1), strict=True))
-        where = " (if its innovations are in this order)"
-    off = {name: v for name, v in means.items() if abs(np.log(v)) > np.log(FACTOR)}
+    sensors = ("the accelerometer", "the magnetometer")
+    groups = (
+        {name: ratio[3 * k : 3 * k + 3] for k, name in enumerate(sensors)}
+        if len(ratio) == 6
+        else {f"reading {k + 1}": ratio[k : k + 1] for k in range(len(ratio))}
+    )
+    means = {name: float(each.mean()) for name, each in groups.items()}
+    size = {name: abs(np.log(value)) for name, value in means.items()}
+    off = {name: v for name, v in means.items() if size[name] > np.log(FACTOR)}
     if len(off) == len(means) and len({v > 1.0 for v in off.values()}) == 1:
         # an error that all of them see; of one that is far greater it is that one's
         first, *others = sorted(off.values(), key=lambda v: -abs(np.log(v)))
         far = max(first / max(others), min(others) / first) if others else 1.0
         off = {name: v for name, v in off.items() if v == first and far > FAR}
+    where = " (if its innovations are in this order)" if len(ratio) == 6 else ""
     for name, value in off.items():
         wrong = "small" if value > 1.0 else "great"
         yield (
@@ -333,6 +373,14 @@ CRASH = f"{CrashedPluginError.__module__}.{CrashedPluginError.__qualname__}: "
 """What the words of a crash begin with in a store."""
 
 
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One family of statistics in one cell: its greatest member, and its answer."""
+
+    value: str
+    answer: str
+
+
 def told(checked: Checked) -> str:
     """Tell what was checked, and with what result.
 
@@ -346,23 +394,20 @@ def told(checked: Checked) -> str:
     str
         Lines of text.
     """
-    result = checked.result
-    judged = findings(result)
-    parts, known = [], set[str]()
-    for plugin in checked.plugins:
-        cells = {one_line(cell.name): cell for cell in checked.of(plugin)}
-        own = [finding for finding in judged if finding.cell.name in cells]
-        parts.append("\n".join(_plugin(plugin, cells, own)))
-        known |= cells.keys()
+    judged = findings(checked.result)
+    parts = ["\n".join(_plugin(checked, plugin, judged)) for plugin in checked.plugins]
+    known = {one_line(cell.name) for cell in checked.cells}
     # of several cells together, or of the whole run
     shared = [f for f in judged if f.answer != "pass" and f.cell.name not in known]
-    if not result.verdicts and result.unfinished:
+    if not checked.result.verdicts and checked.result.unfinished:
         shared = []  # that nothing was judged is told with each
     if shared:
-        parts.append("\n".join(line for f in shared for line in _finding(f, {})))
-    answer = result.answer.upper()
+        parts.append("\n".join(line for f in shared for line in _finding(f, checked)))
+    result = checked.result
     if checked.missed:
         parts.append("\n".join(f"  FAIL: limit {line}" for line in checked.missed))
+    answer = result.answer.upper()
+    if checked.missed:
         answer = f"FAIL: {len(checked.missed)} times beyond a limit of your own"
     measured = (unjudged(one_line(p.name), checked.of(p)) for p in checked.plugins)
     parts.append(
@@ -374,47 +419,46 @@ def told(checked: Checked) -> str:
 
 
 def _plugin(
-    plugin: Meant, cells: Mapping[str, CellResult], judged: Sequence[Finding]
+    checked: Checked, plugin: Meant, judged: Sequence[Finding]
 ) -> Iterator[str]:
     study = plugin.field.partition(".")[0].replace("_", " ")
-    endings = {cell.ending for cell in cells.values()} | {f.answer for f in judged}
-    worst = next(word for word in ENDINGS if word in endings)
-    yield f"{one_line(plugin.name)}, {study}: {worst.upper()}"
+    cells = checked.of(plugin)
+    own = [f for f in judged if f.cell.name in {one_line(c.name) for c in cells}]
+    yield f"{one_line(plugin.name)}, {study}: {_ending(cells, own)}"
     declared = (f"{key} {one_line(value)}" for key, value in plugin.declared.items())
     yield f"  declares  {'; '.join(declared) or 'nothing'}"
-    done = [cell for cell in cells.values() if cell.status == "done"]
+    done = [cell for cell in cells if cell.status == "done"]
     if done:
         yield from _fails_at(done[0])
         yield ""
-        yield from _table(done, judged)
-    groups: dict[tuple[str, str, str], list[Finding]] = {}
-    for finding in (each for each in judged if each.answer != "pass"):
-        family = finding.statistic.partition("[")[0]
-        group = (finding.cell.name, family, finding.answer)
-        groups.setdefault(group, []).append(finding)
-    # what is said of one cell is not said again of another
-    said: dict[tuple[str, str], tuple[Finding, int]] = {}
-    for first, *others in groups.values():
-        said.setdefault((first.what, first.reason), (first, len(others)))
-    if said:
+        yield from _table(done, own)
+    bad = _distinct([f for f in own if f.answer != "pass"])
+    if bad:
         yield ""
-    for finding, more in said.values():
-        yield from _finding(finding, cells, more)
-    if said and study == "filter":
-        yield from (f"  why: {line}" for line in why(list(cells.values())))
+    for finding, more in bad.items():
+        yield from _finding(finding, checked, more)
+    if bad and study == "filter":
+        yield from (f"  why: {line}" for line in why(cells))
+
+
+def _ending(cells: Sequence[CellResult], judged: Sequence[Finding]) -> str:
+    """How a plug-in ended: the worst of its cells and of what was judged in them."""
+    found = {cell.ending for cell in cells} | {finding.answer for finding in judged}
+    return next(word for word in ENDINGS if word in found).upper()
 
 
 def _fails_at(cell: CellResult) -> Iterator[str]:
     """Classes of attitudes at which it fails, each with its share."""
     rows = [row for row in cell.rows if row.statistic.family == FAILURES]
-    shares = [
-        f"{row.statistic.entries[0]} {row.value:.1%}"
-        f"{' (declared)' if row.check == 'record' else ''}"
+    shares = {
+        row.statistic.entries[0]: f"{row.value:.1%}"
+        + (" (declared)" if row.check == "record" else "")
         for row in rows
         if row.value > 0.0
-    ]
+    }
     if shares:
-        yield f"  fails at  {'; '.join(shares)}"
+        words = "; ".join(f"{name} {share}" for name, share in shares.items())
+        yield f"  fails at  {words}"
     elif rows:
         n = rows[0].n
         yield f"  fails at  none of {len(rows)} classes of attitudes, {n} cases of each"
@@ -422,14 +466,15 @@ def _fails_at(cell: CellResult) -> Iterator[str]:
 
 def _table(cells: Sequence[CellResult], judged: Sequence[Finding]) -> Iterator[str]:
     """Columns for each cell: what is greatest of a family, and the answer."""
-    answers = _answers(judged)
-    columns = [dict(_lines(cell, answers)) for cell in cells]
+    columns = [_lines(cell, judged) for cell in cells]
     titles = list(dict.fromkeys(title for column in columns for title in column))
     table = [["", *titles]]
     for cell, column in zip(cells, columns, strict=True):
-        lines = [column.get(title, ("", "")) for title in titles]
-        table.append([_varied(cell, cells), *(value for value, _ in lines)])
-        table.append(["", *(answer for _, answer in lines)])
+        lines = [column.get(title) for title in titles]
+        table.append(
+            [_varied(cell, cells), *("" if n is None else n.value for n in lines)]
+        )
+        table.append(["", *("" if n is None else ANSWERS[n.answer] for n in lines)])
     widths = [max(map(len, column)) for column in table]
     for words in zip(*table, strict=True):
         padded = (
@@ -439,47 +484,42 @@ def _table(cells: Sequence[CellResult], judged: Sequence[Finding]) -> Iterator[s
         yield f"  {'  '.join(padded)}".rstrip()
 
 
-def _varied(cell: CellResult, cells: Iterable[CellResult]) -> str:
+def _varied(cell: CellResult, cells: Sequence[CellResult]) -> str:
     """What sets a cell apart from the others."""
-    return ", ".join(
-        f"{key} {value}"
+    differing = {
+        key: value
         for key, value in cell.parameters.items()
         if any(other.parameters.get(key) != value for other in cells)
-    )
+    }
+    return ", ".join(f"{key} {value}" for key, value in differing.items())
 
 
-Answers = Mapping[tuple[str, str, str], str]
-
-
-def _answers(judged: Iterable[Finding]) -> Answers:
-    return {(f.cell.name, f.statistic, f.against): f.answer for f in judged}
-
-
-def _answer(answers: Answers, cell: CellResult, row: Row) -> str | None:
-    """What was judged of a row."""
-    words = (cell.name, str(row.statistic), row.predictor)
-    name, statistic, against = map(one_line, words)
-    return answers.get((name, statistic, against))
-
-
-def _lines(cell: CellResult, answers: Answers) -> Iterator[tuple[str, tuple[str, str]]]:
-    """Each family of a cell: its title, its greatest value, and its answer."""
+def _lines(cell: CellResult, judged: Sequence[Finding]) -> dict[str, Line]:
+    """Each family of a cell by its title, in the order of its rows."""
+    name = one_line(cell.name)
+    answers = {
+        (f.statistic, f.against): f.answer for f in judged if f.cell.name == name
+    }
     families: dict[Family, list[Row]] = {}
     for row in cell.rows:
-        if row.statistic.family not in (*AT_AN_INSTANT, *DIAGNOSES):
-            families.setdefault(row.statistic.family, []).append(row)
+        families.setdefault(row.statistic.family, []).append(row)
+    lines = {}
     for family, rows in families.items():
-        known = {_answer(answers, cell, row) for row in rows}
-        worst = next((w for w in ("fail", "inconclusive", "pass") if w in known), "")
+        if family in (*AT_AN_INSTANT, *DIAGNOSES):
+            continue
+        known = [
+            answers[key]
+            for row in rows
+            if (key := (one_line(str(row.statistic)), one_line(row.predictor)))
+            in answers
+        ]
         # a NaN is greater than any number here: it must be seen
         greatest = max(rows, key=lambda r: (r.value != r.value, abs(r.value)))
-        units = {row.unit for row in rows} - {"1"}
-        alike = len({row.unit for row in rows}) == 1
-        title = (
-            f"{family.words}{f', {units.pop()}' if alike and units else ''}"
-            f"{f' (greatest of {len(rows)})' if len(rows) > 1 else ''}"
-        )
-        yield title, (_figure(greatest.value, greatest.standard_error), ANSWERS[worst])
+        worst = next((word for word in ANSWERS if word in known and word != "pass"), "")
+        answer = worst or ("pass" if known else "")
+        value = _figure(greatest.value, greatest.standard_error)
+        lines[_title(family, rows)] = Line(value, answer)
+    return lines
 
 
 def _figure(value: float, error: float) -> str:
@@ -490,25 +530,65 @@ def _figure(value: float, error: float) -> str:
     return f"{value:#.{digits}g} ± {error:#.2g}"
 
 
-def _finding(
-    finding: Finding, cells: Mapping[str, CellResult], more: int = 0
-) -> Iterator[str]:
-    cell = cells.get(finding.cell.name)
+def _title(family: Family, rows: Sequence[Row]) -> str:
+    units = {row.unit for row in rows}
+    unit = f", {units.pop()}" if len(units) == 1 and units != {"1"} else ""
+    many = f" (greatest of {len(rows)})" if len(rows) > 1 else ""
+    return f"{family.words}{unit}{many}"
+
+
+def _distinct(bad: Sequence[Finding]) -> dict[Finding, int]:
+    """The first finding of each family and cell, and how many more there are of it.
+
+    What is said of one cell is not said again of another.
+    """
+    groups: dict[tuple[str, str, str], list[Finding]] = {}
+    for finding in bad:
+        family = finding.statistic.partition("[")[0]
+        group = (finding.cell.name, family, finding.answer)
+        groups.setdefault(group, []).append(finding)
+    said: dict[tuple[str, str], tuple[Finding, int]] = {}
+    for first, *others in groups.values():
+        said.setdefault((first.what, first.reason), (first, len(others)))
+    return dict(said.values())
+
+
+def _finding(finding: Finding, checked: Checked, more: int = 0) -> Iterator[str]:
+    cell = _cell(checked, finding.cell)
     crashed = cell is not None and cell.ending == "crashed"
     word = finding.check if finding.check == "refused" else ANSWERS[finding.answer]
-    done = cell is not None and cell.status == "done"
-    where = _varied(cell, cells.values()) if cell is not None and done else ""
+    where = (
+        ""
+        if cell is None or cell.status != "done"
+        else _varied(cell, _of_same(cell, checked))
+    )
     what = " at ".join(filter(None, (finding.what, where)))
     reason = finding.reason.replace(CRASH, "")
     words = ("crashed" if crashed else word, what, reason)
     yield f"  {': '.join(filter(None, words))}"
     if more:
         yield f"    and {more} more of this kind"
-    if cell is not None and crashed and "Traceback" not in cell.error:
-        # lines of the user's own code; the last one is the reason
-        yield from (f"    {line.rstrip()}" for line in cell.error.splitlines()[:-1])
+    for line in _own_frames(cell):
+        yield f"    {line}"
     if hint := advice_on(finding):
         yield f"    {hint}"
+
+
+def _of_same(cell: CellResult, checked: Checked) -> Sequence[CellResult]:
+    """Cells of the same plug-in."""
+    groups = (checked.of(plugin) for plugin in checked.plugins)
+    return next((group for group in groups if cell in group), ())
+
+
+def _own_frames(cell: CellResult | None) -> list[str]:
+    """Lines of a crash that show the user's own code, without its last line."""
+    if cell is None or cell.ending != "crashed" or "Traceback" in cell.error:
+        return []
+    return [line.rstrip() for line in cell.error.splitlines()[:-1]]
+
+
+def _cell(checked: Checked, name: CellName) -> CellResult | None:
+    return next((c for c in checked.cells if one_line(c.name) == name.name), None)
 
 
 VERSION = 1
@@ -519,7 +599,7 @@ def to_json(checked: Checked) -> str:
     """Write a check as JSON: the answer, and of each plug-in every number judged."""
     result = checked.result
     judged = findings(result)
-    answers = _answers(judged)
+    answers = {(f.cell.name, f.statistic, f.against): f for f in judged}
     document = {
         "schema_version": VERSION,
         "answer": result.answer,
@@ -532,22 +612,7 @@ def to_json(checked: Checked) -> str:
                 "name": plugin.name,
                 "study": plugin.field.partition(".")[0],
                 "declares": dict(plugin.declared),
-                "cells": [
-                    {
-                        "cell": cell.name,
-                        "parameters": dict(cell.parameters),
-                        "ending": cell.ending,
-                        "reason": (
-                            one_line(cell.reason) if cell.status == "failed" else ""
-                        ),
-                        "rows": [
-                            {name: _number(value) for name, value in row.tidy.items()}
-                            | {"answer": _answer(answers, cell, row)}
-                            for row in cell.rows
-                        ],
-                    }
-                    for cell in checked.of(plugin)
-                ],
+                "cells": [_document_of(cell, answers) for cell in checked.of(plugin)],
             }
             for plugin in checked.plugins
         ],
@@ -559,6 +624,24 @@ def to_json(checked: Checked) -> str:
         ],
     }
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+
+def _document_of(
+    cell: CellResult, answers: Mapping[tuple[str, str, str], Finding]
+) -> dict[str, Any]:
+    rows = []
+    for row in cell.rows:
+        key = (one_line(cell.name), one_line(str(row.statistic)))
+        judged = answers.get((*key, one_line(row.predictor)))
+        numbers = {name: _number(value) for name, value in row.tidy.items()}
+        rows.append(numbers | {"answer": judged.answer if judged else None})
+    return {
+        "cell": cell.name,
+        "parameters": dict(cell.parameters),
+        "ending": cell.ending,
+        "reason": one_line(cell.reason) if cell.status == "failed" else "",
+        "rows": rows,
+    }
 
 
 def _number(value: Any) -> Any:

@@ -13,7 +13,7 @@ Both predictions are allowed the remainder that theory states for them
 trial that must recover the truth to `RECOVERED`, or to what the scene's rests allow.
 
 Formulas and error bars are also set beside how the estimate answers its readings
-(`simval.studies.response`), at some of the cell's poses: theory's (K1) must meet (R2),
+(`simval.studies.response`), at some of the cell's poses: theory's (E2) must meet (R2),
 and the covariance that the calibration states must meet theory's. A combination of
 parameters that the poses see k times worse bends k times sooner: what the differences
 leave grows as :math:`k^4`, as was measured up to k = 6 with poses of every kind.
@@ -219,7 +219,7 @@ def expanded(
         first=expansion.first(noise),
         second=expansion.second(noise),
         covariance=sigma**2 * expansion.slope @ expansion.slope.T,
-        mean_second=sigma**2 * expansion.mean_second,
+        mean_second=sigma**2 * expansion.bias,
     )
 
 

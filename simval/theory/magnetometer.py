@@ -11,14 +11,9 @@ and nothing else of the 22 parameters: with :math:`J = \partial c/\partial\theta
 .. math:: P = \Big(\sum_i J_i^T W_i J_i\Big)^{-1}, \quad
    W_i = (D_i \Sigma D_i^T)^{-1}.  \tag{M2}
 
-The estimate that solves :math:`\psi = \sum_i J_i^T W_i c_i = 0` reaches it to first
-order. Along a reading k it moves by :math:`\theta_k = -P\, \partial\psi/\partial y_k`,
-and its mean is off by
-
-.. math:: -\tfrac12 P \sum_k \sigma_k^2 \frac{d^2}{d\varepsilon^2}
-   \psi(\theta + \varepsilon \theta_k,\ y + \varepsilon e_k),  \tag{M7}
-
-left out is :math:`O(\sigma^4)`. The usual recipe, an unweighted ellipsoid for each
+The estimate that solves :math:`\sum_i J_i^T W_i c_i = 0` reaches it to first order; its
+bias is that of second order of `simval.theory.estimating`, left out is
+:math:`O(\sigma^4)`. The usual recipe, an unweighted ellipsoid for each
 sensor and then a turn, solves :math:`\sum_i \partial c_{i1}/\partial\theta_a\, c_{i1} =
 0`, the same of :math:`c_2` for the symmetric part of :math:`dM M^{-1}` and b, and of
 :math:`c_3` for its turn and the dip; :math:`H^{-1} B H^{-T}`, with H the derivative of
@@ -34,12 +29,12 @@ may be off by, relative to itself, and a bias by, in standard deviations,
 
 .. math:: 10\, k^4 u \tag{M9}, \qquad 10\, k^6 u^{3/2} \sqrt n. \tag{M10}
 
-Derivatives of (M1) are complex steps, exact to rounding. The powers bound the growth;
-the factors are measured over random sensors and 10 to 100
+The powers bound the growth; the factors are measured over random sensors and 10 to 100
 random poses: `tests/theory/test_magnetometer_theory.py`.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -57,9 +52,9 @@ from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix
 from simval.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.shapes import Float, Inexact
+from simval.theory.estimating import Block, Estimating, inverse_of
 
 PARAMETERS = 22
-_TINY = 1e-30  # complex step: exact to rounding
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,47 +160,15 @@ def equations(
     )
 
 
-def slopes_of(p: Problem, theta: Array, y: Array) -> Array:
-    """Derivatives dc/dtheta, (..., n, 3, 22)."""
-    columns = [
-        equations(p, theta + 1j * _TINY * e, y).imag / _TINY for e in np.eye(PARAMETERS)
-    ]
-    return np.stack(columns, axis=-1)
-
-
-def reach_of(p: Problem, theta: Any, y: Array) -> Array:
-    """Derivatives dc/dy by a pose's own readings, (..., n, 3, 6)."""
-    columns = [equations(p, theta, y + 1j * _TINY * e).imag / _TINY for e in np.eye(6)]
-    return np.stack(columns, axis=-1)
-
-
-def along_of(p: Problem, at: tuple[Array, Array], way: tuple[Array, Array]) -> Array:
-    """Derivative of c along a way of the parameters and readings, (..., n, 3)."""
-    theta, y = (here + 1j * _TINY * step for here, step in zip(at, way, strict=True))
-    return equations(p, theta, y).imag / _TINY
-
-
-def jacobian(p: Problem) -> Float[Array, "n 3 22"]:
-    """Derivatives dc/dtheta at the truth."""
-    return slopes_of(p, p.theta, p.y)
-
-
-def noise_of(p: Problem) -> Float[Array, "n 3 3"]:
-    """Covariance of the three equations of each pose at the truth."""
-    reach = reach_of(p, p.theta, p.y) * p.sigma[:, None, :]
-    return reach @ np.swapaxes(reach, -1, -2)
-
-
-def weights_of(p: Problem) -> Float[Array, "n 3 3"]:
-    """Inverse of that covariance."""
-    return np.linalg.inv(noise_of(p))
+def equations_of(p: Problem) -> Estimating:
+    """The equations of the weighted fit."""
+    rows = partial(equations, p)
+    return Estimating(blocks=(Block(rows=rows, y=p.y, sigma=p.sigma),), theta=p.theta)
 
 
 VARIANCE_NEXT = 10.0  # of eq. (M9), measured
 BIAS_NEXT = 10.0  # of eq. (M10), measured
 EVEN = 2.4  # w sqrt(n) / sigma of many poses, for any dip from 0 to 89 degrees
-_STEP = 1e-3  # of a reading's size: leaves 1e-10 of the bias at a dip of 85 degrees
-_FIRST = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}  # difference of fourth order
 _RANK = 1e-10  # of the greatest singular value, columns of equal length
 
 
@@ -292,8 +255,8 @@ def magnetometer_moments(
         accelerometer, magnetometer, attitudes, dip, accelerometer_std,
         magnetometer_std, g=g, field=field, form=form,
     )  # fmt: skip
-    slopes, weights = jacobian(problem), weights_of(problem)
-    information = information_of(problem).sum(axis=0)
+    estimate = equations_of(problem)
+    information = estimate.information.sum(axis=0)
     rank = rank_of(information)
     if rank < PARAMETERS:
         msg = (
@@ -306,7 +269,7 @@ def magnetometer_moments(
     worst = float(np.sqrt(np.max(np.diagonal(carry @ covariance @ carry.T))))
     to_dip = np.ones(PARAMETERS)
     to_dip[-1] = 1.0 / np.cos(np.arcsin(problem.theta[-1]))
-    bias = _second_order(problem, covariance, slopes, weights)
+    bias = estimate.bias.copy()
     # arcsin is curved: half its second derivative times the variance
     bias[-1] += 0.5 * np.tan(dip) * to_dip[-1] * covariance[-1, -1]
     sd, count = np.sqrt(np.diagonal(covariance)), len(problem.y)
@@ -320,7 +283,7 @@ def magnetometer_moments(
         ),
         bias=bias * to_dip,
         covariance=covariance * both,
-        recipe=_recipe(problem, slopes) * both,
+        recipe=_recipe(problem, estimate) * both,
         bias_remainder=BIAS_NEXT * k**6 * u**1.5 * np.sqrt(count) * sd * to_dip,
         variance_remainder=VARIANCE_NEXT * k**4 * u,
     )
@@ -333,25 +296,12 @@ NAMES = (
 )
 
 
-def information_of(p: Problem) -> Float[Array, "n 22 22"]:
-    """Fisher information of each pose, the terms of eq. (M2)."""
-    slopes = jacobian(p)
-    return np.swapaxes(slopes, -1, -2) @ weights_of(p) @ slopes
-
-
 def rank_of(information: Float[Array, "22 22"]) -> int:
     """How many combinations of the parameters the poses see."""
     scale = np.sqrt(np.diagonal(information))
     scale = np.where(scale > 0.0, scale, 1.0)
     values = np.linalg.eigvalsh(information / np.outer(scale, scale))
     return int(np.count_nonzero(values > _RANK * values[-1]))
-
-
-def inverse_of(information: Float[Array, "22 22"]) -> Float[Array, "22 22"]:
-    """The bound: the inverse, by way of columns of equal length."""
-    scale = np.sqrt(np.diagonal(information))
-    whole = np.linalg.inv(information / np.outer(scale, scale))
-    return (whole + whole.T) / 2.0 / np.outer(scale, scale)
 
 
 def _natural(p: Problem) -> Float[Array, "22 22"]:
@@ -368,53 +318,7 @@ def _natural(p: Problem) -> Float[Array, "22 22"]:
     return carry
 
 
-def _second_order(
-    p: Problem, covariance: Array, slopes: Array, weights: Array
-) -> Float[Array, "22"]:
-    # eq. (M7). Along reading k all poses see theta_k, whose squares add up to P; only
-    # its own pose sees the reading move as well
-    unit = float(np.max(p.sigma / p.size))
-    sd = np.sqrt(np.diagonal(covariance))
-    values, axes = np.linalg.eigh(covariance / np.outer(sd, sd))
-    root = sd[:, None] * axes * np.sqrt(np.abs(values)) / unit
-    bent = _bent(p, p.y, p.sigma, (root.T, np.zeros((1, *p.y.shape))))
-    total = unit**2 * np.sign(values) @ bent
-    reach = reach_of(p, p.theta, p.y)
-    pushed = np.einsum("nai,nab,nbk->nki", slopes, weights, reach)  # dpsi/dy
-    theta = -(pushed @ covariance) * p.size[:, None]  # theta_k
-    y, sigma = p.y[:, None, None], p.sigma[:, None, None]
-    moved = (p.size * np.eye(6))[:, None]
-    own = _bent(p, y, sigma, (theta, moved)) - _bent(p, y, sigma, (theta, 0.0 * moved))
-    total += np.einsum("nk,nki->i", (p.sigma / p.size) ** 2, own)
-    return -0.5 * covariance @ total
-
-
-def _bent(p: Problem, y: Array, sigma: Array, way: tuple[Array, Array]) -> Array:
-    # Second derivative of psi at the truth along each way, (..., 22). There c = 0, so
-    # it is A c'' + 2 A' c' with A = J'W; c' is exact, and only first differences of A
-    # and c' are taken
-    turned: Any = 0.0
-    curved: Any = 0.0
-    for k, weight in _FIRST.items():
-        there = p.theta + k * _STEP * way[0], y + k * _STEP * way[1]
-        turned = turned + weight / _STEP * _pull(p, *there, sigma)
-        curved = curved + weight / _STEP * along_of(p, there, way)
-    pulled, moved = _pull(p, p.theta, y, sigma), along_of(p, (p.theta, y), way)
-    both = np.matvec(pulled, curved) + 2.0 * np.matvec(turned, moved)
-    return np.asarray(both.sum(axis=-2))
-
-
-def _pull(
-    p: Problem, theta: Float[Array, "... 22"], y: Float[Array, "... n 6"], sigma: Array
-) -> Float[Array, "... n 22 3"]:
-    # A of each pose
-    reach = reach_of(p, theta, y) * sigma[..., None, :]
-    noise = reach @ np.swapaxes(reach, -1, -2)
-    slopes = slopes_of(p, theta, y)
-    return np.swapaxes(np.linalg.solve(noise, slopes), -1, -2)
-
-
-def _recipe(p: Problem, slopes: Float[Array, "n 3 22"]) -> Float[Array, "22 22"]:
+def _recipe(p: Problem, estimate: Estimating) -> Float[Array, "22 22"]:
     # eq. (M8), in parameters that part M into shape and turn: dM = (S + [f x]) M
     carry = np.zeros((PARAMETERS, PARAMETERS))
     carry[:9, :9], carry[18:21, 15:18], carry[21, 21] = np.eye(9), np.eye(3), 1.0
@@ -427,13 +331,13 @@ def _recipe(p: Problem, slopes: Float[Array, "n 3 22"]) -> Float[Array, "22 22"]
         unit = np.zeros((3, 3))
         unit[j, i], unit[i, j] = 1.0, -1.0
         carry[9:18, 18 + column] = (unit @ matrix).ravel()
-    parted = slopes @ carry
+    parted = estimate.jacobians[0] @ carry
     own = np.zeros_like(parted)  # what each equation is made least in
     stages = (slice(0, 9), slice(9, 18), slice(18, 22))
     for equation, part in enumerate(stages):
         own[:, equation, part] = parted[:, equation, part]
     slope = np.einsum("nai,naj->ij", own, parted)
-    scatter = np.einsum("nai,nab,nbj->ij", own, noise_of(p), own)
+    scatter = np.einsum("nai,nab,nbj->ij", own, estimate.noises[0], own)
     scale = np.sqrt(np.diagonal(slope))
     influence = np.linalg.inv(slope / np.outer(scale, scale)) / np.outer(scale, scale)
     whole = carry @ influence

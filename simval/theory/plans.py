@@ -41,6 +41,7 @@ from simval.sensor import AccelerometerModel, GyroscopeModel, MagnetometerModel,
 from simval.shapes import Float
 from simval.theory import magnetometer
 from simval.theory.calibration import calibration_moments
+from simval.theory.estimating import inverse_of
 from simval.theory.gyroscope import GYROSCOPE, MovePath, gyroscope_moments
 from simval.theory.magnetometer import problem_of
 from simval.turns import MATRIX, best_next_turn, judge, turn_rows, turns_of
@@ -356,7 +357,7 @@ def plan_magnetometer(
         poses = problem_of(
             *sensors, attitudes, dip, *noise, g=1.0, field=1.0, form="triangular"
         )
-        return magnetometer.information_of(poses)
+        return magnetometer.equations_of(poses).information
 
     given = information(attitudes)
     candidates = candidate_attitudes()
@@ -367,7 +368,7 @@ def plan_magnetometer(
     best = int(np.flatnonzero(near_best)[0])
 
     def bars(information: Float[Array, "22 22"]) -> tuple[Array, ...]:
-        sd = np.sqrt(np.diagonal(magnetometer.inverse_of(information)))
+        sd = np.sqrt(np.diagonal(inverse_of(information)))
         return (np.append(sd[:-1], sd[-1] / np.cos(float(dip))),)
 
     rank = magnetometer.rank_of(whole)

@@ -30,13 +30,7 @@ from simval.geometry import compose, conjugate
 from simval.sensor import forms
 from simval.shapes import Float, Inexact
 from simval.theory.expansion import mean_linear_error, tangent_projector
-from simval.theory.magnetometer import (
-    PARAMETERS,
-    Problem,
-    jacobian,
-    reach_of,
-    weights_of,
-)
+from simval.theory.magnetometer import PARAMETERS, Problem, equations_of
 from simval.theory.two_vector import two_vector_geometry
 
 PARTS = (
@@ -102,15 +96,8 @@ def calibration_parts(problem: Problem) -> Float[Array, "2 22 22"]:
 
     The last parameter is the sine of the dip.
     """
-    J, W = jacobian(problem), weights_of(problem)
-    pushed = np.einsum(
-        "nai,nab,nbk->nik", J, W, reach_of(problem, problem.theta, problem.y)
-    )
-    moved = np.linalg.solve(
-        np.einsum("nai,nab,nbj->ij", J, W, J), pushed * problem.sigma[:, None, :]
-    )
-    own = [moved[:, :, :3], moved[:, :, 3:]]
-    return np.stack([np.einsum("nik,njk->ij", each, each) for each in own])
+    slope = equations_of(problem).slope.reshape(PARAMETERS, -1, 2, 3)
+    return np.einsum("insk,jnsk->sij", slope, slope)
 
 
 def carrier(

@@ -20,6 +20,8 @@ from simval.theory import magnetometer as magnetometer_theory
 
 # The accelerometer's chain
 
+FOURTH = np.eye(9)[4]
+
 scene_fault = partial(Fault, "scene", "scene", owner=scene, function="simulate")
 sensor = partial(
     Fault, "calibration", "sensor", owner=AccelerometerModel, function="distort"
@@ -27,7 +29,7 @@ sensor = partial(
 calibrator = partial(
     Fault, "calibration", "calibrator", owner=calibration, function="calibrate"
 )
-geometry = partial(Fault, "calibration", "formula", owner=theory, function="_geometry")
+equation = partial(Fault, "calibration", "formula", owner=theory, function="_equations")
 claim = partial(
     Fault, "calibration", "formula", owner=calibration, function="calibration_moments"
 )
@@ -51,10 +53,42 @@ def shared_noise(original, model, f_s, rng):
     return raw + model.noise_std * (0.6 * common + 0.8 * rng.standard_normal(raw.shape))
 
 
-def steeper(x):
-    d = x.d.copy()
-    d[:, 4] *= 1.2
-    return replace(x, d=d)
+def row(change):
+    """Change the accelerometer's row in theory, a function of parameters and reading.
+
+    By ``change(row, true parameters)``.
+    """
+
+    def changed(equations):
+        (block,) = equations.blocks
+        other = replace(block, rows=change(block.rows, equations.theta))
+        return replace(equations, blocks=(other,))
+
+    return then(changed)
+
+
+def steeper(factor, some=FOURTH):
+    """The derivative by some parameters is that many times itself."""
+    return row(
+        lambda rows, truth: (
+            lambda theta, y: rows(theta + (factor - 1.0) * (theta - truth) * some, y)
+        )
+    )
+
+
+def bent(factor, some=FOURTH):
+    """The second derivative by some parameters is that many times itself."""
+
+    def changed(rows, truth):
+        def other(theta, y):
+            off = (theta - truth) * some
+            even = rows(truth + off, y) + rows(truth - off, y)
+            even = even - 2.0 * rows(truth + 0.0 * off, y)
+            return rows(theta, y) + 0.5 * (factor - 1.0) * even
+
+        return other
+
+    return row(changed)
 
 
 ACCELEROMETER = (
@@ -127,10 +161,9 @@ ACCELEROMETER = (
         forms, "from_gram", then(lambda p: np.roll(p, 3, axis=-1)),
         crash=True,  # the solver starts so far off that it refuses some trials
     ),
-    geometry("Jacobian: one derivative 20 % off", change=then(steeper)),
-    geometry(
-        "Hessian left out of the bias",
-        change=then(lambda x: replace(x, bend=0 * x.bend)),
+    equation("Jacobian: one derivative 20 % off", change=steeper(1.2)),
+    equation(
+        "Hessian left out of the bias", change=bent(0.0, np.ones(9))
     ),
     claim(
         "calibration bias of the wrong sign",

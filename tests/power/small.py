@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from power.calibration import bent, steeper
 from power.fault import Fault, then, told
 from simval.calibrate import equations, evidence
 from simval.calibrate.gyroscope import turn
@@ -204,8 +205,11 @@ def scaled(*index):
     return then(lambda values: off(values, index))
 
 
-def geometry(name):
-    return then(lambda x: replace(x, **{name: off(getattr(x, name), (slice(None), 4))}))
+def field_row(original, p, theta, y):
+    rows = original(p, theta, y)
+    some = (OFF - 1.0) * np.eye(22)[10]
+    rows[..., 1] = original(p, theta + (theta - p.theta) * some, y)[..., 1]
+    return rows
 
 
 def first_scaled(*index):
@@ -221,16 +225,15 @@ def pulled(original, leverage, bias, *, newton):
 THEORY, ONE = "a derivative of theory 0.1 % off", "a derivative 0.1 % off"
 CODE = (
     smoke(
-        "calibration", "formula", THEORY, calibration_theory, "_geometry", geometry("d")
+        "calibration", "formula", THEORY, calibration_theory, "_equations", steeper(OFF)
     ),
-    smoke("ladder", "formula", THEORY, calibration_theory, "_geometry", geometry("d")),
+    smoke("ladder", "formula", THEORY, calibration_theory, "_equations", steeper(OFF)),
     smoke(
         "ladder", "formula", "a second derivative 0.1 % off",
-        calibration_theory, "_geometry", geometry("bend"),
+        calibration_theory, "_equations", bent(OFF),
     ),
     smoke(
-        "magnetometer", "formula", THEORY, magnetometer_theory, "jacobian",
-        scaled(EVERY, 1, 10),
+        "magnetometer", "formula", THEORY, magnetometer_theory, "equations", field_row,
     ),
     smoke(
         "gyroscope", "formula", THEORY, gyroscope_theory, "move_rows",

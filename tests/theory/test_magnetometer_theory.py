@@ -250,7 +250,7 @@ def test_even_attitudes_are_the_scale_of_what_is_left_out():
             body, iron, q, np.radians(dip_deg), 1e-6, 1e-3,
             g=1.0, field=1.0, form="triangular",
         )  # fmt: skip
-        covariance = own.inverse_of(own.information_of(problem).sum(axis=0))
+        covariance = own.inverse_of(own.equations_of(problem).information.sum(axis=0))
         carry = own._natural(problem)
         worst = np.sqrt(np.max(np.diagonal(carry @ covariance @ carry.T)))
         # the 2.4 of eq. (M9); 1000 random attitudes are even within some percent
