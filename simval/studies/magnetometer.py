@@ -21,8 +21,8 @@ equations less that of the parameters,
 .. math:: \chi^2 \approx |Ex|^2 - c^T (JJ^T)^{-1} c,
 
 whose mean is 3 n - 22, whatever J is. One noise-free set in each cell must recover the
-truth to `RECOVERED`; the bound (M2) and the bias (E2) must meet how the estimate
-answers its readings (R2), and the covariance that the fit states must meet the bound.
+truth to `RECOVERED`; the bound (M2) and the bias, (E2) of `estimating`, must meet how
+the estimate answers its readings (R2), and the covariance that the fit states must meet the bound.
 """
 
 from collections.abc import Iterator
