@@ -16,7 +16,8 @@ Formulas and error bars are also set beside how the estimate answers its reading
 (`simval.studies.response`), at some of the cell's poses: theory's (E2) of
 `simval.theory.estimating` must meet (R2), and the covariance that the calibration
 states must meet theory's. A combination of parameters that the poses see k times worse
-bends k times sooner: what the differences leave grows as :math:`k^4`, as was measured up to k = 6 with poses of every kind.
+bends k times sooner: what the differences leave grows as :math:`k^4`, as was measured
+up to k = 6 with poses of every kind.
 """
 
 from collections.abc import Iterator, Mapping

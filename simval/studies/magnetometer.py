@@ -22,7 +22,8 @@ equations less that of the parameters,
 
 whose mean is 3 n - 22, whatever J is. One noise-free set in each cell must recover the
 truth to `RECOVERED`; the bound (M2) and the bias, (E2) of `estimating`, must meet how
-the estimate answers its readings (R2), and the covariance that the fit states must meet the bound.
+the estimate answers its readings (R2), and the covariance that the fit states must
+meet the bound.
 """
 
 from collections.abc import Iterator
