@@ -14,18 +14,18 @@ Conventions:
 - Attitude errors are truth minus estimate, calibration errors estimate minus truth.
 - Arrays are batches on their leading axes: ``(..., 3)``.
 
-Where to look: `studies` are the experiments and the first package to read; `scene`,
-`sensor`, `calibrate` and `attitude` are what they wire together, `theory` is what the
-results must be, `verdict` judges them, `sweep` runs grids of them, `report` and
-`judge` tell.
+Where to look: `imu` is the library under test, sensors, calibration, attitude, filters
+and logs, and imports nothing of what tests it. `studies` are the experiments and the
+first package to read, `scene` moves the body, `theory` is what the results must be,
+`verdict` judges them, `sweep` runs grids of them, `report` and `judge` tell.
 """
 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from simval.attitude import two_vector_quaternion
-    from simval.calibrate import calibrate
-    from simval.sensor import AccelerometerModel
+    from simval.imu.attitude import two_vector_quaternion
+    from simval.imu.calibrate import calibrate
+    from simval.imu.sensor import AccelerometerModel
     from simval.sweep import load_run, run_suite
 
 __version__: str
@@ -41,11 +41,11 @@ __all__ = [
 ]
 
 _HOMES = {
-    "AccelerometerModel": "simval.sensor",
-    "calibrate": "simval.calibrate",
+    "AccelerometerModel": "simval.imu.sensor",
+    "calibrate": "simval.imu.calibrate",
     "load_run": "simval.sweep",
     "run_suite": "simval.sweep",
-    "two_vector_quaternion": "simval.attitude",
+    "two_vector_quaternion": "simval.imu.attitude",
 }
 
 

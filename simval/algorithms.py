@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.attitude import two_vector_quaternion, wahba_quaternion
-from simval.attitude.comparators import triad as triad_quaternion
-from simval.calibrate import calibrate
-from simval.filters import Mekf
 from simval.geometry import attitude_matrix, cross_matrix, normalize
+from simval.imu.attitude import two_vector_quaternion, wahba_quaternion
+from simval.imu.attitude.comparators import triad as triad_quaternion
+from simval.imu.calibrate import calibrate
+from simval.imu.filters import Mekf
 from simval.plugins import Calibrator, Estimator
 from simval.plugins.protocol import Filter
 from simval.shapes import Float

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simval.geometry import attitude_matrix, compose, random_quaternions
-from simval.sensor import AccelerometerModel, MagnetometerModel
+from simval.imu.sensor import AccelerometerModel, MagnetometerModel
 
 G = 9.80665
 FIELD = 48.0  # microtesla

@@ -2,7 +2,7 @@
 
 ALIGN = """
 import numpy as np
-from simval.attitude.comparators import davenport
+from simval.imu.attitude.comparators import davenport
 from simval.geometry import conjugate
 from simval.plugins import Estimator
 

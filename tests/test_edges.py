@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation
 from written import written
 
 from simval.errors import InputError
+from simval.imu.logs import read_log
+from simval.imu.logs.truth import read_truth
+from simval.imu.recorded.attitudes import Attitudes, stretches
+from simval.imu.sensor import AccelerometerModel, Effects, read_sensor
 from simval.judge.gate import gaps_of
-from simval.logs import read_log
-from simval.logs.truth import read_truth
-from simval.recorded.attitudes import Attitudes, stretches
-from simval.sensor import AccelerometerModel, Effects, read_sensor
 from simval.sweep.run import Run
 from simval.theory import VectorSensor
 

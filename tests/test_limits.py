@@ -17,16 +17,16 @@ import pytest
 from pydantic import ValidationError
 
 from simval import files, report
-from simval.calibrate import load_calibration
 from simval.cli import run
 from simval.errors import InputError, PluginError, RefusedError
+from simval.imu.calibrate import load_calibration
+from simval.imu.logs import read_log, read_truth
+from simval.imu.noise import load_noise
+from simval.imu.sensor import load_imu
 from simval.judge.baseline import read_baseline
-from simval.logs import read_log, read_truth
-from simval.noise import load_noise
 from simval.plugins import Estimator, find_plugin
 from simval.poses import read_directions
 from simval.scene.physics import load_model
-from simval.sensor import load_imu
 from simval.streams import Streams
 from simval.studies import STUDIES
 from simval.sweep.suite import MOST_CELLS, load_suite

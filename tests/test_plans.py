@@ -9,13 +9,13 @@ from magnetometer_sets import made, random_set, tilted
 from rounding import EPS
 from scipy.spatial.transform import Rotation
 
-from simval.calibrate import calibrate, calibrate_magnetometer
-from simval.calibrate.files import save_calibration
 from simval.cli import group, run
 from simval.errors import GeometryError, InputError
 from simval.geometry import random_quaternions
+from simval.imu.calibrate import calibrate, calibrate_magnetometer
+from simval.imu.calibrate.files import save_calibration
+from simval.imu.sensor import AccelerometerModel, GyroscopeModel, MagnetometerModel
 from simval.poses import cube_faces, fibonacci_sphere, named_poses
-from simval.sensor import AccelerometerModel, GyroscopeModel, MagnetometerModel
 from simval.theory import (
     gyroscope_moments,
     magnetometer_moments,

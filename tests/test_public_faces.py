@@ -14,10 +14,11 @@ import pytest
 from true_sensor import MODEL, G
 
 import simval
-from simval import attitude, geometry, montecarlo, poses, sensor, statics, theory
-from simval.calibrate import calibrate, diagnose, load_calibration, save_calibration
+from simval import geometry, montecarlo, poses, theory
 from simval.errors import SimvalError
-from simval.sensor import AccelerometerModel, Effects
+from simval.imu import attitude, sensor, statics
+from simval.imu.calibrate import calibrate, diagnose, load_calibration, save_calibration
+from simval.imu.sensor import AccelerometerModel, Effects
 from simval.streams import Streams
 from simval.theory.coloured_noise import noise_bound
 

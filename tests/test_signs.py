@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from simval.imu.sensor import MODELS, AccelerometerModel, forms
 from simval.report.words import sign_of_entries
-from simval.sensor import MODELS, AccelerometerModel, forms
 from simval.statistics import BIAS, SD
 
 G = 9.80665

@@ -9,8 +9,8 @@ from jaxtyping import Float, TypeCheckError
 from typechecked import checked
 
 from simval.arrays import Array
-from simval.calibrate import residuals
-from simval.sensor import forms
+from simval.imu.calibrate import residuals
+from simval.imu.sensor import forms
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ first use it, or never."""
 @pytest.mark.ci
 def test_a_start_imports_neither_a_checker_nor_what_is_used_late():
     program = (
-        "import sys, simval.multiposition, simval.plugins, simval.sweep; "
+        "import sys, simval.imu.multiposition, simval.plugins, simval.sweep; "
         f"print([name for name in {LATE} if name in sys.modules])"
     )
     done = subprocess.run(

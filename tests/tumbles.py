@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simval.calibrate import calibrate
-from simval.calibrate.gyroscope import moves_between
+from simval.imu.calibrate import calibrate
+from simval.imu.calibrate.gyroscope import moves_between
+from simval.imu.sensor import AccelerometerModel, GyroscopeModel
 from simval.scene import average_rates, simulate
-from simval.sensor import AccelerometerModel, GyroscopeModel
 from simval.theory import MovePath
 
 ACCELEROMETER = AccelerometerModel.from_parameters(

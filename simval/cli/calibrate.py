@@ -28,8 +28,8 @@ from simval.cli.terminal import say
 from simval.vocabulary import LOSSES, METHODS, MODELS, RESIDUALS
 
 if TYPE_CHECKING:
-    from simval.logs import Log
-    from simval.multiposition import ImuCalibration
+    from simval.imu.logs import Log
+    from simval.imu.multiposition import ImuCalibration
 
 
 def _choice(name: str, choices: tuple[str, ...], words: str) -> Callable[[FC], FC]:
@@ -116,15 +116,16 @@ def command(
     parameters with error bars. A gyroscope and a magnetometer are calibrated from the
     same rests; if one cannot be calibrated, the command says why.
     """
-    from simval.calibrate.files import write_json
-    from simval.logs import read_log
-    from simval.multiposition import calibrate_log, calibrate_sensors
-    from simval.multiposition.objects import as_object, log_object, sensors_object
-    from simval.noise import load_noise
+    from simval.imu.calibrate.files import write_json
+    from simval.imu.logs import read_log
+    from simval.imu.multiposition import calibrate_log, calibrate_sensors
+    from simval.imu.multiposition.objects import as_object, log_object, sensors_object
+    from simval.imu.noise import load_noise
+    from simval.theory import calibration_moments
 
     log = read_log(path, rate, columns)
     known = None if noise is None else load_noise(noise)
-    result = calibrate_log(log, noise=known, **options)
+    result = calibrate_log(log, noise=known, predict=calibration_moments, **options)
     whole = calibrate_sensors(
         log,
         result,
@@ -138,7 +139,7 @@ def command(
     if out is not None:
         write_json(out, written)
     if kalibr is not None:
-        from simval.multiposition.kalibr import kalibr_yaml
+        from simval.imu.multiposition.kalibr import kalibr_yaml
 
         write(kalibr, kalibr_yaml(log, whole))
     if page is not None:

@@ -19,7 +19,7 @@ from simval.errors import InputError
 
 if TYPE_CHECKING:
     from simval.arrays import Array
-    from simval.logs import Log
+    from simval.imu.logs import Log
     from simval.shapes import Float
 
 
@@ -58,8 +58,8 @@ def command(
     """
     import numpy as np
 
-    from simval.calibrate.files import load_calibration, require_same_sensor
-    from simval.logs import read_log
+    from simval.imu.calibrate.files import load_calibration, require_same_sensor
+    from simval.imu.logs import read_log
 
     fit = load_calibration(calibration).require_converged()
     log = read_log(path, rate, columns)
@@ -89,7 +89,7 @@ def others_corrected(
     log: Log, force: Float[Array, "n 3"], calibration: Path
 ) -> tuple[list[Float[Array, "n 3"]], list[str], list[str]]:
     """Rows and columns of the other sensors, and which of them are unchanged."""
-    from simval.calibrate.files import load_others
+    from simval.imu.calibrate.files import load_others
 
     gyroscope, magnetometer = load_others(calibration)
     parts, names, raw = [], [], []

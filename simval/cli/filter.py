@@ -34,11 +34,11 @@ from simval.vocabulary import FILTER_SECONDS, TRUTH_WORLDS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from simval.logs import Log, Truth
-    from simval.recorded import Alignment, Evaluation
-    from simval.recorded.evaluation import FilterRun
-    from simval.recorded.settings import Signals, Start
-    from simval.recorded.world import TruthWorld
+    from simval.imu.logs import Log, Truth
+    from simval.imu.recorded import Alignment, Evaluation
+    from simval.imu.recorded.evaluation import FilterRun
+    from simval.imu.recorded.settings import Signals, Start
+    from simval.imu.recorded.world import TruthWorld
 
 MOST_ROWS = 200_000
 """Rows whose answers are kept: covariances of six by six are then 60 MB. Of a longer
@@ -136,16 +136,16 @@ def command(
 
     Exit code 0 measured, 2 unreadable input, 3 refused, 4 a filter crashed.
     """
-    from simval.logs import read_log
-    from simval.noise import load_noise
-    from simval.recorded.alignment import prepared
-    from simval.recorded.described import (
+    from simval.imu.logs import read_log
+    from simval.imu.noise import load_noise
+    from simval.imu.recorded.alignment import prepared
+    from simval.imu.recorded.described import (
         alignment_lines,
         evaluation_object,
         filter_lines,
         log_values,
     )
-    from simval.recorded.settings import start_of
+    from simval.imu.recorded.settings import start_of
 
     filters = filters_of(plugins)
     log = read_log(path, rate, columns)
@@ -190,7 +190,7 @@ def truth_of(
     log: Log, truth: str | None, columns: str | None, rate: float | None
 ) -> Truth | None:
     """Recorded attitudes: columns of the log, a file of their own, or none."""
-    from simval.logs import read_truth
+    from simval.imu.logs import read_truth
 
     if truth is not None and Path(truth).is_file():
         return read_truth(truth, columns=columns, rate=rate)
@@ -208,7 +208,7 @@ def truth_of(
 
 
 def _offered(path: Path) -> list[str]:
-    from simval.logs.truth import quaternion_stems
+    from simval.imu.logs.truth import quaternion_stems
 
     stems = quaternion_stems(str(path))
     if not stems:
@@ -252,12 +252,12 @@ def run_on_log(
     """
     import numpy as np
 
+    from simval.imu.recorded.evaluation import FilterRun, filter_input
     from simval.plugins.child import started
     from simval.plugins.loading import find_plugin
     from simval.plugins.protocol import Filter
     from simval.plugins.runs import run_filter
     from simval.plugins.worlds import find_world
-    from simval.recorded.evaluation import FilterRun, filter_input
 
     given = filter_input(found, start)
     stride = -(-len(given.dt) // MOST_ROWS)
@@ -285,7 +285,7 @@ def _evaluated(
     time_limit: float,
 ) -> tuple[list[Evaluation], dict[str, str], int]:
     # what was measured, why others were not, and the exit code of that
-    from simval.recorded import evaluate
+    from simval.imu.recorded import evaluate
 
     done, failed, code = [], {}, 0
     for name, word in filters.items():

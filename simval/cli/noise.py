@@ -24,9 +24,9 @@ from simval.cli.terminal import say
 from simval.errors import InputError, RefusedError
 
 if TYPE_CHECKING:
-    from simval.logs import Log
-    from simval.multiposition.noise import LogNoise
-    from simval.multiposition.noise_described import Sensors
+    from simval.imu.logs import Log
+    from simval.imu.multiposition.noise import LogNoise
+    from simval.imu.multiposition.noise_described import Sensors
 
 
 @click.command(name="noise", cls=Command)
@@ -63,14 +63,14 @@ def command(
     an upper bound. The whole log is used if it is at rest, otherwise its longest rest.
     LOG, its columns and its clock are read as by `simval calibrate`.
     """
-    from simval.logs import read_log
-    from simval.multiposition.log_units import (
+    from simval.imu.logs import read_log
+    from simval.imu.multiposition.log_units import (
         accelerometer_scale,
         gyro_scale,
         magnetometer_scale,
     )
-    from simval.multiposition.noise import log_noise
-    from simval.multiposition.noise_described import as_object, described
+    from simval.imu.multiposition.noise import log_noise
+    from simval.imu.multiposition.noise_described import as_object, described
 
     _require_drawable(figure)
     log = read_log(path, rate, columns)

@@ -135,7 +135,9 @@ def command(
     chosen = named_poses(poses) if directions is None else read_directions(directions)
     known = None
     if sensor is not None:
-        from simval.calibrate.files import load_calibration  # twice what planning needs
+        from simval.imu.calibrate.files import (
+            load_calibration,  # twice what planning needs
+        )
 
         known = load_calibration(sensor).sensor()
     refuse_if(
@@ -145,7 +147,7 @@ def command(
     if noise_file is None:
         std = noise_of(**noise)
     else:
-        from simval.multiposition.noise import planned_noise
+        from simval.imu.multiposition.noise import planned_noise
 
         std = planned_noise(noise_file, noise["hold"], known)
     result = plan(chosen, std, sensor=known, g=g, form=model)

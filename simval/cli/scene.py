@@ -16,8 +16,8 @@ from simval.errors import InputError
 from simval.text import did_you_mean
 
 if TYPE_CHECKING:
+    from simval.imu.sensor import ImuModel, ImuReadings
     from simval.scene import Trajectory
-    from simval.sensor import ImuModel, ImuReadings
 
 COMMON = ("site_offset", "timestep", "integrator")
 
@@ -83,9 +83,9 @@ def command(
     with the raw readings of accelerometer, gyroscope and magnetometer, and the truth
     beside them.
     """
+    from simval.imu.sensor import load_imu
     from simval.scene import render_file, simulate
     from simval.scene.trajectory import write_signal
-    from simval.sensor import load_imu
 
     refuse_if(
         stated("seed") and sensor is None,
@@ -144,8 +144,8 @@ def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
 
 def read(imu: ImuModel, trajectory: Trajectory, every: int, seed: int) -> ImuReadings:
     """Readings of a run's kept rows, with noise of a seed."""
+    from simval.imu.sensor import read_imu
     from simval.scene.trajectory import motion_of
-    from simval.sensor import read_imu
     from simval.streams import cell_key, stream
 
     rng = stream(seed, cell_key("sensor of simval scene"), 0)

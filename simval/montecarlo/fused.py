@@ -1,9 +1,9 @@
 r"""Trials of the two-vector closed form in one pass: draw, estimate, average.
 
 With isotropic noise the estimate of a fixed frame depends on :math:`d_1 = b_1 - r_1`,
-:math:`s_1 = b_1 + r_1` and :math:`d_2 = b_2 - r_2` alone (`simval.attitude.kernel`),
-and their noises are independent with :math:`\sqrt2\,\sigma` for each axis: nine
-normals a trial instead of twelve.
+:math:`s_1 = b_1 + r_1` and :math:`d_2 = b_2 - r_2` alone
+(`simval.imu.attitude.kernel`), and their noises are independent with
+:math:`\sqrt2\,\sigma` for each axis: nine normals a trial instead of twelve.
 
 A batch of eq. (M1) of `simval.montecarlo.plain` is `BATCH` trials, summed in eight
 partial sums. `fused.c` does all of it in one pass through the processor's cache, with
@@ -40,8 +40,8 @@ from numpy.typing import NDArray
 
 from simval.arguments import choice, instance, whole_number
 from simval.arrays import Array, nonnegative_number, physical_array
-from simval.attitude import kernel
 from simval.errors import InputError
+from simval.imu.attitude import kernel
 from simval.montecarlo.plain import Sums, summed
 from simval.shapes import Float
 from simval.streams import Streams

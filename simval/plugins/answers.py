@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 
 from simval.arrays import Array, finite_array, shaped_array
 from simval.errors import CrashedPluginError, InputError, PluginError, RefusedError
+from simval.imu.sensor import forms
+from simval.imu.sensor.models import FIXED, places_of
 from simval.plugins.attitudes import (
     fault_of,
     finite_rows,
@@ -39,8 +41,6 @@ from simval.plugins.protocol import (
     Estimator,
     Filter,
 )
-from simval.sensor import forms
-from simval.sensor.models import FIXED, places_of
 from simval.shapes import Bool, Float
 from simval.text import message_of, words_of
 

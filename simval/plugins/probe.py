@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 from simval.arrays import Array
 from simval.errors import CrashedPluginError, PluginError
 from simval.geometry import FRAMES, attitude_error, compose, conjugate
+from simval.imu.sensor import AccelerometerModel, forms
+from simval.imu.sensor.models import ALL, own_sensor
 from simval.plugins.answers import (
     Calibration,
     calibration_of,
@@ -43,8 +45,6 @@ from simval.plugins.attitudes import (
 from simval.plugins.noise import VectorNoise, vector_noise
 from simval.plugins.protocol import Calibrator, Estimator, alternatives
 from simval.poses import fibonacci_sphere
-from simval.sensor import AccelerometerModel, forms
-from simval.sensor.models import ALL, own_sensor
 from simval.shapes import Bool, Float
 
 NEAR = 0.01

@@ -49,6 +49,7 @@ from typing import Any, ClassVar, Final, Literal, TypeVar, get_args, get_origin
 from simval.arrays import Array
 from simval.errors import PluginError
 from simval.geometry import Frame
+from simval.imu.sensor.models import ALL, CLASSES
 from simval.plugins.attitudes import (
     GREATEST_DIP,
     MAY_FAIL,
@@ -58,7 +59,6 @@ from simval.plugins.attitudes import (
     World,
 )
 from simval.plugins.noise import READABLE
-from simval.sensor.models import ALL, CLASSES
 from simval.text import one_line
 
 
@@ -298,7 +298,7 @@ class Calibrator(Algorithm):
     calibrate : callable
         ``calibrate(poses, g)``, one set at a time.
     form : {"triangular", "upper", "symmetric"}, default "triangular"
-        Parameters whose covariance is given, see `simval.sensor.forms`.
+        Parameters whose covariance is given, see `simval.imu.sensor.forms`.
     noise_std : bool, default False
         Whether `calibrate` takes ``noise_std``, the noise of a pose mean, as well.
     estimates : tuple of str, default ("misalignment", "scale", "bias")

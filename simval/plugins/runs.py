@@ -49,7 +49,6 @@ from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import CrashedPluginError, PluginError
-from simval.filters.signals import FilterInput, FilterOutput
 from simval.geometry import (
     attitude_error,
     attitude_matrix,
@@ -57,6 +56,7 @@ from simval.geometry import (
     conjugate,
     normalize,
 )
+from simval.imu.filters.signals import FilterInput, FilterOutput
 from simval.plugins.answers import Form, called, ended, form_of
 from simval.plugins.attitudes import WORLD_AXES, package_quaternion, tail
 from simval.plugins.child import where_it_lives

@@ -33,7 +33,6 @@ import numpy as np
 from simval.arrays import Array
 from simval.consistency import heading_and_inclination
 from simval.errors import PluginError, SilentPluginError
-from simval.filters.signals import FilterInput, Told
 from simval.geometry import (
     attitude_error,
     attitude_matrix,
@@ -41,6 +40,7 @@ from simval.geometry import (
     conjugate,
     normalize,
 )
+from simval.imu.filters.signals import FilterInput, Told
 from simval.plugins.attitudes import WORLDS
 from simval.plugins.child import where_it_lives
 from simval.plugins.protocol import Filter, alternatives

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate import FitResult
-from simval.calibrate.drift import Drift
-from simval.calibrate.estimate import G_NAMES
-from simval.logs import Log
-from simval.multiposition import ImuCalibration, LogCalibration
-from simval.multiposition.description import (
+from simval.imu.calibrate import FitResult
+from simval.imu.calibrate.drift import Drift
+from simval.imu.calibrate.estimate import G_NAMES
+from simval.imu.logs import Log
+from simval.imu.multiposition import ImuCalibration, LogCalibration
+from simval.imu.multiposition.description import (
     Judgement,
     bound_sd,
     fit_of,
@@ -23,6 +23,8 @@ from simval.multiposition.description import (
     poses_alike,
     steady,
 )
+from simval.imu.sensor import forms
+from simval.imu.statics import interval_means
 from simval.poses import fibonacci_sphere
 from simval.report.answers import rounded
 from simval.report.log_page import (
@@ -38,9 +40,7 @@ from simval.report.log_page import (
 from simval.report.panels import COLOURS, Drawing, Series, SpherePanel
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
-from simval.sensor import forms
 from simval.shapes import Float
-from simval.statics import interval_means
 from simval.text import chance_words
 from simval.units import MILLIMETRE_PER_SECOND_SQUARED, MILLIRADIAN, PPM, Unit
 
@@ -80,7 +80,7 @@ def render_calibration(log: Log, whole: ImuCalibration, command: str = "") -> st
     log : Log
         The log.
     whole : ImuCalibration
-        As from `simval.multiposition.calibrate_sensors`.
+        As from `simval.imu.multiposition.calibrate_sensors`.
     command : str
         The command that makes the page again; empty leaves it out.
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from simval.arrays import Array
-from simval.logs import Log
-from simval.recorded import Evaluation
-from simval.recorded.errors import ALPHA, Consistency, Rms
-from simval.recorded.evaluation import WithTruth, turned_words
+from simval.imu.logs import Log
+from simval.imu.recorded import Evaluation
+from simval.imu.recorded.errors import ALPHA, Consistency, Rms
+from simval.imu.recorded.evaluation import WithTruth, turned_words
 from simval.report.answers import rounded
 from simval.report.log_page import (
     Answer,

@@ -16,7 +16,7 @@ import numpy as np
 
 from simval import __version__
 from simval.arrays import Array
-from simval.logs import Log
+from simval.imu.logs import Log
 from simval.report.panels import COLOURS, Panel, Series
 from simval.report.section import Section, made, template
 from simval.report.table import Table

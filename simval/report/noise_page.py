@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simval.arrays import Array
-from simval.logs import Log
-from simval.noise import AxisNoise, Coefficient
+from simval.imu.logs import Log
+from simval.imu.noise import AxisNoise, Coefficient
 from simval.report.answers import rounded
 from simval.report.log_page import LogPage, Reply
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simval.arrays import Array
-from simval.calibrate import FitResult, GyroscopeFit, MagnetometerFit, NineAxisFit
-from simval.calibrate.magnetometer.result import DIP, IRON, MATRIX
 from simval.errors import InputError
+from simval.imu.calibrate import FitResult, GyroscopeFit, MagnetometerFit, NineAxisFit
+from simval.imu.calibrate.magnetometer.result import DIP, IRON, MATRIX
+from simval.imu.sensor import forms
 from simval.report.curves import axis_of, curves, grouped, read
 from simval.results import Row
-from simval.sensor import forms
 from simval.sweep import Run
 from simval.text import did_you_mean
 

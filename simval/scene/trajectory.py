@@ -30,7 +30,7 @@ from simval.arguments import instance, whole_number
 from simval.arrays import Array, frozen
 from simval.errors import InputError
 from simval.geometry import compose, conjugate, rotation_vector
-from simval.sensor import ImuReadings, Motion
+from simval.imu.sensor import ImuReadings, Motion
 from simval.shapes import Float
 
 

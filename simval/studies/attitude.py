@@ -29,9 +29,9 @@ import numpy as np
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.attitude.kernel import normalize_columns, raw_quaternion
 from simval.figures import Figure, Headline, Listing, Quote, entry, predictor
 from simval.geometry import attitude_matrix, normalize
+from simval.imu.attitude.kernel import normalize_columns, raw_quaternion
 from simval.moments import Moments
 from simval.montecarlo import (
     Sums,

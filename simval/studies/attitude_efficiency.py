@@ -16,10 +16,10 @@ import numpy as np
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.attitude import two_vector_quaternion
-from simval.attitude.comparators import davenport, triad
 from simval.figures import Distribution, Listing, entry
 from simval.geometry import attitude_error, normalize, random_quaternions
+from simval.imu.attitude import two_vector_quaternion
+from simval.imu.attitude.comparators import davenport, triad
 from simval.results import Outcome, Row, limit, plain, unjudged
 from simval.shapes import Float
 from simval.statistics import (

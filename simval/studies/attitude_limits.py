@@ -13,8 +13,8 @@ import numpy as np
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.attitude.kernel import column_matrix, raw_quaternion
 from simval.figures import Figure, Listing, entry, predictor
+from simval.imu.attitude.kernel import column_matrix, raw_quaternion
 from simval.results import Outcome, Row, plain, unjudged
 from simval.shapes import Float
 from simval.statistics import (

@@ -16,9 +16,9 @@ import numpy as np
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.attitude import two_vector_quaternion
 from simval.errors import GeometryError
 from simval.figures import Figure, Listing, along_entry, predictor
+from simval.imu.attitude import two_vector_quaternion
 from simval.moments import Moments
 from simval.results import Outcome, Row, exact, unjudged
 from simval.shapes import Float

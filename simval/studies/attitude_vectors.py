@@ -32,15 +32,15 @@ import scipy
 from pydantic import Field, model_validator
 
 from simval.arrays import Array
-from simval.attitude import (
+from simval.consistency import rotation_error
+from simval.figures import Figure, Listing, entry
+from simval.geometry import attitude_matrix, normalize, random_quaternions
+from simval.imu.attitude import (
     consistency,
     two_vector_quaternion,
     wahba_covariance,
     wahba_quaternion,
 )
-from simval.consistency import rotation_error
-from simval.figures import Figure, Listing, entry
-from simval.geometry import attitude_matrix, normalize, random_quaternions
 from simval.results import Outcome, Row, exact, nees, plain, unjudged
 from simval.shapes import Float
 from simval.statistics import (

@@ -29,13 +29,13 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from simval.arrays import Array, frozen
-from simval.calibrate import calibrate
 from simval.figures import Figure, Headline, Listing, Quote, entries, of_calibration
+from simval.imu.calibrate import calibrate
+from simval.imu.sensor import AccelerometerModel
 from simval.montecarlo import Sums, along, mean_square, moments_of
 from simval.poses import PARAMETERS, observability
 from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
 from simval.scene import simulate_cached
-from simval.sensor import AccelerometerModel
 from simval.shapes import Float
 from simval.statistics import (
     BIAS,

@@ -42,6 +42,8 @@ from pydantic import Field, model_validator
 
 from simval.arrays import Array
 from simval.errors import PluginError
+from simval.imu.sensor import forms
+from simval.imu.sensor.models import ALL, mean_square_left, own_sensor, places_of
 from simval.moments import Moments
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
 from simval.plugins import Calibrator, probe_calibrator
@@ -52,8 +54,6 @@ from simval.plugins.programs import in_batch
 from simval.plugins.runs import Places
 from simval.poses import cube_faces, fibonacci_sphere
 from simval.results import Row, limit, nees, plain, unjudged
-from simval.sensor import forms
-from simval.sensor.models import ALL, mean_square_left, own_sensor, places_of
 from simval.shapes import Float
 from simval.statistics import (
     BELOW_BOUND,

@@ -20,11 +20,11 @@ import numpy as np
 import scipy
 from pydantic import Field, model_validator
 
-from simval.calibrate import calibrate
+from simval.imu.calibrate import calibrate
+from simval.imu.sensor import names
 from simval.montecarlo import moments_of
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, nees, plain, unjudged
-from simval.sensor import names
 from simval.statistics import (
     CHI_SQUARE,
     COVERAGE,

@@ -32,15 +32,11 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from simval.arrays import Array
-from simval.calibrate import calibrate
 from simval.errors import RefusedError
 from simval.figures import VARYING, Figure, Headline, Quote, Strip, Trace, words
-from simval.poses import PARAMETERS
-from simval.results import Outcome, Row, exact, nees, unjudged
-from simval.scene import Trajectory, simulate_cached
-from simval.sensor import AccelerometerModel
-from simval.shapes import Float, Int
-from simval.statics import (
+from simval.imu.calibrate import calibrate
+from simval.imu.sensor import AccelerometerModel
+from simval.imu.statics import (
     Intervals,
     initial_rest,
     interval_counts,
@@ -48,6 +44,10 @@ from simval.statics import (
     intervals_below,
     variance_magnitude,
 )
+from simval.poses import PARAMETERS
+from simval.results import Outcome, Row, exact, nees, unjudged
+from simval.scene import Trajectory, simulate_cached
+from simval.shapes import Float, Int
 from simval.statistics import (
     CHI_SQUARE_9,
     COUNT_OFF,

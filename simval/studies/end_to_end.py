@@ -19,16 +19,16 @@ import numpy as np
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.attitude import two_vector_quaternion
-from simval.calibrate import calibrate_magnetometer
 from simval.figures import Figure, Headline, Quote, entry
 from simval.geometry import attitude_error, compose, conjugate, normalize
+from simval.imu.attitude import two_vector_quaternion
+from simval.imu.calibrate import calibrate_magnetometer
+from simval.imu.sensor import AccelerometerModel, MagnetometerModel
+from simval.imu.statics import Intervals, interval_counts, interval_means
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, nees, plain, unjudged
 from simval.scene import Trajectory, simulate_cached
-from simval.sensor import AccelerometerModel, MagnetometerModel
 from simval.shapes import Float
-from simval.statics import Intervals, interval_counts, interval_means
 from simval.statistics import BUDGET, CARRIED, CHI_SQUARE_3, IMPURE, NEES
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor

@@ -74,10 +74,10 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from simval.arrays import Array
-from simval.attitude import wahba_quaternion
-from simval.attitude.kernel import column_matrix
 from simval.errors import InputError, PluginError
 from simval.geometry import attitude_matrix, normalize
+from simval.imu.attitude import wahba_quaternion
+from simval.imu.attitude.kernel import column_matrix
 from simval.moments import Moments
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
 from simval.plugins import Estimator, probe_estimator

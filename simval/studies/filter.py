@@ -52,8 +52,8 @@ from simval.consistency import (
 )
 from simval.errors import InputError, UnmeasurableError
 from simval.figures import Figure, Headline, Listing, Quote, along_entry, entry, words
-from simval.filters.signals import FilterInput, FilterOutput, Told
 from simval.geometry import attitude_matrix, compose
+from simval.imu.filters.signals import FilterInput, FilterOutput, Told
 from simval.plugins import Filter
 from simval.plugins.runs import readings_of, run_filter, run_of
 from simval.plugins.worlds import find_world, path

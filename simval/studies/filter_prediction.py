@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.filters.signals import FilterInput, Told
 from simval.geometry import compose, conjugate, rotation_vector
+from simval.imu.filters.signals import FilterInput, Told
 from simval.plugins import Filter
 from simval.plugins.runs import run_filter
 from simval.results import Row, exact

@@ -48,13 +48,13 @@ import numpy as np
 
 from simval.arrays import Array, ReadOnly
 from simval.errors import InputError
-from simval.filters.signals import FilterInput, Told
 from simval.geometry import (
     attitude_matrix,
     compose,
     from_rotation_vector,
     random_quaternions,
 )
+from simval.imu.filters.signals import FilterInput, Told
 from simval.scene import average_rates, simulate_cached
 from simval.shapes import Float
 

@@ -22,17 +22,17 @@ import scipy
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.calibrate import (
+from simval.consistency import normalised_squares
+from simval.figures import Figure, Headline, Quote
+from simval.imu.calibrate import (
     GyroscopeFit,
     calibrate,
     calibrate_gyroscope,
     moves_between,
 )
-from simval.consistency import normalised_squares
-from simval.figures import Figure, Headline, Quote
+from simval.imu.sensor import GyroscopeModel
 from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
 from simval.scene import Trajectory, average_rates, simulate_cached
-from simval.sensor import GyroscopeModel
 from simval.shapes import Float
 from simval.statistics import (
     BIAS,

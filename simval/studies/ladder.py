@@ -22,12 +22,12 @@ import numpy as np
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.calibrate import calibrate
 from simval.figures import Figure, Listing, of_calibration, predictor
+from simval.imu.calibrate import calibrate
+from simval.imu.sensor import AccelerometerModel
 from simval.montecarlo import moments_of
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row, control, plain, unjudged
-from simval.sensor import AccelerometerModel
 from simval.shapes import Float
 from simval.statistics import (
     BIAS,

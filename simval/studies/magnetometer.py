@@ -35,15 +35,15 @@ import scipy
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.calibrate import (
+from simval.figures import Figure, Headline, Quote
+from simval.geometry import attitude_matrix, random_quaternions
+from simval.imu.calibrate import (
     MagnetometerFit,
     calibrate_magnetometer,
     ellipsoid_then_rotation,
 )
-from simval.figures import Figure, Headline, Quote
-from simval.geometry import attitude_matrix, random_quaternions
+from simval.imu.sensor import MagnetometerModel
 from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
-from simval.sensor import MagnetometerModel
 from simval.shapes import Float
 from simval.statistics import (
     BIAS,

@@ -1,7 +1,7 @@
 """Noise model: whether theory knows how well N, B and K of a sensor are measured.
 
 Each trial draws a signal at rest with white noise, flicker and a random walk, and fits
-them (`simval.noise`). The Allan variances are set beside the diagonal of (V4); the
+them (`simval.imu.noise`). The Allan variances are set beside the diagonal of (V4); the
 estimates of the squares, before their signs are asked for, beside the covariance of
 generalised least squares with (V4) at the truth, and N squared beside Whittle's bound;
 the intervals beside their rate.
@@ -30,17 +30,17 @@ import numpy as np
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.montecarlo import moments_of
-from simval.noise import (
+from simval.imu.noise import (
     allan_covariance,
     allan_law,
     allan_variance,
     averaging_counts,
     covariance_forms,
 )
-from simval.noise.fit import RIDGE, Problem, ends, fitted
+from simval.imu.noise.fit import RIDGE, Problem, ends, fitted
+from simval.imu.sensor import NoiseModel
+from simval.montecarlo import moments_of
 from simval.results import Outcome, Row, exact, plain
-from simval.sensor import NoiseModel
 from simval.shapes import Float
 from simval.statistics import (
     ALLAN_ERROR,
@@ -66,7 +66,7 @@ BLOCK = 24  # trials; part of the promise of equal bits
 RATE = 100.0  # Hz
 WHITE = 1.0  # per root Hz; the others are shares of it, the unit cancels
 REMAINDERS = (0.03, 0.08, 0.2)  # of a fit's N, B and K squared: measured, see above
-LAGS = 1e-3  # of (V4): what its quadrature leaves, `simval.noise.allan.NODES`
+LAGS = 1e-3  # of (V4): what its quadrature leaves, `simval.imu.noise.allan.NODES`
 SECOND = 0.5
 """Of what (V4) is said to grow by: what that may be off by, beside `LAGS`; the most was
 0.52, at B = 10 N (`test_covariance_of_samples`, tests/studies/test_noise_study.py)."""

@@ -27,11 +27,11 @@ from pydantic import Field
 
 from simval.arrays import Array
 from simval.consistency import mean_of_trials
+from simval.imu.statics import initial_rest, variance_magnitude
 from simval.montecarlo import Sums, moments_of, simulate
 from simval.montecarlo.fused import BATCH, NORMALS, draws, lanes, normals
 from simval.results import Outcome, Row, exact
 from simval.shapes import Float
-from simval.statics import initial_rest, variance_magnitude
 from simval.statistics import ENUMERATED, UNBIASED_VARIANCE
 from simval.streams import Streams
 from simval.studies.response import reduced_mean

@@ -12,8 +12,8 @@ import numpy as np
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.calibrate import calibrate
 from simval.figures import Listing, Strip, Trace, entries
+from simval.imu.calibrate import calibrate
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row, limit, unjudged
 from simval.statistics import APART, FIRST_SOLVER, STEPS

@@ -25,7 +25,7 @@ import scipy
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.calibrate import FitResult, MagnetometerFit
+from simval.imu.calibrate import FitResult, MagnetometerFit
 from simval.montecarlo import Sums
 from simval.montecarlo.plain import batch_means, summed
 from simval.results import Row, limit, plain

@@ -46,8 +46,8 @@ from simval.arguments import choice, instance
 from simval.arrays import Array, ReadOnly, noise_levels, positive_number
 from simval.errors import GeometryError, InputError
 from simval.geometry import normalize
+from simval.imu.sensor import AccelerometerModel, forms
 from simval.poses import PARAMETERS, observability, one_set
-from simval.sensor import AccelerometerModel, forms
 from simval.shapes import Float, Inexact
 from simval.theory.estimating import Block, Estimating, Weights
 

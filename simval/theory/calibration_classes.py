@@ -1,7 +1,7 @@
 r"""What calibrators of fewer than nine parameters can do, and what the best one leaves.
 
 The parameters are those of the triangular form, some of them estimated and the others
-fixed (`simval.sensor.models`). Of a sensor of the same class the errors are small;
+fixed (`simval.imu.sensor.models`). Of a sensor of the same class the errors are small;
 what is left, eq. (L1), is then quadratic in them,
 
 .. math:: \tfrac{g^2}{3} \|\mathrm{sym}(\delta M\,M^{-1})\|_F^2 + |M\,\delta B|^2
@@ -26,8 +26,8 @@ import scipy
 from simval.arrays import Array
 from simval.errors import ConvergenceError, GeometryError
 from simval.geometry import normalize
-from simval.sensor import AccelerometerModel, forms
-from simval.sensor.models import FIXED
+from simval.imu.sensor import AccelerometerModel, forms
+from simval.imu.sensor.models import FIXED
 from simval.shapes import Float
 
 SCALES, BIASES = slice(3, 6), slice(6, 9)

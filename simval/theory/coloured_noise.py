@@ -16,9 +16,9 @@ and no unbiased estimate has a smaller covariance than its inverse. White noise 
 :math:`\mathrm{var}(N^2) = 2 N^4/n`.
 
 **Noise that is sampled, not averaged over each row.** Rows of flicker noise and of a
-random walk, as `simval.sensor` draws them, have the spectra :math:`B^2/(2|\sin\pi f|)`
-and :math:`K^2/(2\sin\pi f)^2`, f in cycles per row. The differences of neighbouring
-rows are stationary, with autocovariances
+random walk, as `simval.imu.sensor` draws them, have the spectra
+:math:`B^2/(2|\sin\pi f|)` and :math:`K^2/(2\sin\pi f)^2`, f in cycles per row. The
+differences of neighbouring rows are stationary, with autocovariances
 
 .. math:: \gamma_k = \frac{4}{\pi}\,\frac{1}{1 - 4k^2}\,B^2,\qquad
    \gamma_k = K^2\,[k = 0]  \tag{N10}

@@ -52,7 +52,7 @@ from simval.geometry import (
     rotation_vector,
     unit_quaternions,
 )
-from simval.sensor import forms
+from simval.imu.sensor import forms
 from simval.shapes import Float
 
 LONGEST: Final = 1e6  # s, of a step: eleven days

@@ -43,13 +43,13 @@ from simval.arrays import (
 )
 from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, cross_matrix, normalize
-from simval.poses import one_set
-from simval.sensor import (
+from simval.imu.sensor import (
     AccelerometerModel,
     GyroscopeModel,
     MagnetometerModel,
     forms,
 )
+from simval.poses import one_set
 from simval.shapes import Float
 from simval.theory.magnetometer import NAMES, dip_angle
 

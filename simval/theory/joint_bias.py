@@ -20,8 +20,8 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.geometry import normalize
+from simval.imu.sensor import AccelerometerModel, GyroscopeModel, forms
 from simval.poses import one_set
-from simval.sensor import AccelerometerModel, GyroscopeModel, forms
 from simval.shapes import Float, Inexact
 from simval.theory.estimating import Block, Estimating
 from simval.theory.gyroscope import MovePath

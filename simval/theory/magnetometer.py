@@ -50,7 +50,7 @@ from simval.arrays import (
 )
 from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix
-from simval.sensor import AccelerometerModel, MagnetometerModel, forms
+from simval.imu.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.shapes import Float, Inexact
 from simval.theory.estimating import Block, Estimating, inverse_of
 

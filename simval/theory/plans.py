@@ -29,6 +29,12 @@ from simval.arguments import choice, instance
 from simval.arrays import Array, ReadOnly, finite_array, positive_number
 from simval.errors import InputError
 from simval.geometry import compose, normalize, unit_quaternions
+from simval.imu.sensor import (
+    AccelerometerModel,
+    GyroscopeModel,
+    MagnetometerModel,
+    forms,
+)
 from simval.poses import (
     PARAMETERS,
     cube_corners,
@@ -37,7 +43,6 @@ from simval.poses import (
     observability,
     one_set,
 )
-from simval.sensor import AccelerometerModel, GyroscopeModel, MagnetometerModel, forms
 from simval.shapes import Float
 from simval.theory import magnetometer
 from simval.theory.calibration import calibration_moments

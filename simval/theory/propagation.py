@@ -27,7 +27,7 @@ import numpy as np
 
 from simval.arrays import Array, ReadOnly
 from simval.geometry import compose, conjugate
-from simval.sensor import forms
+from simval.imu.sensor import forms
 from simval.shapes import Float, Inexact
 from simval.theory.expansion import mean_linear_error, tangent_projector
 from simval.theory.magnetometer import PARAMETERS, Problem, equations_of

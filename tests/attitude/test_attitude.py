@@ -8,21 +8,21 @@ from random_attitudes import problems
 from rounding import EPS
 from scipy.spatial.transform import Rotation
 
-from simval.attitude import (
-    Validity,
-    estimate_attitude,
-    sequential_quaternion,
-    two_vector_quaternion,
-    wahba_quaternion,
-)
-from simval.attitude.comparators import ESTIMATORS, align_vectors, davenport, triad
-from simval.attitude.estimator import block_validity
 from simval.errors import GeometryError, InputError
 from simval.geometry import (
     attitude_error,
     attitude_matrix,
     normalize,
 )
+from simval.imu.attitude import (
+    Validity,
+    estimate_attitude,
+    sequential_quaternion,
+    two_vector_quaternion,
+    wahba_quaternion,
+)
+from simval.imu.attitude.comparators import ESTIMATORS, align_vectors, davenport, triad
+from simval.imu.attitude.estimator import block_validity
 
 
 def by_wahba(b1, b2, r1, r2):

@@ -6,16 +6,16 @@ from hypothesis import example, given
 from rounding import EPS
 from strategies_attitude import Problem, problems
 
-from simval.attitude import estimate_attitude, two_vector_quaternion
-from simval.attitude.kernel import FRAMES, raw_quaternion
-from simval.attitude.singular import (
+from simval.errors import InputError
+from simval.geometry import attitude_error, attitude_matrix, normalize
+from simval.imu.attitude import estimate_attitude, two_vector_quaternion
+from simval.imu.attitude.kernel import FRAMES, raw_quaternion
+from simval.imu.attitude.singular import (
     Case,
     sequential_quaternion,
     singular_solution,
     turn_is_singular,
 )
-from simval.errors import InputError
-from simval.geometry import attitude_error, attitude_matrix, normalize
 
 X, Y, Z = np.eye(3)
 HALF_TURN = Problem(np.array([1.0, 0, 0, 0]), np.stack([X, -Y, X, Y]))

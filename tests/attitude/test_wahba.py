@@ -5,14 +5,6 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from simval.attitude import (
-    Validity,
-    consistency,
-    estimate_attitude,
-    two_vector_quaternion,
-    wahba_covariance,
-    wahba_quaternion,
-)
 from simval.consistency import rotation_error
 from simval.errors import GeometryError, InputError
 from simval.geometry import (
@@ -21,6 +13,14 @@ from simval.geometry import (
     cross_matrix,
     from_rotation_vector,
     normalize,
+)
+from simval.imu.attitude import (
+    Validity,
+    consistency,
+    estimate_attitude,
+    two_vector_quaternion,
+    wahba_covariance,
+    wahba_quaternion,
 )
 from simval.streams import Streams
 from simval.studies import attitude_vectors

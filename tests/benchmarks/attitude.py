@@ -12,9 +12,9 @@ import scipy
 
 from benchmarks.race import Answer, Contender, Done
 from simval.arrays import Array
-from simval.attitude import two_vector_quaternion
-from simval.attitude.comparators import davenport, triad
 from simval.geometry import attitude_matrix, compose, from_rotation_vector
+from simval.imu.attitude import two_vector_quaternion
+from simval.imu.attitude.comparators import davenport, triad
 from simval.moments import Moments
 from simval.shapes import Float
 from simval.studies.attitude import random_geometry

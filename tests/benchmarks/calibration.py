@@ -8,9 +8,9 @@ from imu_tk import imu_tk_jacobian, imu_tk_residual
 
 from benchmarks.race import Answer, Contender, Done
 from simval.arrays import Array
-from simval.calibrate import calibrate
+from simval.imu.calibrate import calibrate
+from simval.imu.sensor import AccelerometerModel
 from simval.poses import fibonacci_sphere
-from simval.sensor import AccelerometerModel
 from simval.shapes import Float
 
 G = 9.80665  # m/s^2, standard gravity

@@ -8,8 +8,8 @@ import numpy as np
 
 from benchmarks.race import Answer, Contender, Done
 from simval.arrays import Array
-from simval.filters import Mekf
 from simval.geometry import attitude_matrix, compose, from_rotation_vector
+from simval.imu.filters import Mekf
 from simval.plugins import Filter
 from simval.plugins.runs import Readings, run_of
 from simval.shapes import Float

@@ -8,9 +8,14 @@ import scipy
 
 from benchmarks.race import Answer, Contender, Done
 from simval.arrays import Array
-from simval.calibrate import FitResult, calibrate, calibrate_gyroscope, moves_between
+from simval.imu.calibrate import (
+    FitResult,
+    calibrate,
+    calibrate_gyroscope,
+    moves_between,
+)
+from simval.imu.sensor import AccelerometerModel, GyroscopeModel
 from simval.poses import fibonacci_sphere
-from simval.sensor import AccelerometerModel, GyroscopeModel
 from simval.shapes import Float
 from simval.turns import turns_of
 

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from benchmarks.race import Answer, Contender, Done
-from simval.noise import allan_variance
+from simval.imu.noise import allan_variance
 from simval.scene.physics import captured_messages, mujoco, roll_out
 from simval.scene.run import plan_run
 

@@ -6,12 +6,12 @@ import numpy as np
 
 from benchmarks.race import Answer, Contender, Done
 from simval.arrays import Array
-from simval.attitude.kernel import (
+from simval.geometry import attitude_matrix
+from simval.imu.attitude.kernel import (
     normalize_columns,
     raw_quaternion,
     sums_and_differences,
 )
-from simval.geometry import attitude_matrix
 from simval.moments import Moments
 from simval.montecarlo import (
     fused,

@@ -11,14 +11,14 @@ import numpy as np
 from magnetometer_sets import FIELD, IRON
 from tumbles import ACCELEROMETER, FIRST_UP, GENERIC, GYROSCOPE, M, rolled
 
-from simval.calibrate import (
+from simval.imu.calibrate import (
     calibrate,
     calibrate_gyroscope,
     calibrate_magnetometer,
     calibrate_nine_axis,
     moves_between,
 )
-from simval.sensor import MODELS, convert, forms
+from simval.imu.sensor import MODELS, convert, forms
 
 QUIET, G, H, MARGIN = np.random.default_rng(0), 9.81, 0.01, 1
 TIME, RATE, RESTS, ATTITUDES = rolled(GENERIC, hold=100, move=150, h=H, first=400)

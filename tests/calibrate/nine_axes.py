@@ -6,12 +6,12 @@ import numpy as np
 from magnetometer_sets import FIELD, IRON, IRON_STD
 from tumbles import ACCELEROMETER, GYROSCOPE, WALK, M, fitted, readings
 
-from simval.calibrate import (
+from simval.geometry import attitude_matrix
+from simval.imu.calibrate import (
     calibrate_gyroscope,
     calibrate_magnetometer,
     calibrate_nine_axis,
 )
-from simval.geometry import attitude_matrix
 
 DIP = np.radians(60.0)
 TRUTH = np.concatenate(

@@ -1,8 +1,6 @@
 """The accelerometer's fit: its minimum by other routes, iterations, error bars."""
 
 import json
-import subprocess
-import sys
 import tracemalloc
 
 import numpy as np
@@ -13,12 +11,12 @@ from rounding import EPS
 from scipy.optimize import least_squares
 from true_sensor import MODEL, PARAMETERS, G
 
-from simval.calibrate import calibrate, diagnose
-from simval.calibrate.residuals import RESIDUALS, unbiased_moment_matrix
-from simval.calibrate.solver import METHODS
 from simval.errors import ConvergenceError, SimvalError
+from simval.imu.calibrate import calibrate, diagnose
+from simval.imu.calibrate.residuals import RESIDUALS, unbiased_moment_matrix
+from simval.imu.calibrate.solver import METHODS
+from simval.imu.sensor import MODELS, AccelerometerModel, forms
 from simval.poses import fibonacci_sphere, random_directions
-from simval.sensor import MODELS, AccelerometerModel, forms
 from simval.theory.calibration import calibration_moments
 
 
@@ -413,17 +411,3 @@ def test_the_errors_published_for_40_sensors_are_at_the_predicted_level():
     groups = sigma.reshape(3, 3).mean(axis=1)
     assert np.all(np.abs(groups / groups.mean() - 1) < 0.06)
     assert 5e-4 < groups.mean() < 8e-4
-
-
-@pytest.mark.parametrize("first", ["", "import simval.calibrate as package; "])
-def test_the_public_name_calibrates_in_every_order_of_imports(first):
-    """`simval.calibrate` is a package too, and imports bind it over the function."""
-    program = (
-        f"{first}from simval import calibrate; import numpy as np; "
-        "from simval.poses import fibonacci_sphere as f; "
-        "from simval.calibrate import FitResult; "
-        "fit = calibrate(9.8 * f(12), g=9.8); assert isinstance(fit, FitResult); "
-        "from simval import calibrate; "
-        "assert calibrate(9.8 * f(12), g=9.8).status == 'converged'"
-    )
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)

@@ -8,8 +8,8 @@ from magnetometer_sets import BODY, BODY_STD, FIELD, IRON, IRON_STD, G, random_s
 from nine_axes import DIP, fields_of
 from tumbles import ACCELEROMETER, GYROSCOPE, WALK, M, tumble
 
-from simval.calibrate import calibrate
-from simval.calibrate.equations import (
+from simval.imu.calibrate import calibrate
+from simval.imu.calibrate.equations import (
     Accelerometer,
     Equation,
     Magnetometer,
@@ -18,10 +18,10 @@ from simval.calibrate.equations import (
     minimize,
     weighed,
 )
-from simval.calibrate.gyroscope import moves_between
-from simval.calibrate.gyroscope.covariance import Given, setting_of
-from simval.calibrate.gyroscope.residuals import InterRest
-from simval.sensor import MODELS, forms
+from simval.imu.calibrate.gyroscope import moves_between
+from simval.imu.calibrate.gyroscope.covariance import Given, setting_of
+from simval.imu.calibrate.gyroscope.residuals import InterRest
+from simval.imu.sensor import MODELS, forms
 
 FORTY = random_set(40, 5)
 

@@ -12,14 +12,19 @@ import pytest
 from rounding import EPS
 from scipy import stats
 
-from simval.calibrate import calibrate, diagnose
-from simval.calibrate.diagnosis import FALSE_ALARM, geometry_loss, residuals, verdict
-from simval.calibrate.drift import find_break, find_drift, find_step
-from simval.calibrate.outliers import find_outliers
 from simval.errors import ConvergenceError, InputError, SimvalError
 from simval.geometry import normalize
+from simval.imu.calibrate import calibrate, diagnose
+from simval.imu.calibrate.diagnosis import (
+    FALSE_ALARM,
+    geometry_loss,
+    residuals,
+    verdict,
+)
+from simval.imu.calibrate.drift import find_break, find_drift, find_step
+from simval.imu.calibrate.outliers import find_outliers
+from simval.imu.sensor import AccelerometerModel
 from simval.poses import direction_jacobian, fibonacci_sphere, random_directions
-from simval.sensor import AccelerometerModel
 
 G, SIGMA = 9.81, 0.003
 MODEL = AccelerometerModel.from_parameters(

@@ -8,17 +8,17 @@ import pytest
 from rounding import EPS
 from true_sensor import MODEL, G
 
-from simval.calibrate import calibrate, load_calibration, save_calibration
-from simval.calibrate.files import (
+from simval.errors import ConvergenceError, InputError, RefusedError, SimvalError
+from simval.imu.calibrate import calibrate, load_calibration, save_calibration
+from simval.imu.calibrate.files import (
     from_json,
     load_others,
     require_same_sensor,
     rest_forces,
     to_json,
 )
-from simval.errors import ConvergenceError, InputError, RefusedError, SimvalError
+from simval.imu.sensor import MODELS, AccelerometerModel
 from simval.poses import fibonacci_sphere, random_directions
-from simval.sensor import MODELS, AccelerometerModel
 
 # What a calibration's round trip keeps is in `test_fits`.
 

@@ -31,10 +31,10 @@ from fits import (
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from simval.calibrate import load_calibration, save_calibration
-from simval.calibrate.files import load_others
 from simval.errors import ConvergenceError, InputError, SimvalError
-from simval.sensor import forms
+from simval.imu.calibrate import load_calibration, save_calibration
+from simval.imu.calibrate.files import load_others
+from simval.imu.sensor import forms
 
 EVERY = pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 SINGLE = [name for name, case in CASES.items() if case.estimator == "joint"]

@@ -27,18 +27,18 @@ from tumbles import (
     tumble,
 )
 
-from simval.calibrate import (
+from simval.errors import GeometryError, InputError, RefusedError, SaturatedError
+from simval.imu.calibrate import (
     calibrate,
     calibrate_gyroscope,
     calibrate_imu,
     moves_between,
 )
-from simval.calibrate.gyroscope.imu import Rests, choose_bias, choose_sensitivity
-from simval.errors import GeometryError, InputError, RefusedError, SaturatedError
-from simval.logs import read_log
-from simval.multiposition import calibrate_log
+from simval.imu.calibrate.gyroscope.imu import Rests, choose_bias, choose_sensitivity
+from simval.imu.logs import read_log
+from simval.imu.multiposition import calibrate_log
+from simval.imu.sensor import GyroscopeModel
 from simval.poses import fibonacci_sphere
-from simval.sensor import GyroscopeModel
 from simval.theory.gyroscope import gyroscope_moments
 from simval.theory.joint_bias import gyroscope_bias
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from simval.calibrate import calibrate
-from simval.calibrate.residuals import LOSSES
+from simval.imu.calibrate import calibrate
+from simval.imu.calibrate.residuals import LOSSES
+from simval.imu.sensor import AccelerometerModel
 from simval.poses import fibonacci_sphere
-from simval.sensor import AccelerometerModel
 
 G = 9.80665
 SIGMA = 0.02

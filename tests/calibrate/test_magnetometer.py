@@ -24,14 +24,14 @@ from places import recording
 from scipy import stats
 from scipy.io import loadmat
 
-from simval.calibrate import (
+from simval.errors import GeometryError, InputError, RefusedError, SimvalError
+from simval.geometry import random_quaternions
+from simval.imu.calibrate import (
     calibrate,
     calibrate_magnetometer,
     ellipsoid_then_rotation,
 )
-from simval.errors import GeometryError, InputError, RefusedError, SimvalError
-from simval.geometry import random_quaternions
-from simval.sensor import MagnetometerModel
+from simval.imu.sensor import MagnetometerModel
 
 NOISE = {"accelerometer_std": BODY_STD, "magnetometer_std": IRON_STD}
 FORTY = random_set(40, 5)

@@ -5,12 +5,12 @@ import pytest
 import test_public_faces as faces
 from magnetometer_sets import BODY, BODY_STD, FIELD, IRON, IRON_STD, G, random_set
 
-from simval.calibrate import (
+from simval.imu.calibrate import (
     calibrate,
     calibrate_magnetometer,
     ellipsoid_then_rotation,
 )
-from simval.sensor import MagnetometerModel
+from simval.imu.sensor import MagnetometerModel
 from simval.theory import magnetometer_moments, plan_magnetometer
 
 pytestmark = [pytest.mark.usefixtures("unchecked"), pytest.mark.ci]

@@ -9,11 +9,11 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from tumbles import ACCELEROMETER, FIRST_UP, GENERIC, GYROSCOPE, M, rolled
 
-from simval.calibrate import calibrate, calibrate_gyroscope, moves_between
-from simval.calibrate.gyroscope.covariance import GyroscopeNoise, jitter_noise
-from simval.calibrate.gyroscope.moves import SCHEMES, path_statistics
-from simval.calibrate.gyroscope.turn import end_of, turn
 from simval.errors import InputError, RefusedError, SaturatedError
+from simval.imu.calibrate import calibrate, calibrate_gyroscope, moves_between
+from simval.imu.calibrate.gyroscope.covariance import GyroscopeNoise, jitter_noise
+from simval.imu.calibrate.gyroscope.moves import SCHEMES, path_statistics
+from simval.imu.calibrate.gyroscope.turn import end_of, turn
 
 RNG = np.random.default_rng(7)
 MATRICES = np.eye(3) + 0.05 * RNG.standard_normal((2, 3, 3))

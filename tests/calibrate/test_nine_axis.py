@@ -23,19 +23,19 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 from tumbles import ACCELEROMETER, FORCE_STD, GYROSCOPE, WALK, path_of, tumble
 
-from simval.calibrate import (
-    ImuFit,
-    calibrate_imu,
-    calibrate_magnetometer,
-    calibrate_nine_axis,
-)
-from simval.calibrate.gyroscope.imu import ImuReadings
 from simval.errors import (
     ConvergenceError,
     GeometryError,
     InputError,
 )
 from simval.geometry import attitude_matrix
+from simval.imu.calibrate import (
+    ImuFit,
+    calibrate_imu,
+    calibrate_magnetometer,
+    calibrate_nine_axis,
+)
+from simval.imu.calibrate.gyroscope.imu import ImuReadings
 from simval.theory import (
     MovePath,
     nine_axis_moments,

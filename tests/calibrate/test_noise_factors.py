@@ -13,14 +13,14 @@ from nine_axes import ACC, GYRO, MAG, TRUTH, drawn
 from scipy import stats
 from tumbles import WALK, fitted, tumble
 
-from simval.calibrate import (
+from simval.errors import RefusedError
+from simval.imu.calibrate import (
     calibrate,
     calibrate_gyroscope,
     calibrate_magnetometer,
     calibrate_nine_axis,
 )
-from simval.calibrate.factors import CHANCE, Residuals, Source, judged
-from simval.errors import RefusedError
+from simval.imu.calibrate.factors import CHANCE, Residuals, Source, judged
 
 PARTS = {"accelerometer": ACC, "gyroscope": GYRO, "magnetometer": MAG}
 

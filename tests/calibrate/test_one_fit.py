@@ -13,19 +13,19 @@ from places import RECORDINGS
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from simval.calibrate import load_calibration
-from simval.calibrate.estimate import G_NAMES
 from simval.cli import run
 from simval.errors import SimvalError
-from simval.logs import Log, read_log
-from simval.multiposition import calibrate_log, calibrate_sensors
-from simval.multiposition.description import honest, judgements
-from simval.multiposition.objects import as_object, sensors_object
+from simval.imu.calibrate import load_calibration
+from simval.imu.calibrate.estimate import G_NAMES
+from simval.imu.logs import Log, read_log
+from simval.imu.multiposition import calibrate_log, calibrate_sensors
+from simval.imu.multiposition.description import honest, judgements
+from simval.imu.multiposition.objects import as_object, sensors_object
+from simval.imu.sensor import AccelerometerModel, forms, load_imu, read_imu
 from simval.poses import fibonacci_sphere
 from simval.report import render_calibration
 from simval.scene import simulate
 from simval.scene.trajectory import motion_of, write_signal
-from simval.sensor import AccelerometerModel, forms, load_imu, read_imu
 
 TRUTH = np.array([0.03, -0.02, 0.05, 1.03, 0.96, 1.05, 0.3, -0.2, 0.1])
 ACCELEROMETER = AccelerometerModel.from_parameters(TRUTH)

@@ -10,10 +10,11 @@ import pytest
 from rounding import EPS
 from true_sensor import MODEL, G
 
-from simval.calibrate import calibrate
-from simval.calibrate.evidence import required_noise
 from simval.errors import GeometryError, InputError, RefusedError
 from simval.geometry import normalize
+from simval.imu.calibrate import calibrate
+from simval.imu.calibrate.evidence import required_noise
+from simval.imu.sensor import AccelerometerModel
 from simval.poses import (
     cube_corners,
     cube_edges,
@@ -21,7 +22,6 @@ from simval.poses import (
     fibonacci_sphere,
     random_directions,
 )
-from simval.sensor import AccelerometerModel
 
 EACH = 20  # noisy sets of one geometry
 

@@ -9,9 +9,9 @@ import sys
 import pytest
 
 from simval import vocabulary
-from simval.calibrate.accelerometer import choices
 from simval.cli import COMMANDS
 from simval.geometry import FRAMES
+from simval.imu.calibrate.accelerometer import choices
 from simval.judge import BASELINE
 from simval.scene import scenes
 from simval.studies import STUDIES

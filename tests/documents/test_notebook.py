@@ -12,11 +12,11 @@ import pytest
 from places import ROOT
 
 import simval
-from simval.calibrate import load_calibration
-from simval.calibrate.accelerometer import calibrate
 from simval.errors import InputError
+from simval.imu.calibrate import load_calibration
+from simval.imu.calibrate.accelerometer import calibrate
+from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
-from simval.sensor import forms
 from simval.sweep import load_run
 
 NOTEBOOKS = sorted((ROOT / "docs" / "tutorials").glob("*.ipynb"))
@@ -38,12 +38,12 @@ def fitted(model="triangular", trials=()):
 
 
 def test_the_package_that_is_a_function_says_what_it_takes():
-    assert load_calibration.__module__ == "simval.calibrate.files"  # imported
-    assert inspect.ismodule(sys.modules["simval.calibrate"])
-    assert inspect.signature(simval.calibrate) == inspect.signature(calibrate)
-    text = pydoc.plain(pydoc.render_doc(simval.calibrate))
+    assert load_calibration.__module__ == "simval.imu.calibrate.files"  # imported
+    assert inspect.ismodule(sys.modules["simval.imu.calibrate"])
+    assert inspect.signature(simval.imu.calibrate) == inspect.signature(calibrate)
+    text = pydoc.plain(pydoc.render_doc(simval.imu.calibrate))
     assert inspect.getdoc(calibrate).splitlines()[0] in text
-    assert "max_iterations" in inspect.getdoc(simval.calibrate)
+    assert "max_iterations" in inspect.getdoc(simval.imu.calibrate)
 
 
 @pytest.mark.parametrize("model", forms.MODELS)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from side_by_side import cell, estimator_rows, run_of
 
-from simval.attitude.comparators import davenport, triad
 from simval.errors import InputError
 from simval.geometry import attitude_error, attitude_matrix, random_quaternions
+from simval.imu.attitude.comparators import davenport, triad
 from simval.judge import compare_algorithms
 from simval.judge.algorithms import (
     ACCURACY,

@@ -15,16 +15,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from simval.calibrate import calibrate
 from simval.cli import run
 from simval.cli.options import command_again
-from simval.multiposition import log_units as noise_units
+from simval.imu.calibrate import calibrate
+from simval.imu.multiposition import log_units as noise_units
+from simval.imu.recorded.errors import Consistency, Rms
+from simval.imu.sensor import AccelerometerModel, forms
 from simval.poses import fibonacci_sphere
-from simval.recorded.errors import Consistency, Rms
 from simval.report.calibration_page import KINDS, kinds_of, readable
 from simval.report.filter_page import replies
 from simval.report.log_page import FOLDERS, envelope
-from simval.sensor import AccelerometerModel, forms
 from simval.units import OF_A_DATA_SHEET
 
 NAMES = ("calibrated", "outlier", "filtered", "blind", "noise", "stuck")

@@ -14,8 +14,8 @@ from written import written
 
 from simval.cli import run
 from simval.errors import InputError
-from simval.logs import read_log
-from simval.logs.clock import GAP
+from simval.imu.logs import read_log
+from simval.imu.logs.clock import GAP
 
 ROWS = np.arange(70.0).reshape(10, 7) / 7.0
 ROWS[:, 0] = 0.01 * np.arange(10)

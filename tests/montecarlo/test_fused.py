@@ -13,9 +13,9 @@ import pytest
 from places import ROOT
 from scipy import stats
 
-from simval.attitude.kernel import FRAMES, normalize_columns, raw_quaternion
 from simval.errors import InputError
 from simval.geometry import attitude_matrix
+from simval.imu.attitude.kernel import FRAMES, normalize_columns, raw_quaternion
 from simval.montecarlo import compiled, fused, moments_of, simulate_closed_form
 from simval.montecarlo.plain import batch_means, sums_of
 from simval.streams import Streams, cell_key

@@ -13,9 +13,9 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from simval.geometry import normalize
-from simval.logs import Log
+from simval.imu.logs import Log
+from simval.imu.sensor import AccelerometerModel, GyroscopeModel
 from simval.poses import fibonacci_sphere, random_directions
-from simval.sensor import AccelerometerModel, GyroscopeModel
 
 G = 9.80665
 RATE = 100.0

@@ -11,8 +11,8 @@ from made_logs import FAULTS, RATE, far, good
 
 from simval.cli import calibrate, noise
 from simval.errors import RefusedError, SimvalError
-from simval.multiposition import calibrate_log
-from simval.noise import NoiseFile, noise_of
+from simval.imu.multiposition import calibrate_log
+from simval.imu.noise import NoiseFile, noise_of
 from simval.poses import fibonacci_sphere, random_directions
 
 # what the refusal says, of the faults that nothing else could be taken for

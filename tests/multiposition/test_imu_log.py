@@ -13,14 +13,14 @@ from simval.errors import (
     RefusedError,
     SaturatedError,
 )
-from simval.logs import Log, read_log
-from simval.multiposition import calibrate_log, calibrate_sensors
-from simval.multiposition.imu import rail, require_alive
-from simval.multiposition.kalibr import kalibr_yaml
+from simval.imu.logs import Log, read_log
+from simval.imu.multiposition import calibrate_log, calibrate_sensors
+from simval.imu.multiposition.imu import rail, require_alive
+from simval.imu.multiposition.kalibr import kalibr_yaml
+from simval.imu.sensor import load_imu, read_imu
 from simval.report.calibration_page import calibration_page
 from simval.scene import simulate
 from simval.scene.trajectory import motion_of, write_signal
-from simval.sensor import load_imu, read_imu
 
 SENSORS = """
 T = [[1, 0, 0], [0.01, 1, 0], [-0.02, 0.03, 1]]

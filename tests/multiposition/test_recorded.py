@@ -8,19 +8,19 @@ from made_logs import G, Motion, far, log_of
 from places import recording
 from true_sensor import MODEL
 
-from simval.calibrate import calibrate
 from simval.errors import RefusedError
-from simval.logs import read_log
-from simval.multiposition import calibrate_log
-from simval.multiposition.calibration import white_noise
-from simval.multiposition.rests import MULTIPLIERS
-from simval.poses import fibonacci_sphere
-from simval.statics import (
+from simval.imu.calibrate import calibrate
+from simval.imu.logs import read_log
+from simval.imu.multiposition import calibrate_log
+from simval.imu.multiposition.calibration import white_noise
+from simval.imu.multiposition.rests import MULTIPLIERS
+from simval.imu.statics import (
     initial_rest,
     interval_means,
     intervals_below,
     variance_magnitude,
 )
+from simval.poses import fibonacci_sphere
 
 XSENS_G = 9.81744
 FORMS = {

@@ -14,12 +14,12 @@ from tumbles import tumble
 from written import written
 
 from simval.errors import InputError, RefusedError
-from simval.logs import read_log
-from simval.multiposition import calibrate_log, calibrate_sensors
-from simval.multiposition.rests import find_rests
-from simval.recorded.settings import signals
-from simval.statics import detector, evened, still_parts
-from simval.statics.turns import FALSE_ALARM, WINDOW
+from simval.imu.logs import read_log
+from simval.imu.multiposition import calibrate_log, calibrate_sensors
+from simval.imu.multiposition.rests import find_rests
+from simval.imu.recorded.settings import signals
+from simval.imu.statics import detector, evened, still_parts
+from simval.imu.statics.turns import FALSE_ALARM, WINDOW
 
 
 def recorded(motion, rate, rng, jitter=0.0, lost=0.0, **of_noise):

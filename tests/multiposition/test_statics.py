@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simval.errors import InputError, RefusedError
-from simval.statics import (
+from simval.imu.statics import (
     initial_rest,
     interval_counts,
     interval_means,

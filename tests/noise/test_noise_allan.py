@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from rounding import EPS
 
-from simval.noise import (
+from simval.imu.noise import (
     allan_covariance,
     allan_law,
     allan_variance,

@@ -9,19 +9,19 @@ from places import recording
 from written import written
 
 from simval.errors import RefusedError
-from simval.logs import Log
-from simval.multiposition import calibrate_log
-from simval.multiposition.log_units import DEGREE, FLOOR, printed
-from simval.multiposition.noise import (
+from simval.imu.logs import Log
+from simval.imu.multiposition import calibrate_log
+from simval.imu.multiposition.log_units import DEGREE, FLOOR, printed
+from simval.imu.multiposition.noise import (
     log_noise,
     mean_noise,
     own_noise,
     pose_noise,
     require_even,
 )
-from simval.noise import load_noise, noise_of
+from simval.imu.noise import load_noise, noise_of
+from simval.imu.sensor import NoiseModel
 from simval.poses import fibonacci_sphere
-from simval.sensor import NoiseModel
 from simval.streams import cell_key, stream
 
 KEY = cell_key("test noise command")

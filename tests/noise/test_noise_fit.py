@@ -5,15 +5,15 @@ import pytest
 from scipy import stats
 
 from simval.errors import RefusedError
-from simval.noise import (
+from simval.imu.noise import (
     allan_covariance,
     allan_law,
     allan_variance,
     averaging_counts,
     covariance_forms,
 )
-from simval.noise.fit import Problem, fitted, noise_of, rounding_step
-from simval.sensor import NoiseModel
+from simval.imu.noise.fit import Problem, fitted, noise_of, rounding_step
+from simval.imu.sensor import NoiseModel
 from simval.streams import cell_key, stream
 from simval.theory.coloured_noise import noise_bound
 

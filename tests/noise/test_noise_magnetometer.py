@@ -8,14 +8,14 @@ from places import recording
 from written import written
 
 from simval.errors import InputError, RefusedError
-from simval.logs import Log, read_log
-from simval.multiposition.calibration import white_noise
-from simval.multiposition.imu import require_alive
-from simval.multiposition.log_units import FLOOR, printed
-from simval.multiposition.noise import compass_pose_noise, log_noise
-from simval.noise import NoiseFile, load_noise, noise_of
-from simval.noise.fit import noise_of_readings, own_readings, rows_to_a_reading
-from simval.sensor import NoiseModel
+from simval.imu.logs import Log, read_log
+from simval.imu.multiposition.calibration import white_noise
+from simval.imu.multiposition.imu import require_alive
+from simval.imu.multiposition.log_units import FLOOR, printed
+from simval.imu.multiposition.noise import compass_pose_noise, log_noise
+from simval.imu.noise import NoiseFile, load_noise, noise_of
+from simval.imu.noise.fit import noise_of_readings, own_readings, rows_to_a_reading
+from simval.imu.sensor import NoiseModel
 from simval.streams import cell_key, stream
 
 KEY = cell_key("test noise of a magnetometer")

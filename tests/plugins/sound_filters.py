@@ -9,7 +9,7 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simval.filters.signals import FilterInput, Told
+from simval.imu.filters.signals import FilterInput, Told
 from simval.plugins.protocol import Filter
 
 GRAVITY = 9.81

@@ -17,10 +17,10 @@ from places import EXAMPLES, ROOT
 from scipy import stats
 from zoo import ZOO, drawn, ellipsoid, leading, named
 
-from simval.attitude.comparators import davenport
 from simval.check import check_function, told
 from simval.check.words import to_json
 from simval.errors import InputError, PluginError
+from simval.imu.attitude.comparators import davenport
 from simval.plugins import Calibrator, Estimator, Filter, find_plugin
 from simval.plugins.runs import require_no_memory
 from simval.sweep import load_run
@@ -109,7 +109,7 @@ def test_the_command_tells_what_fails_and_what_to_do(simval, tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text(
         "import numpy as np\n"
-        "from simval.attitude.comparators import davenport\n"
+        "from simval.imu.attitude.comparators import davenport\n"
         "from simval.plugins import Estimator\n"
         "def at_y(*v):\n"
         "    q = davenport(*v)\n"

@@ -14,8 +14,8 @@ from sound_filters import told as told_to
 
 from simval.check import check_function, told
 from simval.errors import PluginError
-from simval.filters.mekf import Mekf
 from simval.geometry import compose, from_rotation_vector
+from simval.imu.filters.mekf import Mekf
 from simval.plugins import Filter, find_plugin, find_world
 
 OWN = find_plugin("simval:mekf", Filter)

@@ -176,8 +176,8 @@ def test_a_broken_plugin_fails_its_cells_and_nothing_else(tmp_path, workers):
 
 PLUGINS = """
 import numpy as np
-from simval.attitude import wahba_quaternion
-from simval.attitude.comparators import davenport
+from simval.imu.attitude import wahba_quaternion
+from simval.imu.attitude.comparators import davenport
 from simval.plugins import Calibrator, Estimator
 
 def covariance(b1, b2, r1, r2, noise_std):

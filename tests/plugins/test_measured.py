@@ -13,11 +13,15 @@ from scipy.spatial.transform import Rotation
 from zoo import leading
 
 from simval import algorithms
-from simval.attitude import two_vector_quaternion, wahba_covariance, wahba_quaternion
-from simval.attitude.comparators import ESTIMATORS, davenport, triad
-from simval.calibrate import calibrate
 from simval.check import check_function
 from simval.geometry import attitude_matrix
+from simval.imu.attitude import (
+    two_vector_quaternion,
+    wahba_covariance,
+    wahba_quaternion,
+)
+from simval.imu.attitude.comparators import ESTIMATORS, davenport, triad
+from simval.imu.calibrate import calibrate
 from simval.plugins import Calibrator, Estimator, find_plugin, probe_calibrator
 from simval.plugins.noise import NAMED
 from simval.plugins.probe import G, probe_sensor

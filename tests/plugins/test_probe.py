@@ -17,9 +17,6 @@ from rounding import EPS
 from scipy.spatial.transform import Rotation
 
 from simval import algorithms
-from simval.attitude import wahba_quaternion
-from simval.attitude.comparators import davenport
-from simval.calibrate import calibrate
 from simval.check import check_function
 from simval.errors import (
     ConvergenceError,
@@ -35,6 +32,9 @@ from simval.geometry import (
     conjugate,
     normalize,
 )
+from simval.imu.attitude import wahba_quaternion
+from simval.imu.attitude.comparators import davenport
+from simval.imu.calibrate import calibrate
 from simval.plugins import (
     Calibrator,
     Estimator,

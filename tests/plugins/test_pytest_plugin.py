@@ -9,7 +9,7 @@ import pytest
 from places import ROOT
 
 # what pytester runs in this process finds them: NumPy cannot be loaded a second time
-import simval.attitude.comparators  # noqa: F401
+import simval.imu.attitude.comparators  # noqa: F401
 from simval.check import check_function, told  # noqa: F401
 
 pytest_plugins = ["pytester"]
@@ -17,7 +17,7 @@ pytest_plugins = ["pytester"]
 PAGE = (ROOT / "docs" / "plugins.md").read_text(encoding="utf-8")
 HEAD = """
 import numpy as np
-from simval.attitude.comparators import davenport
+from simval.imu.attitude.comparators import davenport
 QUICK = {'components': 'xyzs', 'matrix': 'passive', 'name': 'mine'}
 QUICK |= {'noise_std': 0.05, 'samples': 1024}
 """

@@ -15,10 +15,10 @@ from zlib import crc32
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simval.attitude import wahba_quaternion
-from simval.attitude.comparators import davenport, triad
-from simval.calibrate import calibrate
 from simval.geometry import compose, conjugate, normalize
+from simval.imu.attitude import wahba_quaternion
+from simval.imu.attitude.comparators import davenport, triad
+from simval.imu.calibrate import calibrate
 from simval.plugins import Calibrator, Estimator, Filter, find_plugin
 from simval.plugins.probe import probe_sensor
 

@@ -6,14 +6,19 @@ from functools import partial
 import numpy as np
 
 from power.fault import Fault, then, told
-from simval.calibrate import equations
-from simval.calibrate.gyroscope import moves
-from simval.calibrate.magnetometer.calibration import Scaled
-from simval.calibrate.magnetometer.result import DIP
-from simval.calibrate.minimization import Leverage
+from simval.imu.calibrate import equations
+from simval.imu.calibrate.gyroscope import moves
+from simval.imu.calibrate.magnetometer.calibration import Scaled
+from simval.imu.calibrate.magnetometer.result import DIP
+from simval.imu.calibrate.minimization import Leverage
+from simval.imu.sensor import (
+    AccelerometerModel,
+    GyroscopeModel,
+    MagnetometerModel,
+    forms,
+)
+from simval.imu.sensor import NoiseModel as Noise
 from simval.scene import simulate_cached
-from simval.sensor import AccelerometerModel, GyroscopeModel, MagnetometerModel, forms
-from simval.sensor import NoiseModel as Noise
 from simval.studies import calibration, gyroscope, magnetometer, noise_model, scene
 from simval.theory import calibration as theory
 from simval.theory import magnetometer as magnetometer_theory
@@ -354,7 +359,7 @@ NOISE = (
         noise_model, "allan_variance", then(lambda v: 0.95 * v),
     ),
     Fault(
-        "noise", "formula", "(V4) of half the averages",  # of `simval.noise.allan`
+        "noise", "formula", "(V4) of half the averages",  # of `simval.imu.noise.allan`
         noise_model, "allan_covariance", then(lambda v: 2.0 * v),
     ),
 )  # fmt: skip

@@ -8,7 +8,7 @@ import numpy as np
 
 from power.calibration import instant
 from power.fault import Fault, changed, then
-from simval.filters import Mekf, mekf
+from simval.imu.filters import Mekf, mekf
 from simval.studies import filter, filter_prediction, filter_scenarios
 from simval.theory import filter_model
 

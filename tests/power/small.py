@@ -11,13 +11,13 @@ import numpy as np
 
 from power.calibration import bent, steeper
 from power.fault import Fault, then, told
-from simval.calibrate import equations, evidence
-from simval.calibrate.gyroscope import turn
-from simval.calibrate.minimization import Leverage
-from simval.filters import Mekf, mekf
+from simval.imu.calibrate import equations, evidence
+from simval.imu.calibrate.gyroscope import turn
+from simval.imu.calibrate.minimization import Leverage
+from simval.imu.filters import Mekf, mekf
+from simval.imu.sensor import AccelerometerModel, NoiseModel
+from simval.imu.statics import detector, intervals, variance
 from simval.montecarlo import plain
-from simval.sensor import AccelerometerModel, NoiseModel
-from simval.statics import detector, intervals, variance
 from simval.streams import Streams
 from simval.studies import (
     attitude_vectors,

@@ -14,8 +14,8 @@ from simval.geometry import (
     from_rotation_vector,
     normalize,
 )
-from simval.logs import Truth
-from simval.recorded.attitudes import turned
+from simval.imu.logs import Truth
+from simval.imu.recorded.attitudes import turned
 
 G = 9.81
 FIELD = 48e-6 * np.array([np.cos(1.1), 0.0, -np.sin(1.1)])

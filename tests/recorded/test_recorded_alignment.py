@@ -10,7 +10,6 @@ from recorded_logs import made
 from scipy.stats import binom, f
 
 from simval.errors import RefusedError
-from simval.filters.signals import FilterOutput
 from simval.geometry import (
     attitude_error,
     attitude_matrix,
@@ -18,10 +17,11 @@ from simval.geometry import (
     conjugate,
     from_rotation_vector,
 )
-from simval.logs import read_log, read_truth
-from simval.recorded import align, evaluate
-from simval.recorded.alignment import fit_turns, likely_offsets
-from simval.recorded.attitudes import (
+from simval.imu.filters.signals import FilterOutput
+from simval.imu.logs import read_log, read_truth
+from simval.imu.recorded import align, evaluate
+from simval.imu.recorded.alignment import fit_turns, likely_offsets
+from simval.imu.recorded.attitudes import (
     Meaning,
     attitudes,
     meanings,
@@ -30,9 +30,9 @@ from simval.recorded.attitudes import (
     stretches,
     turned,
 )
-from simval.recorded.errors import quantile
-from simval.recorded.evaluation import FilterRun, turned_words
-from simval.recorded.settings import Signals, rests_of_log
+from simval.imu.recorded.errors import quantile
+from simval.imu.recorded.evaluation import FilterRun, turned_words
+from simval.imu.recorded.settings import Signals, rests_of_log
 
 
 def aligned(log, **changes):

@@ -13,7 +13,7 @@ from simval.geometry import (
     from_rotation_vector,
     random_quaternions,
 )
-from simval.recorded.errors import (
+from simval.imu.recorded.errors import (
     ALPHA,
     Errors,
     Measured,

@@ -10,7 +10,7 @@ from written import written
 
 from simval.errors import GeometryError, InputError, RefusedError, SimvalError
 from simval.geometry import attitude_error, from_rotation_vector, normalize
-from simval.logs import read_truth
+from simval.imu.logs import read_truth
 
 
 @pytest.fixture(scope="module")

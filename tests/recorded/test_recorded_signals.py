@@ -8,11 +8,11 @@ from recorded_logs import FIELD, G, made, write_log
 
 from simval.errors import InputError, RefusedError
 from simval.geometry import attitude_error
-from simval.logs import read_log
-from simval.noise import noise_of
-from simval.noise.model import NoiseFile
-from simval.recorded.evaluation import filter_input
-from simval.recorded.settings import (
+from simval.imu.logs import read_log
+from simval.imu.noise import noise_of
+from simval.imu.noise.model import NoiseFile
+from simval.imu.recorded.evaluation import filter_input
+from simval.imu.recorded.settings import (
     FIELDS,
     rests_of_log,
     signals,

@@ -10,16 +10,16 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from simval.calibrate import calibrate
-from simval.calibrate.solver import METHODS
 from simval.cli import run
 from simval.errors import InputError, RefusedError, SimulationError
 from simval.geometry import attitude_matrix
+from simval.imu.calibrate import calibrate
+from simval.imu.calibrate.solver import METHODS
+from simval.imu.sensor import AccelerometerModel
 from simval.poses import cube_corners, cube_faces, fibonacci_sphere, observability
 from simval.scene import scenes, simulate
 from simval.scene.physics import load_model
 from simval.scene.run import CLOCK_TOLERANCE, check_run, is_regular
-from simval.sensor import AccelerometerModel
 
 G = 9.80665
 QUICK = {"move_time": 0.5, "hold_time": 0.1, "first_hold": 0.1}

@@ -9,12 +9,12 @@ from PIL import Image
 
 from simval.cli import run
 from simval.errors import InputError
-from simval.logs import read_log
+from simval.imu.logs import read_log
+from simval.imu.sensor import load_imu, load_sensor, read_imu
 from simval.scene import average_rates, render, render_file, simulate
 from simval.scene.draw import CAMERA
 from simval.scene.physics import load_model, model_path
 from simval.scene.trajectory import header, motion_of, write_signal
-from simval.sensor import load_imu, load_sensor, read_imu
 from simval.streams import stream
 
 SENSOR = """

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
-from simval.sensor import GyroscopeModel, gyroscope_factors
-from simval.sensor.forms import FACTORS
+from simval.imu.sensor import GyroscopeModel, gyroscope_factors
+from simval.imu.sensor.forms import FACTORS
 
 M = 2.1e-4 * (
     np.eye(3)

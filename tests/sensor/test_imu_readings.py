@@ -10,7 +10,7 @@ from scipy import stats
 from written import FILE
 
 from simval.errors import InputError
-from simval.sensor import (
+from simval.imu.sensor import (
     AccelerometerModel,
     Effects,
     GyroscopeEffects,

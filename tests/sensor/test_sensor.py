@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from rounding import EPS
 from true_sensor import PARAMETERS
 
-from simval.sensor import MODELS, AccelerometerModel, convert, forms
+from simval.imu.sensor import MODELS, AccelerometerModel, convert, forms
 
 COUNTS = np.array([-0.0036, 0.0092, -0.021, 2.4e-3, 2.43e-3, 2.41e-3, 33e3, 33e3, 32e3])
 

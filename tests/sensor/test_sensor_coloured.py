@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from simval.sensor import NoiseModel
+from simval.imu.sensor import NoiseModel
 from simval.streams import cell_key, stream
 
 KEY = cell_key("test coloured noise")

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import test_public_faces as faces
 
-from simval import noise, scene, sensor
+from simval import scene
+from simval.imu import noise, sensor
 
 pytestmark = [pytest.mark.usefixtures("unchecked"), pytest.mark.ci]
 

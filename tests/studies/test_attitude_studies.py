@@ -8,13 +8,13 @@ from cells import answers, outcome
 from errata.polynomials import INDICES, Q, R, U, X, isserlis, times
 from oracles.attitude_errors import multiplicative_matrix, paper_fourth_terms
 
-from simval.attitude.kernel import raw_quaternion
 from simval.geometry import (
     compose,
     conjugate,
     normalize,
     random_quaternions,
 )
+from simval.imu.attitude.kernel import raw_quaternion
 from simval.studies import attitude_geometries, attitude_limits
 from simval.studies.attitude import noise_shapes, random_geometry
 from simval.studies.attitude_geometries import regular_geometries

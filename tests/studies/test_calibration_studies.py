@@ -7,7 +7,7 @@ import pytest
 from cells import answers, of_family, outcome, rows_of
 from scipy import stats
 
-from simval.calibrate.gyroscope import covariance as spread_module
+from simval.imu.calibrate.gyroscope import covariance as spread_module
 from simval.statistics import (
     CRAMER_RAO,
     EFFICIENCY,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from simval.calibrate import calibrate
+from simval.imu.calibrate import calibrate
 from simval.poses import fibonacci_sphere
 from simval.results import plain
 from simval.statistics import BIAS, SECOND_ORDER

@@ -11,14 +11,14 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
-from simval.filters import Mekf
-from simval.filters.signals import FilterOutput
 from simval.geometry import (
     attitude_matrix,
     compose,
     from_rotation_vector,
     random_quaternions,
 )
+from simval.imu.filters import Mekf
+from simval.imu.filters.signals import FilterOutput
 from simval.statistics import BOUND_AT, BUDGET_AT
 from simval.studies import filter as study
 from simval.studies.filter_prediction import RATE, lost, response_rows

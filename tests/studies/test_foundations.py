@@ -13,10 +13,10 @@ from power.calibration import steeper
 from power.fault import changed
 from scipy import stats
 
-from simval.calibrate import calibrate
+from simval.imu.calibrate import calibrate
+from simval.imu.statics import interval_counts, interval_means
 from simval.plugins import Filter, find_plugin
 from simval.poses import fibonacci_sphere
-from simval.statics import interval_counts, interval_means
 from simval.statistics import (
     COUNT_OFF,
     COVARIANCE_OFF,

@@ -8,8 +8,8 @@ from cells import excess, outcome
 from scipy import stats
 from scipy.integrate import quad
 
-from simval.noise import allan_covariance, allan_law
-from simval.noise.fit import RIDGE
+from simval.imu.noise import allan_covariance, allan_law
+from simval.imu.noise.fit import RIDGE
 from simval.studies.noise_model import LAGS, REMAINDERS, SECOND, Parameters, Theory
 from simval.theory.coloured_noise import LONGEST, sampled_allan_law
 

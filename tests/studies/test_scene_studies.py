@@ -8,12 +8,12 @@ from cells import rows_of
 from rounding import EPS
 from scipy import stats
 
-from simval.attitude import two_vector_quaternion
-from simval.calibrate import calibrate_magnetometer
 from simval.errors import SimvalError
 from simval.geometry import attitude_error, compose, conjugate, normalize
+from simval.imu.attitude import two_vector_quaternion
+from simval.imu.calibrate import calibrate_magnetometer
+from simval.imu.sensor import AccelerometerModel, MagnetometerModel
 from simval.scene import simulate
-from simval.sensor import AccelerometerModel, MagnetometerModel
 from simval.studies import detector, end_to_end
 from simval.studies.detector import (
     STILL_FORCE,

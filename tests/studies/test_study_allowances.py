@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from simval.calibrate import calibrate
-from simval.noise import allan as quadrature
-from simval.noise import allan_covariance, covariance_forms
+from simval.imu.calibrate import calibrate
+from simval.imu.noise import allan as quadrature
+from simval.imu.noise import allan_covariance, covariance_forms
+from simval.imu.sensor import AccelerometerModel
 from simval.plugins import Filter, find_plugin
 from simval.poses import fibonacci_sphere
 from simval.results import CellName
-from simval.sensor import AccelerometerModel
 from simval.statistics import BIAS_OFF, COVARIANCE_OFF
 from simval.studies import (
     attitude_efficiency,

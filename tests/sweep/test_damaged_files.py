@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 from true_sensor import MODEL, G
 from written import FILE, written
 
-from simval.calibrate import calibrate, load_calibration, save_calibration
 from simval.errors import SimvalError
-from simval.logs import read_log, read_truth
-from simval.noise import load_noise
+from simval.imu.calibrate import calibrate, load_calibration, save_calibration
+from simval.imu.logs import read_log, read_truth
+from simval.imu.noise import load_noise
+from simval.imu.sensor import NoiseModel, load_imu
 from simval.poses import random_directions
-from simval.sensor import NoiseModel, load_imu
 
 VALUES = [None, True, "a", -1.0, 0, [], {}, [1.0], [[1.0, 2.0]], 1e308, float("nan"),
           float("inf"), {"T": 1}, [[float("nan")] * 3] * 3, 10**400, ["a", "b", "c"],

@@ -13,7 +13,6 @@ from functools import cache
 import numpy as np
 from filter_paths import FIELD, UP, G
 
-from simval.filters import Mekf
 from simval.geometry import (
     attitude_matrix,
     compose,
@@ -22,6 +21,7 @@ from simval.geometry import (
     from_rotation_vector,
     rotation_vector,
 )
+from simval.imu.filters import Mekf
 from simval.scene import average_rates, simulate_cached
 from simval.theory import (
     CalibrationError,

@@ -7,16 +7,16 @@ from scipy.optimize import minimize
 
 from simval.errors import GeometryError
 from simval.geometry import normalize
-from simval.plugins.probe import G, probe_sensor
-from simval.poses import cube_faces, fibonacci_sphere
-from simval.sensor import AccelerometerModel
-from simval.sensor.models import (
+from simval.imu.sensor import AccelerometerModel
+from simval.imu.sensor.models import (
     ALL,
     CLASSES,
     mean_square_left,
     own_sensor,
     places_of,
 )
+from simval.plugins.probe import G, probe_sensor
+from simval.poses import cube_faces, fibonacci_sphere
 from simval.theory.calibration import calibration_moments
 from simval.theory.calibration_classes import (
     bound_left,

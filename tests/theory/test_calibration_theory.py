@@ -11,15 +11,15 @@ from rounding import EPS
 from scipy import stats
 from true_sensor import MODEL, G
 
-from simval.calibrate import calibrate
 from simval.errors import GeometryError
+from simval.imu.calibrate import calibrate
+from simval.imu.sensor import MODELS, AccelerometerModel, forms
 from simval.poses import (
     cube_faces,
     fibonacci_sphere,
     observability,
     random_directions,
 )
-from simval.sensor import MODELS, AccelerometerModel, forms
 from simval.theory.calibration import EVEN, RESIDUALS, calibration_moments
 
 

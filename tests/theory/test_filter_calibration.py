@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simval.errors import InputError
-from simval.sensor import forms
+from simval.imu.sensor import forms
 from simval.theory import calibration_error
 
 RNG = np.random.default_rng(0)

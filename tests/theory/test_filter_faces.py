@@ -5,8 +5,8 @@ import pytest
 import test_public_faces as faces
 from filter_paths import FIELD, UP, G, model, wobble
 
-from simval.filters import Mekf
 from simval.geometry import from_rotation_vector, rotation_vector
+from simval.imu.filters import Mekf
 from simval.theory import (
     CalibrationError,
     FilterModel,

@@ -15,10 +15,10 @@ from magnetometer_sets import (
     tilted,
 )
 
-from simval.calibrate import calibrate_magnetometer, ellipsoid_then_rotation
 from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, cross_matrix, random_quaternions
-from simval.sensor import MODELS, AccelerometerModel, MagnetometerModel, forms
+from simval.imu.calibrate import calibrate_magnetometer, ellipsoid_then_rotation
+from simval.imu.sensor import MODELS, AccelerometerModel, MagnetometerModel, forms
 from simval.theory import magnetometer as own
 from simval.theory import (
     magnetometer_moments,

@@ -16,7 +16,7 @@ from filter_trials import (
 from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
-from simval.filters import Mekf, mekf
+from simval.imu.filters import Mekf, mekf
 from simval.theory import FilterPath, filter_bound, first_update
 
 TOLD = {**NOISE, "gravity": G, "field": FIELD}

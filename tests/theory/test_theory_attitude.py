@@ -16,8 +16,6 @@ from places import ROOT
 from random_attitudes import apart, full_covariances, geometry, plain_column
 from rounding import EPS, relative
 
-from simval.attitude import two_vector_quaternion
-from simval.attitude.kernel import column_matrix, raw_quaternion
 from simval.errors import GeometryError, InputError, RefusedError, SimvalError
 from simval.geometry import (
     attitude_error,
@@ -27,6 +25,8 @@ from simval.geometry import (
     normalize,
     random_quaternions,
 )
+from simval.imu.attitude import two_vector_quaternion
+from simval.imu.attitude.kernel import column_matrix, raw_quaternion
 from simval.theory import (
     attitude_bound,
     attitude_moments,

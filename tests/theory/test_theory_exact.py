@@ -7,10 +7,10 @@ import pytest
 from rounding import EPS, relative
 from scipy import integrate, special
 
-from simval.attitude import two_vector_quaternion
-from simval.attitude.kernel import normalize_columns, raw_quaternion
 from simval.errors import InputError, RefusedError
 from simval.geometry import normalize, random_quaternions
+from simval.imu.attitude import two_vector_quaternion
+from simval.imu.attitude.kernel import normalize_columns, raw_quaternion
 from simval.studies.attitude import random_geometry
 from simval.theory import attitude_moments, cubature_moments, exact
 from simval.theory.cubature import covariance_roots

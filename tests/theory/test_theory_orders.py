@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from rows_by_name import named
 
-from simval.attitude import two_vector_quaternion
-from simval.attitude.kernel import normalize_columns, raw_quaternion
 from simval.errors import GeometryError, InputError
 from simval.geometry import normalize, random_quaternions
+from simval.imu.attitude import two_vector_quaternion
+from simval.imu.attitude.kernel import normalize_columns, raw_quaternion
 from simval.montecarlo import simulate
 from simval.plugins import Estimator
 from simval.streams import Streams

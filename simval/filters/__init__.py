@@ -1,5 +1,0 @@
-"""Attitude filters of simval, to compare others with; theory imports none of them."""
-
-from simval.filters.mekf import Mekf
-
-__all__ = ["Mekf"]

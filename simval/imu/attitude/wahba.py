@@ -1,0 +1,297 @@
+r"""Attitude from two or more weighted vector pairs: Wahba's problem, batched.
+
+The weighted least-squares attitude minimises
+
+.. math:: L(q) = \tfrac12 \sum_i a_i |b_i - A(q) r_i|^2
+   = \sum_i a_i - q^T K q  \tag{W1}
+
+over unit vectors, so q is the eigenvector of the greatest eigenvalue of Davenport's K
+(Wahba 1965; Keat 1977). With :math:`a_i = 1/\sigma_i^2` and
+:math:`\sigma_i^2 = \sigma_{bi}^2 + \sigma_{ri}^2` it is the maximum-likelihood estimate
+for isotropic noise. The first-order covariance of its error in body axes is
+
+.. math:: M^{-1} \Big(\sum_i a_i^2 \sigma_i^2 (I - b_i b_i^T)\Big) M^{-1}, \quad
+   M = \sum_i a_i (I - b_i b_i^T),  \tag{W2}
+
+which is :math:`M^{-1}` for those weights (Shuster and Oh 1981), and twice the smallest
+loss is then chi-square with :math:`2n - 3` degrees of freedom, two for each direction
+less the three of the attitude (Shuster's TASTE test).
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import scipy
+
+from simval.arrays import GREATEST, LEAST, Array, finite_array
+from simval.errors import GeometryError, InputError
+from simval.geometry import attitude_matrix, normalize
+from simval.imu.attitude.estimator import MIN_SINE
+from simval.shapes import Float
+from simval.text import shown
+
+# Rounding turns q by eps times the sum of the weights over the gap of the eigenvalues.
+MIN_GAP: Final = 1e-12
+_SPREAD: Final = 1e9  # of standard deviations; their fourth powers stay in range
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Consistency:
+    """How well the pairs of each sample fit one attitude under the stated noise.
+
+    Attributes
+    ----------
+    statistic : Array
+        Twice Wahba's loss at its minimum, with the inverse variances as weights, (...).
+    freedom : int
+        Degrees of freedom of its chi-square law, 2n - 3.
+    probability : Array
+        Probability of a greater statistic if the stated noise is all there is, (...).
+    """
+
+    statistic: Float[Array, "..."]
+    freedom: int
+    probability: Float[Array, "..."]
+
+
+def wahba_quaternion(b: Any, r: Any, weights: Any = None) -> Float[Array, "... 4"]:
+    """Weighted least-squares attitude from n >= 2 vector pairs, eq. (W1).
+
+    Parameters
+    ----------
+    b : array_like
+        Vectors in the body frame, (..., n, 3).
+    r : array_like
+        The same vectors in the reference frame, (..., n, 3); leading axes broadcast.
+        All are normalised, so that pairs in different units weigh what `weights` say.
+    weights : array_like, optional
+        Weight of each pair, (n,) or (..., n), above zero; default equal. The inverse
+        of the summed variances of b and r is best.
+
+    Returns
+    -------
+    Array
+        Unit quaternions, reference to body, vector first, (..., 4); the scalar is not
+        negative.
+
+    Raises
+    ------
+    InputError
+        If a shape or a value is wrong.
+    GeometryError
+        If the vectors of a sample do not fix the attitude.
+    """
+    body, reference = _pairs(b, r)
+    return _optimum(body, reference, _weights(weights, body))
+
+
+def wahba_covariance(
+    b: Any, r: Any, noise_std: Any, weights: Any = None
+) -> Float[Array, "... 3 3"]:
+    """First-order covariance of `wahba_quaternion` from measured vectors, eq. (W2).
+
+    Parameters
+    ----------
+    b : array_like
+        Vectors in the body frame, (..., n, 3).
+    r : array_like
+        The same vectors in the reference frame, (..., n, 3).
+    noise_std : array_like
+        Standard deviation for each axis of the unit vectors: one number, or (2, n) for
+        b and r. A reference without noise has 0.
+    weights : array_like, optional
+        As in `wahba_quaternion`; default the inverse variances.
+
+    Returns
+    -------
+    Array
+        Covariance of the rotation error in body axes, rad^2, (..., 3, 3).
+
+    Raises
+    ------
+    InputError
+        If a shape or a value is wrong.
+    GeometryError
+        If the vectors of a sample do not fix the attitude.
+    """
+    body, _ = _pairs(b, r)
+    variance = _variances(noise_std, body.shape[-2])
+    a = 1.0 / variance if weights is None else _weights(weights, body)
+    planes = np.eye(3) - body[..., :, None] * body[..., None, :]
+    M = np.sum(a[..., None, None] * planes, axis=-3)
+    spread = np.sum((a**2 * variance)[..., None, None] * planes, axis=-3)
+    inverse = np.linalg.inv(M)
+    covariance = inverse @ spread @ inverse
+    result: Array = (covariance + covariance.swapaxes(-1, -2)) / 2.0
+    return result
+
+
+def consistency(b: Any, r: Any, noise_std: Any) -> Consistency:
+    """Test whether the pairs of each sample fit one attitude: Shuster's TASTE.
+
+    A wrong star, a disturbed magnetometer or the Moon taken for the Sun turns the
+    angles between body vectors away from those of the reference by more than noise.
+
+    Parameters
+    ----------
+    b : array_like
+        Vectors in the body frame, (..., n, 3), n >= 2.
+    r : array_like
+        The same vectors in the reference frame, (..., n, 3).
+    noise_std : array_like
+        As in `wahba_covariance`.
+
+    Returns
+    -------
+    Consistency
+        Statistic, degrees of freedom and probability of each sample.
+
+    Raises
+    ------
+    InputError
+        If a shape or a value is wrong.
+    GeometryError
+        If the vectors of a sample do not fix the attitude.
+
+    Notes
+    -----
+    First order in the noise, which must be small beside one radian.
+    """
+    body, reference = _pairs(b, r)
+    n = body.shape[-2]
+    a = 1.0 / _variances(noise_std, n)
+    A = attitude_matrix(_optimum(body, reference, np.broadcast_to(a, body.shape[:-1])))
+    residual = body - np.matvec(A[..., None, :, :], reference)
+    # of unit vectors the residual has no part along b to first order
+    statistic = np.sum(a * np.sum(residual**2, axis=-1), axis=-1)
+    return Consistency(
+        statistic=statistic,
+        freedom=2 * n - 3,
+        probability=scipy.special.chdtrc(2 * n - 3, statistic),
+    )
+
+
+def profile_matrix(
+    b: Float[Array, "... n 3"],
+    r: Float[Array, "... n 3"],
+    weights: Float[Array, "... n"],
+) -> Float[Array, "... 4 4"]:
+    """Davenport's K: `q' K q` is the weighted sum of `b' A(q) r`."""
+    profile = np.einsum("...n,...ni,...nj->...ij", weights, b, r)
+    trace = np.trace(profile, axis1=-2, axis2=-1)
+    K = np.empty((*profile.shape[:-2], 4, 4))
+    K[..., :3, :3] = profile + profile.swapaxes(-1, -2)
+    K[..., [0, 1, 2], [0, 1, 2]] -= trace[..., None]
+    turn = np.sum(weights[..., None] * np.cross(b, r), axis=-2)
+    K[..., :3, 3] = K[..., 3, :3] = turn
+    K[..., 3, 3] = trace
+    return K
+
+
+def _optimum(body: Array, reference: Array, weights: Array) -> Array:
+    # the top eigenvector, where the next eigenvalue is far enough
+    values, vectors = np.linalg.eigh(profile_matrix(body, reference, weights))
+    gap = (values[..., 3] - values[..., 2]) / np.sum(weights, axis=-1)
+    close = np.argwhere(~(gap >= MIN_GAP))
+    if len(close):
+        msg = (
+            f"{len(close)} sample(s) do not fix the attitude, the first is "
+            f"{_place(close[0])}: two attitudes fit equally well, or the weights "
+            "differ too much; give vectors in other directions, or closer weights"
+        )
+        raise GeometryError(msg)
+    q = vectors[..., 3]
+    signed: Array = np.where(q[..., 3:] < 0.0, -q, q)
+    return signed
+
+
+def _pairs(b: Any, r: Any) -> tuple[Array, Array]:
+    body, reference = finite_array("b", b, (None, 3)), finite_array("r", r, (None, 3))
+    n = body.shape[-2]
+    if reference.shape[-2] != n or n < 2:
+        msg = (
+            f"`b` has {n} vectors and `r` {reference.shape[-2]}; give the same number "
+            "of both, two or more"
+        )
+        raise InputError(msg)
+    try:
+        body, reference = np.broadcast_arrays(body, reference)
+    except ValueError:
+        msg = (
+            f"`b` has shape {body.shape} and `r` {reference.shape}, whose leading axes "
+            "do not match; give one set per sample, or one for all"
+        )
+        raise InputError(msg) from None
+    for name, vectors in (("b", body), ("r", reference)):
+        _require_spread(name, vectors)
+    return normalize(body), normalize(reference)
+
+
+def _require_spread(name: str, vectors: Array) -> None:
+    # refuse zero vectors and samples whose vectors are all parallel to their first
+    with np.errstate(over="ignore"):  # infinite is too long
+        lengths = np.linalg.norm(vectors, axis=-1)
+    wrong = np.argwhere(~((lengths >= LEAST) & (lengths <= GREATEST)))
+    if len(wrong):
+        msg = (
+            f"`{name}` has a vector of length {lengths[tuple(wrong[0])]:g} at "
+            f"{_place(wrong[0])}; a direction needs one from {LEAST:g} to {GREATEST:g}"
+        )
+        raise InputError(msg)
+    unit = normalize(vectors)
+    sines = np.linalg.norm(np.cross(unit[..., :1, :], unit), axis=-1).max(axis=-1)
+    parallel = np.argwhere(~(sines >= MIN_SINE))
+    if len(parallel):
+        msg = (
+            f"{len(parallel)} sample(s) of `{name}` have parallel vectors only, the "
+            f"first is {_place(parallel[0])}: rotation about them is not observable, "
+            "so add a vector in another direction"
+        )
+        raise GeometryError(msg)
+
+
+def _weights(weights: Any, body: Array) -> Array:
+    if weights is None:
+        return np.ones(body.shape[:-1])
+    value = finite_array("weights", weights, (body.shape[-2],))
+    if not (np.all(value > 0.0) and np.all(value <= GREATEST)):
+        msg = f"`weights` is {shown(weights)}; each must be above 0 and finite"
+        raise InputError(msg)
+    try:
+        return np.broadcast_to(value, body.shape[:-1])
+    except ValueError:
+        msg = (
+            f"`weights` has shape {value.shape}; give one for each pair, "
+            f"({body.shape[-2]},), or for each pair of each sample, {body.shape[:-1]}"
+        )
+        raise InputError(msg) from None
+
+
+def _variances(noise_std: Any, n: int) -> Float[Array, " n"]:
+    # of b and r together, for each pair
+    std = finite_array("noise_std", noise_std, ())
+    if std.shape not in ((), (2, n)):
+        msg = (
+            f"`noise_std` has shape {std.shape}; give one number, or (2, {n}): a row "
+            "for b and one for r"
+        )
+        raise InputError(msg)
+    std = np.broadcast_to(std, (2, n))
+    total = np.hypot(std[0], std[1])
+    least, most = total.min(), total.max()
+    if not (
+        np.all(std >= 0.0) and least >= LEAST and most <= min(1.0, _SPREAD * least)
+    ):
+        msg = (
+            f"`noise_std` is {shown(noise_std)}; the noise of each pair must be above "
+            f"0, below 1 (the vectors have length 1), and within a factor {_SPREAD:g}"
+        )
+        raise InputError(msg)
+    variances: Array = total**2
+    return variances
+
+
+def _place(index: Any) -> str:
+    where = tuple(int(i) for i in index)
+    return f"sample {where}" if where else "the sample"

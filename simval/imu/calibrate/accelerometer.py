@@ -1,0 +1,490 @@
+r"""Calibrate an accelerometer from the norms of its readings at rest.
+
+**Checks of the arguments of a calibration, once, at the public boundary.**
+
+The readings are moved to their mean and scaled to unit size, gravity becomes 1, the
+closed-form ellipsoid (E1) gives the start and the solver the answer, which is
+scaled back. Trials are worked in blocks that fit the cache; a trial's numbers do not
+depend on its block.
+"""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from simval.arguments import choice, switch, whole_number
+from simval.arrays import (
+    Array,
+    noise_levels,
+    physical_array,
+    positive_number,
+    shaped_array,
+)
+from simval.errors import GeometryError, InputError
+from simval.imu.calibrate.evidence import refuse, screen, status_text, summarize, weigh
+from simval.imu.calibrate.minimization import (
+    Leverage,
+    direction_condition,
+    fit_ellipsoid,
+    minimize_leverage,
+    minimize_reweighted,
+    normalized,
+    pose_objective,
+)
+from simval.imu.calibrate.outliers import find_outliers
+from simval.imu.calibrate.residuals import (
+    LOSSES,
+    RESIDUALS,
+    SLOPES,
+    WEIGHTED,
+    in_lanes,
+    moment_matrix,
+    noise_shares,
+    unbiased_moment_matrix,
+)
+from simval.imu.calibrate.result import FitResult
+from simval.imu.calibrate.solver import METHODS, Code, Rules, Solution, minimize
+from simval.imu.sensor import forms
+from simval.poses import PARAMETERS
+from simval.shapes import Float
+from simval.text import shown
+
+# Above it (singular values 1e4 apart) the moments, whose condition is the square, keep
+# under eight digits, and 1 mm/s^2 of noise becomes 0.6 m/s^2 of bias or more.
+CONDITION_LIMIT = 1e3
+_GREATEST = 1e60  # fourth powers stay finite
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Options:
+    """What to fit and how; checked when it is made."""
+
+    # model, method, residual, loss: form, solver, residual and robust loss
+    model: str
+    method: str
+    residual: str
+    loss: str
+    g: float  # gravity, m/s^2
+    step: float  # fraction of each step taken
+    tolerance: float  # limit of the stop rule
+    max_iterations: int  # most steps for a trial
+    full_scale: float | None  # greatest reading, raw units
+    repeats: bool  # whether readings may repeat exactly
+    condition_limit: float  # greatest condition of the poses
+    covariance: bool  # whether the covariance is wanted
+
+    def __post_init__(self) -> None:
+        checked: dict[str, Any] = {
+            name: choice(name, getattr(self, name), allowed)
+            for name, allowed in choices().items()
+        }
+        if self.loss != "linear" and self.residual not in ("squared", "weighted"):
+            msg = (
+                f"`loss` is {self.loss!r} with residual {self.residual!r}; a robust "
+                "loss goes with the squared or the weighted residual"
+            )
+            raise InputError(msg)
+        units = {"g": "m/s^2", "tolerance": "", "condition_limit": "", "step": ""}
+        if self.full_scale is not None:
+            units["full_scale"] = "raw units"
+        for name, unit in units.items():
+            checked[name] = positive_number(name, getattr(self, name), unit)
+        if not checked["step"] <= 1.0:
+            msg = f"`step` is {shown(self.step)}; it must be above 0 and at most 1"
+            raise InputError(msg)
+        checked["max_iterations"] = whole_number(
+            "max_iterations", self.max_iterations, 1
+        )
+        for name in ("repeats", "covariance"):
+            checked[name] = switch(name, getattr(self, name))
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def rules(self) -> Rules:
+        """What governs the solver."""
+        return Rules(
+            method=self.method,
+            step=self.step,
+            tolerance=self.tolerance,
+            max_iterations=self.max_iterations,
+        )
+
+
+def choices() -> dict[str, tuple[str, ...]]:
+    """Values of each option that is a choice."""
+    return {
+        "model": forms.MODELS,
+        "method": METHODS,
+        "residual": RESIDUALS,
+        "loss": ("linear", *LOSSES),
+    }
+
+
+def checked_readings(poses: Any) -> Float[Array, "n 3"] | Float[Array, "trials n 3"]:
+    """Return the readings as an array of nine poses or more.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong, or one set is not finite.
+    GeometryError
+        If there are fewer than nine poses.
+    """
+    readings = shaped_array("poses", poses, (None, 3))
+    if readings.ndim > 3 or readings.size == 0:
+        msg = f"`poses` has shape {readings.shape}; give (n, 3) or (trials, n, 3)"
+        raise InputError(msg)
+    count = readings.shape[-2]
+    if count < PARAMETERS:
+        msg = (
+            f"{count} pose(s) given; nine parameters need {PARAMETERS} or more in "
+            "different directions, and error bars need 10 or more: add poses"
+        )
+        raise GeometryError(msg)
+    if readings.ndim == 2 and not np.isfinite(readings).all():
+        pose, axis = (int(i) for i in np.argwhere(~np.isfinite(readings))[0])
+        msg = (
+            f"`poses` has {np.count_nonzero(~np.isfinite(readings))} non-finite "
+            f"value(s), the first ({readings[pose, axis]}) in pose {pose}, axis "
+            f"{'xyz'[axis]}; every reading must be finite, so remove that pose"
+        )
+        raise InputError(msg)
+    with np.errstate(invalid="ignore"):
+        greatest = float(
+            np.max(np.abs(readings), initial=0.0, where=np.isfinite(readings))
+        )
+    if not (greatest == 0.0 or 1.0 / _GREATEST <= greatest <= _GREATEST):
+        msg = (
+            f"the greatest reading of `poses` is {greatest:g}, outside "
+            f"{1.0 / _GREATEST:g} to {_GREATEST:g}; give raw counts or m/s^2"
+        )
+        raise InputError(msg)
+    return readings
+
+
+def checked_noise(
+    noise_std: Any, count: int, residual: str
+) -> Float[Array, " n"] | None:
+    """Return the noise of each pose.
+
+    Raises
+    ------
+    InputError
+        If it is negative, not finite, of a wrong shape, or missing.
+    """
+    if noise_std is None:
+        if residual == "adjusted":
+            msg = (
+                "`residual` is 'adjusted', which takes the known noise out of the "
+                "moments, but `noise_std` is not given; give the standard deviation "
+                "of a pose mean in raw units"
+            )
+            raise InputError(msg)
+        return None
+    sigma = noise_levels("noise_std", noise_std, count)
+    if residual in WEIGHTED and not np.all(sigma > 0.0) and np.any(sigma > 0.0):
+        msg = (
+            f"`noise_std` is 0 for {np.count_nonzero(sigma == 0.0)} of {count} poses; "
+            f"residual {residual!r} weighs each pose by 1/noise^2, so give every pose "
+            "the noise that it has"
+        )
+        raise InputError(msg)
+    return sigma
+
+
+def checked_time(time: Any, count: int) -> Float[Array, " n"]:
+    """Return when each pose was taken, 0, 1, 2 ... if not given.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong, a time is not finite, or all are the same.
+    """
+    if time is None:
+        return np.arange(float(count))
+    values = physical_array("time", time, (count,))
+    if values.shape != (count,) or not np.ptp(values) > 0.0:
+        msg = (
+            f"`time` has shape {values.shape} and spans {shown(float(np.ptp(values)))} "
+            f"s; give the time of each of the {count} poses, s"
+        )
+        raise InputError(msg)
+    return values
+
+
+_EXPLAINED = 4.0  # standard deviations; of 100 clean poses one in 160 sets has more
+_BLOCK = 1 << 16  # poses worked at once: 5 MB of monomials
+# By how much rounding may raise a cost, in eps by pose. Measured on 2700 fits of every
+# solver and four residuals: statuses and number of steps are the same from 16 to 4096;
+# with 0 there are twice the steps.
+_SLACK = 64.0
+
+
+_Block = dict[str, Any]  # physical results of a block of trials; NaN where refused
+
+
+def calibrate(
+    poses: Any,
+    g: float = 9.80665,
+    model: str = "triangular",
+    method: str = "lm",
+    residual: str = "squared",
+    noise_std: Any = None,
+    *,
+    step: float = 1.0,
+    loss: str = "linear",
+    tolerance: float = 1e-12,
+    max_iterations: int = 200,
+    full_scale: float | None = None,
+    repeats: bool = False,
+    condition_limit: float = CONDITION_LIMIT,
+    covariance: bool = True,
+) -> FitResult:
+    """Fit scale, misalignment and bias to readings at rest, one set or a batch.
+
+    Parameters
+    ----------
+    poses : array_like
+        Mean reading of each pose, raw units, sensor axes, (n, 3), or (trials, n, 3).
+    g : float, default 9.80665
+        Local gravity, m/s^2.
+    model : {"triangular", "upper", "symmetric"}
+        Form of the parameters, see `simval.imu.sensor.forms`.
+    method : {"lm", "gauss-newton", "newton"}
+        Solver, see `simval.imu.calibrate.solver`.
+    residual : {"squared", "norm", "weighted", "sampson", "adjusted"}
+        Residual, see `simval.imu.calibrate.residuals`; adjusted needs `noise_std`.
+    noise_std : float or array_like, optional
+        Standard deviation of each axis of a pose mean, raw units, one number or one
+        for each pose (n,). With it the covariance is that of a known sigma;
+        without, Type A, from the residuals.
+    step : float, default 1.0
+        Fraction of each step taken, above 0 and up to 1 (damped Gauss-Newton).
+    loss : {"linear", "huber", "soft_l1", "cauchy"}
+        Robust loss, for the squared and weighted residuals.
+    tolerance : float, default 1e-12
+        Relative stop rule, eq. (L1) of the solver.
+    max_iterations : int, default 200
+        Most steps for a trial.
+    full_scale : float, optional
+        Greatest reading of the sensor, raw units; poses at or beyond are refused.
+    repeats : bool, default False
+        Accept readings that repeat in every bit, as single quantised samples do.
+    condition_limit : float, default 1e3
+        Greatest condition number of the poses that is accepted.
+    covariance : bool, default True
+        Work out the covariance; False leaves it NaN, for a simulation that needs the
+        parameters only.
+
+    Returns
+    -------
+    FitResult
+        Parameters, covariance and status.
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable, or the readings of one set are not finite.
+    GeometryError
+        If the poses of one set leave a parameter unobservable. In a batch such a
+        trial has a status that says so, and NaN for its numbers.
+    RefusedError
+        If one set has duplicate or saturated poses.
+
+    Notes
+    -----
+    The squared residual is that of the three source derivations. Norms say nothing
+    of a rotation of the axes or of the sign of an axis, and a wrong `g` is a wrong
+    scale: K is proportional to `g`, T and B do not depend on it.
+    """
+    options = Options(
+        model=model, method=method, residual=residual, loss=loss, g=g, step=step,
+        tolerance=tolerance, max_iterations=max_iterations, full_scale=full_scale,
+        repeats=repeats, condition_limit=condition_limit, covariance=covariance,
+    )  # fmt: skip
+    readings = checked_readings(poses)
+    count = readings.shape[-2]
+    sigma = checked_noise(noise_std, count, options.residual)
+    batch = readings.reshape(-1, count, 3)
+    size = max(1, _BLOCK // count)
+    parts = [
+        _fit_block(batch[i : i + size], sigma, options)
+        for i in range(0, len(batch), size)
+    ]
+    numbers = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
+    code, half_width = numbers.pop("code"), numbers.pop("half_width")
+    single = readings.ndim == 2
+    if single and code[0] >= Code.NON_FINITE:
+        refuse(
+            int(code[0]), batch[0],
+            full_scale=options.full_scale, limit=options.condition_limit,
+            condition=float(numbers["condition"][0]), half_width=float(half_width[0]),
+            suspects=_suspects(batch[0], sigma, options),
+        )  # fmt: skip
+    numbers["status"] = status_text(code)
+    if single:
+        numbers = {name: value[0] for name, value in numbers.items()}
+    dof = count - PARAMETERS
+    known = sigma is not None and loss == "linear"
+    kind = "known sigma" if known else "type A"
+    if not covariance or (dof == 0 and not known):
+        kind = "none"
+    return FitResult(
+        model=model,
+        method=method,
+        residual=residual,
+        loss=loss,
+        g=options.g,
+        covariance_kind=kind,
+        dof=dof,
+        **numbers,
+    )
+
+
+def _suspects(
+    poses: Float[Array, "n 3"], sigma: Float[Array, " n"] | None, options: Options
+) -> list[tuple[int, float]]:
+    # outliers without which the set would not be refused, and how far off they are
+    if len(poses) <= PARAMETERS or not np.isfinite(poses).all():
+        return []
+    outliers = find_outliers(poses, sigma)
+    off = np.abs(outliers.standardized)
+    keep = ~outliers.flagged
+    # what the stated noise explains is no outlier, however well the others agree
+    explained = sigma is not None and np.any(off[~keep] < _EXPLAINED)
+    if keep.all() or explained:
+        return []
+    std = None if sigma is None else sigma[keep]
+    rest = _fit_block(poses[None, keep], std, options)
+    if rest["code"][0] >= Code.NON_FINITE:
+        return []
+    return [(int(k), float(off[k])) for k in np.flatnonzero(outliers.flagged)]
+
+
+def _fit_block(
+    poses: Float[Array, "t n 3"], sigma: Float[Array, " n"] | None, options: Options
+) -> _Block:
+    # Fit a block of trials, refused ones set aside.
+    code = screen(poses, full_scale=options.full_scale, repeats=options.repeats)
+    block = _empty(code, len(poses))
+    rows = in_lanes(poses)
+    block["raw_range"] = np.stack([rows.min(axis=0), rows.max(axis=0)]).T
+    # repeated poses are looked at as well: what they leave open says more
+    keep = np.flatnonzero((code == Code.CONVERGED) | (code == Code.DUPLICATES))
+    if keep.size == 0:
+        return block
+    z, centre, scale = normalized(poses if keep.size == len(poses) else poses[keep])
+    moments = moment_matrix(z)
+    ellipsoid = fit_ellipsoid(moments)
+    theta = forms.from_gram(options.model, ellipsoid.gram, ellipsoid.bias)
+    usable = np.isfinite(theta).all(axis=-1) & np.asarray(ellipsoid.proper, dtype=bool)
+    condition, stretch = direction_condition(options.model, theta, moments, usable)
+    block["condition"][keep] = condition
+    checked = code[keep]
+    checked[~(condition <= options.condition_limit)] = int(Code.CONDITION)
+    checked[~usable] = int(Code.NOT_ELLIPSOID)
+    checked[~np.asarray(ellipsoid.determined, dtype=bool)] = int(Code.RANK)
+    block["code"][keep] = checked
+    good = checked == Code.CONVERGED
+    if not good.any():
+        return block
+    data = _Data(
+        z=z, moments=moments, leverage=ellipsoid.leverage,
+        noise=None if sigma is None else sigma / scale[:, None],
+        shares=noise_shares(options.residual, sigma), theta=theta, centre=centre,
+        scale=scale, condition=condition, stretch=stretch,
+    )  # fmt: skip
+    if not good.all():
+        keep, data = keep[good], data.take(good)
+    _solve(block, keep, data, options)
+    return block
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Data:
+    # the trials that are fitted, one row each, in the scaled units of the fit
+    z: Float[Array, "t n 3"]  # (t, n, 3)
+    moments: Float[Array, "t 10 10"]  # (t, 10, 10)
+    leverage: Leverage
+    noise: Float[Array, "t n"] | None  # (t, n)
+    shares: Float[Array, " n"] | None  # (n,), as of `noise_shares`
+    theta: Float[Array, "t 9"]  # starts
+    centre: Float[Array, "t 3"]  # raw units
+    scale: Float[Array, " t"]  # raw units
+    condition: Float[Array, " t"]
+    stretch: Float[Array, " t"]  # as of `direction_condition`
+
+    def take(self, rows: Any) -> "_Data":
+        every: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(_Data)}
+        del every["shares"]
+        leverage = every.pop("leverage").take(rows)
+        taken = {k: v[rows] for k, v in every.items() if v is not None}
+        return replace(self, leverage=leverage, **taken)
+
+
+def _solve(block: _Block, keep: Any, data: _Data, options: Options) -> None:
+    # iterate, summarise, judge, and write the physical results into the block
+    solution, ratio = _iterate(data, options)
+    summary = summarize(
+        options.model, options.residual, solution.theta, data.z, sigma=data.noise,
+        loss=options.loss, ratio=ratio, shares=data.shares,
+        covariance=options.covariance,
+    )  # fmt: skip
+    sizes = np.ones((len(keep), 9))
+    first = 0 if options.model == "symmetric" else 3
+    sizes[:, first:6] = (options.g / data.scale)[:, None]
+    sizes[:, 6:] = data.scale[:, None]
+    evidence = weigh(
+        data.z, data.moments, data.noise, summary, data.shares,
+        condition=data.condition, stretch=data.stretch,
+    )  # fmt: skip
+    block["code"][keep] = evidence.judge(solution.code)
+    block["half_width"][keep] = evidence.half_width
+    block["iterations"][keep] = solution.iterations
+    block["parameters"][keep] = solution.theta * sizes
+    block["parameters"][keep, 6:] += data.centre
+    if options.covariance:
+        units = sizes[:, :, None] * sizes[:, None, :]
+        block["covariance"][keep] = summary.covariance * units
+    unit = {"squared": options.g**4, "adjusted": options.g**4, "norm": options.g**2}
+    block["cost"][keep] = summary.cost * unit.get(options.residual, data.scale**2)
+    block["rms"][keep] = summary.rms * options.g
+    block["chi2_per_dof"][keep] = summary.chi2_per_dof
+    block["gradient_norm"][keep] = solution.gradient_norm
+    refused = keep[block["code"][keep] >= Code.NON_FINITE]
+    for field in ("parameters", "covariance", "cost", "rms", "chi2_per_dof"):
+        block[field][refused] = np.nan
+
+
+def _iterate(
+    data: _Data, options: Options
+) -> tuple[Solution, Float[Array, "t n"] | None]:
+    # Run the solver that the residual and the loss call for.
+    model, residual, rules = options.model, options.residual, options.rules
+    z, noise, theta, shares = data.z, data.noise, data.theta, data.shares
+    if noise is not None and shares is not None:
+        noise = noise * np.sqrt(shares)
+    slack = _SLACK * float(np.finfo(float).eps) * z.shape[1]
+    if options.loss != "linear" or residual == "weighted":
+        return minimize_reweighted(
+            model, residual, options.loss, z, theta, noise, rules, slack, shares
+        )
+    if residual in SLOPES:
+        newton = rules.method == "newton"
+        goal = pose_objective(model, residual, z, shares, newton=newton)
+        return minimize(goal, theta, rules, slack), None
+    leverage = data.leverage
+    if residual == "adjusted" and noise is not None:
+        leverage = Leverage.of(unbiased_moment_matrix(z, noise))
+    return minimize_leverage(model, leverage, theta, rules, slack), None
+
+
+def _empty(code: Any, count: int) -> _Block:
+    shapes: dict[str, tuple[int, ...]] = {"parameters": (9,), "covariance": (9, 9)}
+    shapes |= dict.fromkeys(("cost", "half_width", "rms", "chi2_per_dof"), ())
+    shapes["gradient_norm"] = ()
+    block: _Block = {k: np.full((count, *v), np.nan) for k, v in shapes.items()}
+    block |= {"iterations": np.zeros(count, int), "condition": np.full(count, np.inf)}
+    return {"code": code, **block}

@@ -1,0 +1,307 @@
+r"""A sensor that changes in the course of the poses: a drift, a step, or a break.
+
+**Scatter that follows the time of the poses: a bias or a gain that drifts.**
+
+With the whitened residuals r of a fit and their derivative J by its parameters, a
+property c of the sensor that drifts as :math:`\sum_{j=1}^m \gamma_j P_j(\tau)`,
+Legendre polynomials over the time :math:`-1 \le \tau \le 1` of the poses, adds the
+columns :math:`D = P_j(\tau)\,\partial r/\partial c`. With Q an orthonormal basis of the
+columns of J, the fit leaves :math:`(I - QQ^T)D` of them, and the least squares of r on
+that lower its sum of squares by a share whose law in white noise is known, whatever the
+poses (the F test; the chi-square where the noise is known and explains the rest):
+
+.. math:: p = N \min_{c,\,m} P\{\text{a drop as great by chance}\},  \tag{W1}
+
+N the number of pairs (c, m) tried, m up to three: at most the chance that a sensor that
+does not drift shows as much. What the order of the poses hides is the factor
+
+.. math:: h = \max_c \sqrt{\frac{n - p}{n - 1}}\,
+   \frac{|D_1|}{|(I - QQ^T)D_1|},  \tag{W2}
+
+by which an even drift (m = 1) must be greater to leave as much in the residuals as with
+the same poses in an order of chance.
+
+**A sensor whose biases or scales step to other values in the course of the poses.**
+
+From pose k on the readings are those of another sensor; undone,
+
+.. math:: u_i = z_i + [i \ge k]\,(d + s \circ (z_i - o)),  \tag{S1}
+
+they lie on the ellipsoid (E1) of the earlier ones; a scale multiplies about o, the
+zero of the counter if that is near the centre, or else the centre itself. Each of ten
+changes (one bias, three; one scale, all alike, three; all six) at each place is fitted
+by Gauss-Newton, in distances, and held against no change by
+
+.. math:: N\,P\{F_{m,\,n-9-m} > F\}, \tag{S2}
+
+N the number of changes and places tried, m of the parameters of the change: at most
+the chance that a clean series shows any such step. A part of its own needs nine poses
+and more (`find_break`), one bias a single degree of freedom.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from simval.arrays import Array
+from simval.imu.calibrate.outliers import (
+    LEAST_SLOPE,
+    LEFT,
+    Drop,
+    deletion_of,
+    scaled,
+    slope_of,
+)
+from simval.imu.calibrate.residuals import monomials, quadratic
+from simval.shapes import Float, Int
+
+DRIFT_FALSE_ALARM: Final = 1e-3
+"""Chance that a sensor that does not drift is said to."""
+HIDDEN: Final = 5.0
+"""Factor (W2) beyond which the order of the poses hides a drift: of 500 sets of 14
+random directions 99 % lose at most 4.4, of 20 2.4."""
+_DEGREE: Final = 3
+_SEEN: Final = 1e-6  # relative: what the fit leaves of a column; rounding leaves 1e-13
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Drift:
+    """What the residuals say of a drift over the poses.
+
+    Attributes
+    ----------
+    p_value : float
+        Chance (W1) of residuals that follow the time as much; NaN where too few poses
+        are left to tell.
+    what : str
+        What explains them best by drifting.
+    span : float
+        Its greatest less its least value over the poses, in its own unit.
+    hidden : float
+        Factor (W2); infinite where a drift leaves nothing.
+    hides : str
+        What drifts unseen by that factor.
+    """
+
+    p_value: float
+    what: str
+    span: float
+    hidden: float
+    hides: str
+
+    @property
+    def seen(self) -> bool:
+        """Whether there is a drift, by the level `DRIFT_FALSE_ALARM`."""
+        return self.p_value < DRIFT_FALSE_ALARM
+
+    @property
+    def excluded(self) -> bool:
+        """Whether there is none, as far as poses in an order of chance would show."""
+        return self.p_value >= DRIFT_FALSE_ALARM and self.hidden <= HIDDEN
+
+
+def find_drift(
+    r: Float[Array, " n"],
+    J: Float[Array, "n p"],
+    properties: dict[str, Float[Array, " n"]],
+    time: Float[Array, " n"],
+    *,
+    known: bool,
+    white: Float[Array, "n n"],
+) -> Drift:
+    """Look for a property of the sensor that drifts; `white` whitens the residuals."""
+    r, J = white @ r, white @ J
+    q = np.linalg.qr(J / np.linalg.norm(J, axis=0))[0]
+    n, p = J.shape
+    dof = n - p
+    left = r - q @ (q.T @ r)
+    before = float(left @ left)
+    tau = 2.0 * (time - time.min()) / np.ptp(time) - 1.0
+    basis = np.polynomial.legendre.legvander(tau, _DEGREE)[:, 1:]
+    best, tried, hidden = (np.nan, "", 0.0), 0, (0.0, "")
+    for what, column in properties.items():
+        D = white @ (column[:, None] * basis)
+        size = np.linalg.norm(D, axis=0)
+        own = D - q @ (q.T @ D)
+        seen = np.linalg.norm(own[:, 0]) / size[0]
+        lost = float(np.sqrt(dof / (n - 1)) / seen) if seen > _SEEN else np.inf
+        hidden = max(hidden, (lost, what))
+        for degree in range(1, min(_DEGREE, dof - LEFT) + 1):
+            u, s, v = np.linalg.svd(
+                own[:, :degree] / size[:degree], full_matrices=False
+            )
+            u, s, v = u[:, s > _SEEN], s[s > _SEEN], v[s > _SEEN]
+            along = u.T @ r
+            rest = max(before - float(along @ along), before * np.finfo(float).eps)
+            drop = Drop(rest=rest, dof=dof - len(s), known=1.0 if known else None)
+            chance = drop.chance(before, len(s)) if len(s) and before > 0.0 else 1.0
+            gamma = (v.T @ (along / s)) / size[:degree]
+            tried += 1
+            if not chance >= best[0]:
+                best = (chance, what, float(np.ptp(basis[:, :degree] @ gamma)))
+    return Drift(
+        p_value=min(1.0, tried * best[0]) if tried else np.nan,
+        what=best[1], span=best[2], hidden=hidden[0], hides=hidden[1],
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Change:
+    """Where a series of poses changes, and how much of its scatter that explains."""
+
+    index: int  # first pose after the change
+    what: str  # what changed; of a break the part that stays on its ellipsoid
+    chance: float  # chance that the best change of a clean series is as good
+    drop: float  # scatter without a change over that with it
+    scatter: float  # scatter with the change, raw units
+    dof: int  # degrees of freedom that the change leaves
+
+    def order(self) -> tuple[float, float]:
+        """Sort key: the least likely by chance first, then what explains most."""
+        return self.chance, -self.drop
+
+
+def change(
+    index: int, what: str, rest: float, left: int,
+    *, before: float, dof: int, tried: int, scale: float,
+) -> Change:  # fmt: skip
+    """Judge a change that leaves the sum of squares `rest` with `left` freedoms.
+
+    The F test of the squares `before` with `dof`, times the number of changes tried.
+    """
+    chance = scipy.special.betainc(left / 2, (dof - left) / 2, min(rest / before, 1.0))
+    return Change(
+        index=index,
+        what=what,
+        chance=float(min(1.0, tried * chance)),
+        drop=float(np.sqrt(before / dof / (rest / left))),
+        scatter=float(np.sqrt(rest / left)) * scale,
+        dof=left,
+    )
+
+
+def find_break(poses: Float[Array, "n 3"]) -> Change | None:
+    """Find the cut that divides a series of poses best.
+
+    The longer part fits an ellipsoid and the shorter one, taken as outliers all
+    together, does not: (O1) with the number of cuts for the binomial.
+    """
+    z, scale, floor = scaled(poses)
+    count, dof = len(poses), len(poses) - 9
+    design = monomials(z)[:, :9]
+    deletion = deletion_of(design, np.full(count, 2.0), [], floor)
+    cuts = [(k, "earlier", range(k, count)) for k in range(count - dof + LEFT, count)]
+    cuts += [(k, "later", range(k)) for k in range(1, dof - LEFT + 1)]
+    if not cuts or deletion.rank < 9:
+        return None
+    changes: list[Change] = []
+    for _ in range(2):  # the weights of the second round are those of the best cut
+        total = deletion.squares([])
+        changes += [
+            change(
+                index, longer, deletion.squares(list(out)), dof - len(out),
+                before=total, dof=dof, tried=len(cuts), scale=scale,
+            )
+            for index, longer, out in cuts
+        ]  # fmt: skip
+        best = min(changes, key=Change.order)
+        out = range(best.index, count) if best.what == "earlier" else range(best.index)
+        cut = deletion_of(design, np.full(count, 2.0), list(out), floor)
+        deletion = deletion_of(design, slope_of(cut.p, z), [], floor)
+    return best
+
+
+_ITERATIONS = 6  # of Gauss-Newton; a step not yet settled lowers the sum less
+_MOST = (
+    64  # poses, some 0.5 s; of more the parts are judged by themselves (`find_break`)
+)
+_SIDE = 3  # poses on either side: fewer are outliers, not a step
+_LOST = 1e-9  # singular values below, relative, are not fixed by the poses
+# Of the readings' radius, and of a scale: what changes by more leaves several percent
+# of gravity, and freely a part shrinks to a point, which lies on any ellipsoid.
+_GREATEST = 0.5
+
+# what may change, as columns by (bias x, y, z, scale x, y, z)
+_UNIT = np.eye(6)
+CHANGES: dict[str, Array] = {
+    "the bias of x": _UNIT[:, [0]],
+    "the bias of y": _UNIT[:, [1]],
+    "the bias of z": _UNIT[:, [2]],
+    "the scale of x": _UNIT[:, [3]],
+    "the scale of y": _UNIT[:, [4]],
+    "the scale of z": _UNIT[:, [5]],
+    "the scale of all axes": _UNIT[:, 3:].sum(axis=1, keepdims=True),
+    "the biases": _UNIT[:, :3],
+    "the scales": _UNIT[:, 3:],
+    "biases and scales": _UNIT,
+}
+
+
+def find_step(poses: Float[Array, "n 3"]) -> Change | None:
+    """Look for the step that explains a series of poses best."""
+    z, scale, floor = scaled(poses)
+    count, dof = len(poses), len(poses) - 9
+    tried = {k: v for k, v in CHANGES.items() if dof - v.shape[1] >= LEFT}
+    sides = {what: max(_SIDE, v.shape[1] + 1) for what, v in tried.items()}
+    number = sum(max(count - 2 * side + 1, 0) for side in sides.values())
+    none = deletion_of(monomials(z)[:, :9], np.full(count, 2.0), [], floor)
+    if count > _MOST or none.rank < 9:
+        return None
+    none = deletion_of(monomials(z)[:, :9], slope_of(none.p, z), [], floor)
+    total = none.squares([])
+    centre = -np.linalg.solve(2.0 * quadratic(none.p), none.p[6:])
+    zero = -poses.mean(axis=0) / scale
+    if np.linalg.norm(zero - centre) > _GREATEST:
+        zero = centre
+    best: list[Change] = []
+    for what, columns in tried.items():
+        places = np.arange(sides[what], count - sides[what] + 1)
+        if len(places) == 0:
+            continue
+        sums = np.maximum(_squares(z, none.p, zero, places, columns), count * floor)
+        at, left = int(np.argmin(sums)), dof - columns.shape[1]
+        best.append(
+            change(
+                int(places[at]), what, sums[at], left,
+                before=total, dof=dof, tried=number, scale=scale,
+            )
+        )  # fmt: skip
+    return min(best, key=Change.order, default=None)
+
+
+def _squares(
+    z: Float[Array, "n 3"],
+    start: Float[Array, "9"],
+    zero: Float[Array, "3"],
+    places: Int[NDArray[np.intp], " places"],
+    columns: Float[Array, "6 k"],
+) -> Float[Array, " places"]:
+    # least sum of squared distances with a step at each place
+    later = np.arange(len(z)) >= places[:, None]
+    p = np.tile(start, (len(places), 1))
+    change = np.zeros((len(places), columns.shape[1]))
+    least = np.full(len(places), np.inf)
+    for _ in range(_ITERATIONS):
+        full = change @ columns.T
+        moved = full[:, None, :3] + full[:, None, 3:] * (z - zero)
+        u = z + later[..., None] * moved
+        gradient = 2.0 * u @ quadratic(p) + p[:, None, 6:]
+        stretch = 1.0 + later[..., None] * full[:, None, 3:]
+        slope = np.linalg.norm(gradient * stretch, axis=-1)  # by the reading itself
+        slope = np.maximum(
+            slope, LEAST_SLOPE * np.median(slope, axis=-1, keepdims=True)
+        )
+        by_change = np.concatenate([gradient, gradient * (z - zero)], axis=-1)
+        by_change = later[..., None] * (by_change @ columns)
+        rows = monomials(u)[..., :9] / slope[..., None]
+        own = np.linalg.pinv(rows, rcond=_LOST)
+        p_now = np.matvec(own, 1.0 / slope)
+        residual = 1.0 / slope - np.matvec(rows, p_now)
+        least = np.minimum(least, np.sum(residual**2, axis=-1))
+        both = np.concatenate([rows, by_change / slope[..., None]], axis=-1)
+        step = np.matvec(np.linalg.pinv(both, rcond=_LOST), 1.0 / slope)
+        p, change = p_now, np.clip(change + step[:, 9:], -_GREATEST, _GREATEST)
+    return least

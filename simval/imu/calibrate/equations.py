@@ -1,0 +1,596 @@
+r"""The calibration core: equations of sensors that share rests, and their solver.
+
+**Blocks.** A triad of axes that reads :math:`y_i` in rest i tells the vector
+
+.. math:: w_i = M(\theta)\,(y_i - b),  \tag{M1}
+
+u of an accelerometer and v of a magnetometer, in units where gravity and the strength
+of the field are 1. The *equations* of a sensor say what the vectors of a rest fulfil in
+any attitude: :math:`|u|^2 - 1 = 0` of an accelerometer, and of a magnetometer beside it
+:math:`|v|^2 - 1 = 0` and :math:`u^T v + s = 0, s = \sin(\mathrm{dip})`, because the
+specific force points up and the field below the horizon by the dip. A gyroscope
+compares the vectors of neighbouring rests (`gyroscope.residuals`). By the chain rule
+through the vectors every row c has a derivative J by all parameters and a map L from
+the unit noises :math:`\xi` of each sensor s,
+
+.. math:: c \approx J\,\mathrm{d}\theta + \sum_s L_s \xi_s, \qquad
+   V = \sum_s L_s L_s^T.  \tag{M4}
+
+A mean stands in all rows of its rest, and of the turns before and after it, with the
+same noise, so it is counted once. What is known beside the rests are rows of a prior.
+A sensor that is left out leaves its columns and its equations out; nothing else
+changes.
+
+**Solver.** Reweighted Gauss-Newton for a batch of trials: each step takes V at the
+parameters at hand, so it ends where :math:`J^T V^{-1} c = 0`. A step must lower the
+cost under the weights it was made with, or be short beside its error bars; else it is
+damped. A trial ends when its next step is less than `TOLERANCE` of its own error bars,
+or changes no row by more than rounding; it leaves the batch then, so no trial depends
+on its neighbours.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.errors import RefusedError
+from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, Residuals, judged
+from simval.imu.sensor import forms
+from simval.shapes import Float
+
+TOLERANCE = 1e-8
+"""Of a standard deviation: a step's effect on any result is 1e-8 of its error bar."""
+_ROUNDING = 1e-14  # of a row: all are of size one
+# Of a standard deviation: a shorter step is taken whatever the cost says, as it gains
+# less than the cost's rounding, which noise of 1e-5 of a reading makes 1e-10.
+_NEAR = 1e-4
+FAR = 1e-3
+"""Standard deviations that a linearisation of turns, which are dear, may be from the
+end: weights are off by that times the relative noise of the readings."""
+_SHORT = 4  # further steps by a linearisation
+_FIRST_DAMPING, _LAST_DAMPING = 1e-4, 1e12  # of the diagonal
+
+
+class Equation(NamedTuple):
+    """What the vectors of each rest fulfil: zero but for errors."""
+
+    value: Array  # (t, n)
+    by: dict[str, Array]  # slopes by the vector of each triad, (t, n, 3)
+    own: Any = None  # by the sensor's own parameters beside its vector, (t, n, q)
+    noise: Any = None  # by its own unit noises beside its vector, (t, n, m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Corrected:
+    """Vectors of a triad at some parameters, and the chain rule through them."""
+
+    w: Float[Array, "t n 3"]
+    x: Float[Array, "t n 3"]  # readings less the bias
+    matrix: Float[Array, "t 3 3"]
+    # derivatives by the parameters of a form; None: by each entry of the matrix
+    slopes: Callable[[], Float[Array, "t 6 3 3"]] | None
+    std: Float[Array, "t n 3"]
+
+    def pull(
+        self, a: Float[Array, "t k e 3"], rests: slice = slice(None)
+    ) -> tuple[Float[Array, "t k e q"], Float[Array, "t k e 3"]]:
+        """Derivative of a'w of some rests by the parameters, and by unit noises."""
+        x, t = self.x[:, rests], len(a)
+        back = (a.reshape(t, -1, 3) @ self.matrix).reshape(a.shape)
+        if self.slopes is None:
+            outer = a[..., :, None] * x[:, :, None, None]
+            by_matrix = outer.reshape(*a.shape[:-1], 9)
+        else:
+            turned = np.swapaxes(self.slopes().reshape(t, 18, 3), -1, -2)
+            moved = (x @ turned).reshape(*x.shape[:2], 6, 3)
+            by_matrix = a @ np.swapaxes(moved, -1, -2)
+        by_noise = back * self.std[:, rests, None]
+        return np.concatenate([by_matrix, -back], axis=-1), by_noise
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sensor:
+    """A sensor that is read at rest: a block of parameters and of equations."""
+
+    readings: Float[Array, "t n m"]  # means over the rests
+    std: Float[Array, "t n m"]  # noise of each
+
+    name: ClassVar[str]
+    size: ClassVar[int]  # parameters
+
+    def corrected(self, theta: Array) -> "Corrected | None":
+        """The vector that a triad means; None of a sensor that is none."""
+        return None
+
+    def equations(self, w: dict[str, Array], theta: Array) -> list[Equation]:
+        """What the vectors of a rest fulfil in any attitude."""
+        raise NotImplementedError
+
+    def take(self, trials: Any, rests: Any = slice(None)) -> Self:
+        """Some of the trials, or of the rests."""
+        readings, std = self.readings[trials][:, rests], self.std[trials][:, rests]
+        return replace(self, readings=readings, std=std)
+
+    def noisier(self, factor: float) -> Self:
+        """The same with so many times the noise."""
+        return replace(self, std=self.std * factor)
+
+    def _triad(self, matrix: Array, bias: Array, slopes: Any = None) -> Corrected:
+        x = self.readings - bias[:, None]
+        w = x @ np.swapaxes(matrix, -1, -2)
+        return Corrected(w=w, x=x, matrix=matrix, slopes=slopes, std=self.std)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Accelerometer(Sensor):
+    """Its parameters are those of a form, which fixes the axes of all sensors."""
+
+    model: str
+    g: float = 1.0
+
+    name: ClassVar[str] = "accelerometer"
+    size: ClassVar[int] = 9
+
+    def corrected(self, theta: Float[Array, "t 9"]) -> Corrected:
+        """The specific force of each rest over gravity."""
+        matrix = forms.matrix(self.model, theta) / self.g
+        return self._triad(
+            matrix,
+            theta[:, 6:],
+            lambda: forms.matrix_derivatives(self.model, theta) / self.g,
+        )
+
+    def equations(self, w: dict[str, Array], theta: Array) -> list[Equation]:
+        """The norm."""
+        u = w[self.name]
+        return [Equation(np.sum(u * u, axis=-1) - 1.0, {self.name: 2.0 * u})]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Magnetometer(Sensor):
+    """M row by row and b, on the accelerometer's axes, and the sine of the dip."""
+
+    name: ClassVar[str] = "magnetometer"
+    size: ClassVar[int] = 13
+
+    def corrected(self, theta: Float[Array, "t 13"]) -> Corrected:
+        """The field of each rest over its strength."""
+        return self._triad(theta[:, :9].reshape(-1, 3, 3), theta[:, 9:12])
+
+    def equations(self, w: dict[str, Array], theta: Array) -> list[Equation]:
+        """The norm, and the angle with the specific force."""
+        up, v = w["accelerometer"], w[self.name]
+        dip = np.sum(up * v, axis=-1) + theta[:, -1:]
+        return [
+            Equation(np.sum(v * v, axis=-1) - 1.0, {self.name: 2.0 * v}),
+            Equation(dip, {"accelerometer": v, self.name: up}, own=np.eye(13)[-1]),
+        ]
+
+
+@runtime_checkable
+class Turns(Protocol):
+    """A sensor that is read between rests: rows of neighbouring vectors."""
+
+    name: ClassVar[str]
+
+    @property
+    def size(self) -> int:
+        """Parameters."""
+
+    @property
+    def item(self) -> tuple[int, int]:
+        """Moves, and rows of each: the first of all rows."""
+
+    def rows(self, at: dict[str, Corrected], theta: Array) -> "Between":
+        """Linearised rows."""
+
+    def values(self, at: dict[str, Corrected], theta: Array, here: Any) -> Array:
+        """Their values elsewhere, in the axes of a linearisation."""
+
+    def take(self, trials: Any) -> Self:
+        """Some of the trials."""
+
+    def noisier(self, factor: float) -> Self:
+        """The same with so many times the noise."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Between:
+    """Rows of the turns between rests at some parameters."""
+
+    r: Float[Array, "t r"]
+    own: Float[Array, "t r q"]  # by the parameters of the sensor itself
+    by: dict[str, tuple[Array, Array]]  # of each triad: J (t, r, q) and L (t, r, n, 3)
+    V: Float[Array, "t r r"]  # of its own noise
+    axes: Any  # in which vectors are compared
+    whole: Array  # by what the sensor could have as parameters, (t, r, q)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prior:
+    """What is known beside the rests: R (theta - theta_0) is standard normal."""
+
+    theta: Float[Array, "t p"]  # theta_0
+    root: Float[Array, "t k p"]  # R
+
+    def take(self, trials: Any) -> "Prior":
+        """Some of the trials."""
+        return Prior(theta=self.theta[trials], root=self.root[trials])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """Sensors that are fitted to the same rests, the accelerometer first."""
+
+    sensors: tuple[Sensor, ...]
+    turns: Turns | None = None
+    prior: Prior | None = None
+
+    @property
+    def accelerometer(self) -> Accelerometer:
+        """The first of the sensors."""
+        assert isinstance(self.sensors[0], Accelerometer)
+        return self.sensors[0]
+
+    @property
+    def magnetometer(self) -> Magnetometer:
+        """The second of the sensors, where it is one."""
+        assert isinstance(self.sensors[1], Magnetometer)
+        return self.sensors[1]
+
+    @cached_property
+    def columns(self) -> dict[str, slice]:
+        """Where the parameters of each sensor stand."""
+        sizes = {each.name: each.size for each in self.sensors}
+        if self.turns is not None:
+            sizes[self.turns.name] = self.turns.size
+        return _slices(sizes)
+
+    @cached_property
+    def noises(self) -> dict[str, slice]:
+        """Where the unit noises of each sensor stand among those of a rest."""
+        return _slices({each.name: each.std.shape[-1] for each in self.sensors})
+
+    def take(self, trials: Any, rests: Any = slice(None)) -> "Problem":
+        """Some of the trials, or of the rests where there are no turns."""
+        return Problem(
+            sensors=tuple(each.take(trials, rests) for each in self.sensors),
+            turns=None if self.turns is None else self.turns.take(trials),
+            prior=None if self.prior is None else self.prior.take(trials),
+        )
+
+    def noisier(self, *factors: float) -> "Problem":
+        """The same with so many times the noise of each sensor, and of the turns."""
+        sensors = tuple(
+            each.noisier(factor)
+            for each, factor in zip(self.sensors, factors, strict=False)
+        )
+        turns = None if self.turns is None else self.turns.noisier(factors[-1])
+        return replace(self, sensors=sensors, turns=turns)
+
+    def corrected(self, theta: Float[Array, "t p"]) -> dict[str, Corrected]:
+        """Vectors of the triads."""
+        at = self.columns
+        seen = {s.name: s.corrected(theta[:, at[s.name]]) for s in self.sensors}
+        return {name: each for name, each in seen.items() if each is not None}
+
+    def equations(
+        self, at: dict[str, Corrected], theta: Float[Array, "t p"]
+    ) -> list[tuple[Sensor, Equation]]:
+        """Equations of a rest, one after the other."""
+        w, columns = {name: each.w for name, each in at.items()}, self.columns
+        return [
+            (sensor, each)
+            for sensor in self.sensors
+            for each in sensor.equations(w, theta[:, columns[sensor.name]])
+        ]
+
+    def local(self, theta: Float[Array, "t p"]) -> "Local":
+        """The whitened rows and their derivatives."""
+        at = self.corrected(theta)
+        c, J, L = self.rests(at, theta)
+        t, p = theta.shape
+        if self.turns is None:
+            white, between = _whitener(L), None
+        else:
+            between = self.turns.rows(at, theta[:, self.columns[self.turns.name]])
+            c, J, L = self._joined(between, c, J, L)
+            noise, own = L.reshape(t, c.shape[1], -1), between.r.shape[1]
+            V = noise @ np.swapaxes(noise, -1, -2)
+            V[:, :own, :own] += between.V
+            white = _inverse_root(V)
+        slopes = (white @ J).reshape(t, -1, p)
+        if self.prior is not None:
+            slopes = np.concatenate([slopes, self.prior.root], axis=1)
+        rows = self._whitened(c, theta, white)
+        return Local(at=at, rows=rows, slopes=slopes, L=L, white=white, between=between)
+
+    def values(self, theta: Float[Array, "t p"], here: "Local") -> Float[Array, "t r"]:
+        """The rows at other parameters, by the weights of a linearisation."""
+        at = self.corrected(theta)
+        c = np.stack([each.value for _, each in self.equations(at, theta)], axis=-1)
+        if self.turns is not None and here.between is not None:
+            own = theta[:, self.columns[self.turns.name]]
+            turned = self.turns.values(at, own, here.between.axes)
+            c = np.concatenate([turned, c.reshape(len(c), -1)], axis=1)
+        return self._whitened(c, theta, here.white)
+
+    def _whitened(self, c: Array, theta: Array, white: Array) -> Float[Array, "t r"]:
+        rows = np.matvec(white, c).reshape(len(theta), -1)
+        if self.prior is None:
+            return rows
+        off = np.matvec(self.prior.root, theta - self.prior.theta)
+        return np.concatenate([rows, off], axis=1)
+
+    def rests(
+        self, at: dict[str, Corrected], theta: Array
+    ) -> tuple[Array, Array, Array]:
+        """Values, derivatives and noise of the equations of each rest, not whitened."""
+        told = self.equations(at, theta)
+        c = np.stack([each.value for _, each in told], axis=-1)
+        J = np.zeros((*c.shape, theta.shape[1]))
+        L = np.zeros((*c.shape, sum(each.std.shape[-1] for each in self.sensors)))
+        for name, own in at.items():
+            rows = [k for k, (_, each) in enumerate(told) if name in each.by]
+            a = np.stack([told[k][1].by[name] for k in rows], axis=2)
+            by_theta, by_noise = own.pull(a)
+            first = self.columns[name].start
+            last = first + by_theta.shape[-1]
+            for i, k in enumerate(rows):
+                J[:, :, k, first:last] = by_theta[:, :, i]
+                L[:, :, k, self.noises[name]] = by_noise[:, :, i]
+        for k, (sensor, each) in enumerate(told):
+            if each.own is not None:
+                J[:, :, k, self.columns[sensor.name]] += each.own
+            if each.noise is not None:
+                L[:, :, k, self.noises[sensor.name]] += each.noise
+        return c, J, L
+
+    def _joined(
+        self, between: Between, c: Array, J: Array, L: Array
+    ) -> tuple[Array, Array, Array]:
+        # rows of the turns, then those of all rests
+        t, n, e, m = L.shape
+        first, each = between.r.shape[1], np.arange(n)
+        slopes = np.zeros((t, first + n * e, J.shape[-1]))
+        slopes[:, :first, -between.own.shape[-1] :] = between.own  # they come last
+        slopes[:, first:] = J.reshape(t, n * e, -1)
+        noise = np.zeros((t, first + n * e, n, m))
+        spread = np.zeros((t, n, e, n, m))
+        spread[:, each, :, each] = np.moveaxis(L, 1, 0)
+        noise[:, first:] = spread.reshape(t, n * e, n, m)
+        for name, (by_theta, by_noise) in between.by.items():
+            start = self.columns[name].start
+            slopes[:, :first, start : start + by_theta.shape[-1]] = by_theta
+            noise[:, :first, :, self.noises[name]] = by_noise
+        rows = np.concatenate([between.r, c.reshape(t, -1)], axis=1)
+        return rows, slopes, noise
+
+
+def _slices(sizes: dict[str, int]) -> dict[str, slice]:
+    ends = np.cumsum([0, *sizes.values()]).tolist()
+    return dict(zip(sizes, map(slice, ends[:-1], ends[1:]), strict=True))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Local:
+    """The whitened rows at some parameters: of the turns, the rests and the prior."""
+
+    at: dict[str, Corrected]
+    rows: Float[Array, "t r"]
+    slopes: Float[Array, "t r p"]
+    # by unit noises, not whitened: of each rest, (t, n, e, m), or with turns of all
+    # rows, (t, r, n, m)
+    L: Array
+    white: Array  # of each rest, (t, n, e, e), or of all rows with turns, (t, r, r)
+    between: Between | None
+
+    @property
+    def normal(self) -> Float[Array, "t p p"]:
+        """The Fisher information, J'J."""
+        return np.swapaxes(self.slopes, -1, -2) @ self.slopes
+
+    @property
+    def chi_square(self) -> Float[Array, " t"]:
+        """Weighted sum of squares."""
+        return np.vecdot(self.rows, self.rows)
+
+    def covariance(self) -> tuple[Float[Array, "t p p"], Float[Array, " t"]]:
+        """Inverse of the information, and its least pivot: 0 where the rank is less."""
+        normal, size = self._scaled()
+        root = _inverse_root(normal)
+        covariance = (
+            np.swapaxes(root, -1, -2) @ root / (size[:, :, None] * size[:, None])
+        )
+        with np.errstate(divide="ignore"):
+            pivot = 1.0 / np.einsum("tii->ti", root).max(axis=1) ** 2
+        return covariance, np.where(np.isfinite(pivot), pivot, 0.0)
+
+    def step(
+        self, rows: Float[Array, "t r"], damping: Float[Array, " t"]
+    ) -> Float[Array, "t p"]:
+        """Gauss-Newton's, the diagonal raised by some shares; NaN without full rank."""
+        normal, size = self._scaled()
+        diagonal = np.einsum("tii->ti", normal)
+        diagonal *= 1.0 + damping[:, None]
+        gradient = np.vecmat(rows, self.slopes) / size
+        return -_solved(normal, gradient) / size
+
+    def _scaled(self) -> tuple[Float[Array, "t p p"], Float[Array, "t p"]]:
+        # the information with columns of equal length, and these
+        normal = self.normal
+        size = np.sqrt(np.einsum("tii->ti", normal))
+        return normal / (size[:, :, None] * size[:, None]), size
+
+
+def _whitener(L: Float[Array, "t n e m"]) -> Float[Array, "t n e e"]:
+    # lower triangular W that makes the noise of each rest one: the rows of WL are
+    # those of L, each made orthogonal to the earlier ones
+    e = L.shape[2]
+    white, along = np.zeros((*L.shape[:3], e)), list[Array]()
+    for i in range(e):
+        row = L[:, :, i]
+        white[:, :, i, i] = 1.0
+        for j, earlier in enumerate(along):
+            share = np.vecdot(L[:, :, i], earlier)[..., None]
+            row = row - share * earlier
+            white[:, :, i, : j + 1] -= share * white[:, :, j, : j + 1]
+        size = np.sqrt(np.vecdot(row, row))[..., None]
+        along.append(row / size)
+        white[:, :, i, : i + 1] /= size
+    return white
+
+
+def _inverse_root(matrices: Float[Array, "t r r"]) -> Float[Array, "t r r"]:
+    # R of the inverses R'R, lower triangular; NaN where a matrix is not positive
+    try:
+        return np.linalg.inv(np.linalg.cholesky(matrices))
+    except np.linalg.LinAlgError:
+        if len(matrices) == 1:
+            return np.full(matrices.shape, np.nan)
+        return np.concatenate([_inverse_root(each[None]) for each in matrices])
+
+
+def _solved(
+    matrices: Float[Array, "t p p"], right: Float[Array, "t p"]
+) -> Float[Array, "t p"]:
+    # NaN where a matrix is singular
+    try:
+        return np.linalg.solve(matrices, right[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        if len(matrices) == 1:
+            return np.full(right.shape, np.nan)
+        pairs = zip(matrices, right, strict=True)
+        return np.concatenate([_solved(N[None], g[None]) for N, g in pairs])
+
+
+def residuals(problem: Problem, here: Local) -> Residuals:
+    """Rows of the first trial, and whose noise is in them."""
+    rows, moves = len(here.rows[0]), None
+    L = here.white[0] @ here.L[0].reshape(*here.white.shape[1:-1], -1)
+    if problem.turns is None:
+        n, e, m = L.shape
+        noise, each = np.zeros((n, e, n, m)), np.arange(n)
+        noise[each, :, each] = L
+    else:
+        noise, moves = L, (*problem.turns.item, problem.columns[problem.turns.name])
+    noise = noise.reshape(rows, len(problem.sensors[0].readings[0]), -1)
+    rests = {
+        name: (noise[..., own], problem.columns[name])
+        for name, own in problem.noises.items()
+    }
+    return Residuals.of_rests_and_moves(
+        here.rows[0], here.slopes[0], np.eye(rows), rests, moves
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Solution:
+    """Where the iteration of each trial ended."""
+
+    theta: Float[Array, "t p"]
+    iterations: Any  # steps tried, (t,)
+    converged: Any  # bool, (t,)
+    step: Float[Array, " t"]  # the last, in standard deviations
+
+
+def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> Solution:
+    """Solve the equations of each trial from its own start.
+
+    With turns a linearisation is kept while steps shrink tenfold, and serves for the
+    last time where it is within `FAR` of the end.
+    """
+    count = len(theta)
+    theta, damping = theta.copy(), np.zeros(count)
+    iterations, converged = np.zeros(count, dtype=int), np.zeros(count, dtype=bool)
+    last = np.full(count, np.nan)
+    active = np.flatnonzero(np.isfinite(theta).all(axis=1))
+    with np.errstate(all="ignore"):  # a hopeless trial overflows and ends unconverged
+        for _ in range(most):
+            if active.size == 0:
+                break
+            part = problem if active.size == count else problem.take(active)
+            here = part.local(theta[active])
+            step = here.step(here.rows, damping[active])
+            iterations[active] += 1
+            tried: Array = theta[active] + step
+            after = part.values(tried, here)
+            change = np.matvec(here.slopes, step)
+            moved = np.linalg.norm(change, axis=1)
+            small = (moved <= TOLERANCE) | _rounding(change, here.white)
+            better = small | (moved <= _NEAR)
+            better |= np.vecdot(after, after) < here.chi_square
+            if part.turns is not None:
+                near = moved <= FAR
+                tried, left = _settled(part, here, tried, after, moved, better)
+                small |= near & (left <= TOLERANCE)
+                moved = left
+            theta[active[better]] = tried[better]
+            last[active] = moved
+            damping[active] = _next_damping(damping[active], better)
+            done = small & (damping[active] == 0.0)
+            converged[active[done]] = True
+            active = active[~done & (damping[active] < _LAST_DAMPING)]
+    return Solution(theta=theta, iterations=iterations, converged=converged, step=last)
+
+
+def _settled(
+    part: Problem, here: Local, theta: Array, rows: Array, moved: Array, better: Any
+) -> tuple[Float[Array, "t p"], Float[Array, " t"]]:
+    # further steps by the same linearisation while they shrink; where, and the last
+    theta, moved = np.array(theta), np.array(moved)
+    none = np.zeros(len(theta))
+    still = better & (moved > TOLERANCE)
+    for _ in range(_SHORT):
+        step = here.step(rows, none)
+        size = np.linalg.norm(np.matvec(here.slopes, step), axis=1)
+        still &= size < 0.1 * moved
+        theta[still] += step[still]
+        moved[still] = size[still]
+        still &= size > TOLERANCE
+        if not still.any():
+            break
+        rows = part.values(theta, here)
+    return theta, moved
+
+
+def _rounding(change: Float[Array, "t r"], white: Array) -> Any:
+    # whether whitened rows change by no more than rounding of the rows themselves
+    least = _ROUNDING * np.einsum("...ii->...i", white).reshape(len(change), -1)
+    return np.all(np.abs(change[:, : least.shape[1]]) <= least, axis=1)
+
+
+def _next_damping(damping: Array, better: Any) -> Float[Array, " t"]:
+    less = np.where(damping > _FIRST_DAMPING, damping / 10.0, 0.0)
+    more = np.maximum(damping * 10.0, _FIRST_DAMPING)
+    return np.where(better, less, more)
+
+
+def weighed(
+    problem: Problem, stated: Solution, here: Local, most: int
+) -> tuple[Problem, Solution, Local, NoiseFactors]:
+    """One trial by the noise that its residuals ask for, where it is more than stated.
+
+    Raises
+    ------
+    RefusedError
+        If they ask for more than a calibration can have.
+    """
+
+    def fit(last: tuple[Problem, Solution, Local], factor: Any) -> Any:
+        noisier = problem.noisier(*factor)
+        found = minimize(noisier, last[1].theta, most)
+        return noisier, found, noisier.local(found.theta)
+
+    (used, found, there), noise = judged(
+        (problem, stated, here), fit, lambda last: residuals(last[0], last[2])
+    )
+    if not found.converged[0]:  # residuals of no solution
+        return problem, stated, here, NOT_JUDGED
+    if noise.refusal:
+        raise RefusedError(noise.refusal)
+    return used, found, there, noise

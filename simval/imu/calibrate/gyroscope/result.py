@@ -1,0 +1,199 @@
+"""The result of a gyroscope's calibration, alone or with the accelerometer's."""
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.imu.calibrate.drift import Drift
+from simval.imu.calibrate.estimate import Estimate, gyroscope_text
+from simval.imu.calibrate.factors import NoiseFactors
+from simval.imu.sensor import GyroscopeFactors, GyroscopeModel, forms, gyroscope_factors
+from simval.shapes import Float
+
+NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "B_x", "B_y", "B_z")
+START = ", and give a `start` near the truth"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GyroscopeFit(Estimate):
+    """Calibration of a gyroscope beside an accelerometer, one or a batch of trials.
+
+    Leading axes ``...`` are empty for one recording and (trials,) for a batch; a trial
+    that was refused is NaN in every number. The gyroscope's axes are those of the
+    accelerometer's form (`model`): see the gauge in `simval.imu.sensor.models`.
+
+    Attributes
+    ----------
+    model : str
+        Form of the accelerometer: triangular, upper or symmetric.
+    estimator : str
+        joint, generalised or unweighted.
+    bias : str
+        constant (estimated), first rest, or line (taken out between neighbours).
+    accelerometer : Array
+        The accelerometer's nine, whose axes these are, (..., 9).
+    chi2_per_dof : Array
+        Weighted sum of squares by degree of freedom, (...).
+    condition : Array
+        Condition of the moves, eq. (N7) of `simval.turns`, (...).
+    gap_angles : Array
+        Between gravity as turned and as read at the end of each gap, rad, (..., k).
+    step : Array
+        What a further step would be, over its standard deviation, (...).
+    noise : NoiseFactors
+        By how much the noise of each sensor was taken to exceed what was stated, with
+        which covariance and chi-square are; empty for a batch and a fit of one sensor.
+    drift : Drift or None
+        Whether its moves follow their time; None where `noise` is empty.
+    """
+
+    advice: ClassVar[str] = (
+        f"look for rests that do not belong, for another order of the axes{START}"
+    )
+
+    model: str
+    estimator: str
+    bias: str
+    accelerometer: Float[Array, "... 9"]
+    chi2_per_dof: Float[Array, "..."]
+    condition: Float[Array, "..."]
+    gap_angles: Float[Array, "... k"]
+    step: Float[Array, "..."]
+    noise: NoiseFactors
+    drift: Drift | None
+
+    def __str__(self) -> str:
+        return gyroscope_text(self)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the twelve parameters."""
+        return NAMES
+
+    @property
+    def M(self) -> Float[Array, "... 3 3"]:
+        """Raw units to rad/s in the accelerometer's axes, (..., 3, 3)."""
+        return self.parameters[..., :9].reshape(*self.parameters.shape[:-1], 3, 3)
+
+    @property
+    def B(self) -> Float[Array, "... 3"]:
+        """Bias, raw units, (..., 3); of a line its mean over the rests."""
+        return self.parameters[..., 9:]
+
+    @property
+    def own_covariance(self) -> Float[Array, "... 12 12"]:
+        """Covariance of the twelve parameters, (..., 12, 12)."""
+        return self.covariance[..., 9:, 9:]
+
+    @property
+    def cost(self) -> Float[Array, "..."]:
+        """Half the sum of squared differences of unit vectors, IMU-TK's cost, (...)."""
+        return (2.0 * np.sin(self.gap_angles / 2.0) ** 2).sum(axis=-1)
+
+    def factors(self, form: str = "misalignment-scale") -> GyroscopeFactors:
+        """M of one fit as others write it, with its covariance.
+
+        Parameters
+        ----------
+        form : {"misalignment-scale", "kalibr", "polar"}
+            Form wanted.
+
+        Returns
+        -------
+        GyroscopeFactors
+            The factors.
+        """
+        self._require_single()
+        return gyroscope_factors(self.M, self.own_covariance[:9, :9], form=form)
+
+    def to_form(self, model: str) -> "GyroscopeFit":
+        """Return one fit beside another form of the accelerometer.
+
+        The accelerometer's axes turn by Q and M becomes Q M, the gauge of
+        `simval.imu.sensor.models`; Q depends on the accelerometer's parameters, so the
+        covariance of all 21 is carried together.
+
+        Parameters
+        ----------
+        model : str
+            Form wanted: triangular, upper or symmetric.
+
+        Returns
+        -------
+        GyroscopeFit
+            The same sensors.
+        """
+        self._require_single()
+        old = self.accelerometer
+        new, _ = forms.convert(old, None, source=self.model, target=model)
+        Q = forms.matrix(model, new) @ np.linalg.inv(forms.matrix(self.model, old))
+        J = _frame_jacobian(self.model, model, old, new, self.M)
+        return replace(
+            self,
+            model=model,
+            accelerometer=new,
+            parameters=np.concatenate([(Q @ self.M).ravel(), self.B]),
+            covariance=J @ self.covariance @ J.T,
+        )
+
+    def sensor(self) -> GyroscopeModel:
+        """Return the calibrated gyroscope of a single fit.
+
+        Returns
+        -------
+        GyroscopeModel
+            M and B, without noise.
+        """
+        self._require_single()
+        return GyroscopeModel(M=self.M, B=self.B)
+
+    def as_object(self) -> dict[str, Any]:
+        """One fit as plain JSON values.
+
+        Returns
+        -------
+        dict
+            Names, parameters, error bars, factors and statistics.
+        """
+        scaled = self.factors()
+        return {
+            "axes": f"accelerometer, {self.model} form",
+            "estimator": self.estimator,
+            "bias_model": self.bias,
+            "names": list(self.names),
+            "parameters": self.parameters.tolist(),
+            "sd": self.sd.tolist(),
+            "M": self.M.tolist(),
+            "B": self.B.tolist(),
+            "T": scaled.shape.tolist(),
+            "K": np.diagonal(scaled.rest).tolist(),
+            "T_K_names": list(scaled.names),
+            "T_K_sd": scaled.sd.tolist(),
+            "chi2_per_dof": float(self.chi2_per_dof),
+            "dof": self.dof,
+            "condition": float(self.condition),
+            "gap_angles_rad": self.gap_angles.tolist(),
+            "status": str(self.status),
+        }
+
+
+def _frame_jacobian(
+    source: str,
+    target: str,
+    old: Float[Array, "9"],
+    new: Float[Array, "9"],
+    M: Float[Array, "3 3"],
+) -> Float[Array, "21 21"]:
+    # new accelerometer parameters and Q M, by the old ones; Q = M_new M_old^-1
+    J = np.eye(21)
+    J[:9, :9] = forms.conversion_jacobian(old, new, source=source, target=target)
+    inverse = np.linalg.inv(forms.matrix(source, old))
+    Q = forms.matrix(target, new) @ inverse
+    d_old = forms.matrix_derivatives(source, old)
+    d_new = np.einsum("pq,pij->qij", J[:6, :6], forms.matrix_derivatives(target, new))
+    dQ = (d_new - Q @ d_old) @ inverse
+    J[9:18, :6] = (dQ @ M).reshape(6, 9).T
+    J[9:18, 9:18] = np.kron(Q, np.eye(3))
+    return J

@@ -1,0 +1,511 @@
+r"""Calibrate a magnetometer on the axes of the accelerometer beside it.
+
+**The scaled units of the fit: middle and size of both sensors' readings.**
+
+Both sensors' pose means are moved to their middle and scaled to unit size, gravity and
+the field become 1, `magnetometer.start` gives the start and the solver the answer,
+which is scaled back. Trials are worked in blocks that fit the cache; a trial's numbers
+do not depend on its block.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from simval.arguments import choice, instance, whole_number
+from simval.arrays import (
+    Array,
+    noise_levels,
+    physical_array,
+    positive_number,
+    shaped_array,
+)
+from simval.errors import GeometryError, InputError, RefusedError
+from simval.imu.calibrate.accelerometer import checked_time
+from simval.imu.calibrate.equations import (
+    Accelerometer,
+    Magnetometer,
+    Prior,
+    Problem,
+    residuals,
+)
+from simval.imu.calibrate.evidence import repeated_poses
+from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
+from simval.imu.calibrate.magnetometer.evidence import (
+    STATUS_NAMES,
+    Code,
+    Summary,
+    judge,
+    refuse,
+    refuse_still,
+    seen_over_stated,
+    summarize,
+)
+from simval.imu.calibrate.magnetometer.findings import Found, Single, look
+from simval.imu.calibrate.magnetometer.result import (
+    ACCELEROMETER,
+    DIP,
+    IRON,
+    MATRIX,
+    PARAMETERS,
+    MagnetometerFit,
+)
+from simval.imu.calibrate.magnetometer.start import solve
+from simval.imu.calibrate.minimization import normalized
+from simval.imu.calibrate.result import FitResult
+from simval.imu.sensor import forms
+from simval.shapes import Float
+
+FEWEST = 8
+"""Poses: three equations each for 22 parameters."""
+FEWEST_KNOWN = 7
+"""Poses with a known accelerometer: two equations each for the other 13 parameters."""
+HEMISPHERES = ("unstated", "north", "south")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Options:
+    """What to fit and how; checked when it is made."""
+
+    g: float  # gravity, m/s^2
+    field: float  # strength of the field, in the unit that is wanted
+    model: str  # form of the accelerometer's parameters
+    hemisphere: str  # one of `HEMISPHERES`
+    max_iterations: int  # most steps for a trial
+    known: FitResult | None  # the accelerometer, from poses other than these
+
+    def __post_init__(self) -> None:
+        checked: dict[str, Any] = {
+            "g": positive_number("g", self.g, "m/s^2"),
+            "field": positive_number("field", self.field, ""),
+            "model": choice("model", self.model, forms.MODELS),
+            "hemisphere": choice("hemisphere", self.hemisphere, HEMISPHERES),
+            "max_iterations": whole_number("max_iterations", self.max_iterations, 1),
+        }
+        if self.known is not None:
+            checked["known"] = _known(self.known, checked["g"])
+            checked["model"] = checked["known"].model
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+
+def _known(known: Any, g: float) -> FitResult:
+    known = instance("known", known, FitResult)
+    if known.g != g:
+        msg = (
+            f"`known` was calibrated with g = {known.g:g} m/s^2 and `g` is {g:g}; the "
+            "two must be the same, so pass `g=known.g`"
+        )
+        raise InputError(msg)
+    scaled = known.covariance / (known.sd[..., :, None] * known.sd[..., None, :])
+    usable = np.isfinite(scaled).all() and np.isfinite(known.parameters).all()
+    if not (usable and np.all(np.linalg.eigvalsh(scaled) > 1e-12)):
+        msg = (
+            "`known` has no covariance that can be inverted "
+            f"(covariance_kind is {known.covariance_kind!r}); calibrate the "
+            "accelerometer with `noise_std`, or from ten poses or more, or leave "
+            "`known` out and both sensors are fitted together"
+        )
+        raise InputError(msg)
+    return known
+
+
+def checked_pair(
+    accelerometer: Any, magnetometer: Any, known: FitResult | None
+) -> tuple[Array, Array]:
+    """Return the pose means of both sensors, (n, 3) or (trials, n, 3).
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong or the two differ, or one set is not finite.
+    GeometryError
+        If there are too few poses.
+    """
+    pair = [
+        _readings("accelerometer", accelerometer),
+        _readings("magnetometer", magnetometer),
+    ]
+    shapes = [readings.shape for readings in pair]
+    if shapes[0] != shapes[1]:
+        msg = (
+            f"`accelerometer` has shape {shapes[0]} and `magnetometer` {shapes[1]}; "
+            "give the means of both sensors over the same poses, in the same order"
+        )
+        raise InputError(msg)
+    count, fewest = shapes[0][-2], FEWEST if known is None else FEWEST_KNOWN
+    if known is not None and known.parameters.shape[:-1] not in ((), shapes[0][:-2]):
+        msg = (
+            f"`known` holds {known.parameters.shape[0]} calibrations for readings of "
+            f"shape {shapes[0]}; give one, or one for each trial"
+        )
+        raise InputError(msg)
+    if count < fewest:
+        what = (
+            "three equations, and 22 parameters need"
+            if known is None
+            else "two equations for the magnetometer, and its 13 parameters need"
+        )
+        msg = (
+            f"{count} pose(s) given; each gives {what} {fewest} poses or more, turned "
+            "and tilted to all sides: add poses"
+        )
+        raise GeometryError(msg)
+    return pair[0], pair[1]
+
+
+def _readings(name: str, value: Any) -> Array:
+    readings = shaped_array(name, value, (None, 3))
+    if readings.ndim > 3 or readings.size == 0:
+        msg = f"`{name}` has shape {readings.shape}; give (n, 3) or (trials, n, 3)"
+        raise InputError(msg)
+    if readings.ndim == 2 and not np.isfinite(readings).all():
+        pose, axis = (int(i) for i in np.argwhere(~np.isfinite(readings))[0])
+        msg = (
+            f"`{name}` has {np.count_nonzero(~np.isfinite(readings))} non-finite "
+            f"value(s), the first ({readings[pose, axis]}) in pose {pose}, axis "
+            f"{'xyz'[axis]}; every reading must be finite, so remove that pose from "
+            "both sensors"
+        )
+        raise InputError(msg)
+    physical_array(name, readings[np.isfinite(readings)], ())
+    return readings
+
+
+def checked_std(name: str, value: Any, count: int) -> Float[Array, " n"]:
+    """Return the noise of each pose mean, which must be above zero.
+
+    Raises
+    ------
+    InputError
+        If it is missing, not above zero, or of a wrong shape.
+    """
+    if value is None:
+        msg = (
+            f"`{name}` is not given; the equations of a pose are weighed by the noise "
+            "of both sensors, so give the standard deviation of each axis of a pose "
+            "mean in raw units, as a rule that of a rest over the root of its samples"
+        )
+        raise InputError(msg)
+    sigma = noise_levels(name, value, count)
+    if not np.all(sigma > 0.0):
+        msg = (
+            f"`{name}` is 0 for {np.count_nonzero(sigma == 0.0)} of {count} poses; "
+            "each pose is weighed by 1/noise^2, so give every pose the noise it has"
+        )
+        raise InputError(msg)
+    return sigma
+
+
+def refuse_repeated(accelerometer: Array, magnetometer: Array) -> None:
+    """Refuse a set in which two poses are the same in every bit.
+
+    Raises
+    ------
+    RefusedError
+        If there are such poses.
+    """
+    both = np.concatenate([accelerometer, magnetometer], axis=1)
+    again = repeated_poses(both)
+    if again.size and again.size < len(both) - 1:
+        same = int(np.flatnonzero((both == both[again[0]]).all(axis=1))[0])
+        msg = (
+            f"poses {same} and {again[0]} are identical in every bit of both sensors; "
+            "means of two holds never are, so the same data was counted twice: remove "
+            "one"
+        )
+        raise RefusedError(msg)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scaled:
+    """A block of trials in the units of the fit, and the way back."""
+
+    problem: Problem
+    finite: Any  # bool, (t,)
+    sizes: Float[Array, "t 22"]
+    shifts: Float[Array, "t 22"]
+
+    def physical(
+        self, theta: Float[Array, "t 22"], covariance: Float[Array, "t 22 22"]
+    ) -> tuple[Float[Array, "t 22"], Float[Array, "t 22 22"]]:
+        """Parameters and covariance in their own units, the dip for its sine."""
+        slope = np.array(self.sizes)
+        values = theta * self.sizes + self.shifts
+        with np.errstate(invalid="ignore"):  # of a trial that will be refused
+            values[:, DIP] = np.arcsin(values[:, DIP])
+            slope[:, DIP] = 1.0 / np.cos(values[:, DIP])
+        return values, covariance * slope[:, :, None] * slope[:, None, :]
+
+
+def scale(
+    batch: tuple[Array, ...], noise: tuple[Array, Array], rows: slice, options: Options
+) -> Scaled:
+    """Move both sensors' readings to their middle and scale them to unit size.
+
+    The noise is that of each pose, (n, 1), or of each of its axes, (n, 3).
+    """
+    raw = [readings[rows] for readings in batch]
+    whole = [np.isfinite(x).all(axis=(1, 2)) for x in raw]
+    finite = np.asarray(whole[0] & whole[1])
+    filler = np.arange(raw[0][0].size, dtype=float).reshape(raw[0][0].shape)
+    safe = [np.where(finite[:, None, None], x, filler) for x in raw]
+    (za, centre_a, scale_a), (zm, centre_m, scale_m) = map(normalized, safe)
+    count = len(za)
+    sizes, shifts = np.ones((count, PARAMETERS)), np.zeros((count, PARAMETERS))
+    first = 0 if options.model == "symmetric" else 3
+    sizes[:, first:6] = (options.g / scale_a)[:, None]
+    sizes[:, 6:9] = scale_a[:, None]
+    sizes[:, MATRIX] = (options.field / scale_m)[:, None]
+    sizes[:, IRON] = scale_m[:, None]
+    shifts[:, 6:9], shifts[:, IRON] = centre_a, centre_m
+    stds = [
+        np.broadcast_to(std / unit[:, None, None], za.shape)
+        for std, unit in zip(noise, (scale_a, scale_m), strict=True)
+    ]
+    return Scaled(
+        problem=Problem(
+            sensors=(
+                Accelerometer(readings=za, std=stds[0], model=options.model),
+                Magnetometer(readings=zm, std=stds[1]),
+            ),
+            prior=_prior(options, rows, sizes[:, :9], shifts[:, :9]),
+        ),
+        finite=finite,
+        sizes=sizes,
+        shifts=shifts,
+    )
+
+
+def _prior(options: Options, rows: slice, sizes: Array, shifts: Array) -> Prior | None:
+    if options.known is None:
+        return None
+    parameters, covariance = options.known.parameters, options.known.covariance
+    if parameters.ndim == 2:
+        parameters, covariance = parameters[rows], covariance[rows]
+    count = len(sizes)
+    scaled = covariance / (sizes[:, :, None] * sizes[:, None, :])
+    theta = np.zeros((count, PARAMETERS))
+    theta[:, ACCELEROMETER] = (parameters - shifts) / sizes
+    root = np.zeros((count, 9, PARAMETERS))
+    root[:, :, ACCELEROMETER] = np.linalg.inv(np.linalg.cholesky(scaled))
+    return Prior(theta=theta, root=root)
+
+
+_BLOCK = 1 << 12  # poses worked at once: 2 MB of derivatives
+ASSUMPTIONS = {
+    "unstated": "the magnetometer's axes are right-handed (det M > 0)",
+    "north": "the field points below the horizon (northern hemisphere)",
+    "south": "the field points above the horizon (southern hemisphere)",
+}
+
+
+def calibrate_magnetometer(
+    accelerometer: Any,
+    magnetometer: Any,
+    g: float = 9.80665,
+    field: float = 1.0,
+    *,
+    accelerometer_std: Any,
+    magnetometer_std: Any,
+    hemisphere: str = "unstated",
+    known: Any = None,
+    model: str = "triangular",
+    time: Any = None,
+    max_iterations: int = 100,
+) -> MagnetometerFit:
+    """Fit a magnetometer, and its accelerometer, to the means of both over poses.
+
+    Parameters
+    ----------
+    accelerometer, magnetometer : array_like
+        Mean reading of each pose, raw units, own axes, (n, 3), or (trials, n, 3).
+    g : float, default 9.80665
+        Local gravity, m/s^2.
+    field : float, default 1.0
+        Strength of the field, in the unit that M is wanted in; it changes nothing else.
+    accelerometer_std, magnetometer_std : float or array_like
+        Standard deviation of each axis of a pose mean, raw units, one number or one for
+        each pose (n,).
+    hemisphere : {"unstated", "north", "south"}
+        Where the poses were taken. (M, dip) and (-M, -dip) fit alike; unstated, the one
+        with right-handed axes (det M > 0) is taken, and a left-handed order of columns
+        cannot be seen.
+    known : FitResult, optional
+        The accelerometer's own calibration from *other* poses, one or one for each
+        trial; with its covariance it joins the fit. Without, both sensors are fitted.
+    model : {"triangular", "upper", "symmetric"}
+        Form of the accelerometer's parameters, whose axes M refers to; that of `known`
+        where that is given.
+    time : array_like, optional
+        When each pose was taken, s, (n,); their order if not given.
+    max_iterations : int, default 100
+        Most steps for a trial.
+
+    Returns
+    -------
+    MagnetometerFit
+        Parameters, covariance, chi-square of each pose, and findings in words.
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable, or the readings of one set are not finite.
+    GeometryError
+        If the poses of one set leave a parameter unobservable. In a batch such a trial
+        has a status that says so, and NaN for its numbers.
+    RefusedError
+        If one set has duplicate poses, or says too little for what it scatters.
+
+    Notes
+    -----
+    Where the residuals of one set do not bear the stated noise, parameters and error
+    bars are by what they show (`simval.imu.calibrate.factors`), except beside a `known`
+    accelerometer; chi-squares and findings are by what is stated.
+    """
+    options = Options(
+        g=g, field=field, model=model, hemisphere=hemisphere,
+        max_iterations=max_iterations, known=known,
+    )  # fmt: skip
+    pair = checked_pair(accelerometer, magnetometer, options.known)
+    count, single = pair[0].shape[-2], pair[0].ndim == 2
+    noise = (
+        checked_std("accelerometer_std", accelerometer_std, count)[:, None],
+        checked_std("magnetometer_std", magnetometer_std, count)[:, None],
+    )
+    times = checked_time(time, count)
+    batch = tuple(readings.reshape(-1, count, 3) for readings in pair)
+    if single:
+        named = {"accelerometer": pair[0], "magnetometer": pair[1]}
+        refuse_still(named)
+        refuse_repeated(*pair)
+    size = max(1, _BLOCK // count)
+    parts = [
+        _fit_block(scale(batch, noise, slice(i, i + size), options), options)
+        for i in range(0, len(batch[0]), size)
+    ]
+    numbers = {k: np.concatenate([p.numbers[k] for p in parts]) for k in _SHAPES}
+    found = Found(
+        pose_chi_square=np.zeros(0), disturbed=(), findings=(), steady_p_value=np.nan
+    )
+    noise_factors = NOT_JUDGED
+    if single:
+        weighed, noise_factors = _weighed(parts[0], options)
+        for name in ("parameters", "covariance", "half_width", "code"):
+            numbers[name] = weighed.numbers[name]
+        code = int(numbers["code"][0])
+        if code > Code.MAX_ITERATIONS:
+            _refuse(code, named, parts[0], noise)
+        found = look(_single(parts[0], times, options))
+        numbers = {name: value[0] for name, value in numbers.items()}
+    status = STATUS_NAMES[numbers.pop("code")]
+    return MagnetometerFit(
+        model=options.model,
+        g=options.g,
+        field=options.field,
+        dof=parts[0].dof,
+        status=status,
+        pose_chi_square=found.pose_chi_square,
+        disturbed=found.disturbed,
+        findings=found.findings,
+        steady_p_value=found.steady_p_value,
+        assumption=ASSUMPTIONS[options.hemisphere],
+        noise=noise_factors,
+        **numbers,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Block:
+    # what came of a block of trials
+    numbers: dict[str, Any]
+    scaled: Scaled
+    theta: Float[Array, "t 22"]
+    summary: Summary
+    dof: int
+
+
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "parameters": (PARAMETERS,),
+    "covariance": (PARAMETERS, PARAMETERS),
+    "chi_square": (),
+    "half_width": (),
+    "iterations": (),
+    "code": (),
+}
+
+
+def _fit_block(scaled: Scaled, options: Options) -> _Block:
+    problem = scaled.problem
+    solution, sure = solve(problem, options.max_iterations)
+    theta = _twin(solution.theta, options.hemisphere)
+    known = 0 if problem.prior is None else 9
+    dof = 3 * problem.accelerometer.readings.shape[1] + known - PARAMETERS
+    summary = summarize(problem, theta, dof)
+    code = judge(summary, theta, solution.converged, options.hemisphere)
+    code = np.where(sure | (code > Code.MAX_ITERATIONS), code, int(Code.AMBIGUOUS))
+    code = np.where(scaled.finite, code, int(Code.NON_FINITE))
+    bad = code > Code.MAX_ITERATIONS
+    parameters, covariance = scaled.physical(theta, summary.covariance)
+    numbers = {
+        "parameters": parameters,
+        "covariance": covariance,
+        "chi_square": summary.chi_square.copy(),
+        "half_width": summary.half_width.copy(),
+    }
+    for value in numbers.values():
+        value[bad] = np.nan
+    numbers |= {"code": code, "iterations": solution.iterations}
+    return _Block(numbers=numbers, scaled=scaled, theta=theta, summary=summary, dof=dof)
+
+
+def _weighed(block: _Block, options: Options) -> tuple[_Block, NoiseFactors]:
+    # one set by the noise that its residuals ask for, where it is more than stated
+    problem = block.scaled.problem
+
+    def fit(_: _Block, factor: Any) -> _Block:
+        noisier = replace(block.scaled, problem=problem.noisier(*factor))
+        return _fit_block(noisier, options)
+
+    if block.numbers["code"][0] != Code.CONVERGED or options.known is not None:
+        return block, NOT_JUDGED
+    return judged(block, fit, lambda last: residuals(problem, last.summary.here))
+
+
+def _twin(theta: Float[Array, "t 22"], hemisphere: str) -> Float[Array, "t 22"]:
+    # (M, s) and (-M, -s) fit alike: the start took det M > 0
+    if hemisphere == "unstated":
+        return theta
+    down = theta[:, DIP] > 0.0
+    turned = np.array(theta)
+    turned[:, MATRIX] *= -1.0
+    turned[:, DIP] *= -1.0
+    return np.where((down == (hemisphere == "north"))[:, None], theta, turned)
+
+
+def _refuse(
+    code: int, named: dict[str, Array], block: _Block, noise: tuple[Array, Array]
+) -> None:
+    refuse(
+        code, named,
+        half_width=float(block.summary.half_width[0]),
+        widest=int(block.summary.widest[0]),
+        sine=float(block.theta[0, DIP]),
+        factor=float(seen_over_stated(block.summary.chi_square, block.dof)[0]),
+        noise=max(float(each.std.max()) for each in block.scaled.problem.sensors),
+    )  # fmt: skip
+
+
+def _single(block: _Block, time: Float[Array, " n"], options: Options) -> Single:
+    matrix = block.numbers["parameters"][0, MATRIX].reshape(3, 3)
+    iron = np.linalg.norm(matrix @ block.numbers["parameters"][0, IRON])
+    return Single(
+        problem=block.scaled.problem,
+        theta=block.theta[0],
+        summary=block.summary,
+        dof=block.dof,
+        time=time,
+        converged=bool(block.numbers["code"][0] == Code.CONVERGED),
+        iron=float(iron / options.field),
+    )

@@ -1,0 +1,333 @@
+r"""Whether poses bear a magnetometer's calibration out.
+
+**Covariance, chi-square and the checks that decide whether a fit is a calibration.**
+
+The natural size of an error of the magnetometer is that of the corrected field:
+:math:`E = dM\, M^{-1}`, :math:`M\, db` and ds, all relative to the strength of the
+field; the same holds for the accelerometer with gravity.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+import scipy
+
+from simval.arrays import Array
+from simval.errors import GeometryError, RefusedError
+from simval.imu.calibrate.equations import (
+    Accelerometer,
+    Corrected,
+    Local,
+    Magnetometer,
+    Problem,
+)
+from simval.imu.calibrate.evidence import WIDEST
+from simval.imu.calibrate.magnetometer.result import (
+    ACCELEROMETER,
+    DIP,
+    IRON,
+    MATRIX,
+    PARAMETERS,
+)
+from simval.imu.sensor import forms
+from simval.shapes import Float
+
+LEAST_COSINE = 0.01
+"""Of the dip. At 89.4 degrees the horizontal field is 1 % of the whole: the noise of a
+good magnetometer. Up to 89 degrees all are alike (docs/magnetometer.md)."""
+_SDS = 5.0  # standard deviations that the dip must be from 90 degrees, or from 0
+_LEAST_PIVOT = 1e-14  # squared sine of a column on the others; rounding leaves 1e-16
+_TAIL = 1e-3  # of the chi-square, beyond which the scatter seen widens the bars judged
+_NORMAL_95 = 1.96
+
+
+class Code(IntEnum):
+    """How a trial ended."""
+
+    CONVERGED = 0
+    MAX_ITERATIONS = 1
+    NON_FINITE = 2
+    RANK = 3
+    VERTICAL = 4
+    WIDE = 5
+    HEMISPHERE = 6
+    AMBIGUOUS = 7
+
+
+STATUS_NAMES = np.array(
+    [
+        "converged",
+        "max iterations",
+        "refused: non-finite readings",
+        "refused: rank below 22",
+        "refused: field along the vertical",
+        "refused: error bars too wide",
+        "refused: the dip does not tell the hemisphere",
+        "refused: two calibrations fit alike",
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Summary:
+    """What is known at the end of a fit, in its scaled units."""
+
+    here: Local
+    covariance: Float[Array, "t 22 22"]  # NaN where the rank is below 22
+    chi_square: Float[Array, " t"]
+    # greatest natural half-width of a 95 % interval, and of which parameter it is
+    half_width: Float[Array, " t"]
+    widest: Any  # index, (t,)
+    full_rank: Any  # bool, (t,)
+
+
+def summarize(problem: Problem, theta: Float[Array, "t 22"], dof: int) -> Summary:
+    """Work out covariance and evidence at the solutions."""
+    with np.errstate(all="ignore"):  # hopeless trials are NaN
+        here = problem.local(theta)
+        covariance, pivot = here.covariance()
+        full = np.asarray(pivot > _LEAST_PIVOT, dtype=bool)
+        covariance[~full] = np.nan
+        natural = natural_sd(problem.accelerometer.model, theta, here.at, covariance)
+        factor = seen_over_stated(here.chi_square, dof)
+        half = _NORMAL_95 * natural * factor[:, None]
+    half = np.where(np.isfinite(half), half, np.inf)
+    widest = np.argmax(half, axis=1)
+    return Summary(
+        here=here,
+        covariance=covariance,
+        chi_square=here.chi_square,
+        half_width=np.max(half, axis=1),
+        widest=widest,
+        full_rank=full,
+    )
+
+
+def seen_over_stated(chi_square: Float[Array, " t"], dof: int) -> Float[Array, " t"]:
+    """Factor by which the scatter seen exceeds the noise stated, 1 where chance can."""
+    if dof <= 0:
+        return np.ones(len(chi_square))
+    limit = 2.0 * scipy.special.gammaincinv(dof / 2.0, 1.0 - _TAIL)
+    return np.where(chi_square > limit, np.sqrt(chi_square / dof), 1.0)
+
+
+def natural_sd(
+    model: str, theta: Array, at: dict[str, Corrected], covariance: Array
+) -> Float[Array, "t 25"]:
+    """Standard deviations of E, M db of both sensors and ds: natural sizes."""
+    count = len(theta)
+    carry = np.zeros((count, 25, PARAMETERS))
+    bad = np.asarray(~np.isfinite(theta).all(axis=1))
+    eye = np.eye(3)
+    matrix_a, matrix_m = at["accelerometer"].matrix, at["magnetometer"].matrix
+    inverse_a, inverse_m = (
+        np.linalg.pinv(np.where(bad[:, None, None], eye, matrix))
+        for matrix in (matrix_a, matrix_m)
+    )
+    slopes = forms.matrix_derivatives(model, theta[:, ACCELEROMETER])
+    moved = slopes @ inverse_a[:, None]
+    carry[:, :9, :6] = np.swapaxes(moved.reshape(count, 6, 9), -1, -2)
+    carry[:, 9:12, 6:9] = matrix_a
+    for row in range(3):  # a row of dM times the inverse
+        rows = slice(12 + 3 * row, 15 + 3 * row)
+        columns = slice(MATRIX.start + 3 * row, MATRIX.start + 3 * row + 3)
+        carry[:, rows, columns] = np.swapaxes(inverse_m, -1, -2)
+    carry[:, 21:24, IRON] = matrix_m
+    carry[:, 24, DIP] = 1.0
+    return np.sqrt(np.einsum("tij,tjk,tik->ti", carry, covariance, carry))
+
+
+def judge(
+    summary: Summary, theta: Float[Array, "t 22"], converged: Any, hemisphere: str
+) -> Any:
+    """Code of each trial from its fit."""
+    sine = theta[:, DIP]
+    with np.errstate(invalid="ignore"):
+        sd = np.sqrt(summary.covariance[:, DIP, DIP])
+        cosine = np.sqrt(np.maximum(1.0 - sine**2, 0.0))
+        # an error of the sine is one of the dip times the cosine
+        vertical = ~(cosine > LEAST_COSINE) | ~(cosine**2 > _SDS * sd)
+        weak = ~(np.abs(sine) > _SDS * sd)
+    near = np.abs(sine) < 1.0 + LEAST_COSINE  # beyond, the poses fit no field at all
+    wide = ~(summary.half_width <= WIDEST)
+    code = np.where(converged, int(Code.CONVERGED), int(Code.MAX_ITERATIONS))
+    if hemisphere != "unstated":
+        code = np.where(weak, int(Code.HEMISPHERE), code)
+    code = np.where(wide, int(Code.WIDE), code)
+    steep = ~(cosine > LEAST_COSINE)
+    code = np.where(vertical & ~wide | steep & near, int(Code.VERTICAL), code)
+    return np.where(~summary.full_rank & ~(steep & near), int(Code.RANK), code)
+
+
+_LEVEL = np.radians(15.0)  # decides the words of a message only
+_STILL = 1e-9  # of the length: a column that does not change
+_RANK = 10.0  # times the relative noise, of the greatest singular value
+_ADVICE = (
+    "turn each axis up and down in turn, and change the heading at each tilt, so that "
+    "gravity and the field are seen from all sides"
+)
+
+
+def refuse_still(readings: dict[str, Float[Array, "n 3"]]) -> None:
+    """Refuse a sensor with an axis that reads the same in every pose.
+
+    Raises
+    ------
+    GeometryError
+        If there is one.
+    """
+    for name, values in readings.items():
+        still = np.ptp(values, axis=0) <= _STILL * np.abs(values).max()
+        if still.all():
+            msg = (
+                f"the {name} reads the same in all {len(values)} poses; it was not "
+                f"moved, or its columns are not those of a sensor: {_ADVICE}"
+            )
+            raise GeometryError(msg)
+        if still.any():
+            axis = int(np.flatnonzero(still)[0])
+            msg = (
+                f"axis {'xyz'[axis]} of the {name} reads {values[0, axis]:g} in all "
+                f"{len(values)} poses; a working axis changes from pose to pose, so "
+                "check the column and the wire"
+            )
+            raise GeometryError(msg)
+
+
+def refuse(
+    code: int,
+    poses: dict[str, Float[Array, "n 3"]],
+    half_width: float,
+    widest: int,
+    sine: float,
+    factor: float,
+    noise: float,
+) -> None:
+    """Raise the error that says what is wrong with one set.
+
+    Raises
+    ------
+    RefusedError
+        Always; `GeometryError` where the poses leave something unobservable.
+    """
+    body, field = poses["accelerometer"], poses["magnetometer"]
+    if code == Code.HEMISPHERE:
+        msg = (
+            f"the dip is {_degrees(sine)} degrees, too near 0 for its error bars to "
+            "tell the hemisphere; leave `hemisphere` out: the axes of the magnetometer "
+            "are then taken as right-handed (det M > 0)"
+        )
+        raise RefusedError(msg)
+    if code == Code.AMBIGUOUS:
+        msg = (
+            f"two different calibrations fit the {len(body)} poses alike; so few poses "
+            "do not tell which is right: add poses, twelve or more are always enough "
+            "when turned to all sides"
+        )
+        raise GeometryError(msg)
+    said = _geometry_words(body, field)
+    wide = not half_width <= WIDEST
+    if code == Code.VERTICAL and not wide and not said:
+        msg = (
+            f"the field is along the vertical (dip {_degrees(sine)} degrees): it does "
+            "not tell a heading, and the three equations of a pose are only two; "
+            f"nearer than {np.degrees(np.arcsin(LEAST_COSINE)):.1f} degrees, or five "
+            "error bars, nothing is fitted: go to another place, look for iron below "
+            "the sensor, and check that the columns of one sensor were not given twice"
+        )
+        raise GeometryError(msg)
+    rank = nominal_rank(body, field, noise)
+    if rank < PARAMETERS and not said:
+        said = "the poses are too few or too much alike for their noise; "
+    if code == Code.VERTICAL:
+        said += (
+            f"the dip comes out as {_degrees(sine)} degrees, and a field along the "
+            "vertical tells no heading; "
+        )
+    if wide and rank == PARAMETERS:
+        scatter = (
+            f"; the poses scatter {factor:.3g} times as much as the stated noise "
+            "explains, which counts here: check units, the order of the poses, and "
+            "that the two sensors are not swapped"
+            if factor > 1.0
+            else ""
+        )
+        msg = (
+            f"the calibration is uncertain by {100.0 * half_width:.3g} percent of the "
+            f"field or of gravity ({_named(widest)}, 95 percent half-width), and at "
+            f"most {100.0 * WIDEST:.0f} percent is accepted{scatter}; {said}{_ADVICE}, "
+            "or hold each pose longer"
+        )
+        raise (RefusedError if factor > 1.0 else GeometryError)(msg)
+    msg = (
+        f"the {len(body)} poses leave some of the {PARAMETERS} parameters open (rank "
+        f"{min(rank, PARAMETERS - 1)} of {PARAMETERS}): {said}{_ADVICE}"
+    )
+    raise GeometryError(msg)
+
+
+def _degrees(sine: float) -> str:
+    return f"{np.degrees(np.arcsin(np.clip(sine, -1.0, 1.0))):.2f}"
+
+
+def _named(widest: int) -> str:
+    if widest < 12:
+        return f"the accelerometer's {'bias' if widest >= 9 else 'matrix'}"
+    if widest < 24:
+        return "the matrix M" if widest < 21 else "the hard iron b"
+    return "the dip"
+
+
+def _directions(readings: Float[Array, "n 3"], centre: Any) -> Float[Array, "n 3"]:
+    off = readings - centre
+    length = np.linalg.norm(off, axis=1, keepdims=True)
+    return off / np.where(length > 0.0, length, 1.0)
+
+
+def _geometry_words(body: Float[Array, "n 3"], field: Float[Array, "n 3"]) -> str:
+    # what the raw readings themselves say against the poses
+    up = _directions(body, 0.0)
+    mean = _directions(up.mean(axis=0, keepdims=True), 0.0)[0]
+    tilt = float(np.arccos(np.clip(np.min(up @ mean), -1.0, 1.0)))
+    if tilt < _LEVEL:
+        return (
+            f"the accelerometer points within {np.degrees(tilt):.2g} degrees of one "
+            "direction in all poses, as on a level table, and turning there says "
+            "little: tilt it; "
+        )
+    for name, readings in (("accelerometer", body), ("magnetometer", field)):
+        off = readings - readings.mean(axis=0)
+        values = np.linalg.svd(off, compute_uv=False)
+        if not values[2] > 0.05 * values[0]:
+            return (
+                f"the readings of the {name} lie in a plane, as when all turns are "
+                "about one axis: turn about another axis as well; "
+            )
+    return ""
+
+
+def nominal_rank(
+    body: Float[Array, "n 3"], field: Float[Array, "n 3"], noise: float
+) -> int:
+    """Rank of the equations above the relative noise, both sensors taken as ideal."""
+    up, along = _directions(body, 0.0), _directions(field, _middle(field))
+    theta = np.zeros((1, PARAMETERS))
+    theta[0, :9] = forms.from_gram("triangular", np.eye(3), np.zeros(3))
+    theta[0, 9:18] = np.eye(3).ravel()
+    theta[0, 21] = -np.mean(np.vecdot(up, along))
+    one = np.ones((1, len(up), 3))
+    problem = Problem(
+        sensors=(
+            Accelerometer(readings=up[None], std=one, model="triangular"),
+            Magnetometer(readings=along[None], std=one),
+        )
+    )
+    slopes = problem.rests(problem.corrected(theta), theta)[1].reshape(-1, PARAMETERS)
+    values = np.linalg.svd(slopes, compute_uv=False)
+    return int(np.count_nonzero(values > min(_RANK * noise, 0.1) * values[0]))
+
+
+def _middle(readings: Float[Array, "n 3"]) -> Float[Array, "3"]:
+    return (readings.max(axis=0) + readings.min(axis=0)) / 2.0

@@ -1,0 +1,400 @@
+r"""Accelerometer, gyroscope and magnetometer of the same rests in one fit.
+
+**The rows of three sensors that an unknown attitude leaves, and their noise.**
+
+A pose gives six readings and a move three angles; the attitudes of n rests take 3n of
+these 6n + 3(n - 1) away. What is left are the three equations of each pose (M1) and
+three of each gap. Two of a gap are those of gravity (N5). The third turns the field
+v_k of one pose into the next and looks along the horizontal direction across it,
+
+.. math:: e_{k3} = a_{k+1}^T (C_k^T v_k - v_{k+1}), \qquad
+   a = \frac{u \times v}{|u \times v|}, \tag{J1}
+
+so a gyroscope tells the headings of all poses to one, and a magnetometer is compared
+with itself. All are functions of the same pose means: with L the map from the unit
+noises of six axes a pose to the rows, their covariance is :math:`LL^T` and what the
+moves add (`gyroscope.covariance`), so that a pose is counted once.
+
+The readings of both vectors are in the scaled units of the magnetometer's fit; the 34
+parameters stand in the order: nine of the accelerometer, the rows of :math:`M_m`,
+:math:`b_m`, s, and then the rows of the gyroscope's M, and B.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Final
+
+import numpy as np
+
+from simval.arguments import instance
+from simval.arrays import Array, physical_array
+from simval.errors import InputError
+from simval.imu.calibrate.equations import Local, Problem, Solution, minimize, weighed
+from simval.imu.calibrate.estimate import Estimate, nine_axis_text
+from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors
+from simval.imu.calibrate.gyroscope.covariance import (
+    Given,
+    checked_pose_std,
+    setting_of,
+)
+from simval.imu.calibrate.gyroscope.moves import Moves, taken
+from simval.imu.calibrate.gyroscope.residuals import InterRest
+from simval.imu.calibrate.gyroscope.result import NAMES, GyroscopeFit
+from simval.imu.calibrate.magnetometer.calibration import Options, Scaled, scale
+from simval.imu.calibrate.magnetometer.evidence import natural_sd
+from simval.imu.calibrate.magnetometer.result import (
+    DIP,
+    OWN_NAMES,
+    PARAMETERS,
+    MagnetometerFit,
+)
+from simval.imu.sensor import forms
+from simval.shapes import Float
+
+ACCELEROMETER, GYROSCOPE, MAGNETOMETER = slice(0, 9), slice(9, 21), slice(21, 34)
+"""Where the parameters of each sensor stand."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NineAxisFit(Estimate):
+    """Accelerometer, gyroscope and magnetometer in one fit, one recording or a batch.
+
+    The 34 parameters, the dip in rad, have a covariance with the stated noises; see
+    `Estimate`.
+
+    Attributes
+    ----------
+    chi2_per_dof : Array
+        Weighted sum of squares of all rows by degree of freedom, (...).
+    step : Array
+        The last step, over its standard deviation, (...).
+    noise : NoiseFactors
+        By how much the noise of each sensor was taken to exceed what was stated, with
+        which covariance and chi-square are; empty for a batch.
+    gyroscope : GyroscopeFit
+        The gyroscope with the numbers of this fit; its `dof` and `chi2_per_dof` are
+        those of all rows.
+    magnetometer : MagnetometerFit
+        The magnetometer with the parameters and the covariance of this fit. What is
+        said of single poses, `chi_square`, `dof`, `pose_chi_square`, `disturbed` and
+        `findings`, is of the fit beside the accelerometer alone.
+    """
+
+    advice: ClassVar[str] = (
+        "the fits of two sensors disagree by more than their noise; look for rests "
+        "that moved, a disturbed field and the noise that is stated"
+    )
+
+    chi2_per_dof: Float[Array, "..."]
+    step: Float[Array, "..."]
+    noise: NoiseFactors
+    gyroscope: GyroscopeFit
+    magnetometer: MagnetometerFit
+
+    def __str__(self) -> str:
+        return nine_axis_text(self)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the 34: the accelerometer's, then with gyro and mag before them."""
+        others = (
+            (f"gyro_{name}" for name in NAMES),
+            (f"mag_{name}" for name in OWN_NAMES),
+        )
+        return (*forms.names(self.gyroscope.model), *others[0], *others[1])
+
+    def as_object(self) -> dict[str, Any]:
+        """Return what the sensors' own objects do not hold, as JSON can hold it.
+
+        Returns
+        -------
+        dict
+            Names, covariance of all parameters, chi-square and status of one fit.
+        """
+        return {
+            "names": list(self.names),
+            "covariance": self.covariance.tolist(),
+            "dof": self.dof,
+            "chi2_per_dof": float(self.chi2_per_dof),
+            "status": str(self.status),
+            "iterations": int(self.iterations),
+        }
+
+
+EACH = 3  # rows of a pose, and of a gap
+COUNT: Final = 34
+_NORMAL_95: Final = 1.959964
+MOST_STEPS: Final = 30
+_ORDER = np.r_[0:9, 22:34, 9:22]
+"""Accelerometer, gyroscope, magnetometer; the fit has the gyroscope last."""
+
+
+def empty(
+    good: Any, gyroscope: GyroscopeFit, magnetometer: MagnetometerFit
+) -> dict[str, Any]:
+    """Numbers of trials that are not fitted yet."""
+    t = len(good)
+    made: dict[str, Any] = {
+        "parameters": np.full((t, COUNT), np.nan),
+        "covariance": np.full((t, COUNT, COUNT), np.nan),
+        "gap_angles": np.full((t, gyroscope.gap_angles.shape[-1]), np.nan),
+    }
+    made |= {name: np.full(t, np.nan) for name in ("chi2", "half_width", "step")}
+    made["iterations"] = np.zeros(t, int)
+    said = np.where(
+        np.atleast_1d(gyroscope.converged),
+        np.atleast_1d(magnetometer.status),
+        np.atleast_1d(gyroscope.status),
+    )
+    made["status"] = said.astype(object)
+    return made
+
+
+def write(
+    result: dict[str, Any],
+    good: Any,
+    found: Solution,
+    here: Local,
+    problem: Problem,
+    scaled: Scaled,
+) -> None:
+    """Write the numbers of fitted trials among them, in their own units."""
+    turns, theta, t = problem.turns, found.theta, len(found.theta)
+    assert isinstance(turns, InterRest)
+    own, _ = here.covariance()
+    whole = np.zeros((t, COUNT, COUNT))
+    free = own.shape[1]
+    whole[:, :free, :free] = own
+    if free < COUNT:
+        last = np.arange(free, COUNT)
+        whole[:, last, last] = turns.setting.bias_std**2
+    poses, (M, B) = theta[:, :PARAMETERS], turns.split(theta[:, PARAMETERS:])
+    inner = whole[:, :PARAMETERS, :PARAMETERS]
+    natural = natural_sd(problem.accelerometer.model, poses, here.at, inner)
+    values, _ = scaled.physical(poses, inner)
+    slope = np.ones((t, COUNT))
+    slope[:, :PARAMETERS] = scaled.sizes
+    slope[:, DIP] = 1.0 / np.cos(values[:, DIP])
+    whole *= slope[:, :, None] * slope[:, None, :]
+    parameters = np.concatenate(
+        [values, M.reshape(t, 9), B + turns.moves.centre], axis=1
+    )
+    result["parameters"][good] = parameters[:, _ORDER]
+    result["covariance"][good] = whole[:, _ORDER[:, None], _ORDER]
+    result["half_width"][good] = _NORMAL_95 * natural.max(axis=1)
+    result["gap_angles"][good] = turns.angles(here.at, theta[:, PARAMETERS:])
+    result["chi2"][good] = here.chi_square
+    result["step"][good] = found.step
+    result["iterations"][good] = found.iterations
+    result["status"][good] = np.where(found.converged, "converged", "max iterations")
+
+
+def result_of(
+    result: dict[str, Any],
+    gyroscope: GyroscopeFit,
+    magnetometer: MagnetometerFit,
+    dof: int,
+    noise: NoiseFactors,
+) -> NineAxisFit:
+    """Return all trials, or the one of a recording, with each sensor's own part."""
+    if gyroscope.parameters.ndim == 1:
+        result = {name: value[0] for name, value in result.items()}
+    parameters, covariance = result["parameters"], result["covariance"]
+    ratio = result["chi2"] / dof if dof > 0 else result["chi2"] * np.nan
+    poses = np.r_[0:9, 21:34]  # accelerometer and magnetometer
+    shared = {key: result[key] for key in ("status", "iterations")} | {"noise": noise}
+    return NineAxisFit(
+        parameters=parameters,
+        covariance=covariance,
+        dof=dof,
+        chi2_per_dof=ratio,
+        step=result["step"],
+        gyroscope=replace(
+            gyroscope,
+            parameters=parameters[..., 9:21],
+            accelerometer=parameters[..., :9],
+            covariance=covariance[..., :21, :21],
+            dof=dof,
+            chi2_per_dof=ratio,
+            gap_angles=result["gap_angles"],
+            step=result["step"],
+            **shared,
+        ),
+        magnetometer=replace(
+            magnetometer,
+            parameters=parameters[..., poses],
+            covariance=covariance[..., poses[:, None], poses],
+            half_width=result["half_width"],
+            **shared,
+        ),
+        **shared,
+    )
+
+
+_FLOOR: Final = 1e-11  # of the readings' own size, as for the other noises
+
+
+def calibrate_nine_axis(
+    moves: Moves,
+    poses: Any,
+    fields: Any,
+    gyroscope: GyroscopeFit,
+    magnetometer: MagnetometerFit,
+    *,
+    pose_std: Any,
+    field_std: Any,
+    angle_random_walk: Any = None,
+    bias_random_walk: float = 0.0,
+    known_bias: Any = None,
+    bias_std: Any = None,
+) -> NineAxisFit:
+    """Fit three sensors to the same rests and the moves between them.
+
+    All 34 parameters in one generalised least-squares fit of three equations a pose and
+    three a move, from the fits of two sensors each.
+
+    Parameters
+    ----------
+    moves : Moves
+        Path statistics, see `moves_between`.
+    poses, fields : array_like
+        Mean reading of the accelerometer and of the magnetometer in each rest, raw
+        units, (n, 3) or (trials, n, 3).
+    gyroscope : GyroscopeFit
+        Of the same moves and poses, ``estimator="joint"``; its model of the bias is
+        kept.
+    magnetometer : MagnetometerFit
+        Of the same poses, in the same form of the accelerometer.
+    pose_std, field_std : float or array_like
+        Noise of each axis of a pose mean of either sensor, raw units: one number, (n,)
+        or (n, 3).
+    angle_random_walk : float or array_like, optional
+        As in `calibrate_gyroscope`, as are the following.
+    bias_random_walk : float, default 0.0
+        K, raw units times root hertz.
+    known_bias : array_like, optional
+        Raw units, (3,): where the gyroscope's bias was kept.
+    bias_std : float or array_like, optional
+        How well the rests tell the bias, raw units.
+
+    Returns
+    -------
+    NineAxisFit
+        Parameters, covariance and status.
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable, or the fits are not of the same recordings.
+    RefusedError
+        If the residuals of one recording are far beyond the noise of a sensor.
+    """
+    instance("moves", moves, Moves)
+    instance("gyroscope", gyroscope, GyroscopeFit)
+    instance("magnetometer", magnetometer, MagnetometerFit)
+    pair = _pair(moves, poses, fields)
+    _require_alike(gyroscope, magnetometer, len(pair[0]))
+    count = pair[0].shape[1]
+    noise = (
+        checked_pose_std(pose_std, count),
+        checked_pose_std(field_std, count, "field_std"),
+    )
+    given = Given(
+        pose_std=pose_std, angle_random_walk=angle_random_walk,
+        bias_random_walk=bias_random_walk, bias=gyroscope.bias,
+        known_bias=known_bias, bias_std=bias_std,
+    )  # fmt: skip
+    setting = setting_of(
+        moves, pair[0], given, model=gyroscope.model, residual="weighted", g=1.0,
+        estimator="joint",
+    )  # fmt: skip
+    good = _usable(gyroscope, magnetometer)
+    result = empty(good, gyroscope, magnetometer)
+    told = NOT_JUDGED
+    if good.any():
+        part = moves if good.all() else taken(moves, good)
+        chosen = replace(setting, bias_value=setting.bias_value[good])
+        scaled = _scaled((pair[0][good], pair[1][good]), noise, magnetometer)
+        turns = InterRest(moves=part, setting=chosen, each=EACH)
+        sensors = (_floored(each) for each in scaled.problem.sensors)
+        problem = Problem(sensors=tuple(sensors), turns=turns)
+        start = _start(turns, scaled, gyroscope, magnetometer, good)
+        found = minimize(problem, start, MOST_STEPS)
+        here = problem.local(found.theta)
+        write(result, good, found, here, problem, scaled)
+        if gyroscope.parameters.ndim == 1 and all(np.all(std > 0.0) for std in noise):
+            problem, found, here, told = weighed(problem, found, here, MOST_STEPS)
+            write(result, good, found, here, problem, scaled)
+    dof = 2 * EACH * count - COUNT
+    return result_of(result, gyroscope, magnetometer, dof, told)
+
+
+def _pair(moves: Moves, poses: Any, fields: Any) -> tuple[Array, Array]:
+    named = {"poses": poses, "fields": fields}
+    pair = [physical_array(name, value, (None, 3)) for name, value in named.items()]
+    pair = [each[None] if each.ndim == 2 else each for each in pair]
+    shape = moves.rest_rates.shape
+    if not pair[0].shape == pair[1].shape == shape:
+        msg = (
+            f"`moves` has {shape[0]} trial(s) of {shape[1]} rests, `poses` the shape "
+            f"{pair[0].shape} and `fields` {pair[1].shape}; give the mean of both "
+            "sensors in each rest"
+        )
+        raise InputError(msg)
+    return pair[0], pair[1]
+
+
+def _require_alike(
+    gyroscope: GyroscopeFit, magnetometer: MagnetometerFit, trials: int
+) -> None:
+    sizes = [
+        np.atleast_2d(fit.parameters).shape[0] for fit in (gyroscope, magnetometer)
+    ]
+    alike = gyroscope.model == magnetometer.model and sizes == [trials, trials]
+    if gyroscope.estimator == "joint" and alike:
+        return
+    msg = (
+        f"`gyroscope` holds {sizes[0]} fit(s) ({gyroscope.estimator}, form "
+        f"{gyroscope.model}) and `magnetometer` {sizes[1]} (form {magnetometer.model}) "
+        f"for {trials} trial(s); give a fit of each for each trial, in the same form, "
+        'and the gyroscope\'s with estimator="joint"'
+    )
+    raise InputError(msg)
+
+
+def _usable(gyroscope: GyroscopeFit, magnetometer: MagnetometerFit) -> Any:
+    parts = [gyroscope.accelerometer, gyroscope.parameters, magnetometer.parameters]
+    finite = [np.isfinite(np.atleast_2d(each)).all(axis=1) for each in parts]
+    return np.logical_and.reduce(finite)
+
+
+def _scaled(
+    pair: tuple[Array, Array],
+    noise: tuple[Array, Array],
+    magnetometer: MagnetometerFit,
+) -> Scaled:
+    options = Options(
+        g=magnetometer.g, field=magnetometer.field, model=magnetometer.model,
+        hemisphere="unstated", max_iterations=1, known=None,
+    )  # fmt: skip
+    return scale(pair, noise, slice(None), options)
+
+
+def _floored(sensor: Any) -> Any:
+    # a noise of zero is rounding of the readings, which are of unit size here
+    return replace(sensor, std=np.maximum(sensor.std, _FLOOR))
+
+
+def _start(
+    turns: InterRest,
+    scaled: Scaled,
+    gyroscope: GyroscopeFit,
+    magnetometer: MagnetometerFit,
+    good: Any,
+) -> Float[Array, "t p"]:
+    values = np.atleast_2d(magnetometer.parameters)[good]
+    values[:, ACCELEROMETER] = np.atleast_2d(gyroscope.accelerometer)[good]
+    values[:, DIP] = np.sin(values[:, DIP])
+    own = np.array(np.atleast_2d(gyroscope.parameters)[good])
+    own[:, 9:] -= turns.moves.centre
+    poses = (values - scaled.shifts) / scaled.sizes
+    return np.concatenate([poses, own[:, : turns.size]], axis=1)

@@ -1,0 +1,401 @@
+r"""The residuals of an accelerometer's poses, and the moments they are made of.
+
+**Moments of the readings: one pass over the data, then none.**
+
+The residual of a calibration is linear in ten monomials of the reading (Q1), so
+every sum over poses that a step needs is a form in the moment matrix
+
+.. math:: G = \sum_k w_k\, m_k m_k^T.  \tag{Q2}
+
+**The residual as a quadric in the reading, and its derivatives.**
+
+With :math:`A = M^T M` the residual of all three derivations is
+
+.. math:: c(y) = |M (y - b)|^2 - 1 = m(y)^T v(\theta)  \tag{Q1}
+
+in units where gravity is 1: :math:`m` are the ten monomials of the reading,
+:math:`v` ten coefficients. So every sum over poses of products of :math:`c` and
+its derivatives is a form in the moment matrix :math:`G = \sum_k w_k m_k m_k^T`
+(Q2): one pass over the data, then each iteration costs the same for any number of
+samples. The weighted-distance residual also needs :math:`q(y) = |M^T M (y - b)|^2`,
+the quadric of :math:`A^2`, without the constant.
+
+**The residuals: what each makes of the quadrics c and q of one pose.**
+
+In units where gravity is 1, with :math:`c = |M(y-b)|^2 - 1` and
+:math:`q = |M^T M (y-b)|^2`, half the cost of a pose is
+
+- ``squared``: :math:`c^2/2`;  ``adjusted``: the same with the moments of the noise
+  taken out of the moment matrix;
+- ``norm``: :math:`(\sqrt{1+c} - 1)^2/2`;
+- ``weighted``: :math:`w c^2/2`, :math:`w = 1/4q` held fixed within a step, so that
+  the estimate solves :math:`\sum w c\, \partial c = 0`;
+- ``sampson``: :math:`c^2/8q`, differentiated in full: the squared first-order
+  distance from the reading to the ellipsoid.
+
+Where the noise of each pose is known, weighted and sampson multiply the cost of a pose
+by :math:`(\sigma_{\min}/\sigma_k)^2`, so that they stay at the Cramer-Rao bound; the
+others are those of their sources, which hold all poses for equally good.
+
+Each is given by its slopes by (c, q) and by the entries of the 2 x 2 curvature:
+the product of first derivatives (Gauss-Newton) or the full one (Newton).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from simval import vocabulary
+from simval.arrays import Array
+from simval.imu.sensor import forms
+from simval.shapes import Float
+
+CHUNK = 1 << 15  # samples of one pass; 2.6 MB of monomials
+PAIRS = ((0, 1), (0, 2), (1, 2))
+_EXPONENTS = (
+    (2, 0, 0),
+    (0, 2, 0),
+    (0, 0, 2),
+    (1, 1, 0),
+    (1, 0, 1),
+    (0, 1, 1),
+    (1, 0, 0),
+    (0, 1, 0),
+    (0, 0, 1),
+    (0, 0, 0),
+)
+
+
+def monomials(z: Float[Array, "... 3"]) -> Float[Array, "... 10"]:
+    """The ten monomials xx yy zz xy xz yz x y z 1 of a reading."""
+    result = np.empty((*z.shape[:-1], 10))
+    np.multiply(z, z, out=result[..., :3])
+    for index, (i, j) in enumerate(PAIRS):
+        np.multiply(z[..., i], z[..., j], out=result[..., 3 + index])
+    result[..., 6:9] = z
+    result[..., 9] = 1.0
+    return result
+
+
+def quadratic(p: Float[Array, "... m"]) -> Float[Array, "... 3 3"]:
+    """Symmetric matrix of the quadratic part of coefficients of the monomials."""
+    matrix = np.zeros((*p.shape[:-1], 3, 3))
+    matrix[..., range(3), range(3)] = p[..., :3]
+    for index, (i, j) in enumerate(PAIRS):
+        matrix[..., i, j] = matrix[..., j, i] = p[..., 3 + index] / 2.0
+    return matrix
+
+
+def moment_matrix(
+    z: Float[Array, "t n 3"], weights: Float[Array, "t n"] | None = None
+) -> Float[Array, "t 10 10"]:
+    """Moment matrix G of the monomials, eq. (Q2)."""
+    total: Array | float = 0.0
+    for start in range(0, z.shape[1], CHUNK):
+        part = slice(start, start + CHUNK)
+        m = _monomial_rows(z[:, part])
+        right = m if weights is None else m * weights[:, None, part]
+        total = total + m @ np.swapaxes(right, -1, -2)
+    return np.asarray(total)
+
+
+def _monomial_rows(z: Float[Array, "t n 3"]) -> Float[Array, "t 10 n"]:
+    # a row for each monomial, so that the poses are next to each other in memory
+    x = np.ascontiguousarray(np.swapaxes(z, -1, -2))
+    result = np.empty((len(x), 10, x.shape[-1]))
+    np.multiply(x, x, out=result[:, :3])
+    for index, (i, j) in enumerate(PAIRS):
+        np.multiply(x[:, i], x[:, j], out=result[:, 3 + index])
+    result[:, 6:9] = x
+    result[:, 9] = 1.0
+    return result
+
+
+def in_lanes(matrices: Float[Array, "t p q"]) -> Float[Array, "p q t"]:
+    """The same with the trials next to each other; no copy where they are already."""
+    return np.ascontiguousarray(np.moveaxis(matrices, 0, -1))
+
+
+def unbiased_moment_matrix(
+    z: Float[Array, "t n 3"], noise_std: Float[Array, "t n"]
+) -> Float[Array, "t 10 10"]:
+    """Moment matrix whose mean is that of the noise-free readings.
+
+    A power of a reading with Gaussian noise is replaced by the Hermite polynomial
+    whose mean is the power of the true value: x, x^2 - s^2, x^3 - 3 s^2 x,
+    x^4 - 6 s^2 x^2 + 3 s^4.
+    """
+    total = np.zeros((z.shape[0], 10, 10))
+    for start in range(0, z.shape[1], CHUNK):
+        part = slice(start, start + CHUNK)
+        x, s2 = z[:, part], noise_std[:, part, None] ** 2
+        square = x * x
+        powers = np.stack(
+            [
+                np.ones_like(x),
+                x,
+                square - s2,
+                x * (square - 3.0 * s2),
+                square * (square - 6.0 * s2) + 3.0 * s2 * s2,
+            ]
+        )
+        for i, first in enumerate(_EXPONENTS):
+            for j, second in enumerate(_EXPONENTS[: i + 1]):
+                a, b, c = np.add(first, second)
+                product = powers[a, ..., 0] * powers[b, ..., 1] * powers[c, ..., 2]
+                total[:, i, j] += product.sum(axis=-1)
+    lower = np.tril(total, -1)
+    return total + np.swapaxes(lower, -1, -2)
+
+
+def weighted_sum(
+    z: Float[Array, "t n 3"], weights: Float[Array, "t n"]
+) -> Float[Array, "t 10"]:
+    """Weighted sum of the monomials over poses."""
+    total = np.zeros((z.shape[0], 10))
+    for start in range(0, z.shape[1], CHUNK):
+        part = slice(start, start + CHUNK)
+        total += np.vecmat(weights[:, part], monomials(z[:, part]))
+    return total
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Quadric:
+    """A quadric's coefficients with their derivatives by the nine parameters."""
+
+    gram: Float[Array, "t 3 3"]  # the quadratic part
+    # its derivatives by the first six parameters, or by none of them
+    slopes: Float[Array, "t k 3 3"]
+    bias: Float[Array, "t 3"]  # the centre
+    values: Float[Array, "t 10"]  # the ten coefficients v
+
+
+def residual_quadric(model: str, theta: Float[Array, "t 9"]) -> Quadric:
+    """The quadric c of eq. (Q1)."""
+    m = forms.matrix(model, theta)
+    gram = np.swapaxes(m, -1, -2) @ m
+    slopes = forms.gram_derivatives(model, theta)
+    return _quadric(gram, slopes, theta[:, 6:], constant=-1.0)
+
+
+def distance_quadric(residual: Quadric) -> Quadric:
+    """The quadric q = |M'M (y - b)|^2, a quarter of the squared gradient of c."""
+    half = residual.slopes @ residual.gram[:, None]
+    slopes = half + np.swapaxes(half, -1, -2)
+    gram = residual.gram @ residual.gram
+    return _quadric(gram, slopes, residual.bias, constant=0.0)
+
+
+def _quadric(
+    gram: Float[Array, "t 3 3"],
+    slopes: Float[Array, "t k 3 3"],
+    bias: Float[Array, "t 3"],
+    *,
+    constant: float,
+) -> Quadric:
+    linear = np.matvec(gram, bias)
+    values = np.empty((gram.shape[0], 10))
+    for axis in range(3):
+        values[:, axis] = gram[:, axis, axis]
+    for index, (i, j) in enumerate(PAIRS):
+        values[:, 3 + index] = 2.0 * gram[:, i, j]
+    values[:, 6:9] = -2.0 * linear
+    values[:, 9] = np.vecdot(bias, linear) + constant
+    return Quadric(gram=gram, slopes=slopes, bias=bias, values=values)
+
+
+def residual_values(
+    model: str, theta: Float[Array, "t 9"], z: Float[Array, "t n 3"]
+) -> tuple[Float[Array, "t n"], Float[Array, "t n"]]:
+    """The quadrics c and q of each reading, without derivatives."""
+    m = forms.matrix(model, theta)
+    h = m @ (np.ascontiguousarray(np.swapaxes(z, -1, -2)) - theta[:, 6:, None])
+    return _squared(h) - 1.0, _squared(np.swapaxes(m, -1, -2) @ h)
+
+
+def _squared(x: Float[Array, "t 3 n"]) -> Float[Array, "t n"]:
+    return x[:, 0] * x[:, 0] + x[:, 1] * x[:, 1] + x[:, 2] * x[:, 2]
+
+
+def evaluate(
+    quadrics: Sequence[Quadric], z: Float[Array, "t n 3"]
+) -> list[Float[Array, "t n"]]:
+    """Values of some quadrics at each reading, in one pass."""
+    columns = np.stack([quadric.values for quadric in quadrics], axis=-1)
+    result = np.empty((len(quadrics), *z.shape[:-1]))
+    for start in range(0, z.shape[1], CHUNK):
+        part = slice(start, start + CHUNK)
+        values = monomials(z[:, part]) @ columns
+        result[:, :, part] = np.moveaxis(values, -1, 0)
+    return list(result)
+
+
+def value_derivatives(quadric: Quadric) -> Float[Array, "t 10 9"]:
+    """Derivatives of the ten coefficients by the nine parameters."""
+    result = np.zeros((quadric.gram.shape[0], 10, 9))
+    slopes, bias = quadric.slopes, quadric.bias
+    for axis in range(3):
+        result[:, axis, :6] = slopes[:, :, axis, axis]
+    for index, (i, j) in enumerate(PAIRS):
+        result[:, 3 + index, :6] = 2.0 * slopes[:, :, i, j]
+    linear = np.matvec(slopes, bias[:, None])  # (t, 6, 3)
+    result[:, 6:9, :6] = -2.0 * np.swapaxes(linear, -1, -2)
+    result[:, 9, :6] = np.vecdot(linear, bias[:, None])
+    result[:, 6:9, 6:] = -2.0 * quadric.gram
+    result[:, 9, 6:] = 2.0 * np.matvec(quadric.gram, bias)
+    return result
+
+
+def curvature(
+    quadric: Quadric, seconds: Float[Array, "t 6 6 3 3"], weights: Float[Array, "t 10"]
+) -> Float[Array, "t 9 9"]:
+    r"""Weighted sum of the second derivatives of the ten coefficients.
+
+    With the weights folded into a symmetric matrix :math:`S` (quadratic part), a
+    vector :math:`l` and a constant :math:`s_0`, the sum :math:`s^T v` is
+
+    .. math:: \mathrm{tr}(A W) + \mathrm{const}, \quad
+       W = S - b l^T - l b^T + s_0 b b^T  \tag{Q3}
+
+    so the derivatives are tr(d2A W) by two parameters of A, -2 dA (l - s_0 b) by
+    one of them and b, and 2 s_0 A by b twice.
+    """
+    bias, linear, constant = quadric.bias, weights[:, 6:9], weights[:, 9]
+    w = np.zeros_like(quadric.gram)
+    for axis in range(3):
+        w[:, axis, axis] = weights[:, axis]
+    for index, (i, j) in enumerate(PAIRS):
+        w[:, i, j] = w[:, j, i] = weights[:, 3 + index]
+    outer = bias[:, :, None] * linear[:, None, :]
+    w -= outer + np.swapaxes(outer, -1, -2)
+    w += constant[:, None, None] * bias[:, :, None] * bias[:, None, :]
+    rest = linear - constant[:, None] * bias
+    result = np.empty((bias.shape[0], 9, 9))
+    result[:, :6, :6] = (seconds * w[:, None, None]).sum(axis=(-2, -1))
+    mixed = -2.0 * np.matvec(quadric.slopes, rest[:, None])
+    result[:, :6, 6:] = mixed
+    result[:, 6:, :6] = np.swapaxes(mixed, -1, -2)
+    result[:, 6:, 6:] = 2.0 * constant[:, None, None] * quadric.gram
+    return result
+
+
+def residual_seconds(
+    model: str, theta: Float[Array, "t 9"]
+) -> Float[Array, "t 6 6 3 3"]:
+    """Second derivatives of A = M'M by the first six parameters."""
+    m = forms.matrix(model, theta)[:, None, None]
+    first = forms.matrix_derivatives(model, theta)
+    bent = np.swapaxes(forms.matrix_second_derivatives(model), -1, -2) @ m
+    crossed = np.swapaxes(first, -1, -2)[:, :, None] @ first[:, None]
+    half = bent + crossed
+    return half + np.swapaxes(half, -1, -2)
+
+
+def distance_seconds(
+    residual: Quadric, seconds: Float[Array, "t 6 6 3 3"]
+) -> Float[Array, "t 6 6 3 3"]:
+    """Second derivatives of A^2 by the first six parameters."""
+    half = seconds @ residual.gram[:, None, None]
+    half += residual.slopes[:, :, None] @ residual.slopes[:, None]
+    return half + np.swapaxes(half, -1, -2)
+
+
+RESIDUALS = vocabulary.RESIDUALS
+WEIGHTED = ("weighted", "sampson")  # by the variance of the residual
+
+
+def noise_shares(
+    residual: str, sigma: Float[Array, " n"] | None
+) -> Float[Array, " n"] | None:
+    """Weight of each pose by its noise, over that of the best one."""
+    if sigma is None or residual not in WEIGHTED or np.all(sigma == sigma[0]):
+        return None
+    return (sigma.min() / sigma) ** 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Slopes:
+    """Value, slopes and curvature of half the cost of each pose by (c, q)."""
+
+    cost: Float[Array, "t n"]  # half the cost of each pose
+    # c, q: slopes
+    c: Float[Array, "t n"]
+    q: Float[Array, "t n"]
+    # cc, cq, qq: curvature used in the step
+    cc: Float[Array, "t n"]
+    cq: Float[Array, "t n"]
+    qq: Float[Array, "t n"]
+
+    def weighted(self, shares: Float[Array, " n"] | None) -> "Slopes":
+        """Multiply the cost of each pose by a weight."""
+        if shares is None:
+            return self
+        return Slopes(**{k: getattr(self, k) * shares for k in self.__slots__})
+
+
+def norm_slopes(
+    c: Float[Array, "t n"], q: Float[Array, "t n"], *, newton: bool
+) -> Slopes:
+    """Slopes of the norm residual |M(y - b)| - 1."""
+    r = np.sqrt(np.maximum(1.0 + c, np.finfo(float).tiny))
+    e = r - 1.0
+    zero = np.zeros_like(c)
+    curve = 0.25 / (r * r * r) if newton else 0.25 / (r * r)
+    return Slopes(cost=e * e / 2, c=e / (2 * r), q=zero, cc=curve, cq=zero, qq=zero)
+
+
+def sampson_slopes(
+    c: Float[Array, "t n"], q: Float[Array, "t n"], *, newton: bool
+) -> Slopes:
+    """Slopes of the Sampson residual c / 2 sqrt(q)."""
+    ratio = c / q
+    cc = 0.25 / q
+    cross, square = (2.0, 4.0) if newton else (1.0, 1.0)
+    return Slopes(
+        cost=c * ratio / 8,
+        c=ratio / 4,
+        q=-ratio * ratio / 8,
+        cc=cc,
+        cq=-cross * ratio * cc / 2,
+        qq=square * ratio * ratio * cc / 4,
+    )
+
+
+SLOPES: dict[str, Callable[..., Slopes]] = {
+    "norm": norm_slopes,
+    "sampson": sampson_slopes,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Loss:
+    """A robust loss, by its influence function psi(r) = r w(r)."""
+
+    weight: Callable[[Array], Array]  # w(r) of the absolute residual over its scale
+    slope: Callable[[Array], Array]  # d psi/dr
+    # scale over the standard deviation of Gaussian residuals, for an efficiency of 95 %
+    # on them
+    tuning: float
+
+
+# huber: quadratic, then linear. soft_l1: 2 (sqrt(1 + r^2) - 1), its smooth relative.
+# cauchy: log(1 + r^2), which lets go of far outliers.
+# Efficiencies on Gaussian residuals, by quadrature: 95.0 %, 95.4 %, 95.0 %.
+LOSSES: dict[str, Loss] = {
+    "huber": Loss(
+        weight=lambda r: 1.0 / np.maximum(1.0, r),
+        slope=lambda r: np.where(r < 1.0, 1.0, 0.0),
+        tuning=1.345,
+    ),
+    "soft_l1": Loss(
+        weight=lambda r: 1.0 / np.sqrt(1.0 + r * r),
+        slope=lambda r: (1.0 + r * r) ** -1.5,
+        tuning=1.345,
+    ),
+    "cauchy": Loss(
+        weight=lambda r: 1.0 / (1.0 + r * r),
+        slope=lambda r: (1.0 - r * r) / (1.0 + r * r) ** 2,
+        tuning=2.385,
+    ),
+}

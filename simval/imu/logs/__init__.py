@@ -1,0 +1,29 @@
+"""Logs: a user's file with rows of sensor readings, read and checked once.
+
+A row is one instant. Text is in UTF-8, UTF-16 or Latin-1, its fields are separated by
+tabs, semicolons, commas or white space, its decimal mark is a point or a comma; words
+above the header, and lines that start with ``#``, ``%`` or ``//``, are ignored. A
+MATLAB file (format 4 or 5) is read by the names of its variables.
+
+The header says which columns are taken (by the rules of `simval.imu.logs.names`); where
+it does not, the user is asked, and nothing is guessed. Without a header the number of
+columns decides: 3 are ``ax ay az``, 4 ``t ax ay az``, 6 ``ax ay az wx wy wz`` and 7
+``t`` and those six. A magnetometer's are taken by their names alone, ``mx my mz``;
+where one is read more slowly and leaves holes, it is left out, and that is said.
+
+Time becomes seconds by the unit that the header or the caller states
+(`simval.imu.logs.clock`). A log without a clock relies on the caller's rate: everything
+in seconds is as right as that. The readings keep the unit of the file (raw
+counts or SI), because a calibration absorbs it.
+
+Rows may be missing where a clock says when, up to 5 s of them at once: what needs each
+row refuses them itself. A log with a longer hole, a repeated time, or a value that is
+not a number in a column that is taken, is refused with the file and the line, and never
+repaired. Recorded attitudes (`simval.imu.logs.truth`) may be missing in any row.
+"""
+
+from simval.imu.logs.columns import Column
+from simval.imu.logs.log import Log, read_log
+from simval.imu.logs.truth import Truth, read_truth
+
+__all__ = ["Column", "Log", "Truth", "read_log", "read_truth"]

@@ -1,0 +1,175 @@
+"""The clock of a log: its unit, its order, its gaps.
+
+Only a header or the caller states the unit. Without either, a clock counts as seconds
+if that gives a rate at which accelerometers are read, and as another unit only if the
+times are dates of this century and the rate fits too, or if the caller's rate fits.
+"""
+
+import re
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.errors import InputError
+from simval.imu.logs.columns import Column
+from simval.imu.logs.names import SECONDS
+from simval.imu.logs.tables import Table
+from simval.shapes import Float
+
+GAP = 5.0  # s; beyond it a recording was stopped and begun again
+RATE_AGREEMENT = 0.1  # relative; beyond it time column and stated rate contradict
+SLOWEST, FASTEST = 7.0, 5e4  # Hz; rates at which accelerometers are read
+_EPOCH = (1e9, 2.5e9)  # seconds since 1970 of the years 2001 to 2049
+_UNITS = {
+    "seconds": 1.0,
+    "milliseconds": 1e-3,
+    "microseconds": 1e-6,
+    "nanoseconds": 1e-9,
+}
+_TICKS = (*_UNITS.values(), 1e-4)  # Xsens's SampleTimeFine counts 0.1 ms
+_ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d{1,9})?)?Z?")
+
+
+def read_clock(
+    table: Table, column: Column | None, rate: float | None
+) -> tuple[Float[Array, " n"], float, float]:
+    """Return the times of a log's rows, their rate, and the clock's unit.
+
+    Raises
+    ------
+    InputError
+        If neither is known, or the clock has no unit that can be right, does not
+        increase, leaves a gap, or contradicts the rate.
+    """
+    time, second = (None, 0.0) if column is None else times_of(table, column, rate)
+    if time is not None:
+        return time, _checked_rate(table, time, rate), second
+    if rate is None:
+        why = "no time column and no rate given"
+        if table.names is not None:
+            why += " (none of the header's names is known as a clock's)"
+        msg = (
+            f"{table.path}: {why}; state the sampling rate in Hz (--rate), or name the "
+            "time column `t` (--columns)"
+        )
+        raise InputError(msg)
+    return np.arange(len(table)) / rate, rate, 0.0
+
+
+def times_of(
+    table: Table, column: Column, rate: float | None
+) -> tuple[Float[Array, " n"] | None, float]:
+    """Times in seconds, and the unit of the clock.
+
+    None for a clock in words where the caller states the rate.
+    """
+    if not table.is_text(column.place):
+        time = table.numbers([column.place])[:, 0]
+        require_finite(table, time[:, None])
+        second = _second(table, column, time, rate)
+        return np.asarray(time * second), second
+    texts = table.texts(column.place)
+    if all(_ISO.fullmatch(text) for text in texts):
+        try:
+            dates = np.array([text.rstrip("Z") for text in texts], "datetime64[ns]")
+        except ValueError:
+            dates = np.array(["NaT"], "datetime64[ns]")
+        if not np.isnat(dates).any():
+            return np.asarray((dates - dates[0]) / np.timedelta64(1, "s")), 1.0
+    if rate is not None:
+        return None, 0.0
+    msg = (
+        f"{table.where(0)}, column {column.place + 1}: {texts[0][:40]!r} is not a time "
+        "in numbers, nor a date like 2024-01-31 12:00:00.25 in each row; leave the "
+        "column out (--columns, with - for it) and state the rate (--rate HZ)"
+    )
+    raise InputError(msg)
+
+
+def require_finite(table: Table, values: Float[Array, "n k"]) -> None:
+    """Raise InputError for the first row with a value that is not a finite number."""
+    bad = ~np.isfinite(values).all(axis=1)
+    if bad.any():
+        msg = (
+            f"{table.where(int(np.argmax(bad)))}: a value is not finite "
+            f"({np.count_nonzero(bad)} such row(s) in all); every value must be a "
+            "finite number, so cut or repair those rows"
+        )
+        raise InputError(msg)
+
+
+def _second(
+    table: Table, column: Column, time: Float[Array, " n"], rate: float | None
+) -> float:
+    # seconds in one unit of the clock
+    if column.unit:
+        return SECONDS[column.unit]
+    median = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    if not median > 0.0:
+        return 1.0  # refused as times that do not increase
+    if rate is not None:
+        fitting = [u for u in _TICKS if _agree(1.0 / (median * u), rate)]
+        return fitting[0] if len(fitting) == 1 else 1.0
+    if SLOWEST <= 1.0 / median <= FASTEST:
+        return 1.0
+    for size in _UNITS.values():
+        dated = _EPOCH[0] <= time[0] * size and time[-1] * size <= _EPOCH[1]
+        if dated and SLOWEST <= 1.0 / (median * size) <= FASTEST:
+            return size
+    raise InputError(_unknown_unit(table, column, median))
+
+
+def _agree(measured: float, stated: float) -> bool:
+    return abs(measured / stated - 1.0) <= RATE_AGREEMENT
+
+
+def _unknown_unit(table: Table, column: Column, step: float) -> str:
+    named = f"{column.name!r}" if column.name else f"column {column.place + 1}"
+    fitting = [
+        f"in {name} {1.0 / (step * size):.6g} Hz"
+        for name, size in _UNITS.items()
+        if size < 1.0 and SLOWEST <= 1.0 / (step * size) <= FASTEST
+    ]
+    could = f", {' or '.join(fitting)}" if fitting else ""
+    return (
+        f"{table.path}: the clock {named} steps by {step:.6g} a row, which in seconds "
+        f"is {1.0 / step:.4g} Hz{could}; what is its unit? Say it in the header, or as "
+        "t[s], t[ms], t[us] or t[ns] in --columns, or state the rate (--rate HZ); if "
+        "it is only a counter, mark it - and state the rate"
+    )
+
+
+def _checked_rate(table: Table, time: Float[Array, " n"], rate: float | None) -> float:
+    # rate from the times, Hz; they must increase without a gap
+    if len(time) < 2:
+        msg = f"{table.path} has one row; a log needs many more to show a rest"
+        raise InputError(msg)
+    step = np.diff(time)
+    if not np.all(step > 0.0):
+        row = int(np.argmax(~(step > 0.0))) + 1
+        msg = (
+            f"{table.where(row)}: time {time[row]:.6f} s after {time[row - 1]:.6f} s; "
+            "times must increase, so sort the log or cut it where the clock restarts; "
+            "if the clock is too coarse for its rows, mark its column - (--columns) "
+            "and state the rate (--rate HZ)"
+        )
+        raise InputError(msg)
+    median = float(np.median(step))
+    if not np.all(step <= GAP):
+        row = int(np.argmax(~(step <= GAP))) + 1
+        msg = (
+            f"{table.where(row)}: a gap of {step[row - 1]:.3f} s before it, where rows "
+            f"follow each other by {median:.4g} s, and at most {GAP:g} s may be "
+            "missing; split the log there"
+        )
+        raise InputError(msg)
+    measured = (len(time) - 1) / float(time[-1] - time[0])
+    # rows that are lost make fewer of them, and leave the usual step as it is
+    if rate is not None and not (_agree(measured, rate) or _agree(1 / median, rate)):
+        msg = (
+            f"{table.path}: the time column says {measured:.6g} Hz and `rate` "
+            f"{rate:.6g} Hz; give the right rate, have the time in seconds, or mark "
+            "its column -"
+        )
+        raise InputError(msg)
+    return measured

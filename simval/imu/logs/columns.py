@@ -1,0 +1,273 @@
+"""What each column of a log is: by the caller, the header or the number of columns."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import PurePath
+
+from simval.errors import InputError
+from simval.imu.logs.names import SECONDS, Channel, Kind, channel
+from simval.imu.logs.tables import Table
+
+NAMES = ("t", "ax", "ay", "az", "wx", "wy", "wz", "mx", "my", "mz")
+SENSORS = {"gyroscope": NAMES[4:7], "magnetometer": NAMES[7:]}  # beside the first
+SKIP = "-"
+LAYOUTS = {3: NAMES[1:4], 4: NAMES[:4], 6: NAMES[1:7], 7: NAMES[:7]}
+KINDS: dict[Kind, tuple[str, ...]] = {"gyro": NAMES[4:7], "mag": NAMES[7:]}
+Triple = tuple[int, int, int]
+_GIVEN = re.compile(r"(t|-|[awm][xyz])(?:\[([^\]]+)\])?")
+_OTHER_FILES = re.compile(
+    r"gyr|mag|gravity|linear|user|orient|euler|rotation|quat", re.I
+)
+_SHOWN = 12  # names of a header that a message lists
+WIDEST = 60  # columns for which a message writes a whole `--columns`
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Column:
+    """One column that is taken.
+
+    Attributes
+    ----------
+    role : str
+        Out of `NAMES`.
+    place : int
+        Its place in the row, from 0.
+    name : str
+        As the header has it; empty without one.
+    unit : str
+        Of a clock, ``s``, ``ms``, ``us``, ``ns``; empty where nothing says it.
+    """
+
+    role: str
+    place: int
+    name: str = ""
+    unit: str = ""
+
+    def __str__(self) -> str:
+        named = f" {self.name!r}" if self.name else ""
+        return f"{self.role} = column {self.place + 1}{named}"
+
+
+def chosen(table: Table, columns: str | Sequence[str] | None) -> tuple[Column, ...]:
+    """Choose the columns of a log.
+
+    Raises
+    ------
+    InputError
+        If the names do not fit, or nothing says which columns are the accelerometer's.
+    """
+    if columns is not None:
+        return _given(table, columns)
+    if table.names is not None:
+        return _by_header(table, table.names)
+    if table.width in LAYOUTS:
+        roles = LAYOUTS[table.width]
+        return tuple(Column(role=role, place=k) for k, role in enumerate(roles))
+    msg = (
+        f"{table.path} has {table.width} column{'s' * (table.width > 1)} and no names "
+        "for them; 3 (ax ay az), "
+        "4 (t ax ay az), 6 (with wx wy wz) or 7 (both) are understood, so name them: "
+        f"--columns {template(table.width)}, - for one to ignore"
+    )
+    raise InputError(msg)
+
+
+def template(width: int, taken: dict[int, str] | None = None) -> str:
+    """Names for `--columns`, with a hyphen where none is taken."""
+    if width > WIDEST:
+        return f"... ({width} names)"
+    roles = taken or dict(enumerate(NAMES[:4] if width > 3 else NAMES[1:4]))
+    return ",".join(roles.get(k, SKIP) for k in range(width))
+
+
+def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
+    listed = columns.split(",") if isinstance(columns, str) else columns
+    names = [str(name).strip() for name in listed]
+    if len(names) != table.width:
+        msg = (
+            f"{table.path} has {table.width} columns, `columns` names {len(names)} "
+            f"({','.join(names)}); name each, with - for one to ignore"
+        )
+        raise InputError(msg)
+    matches = [_GIVEN.fullmatch(name) for name in names]
+    used = [match[1] for match in matches if match and match[1] != SKIP]
+    parts = [len(set(names) & set(used)) for names in SENSORS.values()]
+    complete = {"ax", "ay", "az"} <= set(used) and set(parts) <= {0, 3}
+    if not (all(matches) and complete and len(set(used)) == len(used)):
+        msg = (
+            f"`columns` is {','.join(names)}; each of ax, ay, az is needed once, t "
+            "once at most (t[ms], t[us], t[ns] for a clock not in seconds), wx, wy, wz "
+            "all or none, mx, my, mz all or none, and - marks a column to ignore"
+        )
+        raise InputError(msg)
+    headers = table.names or ("",) * table.width
+    picked = [
+        Column(role=match[1], place=k, name=headers[k], unit=_unit(match))
+        for k, match in enumerate(matches)
+        if match and match[1] != SKIP
+    ]
+    return tuple(sorted(picked, key=lambda each: NAMES.index(each.role)))
+
+
+def _unit(match: re.Match[str]) -> str:
+    unit = (match[2] or "").strip().lower().replace("µ", "u")
+    if unit and (match[1] != "t" or unit not in SECONDS):
+        msg = (
+            f"`columns` has {match[0]}; a unit is for the clock only, one of t[s], "
+            "t[ms], t[us], t[ns]"
+        )
+        raise InputError(msg)
+    return unit
+
+
+def _by_header(table: Table, names: tuple[str, ...]) -> tuple[Column, ...]:
+    channels = [channel(name) for name in names]
+    force = _force(table, names, channels)
+    places = dict(zip(NAMES[1:4], force, strict=True))
+    for kind, roles in KINDS.items():
+        sensors = triples(channels, kind)
+        if len(sensors) == 1:
+            places |= zip(roles, sensors[0], strict=True)
+    clock = _clock(table, channels)
+    if clock is not None:
+        places = {"t": clock} | places
+    return tuple(
+        Column(
+            role=role,
+            place=place,
+            name=names[place],
+            unit=channels[place].unit if role == "t" else "",
+        )
+        for role, place in places.items()
+    )
+
+
+def several(table: Table) -> tuple[str, ...]:
+    """What is said of sensors that a header names, and of which none is taken."""
+    if table.names is None:
+        return ()
+    channels = [channel(name) for name in table.names]
+    said = []
+    for (kind, roles), name in zip(KINDS.items(), SENSORS, strict=True):
+        count = len(triples(channels, kind))
+        own = [
+            repr(column)
+            for column, each in zip(table.names, channels, strict=True)
+            if each.kind == kind and each.axis
+        ]
+        if count == 1 or not own:
+            continue
+        why = f"{count} {name}s are named and none is taken"
+        if not count:
+            why = f"the {name} has not x, y and z once each ({', '.join(own[:_SHOWN])})"
+        said.append(f"{why}; choose one by --columns with {', '.join(roles)}")
+    return tuple(said)
+
+
+def triples(channels: list[Channel], kind: Kind) -> list[Triple]:
+    """Places of x, y and z of each sensor of a kind that has each of them once."""
+    groups: dict[str, dict[str, list[int]]] = {}
+    for place, each in enumerate(channels):
+        if each.kind == kind and each.axis:
+            axes = groups.setdefault(each.stem, {})
+            axes.setdefault(each.axis, []).append(place)
+    whole = []
+    for axes in groups.values():
+        order = next((o for o in ("xyz", "012", "123") if set(axes) == set(o)), "")
+        if order and all(len(places) == 1 for places in axes.values()):
+            x, y, z = (axes[axis][0] for axis in order)
+            whole.append((x, y, z))
+    return whole
+
+
+def _clock(table: Table, channels: list[Channel]) -> int | None:
+    # numbers before text, a plain name before a longer one, a unit before none
+    clocks = [
+        (table.is_text(place), not each.plain, not each.unit, place)
+        for place, each in enumerate(channels)
+        if each.kind == "time"
+    ]
+    return min(clocks)[-1] if clocks else None
+
+
+def _force(table: Table, names: tuple[str, ...], channels: list[Channel]) -> Triple:
+    # the one accelerometer that the header names
+    sensors = triples(channels, "force")
+    stems = [channels[triple[0]].stem for triple in sensors]
+    if "gf" in stems:  # a phone's g-force; beside it a plain ax is free of gravity
+        sensors = [xyz for xyz, stem in zip(sensors, stems, strict=True) if stem != "a"]
+    elif "a" in stems and any(_words(name) == "at" for name in names):
+        why = (
+            "with a column aT, ax ay az are those of a phone's linear accelerometer, "
+            "which leaves gravity out; a calibration needs readings with gravity, so "
+            "record the accelerometer or the g-force meter"
+        )
+        raise _question(table, names, channels, why, sensors)
+    if len(sensors) == 1:
+        return sensors[0]
+    if len(sensors) > 1:
+        why = f"{len(sensors)} accelerometers are named, and one is to be calibrated"
+        raise _question(table, names, channels, why, sensors)
+    return _bare(table, names, channels)
+
+
+def _bare(table: Table, names: tuple[str, ...], channels: list[Channel]) -> Triple:
+    # x, y, z and nothing else are the accelerometer's, unless the file's name objects
+    bare = triples(channels, "bare")
+    others: tuple[Kind, ...] = ("gyro", "mag", "no gravity", "force")
+    rest = [c for c in channels if c.axis and c.kind in others]
+    file = PurePath(table.path).name.lower()
+    if len(bare) == 1 and not rest and not _OTHER_FILES.search(file):
+        if "seconds_elapsed" not in names or "total" in file or "uncal" in file:
+            return bare[0]
+        why = (
+            "x, y, z beside seconds_elapsed are Sensor Logger's, whose Accelerometer "
+            "leaves gravity out; a calibration needs readings with gravity, those of "
+            "its TotalAcceleration.csv"
+        )
+    elif triples(channels, "no gravity"):
+        why = (
+            "the acceleration it names is without gravity, and a calibration needs "
+            "readings with gravity: at rest they must show it"
+        )
+    elif any(c.kind == "force" and c.axis for c in channels):
+        why = "not each of the accelerometer's axes x, y, z is named exactly once"
+    else:
+        why = "no three of them are known names of an accelerometer's axes"
+    raise _question(table, names, channels, why, bare)
+
+
+def _words(name: str) -> str:
+    return re.split(r"[\[( ]", name.strip().lower())[0]
+
+
+def _question(
+    table: Table,
+    names: tuple[str, ...],
+    channels: list[Channel],
+    why: str,
+    candidates: list[Triple],
+) -> InputError:
+    clock = _clock(table, channels)
+    start = {} if clock is None else {clock: "t"}
+    numbers = [k for k in range(table.width) if k != clock and not table.is_text(k)]
+    free = [k for k in numbers if channels[k].kind in ("bare", "force", "other")]
+    form = "one of" if len(candidates) > 1 else "for example"
+    if not candidates and len(free) < 3:  # all are known, as something else
+        form, free = "but only if the names are wrong", numbers
+    fitting = candidates[:3] or (
+        [(free[0], free[1], free[2])] if len(free) >= 3 else []
+    )
+    lines = [
+        template(table.width, start | dict(zip(each, NAMES[1:4], strict=True)))
+        for each in fitting
+    ]
+    listed = ", ".join(repr(name) for name in names[:_SHOWN])
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    say = " or ".join(f"--columns {line}" for line in lines) or "--columns"
+    return InputError(
+        f"{table.path}: which columns are the accelerometer's x, y and z? The header "
+        f"has {listed}{more}; {why}. Name each column in its order, "
+        f"{form} {say} ({', '.join(NAMES)}, - for one to ignore)"
+    )

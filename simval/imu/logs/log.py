@@ -1,0 +1,176 @@
+"""A log and how one is read, see `simval.imu.logs`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+
+import numpy as np
+
+from simval.arrays import Array, frozen, positive_number
+from simval.errors import InputError
+from simval.imu.logs.clock import read_clock, require_finite
+from simval.imu.logs.columns import NAMES, SENSORS, Column, chosen, several
+from simval.imu.logs.tables import Table, read_table
+from simval.shapes import Float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Log:
+    """A user's log, in the units of its file.
+
+    Attributes
+    ----------
+    path : str
+        File it came from.
+    time : Array
+        Seconds, (n,), strictly increasing; made from the rate where the file has none.
+    accelerometer : Array
+        Raw readings in sensor axes, (n, 3), raw counts or m/s^2.
+    gyro : Array or None
+        Raw angular rate in sensor axes, (n, 3), raw counts or rad/s.
+    magnetometer : Array or None
+        Raw magnetic field in sensor axes, (n, 3), raw counts or a unit of field.
+    rate : float
+        Rows per second, Hz.
+    columns : tuple of Column
+        The columns of the file that these are.
+    second : float
+        Unit of the file's clock, s.
+    unclear : tuple of str
+        Why a sensor that the file seems to have was left out.
+    """
+
+    path: str
+    time: Float[Array, " n"]
+    accelerometer: Float[Array, "n 3"]
+    gyro: Float[Array, "n 3"] | None
+    rate: float
+    columns: tuple[Column, ...] = ()
+    second: float = 1.0
+    magnetometer: Float[Array, "n 3"] | None = None
+    unclear: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("time", "accelerometer", "gyro", "magnetometer"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, frozen(value))
+
+    def rows_within(self, seconds: float) -> int:
+        """Number of rows in the first seconds of the log.
+
+        Parameters
+        ----------
+        seconds : float
+            Duration counted from the first row, s, above 0.
+
+        Returns
+        -------
+        int
+            Rows whose time is at most that long after the first row's.
+        """
+        seconds = positive_number("seconds", seconds, "s")
+        end = self.time[0] + seconds
+        return int(np.searchsorted(self.time, end, side="right"))
+
+    def described(self) -> list[str]:
+        """Say which columns were taken, what was left out, and how the clock runs.
+
+        Returns
+        -------
+        list of str
+            Lines.
+        """
+        taken = ", ".join(str(each) for each in self.columns if each.role != "t")
+        clock = next((each for each in self.columns if each.role == "t"), None)
+        seconds = float(self.time[-1] - self.time[0])
+        source = "no clock, the rate as given" if clock is None else str(clock)
+        if clock is not None and self.second != 1.0:
+            source += f", in units of {self.second:g} s"
+        return [
+            f"columns           {taken}",
+            *(f"left out          {each}" for each in self.unclear),
+            f"clock             {source}: {len(self.time)} rows in {seconds:.2f} s, "
+            f"{self.rate:.6g} Hz{self._lost()}",
+        ]
+
+    def _lost(self) -> str:
+        step = np.diff(self.time)
+        lost = int(np.sum(np.rint(step / np.median(step)) - 1.0, where=step > 0.0))
+        if not lost > 0:
+            return ""
+        return f"; {lost} rows are missing, {step.max():.3g} s of them at once"
+
+
+def read_log(
+    path: str | PathLike[str],
+    rate: float | None = None,
+    columns: str | Sequence[str] | None = None,
+) -> Log:
+    """Read a log of an accelerometer's rows, with a gyroscope's and a magnetometer's.
+
+    Parameters
+    ----------
+    path : path-like
+        Text file or MATLAB file, see the module for their forms.
+    rate : float or None
+        Rows per second, Hz. Needed where the file has no clock; beside one it must
+        agree with it within 10 %, and may tell its unit.
+    columns : str or sequence of str or None
+        What each column is: names out of ``t ax ay az wx wy wz mx my mz`` or ``-``
+        for a column to ignore, e.g. ``"-,ax,ay,az"``; ``t[ms]``, ``t[us]``,
+        ``t[ns]`` for a clock that is not in seconds. None takes the file's header where
+        it has one, else the number of columns.
+
+    Returns
+    -------
+    Log
+        The rows, checked.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, empty, neither text nor MATLAB's, ragged, holds a value
+        that is not a finite number in a column that is needed, has times that do not
+        increase or leave a gap of 5 s or have no unit, or if it is not clear which
+        columns are the accelerometer's, or what the rate is.
+    """
+    if rate is not None:
+        rate = positive_number("rate", rate, "Hz")
+    table = read_table(str(path))
+    picked = chosen(table, columns)
+    unclear = several(table) if columns is None else ()
+    try:
+        rows = _rows(table, picked)
+    except InputError as error:
+        least = tuple(each for each in picked if each.role not in NAMES[7:])
+        if columns is not None or len(least) == len(picked):
+            raise
+        rows, picked = _rows(table, least), least  # one more slowly read leaves holes
+        unclear = (*unclear, f"the magnetometer: {error}")
+    sensors = {
+        name: np.stack([rows[role] for role in own], axis=1)
+        for name, own in SENSORS.items()
+        if own[0] in rows
+    }
+    clock = next((each for each in picked if each.role == "t"), None)
+    time, rate, second = read_clock(table, clock, rate)
+    return Log(
+        path=str(path),
+        time=time,
+        accelerometer=np.stack([rows[role] for role in NAMES[1:4]], axis=1),
+        gyro=sensors.get("gyroscope"),
+        magnetometer=sensors.get("magnetometer"),
+        rate=rate,
+        columns=tuple(each for each in picked if each.role != "t" or second),
+        second=second or 1.0,
+        unclear=unclear,
+    )
+
+
+def _rows(table: Table, picked: tuple[Column, ...]) -> dict[str, Float[Array, " n"]]:
+    # the numbers of each role but the clock's
+    roles = [each.role for each in picked if each.role != "t"]
+    values = table.numbers([each.place for each in picked if each.role != "t"])
+    require_finite(table, values)
+    return dict(zip(roles, values.T, strict=True))

@@ -1,0 +1,358 @@
+"""Rows of numbers in a text file, with the line that each came from.
+
+First the dialect of its fields (separator and decimal mark), then the line of names
+above the rows, then the rows.
+"""
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simval.arrays import Array
+from simval.errors import InputError
+from simval.imu.logs.names import channel, is_known, is_unit
+from simval.shapes import Bool, Float
+
+SAMPLE = 64  # lines, spread over the file, by which the dialect is judged
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """One way to write a row."""
+
+    mark: str | None  # separator; None is white space
+    comma: bool  # whether the decimal mark is a comma
+    width: int = 0  # fields of a row
+
+    def fields(self, line: str) -> list[str]:
+        """Fields of a line, without quotes and blanks around them."""
+        fields = line.split(self.mark)
+        if '"' in line and self.mark is not None:
+            try:
+                fields = next(csv.reader([line], delimiter=self.mark), fields)
+            except csv.Error:  # a field of more than 128 KiB: split as it stands
+                return fields
+        return [field.strip().strip("\"'").strip() for field in fields]
+
+    def is_number(self, field: str) -> bool:
+        """Return whether a field is a number, NaN and infinity among them."""
+        if self.comma:
+            if "." in field:
+                return False
+            field = field.replace(",", ".", 1)
+        try:
+            float(field)
+        except ValueError:
+            return False
+        return "_" not in field
+
+    def numbers(self, line: str) -> list[bool]:
+        """Return which fields of a line are numbers."""
+        return [self.is_number(field) for field in self.fields(line)]
+
+
+# in this order where a file can be read in two ways: `1,2` is two numbers, not one
+DIALECTS = (
+    *(Dialect(mark, False) for mark in ("\t", ";", "|", ",", None)),
+    *(Dialect(mark, True) for mark in ("\t", ";", "|", None)),
+    Dialect(",", True),  # "1,5","2,3": each in quotes
+)
+
+
+def dialect_of(lines: Sequence[str]) -> Dialect:
+    """Return the dialect that reads the greatest share of the fields as numbers."""
+    picked = np.unique(np.linspace(0, len(lines) - 1, SAMPLE).astype(int))
+    sample = [lines[k] for k in picked]
+    best = max(DIALECTS, key=lambda each: _share(each, sample))
+    rows = [numbers for numbers in map(best.numbers, sample) if any(numbers)]
+    widths = Counter(map(len, rows))
+    width = widths.most_common(1)[0][0] if widths else 0
+    return Dialect(best.mark, best.comma, width)
+
+
+def _share(dialect: Dialect, sample: Sequence[str]) -> float:
+    return float(np.mean([np.mean(dialect.numbers(line)) for line in sample]))
+
+
+Line = tuple[int, str]
+# white space outside of brackets, which hold a unit: a whole file in one line is quick
+_BLANK = re.compile(r"\s+(?![^\[(\])]{0,80}[\])])")
+
+
+def header_names(line: str, mark: str | None = "") -> list[str]:
+    """Split a line of names."""
+    if mark == "":
+        mark = next((each for each in "\t;,|" if each in line), None)
+    if mark is not None:
+        return Dialect(mark, False).fields(line)
+    names: list[str] = []
+    for word in _BLANK.split(line.strip()):
+        if names and word[:1] in ("[", "("):
+            names[-1] += " " + word
+        else:
+            names.append(word.strip("\"'"))
+    return names
+
+
+def is_names(fields: list[str]) -> bool:
+    """Return whether fields name three axes or more; a sentence never does."""
+    channels = map(channel, fields)
+    return sum(each.axis != "" and each.kind != "other" for each in channels) >= 3
+
+
+def header_of(
+    path: str, dialect: Dialect, above: list[Line], comments: tuple[str, ...]
+) -> tuple[tuple[str, ...] | None, list[Line]]:
+    """Find the names of the columns among the lines above the rows.
+
+    Raises
+    ------
+    InputError
+        If a line names channels, but not as many as there are columns.
+    """
+    others: list[Line] = []
+    names: tuple[str, ...] | None = None
+    units: list[str] = []
+    for number, line in reversed(above):
+        remark = line.lstrip().startswith(comments)
+        bare = line.lstrip().lstrip("#%/").strip() if remark else line
+        if names is None and not (remark and _is_sentence(dialect, bare)):
+            fields = _fitting(dialect, bare)
+            if not others and fields and not units and _are_units(fields):
+                units = fields
+                continue
+            if fields and (not others or is_names(fields)):
+                names = _with_units(fields, units)
+                continue
+            _require_no_names(path, dialect, number, bare)
+        if not remark:
+            others.append((number, line))
+    return names, others[::-1]
+
+
+def _is_sentence(dialect: Dialect, remark: str) -> bool:
+    # a remark is a header if it names axes, or has a word for each column, mostly known
+    fields = _fitting(dialect, remark)
+    known = 2 * sum(map(is_known, fields)) >= max(len(fields), 1)
+    return not (known or is_names(header_names(remark)))
+
+
+def _fitting(dialect: Dialect, line: str) -> list[str]:
+    # the line's names if there are as many as columns and none is a number
+    for mark in (dialect.mark, "", None):
+        fields = header_names(line, mark)
+        if fields[-1:] == [""] and len(fields) == dialect.width + 1:
+            fields = fields[:-1]
+        if len(fields) == dialect.width and not any(map(dialect.is_number, fields)):
+            return fields
+    return []
+
+
+def _are_units(fields: list[str]) -> bool:
+    return any(fields) and all(is_unit(field) for field in fields if field)
+
+
+def _with_units(names: list[str], units: list[str]) -> tuple[str, ...]:
+    if not units:
+        return tuple(names)
+    pairs = zip(names, units, strict=True)
+    return tuple(
+        f"{name} [{unit.strip('[]() ')}]" if unit else name for name, unit in pairs
+    )
+
+
+def _require_no_names(path: str, dialect: Dialect, number: int, line: str) -> None:
+    fields = header_names(line)
+    if is_names(fields):
+        msg = (
+            f"{path}, line {number}: the header has {len(fields)} names, but a row has "
+            f"{dialect.width} fields; give one name to each column (are decimal commas "
+            "and separating commas mixed?), or name them with --columns"
+        )
+        raise InputError(msg)
+
+
+COMMENTS = ("#", "%", "//")
+MOST_LINE = 2**20
+"""Characters of a row: thirty thousand columns of 32. A file without rows has more."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TextTable:
+    """Rows of a text file."""
+
+    path: str  # the file
+    names: tuple[str, ...] | None  # its header
+    dialect: Dialect  # how its fields are written
+    lines: list[Line]  # line number, from 1, and text of each row
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return self.dialect.width
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.lines)
+
+    def numbers(self, places: list[int]) -> Float[Array, "n columns"]:
+        """Return the columns at these places.
+
+        Raises
+        ------
+        InputError
+            If a field there is not a number, with its line and column.
+        """
+        rows = (line for _, line in self.lines)
+        if self.dialect.comma:
+            rows = (line.replace(",", ".") for line in rows)
+        quoted = any('"' in line or "'" in line for _, line in self.lines)
+        try:
+            if quoted:
+                fields = [self.dialect.fields(line) for _, line in self.lines]
+                return np.array(
+                    [[self._number(row[k]) for k in places] for row in fields]
+                )
+            mark = self.dialect.mark
+            return np.loadtxt(
+                rows, delimiter=mark, ndmin=2, comments=None, usecols=places
+            )
+        except ValueError:
+            raise InputError(self._first_bad_field(places)) from None
+
+    def _number(self, field: str) -> float:
+        return float(field.replace(",", ".") if self.dialect.comma else field)
+
+    def _first_bad_field(self, places: list[int]) -> str:
+        for number, line in self.lines:
+            fields = self.dialect.fields(line)
+            for place in places:
+                if not self.dialect.is_number(fields[place]):
+                    return (
+                        f"{self.path}, line {number}, column {place + 1}: "
+                        f"{fields[place][:40]!r} is not a number; remove the line, or "
+                        "leave that column out (--columns, with - for it)"
+                    )
+        return f"{self.path} cannot be read as rows of numbers; export it again"
+
+    def texts(self, place: int) -> list[str]:
+        """Return one column as it is written."""
+        return [self.dialect.fields(line)[place] for _, line in self.lines]
+
+    def where(self, row: int) -> str:
+        """Say where a row stands in the file."""
+        return f"{self.path}, line {self.lines[row][0]}"
+
+    def is_text(self, place: int) -> bool:
+        """Return whether the first row has no number there."""
+        return not self.dialect.numbers(self.lines[0][1])[place]
+
+
+def text_table(path: str, text: str) -> TextTable:
+    """Find the rows of a text, and the header above them.
+
+    Raises
+    ------
+    InputError
+        If there are none, or one differs in width.
+    """
+    every = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line and not line.isspace()
+    ]
+    lines = [entry for entry in every if not entry[1].lstrip().startswith(COMMENTS)]
+    if not lines:
+        msg = f"{path} is empty: it has no row of numbers; record or export it again"
+        raise InputError(msg)
+    _require_short(path, every)
+    dialect = dialect_of([line for _, line in lines])
+    first = _first_row(dialect, lines)
+    if first is None:
+        msg = _no_row(path, lines)
+        raise InputError(msg)
+    above = [entry for entry in every if entry[0] < lines[first][0]]
+    names, rest = header_of(path, dialect, above, COMMENTS)
+    rows = lines[first:]
+    _require_preamble(path, dialect, rest, rows)
+    _require_width(path, dialect, rows)
+    return TextTable(path=path, names=names, dialect=dialect, lines=rows)
+
+
+def _require_short(path: str, lines: list[Line]) -> None:
+    number, line = max(lines, key=lambda entry: len(entry[1]))
+    if len(line) > MOST_LINE:
+        msg = (
+            f"{path}, line {number}: {len(line):,} characters; a row of a log has at "
+            f"most {MOST_LINE:,}, so export it as rows"
+        )
+        raise InputError(msg)
+
+
+def _first_row(dialect: Dialect, lines: list[Line]) -> int | None:
+    # the first line of the usual width with numbers where most of the last lines have
+    usual = _usual_numbers(dialect, lines)
+    for k, (_, line) in enumerate(lines):
+        numbers = np.array(dialect.numbers(line))
+        if len(numbers) == dialect.width and 2 * np.sum(numbers & usual) > usual.sum():
+            return k
+    return None
+
+
+def _usual_numbers(
+    dialect: Dialect, lines: list[Line]
+) -> Bool[NDArray[np.bool_], " n"]:
+    # columns that hold numbers in most of the last lines
+    rows = [dialect.numbers(line) for _, line in lines[-64:]]
+    rows = [row for row in rows if len(row) == dialect.width]
+    if not rows:
+        return np.zeros(dialect.width, dtype=bool)
+    return np.mean(rows, axis=0) > 0.5
+
+
+def _no_row(path: str, lines: list[Line]) -> str:
+    if any(is_names(header_names(line)) for _, line in lines):
+        return f"{path} has a header but no row of numbers; record or export it again"
+    return (
+        f"{path} has no row of numbers: line {lines[0][0]} is {lines[0][1][:40]!r}; a "
+        "log is rows of numbers with tabs, semicolons, commas, bars or blanks between "
+        "them, so export it as text"
+    )
+
+
+def _require_preamble(
+    path: str, dialect: Dialect, above: list[Line], rows: list[Line]
+) -> None:
+    # what stands above header and rows is words; a row of numbers there is a broken one
+    for number, line in above:
+        numbers = dialect.numbers(line)
+        if all(numbers) or (len(numbers) == dialect.width and numbers[0]):
+            msg = (
+                f"{path}, line {number}: {len(numbers)} columns, but the rows from "
+                f"line {rows[0][0]} on have {dialect.width}; every row must have the "
+                "same columns, so repair that line, or mark it as a remark (#)"
+            )
+            raise InputError(msg)
+
+
+def _require_width(path: str, dialect: Dialect, rows: list[Line]) -> None:
+    for number, line in rows:
+        count = _count(dialect, line)
+        if count != dialect.width:
+            msg = (
+                f"{path}, line {number}: {count} columns, but the first row has "
+                f"{dialect.width}; every row must have the same columns, so repair or "
+                "remove that line"
+            )
+            raise InputError(msg)
+
+
+def _count(dialect: Dialect, line: str) -> int:
+    if '"' in line:
+        return len(dialect.fields(line))
+    return len(line.split()) if dialect.mark is None else line.count(dialect.mark) + 1

@@ -1,0 +1,288 @@
+"""Recorded attitudes: four columns of a quaternion, in a log or in a file of their own.
+
+Nothing here says what the numbers mean: their order and direction are found where they
+can be compared with a gyroscope (`simval.imu.recorded`). A row without a measurement,
+as where an optical system lost its markers, is NaN: written as such, left empty, or
+four zeros.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from simval.arrays import Array, frozen, positive_number
+from simval.errors import InputError
+from simval.imu.logs.clock import times_of
+from simval.imu.logs.columns import SKIP, Column
+from simval.imu.logs.names import SECONDS, channel
+from simval.imu.logs.tables import Table, read_table
+from simval.shapes import Float
+
+Scalar = Literal["first", "last", "unstated"]
+UNIT: Final = 1e-2
+"""Length of a quaternion beyond 1 that rounding to two digits does not leave."""
+LEAST: Final = 50  # rows with an attitude; fewer show no motion
+_COMPONENT = re.compile(r"(?P<stem>.*?)(?P<which>[wsxyz]|[0-4])", re.I)
+_NAMED = re.compile(r"(^|[^a-z])q$|quat|orient|attitude", re.I)
+_ORDERS: Final = ("wxyz", "sxyz", "0123", "1234")
+_MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
+_GIVEN = re.compile(r"(t|-|q[xyzws0123])(?:\[([^\]]+)\])?")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Truth:
+    """Recorded attitudes, as their file has them.
+
+    Attributes
+    ----------
+    path : str
+        File they came from.
+    time : Array
+        Seconds on the clock of that file, (n,), strictly increasing.
+    components : Array
+        Quaternions, each of length 1 or NaN, (n, 4): scalar first, or last, or in the
+        order of their indices where `scalar` is ``unstated``.
+    scalar : {"first", "last", "unstated"}
+        Place of the scalar part in `components`, as the names of the columns say.
+    columns : tuple of str
+        What was taken.
+    own_clock : bool
+        Whether it came with another clock than the log's.
+    """
+
+    path: str
+    time: Float[Array, " n"]
+    components: Float[Array, "n 4"]
+    scalar: Scalar
+    columns: tuple[str, ...]
+    own_clock: bool
+
+    def __post_init__(self) -> None:
+        for name in ("time", "components"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+def read_truth(
+    path: str,
+    *,
+    stem: str = "",
+    columns: str | None = None,
+    rate: float | None = None,
+    clock: Float[Array, " n"] | None = None,
+) -> Truth:
+    """Read recorded attitudes.
+
+    Parameters
+    ----------
+    path : str
+        Log, or file of its own, text or MATLAB.
+    stem : str
+        Common name of the four columns, as ``opt_quat`` of ``opt_quat_0`` to
+        ``opt_quat_3``; empty takes the one quaternion that the header names.
+    columns : str or None
+        What each column is, out of ``t qx qy qz qs``, or ``q0 q1 q2 q3`` where it is
+        not known which is the scalar part, or ``-``.
+    rate : float or None
+        Rows per second, Hz, of a file of its own without a clock.
+    clock : Array or None
+        Times of the rows where the file is the log itself, s.
+
+    Returns
+    -------
+    Truth
+        The attitudes.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, it is not clear which columns are meant, or they
+        hold no quaternions of length 1.
+    """
+    table = read_table(path)
+    places, scalar = (
+        _by_names(table, stem) if columns is None else _given(table, columns)
+    )
+    components = _unit(table, _numbers(table, places))
+    time = _clock(table, columns, rate) if clock is None else clock
+    if len(time) != len(components):
+        msg = f"{path} has {len(components)} rows and its log {len(time)}; give one log"
+        raise InputError(msg)
+    names = table.names or tuple(f"column {k + 1}" for k in range(table.width))
+    return Truth(
+        path=path,
+        time=time,
+        components=components,
+        scalar=scalar,
+        columns=tuple(names[place] for place in places),
+        own_clock=clock is None,
+    )
+
+
+def quaternion_stems(path: str) -> list[str]:
+    """Names of the quaternions that the header of a file seems to have."""
+    table = read_table(path)
+    return [stem for stem, _, _ in _groups(table) if _NAMED.search(stem.rstrip("_.- "))]
+
+
+def _groups(table: Table) -> list[tuple[str, list[int], Scalar]]:
+    # four columns of one stem and the components of a quaternion, in that order
+    found: dict[str, dict[str, int]] = {}
+    for place, name in enumerate(table.names or ()):
+        match = _COMPONENT.fullmatch(re.sub(r"\s*[\[(][^\])]*[\])]\s*$", "", name))
+        if match:
+            found.setdefault(match["stem"], {})[match["which"].lower()] = place
+    groups: list[tuple[str, list[int], Scalar]] = []
+    for stem, axes in found.items():
+        order = next((o for o in _ORDERS if set(axes) == set(o)), "")
+        if order:
+            scalar: Scalar = "first" if order[0] in "ws" else "unstated"
+            groups.append((stem, [axes[letter] for letter in order], scalar))
+    return groups
+
+
+def _by_names(table: Table, stem: str) -> tuple[list[int], Scalar]:
+    if table.names is None and table.width in (4, 5) and not stem:
+        return list(range(table.width - 4, table.width)), "unstated"
+    groups = _groups(table)
+    wanted = [
+        each
+        for each in groups
+        if (each[0].rstrip("_.- ") == stem.rstrip("_.- "))
+        or (not stem and _NAMED.search(each[0].rstrip("_.- ")))
+    ]
+    if len(wanted) == 1:
+        return wanted[0][1], wanted[0][2]
+    listed = ", ".join(each[0].rstrip("_.- ") or "(no name)" for each in groups)
+    have = f"it has {listed}" if groups else "it names no four columns of a quaternion"
+    asked = f"the quaternion {stem!r}" if stem else "one quaternion"
+    msg = (
+        f"{table.path}: {asked} is wanted as the truth, and {have}; name one by the "
+        "common part of its columns (--truth NAME), or say what each column is "
+        "(--truth-columns t,-,-,-,qx,qy,qz,qs; q0,q1,q2,q3 where it is not known which "
+        "is the scalar part)"
+    )
+    raise InputError(msg)
+
+
+def _given(table: Table, columns: str) -> tuple[list[int], Scalar]:
+    names = [_GIVEN.fullmatch(name.strip()) for name in columns.split(",")]
+    if len(names) != table.width or not all(names):
+        msg = (
+            f"{table.path} has {table.width} columns, `--truth-columns` is {columns}; "
+            "name each, out of t, qx, qy, qz, qs, or q0, q1, q2, q3, with - for one to "
+            "ignore"
+        )
+        raise InputError(msg)
+    roles = [match[1].replace("qw", "qs") for match in names if match]
+    used = sorted(role for role in roles if role.startswith("q"))
+    if used == ["qs", "qx", "qy", "qz"]:
+        order, scalar = ("qs", "qx", "qy", "qz"), "first"
+    elif used == ["q0", "q1", "q2", "q3"]:
+        order, scalar = ("q0", "q1", "q2", "q3"), "unstated"
+    else:
+        msg = (
+            f"`--truth-columns` is {columns}; it needs qx, qy, qz, qs once each, or "
+            "q0, q1, q2, q3"
+        )
+        raise InputError(msg)
+    return [roles.index(role) for role in order], "first" if scalar == "first" else (
+        "unstated"
+    )
+
+
+def _numbers(table: Table, places: list[int]) -> Float[Array, "n 4"]:
+    try:
+        return np.array(table.numbers(places))
+    except InputError:
+        pass  # an empty field is a row without a measurement
+    rows = [
+        [
+            _number(table, place, row, text)
+            for row, text in enumerate(table.texts(place))
+        ]
+        for place in places
+    ]
+    return np.array(rows).T
+
+
+def _number(table: Table, place: int, row: int, text: str) -> float:
+    if text.strip().lower() in _MISSING:
+        return np.nan
+    try:
+        return float(text)
+    except ValueError:
+        msg = (
+            f"{table.where(row)}, column {place + 1}: {text[:40]!r} is not a number; "
+            "leave a row without a measurement empty, or write nan"
+        )
+        raise InputError(msg) from None
+
+
+def _unit(table: Table, components: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
+    # rows of length 1, or NaN
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(components, axis=1)
+    missing = ~np.isfinite(components).all(axis=1) | (length == 0.0)
+    there = int(np.count_nonzero(~missing))
+    if there < LEAST:
+        msg = (
+            f"{table.path}: {there} of {len(length)} rows have a recorded attitude, "
+            f"and {LEAST} are needed; look at the columns (--truth-columns)"
+        )
+        raise InputError(msg)
+    off = ~missing & ~(np.abs(length - 1.0) <= UNIT)
+    if off.any():
+        row = int(np.argmax(off))
+        msg = (
+            f"{table.where(row)}: the recorded attitude has length {length[row]:.4g} "
+            f"({np.count_nonzero(off)} such rows of {there}); a quaternion has length "
+            "1, so give other columns (--truth-columns), or repair those rows"
+        )
+        raise InputError(msg)
+    whole = np.where(missing, 1.0, length)[:, None]
+    return np.where(missing[:, None], np.nan, components / whole)
+
+
+def _clock(table: Table, columns: str | None, rate: float | None) -> Float[Array, " n"]:
+    column = _clock_column(table, columns)
+    time = None if column is None else times_of(table, column, rate)[0]
+    if time is None:
+        if rate is None:
+            msg = (
+                f"{table.path}: no clock is named and no rate given; state it "
+                "(--truth-rate HZ), or name the column t (--truth-columns)"
+            )
+            raise InputError(msg)
+        return np.arange(len(table)) / positive_number("truth_rate", rate, "Hz")
+    step = np.diff(time)
+    if not np.all(step > 0.0):
+        row = int(np.argmax(~(step > 0.0))) + 1
+        msg = (
+            f"{table.where(row)}: time {time[row]:.6f} s after {time[row - 1]:.6f} s; "
+            "times must increase, so sort the rows, or leave repeated ones out"
+        )
+        raise InputError(msg)
+    return time
+
+
+def _clock_column(table: Table, columns: str | None) -> Column | None:
+    if columns is not None:
+        names: Sequence[str] = [name.strip() for name in columns.split(",")]
+        matches = [_GIVEN.fullmatch(name) for name in names]
+        for place, match in enumerate(matches):
+            if match and match[1] == "t" and match[1] != SKIP:
+                unit = (match[2] or "").strip().lower()
+                return Column(
+                    role="t", place=place, unit=unit if unit in SECONDS else ""
+                )
+        return None
+    if table.names is None:
+        return Column(role="t", place=0) if table.width == 5 else None
+    for place, name in enumerate(table.names):
+        each = channel(name)
+        if each.kind == "time":
+            return Column(role="t", place=place, name=name, unit=each.unit)
+    return None

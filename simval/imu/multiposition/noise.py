@@ -1,0 +1,419 @@
+"""Noise of a log: of single readings, and of the means of its rests.
+
+**What noise leaves in the mean of a rest of a magnetometer.**
+
+A magnetometer is often slower than its log: its own readings are what counts.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from simval.arrays import Array, ReadOnly, frozen, positive_number
+from simval.errors import InputError, RefusedError
+from simval.imu.logs import Log
+from simval.imu.multiposition.rests import find_rests
+from simval.imu.noise import AxisNoise, NoiseFile, load_noise
+from simval.imu.noise.fit import noise_of_readings, rows_to_a_reading
+from simval.imu.noise.model import LEAST_ROWS
+from simval.imu.sensor import AccelerometerModel
+from simval.imu.statics import WINDOWS, Intervals, interval_means
+from simval.shapes import Float
+
+MISSING = 0.01  # share of rows lost beyond which averages are over other times
+LATE = 1.5  # median steps from row to row: one is missing
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LogNoise:
+    """Noise model of each signal of a log.
+
+    Attributes
+    ----------
+    start, stop : int
+        Rows ``start <= k < stop`` that it was measured in.
+    seconds : float
+        Their time, s.
+    how : str
+        Where they come from, in words.
+    accelerometer : tuple of AxisNoise
+        Of the three axes, raw units.
+    gyro : tuple of AxisNoise
+        Of the three axes, raw units; empty without a gyroscope.
+    magnetometer : tuple of AxisNoise
+        Of the three axes, raw units, its own readings where it is slower than the log;
+        empty without a magnetometer.
+    means : Array
+        Mean reading of the accelerometer in these rows, and then in every rest that
+        was found, raw units, (m, 3).
+    left_out : mapping of str to str
+        Sensors of the log whose noise cannot be told, and why.
+    """
+
+    start: int
+    stop: int
+    seconds: float
+    how: str
+    accelerometer: tuple[AxisNoise, ...]
+    gyro: tuple[AxisNoise, ...]
+    magnetometer: tuple[AxisNoise, ...]
+    means: Float[Array, "m 3"]
+    left_out: Mapping[str, str]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "means", frozen(self.means))
+        own = MappingProxyType(dict(self.left_out))
+        object.__setattr__(self, "left_out", own)
+
+
+def log_noise(
+    log: Log, rest: float | None = None, *, increments: bool = False
+) -> LogNoise:
+    """Measure the noise of a log in its longest rest.
+
+    Parameters
+    ----------
+    log : Log
+        The log, see `simval.imu.logs.read_log`.
+    rest : float or None
+        The first seconds of the log are known to be at rest, s; None finds the
+        longest rest.
+    increments : bool
+        Whether a reading is a rounded increment of an angle or a velocity over the
+        time of its row.
+
+    Returns
+    -------
+    LogNoise
+        Noise of each axis of the accelerometer and, where there is one, of the gyro
+        and of the magnetometer. A magnetometer that does not show its own readings, or
+        too few, is left out.
+
+    Raises
+    ------
+    RefusedError
+        If there is no rest, it is too short, or rows are missing in it.
+    """
+    from simval.imu.noise import noise_of
+
+    intervals = _rests(log, rest)
+    start, stop, how = _still(log, rest, intervals)
+    require_even(log, start, stop)
+    rows = log.accelerometer[start:stop]
+    if log.gyro is not None:
+        rows = np.concatenate([rows, log.gyro[start:stop]], axis=1)
+    found = noise_of(rows, log.rate, increments=increments)
+    compass: tuple[AxisNoise, ...] = ()
+    left_out = {}
+    if log.magnetometer is not None:
+        try:
+            compass = noise_of_readings(log.magnetometer[start:stop], log.rate)
+        except RefusedError as error:
+            left_out["magnetometer"] = str(error)
+    return LogNoise(
+        start=start,
+        stop=stop,
+        seconds=float(log.time[stop - 1] - log.time[start]),
+        how=how,
+        accelerometer=found[:3],
+        gyro=found[3:],
+        magnetometer=compass,
+        left_out=left_out,
+        means=np.concatenate(
+            [
+                log.accelerometer[start:stop].mean(axis=0, keepdims=True),
+                interval_means(log.accelerometer, intervals),
+            ]
+        ),
+    )
+
+
+def require_even(log: Log, start: int, stop: int) -> None:
+    """Refuse rows that do not follow each other at equal steps of time.
+
+    Raises
+    ------
+    RefusedError
+        If more than a hundredth of the rows is missing between them.
+    """
+    steps = np.diff(log.time[start:stop])
+    median = float(np.median(steps)) if len(steps) else 1.0
+    late = steps[steps > LATE * median] / median
+    share = float(np.sum(late - 1.0)) / max(len(steps), 1)
+    if not share <= MISSING:
+        msg = (
+            f"{log.path}: between {log.time[start]:.2f} s and {log.time[stop - 1]:.2f} "
+            f"s {100.0 * share:.2g} % of the rows are missing (steps of {median:.4g} s "
+            f"and up to {steps.max():.4g} s), at most {100.0 * MISSING:g} % may be: "
+            "averages over rows would not be averages over time; record without "
+            "losses, or if rows only were stamped late, mark the clock - (--columns) "
+            "and state the rate (--rate HZ)"
+        )
+        raise RefusedError(msg)
+
+
+def _rests(log: Log, rest: float | None) -> Intervals:
+    # those that are found; of a log whose rest is stated, there may be none to find
+    try:
+        return find_rests(log, rest, 1).best.intervals
+    except RefusedError:
+        if rest is None:
+            raise
+        return np.empty((0, 2), dtype=np.intp)
+
+
+def _still(log: Log, rest: float | None, intervals: Intervals) -> tuple[int, int, str]:
+    # rows at rest, and where they come from
+    rows = len(log.time)
+    if rest is not None:
+        stop = log.rows_within(rest)
+        return 0, stop, f"the first {log.time[stop - 1] - log.time[0]:.2f} s, as given"
+    lengths = intervals[:, 1] - intervals[:, 0]
+    start, stop = map(int, intervals[int(np.argmax(lengths))])
+    edge = int(np.ceil(WINDOWS[0] * log.rate))  # the detector's window is not full
+    if start <= edge and rows - stop <= edge:
+        return 0, rows, "the whole log, which is at rest"
+    return (
+        start,
+        stop,
+        f"the longest of {len(intervals)} rest(s), from {log.time[start]:.2f} s to "
+        f"{log.time[stop - 1]:.2f} s",
+    )
+
+
+SHOWS = 5.0
+"""Median rests in the longest one that shows how their means scatter. Allan variances
+go to a tenth of it, and the fitted model a factor of two farther."""
+OTHER_UNIT = 5.0  # times the noise: 9.8, 1000, 57 or counts are other units
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PoseNoise(ReadOnly):
+    """Noise of the mean of each rest, and where it comes from.
+
+    Attributes
+    ----------
+    std : Array
+        Standard deviation of each axis of the mean of each rest, raw units, (m,).
+    white : Array
+        The same if white noise were all there is, raw units, (m,).
+    source : str
+        ``white``, ``log`` (the log's longest rest) or ``file``.
+    words : str
+        Where it comes from.
+    """
+
+    std: Float[Array, " m"]
+    white: Float[Array, " m"]
+    source: str
+    words: str
+
+
+def pose_noise(
+    log: Log,
+    intervals: Intervals,
+    white: Float[Array, " m"],
+    file: NoiseFile | None = None,
+) -> PoseNoise:
+    """Noise of the means of a log's rests: by Allan variance where that is known.
+
+    Raises
+    ------
+    InputError
+        If the noise file is that of another log's unit.
+    """
+    seconds = (intervals[:, 1] - intervals[:, 0]) / log.rate
+    axes = None if file is None else of_this_unit(file, log, intervals)
+    source = "log" if axes is None else "file"
+    try:
+        std = mean_noise(own_noise(log, intervals) if axes is None else axes, seconds)
+    except RefusedError as refusal:
+        words = f"white noise alone: {refusal}; give --noise FILE of a longer one"
+        return PoseNoise(std=white, white=white, source="white", words=words)
+    where = "the log's longest rest" if axes is None else "the noise file"
+    words = f"the Allan variance at each rest's length, of {where}"
+    return PoseNoise(std=std, white=white, source=source, words=words)
+
+
+def of_this_unit(
+    file: NoiseFile, log: Log, intervals: Intervals
+) -> tuple[AxisNoise, ...]:
+    """Noise of a file, if its readings are in the unit of this log.
+
+    Raises
+    ------
+    InputError
+        If white noise of the two differs by a factor of `OTHER_UNIT` or more.
+    """
+    rows = [log.accelerometer[a:b] for a, b in intervals]
+    here = np.sqrt(np.mean([np.diff(part, axis=0).var(axis=0) for part in rows]) / 2.0)
+    there = np.sqrt(np.mean([axis.variances[0] for axis in file.accelerometer]))
+    require_one_unit(float(here), float(there), f"a row of {log.path}")
+    return file.accelerometer
+
+
+def require_one_unit(here: float, there: float, what: str) -> None:
+    """Refuse a noise file whose noise is not of the size of the log's own.
+
+    Raises
+    ------
+    InputError
+        If the two differ by a factor of `OTHER_UNIT` or more.
+    """
+    if not 1.0 / OTHER_UNIT < here / max(there, 1e-300) < OTHER_UNIT:
+        msg = (
+            f"{what} has a noise of {here:.3g} in its unit at rest, and the noise file "
+            f"one of {there:.3g}: it is of another sensor, range or unit; measure the "
+            "noise in the unit of the log"
+        )
+        raise InputError(msg)
+
+
+def own_noise(log: Log, intervals: Intervals) -> tuple[AxisNoise, ...]:
+    """Noise of the accelerometer in the longest of a log's rests."""
+    start, stop = longest_rest(log, intervals)
+    from simval.imu.noise import noise_of  # most rests are too short for it
+
+    return noise_of(log.accelerometer[start:stop], log.rate)
+
+
+def longest_rest(log: Log, intervals: Intervals) -> tuple[int, int]:
+    """First and last but one row of the longest of a log's rests.
+
+    Raises
+    ------
+    RefusedError
+        If that rest is too short to show what the others' means scatter by: five times
+        their median length shows it.
+    """
+    lengths = intervals[:, 1] - intervals[:, 0]
+    start, stop = map(int, intervals[int(np.argmax(lengths))])
+    least = max(LEAST_ROWS, int(np.ceil(SHOWS * np.median(lengths))))
+    if stop - start < least:
+        msg = (
+            f"the longest rest, {(stop - start) / log.rate:.3g} s, is shorter than "
+            f"{least / log.rate:.3g} s"
+        )
+        raise RefusedError(msg)
+    require_even(log, start, stop)
+    return start, stop
+
+
+def mean_noise(
+    axes: tuple[AxisNoise, ...], seconds: Float[Array, " m"]
+) -> Float[Array, " m"]:
+    """Standard deviation of the mean of a rest, by the Allan variance at its length.
+
+    The mean over the axes of their variances, as the calibration knows one noise for
+    the three axes of a pose. An axis's variance is that of its fitted model, and the
+    measured one where none fits.
+
+    Raises
+    ------
+    RefusedError
+        If a rest is longer than what was measured of an axis without a model.
+    """
+    return np.sqrt(np.mean([_variances(axis, seconds) for axis in axes], axis=0))
+
+
+def _variances(axis: AxisNoise, seconds: Float[Array, " m"]) -> Float[Array, " m"]:
+    first = axis.seconds[axis.used[0]]
+    measured = axis.seconds[-1]
+    if axis.coefficients:
+        law = axis.law(np.maximum(seconds, first))
+        return np.where(
+            seconds >= first,
+            law,
+            [axis.variance_at(t) for t in np.clip(seconds, axis.seconds[0], measured)],
+        )
+    return np.array([axis.variance_at(float(t)) for t in seconds])
+
+
+def compass_pose_noise(
+    log: Log,
+    samples: Float[Array, "n 3"],
+    intervals: Intervals,
+    white: Float[Array, " m"],
+    file: NoiseFile | None = None,
+) -> PoseNoise:
+    """Noise of the means of a magnetometer's rests, by Allan variance where known.
+
+    White noise of rows counts each reading once, however many rows it stands in.
+
+    Raises
+    ------
+    InputError
+        If the noise file is that of another magnetometer's unit.
+    """
+    white = white * np.sqrt(rows_to_a_reading(samples))
+    seconds = (intervals[:, 1] - intervals[:, 0]) / log.rate
+    axes = () if file is None else file.magnetometer
+    if axes:
+        _require_this_unit(log, samples, intervals, axes)
+    source = "file" if axes else "log"
+    try:
+        if not axes:
+            start, stop = longest_rest(log, intervals)
+            axes = noise_of_readings(samples[start:stop], log.rate)
+        std = mean_noise(axes, seconds)
+    except RefusedError as refusal:
+        words = f"white noise alone: {refusal}; give --noise FILE of a longer one"
+        return PoseNoise(std=white, white=white, source="white", words=words)
+    where = "the noise file" if source == "file" else "the log's longest rest"
+    words = f"the Allan variance at each rest's length, of {where}"
+    return PoseNoise(std=std, white=white, source=source, words=words)
+
+
+def _require_this_unit(
+    log: Log,
+    samples: Float[Array, "n 3"],
+    intervals: Intervals,
+    axes: tuple[AxisNoise, ...],
+) -> None:
+    # by the spread of the readings within rests, as neighbouring rows may repeat
+    spread = [samples[a:b].var(axis=0, ddof=1) for a, b in intervals if b - a > 1]
+    here = float(np.sqrt(np.median(spread)))
+    there = float(np.sqrt(np.mean([axis.variances[0] for axis in axes])))
+    require_one_unit(here, there, f"a reading of the magnetometer of {log.path}")
+
+
+FARTHEST = 2.0  # times the longest average: so far the fitted model is believed
+
+
+def planned_noise(
+    path: Path, hold: float | None, sensor: AccelerometerModel | None
+) -> float:
+    """Noise of a pose mean by the Allan variance at its length, units of the plan.
+
+    Those are the log's where a sensor is given, else m/s^2.
+    """
+    known = load_noise(path)
+    if hold is None:
+        msg = "the time that is averaged in a pose is not known; give `--hold`"
+        raise InputError(msg)
+    hold = positive_number("hold", hold, "s")
+    longest = FARTHEST * float(known.accelerometer[0].seconds[-1])
+    if hold > longest:
+        msg = (
+            f"{path} has averages over {longest / FARTHEST:.3g} s at most, which says "
+            f"enough for holds of {longest:.3g} s, and `--hold` is {hold:.3g} s; "
+            f"measure the noise in a rest of {SHOWS * hold:.3g} s or longer"
+        )
+        raise RefusedError(msg)
+    std = float(mean_noise(known.accelerometer, np.array([hold]))[0])
+    if sensor is None:
+        if known.si_per_raw is None:
+            msg = f"{path} does not know m/s^2 in its unit; give `--sensor` too"
+            raise InputError(msg)
+        return std * known.si_per_raw
+    scale = float(np.mean(np.diagonal(sensor.matrix)))
+    if known.si_per_raw is not None and not 0.5 < scale / known.si_per_raw < 2.0:
+        msg = (
+            f"the sensor has {scale:.4g} m/s^2 in one raw unit, and {path} "
+            f"{known.si_per_raw:.4g}; give both in the same unit"
+        )
+        raise InputError(msg)
+    return std

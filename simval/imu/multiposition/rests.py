@@ -1,0 +1,196 @@
+"""The rests of a log: found by times in seconds, at any rate, and what they show.
+
+The accelerometer finds them; where the log has a gyroscope, what turns is cut off them
+or leaves them out (`simval.imu.statics.turns`). A magnetometer is not asked: a field
+that changes while the sensor lies still would cost the others a rest.
+
+The detector's threshold is a multiple of the variance of the initial rest. Each
+multiple gives its own intervals. Of the multiples that agree on the number of
+intervals, the middle one is taken, so that the choice never sees the residuals: the
+multiple whose fit leaves the least of them, as IMU-TK takes it, is the luckiest one,
+and its error bars are too small (`docs/decisions/0055-threshold-without-residuals.md`).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.errors import RefusedError
+from simval.imu.logs import Log
+from simval.imu.statics import (
+    SLOWEST_NOISE,
+    WHITE,
+    WINDOWS,
+    Cut,
+    Intervals,
+    Rest,
+    evened,
+    interval_means,
+    still_parts,
+)
+from simval.poses import PARAMETERS
+from simval.shapes import Float
+
+MULTIPLIERS = tuple(map(float, range(2, 11)))  # those that IMU-TK tries
+
+
+class Level(NamedTuple):
+    """What one threshold makes of a log."""
+
+    multiplier: float  # of the variance of the initial rest
+    intervals: Intervals
+    cuts: tuple[str, ...]  # rests in which the gyroscope turns, in words
+    enough: bool  # are still; else these are the rests of the accelerometer alone
+
+
+class Detection(NamedTuple):
+    """What the detector makes of a log."""
+
+    block: int  # rows that the detector takes together
+    initial: Rest
+    best: Level
+    others: Iterator[Level]  # as many rests by other thresholds, most alike first
+
+    @property
+    def plateau(self) -> Iterator[Level]:
+        """The best and the others."""
+        return chain([self.best], self.others)
+
+
+def find_rests(log: Log, rest: float | None, least: int = PARAMETERS) -> Detection:
+    """Find the rests of a log with the longest window that finds enough of them.
+
+    Raises
+    ------
+    RefusedError
+        If there is no rest, or no threshold finds enough.
+
+    Notes
+    -----
+    A short window is trusted only where the rest is white noise: in half a second a
+    slow motion looks still, too.
+    """
+    count = None if rest is None else log.rows_within(rest)
+    refusal: RefusedError | None = None
+    for window in WINDOWS:
+        even = evened(log.time, log.accelerometer, window)
+        spread = even.spread()
+        try:
+            initial = even.initial_rest(count, spread)
+            limit = WHITE if refusal else 1.0 + SLOWEST_NOISE * even.rate
+            if initial.found or refusal:
+                _require_noise(log, initial, even.wander(initial, spread), limit)
+        except RefusedError as error:
+            refusal = refusal or error
+            continue
+        every = [(m, even.intervals(spread, m * initial.variance)) for m in MULTIPLIERS]
+        usable = [(m, intervals) for m, intervals in every if len(intervals) >= least]
+        if usable:
+            levels = (_level(log, window, least, *at) for at in _plateau(usable))
+            return Detection(even.block, initial, next(levels), levels)
+        refusal = refusal or _too_few(max(len(intervals) for _, intervals in every))
+    assert refusal is not None  # there is a window
+    raise refusal
+
+
+def _level(
+    log: Log, window: float, least: int, multiplier: float, intervals: Intervals
+) -> Level:
+    if log.gyro is None:
+        return Level(multiplier, intervals, (), enough=True)
+    kept, cuts = still_parts(evened(log.time, log.gyro, window), intervals)
+    enough = len(kept) >= least
+    said = tuple(_said(log, cut, used=enough) for cut in cuts)
+    return Level(multiplier, kept if enough else intervals, said, enough=enough)
+
+
+def _said(log: Log, cut: Cut, *, used: bool) -> str:
+    first, last = log.time[cut.rest[0]], log.time[cut.rest[1] - 1]
+    still, done = "too little of it is still", "left out" if used else "kept whole"
+    if cut.kept is not None:
+        first_kept, last_kept = log.time[cut.kept[0]], log.time[cut.kept[1] - 1]
+        still = f"{first_kept:.2f} s to {last_kept:.2f} s is still"
+        done = "cut" if used else done
+    return (
+        f"rest from {first:.2f} s to {last:.2f} s {done}: the gyroscope turns in it, "
+        f"up to {cut.rate:.3g} raw units off its bias where chance leaves "
+        f"{cut.chance:.2g}; {still}{'' if used else ', but too few rests would be'}"
+    )
+
+
+def _plateau(usable: list[tuple[float, Intervals]]) -> list[tuple[float, Intervals]]:
+    # a rest that a single threshold sees is a rest cut in two, or a slow motion
+    counts = [len(intervals) for _, intervals in usable]
+    agreed = max(counts, key=lambda count: (counts.count(count), count))
+    level = [entry for entry in usable if len(entry[1]) == agreed]
+    middle = (len(level) - 1) / 2
+    order = sorted(range(len(level)), key=lambda k: abs(k - middle))
+    return [level[k] for k in order]
+
+
+def _require_noise(log: Log, rest: Rest, wander: float, limit: float) -> None:
+    if not wander <= limit:
+        msg = (
+            f"no initial rest found: the quietest part of the log, from "
+            f"{log.time[rest.start]:.2f} s to {log.time[rest.stop - 1]:.2f} s, still "
+            f"moves: its variance is {wander:.3g} times what it is from row to row, "
+            f"and a sensor at rest shows at most {limit:.3g}; record with rests, or "
+            "state the initial one (--rest SECONDS)"
+        )
+        raise RefusedError(msg)
+
+
+def _too_few(most: int) -> RefusedError:
+    return RefusedError(
+        f"at most {most} static interval(s) found, and a calibration needs "
+        f"{PARAMETERS} or more, each from a rest of two seconds or longer; hold the "
+        "sensor still in more poses, or state the initial rest (--rest SECONDS) if it "
+        "was found wrongly"
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rests:
+    """The rests of a log, and what the checks of its health need of them."""
+
+    log: Log
+    intervals: Intervals  # samples start <= k < stop of each rest
+    means: Float[Array, "m 3"]  # mean reading of each, raw units
+    # median standard deviation within a rest, each axis, raw units
+    noise: Float[Array, "3"]
+    # median share of readings equal to the one before, each axis; small where the
+    # noise is a step of the converter or more
+    same: Float[Array, "3"]
+    # share of rows equal to the one before that nine rests of ten stay below
+    same_rows: float
+
+    def span(self, rest: int) -> str:
+        """Say when a rest was."""
+        return self.rows(*self.intervals[rest])
+
+    def rows(self, start: int, stop: int) -> str:
+        """Say when rows were."""
+        time = self.log.time
+        return f"from {time[start]:.2f} s to {time[stop - 1]:.2f} s"
+
+
+def rests_of(log: Log, intervals: Intervals) -> Rests:
+    """Gather what the checks need."""
+    samples = log.accelerometer
+    parts = [samples[start:stop] for start, stop in intervals]
+    spread = np.array([part.std(axis=0) for part in parts]).reshape(-1, 3)
+    equal = [np.diff(part, axis=0) == 0.0 for part in parts]
+    same = np.array([part.mean(axis=0) for part in equal]).reshape(-1, 3)
+    rows = np.array([part.all(axis=1).mean() for part in equal])
+    return Rests(
+        log=log,
+        intervals=intervals,
+        means=interval_means(samples, intervals),
+        noise=np.median(spread, axis=0) if parts else np.full(3, np.nan),
+        same=np.median(same, axis=0) if parts else np.ones(3),
+        same_rows=float(np.quantile(rows, 0.9)) if parts else 1.0,
+    )

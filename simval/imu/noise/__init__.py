@@ -1,0 +1,31 @@
+r"""Noise model of a sensor at rest: what its readings do when nothing happens.
+
+White noise N, flicker B and a random walk K of each axis, from the overlapping Allan
+variance and its covariance in closed form (`simval.imu.noise.allan`), by generalised
+least squares (`simval.imu.noise.fit`): each coefficient with an interval, or an upper
+bound where the recording does not show it. Everything is in the readings' own unit; no
+frame and no gravity enters.
+"""
+
+from simval.imu.noise.allan import (
+    allan_covariance,
+    allan_law,
+    allan_variance,
+    averaging_counts,
+    covariance_forms,
+)
+from simval.imu.noise.fit import noise_of
+from simval.imu.noise.model import AxisNoise, Coefficient, NoiseFile, load_noise
+
+__all__ = [
+    "AxisNoise",
+    "Coefficient",
+    "NoiseFile",
+    "allan_covariance",
+    "allan_law",
+    "allan_variance",
+    "averaging_counts",
+    "covariance_forms",
+    "load_noise",
+    "noise_of",
+]

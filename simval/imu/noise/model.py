@@ -1,0 +1,377 @@
+"""Noise model of a signal, what it was found from, and its JSON file."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any, Final
+
+import numpy as np
+
+from simval.arguments import file_path, whole_number
+from simval.arrays import Array, finite_array, frozen, positive_number
+from simval.errors import InputError, RefusedError
+from simval.files import MOST_DOCUMENT, parsed_json, read_text
+from simval.imu.noise.allan import allan_law
+from simval.shapes import Float, Int
+from simval.text import shown
+
+LEAST_ROWS: Final = 500  # averages over 1 to 50 rows: 17 lengths for four coefficients
+UNITS = {"N": "raw/sqrt(Hz)", "B": "raw", "K": "raw/sqrt(s)", "Q": "raw s"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Coefficient:
+    """One coefficient of a noise model, or its upper bound.
+
+    Attributes
+    ----------
+    kind : str
+        ``N`` white noise, raw units per root hertz; ``B`` flicker, raw units; ``K``
+        rate random walk, raw units per root second; ``Q`` rounding of increments, raw
+        units times second.
+    value : float or None
+        The estimate; None where the signal does not show the coefficient.
+    sd : float or None
+        Its standard deviation; None where there is no estimate.
+    low, high : float
+        Ends of its 95 % interval: 0 and the upper bound where it is not seen; `high`
+        is infinite where nothing bounds it.
+    """
+
+    kind: str
+    value: float | None
+    sd: float | None
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AxisNoise:
+    """Noise of one signal.
+
+    Attributes
+    ----------
+    rate_hz : float
+        Rows per second, Hz.
+    rows : int
+        Rows of the signal.
+    counts : Array
+        Rows to an average, (m,).
+    variances : Array
+        Overlapping Allan variances, raw units squared, (m,).
+    variance_sd : Array
+        Their standard deviations by (V4), (m,).
+    used : tuple of int
+        First and last but one of the lengths that the fit took.
+    coefficients : tuple of Coefficient
+        N, B, K (and Q); none where no range of lengths follows the model.
+    squares : Array
+        N^2, B^2, K^2 and Q^2 of the fit in units of rows, raw units squared, (4,).
+    chi2 : float
+        Chi-square of the fit.
+    dof : int
+        Its degrees of freedom.
+    p_value : float
+        Chance of one at least as high if the model is right.
+    step : float
+        Step of the converter, raw units; 0 where none is seen.
+    statements : tuple of str
+        What a reader of the coefficients must know.
+    """
+
+    rate_hz: float
+    rows: int
+    counts: Int[Array, " m"]
+    variances: Float[Array, " m"]
+    variance_sd: Float[Array, " m"]
+    used: tuple[int, int]
+    coefficients: tuple[Coefficient, ...]
+    squares: Float[Array, "4"]
+    chi2: float
+    dof: int
+    p_value: float
+    step: float
+    statements: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("variances", "variance_sd", "squares"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def seconds(self) -> Float[Array, " m"]:
+        """Averaging times, s, (m,)."""
+        return np.asarray(self.counts / self.rate_hz)
+
+    def law(self, seconds: Float[Array, " t"]) -> Float[Array, " t"]:
+        """Allan variance of the fitted model.
+
+        Parameters
+        ----------
+        seconds : Array
+            Averaging times, s, (t,).
+
+        Returns
+        -------
+        Array
+            Raw units squared, (t,).
+        """
+        return np.asarray(allan_law(np.asarray(seconds) * self.rate_hz) @ self.squares)
+
+    def variance_at(self, seconds: float) -> float:
+        """Measured Allan variance at an averaging time.
+
+        Parameters
+        ----------
+        seconds : float
+            Averaging time, s, within those that were measured.
+
+        Returns
+        -------
+        float
+            Raw units squared, by straight lines between logarithms.
+
+        Raises
+        ------
+        RefusedError
+            If the time is shorter or longer than those that were measured.
+        """
+        seconds = positive_number("seconds", seconds, "s")
+        times = self.seconds
+        near = 1e-9  # relative: a time that is one of them, but for rounding
+        if not times[0] * (1.0 - near) <= seconds <= times[-1] * (1.0 + near):
+            msg = (
+                f"the noise was measured for averages over {times[0]:.3g} s to "
+                f"{times[-1]:.3g} s, and {seconds:.3g} s is asked for; a rest of "
+                f"{10.0 * seconds:.3g} s shows that"
+            )
+            raise RefusedError(msg)
+        if not np.all(self.variances > 0.0):
+            msg = "the readings do not vary, so they show no noise"
+            raise RefusedError(msg)
+        logs = np.interp(np.log(seconds), np.log(times), np.log(self.variances))
+        return float(np.exp(logs))
+
+
+def largest(
+    axes: Sequence[AxisNoise], kind: str, scales: Float[Array, " axes"]
+) -> tuple[float | None, float | None]:
+    """Largest value that is seen of the axes; largest bound of those that show none."""
+    each = [
+        (c, float(scale))
+        for axis, scale in zip(axes, scales, strict=True)
+        for c in axis.coefficients
+        if c.kind == kind
+    ]
+    seen = [scale * c.value for c, scale in each if c.value is not None]
+    bounds = [
+        scale * c.high for c, scale in each if c.value is None and np.isfinite(c.high)
+    ]
+    return max(seen, default=None), max(bounds, default=None)
+
+
+FORMAT: Final = "simval noise 1"
+AXES: Final = ("x", "y", "z")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NoiseFile:
+    """What a noise file says of an accelerometer, and of others that it has.
+
+    Attributes
+    ----------
+    accelerometer : tuple of AxisNoise
+        Of the three axes, raw units.
+    si_per_raw : float or None
+        m/s^2 per raw unit; None where it was not known.
+    gravity_raw : float
+        Length of the mean reading at rest, raw units.
+    gyro : tuple of AxisNoise
+        Of the three axes, raw units; empty where the file has none.
+    gyro_si_per_raw : float or None
+        rad/s per raw unit; None where it was not known.
+    magnetometer : tuple of AxisNoise
+        Of the three axes, raw units; empty where the file has none.
+    """
+
+    accelerometer: tuple[AxisNoise, ...]
+    si_per_raw: float | None
+    gravity_raw: float
+    gyro: tuple[AxisNoise, ...] = ()
+    gyro_si_per_raw: float | None = None
+    magnetometer: tuple[AxisNoise, ...] = ()
+
+
+def axis_to_json(axis: AxisNoise) -> dict[str, Any]:
+    """Return the noise of one signal as plain JSON values; infinite becomes null."""
+    return {
+        "rate_hz": axis.rate_hz,
+        "rows": axis.rows,
+        "coefficients": {c.kind: _coefficient(c, 1.0) for c in axis.coefficients},
+        "squares_per_row": axis.squares.tolist(),
+        "rows_to_an_average": axis.counts.tolist(),
+        "seconds": axis.seconds.tolist(),
+        "allan_variance": axis.variances.tolist(),
+        "allan_variance_sd": axis.variance_sd.tolist(),
+        "fitted_lengths": list(axis.used),
+        "chi2": axis.chi2,
+        "dof": axis.dof,
+        "p_value": axis.p_value,
+        "rounding_step": axis.step,
+        "statements": list(axis.statements),
+    }
+
+
+def _coefficient(found: Coefficient, scale: float) -> dict[str, Any]:
+    # an upper bound where there is no value
+    def plain(value: float | None) -> float | None:
+        return None if value is None or not np.isfinite(value) else value * scale
+
+    ends = {"low": plain(found.low), "high": plain(found.high)}
+    return {"value": plain(found.value), "sd": plain(found.sd), **ends}
+
+
+def axis_from_json(data: dict[str, Any]) -> AxisNoise:
+    """Rebuild the noise of one signal.
+
+    Raises
+    ------
+    InputError
+        If a value is missing, or cannot be one.
+    """
+    counts = _array(data, "rows_to_an_average")
+    variances = _array(data, "allan_variance", len(counts))
+    squares = _array(data, "squares_per_row", 4)
+    used = _array(data, "fitted_lengths", 2)
+    if not (
+        len(counts)
+        and np.all(np.diff(counts) > 0.0)
+        and counts[0] >= 1.0
+        and np.all(variances >= 0.0)
+        and np.all(squares >= 0.0)
+        and 0.0 <= used[0] < used[1] <= len(counts)
+    ):
+        msg = "its lengths do not increase, or a variance is negative"
+        raise InputError(msg)
+    made = data.get("coefficients")
+    return AxisNoise(
+        rate_hz=positive_number("rate_hz", data.get("rate_hz"), "Hz"),
+        rows=whole_number("rows", data.get("rows"), 1),
+        counts=counts.astype(np.int64),
+        variances=variances,
+        variance_sd=_array(data, "allan_variance_sd", len(counts)),
+        used=(int(used[0]), int(used[1])),
+        coefficients=tuple(_rebuilt(kind, value) for kind, value in _items(made)),
+        squares=squares,
+        chi2=float(finite_array("chi2", data.get("chi2"), ())),
+        dof=whole_number("dof", data.get("dof"), 0),
+        p_value=float(finite_array("p_value", data.get("p_value"), ())),
+        step=float(finite_array("rounding_step", data.get("rounding_step"), ())),
+        statements=_words(data.get("statements")),
+    )
+
+
+def _words(given: Any) -> tuple[str, ...]:
+    if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
+        msg = f"`statements` is {shown(given)}; it must be a list of texts"
+        raise InputError(msg)
+    return tuple(given)
+
+
+def _items(made: Any) -> list[tuple[str, dict[str, Any]]]:
+    if not isinstance(made, dict) or not all(
+        isinstance(value, dict) for value in made.values()
+    ):
+        msg = f"`coefficients` is {shown(made)}; it must be an object of objects"
+        raise InputError(msg)
+    return list(made.items())
+
+
+def _rebuilt(kind: str, data: dict[str, Any]) -> Coefficient:
+    def number(name: str, empty: float | None) -> Any:
+        value = data.get(name)
+        return empty if value is None else float(finite_array(name, value, ()))
+
+    return Coefficient(
+        kind=kind,
+        value=number("value", None),
+        sd=number("sd", None),
+        low=number("low", 0.0),
+        high=number("high", np.inf),
+    )
+
+
+def _array(
+    data: dict[str, Any], name: str, size: int | None = None
+) -> Float[Array, " m"]:
+    array = finite_array(name, data.get(name), (size,))
+    if array.ndim != 1:
+        msg = f"`{name}` has shape {array.shape}; a list of numbers is needed"
+        raise InputError(msg)
+    return array
+
+
+def load_noise(path: str | PathLike[str]) -> NoiseFile:
+    """Read what ``simval noise LOG --json`` printed.
+
+    Parameters
+    ----------
+    path : path-like
+        JSON file.
+
+    Returns
+    -------
+    NoiseFile
+        Noise of its accelerometer, and of its magnetometer if it has one.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or is no noise of an accelerometer.
+    """
+    file = file_path("path", path)
+    how = "write one with `simval noise LOG --json > FILE`"
+    try:
+        data = parsed_json(read_text(file, MOST_DOCUMENT))
+    except OSError as error:
+        msg = f"cannot read the noise file {file}: {error.strerror}; {how}"
+        raise InputError(msg) from None
+    except ValueError as error:
+        msg = f"the noise file {file} is not JSON ({error}); {how}"
+        raise InputError(msg) from None
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        msg = f"{file} is not a noise file (no format {FORMAT!r}); {how}"
+        raise InputError(msg)
+    try:
+        return _sensors(data.get("sensors"))
+    except (InputError, OverflowError) as error:
+        msg = f"the noise file {file}: {error}; {how}"
+        raise InputError(msg) from None
+
+
+def _sensors(sensors: Any) -> NoiseFile:
+    known = sensors if isinstance(sensors, dict) else {}
+    axes = _axes("accelerometer", known.get("accelerometer"))
+    compass, gyro = known.get("magnetometer"), known.get("gyro")
+    sensor = known["accelerometer"]
+    return NoiseFile(
+        accelerometer=axes,
+        si_per_raw=_unit(sensor),
+        gravity_raw=positive_number("gravity_raw", sensor.get("gravity_raw"), "raw"),
+        gyro=() if gyro is None else _axes("gyro", gyro),
+        gyro_si_per_raw=None if gyro is None else _unit(gyro),
+        magnetometer=() if compass is None else _axes("magnetometer", compass),
+    )
+
+
+def _axes(name: str, sensor: Any) -> tuple[AxisNoise, ...]:
+    axes = sensor.get("axes") if isinstance(sensor, dict) else None
+    known = isinstance(axes, dict) and all(isinstance(axes.get(a), dict) for a in AXES)
+    if not (isinstance(axes, dict) and known):
+        msg = f"it has no {name} with the axes x, y and z"
+        raise InputError(msg)
+    return tuple(axis_from_json(axes[a]) for a in AXES)
+
+
+def _unit(sensor: dict[str, Any]) -> float | None:
+    size = sensor.get("si_per_raw")
+    return None if size is None else positive_number("si_per_raw", size, "")

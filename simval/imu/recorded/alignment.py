@@ -1,0 +1,641 @@
+r"""The truth on the log's clock, in the sensor's axes, in the world north-west-up.
+
+First the offsets that are likely, then a fit at each for each class of meaning
+(`simval.imu.recorded.attitudes`), the best of them, its error bars, and its world.
+Refused where the best explains little of what the gyroscope shows, where it is not
+clearly better than another, and where the motion leaves an axis open.
+
+**Likely offsets**, by the size of the rate, in whatever axes: log and truth are brought
+to an even clock and correlated at every shift that leaves enough overlap, with holes
+left out (Pearson's coefficient of what both have at that shift).
+
+**The fit** of clock, axes and gyroscope against the truth, by least squares:
+
+.. math:: y_j = L x_j(\tau) + \beta T_j + r_j \tag{R3}
+
+with a stretch's turns :math:`y_j, x_j` (R1) and length :math:`T_j`, and
+:math:`\tau = \tau_0 + d (t - t_0)` about the middle of the log: fourteen unknowns, the
+offset :math:`\tau_0`, the nine of L, the bias, and the drift d of one clock against the
+other (left out of a first fit). The rotation nearest to L, its
+polar factor Q, carries the truth's body axes to the sensor's; what is left, Q'L, is
+symmetric: the gyroscope's own scale and misalignment, and is reported as that. So a
+gyroscope that is wrong by some per cent does not turn the truth.
+
+The offset is where the residuals do not depend on the change of the rate over a
+stretch, :math:`\partial x / \partial \tau`, *as the gyroscope has it*. The truth's own
+would share its noise with the residuals: between two rows an interpolation has less
+noise than on one, and least squares would move the clock to where there is less.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import scipy
+
+from simval.arrays import Array, frozen
+from simval.errors import GeometryError, RefusedError
+from simval.geometry import cross_matrix
+from simval.imu.logs import Log, Truth
+from simval.imu.multiposition.log_units import accelerometer_scale, gyro_scale
+from simval.imu.recorded.attitudes import (
+    STRETCH,
+    Attitudes,
+    Meaning,
+    Stretches,
+    after,
+    attitudes,
+    meanings,
+    of_matrix,
+    rotation_vector,
+    stretches,
+    turned,
+)
+from simval.imu.recorded.errors import Measured, block_of, jackknife
+from simval.imu.recorded.settings import Signals, rests_of_log, signals, with_gyro_unit
+from simval.imu.recorded.world import TruthWorld, World, find_world, taken_world
+from simval.imu.statics import Intervals, interval_means
+from simval.shapes import Float
+
+OVERLAP: Final = 0.3
+"""Least share of the shorter recording that the other one must cover: with less, two
+short pieces that happen to look alike win."""
+
+LEAST_SECONDS: Final = 4.0  # s; least overlap, as of the fit
+APART: Final = 1.0  # s; maxima nearer than this are one
+MOST_OFFSETS: Final = 3  # maxima that are tried by a fit
+LONGEST: Final = 1 << 20  # ticks of an even clock: 29 hours
+
+
+def likely_offsets(
+    time: Float[Array, " n"], gyro: Float[Array, "n 3"], attitudes: Attitudes
+) -> list[float]:
+    """Offsets of the truth's clock against the log's, s, the likeliest first.
+
+    Raises
+    ------
+    RefusedError
+        If nothing moves, or either is too long or too short.
+    """
+    log, truth = _log_rate(time, gyro), _truth_rate(attitudes)
+    if max(len(log), len(truth)) > LONGEST:
+        msg = (
+            f"log and truth last {len(log) * STRETCH:.6g} s and "
+            f"{len(truth) * STRETCH:.6g} s; cut them to {LONGEST * STRETCH:.0f} s"
+        )
+        raise RefusedError(msg)
+    correlation = _correlation(truth, log)
+    if not np.isfinite(correlation).any():
+        msg = (
+            "truth and gyroscope do not move together for "
+            f"{LEAST_SECONDS:g} s at any shift of their clocks; give the truth of this "
+            "log, recorded while the sensor turned"
+        )
+        raise RefusedError(msg)
+    found: list[float] = []
+    apart = max(1, round(APART / STRETCH))
+    for _ in range(MOST_OFFSETS):
+        best = int(np.nanargmax(correlation))
+        shift = best - (len(log) - 1)
+        found.append(shift * STRETCH + float(attitudes.time[0] - time[0]))
+        correlation[max(0, best - apart) : best + apart + 1] = np.nan
+        if not np.isfinite(correlation).any():
+            break
+    return found
+
+
+def _log_rate(
+    time: Float[Array, " n"], gyro: Float[Array, "n 3"]
+) -> Float[Array, " t"]:
+    # about the median, which is the bias of a sensor that rests, and of counts
+    centred = gyro - np.median(gyro, axis=0)
+    sums = np.cumsum(centred[1:] * np.diff(time)[:, None], axis=0)
+    ticks = np.arange(time[0], time[-1], STRETCH)
+    at = np.column_stack([np.interp(ticks, time[1:], sums[:, k]) for k in range(3)])
+    return np.linalg.norm(np.diff(at, axis=0), axis=1)
+
+
+def _truth_rate(attitudes: Attitudes) -> Float[Array, " t"]:
+    ticks = np.arange(attitudes.time[0], attitudes.time[-1], STRETCH)
+    q = attitudes.at(ticks)
+    return np.linalg.norm(turned(q[:-1], q[1:]), axis=1)
+
+
+def _correlation(a: Float[Array, " n"], b: Float[Array, " m"]) -> Float[Array, " k"]:
+    # Pearson's coefficient of a[s + j] with b[j] for s from -(m - 1) on; NaN where they
+    # share too little, or one does not vary
+    def sums(x: Array, y: Array) -> Array:
+        return scipy.signal.fftconvolve(x, y[::-1])
+
+    mask_a, mask_b = np.isfinite(a).astype(float), np.isfinite(b).astype(float)
+    a, b = np.where(mask_a > 0.0, a, 0.0), np.where(mask_b > 0.0, b, 0.0)
+    a, b = a / max(a.max(initial=0.0), 1e-300), b / max(b.max(initial=0.0), 1e-300)
+    count = np.maximum(np.round(sums(mask_a, mask_b)), 1.0)
+    mean_a, mean_b = sums(a, mask_b) / count, sums(mask_a, b) / count
+    var_a = sums(a * a, mask_b) / count - mean_a**2
+    var_b = sums(mask_a, b * b) / count - mean_b**2
+    both = sums(a, b) / count - mean_a * mean_b
+    least = max(OVERLAP * min(mask_a.sum(), mask_b.sum()), LEAST_SECONDS / STRETCH)
+    usable = (count >= least) & (var_a > 1e-9) & (var_b > 1e-9)
+    return np.where(
+        usable, both / np.sqrt(np.where(usable, var_a * var_b, 1.0)), np.nan
+    )
+
+
+STEPS: Final = 20
+MOST_DRIFT: Final = 1e-3  # s a second, in a step: the worst of clocks
+ENOUGH: Final = 1e-4  # of a quarter of the truth's step: a change below it is none
+LEAST_STRETCHES: Final = 40  # stretches; the blocks then hold two each
+STEEP: Final = 1e6  # condition of X'X beyond which an axis was not turned about
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TurnFit:
+    """Least squares of eq. (R3)."""
+
+    offset: float  # s, at `middle`: what the truth's clock shows minus the log's
+    drift: float  # of that, s a second
+    middle: float  # s, log's clock
+    linear: Float[Array, "3 3"]  # L, raw units per rad/s
+    bias: Float[Array, "3"]  # raw units
+    residuals: Float[Array, "m 3"]  # r_j, raw units times s
+    rows: Float[Array, "m 3 p"]  # derivatives of r by offset, L, bias (and drift)
+    instruments: Float[Array, "m 3 p"]  # what the residuals are made orthogonal to
+    used: Float[Array, " m"]  # middle of each stretch used, log's clock, s
+    share: float  # of the variance of y that is left, 0 to 1
+    converged: bool
+
+    def __post_init__(self) -> None:
+        for name in ("linear", "bias", "residuals", "rows", "instruments", "used"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def scale(self) -> float:
+        """Raw units per rad/s, the mean of the three axes."""
+        return float(abs(np.linalg.det(self.linear)) ** (1.0 / 3.0))
+
+
+def fit_turns(
+    stretches: Stretches,
+    attitudes: Attitudes,
+    offset: float,
+    *,
+    steps: int = STEPS,
+    drifts: bool = False,
+) -> TurnFit:
+    """Fit eq. (R3) from an offset that is right to a stretch or so.
+
+    Raises
+    ------
+    RefusedError
+        If there are too few stretches with truth, or nothing turns in them.
+    """
+    delta = 0.25 * attitudes.step
+    about = stretches.middle - stretches.middle.mean()
+    drift = 0.0
+    for _ in range(steps):
+        x, slope = _turns(stretches, attitudes, offset + drift * about, delta)
+        good = np.asarray(np.isfinite(x + slope).all(axis=1))
+        _require_motion(x[good])
+        y, T = stretches.turn[good], stretches.seconds[good]
+        known = np.column_stack([x[good], T])
+        solution = np.linalg.lstsq(known, y, rcond=None)[0]
+        linear = solution[:3].T
+        residuals = y - known @ solution
+        rows = _derivatives(x[good], slope[good] @ linear.T, T)
+        instruments = _derivatives(x[good], stretches.change[good], T)
+        if drifts:
+            rows, instruments = (
+                _with_drift(each, about[good]) for each in (rows, instruments)
+            )
+        change = _change(instruments, rows, residuals)
+        done = abs(change[0]) < ENOUGH * delta
+        if done:
+            break
+        offset += float(np.clip(change[0], -0.5 * STRETCH, 0.5 * STRETCH))
+        drift += float(np.clip(change[13], -MOST_DRIFT, MOST_DRIFT)) if drifts else 0.0
+    spread = np.sum((y - y.mean(axis=0)) ** 2)
+    return TurnFit(
+        offset=offset,
+        drift=drift,
+        middle=float(stretches.middle.mean()),
+        linear=linear,
+        bias=solution[3],
+        residuals=residuals,
+        rows=rows,
+        instruments=instruments,
+        used=stretches.middle[good],
+        share=float(np.sum(residuals**2) / spread) if spread > 0.0 else 1.0,
+        converged=bool(done),
+    )
+
+
+def _turns(
+    stretches: Stretches, attitudes: Attitudes, offset: Float[Array, " m"], delta: float
+) -> tuple[Float[Array, "m 3"], Float[Array, "m 3"]]:
+    # the truth's turns, and their derivative by the offset
+    before, after = (stretches.truth(attitudes, offset + d) for d in (-delta, delta))
+    return stretches.truth(attitudes, offset), (after - before) / (2.0 * delta)
+
+
+def _with_drift(
+    rows: Float[Array, "m 3 13"], about: Float[Array, " m"]
+) -> Float[Array, "m 3 14"]:
+    # a drift moves a stretch by its time; that it also stretches it is in L
+    return np.concatenate([rows, rows[:, :, :1] * about[:, None, None]], axis=2)
+
+
+def _change(
+    instruments: Float[Array, "m 3 p"],
+    rows: Float[Array, "m 3 p"],
+    residuals: Float[Array, "m 3"],
+) -> Float[Array, " p"]:
+    # of the unknowns, towards residuals that are orthogonal to all instruments
+    Z, J = (
+        instruments.reshape(-1, instruments.shape[-1]),
+        rows.reshape(-1, rows.shape[-1]),
+    )
+    left, right = np.linalg.norm(Z, axis=0), np.linalg.norm(J, axis=0)
+    change = np.linalg.lstsq(
+        (Z / left).T @ (J / right), -(Z / left).T @ residuals.ravel(), rcond=None
+    )[0]
+    return np.asarray(change / right)
+
+
+def _derivatives(
+    x: Float[Array, "m 3"], slope: Float[Array, "m 3"], T: Float[Array, " m"]
+) -> Float[Array, "m 3 13"]:
+    # of r by offset, L row by row, and bias
+    rows = np.zeros((len(x), 3, 13))
+    rows[:, :, 0] = -slope
+    for axis in range(3):
+        rows[:, axis, 1 + 3 * axis : 4 + 3 * axis] = -x
+        rows[:, axis, 10 + axis] = -T
+    return rows
+
+
+def _require_motion(x: Float[Array, "m 3"]) -> None:
+    if len(x) < LEAST_STRETCHES:
+        msg = (
+            f"truth and gyroscope share {len(x) * STRETCH:.1f} s, and "
+            f"{LEAST_STRETCHES * STRETCH:g} s are needed; give the truth of this log"
+        )
+        raise RefusedError(msg)
+    off = x - x.mean(axis=0)
+    values = np.linalg.eigvalsh(off.T @ off)
+    if not values[0] * STEEP > values[-1] > 0.0:
+        msg = (
+            "the truth turns about fewer than three axes, so the sensor's axes in it "
+            "cannot be found; turn the sensor about each of its axes"
+        )
+        raise GeometryError(msg)
+
+
+def polar(linear: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
+    """Rotation nearest to a matrix of positive determinant."""
+    U, _, V = np.linalg.svd(linear)
+    return U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TurnErrors:
+    """Error bars of a `TurnFit`."""
+
+    offset: float  # s
+    drift: float  # s a second; NaN where it was not fitted
+    rotation: Float[Array, "3 3"]  # covariance, rotation vector in sensor axes, rad^2
+    own: Float[Array, "3 3"]  # standard deviations of Q'L, relative
+    bias: Float[Array, "3"]  # raw units
+    dof: int
+
+
+def turn_errors(fit: TurnFit) -> TurnErrors:
+    """Error bars by blocks of equal information, eq. (R2), and the delta method.
+
+    A change dL turns the polar factor, Q exp([a x]), by the antisymmetric part of
+    Q'dL = [a x] P + dP:  (tr P I - P) a = the axial vector of Q'dL - (Q'dL)'.
+    """
+    weight = np.sum(fit.rows[:, :, 1:4] ** 2, axis=(1, 2))
+    block, count = block_of(weight + weight.mean())
+    covariance = jackknife(fit.instruments, fit.rows, fit.residuals, block)
+    Q = polar(fit.linear)
+    P = Q.T @ fit.linear
+    turn, own = np.zeros((3, 9)), np.zeros((9, 9))
+    for k in range(9):
+        dL = np.zeros(9)
+        dL[k] = 1.0
+        D = Q.T @ dL.reshape(3, 3)
+        axial = np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])
+        a = np.linalg.solve(np.trace(P) * np.eye(3) - P, axial)
+        turn[:, k] = Q @ a
+        own[:, k] = (D - cross_matrix(a) @ P).ravel() / fit.scale
+    nine = covariance[1:10, 1:10]
+    return TurnErrors(
+        offset=float(np.sqrt(covariance[0, 0])),
+        drift=float(np.sqrt(covariance[13, 13])) if len(covariance) > 13 else np.nan,
+        rotation=turn @ nine @ turn.T,
+        own=np.sqrt(np.diagonal(own @ nine @ own.T)).reshape(3, 3),
+        bias=np.sqrt(np.diagonal(covariance)[10:13]),
+        dof=count - 1,
+    )
+
+
+MOST_LEFT: Final = 0.25
+"""Share of the variance of the gyroscope's turns that a truth may leave unexplained.
+Truths of other logs are refused (test_recorded_refusals.py); the least that one
+was seen to leave is 0.43, and the two recordings of BROAD leave 0.001."""
+
+BETTER: Final = 4.0
+"""Factor in that share by which the best must be ahead of any other meaning or offset;
+two halves of the residual are then each of its size."""
+
+TRIES: Final = 8
+"""Steps of a fit that may be at a wrong offset; from a right one it takes four."""
+
+WIDEST: Final = np.radians(2.0)
+"""Standard deviation of an axis of the sensor in the truth's, beyond which the error of
+a filter would be that of the alignment."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Alignment:
+    """What lies between a log and its truth.
+
+    Attributes
+    ----------
+    meaning : Meaning
+        Of the recorded numbers.
+    same : tuple of Meaning
+        Further meanings that are the same motion in other axes.
+    better : float
+        Factor by which another meaning leaves more variance unexplained.
+    fit : TurnFit
+        Clock, axes and gyroscope.
+    errors : TurnErrors
+        Its error bars.
+    rotation : Array
+        Rotation vector from the truth's body to the sensor, rad, (3,).
+    world : World
+        North and up in the truth's world.
+    attitude : Array
+        True attitudes at the log's rows, north-west-up to sensor, (n, 4), NaN where
+        there is none.
+    noise : Array
+        Standard deviation of the truth from row to row at rest, rad, (3,); NaN without
+        a rest.
+    """
+
+    meaning: Meaning
+    same: tuple[Meaning, ...]
+    better: float
+    fit: TurnFit
+    errors: TurnErrors
+    rotation: Float[Array, "3"]
+    world: World
+    attitude: Float[Array, "n 4"]
+    noise: Float[Array, "3"]
+
+    def __post_init__(self) -> None:
+        for name in ("rotation", "attitude", "noise"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def offset(self) -> Measured:
+        """What the truth's clock shows minus the log's in the middle of the log, s."""
+        return Measured(
+            value=self.fit.offset, sd=self.errors.offset, dof=self.errors.dof
+        )
+
+    @property
+    def drift(self) -> Measured:
+        """What that grows by, s a second."""
+        return Measured(value=self.fit.drift, sd=self.errors.drift, dof=self.errors.dof)
+
+    @property
+    def axes(self) -> tuple[Measured, ...]:
+        """The rotation vector with its error bars, rad."""
+        sd = np.sqrt(np.diagonal(self.errors.rotation))
+        return tuple(
+            Measured(value=float(v), sd=float(s), dof=self.errors.dof)
+            for v, s in zip(self.rotation, sd, strict=True)
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Tried:
+    meaning: Meaning
+    offset: float
+    fit: TurnFit
+
+
+def align(
+    truth: Truth,
+    time: Float[Array, " n"],
+    gyro: Float[Array, "n 3"],
+    force: Float[Array, "n 3"],
+    field: Float[Array, "n 3"],
+    rests: Intervals,
+    world: TruthWorld | None = None,
+) -> Alignment:
+    """Align a truth with a log, see the module.
+
+    Parameters
+    ----------
+    truth : Truth
+        As from `simval.imu.logs.read_truth`.
+    time : Array
+        Times of the log's rows, s, (n,).
+    gyro : Array
+        Angular rate, the average over the step that ends at a row, any unit, (n, 3).
+    force : Array
+        Specific force, m/s^2, (n, 3).
+    field : Array
+        Magnetic field, any unit, (n, 3).
+    rests : Array
+        Rows ``start <= k < stop`` of each rest, (m, 2).
+    world : {"NWU", "ENU", "NED", "estimated"}, optional
+        The truth's world; default that of its data set, else the nearest one;
+        ``estimated`` turns the truth to what rests and field show.
+
+    Returns
+    -------
+    Alignment
+        What lies between them, with error bars, and the aligned attitudes.
+
+    Raises
+    ------
+    RefusedError
+        If it cannot be done without a guess.
+    """
+    best, others = _best(truth, time, gyro)
+    _require_it(best, others)
+    same, meaning, fit = _refined(truth, time, gyro, best)
+    errors = turn_errors(fit)
+    _require_axes(fit, errors)
+    Q = polar(fit.linear)
+    turn = of_matrix(Q)
+    read = attitudes(truth.time, truth.components, meaning)
+    raw = read.at(time + fit.offset + fit.drift * (time - fit.middle))
+    q = after(raw, turn)
+    shown = find_world(q, force, field, rests, errors.rotation)
+    there = taken_world(shown, truth.columns, world)
+    return Alignment(
+        meaning=meaning,
+        same=same,
+        better=min((o.fit.share for o in others), default=np.inf) / best.fit.share,
+        fit=fit,
+        errors=errors,
+        rotation=rotation_vector(turn),
+        world=there,
+        attitude=_in_world(q, there),
+        noise=_noise(read, time[rests] + fit.offset),
+    )
+
+
+def _best(
+    truth: Truth, time: Float[Array, " n"], gyro: Float[Array, "n 3"]
+) -> tuple[_Tried, list[_Tried]]:
+    # one meaning of each class is enough, see `attitudes`
+    pieces = stretches(time, gyro, coarse=True)
+    tried: list[_Tried] = []
+    pair = meanings(truth.scalar)[:2]
+    first = attitudes(truth.time, truth.components, pair[0])
+    for start in likely_offsets(time, gyro, first):
+        for meaning in pair:
+            read = attitudes(truth.time, truth.components, meaning)
+            try:
+                fit = fit_turns(pieces, read, start, steps=TRIES)
+            except RefusedError:
+                continue
+            tried.append(_Tried(meaning=meaning, offset=start, fit=fit))
+    if not tried:
+        fit_turns(pieces, first, likely_offsets(time, gyro, first)[0])  # says why
+    best = min(tried, key=lambda each: each.fit.share)
+    apart = [
+        each
+        for each in tried
+        if each.meaning != best.meaning
+        or abs(each.fit.offset - best.fit.offset) > 10.0 * pieces.seconds[0]
+    ]
+    return best, apart
+
+
+def _require_it(best: _Tried, others: list[_Tried]) -> None:
+    share = best.fit.share
+    if not (share <= MOST_LEFT and best.fit.converged):
+        msg = (
+            f"no reading of the truth follows the gyroscope: the best ({best.meaning}, "
+            f"offset {best.fit.offset:.3f} s) leaves {100 * share:.0f} % of the "
+            f"variance of its turns, and at most {100 * MOST_LEFT:.0f} % is allowed; "
+            "give the truth of this log (--truth), name its columns (--truth-columns), "
+            "or look at the gyroscope's columns (--columns)"
+        )
+        raise RefusedError(msg)
+    for other in others:
+        if not other.fit.share >= BETTER * share:
+            msg = (
+                f"the truth can be read in two ways: {best.meaning} at an offset of "
+                f"{best.fit.offset:.3f} s leaves {100 * share:.2g} % of the variance "
+                f"of the gyroscope's turns, {other.meaning} at "
+                f"{other.fit.offset:.3f} s {100 * other.fit.share:.2g} %; record "
+                "a rotation about all three axes that does not repeat itself"
+            )
+            raise RefusedError(msg)
+
+
+def _refined(
+    truth: Truth, time: Float[Array, " n"], gyro: Float[Array, "n 3"], best: _Tried
+) -> tuple[tuple[Meaning, ...], Meaning, TurnFit]:
+    # of the meanings of one motion, the one whose body axes are nearest to the sensor's
+    pieces = stretches(time, gyro)
+    coarse = stretches(time, gyro, coarse=True)
+    alike = []
+    for meaning in meanings(truth.scalar):
+        read = attitudes(truth.time, truth.components, meaning)
+        fit = fit_turns(coarse, read, best.fit.offset)
+        if fit.share <= best.fit.share * (1.0 + 1e-6):
+            size = np.linalg.norm(rotation_vector(of_matrix(polar(fit.linear))))
+            alike.append((float(size), meaning))
+    alike.sort(key=lambda each: each[0])
+    nearest = alike[0][1]
+    read = attitudes(truth.time, truth.components, nearest)
+    fit = fit_turns(pieces, read, best.fit.offset, drifts=True)
+    return tuple(meaning for _, meaning in alike[1:]), nearest, fit
+
+
+def _require_axes(fit: TurnFit, errors: TurnErrors) -> None:
+    if not np.linalg.det(fit.linear) > 0.0:
+        msg = (
+            "the gyroscope's axes are left-handed against the truth's: one of them has "
+            "the wrong sign, or two are exchanged; look at its columns (--columns)"
+        )
+        raise RefusedError(msg)
+    values, vectors = np.linalg.eigh(errors.rotation)
+    if not values[-1] <= WIDEST**2:
+        axis = ", ".join(f"{x:.2f}" for x in vectors[:, -1])
+        msg = (
+            "the sensor's axes in the truth's are known to "
+            f"{np.degrees(np.sqrt(values[-1])):.2g} degrees only (standard deviation, "
+            f"about the axis ({axis}) of the sensor), and {np.degrees(WIDEST):g} are "
+            "needed; turn the sensor about each of its axes for longer"
+        )
+        raise RefusedError(msg)
+
+
+def _in_world(q: Float[Array, "n 4"], world: World) -> Float[Array, "n 4"]:
+    # A(q) W' from A(q): first north-west-up to the truth's world, then to the sensor
+    first = of_matrix(world.matrix.T)
+    back = np.broadcast_to(first, q.shape)
+    e1, s1, e2, s2 = back[:, :3], back[:, 3:], q[:, :3], q[:, 3:]
+    vector = s1 * e2 + s2 * e1 + np.cross(e1, e2)
+    return np.concatenate([vector, s1 * s2 - np.sum(e1 * e2, 1, keepdims=True)], axis=1)
+
+
+def _noise(read: Attitudes, spans: Float[Array, "m 2"]) -> Float[Array, "3"]:
+    # by the second differences at rest, which no slow motion changes
+    squares, count = np.zeros(3), 0
+    for start, stop in spans:
+        rows = slice(*np.searchsorted(read.time, [start, stop]))
+        q, t = read.q[rows], read.time[rows]
+        even = np.diff(t, 2) < 0.1 * read.step
+        if len(q) < 10 or not even.any():
+            continue
+        second = np.diff(turned(q[:-1], q[1:]), axis=0)[even]
+        squares += np.sum(second**2, axis=0) / 6.0
+        count += len(second)
+    return np.sqrt(squares / count) if count else np.full(3, np.nan)
+
+
+def prepared(
+    log: Log,
+    recorded: Truth | None,
+    calibration: Path | None,
+    units: tuple[str | None, str | None],
+    world: TruthWorld | None = None,
+) -> tuple[Signals, Alignment | None]:
+    """Readings in SI units, and the truth aligned with them."""
+    rests = rests_of_log(log)
+    accelerometer = accelerometer_scale(
+        log, interval_means(log.accelerometer, rests), units[0]
+    )
+    gyro = gyro_scale(log, units[1])
+    found = signals(
+        log,
+        rests,
+        accelerometer=(accelerometer.si_per_raw, accelerometer.how),
+        gyro=(gyro.si_per_raw, gyro.how),
+        calibration=None if calibration is None else str(calibration),
+    )
+    if recorded is None:
+        return with_gyro_unit(found, None), None
+    alignment = align(
+        recorded,
+        found.time,
+        found.gyro,
+        found.force,
+        found.field,
+        found.rests,
+        world,
+    )
+    return with_gyro_unit(found, alignment.fit.scale), alignment

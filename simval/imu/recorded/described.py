@@ -1,0 +1,359 @@
+"""Filters over a log, in lines for people and as JSON values (SI units, radians)."""
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from simval.imu.logs import Log, Truth
+from simval.imu.multiposition.objects import log_object
+from simval.imu.recorded import Alignment, Evaluation
+from simval.imu.recorded.alignment import polar
+from simval.imu.recorded.errors import Consistency, Measured, Rms
+from simval.imu.recorded.evaluation import norths, turned_words
+from simval.imu.recorded.settings import Signals, Start
+from simval.imu.recorded.world import World
+from simval.text import interval_words
+
+PARTS = {"all": "all", "rest": "at rest", "moving": "moving"}
+BLIND = (
+    "Without truth a filter can only be asked about itself: a scale error of the "
+    "gyroscope, or noise told wrongly, leaves innovations as they should be. Only "
+    "truth shows the error (--truth)."
+)
+WORLDS = {
+    "NWU": "north-west-up",
+    "ENU": "east-north-up",
+    "NED": "north-east-down",
+}
+
+
+def alignment_lines(
+    alignment: Alignment | None, recorded: Truth | None, found: Signals
+) -> list[str]:
+    """The truth and what lies between it and the log, each with a 95 % interval."""
+    if alignment is None or recorded is None:
+        return []
+    offset, drift = alignment.offset, alignment.drift
+    world, fit = alignment.world, alignment.fit
+    missing = 1.0 - float(np.mean(np.isfinite(alignment.attitude[:, 0])))
+    turn = "  ".join(_degrees(each) for each in alignment.axes)
+    own = polar(fit.linear).T @ fit.linear / fit.scale
+    scales = "  ".join(
+        with_error(value, half)
+        for value, half in zip(
+            np.diagonal(own) * _in_unit(alignment, found),
+            np.diagonal(alignment.errors.own) * _factor(alignment),
+            strict=True,
+        )
+    )
+    return [
+        f"truth             {', '.join(recorded.columns)}: {alignment.meaning}; read "
+        f"otherwise it leaves {alignment.better:.3g} times the variance",
+        *(
+            f"                  {each} is the same motion in other axes"
+            for each in alignment.same
+        ),
+        f"                  missing in {100 * missing:.2f} % of the rows; noise at rest"
+        " "
+        f"{_rms_degrees(alignment.noise)} degrees a row",
+        f"truth's clock     {with_error(1e3 * offset.value, 1e3 * offset.half)} ms "
+        "against the log's, a row of the gyroscope being the mean over its step;",
+        "                  it drifts by "
+        f"{with_error(1e6 * drift.value, 1e6 * drift.half)} us a second",
+        f"sensor's axes     turned ({turn}) degrees about x, y, z from the truth's",
+        f"gyroscope         {scales} times the truth's rate; {100 * fit.share:.2g} % "
+        "of the variance is not explained",
+        f"truth's world     {_world(alignment)}",
+        f"                  the log shows it off by ({_off(world)}) degrees about "
+        f"north, west and up: up by {world.rests} rest(s), {_tilt(alignment)};",
+        "                  north by the magnetometer's mean, "
+        f"+- {np.degrees(world.half('heading')):.2g} degrees with what the field's "
+        f"direction varies by over the log, {np.degrees(world.deviation):.2g}",
+    ]
+
+
+def _off(world: World) -> str:
+    return ", ".join(f"{x:.2f}" for x in np.degrees(world.off))
+
+
+def _factor(alignment: Alignment) -> float:
+    each = alignment.offset
+    return each.half / each.sd if each.sd > 0.0 else 2.0
+
+
+def _in_unit(alignment: Alignment, found: Signals) -> float:
+    # scale of the gyroscope in the unit that it was brought to
+    for size in (1.0, np.pi / 180.0, np.pi / 180e3):
+        if abs(alignment.fit.scale * size - 1.0) <= 0.2:
+            return float(alignment.fit.scale * size)
+    return 1.0
+
+
+def _degrees(each: Measured) -> str:
+    return with_error(np.degrees(each.value), np.degrees(each.half))
+
+
+def with_error(value: float, half: float) -> str:
+    """A value and the half width of its interval, to the digits that the latter has."""
+    if not half > 0.0:
+        return f"{value:.6g}"
+    digits = int(np.clip(1 - np.floor(np.log10(half)), 0, 9))
+    return f"{value:.{digits}f} +- {half:.{digits}f}"
+
+
+def _rms_degrees(vector: Any) -> str:
+    return f"{np.degrees(np.sqrt(np.mean(np.square(vector)))):.2g}"
+
+
+def _tilt(alignment: Alignment) -> str:
+    half = alignment.world.half("tilt")
+    if np.isnan(half):
+        return "whose error one rest does not show"
+    return f"+- {np.degrees(half):.2g} degrees"
+
+
+def _world(alignment: Alignment) -> str:
+    world = alignment.world
+    if world.taken == "estimated":
+        size = np.degrees(np.linalg.norm(world.off))
+        near = f"the nearest is {world.name}" if world.name else f"{size:.0f} degrees"
+        return f"turned to what the log shows; {near}"
+    name = f"{world.name} ({WORLDS[world.name]})"
+    return {
+        "stated": f"{name}, as stated",
+        "standard": f"{name}, as its data set has it",
+        "nearest": f"{name}, the nearest; --truth-world states another",
+    }[world.taken]
+
+
+def filter_lines(
+    done: list[Evaluation], failed: dict[str, str], truth: bool
+) -> list[str]:
+    """The table of the filters, and what each is."""
+    lines = [f"{each.run.name}: {each.run.how}" for each in done]
+    lines += [f"{name}: not measured: {why}" for name, why in failed.items()]
+    if truth and done:
+        turned = turned_words(done)
+        lines += ["", *_errors(done), *([turned] if turned else [])]
+        lines += ["", *_covariances(done)]
+    elif done:
+        lines += ["", *_alone(done), "", BLIND]
+    return lines
+
+
+def _width(done: Iterable[Evaluation]) -> int:
+    return max(10, *(len(each.run.name) for each in done)) + 2
+
+
+def _errors(done: list[Evaluation]) -> list[str]:
+    width = _width(done)
+    head = "".join(f"{name:>17s}" for name in ("total", "heading", "inclination"))
+    lines = [
+        "RMS error, degrees, with its standard error",
+        f"  {'filter':{width}s}{'rows':9s}{head}   converged",
+    ]
+    for each in done:
+        assert each.truth is not None
+        for part, words in PARTS.items():
+            own = each.truth.rms[part]
+            cells = "".join(f"{_cell(own[k]):>17s}" for k in own)
+            name = each.run.name if part == "all" else ""
+            after = f"   {_settled(each.truth.settled)}" if part == "all" else ""
+            lines.append(f"  {name:{width}s}{words:9s}{cells}{after}")
+    return lines
+
+
+def _cell(rms: Rms) -> str:
+    if np.isnan(rms.value):
+        return "-"
+    return f"{np.degrees(rms.value):.3f} ({np.degrees(rms.sd):.3f})"
+
+
+def _settled(seconds: float) -> str:
+    return "not within the log" if np.isnan(seconds) else f"after {seconds:.0f} s"
+
+
+def _covariances(done: list[Evaluation]) -> list[str]:
+    width = _width(done)
+    lines = [
+        "squared error over covariance (NEES), 3 where that is true; NIS beside it",
+        f"  {'filter':{width}s}{'NEES':>10s}   {'interval':22s}{'verdict':16s}"
+        f"{'NIS':>8s}  us a row",
+    ]
+    for each in done:
+        assert each.truth is not None
+        nees, nis = each.truth.nees, each.nis
+        text = f"{'no covariance':>13s}{'':38s}"
+        if nees is not None:
+            text = f"{nees.mean:10.3g}   {_interval(nees):22s}{nees.verdict:16s}"
+        second = "-" if nis is None else f"{nis.mean:.3g} of {nis.expected:.0f}"
+        lines.append(
+            f"  {each.run.name:{width}s}{text}{second:>8s}  {each.microseconds:.0f}"
+        )
+    return lines
+
+
+def _interval(each: Consistency) -> str:
+    return "-" if np.isnan(each.low) else interval_words(each.low, each.high, 3)
+
+
+def _alone(done: list[Evaluation]) -> list[str]:
+    width = _width(done)
+    lines = [
+        "at rest: drift of the heading, and the filter's up against the specific force",
+        f"  {'filter':{width}s}{'drift, deg/min':>15s}{'up, deg':>9s}{'NIS':>12s}   "
+        f"{'verdict':16s}innovation with the next",
+    ]
+    for each in done:
+        rest, nis = each.at_rest, each.nis
+        drift = np.degrees(rest.drift) * 60.0
+        white = "-"
+        if each.white is not None:
+            white = " ".join(f"{value:.2f}" for value in each.white)
+        second = "-" if nis is None else f"{nis.mean:.3g} of {nis.expected:.0f}"
+        verdict = "" if nis is None else nis.verdict
+        lines.append(
+            f"  {each.run.name:{width}s}{_known(drift):>15s}"
+            f"{_known(np.degrees(rest.inclination)):>9s}{second:>12s}   "
+            f"{verdict:16s}{white}"
+        )
+    return lines
+
+
+def _known(value: float) -> str:
+    return f"{value:.3g}" if np.isfinite(value) else "-"
+
+
+def truth_object(alignment: Alignment, recorded: Truth) -> dict[str, Any]:
+    """The truth and its alignment as plain JSON values; half widths are of 95 %."""
+    world, fit, errors = alignment.world, alignment.fit, alignment.errors
+    return {
+        "columns": list(recorded.columns),
+        "own_clock": recorded.own_clock,
+        "scalar": alignment.meaning.scalar,
+        "takes": alignment.meaning.takes,
+        "same": [[each.scalar, each.takes] for each in alignment.same],
+        "better": plain(alignment.better),
+        "missing": 1.0 - float(np.mean(np.isfinite(alignment.attitude[:, 0]))),
+        "noise": plain(alignment.noise),
+        "offset": _measured(alignment.offset),
+        "drift": _measured(alignment.drift),
+        "axes": [_measured(each) for each in alignment.axes],
+        "gyroscope": {
+            "linear": plain(fit.linear),
+            "own_sd": plain(errors.own),
+            "bias": plain(fit.bias),
+            "bias_sd": plain(errors.bias),
+            "unexplained": fit.share,
+        },
+        "world": {
+            "matrix": plain(world.matrix),
+            "tilt_sd": plain(world.tilt_sd),
+            "tilt_half": plain(world.half("tilt")),
+            "heading_sd": world.heading_sd,
+            "heading_half": plain(world.half("heading")),
+            "rests": world.rests,
+            "name": world.name or None,
+            "off": plain(world.off),
+            "heading_deviation": world.deviation,
+            "taken": world.taken,
+        },
+    }
+
+
+def _measured(each: Measured) -> dict[str, Any]:
+    return {"value": each.value, "sd": each.sd, "half": each.half, "dof": each.dof}
+
+
+def evaluation_object(each: Evaluation) -> dict[str, Any]:
+    """One filter's measures as plain JSON values, in SI units and radians."""
+    found: dict[str, Any] = {
+        "filter": each.run.name,
+        "world": each.run.world,
+        "how": each.run.how,
+        "rows": len(each.run.output.kept),
+        "microseconds": each.microseconds,
+        "at_rest": {
+            "heading_drift": plain(each.at_rest.drift),
+            "inclination": plain(each.at_rest.inclination),
+            "rests": each.at_rest.rests,
+        },
+        "nis": _consistency(each.nis),
+        "innovation_correlation": None if each.white is None else plain(each.white),
+    }
+    if each.truth is not None:
+        found |= {
+            "rms": {
+                part: {
+                    name: {"value": plain(rms.value), "sd": plain(rms.sd)}
+                    for name, rms in own.items()
+                }
+                for part, own in each.truth.rms.items()
+            },
+            "total_at_norths": [
+                {"turned": turn, "rms": value}
+                for turn, value in zip(
+                    norths(each.truth.world), each.truth.turned, strict=True
+                )
+            ],
+            "rows_with_truth": len(each.truth.errors.time),
+            "converged_after": plain(each.truth.settled),
+            "nees": _consistency(each.truth.nees),
+        }
+    return found
+
+
+def _consistency(each: Consistency | None) -> dict[str, Any] | None:
+    if each is None:
+        return None
+    return {name: plain(value) for name, value in asdict(each).items()}
+
+
+def plain(value: Any) -> Any:
+    """Numbers as JSON has them; what is not finite is null."""
+    if isinstance(value, str):
+        return value
+    array = np.asarray(value)
+    if array.ndim:
+        return [plain(each) for each in array]
+    return array.item() if np.isfinite(array) else None
+
+
+FORMAT = "simval filter 1"
+
+
+def log_values(
+    log: Log,
+    found: Signals,
+    start: Start,
+    alignment: Alignment | None,
+    recorded: Truth | None,
+) -> dict[str, Any]:
+    """The log, what filters were told, and the truth, as plain JSON values."""
+    told = start.told
+    return {
+        "format": FORMAT,
+        **log_object(log),
+        "units": {
+            "gyroscope": found.gyro_unit,
+            "accelerometer": found.force_unit,
+            "magnetometer": found.field_unit or None,
+        },
+        "rests": found.rests.tolist(),
+        "start": {"row": start.row, "attitude": start.attitude.tolist()},
+        "told": {
+            "gyroscope_noise": told.gyroscope_noise,
+            "gyroscope_walk": told.gyroscope_walk,
+            "accelerometer_noise": told.accelerometer_noise,
+            "magnetometer_noise": told.magnetometer_noise,
+            "gravity": told.gravity,
+            "field": told.field.tolist(),
+            "start_std": told.start_std,
+            "bias_std": told.bias_std,
+        },
+        "truth": None
+        if alignment is None or recorded is None
+        else truth_object(alignment, recorded),
+    }

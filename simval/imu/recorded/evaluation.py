@@ -1,0 +1,325 @@
+"""A filter's answers over a log, and its errors: with truth, and without."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.geometry import attitude_matrix
+from simval.imu.filters.signals import FilterInput, FilterOutput
+from simval.imu.recorded.alignment import Alignment
+from simval.imu.recorded.errors import (
+    Consistency,
+    Errors,
+    Rms,
+    convergence,
+    errors_of,
+    judged,
+    normalised,
+    table,
+    whiteness,
+)
+from simval.imu.recorded.settings import Signals, Start
+from simval.imu.recorded.world import World
+from simval.shapes import Bool, Float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FilterRun:
+    """Answers of one filter, and the world that it has."""
+
+    name: str
+    world: str
+    how: str  # declared, or found
+    output: FilterOutput  # rows counted in the log
+    thinned: bool  # whether rows between the kept ones are left out
+
+
+def filter_input(found: Signals, start: Start) -> FilterInput:
+    """What a filter is given of a log, from the row after the start on."""
+    rows = slice(start.row + 1, None)
+    return FilterInput(
+        dt=np.diff(found.time[start.row :]),
+        gyroscope=found.gyro[None, rows],
+        accelerometer=found.force[None, rows],
+        magnetometer=found.field[None, rows],
+        start=start.attitude[None],
+        told=start.told,
+    )
+
+
+SHORTEST: Final = 2.0  # s; of a rest in which a drift is looked at
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AtRest:
+    """What rests show without truth.
+
+    Attributes
+    ----------
+    drift : float
+        RMS over the rests of the change of heading within one, rad/s; NaN without.
+    inclination : float
+        RMS over the rests of the angle between the filter's up and the mean specific
+        force, rad; NaN without.
+    rests : int
+        Rests looked at.
+    """
+
+    drift: float
+    inclination: float
+    rests: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WithTruth:
+    """Errors of one filter against the truth.
+
+    Attributes
+    ----------
+    errors : Errors
+        At the rows with truth.
+    rms : mapping
+        RMS by part (``all``, ``rest``, ``moving``) and error (``total``, ``heading``,
+        ``inclination``).
+    settled : float
+        Seconds until it has converged; NaN if it has not.
+    nees : Consistency or None
+        Of the attitude, 3 expected; None without a covariance.
+    squares : Array or None
+        The squared error over covariance of each row that it is of, (k,).
+    band : Array or None
+        Standard deviations of total (root of the trace), heading and inclination (both
+        in the world) that its covariance states, rad, (k, 3).
+    turned : tuple of float
+        RMS of the total error, rad, were the truth's north at either end of
+        `norths`.
+    world : World
+        That the errors are measured in.
+    """
+
+    errors: Errors
+    rms: dict[str, dict[str, Rms]]
+    settled: float
+    nees: Consistency | None
+    squares: Float[Array, " k"] | None
+    band: Float[Array, "k 3"] | None
+    turned: tuple[float, float]
+    world: World
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Evaluation:
+    """All that is measured of one filter over one log.
+
+    Attributes
+    ----------
+    run : FilterRun
+        Its answers.
+    truth : WithTruth or None
+        None without a truth.
+    at_rest : AtRest
+        What needs none.
+    nis : Consistency or None
+        Of the innovations; None without them.
+    white : Array or None
+        Correlation of each whitened innovation with the next.
+    microseconds : float
+        Median time of a row.
+    """
+
+    run: FilterRun
+    truth: WithTruth | None
+    at_rest: AtRest
+    nis: Consistency | None
+    white: Float[Array, " m"] | None
+    microseconds: float
+
+
+def evaluate(run: FilterRun, found: Signals, alignment: Alignment | None) -> Evaluation:
+    """Measure a filter's answers.
+
+    Parameters
+    ----------
+    run : FilterRun
+        Answers.
+    found : Signals
+        The log.
+    alignment : Alignment or None
+        The truth, aligned with it.
+
+    Returns
+    -------
+    Evaluation
+        What was measured.
+    """
+    nis, white = _innovations(run)
+    return Evaluation(
+        run=run,
+        truth=None if alignment is None else _with_truth(run, found, alignment),
+        at_rest=_at_rest(run, found),
+        nis=nis,
+        white=white,
+        microseconds=1e6 * float(np.median(run.output.seconds)),
+    )
+
+
+def resting(found: Signals) -> Bool[np.ndarray, " n"]:
+    """Rows of a log that belong to a rest."""
+    rows = np.zeros(len(found.time), dtype=bool)
+    for start, stop in found.rests:
+        rows[start:stop] = True
+    return rows
+
+
+def _with_truth(run: FilterRun, found: Signals, alignment: Alignment) -> WithTruth:
+    kept = run.output.kept
+    there = np.isfinite(alignment.attitude[kept]).all(axis=1)
+    rows = kept[there]
+    truth = alignment.attitude[rows]
+    errors = errors_of(
+        found.time[rows], truth, run.output.attitude[0][there], resting(found)[rows]
+    )
+    nees, squares, band = None, None, None
+    if run.output.covariance is not None:
+        own = run.output.covariance[0][there][:, :3, :3]
+        squares = normalised(errors.body, own + extra(alignment, truth))
+        nees = judged(squares, 3.0)
+        if alignment.world.taken == "estimated":
+            # a verdict stands that it has with the field's own deviation too
+            north = np.outer([0.0, 0.0, 1.0], [0.0, 0.0, alignment.world.deviation**2])
+            A = attitude_matrix(truth)
+            wide = own + extra(alignment, truth) + A @ north @ A.swapaxes(1, 2)
+            if judged(normalised(errors.body, wide), 3.0).verdict != nees.verdict:
+                nees = replace(nees, verdict="not judged")
+        band = _band(own, truth)
+    return WithTruth(
+        errors=errors,
+        rms=table(errors),
+        settled=convergence(errors),
+        nees=nees,
+        squares=squares,
+        band=band,
+        turned=_turned(errors, norths(alignment.world)),
+        world=alignment.world,
+    )
+
+
+def norths(world: World) -> tuple[float, float]:
+    """Turns of the north that is taken, rad, which a comparison should withstand.
+
+    Of an estimated one the ends of its interval; else to the log's own magnetometer.
+    """
+    if world.taken == "estimated":
+        half = world.half("heading")
+        return -half, half
+    return 0.0, -float(world.off[2])
+
+
+def _turned(errors: Errors, turns: tuple[float, float]) -> tuple[float, float]:
+    # by eq. (R4): an error of heading grows by what north is turned by
+    tilt = np.cos(errors.inclination / 2.0)
+    first, last = (
+        float(np.sqrt(np.mean(4.0 * np.arccos(np.clip(np.abs(c), 0.0, 1.0)) ** 2)))
+        for c in (tilt * np.cos((errors.heading + turn) / 2.0) for turn in turns)
+    )
+    return first, last
+
+
+def turned_words(done: Sequence[Evaluation]) -> str:
+    """What another north would do to a comparison of filters; empty for nothing.
+
+    The difference of two mean squares is linear in a small turn, so an order that both
+    ends of an interval have is that of all between.
+    """
+    ranked = sorted(
+        ((each.run.name, each.truth) for each in done if each.truth is not None),
+        key=lambda pair: pair[1].rms["all"]["total"].value,
+    )
+    if not ranked:
+        return ""
+    estimated = ranked[0][1].world.taken == "estimated"
+    ends = [
+        f"{name} {' and '.join(f'{np.degrees(v):.2f}' for v in found.turned)}"
+        if estimated
+        else f"{name} {np.degrees(found.turned[1]):.2f}"
+        for name, found in ranked
+    ]
+    open_ = [
+        f"{name} and {other}"
+        for (name, first), (other, second) in combinations(ranked, 2)
+        if any(a > b for a, b in zip(first.turned, second.turned, strict=True))
+    ]
+    turn = np.degrees(norths(ranked[0][1].world)[1])
+    if estimated:
+        said = (
+            "North is the log's own magnetometer's, which favours a filter that "
+            f"follows it; turned to either end of its +- {turn:.2g} degrees the total "
+            f"is, in degrees, {', '.join(ends)}"
+        )
+        return f"{said}; not decided: {'; '.join(open_)}." if open_ else f"{said}."
+    if not open_:
+        return ""
+    return (
+        f"Turned to the log's own magnetometer, by {turn:.2f} degrees (--truth-world "
+        f"estimated), the total would be {', '.join(ends)} degrees, which exchanges "
+        f"{'; '.join(open_)}."
+    )
+
+
+def extra(alignment: Alignment, truth: Float[Array, "k 4"]) -> Float[Array, "k 3 3"]:
+    """Covariance of the truth itself: its noise, the sensor's axes, the world."""
+    A = attitude_matrix(truth)
+    noise = np.diag(np.nan_to_num(alignment.noise) ** 2)
+    world = A @ alignment.world.covariance @ A.swapaxes(1, 2)
+    return world + alignment.errors.rotation + noise
+
+
+def _band(
+    own: Float[Array, "k 3 3"], truth: Float[Array, "k 4"]
+) -> Float[Array, "k 3"]:
+    A = attitude_matrix(truth)
+    world = A.swapaxes(1, 2) @ own @ A
+    squares = np.diagonal(world, axis1=1, axis2=2)
+    level = squares[:, 0] + squares[:, 1]
+    parts = np.stack([squares.sum(axis=1), squares[:, 2], level], axis=1)
+    return np.sqrt(np.maximum(parts, 0.0))
+
+
+def _at_rest(run: FilterRun, found: Signals) -> AtRest:
+    kept, q = run.output.kept, run.output.attitude[0]
+    drifts, tilts = [], []
+    for start, stop in found.rests:
+        rows = (kept >= start) & (kept < stop)
+        seconds = found.time[stop - 1] - found.time[start]
+        if seconds < SHORTEST or np.count_nonzero(rows) < 3:
+            continue
+        A = attitude_matrix(q[rows])
+        force = found.force[start:stop].mean(axis=0)
+        up = A[:, :, 2].mean(axis=0)
+        tilts.append(np.arctan2(np.linalg.norm(np.cross(up, force)), up @ force))
+        turn = A[-1].T @ A[0]  # in the world, from the end to the start
+        angle = np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
+        drifts.append(angle / seconds)
+    if not drifts:
+        return AtRest(drift=np.nan, inclination=np.nan, rests=0)
+    return AtRest(
+        drift=float(np.sqrt(np.mean(np.square(drifts)))),
+        inclination=float(np.sqrt(np.mean(np.square(tilts)))),
+        rests=len(drifts),
+    )
+
+
+def _innovations(run: FilterRun) -> tuple[Consistency | None, Array | None]:
+    innovation, covariance = run.output.innovation, run.output.innovation_covariance
+    if innovation is None or covariance is None:
+        return None, None
+    squares = normalised(innovation[0], covariance[0])
+    nis = judged(squares, float(innovation.shape[-1]))
+    good = np.isfinite(squares)
+    if run.thinned or not good.any():
+        return nis, None
+    return nis, whiteness(innovation[0][good], covariance[0][good])

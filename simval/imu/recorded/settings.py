@@ -1,0 +1,376 @@
+"""Filter settings taken from a log: readings in SI units, noise, field, and the start.
+
+Noise is from a noise file, else from the log's own rests: N and K of the longest one,
+the scatter of a row in all of them. Nothing is from the truth.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from simval.arrays import Array, frozen
+from simval.errors import InputError, RefusedError
+from simval.imu.calibrate.files import (
+    load_calibration,
+    load_others,
+    require_same_sensor,
+)
+from simval.imu.filters.signals import Told
+from simval.imu.logs import Log
+from simval.imu.logs.names import channel
+from simval.imu.multiposition.rests import find_rests
+from simval.imu.noise import AxisNoise, noise_of
+from simval.imu.noise.model import NoiseFile
+from simval.imu.recorded.attitudes import of_matrix
+from simval.imu.statics import Intervals
+from simval.shapes import Float
+
+GAP_STEPS: Final = 5.0
+"""Median steps of a hole in a log,"""
+GAP_SECONDS: Final = 0.05
+"""s, if it is longer than this, too: five steps at 100 Hz, at any rate."""
+GYRO_UNITS: Final[Mapping[str, float]] = MappingProxyType(
+    {"rad/s": 1.0, "deg/s": np.pi / 180.0, "mdps": np.pi / 180e3}
+)
+NEAR: Final = 0.1
+"""Relative: scales of gyroscopes are within some per cent of their unit, and units are
+a factor of 57 apart."""
+
+FIELDS: Final[Mapping[str, float]] = MappingProxyType(
+    {"T": 1.0, "mT": 1e-3, "G": 1e-4, "uT": 1e-6, "mG": 1e-7, "nT": 1e-9}
+)
+UNKNOWN: Final = "in the unit of its calibration or of the log"
+EARTH: Final = (20e-6, 70e-6)
+"""T. The Earth's field is 22 to 67 uT: a factor of three, and the units in `FIELDS` are
+ten apart or more."""
+_WRITTEN: Final = {
+    "t": "T", "mt": "mT", "ut": "uT", "μt": "uT", "nt": "nT", "g": "G", "gs": "G",
+    "gauss": "G", "mg": "mG", "mgauss": "mG",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Signals:
+    """Readings of a log."""
+
+    time: Float[Array, " n"]  # s
+    gyro: Float[Array, "n 3"]  # rad/s, or the log's unit where `gyro_unit` is empty
+    force: Float[Array, "n 3"]  # specific force, m/s^2
+    field: Float[Array, "n 3"]  # T, or the log's unit where `field_unit` is empty
+    rate: float  # Hz
+    rests: Intervals
+    gyro_unit: str  # where it came from, in words; empty: not known yet
+    force_unit: str
+    field_unit: str
+
+    def __post_init__(self) -> None:
+        for name in ("time", "gyro", "force", "field"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    def described(self) -> list[str]:
+        """Where the units came from."""
+        return [
+            f"units             gyroscope {self.gyro_unit}",
+            f"                  accelerometer {self.force_unit}",
+            f"                  magnetometer {self.field_unit or UNKNOWN}",
+        ]
+
+
+def rests_of_log(log: Log) -> Intervals:
+    """Rests of a log; one is enough.
+
+    Raises
+    ------
+    RefusedError
+        If it has none.
+    """
+    return find_rests(log, None, 1).best.intervals
+
+
+def signals(
+    log: Log,
+    rests: Intervals,
+    *,
+    accelerometer: tuple[float | None, str],
+    gyro: tuple[float | None, str],
+    calibration: str | None,
+) -> Signals:
+    """Bring a log to SI units, by a calibration file or by the units of its columns.
+
+    `accelerometer` and `gyro` are the unit in SI units, None where it is not known, and
+    in words where it is from.
+
+    Raises
+    ------
+    InputError
+        If a sensor is missing, or the accelerometer's unit is not known.
+    RefusedError
+        If the calibration is not of this sensor.
+    """
+    _require_sensors(log)
+    assert log.gyro is not None
+    assert log.magnetometer is not None
+    raw = Signals(
+        time=log.time,
+        gyro=log.gyro * (gyro[0] or 1.0),
+        force=log.accelerometer * (accelerometer[0] or 1.0),
+        field=log.magnetometer,
+        rate=log.rate,
+        rests=rests,
+        gyro_unit=gyro[1] if gyro[0] else "",
+        force_unit=accelerometer[1],
+        field_unit="",
+    )
+    if calibration is not None:
+        return _calibrated(log, raw, calibration)
+    if accelerometer[0] is None:
+        msg = f"{log.path}: the unit of the accelerometer is {accelerometer[1]}"
+        raise InputError(msg)
+    return with_field_unit(log, raw)
+
+
+def _require_sensors(log: Log) -> None:
+    for name, rows in (("gyroscope", log.gyro), ("magnetometer", log.magnetometer)):
+        if rows is None:
+            why = "; ".join(log.unclear)
+            msg = (
+                f"{log.path} has no {name} ({why or 'no column is named as one'}), and "
+                "a filter is given all three sensors; name its columns (--columns)"
+            )
+            raise InputError(msg)
+    step = np.diff(log.time)
+    row = int(np.argmax(step))
+    usual = float(np.median(step))
+    if step[row] > max(GAP_STEPS * usual, GAP_SECONDS):
+        msg = (
+            f"{log.path}: a gap of {step[row]:.3f} s from {log.time[row]:.3f} s on, "
+            f"where rows follow each other by {usual:.4g} s, and a filter needs what "
+            "was turned there; split the log there"
+        )
+        raise InputError(msg)
+
+
+def _calibrated(log: Log, raw: Signals, path: str) -> Signals:
+    fit = load_calibration(path).require_converged()
+    require_same_sensor(fit, log.accelerometer, log.rate)
+    force = fit.sensor().correct(log.accelerometer)
+    gyroscope, magnetometer = load_others(path)
+    words = f"by the calibration {path}"
+    found = replace(raw, force=force, force_unit=words)
+    if gyroscope is not None:
+        assert log.gyro is not None
+        corrected = gyroscope.correct(log.gyro, specific_force=force)
+        found = replace(found, gyro=corrected, gyro_unit=f"rad/s, {words}")
+    if magnetometer is not None:
+        assert log.magnetometer is not None
+        corrected = magnetometer.correct(log.magnetometer)
+        found = replace(found, field=corrected)
+    return with_field_unit(log, found)
+
+
+def with_field_unit(log: Log, found: Signals) -> Signals:
+    """Bring the field to T: by the header, else where its length is the Earth's."""
+    name = next((each.name for each in log.columns if each.role == "mx"), "")
+    unit = _WRITTEN.get(channel(name).unit, "") if name else ""
+    length = float(np.median(np.linalg.norm(found.field, axis=1)))
+    assert log.magnetometer is not None
+    if unit and np.array_equal(found.field, log.magnetometer):
+        return _in_tesla(found, unit, "as the header says")
+    fitting = [
+        each for each, size in FIELDS.items() if EARTH[0] <= length * size <= EARTH[1]
+    ]
+    if len(fitting) == 1:
+        words = f"as its median length {length:.4g} says (the Earth's is 22 to 67 uT)"
+        return _in_tesla(found, fitting[0], words)
+    return found
+
+
+def _in_tesla(found: Signals, unit: str, words: str) -> Signals:
+    return replace(
+        found, field=found.field * FIELDS[unit], field_unit=f"{unit}, {words}"
+    )
+
+
+def with_gyro_unit(found: Signals, raw_per_si: float | None) -> Signals:
+    """Settle the gyroscope's unit by what the truth says of it, raw units per rad/s.
+
+    Raises
+    ------
+    InputError
+        If the truth contradicts the unit that is stated, or none fits, or there is no
+        truth and none is stated.
+    """
+    if raw_per_si is None:
+        if found.gyro_unit:
+            return found
+        msg = (
+            "the unit of the gyroscope is not stated, and there is no truth to tell; "
+            "give --gyro-unit rad/s or deg/s, or --calibration"
+        )
+        raise InputError(msg)
+    if found.gyro_unit:
+        if abs(raw_per_si - 1.0) <= NEAR:
+            return found
+        msg = (
+            f"the gyroscope, {found.gyro_unit}, turns {raw_per_si:.4g} times as fast "
+            "as the truth; look at its unit (--gyro-unit) and at the truth's clock"
+        )
+        raise InputError(msg)
+    for unit, size in GYRO_UNITS.items():
+        if abs(raw_per_si * size - 1.0) <= NEAR:
+            words = f"{unit}, as the truth says ({raw_per_si:.5g} to a rad/s)"
+            return replace(found, gyro=found.gyro * size, gyro_unit=words)
+    msg = (
+        f"by the truth {raw_per_si:.6g} units of the gyroscope are a rad/s, which is "
+        f"no unit; give --gyro-unit {1.0 / raw_per_si:.6g} for raw counts, or "
+        "--calibration"
+    )
+    raise InputError(msg)
+
+
+START_STD: Final = 0.02
+"""rad; told of the start from one rest: an accelerometer that is off by 0.02 g, and a
+magnetometer off by as much of its field, are usual without a calibration."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Start:
+    """The first row that a filter is given, and the attitude it is told there."""
+
+    row: int
+    attitude: Float[Array, "4"]  # north-west-up to sensor
+    told: Told
+    described: tuple[str, ...]  # where the numbers are from
+
+
+def start_of(
+    found: Signals, known: NoiseFile | None = None, source: str = "the noise file"
+) -> Start:
+    """Start at the first rest, by two vectors, and say what a filter is told.
+
+    Without known noise the log's longest rest is measured.
+
+    Raises
+    ------
+    InputError
+        If the noise file has no gyroscope in rad/s.
+    """
+    parts = [slice(a, b) for a, b in found.rests]
+    first = parts[0]
+    longest = max(parts, key=lambda each: each.stop - each.start)
+    up, north = _directions(found, first)
+    N, K, words = _gyro_noise(found, longest, known, source)
+    forces = [found.force[part].mean(axis=0) for part in parts]
+    fields = [found.field[part].mean(axis=0) for part in parts]
+    gravity = float(np.mean([np.linalg.norm(force) for force in forces]))
+    length = float(np.mean([np.linalg.norm(field) for field in fields]))
+    # of the dip: down against the field
+    sine = [
+        -float(f @ m / np.linalg.norm(f) / np.linalg.norm(m))
+        for f, m in zip(forces, fields, strict=True)
+    ]
+    dip = float(np.arcsin(np.mean(sine)))
+    field = length * np.array([np.cos(dip), 0.0, -np.sin(dip)])
+    bias = float(np.sqrt(np.mean(found.gyro[first].mean(axis=0) ** 2)))
+    told = Told(
+        gyroscope_noise=N,
+        gyroscope_walk=K,
+        accelerometer_noise=_scatter(found.force, parts),
+        magnetometer_noise=_scatter(found.field, parts),
+        gravity=gravity,
+        field=field,
+        start_std=START_STD,
+        bias_std=max(bias, N / np.sqrt((first.stop - first.start) / found.rate)),
+    )
+    unit = "T" if found.field_unit else "in its unit"
+    return Start(
+        row=int(first.start),
+        attitude=of_matrix(np.stack([north, np.cross(up, north), up], axis=1)),
+        told=told,
+        described=(
+            f"told              gyroscope N {N:.3g} rad/s/sqrt(Hz), K {K:.3g} "
+            f"rad/s/sqrt(s): {words}",
+            f"                  accelerometer {told.accelerometer_noise:.3g} m/s^2, "
+            f"magnetometer {told.magnetometer_noise:.3g} {unit} a row: scatter in "
+            f"{len(parts)} rest(s)",
+            f"                  gravity {gravity:.5g} m/s^2, field {length:.4g} {unit},"
+            f" dip {np.degrees(dip):.2f} degrees: means of the rests",
+            f"                  start at {found.time[first.start]:.2f} s by two vectors"
+            f" of the first rest, sd {np.degrees(START_STD):.2g} degrees; bias 0, sd "
+            f"{told.bias_std:.2g} rad/s (what that rest reads)",
+        ),
+    )
+
+
+def _directions(
+    found: Signals, part: slice
+) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+    # up and north in sensor axes
+    up = found.force[part].mean(axis=0)
+    up /= np.linalg.norm(up)
+    field = found.field[part].mean(axis=0)
+    flat = field - (field @ up) * up
+    if not np.linalg.norm(flat) > 0.02 * np.linalg.norm(field):
+        msg = (
+            "at the first rest the magnetic field is vertical, so it has no north; "
+            "look at the magnetometer, or calibrate it (--calibration)"
+        )
+        raise RefusedError(msg)
+    return up, flat / np.linalg.norm(flat)
+
+
+def _scatter(rows: Float[Array, "n 3"], parts: list[slice]) -> float:
+    return float(np.sqrt(np.mean([rows[part].var(axis=0).mean() for part in parts])))
+
+
+def _gyro_noise(
+    found: Signals, part: slice, known: NoiseFile | None, source: str
+) -> tuple[float, float, str]:
+    # N and K, and where they are from
+    axes, scale, words = _axes(found, part, known, source)
+    seconds = (part.stop - part.start) / found.rate
+    if known is not None:
+        seconds = min(axis.rows / axis.rate_hz for axis in axes)
+    N = _coefficient(axes, "N", scale)
+    K = _coefficient(axes, "K", scale)
+    if N is None:
+        # no model: the scatter from row to row
+        steps = np.diff(found.gyro[part], axis=0)
+        N = float(np.sqrt(0.5 * np.mean(steps**2) / found.rate))
+        words = "no model fits the rest; N is by the steps from row to row"
+    if K is None:
+        # what would double the variance of an average over the rest, N^2/T + K^2 T/3
+        K = np.sqrt(3.0) * N / seconds
+        words += f"; K is not seen: what doubles the variance of {seconds:.0f} s"
+    return N, K, words
+
+
+def _axes(
+    found: Signals, part: slice, known: NoiseFile | None, source: str
+) -> tuple[tuple[AxisNoise, ...], float, str]:
+    if known is None:
+        seconds = (part.stop - part.start) / found.rate
+        words = f"Allan variances of a rest of {seconds:.0f} s"
+        try:
+            return noise_of(found.gyro[part], found.rate), 1.0, words
+        except RefusedError:  # a short rest
+            return (), 1.0, words
+    if not known.gyro or known.gyro_si_per_raw is None:
+        msg = (
+            f"{source} has no gyroscope with a known unit, and a filter is told of its "
+            "noise in rad/s; write it by `simval noise LOG --gyro-unit rad/s --json`"
+        )
+        raise InputError(msg)
+    return known.gyro, known.gyro_si_per_raw, source
+
+
+def _coefficient(axes: tuple[AxisNoise, ...], kind: str, scale: float) -> float | None:
+    # root of the mean square over the axes; one that is not seen counts as nothing
+    values = [c.value for axis in axes for c in axis.coefficients if c.kind == kind]
+    seen = [value for value in values if value is not None]
+    if not seen or (kind == "N" and len(seen) < len(axes)):
+        return None
+    return scale * float(np.sqrt(np.sum(np.square(seen)) / len(axes)))

@@ -1,0 +1,243 @@
+"""The truth's world: stated, of its data set, the nearest, or by the log's own sensors.
+
+The log's sensors show up, the mean specific force of each rest in the truth's world,
+and north, the horizontal part of the mean magnetic field of all rows there. That north
+is the magnetometer's own: the place may turn the field, or a calibration, by as much as
+its direction scatters over the log, and no mean takes that out. So a world that is
+known is taken as it is, and what the log shows is said beside it; errors are turned to
+the log's north only where a user asks for that.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Final, Literal
+
+import numpy as np
+
+from simval.arrays import Array, frozen
+from simval.errors import GeometryError, RefusedError
+from simval.geometry import FRAME_AXES, FRAMES, Frame
+from simval.imu.recorded.attitudes import of_matrix, rotated, rotation_vector
+from simval.imu.recorded.errors import mean_with_error, quantile
+from simval.imu.statics import Intervals
+from simval.shapes import Bool, Float
+
+STEEPEST: Final = np.radians(85.0)  # dip beyond which a field has no north
+NEAR: Final = np.radians(10.0)  # of a named world, to be called by its name
+LEAST: Final = 20  # rows of a rest with truth
+
+STANDARD: Final[Mapping[tuple[str, ...], tuple[Frame, str]]] = MappingProxyType(
+    {tuple(f"opt_quat_{k}" for k in range(4)): ("ENU", "BROAD")}
+)
+"""Worlds of data sets, by the names of their columns: BROAD (D. Laidig, M. Caruso,
+A. Cereatti, T. Seel, Data 6(7), 2021) has east-north-up."""
+
+TruthWorld = Frame | Literal["estimated"]
+Taken = Literal["stated", "standard", "nearest", "estimated"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class World:
+    """The world north-west-up in the truth's.
+
+    Attributes
+    ----------
+    matrix : Array
+        Rows are north, west and up in the truth's world, (3, 3).
+    tilt_sd : float
+        Standard deviation of up about each horizontal axis, rad; NaN from one rest.
+    tilt_dof : int
+        Its degrees of freedom; 0 where it is not known.
+    heading_sd : float
+        Standard deviation of north, rad.
+    heading_dof : int
+        Its degrees of freedom.
+    deviation : float
+        Standard deviation over the log of the field's horizontal direction, rad.
+    rests : int
+        Rests that up is from.
+    name : str
+        Named world that the truth's is nearest to, or is stated to be; empty for none.
+    off : Array
+        Rotation vector from what the log shows to that named world, rad, (3,).
+    taken : {"stated", "standard", "nearest", "estimated"}
+        Why `matrix` is that of the named world; what the log shows if estimated.
+    """
+
+    matrix: Float[Array, "3 3"]
+    tilt_sd: float
+    tilt_dof: int
+    heading_sd: float
+    heading_dof: int
+    deviation: float
+    rests: int
+    name: str
+    off: Float[Array, "3"]
+    taken: Taken = "estimated"
+
+    def __post_init__(self) -> None:
+        for name in ("matrix", "off"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def covariance(self) -> Float[Array, "3 3"]:
+        """Of the rotation vector in north-west-up, rad^2; what is unknown counts 0.
+
+        Of an estimated north against the log's mean field, not the true north.
+        """
+        if self.taken != "estimated":
+            return np.zeros((3, 3))
+        tilt = 0.0 if np.isnan(self.tilt_sd) else self.tilt_sd**2
+        return np.diag([tilt, tilt, self.heading_sd**2])
+
+    def half(self, which: str) -> float:
+        """Half width of the 95 % interval of ``tilt`` or ``heading``, rad.
+
+        That of the heading has the field's own deviation in it.
+        """
+        sd, dof = (
+            (self.tilt_sd, self.tilt_dof)
+            if which == "tilt"
+            else (float(np.hypot(self.heading_sd, self.deviation)), self.heading_dof)
+        )
+        return sd * quantile(dof) if dof else np.nan
+
+
+def find_world(
+    q: Float[Array, "n 4"],
+    force: Float[Array, "n 3"],
+    field: Float[Array, "n 3"],
+    rests: Intervals,
+    axes: Float[Array, "3 3"],
+) -> World:
+    """Find north and up, from attitudes that take the truth's world to the sensor.
+
+    `axes` is the covariance of the sensor's axes in those attitudes, rad^2, which goes
+    into both; and what up is off by itself counts by the tangent of the dip in north.
+
+    Raises
+    ------
+    RefusedError
+        If no rest has truth, or the field has no north.
+    """
+    there = np.asarray(np.isfinite(q).all(axis=1))
+    ups = _ups(rotated(q, force), there, rests)
+    turn = np.stack(
+        [
+            rotated(q[there], np.tile(e, (len(q[there]), 1))).mean(axis=0)
+            for e in np.eye(3)
+        ],
+        axis=1,
+    )
+    common = turn @ axes @ turn.T
+    up = ups.mean(axis=0)
+    up /= np.linalg.norm(up)
+    there_field = rotated(q, field)[there]
+    mean, covariance, dof = mean_with_error(there_field)
+    flat = mean - (mean @ up) * up
+    length = float(np.linalg.norm(flat))
+    if not length > np.cos(STEEPEST) * float(np.linalg.norm(mean)):
+        msg = (
+            "the mean magnetic field in the truth's world is vertical within "
+            f"{90 - np.degrees(STEEPEST):.0f} degrees and has no north; look at the "
+            "magnetometer, or calibrate it (--calibration)"
+        )
+        raise GeometryError(msg)
+    north = flat / length
+    west = np.cross(up, north)
+    matrix = np.stack([north, west, up])
+    name, off = _named(matrix)
+    east = np.arctan2(there_field @ west, there_field @ north)
+    tilt_sd, tilt_dof = _tilt(ups, up)
+    leak = float(mean @ up) / length * (0.0 if np.isnan(tilt_sd) else tilt_sd)
+    tilt_sd = float(np.sqrt(tilt_sd**2 + 0.5 * (np.trace(common) - up @ common @ up)))
+    heading = west @ covariance @ west / length**2 + leak**2 + up @ common @ up
+    return World(
+        matrix=matrix,
+        tilt_sd=tilt_sd,
+        tilt_dof=tilt_dof,
+        heading_sd=float(np.sqrt(heading)),
+        heading_dof=dof,
+        deviation=float(np.sqrt(np.mean(east**2))),
+        rests=len(ups),
+        name=name,
+        off=off,
+    )
+
+
+def taken_world(
+    shown: World, columns: Sequence[str], asked: TruthWorld | None
+) -> World:
+    """The world that errors are measured in, beside what the log shows of it.
+
+    Raises
+    ------
+    RefusedError
+        If none is stated, standard or near.
+    """
+    if asked == "estimated":
+        return shown
+    if asked is not None:
+        return _as(shown, asked, "stated")
+    if tuple(columns) in STANDARD:
+        return _as(shown, STANDARD[tuple(columns)][0], "standard")
+    if shown.name:
+        return _as(shown, shown.name, "nearest")
+    msg = (
+        f"the truth's world is none of {', '.join(FRAMES)}: the nearest is "
+        f"{np.degrees(np.linalg.norm(shown.off)):.0f} degrees off by what the log's "
+        f"sensors show; state it (--truth-world), or turn the truth to the log's own "
+        "magnetometer (--truth-world estimated), to "
+        f"+- {np.degrees(shown.half('heading')):.2g} degrees"
+    )
+    raise RefusedError(msg)
+
+
+def _as(world: World, name: str, taken: Taken) -> World:
+    north, up = (np.array(axis) for axis in FRAME_AXES[name])
+    own = np.stack([north, np.cross(up, north), up])
+    off = -rotation_vector(of_matrix(world.matrix @ own.T))
+    return replace(world, matrix=own, name=name, off=off, taken=taken)
+
+
+def _ups(
+    force: Float[Array, "n 3"], there: Bool[np.ndarray, " n"], rests: Intervals
+) -> Float[Array, "m 3"]:
+    # mean direction of each rest with truth
+    means = []
+    for start, stop in rests:
+        good = there[start:stop]
+        if np.count_nonzero(good) >= LEAST:
+            means.append(force[start:stop][good].mean(axis=0))
+    if not means:
+        msg = (
+            f"none of the {len(rests)} rest(s) of the log has recorded attitudes, and "
+            "up is found at rest; record a rest in view of the optical system"
+        )
+        raise RefusedError(msg)
+    each = np.array(means)
+    return each / np.linalg.norm(each, axis=1, keepdims=True)
+
+
+def _tilt(ups: Float[Array, "m 3"], up: Float[Array, "3"]) -> tuple[float, int]:
+    # of the mean, per horizontal axis, by the scatter of the rests
+    if len(ups) < 2:
+        return np.nan, 0
+    off = ups - (ups @ up)[:, None] * up
+    dof = 2 * (len(ups) - 1)
+    return float(np.sqrt(np.sum(off**2) / dof / len(ups))), dof
+
+
+def _named(matrix: Float[Array, "3 3"]) -> tuple[str, Float[Array, "3"]]:
+    # the named world whose north and up are nearest, and the rotation from it
+    best, least = "", np.inf
+    vector = np.full(3, np.nan)
+    for name in FRAMES:
+        north, up = (np.array(axis) for axis in FRAME_AXES[name])
+        own = np.stack([north, np.cross(up, north), up])
+        off = -rotation_vector(of_matrix(matrix @ own.T))
+        size = float(np.linalg.norm(off))
+        if size < least:
+            best, least, vector = name, size, off
+    return (best, vector) if least <= NEAR else ("", vector)
