@@ -49,11 +49,19 @@ def face(room):
     return set()
 
 
+def room_of(module):
+    """The package or module that a module's names are told by."""
+    parts = module.split(".")
+    return ".".join(parts[: 3 if parts[1:2] == ["imu"] else 2])
+
+
 FACES = {
-    ".".join(("simval", *path.relative_to(ROOT).parts[:1])).removesuffix(".py"): face(
-        path
-    )
-    for path in [*ROOT.glob("*.py"), *ROOT.glob("*/__init__.py")]
+    room_of(".".join(path.relative_to(ROOT.parent).with_suffix("").parts)): face(path)
+    for path in [
+        *ROOT.glob("*.py"),
+        *ROOT.glob("*/__init__.py"),
+        *ROOT.glob("imu/*/__init__.py"),
+    ]
 }
 
 
@@ -78,7 +86,7 @@ def checked(function):
 
 def check_module(module):
     """Put `checked` around the functions, methods and dataclasses of a module."""
-    room = ".".join(module.__name__.split(".")[:2])
+    room = room_of(module.__name__)
     if room == "simval.cli":  # its annotations are of modules that are imported later
         return
     for name, value in list(vars(module).items()):

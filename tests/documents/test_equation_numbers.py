@@ -26,12 +26,13 @@ def test_each_citation_of_an_equation_has_a_home():
 # modules whose equations a written page derives, and so may number
 DERIVED = {
     "theory.md": (
-        "geometry", "attitude.kernel", "theory.expansion",
+        "geometry", "imu.attitude.kernel", "theory.expansion",
     ),
     "magnetometer.md": ("theory.magnetometer",),
     "theory_calibration.md": (
-        "sensor.models", "sensor.forms", "poses",
-        "calibrate.residuals", "calibrate.minimization", "calibrate.evidence",
+        "imu.sensor.models", "imu.sensor.forms", "poses",
+        "imu.calibrate.residuals",
+        "imu.calibrate.minimization", "imu.calibrate.evidence",
         "theory.calibration",
         "theory.calibration_classes",
     ),
