@@ -21,6 +21,7 @@ from simval.imu.statics import (
     variance_magnitude,
 )
 from simval.poses import fibonacci_sphere
+from simval.theory import calibration_moments
 
 XSENS_G = 9.81744
 FORMS = {
@@ -176,7 +177,7 @@ def other(log, rows):
 
 def test_known_sensor_from_a_synthetic_log():
     log = synthetic(fibonacci_sphere(24))
-    result = calibrate_log(log, g=G)
+    result = calibrate_log(log, g=G, predict=calibration_moments)
     assert len(result.intervals) == 24
     sigma = white_noise(log.accelerometer, result.intervals)
     # a hold of 250 has its windows' worth left, 150 to 250 samples, known to 1 %
