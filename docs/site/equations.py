@@ -49,6 +49,12 @@ class Module:
         return self.name.rpartition(".")[0]
 
 
+def room_of(module: str) -> str:
+    """The package, or the module on its own, whose page tells of a module."""
+    parts = module.split(".")
+    return ".".join(parts[: 3 if parts[1:2] == ["imu"] else 2])
+
+
 def anchor(number: str, module: str = "") -> str:
     """Name of an equation's place on its page."""
     return "-".join(["eq", *module.split(".")[1:], number])

@@ -14,8 +14,8 @@ from itertools import pairwise
 from pathlib import Path
 from types import FunctionType, ModuleType
 
-import simval
-from docs.site.equations import Module, modules
+import simval.imu
+from docs.site.equations import Module, modules, room_of
 
 PLAIN = ("errors", "geometry", "poses", "results", "statistics", "streams")
 """Modules without `__all__` whose names users import."""
@@ -26,10 +26,15 @@ LONGEST = 120  # characters of a constant's value that is shown
 def public_modules() -> dict[str, ModuleType]:
     """Every module that users import from, by its dotted name."""
     found = {}
-    for info in pkgutil.iter_modules(simval.__path__):
-        if info.ispkg or info.name in PLAIN:
-            module = importlib.import_module(f"simval.{info.name}")
-            if hasattr(module, "__all__") or info.name in PLAIN:
+    below = [
+        *pkgutil.iter_modules(simval.__path__, "simval."),
+        *pkgutil.iter_modules(simval.imu.__path__, "simval.imu."),
+    ]
+    for info in below:
+        plain = info.name.removeprefix("simval.") in PLAIN
+        if info.ispkg or plain:
+            module = importlib.import_module(info.name)
+            if hasattr(module, "__all__") or plain:
                 found[module.__name__] = module
     return found
 
@@ -154,8 +159,7 @@ def with_equations() -> dict[str, list[Module]]:
     found: dict[str, list[Module]] = {}
     for module in modules().values():
         if module.defined:
-            package = ".".join(module.name.split(".")[:2])
-            found.setdefault(package, []).append(module)
+            found.setdefault(room_of(module.name), []).append(module)
     return found
 
 

@@ -16,7 +16,7 @@ from sphinx.transforms import SphinxTransform
 from sphinx.util import logging
 from sphinx.util.docutils import SphinxRole
 
-from docs.site.equations import CITED, IN_LINE, anchor, home, modules
+from docs.site.equations import CITED, IN_LINE, anchor, home, modules, room_of
 
 _LOGGER = logging.getLogger(__name__)
 _DOTTED = re.compile(r"simval(\.[A-Za-z_]\w*)+$")
@@ -59,7 +59,7 @@ class EquationRole(SphinxRole):
         """Make a link to the page of the module's equations."""
         found = _EQUATION.match(self.text)
         module, number = found["module"], found["number"]  # type: ignore[index]
-        package = ".".join(module.split(".")[:2])
+        package = room_of(module)
         page = f"reference/equations/{package}"
         uri = self.env.app.builder.get_relative_uri(self.env.docname, page)
         link = f"{uri}#{anchor(number, module)}"

@@ -11,7 +11,7 @@ from places import ROOT
 
 import simval
 from docs.site.commands import commands
-from docs.site.equations import modules
+from docs.site.equations import modules, room_of
 from docs.site.markdown import NOTHING, plain
 from docs.site.reference import pages
 from docs.site.studies import predictors
@@ -97,15 +97,17 @@ def test_each_statistic_and_predictor_is_there_and_no_other(made):
 
 
 def faces():
-    """Packages directly below simval that have `__all__`, by their files alone."""
-    for path in sorted((ROOT / "simval").glob("*/__init__.py")):
+    """Packages below simval and simval.imu with `__all__`, by their files alone."""
+    home = ROOT / "simval"
+    for path in sorted([*home.glob("*/__init__.py"), *home.glob("imu/*/__init__.py")]):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         for node in tree.body:
             names = [
                 t.id for t in getattr(node, "targets", []) if isinstance(t, ast.Name)
             ]
             if "__all__" in names:
-                yield f"simval.{path.parent.name}", ast.literal_eval(node.value)
+                name = ".".join(path.parent.relative_to(ROOT).parts)
+                yield name, ast.literal_eval(node.value)
 
 
 def test_each_public_name_is_there_and_no_other(made):
@@ -122,7 +124,7 @@ def test_each_public_name_is_there_and_no_other(made):
 
 def test_modules_on_their_own_have_a_page(made):
     """What the documents tell users to import."""
-    told = re.compile(r"^from (simval\.\w+)[\w.]* import ", re.MULTILINE)
+    told = re.compile(r"^from (simval(?:\.imu)?\.\w+)[\w.]* import ", re.MULTILINE)
     shown = {
         m for path in WRITTEN for m in told.findall(path.read_text(encoding="utf-8"))
     }
@@ -134,7 +136,7 @@ def test_each_equation_is_on_a_page_of_its_module(made):
     for module in modules().values():
         if not module.defined:
             continue
-        page = made[f"equations/{'.'.join(module.name.split('.')[:2])}.rst"]
+        page = made[f"equations/{room_of(module.name)}.rst"]
         assert f".. automodule:: {module.name}\n" in page
         for owner in filter(None, module.defined.values()):
             assert f":: {module.name}.{owner}\n" in page
