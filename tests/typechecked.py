@@ -20,6 +20,8 @@ from unittest.mock import patch
 import numpy as np
 from jaxtyping import jaxtyped
 
+from docs.site.equations import room_of
+
 # of a list one entry is checked, chosen by dice that hypothesis does not watch
 with patch("random.getrandbits", random.Random(0).getrandbits):
     from beartype import BeartypeConf, FrozenDict, beartype
@@ -47,12 +49,6 @@ def face(room):
         if isinstance(statement, ast.Assign) and statement.targets[0].id == "__all__":
             return set(ast.literal_eval(statement.value))
     return set()
-
-
-def room_of(module):
-    """The package or module that a module's names are told by."""
-    parts = module.split(".")
-    return ".".join(parts[: 3 if parts[1:2] == ["imu"] else 2])
 
 
 FACES = {

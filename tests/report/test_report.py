@@ -3,7 +3,6 @@
 import csv
 import html
 import json
-import os
 import re
 from dataclasses import replace
 from math import inf
@@ -11,6 +10,7 @@ from xml.etree import ElementTree
 
 import pytest
 from places import ROOT
+from snapshots import same
 from stores import edited, edited_run
 
 from simval.judge import judge_run
@@ -118,12 +118,9 @@ def words_of(page):
 
 @pytest.mark.ci
 def test_the_words_of_the_smoke_page(smoke_run, undrawn):
-    """A snapshot: `SNAPSHOT=1` writes it anew, and the difference is for a reader."""
-    file = ROOT / "tests" / "data" / "smoke_page.txt"
+    """The difference is for a reader."""
     found = "\n".join(words_of(render(load_run(smoke_run)))) + "\n"
-    if os.environ.get("SNAPSHOT"):
-        file.write_text(found, encoding="utf-8")
-    assert found.splitlines() == file.read_text(encoding="utf-8").splitlines()
+    same("smoke_page.txt", found)
 
 
 def test_every_anchor_that_is_linked_exists_and_no_id_is_double(page):

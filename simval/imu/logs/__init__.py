@@ -1,8 +1,8 @@
 """Logs: a user's file with rows of sensor readings, read and checked once.
 
 A row is one instant. Text is in UTF-8, UTF-16 or Latin-1, its fields are separated by
-tabs, semicolons, commas or white space, its decimal mark is a point or a comma; words
-above the header, and lines that start with ``#``, ``%`` or ``//``, are ignored. A
+tabs, semicolons, commas, bars or white space, its decimal mark is a point or a comma;
+words above the header, and lines that start with ``#``, ``%`` or ``//``, are ignored. A
 MATLAB file (format 4 or 5) is read by the names of its variables.
 
 The header says which columns are taken (by the rules of `simval.imu.logs.names`); where
