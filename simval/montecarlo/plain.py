@@ -163,7 +163,7 @@ def simulate(
         errors = shaped_array(
             "the errors", sampler(streams.block(number), block), (None, block)
         )
-        return _finite(batch_means(errors, batch), errors, number)
+        return finite_means(batch_means(errors, batch), errors, number)
 
     return summed(means, -(-samples // block), batch, threads)
 
@@ -183,9 +183,10 @@ def summed(
         return reduce(merged, _in_order(pool, work, groups, 4 * threads))
 
 
-def _finite(
+def finite_means(
     means: Float[Array, "batches m"], errors: Float[Array, "p n"], number: int
 ) -> Float[Array, "batches m"]:
+    """Refuse a block in which an error of a trial is not finite."""
     if not np.isfinite(means).all():
         bad = int(np.count_nonzero(~np.isfinite(errors).all(axis=0)))
         msg = (

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from simval.arrays import Array
 from simval.imu.calibrate import FitResult, MagnetometerFit
 from simval.montecarlo import Sums
-from simval.montecarlo.plain import batch_means, summed
+from simval.montecarlo.plain import batch_means, finite_means, summed
 from simval.results import Row, limit, plain
 from simval.shapes import Float
 from simval.statistics import (
@@ -81,7 +81,8 @@ class Trials:
         values, block = self.kept[name], self.block
 
         def means(number: int) -> Array:
-            return batch_means(values[number * block : (number + 1) * block].T, 1)
+            errors = values[number * block : (number + 1) * block].T
+            return finite_means(batch_means(errors, 1), errors, number)
 
         return summed(means, len(values) // block, 1, 1)
 

@@ -13,6 +13,7 @@ from power.calibration import steeper
 from power.fault import changed
 from scipy import stats
 
+from simval.errors import InputError
 from simval.imu.calibrate import calibrate
 from simval.imu.statics import interval_counts, interval_means
 from simval.plugins import Filter, find_plugin
@@ -40,6 +41,7 @@ from simval.studies.trials import (
     drawn_rows,
     square_rows,
     strongest_by_chance,
+    trials_of,
 )
 from simval.theory import calibration as theory
 
@@ -195,6 +197,16 @@ def test_theory_meets_the_response_of_every_residual(residual, poses):
     assert answers(rows) == {"pass"}
     # far within: 100 times below what a derivative 0.1 % off makes of a deviation
     assert all(row.value < 1e-8 for row in of_family(rows, COVARIANCE_OFF))
+
+
+def test_a_trial_that_is_not_finite_is_refused():
+    def trial(rng):
+        noise = rng.standard_normal((2, 3))
+        return {"error": np.where(noise > noise.min(), noise, np.nan)}, {"all": noise}
+
+    trials = trials_of(Streams(1, cell_key("x")), 4, 2, trial)
+    with pytest.raises(InputError, match="1 of 2 trials in block 0 gave a non-finite"):
+        trials.sums("error")
 
 
 def test_the_response_is_of_fourth_order():
