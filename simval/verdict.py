@@ -53,6 +53,7 @@ from simval.statistics import POOLED_NEES
 
 __all__ = [
     "ALPHA",
+    "ENDINGS",
     "MAX_REMAINDER",
     "MIN_SAMPLES",
     "POWER",
@@ -69,6 +70,8 @@ __all__ = [
 
 Answer = Literal["pass", "fail", "inconclusive"]
 WORST_FIRST: tuple[Answer, ...] = ("fail", "inconclusive", "pass")
+ENDINGS = ("crashed", "fail", "refused", "inconclusive", "pending", "pass")
+"""From worst to best: of cells without a result, and of what was judged in others."""
 
 WEIGHTS = {"plain": 0.25, "control": 0.5, "nees": 0.25}
 """Share of the false-alarm rate of each family of sampling checks. Chosen: half for the

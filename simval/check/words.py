@@ -38,6 +38,7 @@ from simval.statistics import (
 from simval.studies.filter import MOST
 from simval.sweep.cells import CellResult
 from simval.text import one_line
+from simval.verdict import ENDINGS
 
 _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -90,7 +91,7 @@ _OF_A_CALIBRATOR: Final = MappingProxyType(
 
 _OF_A_FILTER: Final = MappingProxyType(
     {
-        # of the others `filter_advice` says why
+        # of the others `why` says it
         "diverged": "it loses the attitude, or never finds it",
         "rms_below_bound": (
             "nobody can be better than the bound: it knows the truth, or what it saw "
@@ -358,17 +359,6 @@ ANSWERS: Final[Mapping[str, str]] = MappingProxyType(
 )
 """How an answer is called in the table; what is not judged has none."""
 
-ENDINGS: Final = (
-    "crashed",
-    "fail",
-    "refused",
-    "inconclusive",
-    "pending",
-    "pass",
-    "done",
-)
-"""From worst to best: of cells, and of what was judged in them."""
-
 CRASH = f"{CrashedPluginError.__module__}.{CrashedPluginError.__qualname__}: "
 """What the words of a crash begin with in a store."""
 
@@ -408,7 +398,10 @@ def told(checked: Checked) -> str:
         parts.append("\n".join(f"  FAIL: limit {line}" for line in checked.missed))
     answer = result.answer.upper()
     if checked.missed:
-        answer = f"FAIL: {len(checked.missed)} times beyond a limit of your own"
+        n = len(checked.missed)
+        answer = (
+            f"FAIL: beyond a limit of your own {'once' if n == 1 else f'{n} times'}"
+        )
     measured = (unjudged(one_line(p.name), checked.of(p)) for p in checked.plugins)
     parts.append(
         f"{answer}: {headline(result)}; "
@@ -444,7 +437,7 @@ def _plugin(
 def _ending(cells: Sequence[CellResult], judged: Sequence[Finding]) -> str:
     """How a plug-in ended: the worst of its cells and of what was judged in them."""
     found = {cell.ending for cell in cells} | {finding.answer for finding in judged}
-    return next(word for word in ENDINGS if word in found).upper()
+    return next(word for word in (*ENDINGS, "done") if word in found).upper()
 
 
 def _fails_at(cell: CellResult) -> Iterator[str]:

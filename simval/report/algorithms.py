@@ -42,12 +42,9 @@ from simval.studies.filter import REFERENCE
 from simval.sweep import Run
 from simval.sweep.run import CellResult
 from simval.units import DEGREE, MILLIRADIAN, PPM, Unit, of_row
-from simval.verdict import WORST_FIRST, Answer, Verdict
+from simval.verdict import ENDINGS, WORST_FIRST, Answer, Verdict
 
 # ---- contest
-
-ENDED = ("crashed", "refused", "pending")
-"""How a cell without a result is told, the worst first; then come the verdicts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,8 +116,7 @@ def answer_of(cells: Iterable[CellResult], verdicts: Iterable[Verdict]) -> str:
         names.add(cell.named)
         endings.add(cell.ending)
     answers = {v.answer for v in verdicts if v.cell in names}
-    ranked = (*ENDED, *WORST_FIRST)
-    return next((word for word in ranked if word in endings | answers), "")
+    return next((word for word in ENDINGS if word in endings | answers), "")
 
 
 # ---- tables
@@ -557,7 +553,7 @@ CALLED = {
 CALL = {
     "estimator": "A call estimates 1024 attitudes.",
     "calibrator": "A call calibrates one set of poses.",
-    "filter": "A call is 200 rows of one trial; the built-in one is made for many.",
+    "filter": "A call is two seconds of one trial; the built-in one is made for many.",
 }
 
 

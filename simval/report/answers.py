@@ -226,7 +226,8 @@ def _missing(context: Context) -> Iterable[Line]:
         for study, own in counts.items()
     ]
     if judged.gaps:
-        said.append(f"{len(judged.gaps)} things less than stated")
+        n = len(judged.gaps)
+        said.append(f"{n} thing{'s' if n > 1 else ''} not measured as stated")
     if said:
         crashed = any(cell.ending == "crashed" for cell in judged.unfinished)
         yield Line(

@@ -89,6 +89,7 @@ from simval.studies.plugin import (
     run,
 )
 from simval.studies.refusing import LEAST_NOISE
+from simval.studies.trials import root
 from simval.theory.calibration import (
     VARIANCE_NEXT,
     CalibrationMoments,
@@ -143,7 +144,7 @@ class Calibrations(Problem[Calibrator, float, Trials]):
     def __init__(
         self, plugin: Calibrator, parameters: "Parameters", streams: Streams
     ) -> None:
-        self.plugin, self.parameters, self.streams = plugin, parameters, streams
+        super().__init__(plugin, parameters, streams)
         self.faces = parameters.pose_set == "faces"
         self.directions = fibonacci_sphere(parameters.poses)
         if self.faces:
@@ -458,8 +459,8 @@ def parameter_rows(
 def left_rows(problem: Calibrations, measured: Moments) -> tuple[Row, ...]:
     """RMS of what a calibration leaves, beside the least that one can leave, m/s^2."""
     p, places, sensor = len(problem.places), tuple(problem.places), problem.sensor
-    rms = float(np.sqrt(measured.bias[p]))
-    error, n = float(measured.bias_error[p]) / (2.0 * rms), measured.samples
+    rms, error = root(float(measured.bias[p]), float(measured.bias_error[p]))
+    n = measured.samples
     if problem.own:
         least = bound_left(problem.inside, problem.bound, places, G)
         return unjudged(LEFT(), rms, error, n, least, CRAMER_RAO)

@@ -143,9 +143,14 @@ class Tumble:
     g: float  # length of gravity, m/s^2
 
 
+def logged(trajectory: Trajectory) -> slice:
+    """The rows of a trajectory that a log has."""
+    return slice(None, None, max(round(trajectory.rate / RATE), 1))
+
+
 def thinned(trajectory: Trajectory) -> Tumble:
     """Thin a trajectory to the rate of a log."""
-    every = slice(None, None, max(round(trajectory.rate / RATE), 1))
+    every = logged(trajectory)
     force = trajectory.specific_force[every]
     rate = np.linalg.norm(trajectory.angular_velocity[every], axis=1)
     off = np.abs(np.linalg.norm(force, axis=1) - trajectory.g)

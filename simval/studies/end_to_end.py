@@ -32,7 +32,7 @@ from simval.shapes import Float
 from simval.statistics import BUDGET, CARRIED, CHI_SQUARE_3, IMPURE, NEES
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
-from simval.studies.detector import RATE, detect, known_rest_rows, pure, thinned
+from simval.studies.detector import detect, known_rest_rows, logged, pure, thinned
 from simval.studies.magnetometer import true_magnetometer
 from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.study import Cost, StudyParameters
@@ -108,7 +108,7 @@ class Scenario:
     """Both true sensors on both tumbles, without noise; the field has length 1."""
 
     def __init__(self, trajectory: Trajectory, wanted: Wanted) -> None:
-        every = slice(None, None, max(round(trajectory.rate / RATE), 1))
+        every = logged(trajectory)
         self.sensors: Sensors = (true_sensor(0.0), true_magnetometer())
         self.tumble, self.wanted = thinned(trajectory), wanted
         self.attitude = trajectory.attitude[every]

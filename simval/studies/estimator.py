@@ -143,7 +143,7 @@ from simval.studies.plugin import (
     run,
 )
 from simval.studies.refusing import LEAST_NOISE
-from simval.studies.trials import normalised_square
+from simval.studies.trials import normalised_square, root
 from simval.theory import wahba_bound
 from simval.theory.cubature import cubature_moments, smolyak_hermite
 from simval.theory.estimators import OF_TWO_VECTORS, class_moments
@@ -223,7 +223,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
     def __init__(
         self, plugin: Estimator, parameters: "Parameters", streams: Streams
     ) -> None:
-        self.plugin, self.parameters, self.streams = plugin, parameters, streams
+        super().__init__(plugin, parameters, streams)
         self.noise_std, vectors = parameters.noise_std, parameters.vectors
         self.noise = vector_noise(parameters.noise, vectors)
         require_fitting(plugin, vectors, self.noise)
@@ -574,13 +574,12 @@ def size_rows(
     weight[:3, :3] = np.eye(3)
     square, error = mean_square(sums, weight)
     least, n = float(np.trace(problem.bound(problem.noise_std))), sums.samples
-    rms = float(np.sqrt(square))
     fine, coarse = (moments[0][SQUARES] for moments in cubatures)
     efficiency = least / float(fine[0])
     left = 2.0 * abs(efficiency - least / float(coarse[0]))
     return (
         *unjudged(
-            RMS(unit="rad"), rms, error / (2.0 * rms), n, np.sqrt(least), CRAMER_RAO
+            RMS(unit="rad"), *root(square, error), n, np.sqrt(least), CRAMER_RAO
         ),
         *unjudged(EFFICIENCY(), efficiency, remainder=left),
         *_tail_row(square, n, cubatures),
@@ -642,7 +641,8 @@ def _difference_rows(
 def unit_rows(problem: Attitudes) -> tuple[Row, ...]:
     """Whether mean and mean square of the first block are those of unit quaternions."""
     truth, vectors = problem.q, list(np.moveaxis(problem.first_block(), 1, 0))
-    q = quaternions_of(problem.plugin, vectors, problem.noise)
+    noise = problem.noise.at(problem.noise_std)
+    q = quaternions_of(problem.plugin, vectors, noise)
     error = truth - np.copysign(1.0, q @ truth)[:, None] * q  # with the truth's sign
     estimate = truth - error
     off = float(np.abs(np.sum(estimate * estimate, axis=1) - 1.0).max())

@@ -231,7 +231,7 @@ class Filtering(Problem[Filter, str, Answers]):
     def __init__(
         self, plugin: Filter, parameters: "Parameters", streams: Streams
     ) -> None:
-        self.plugin, self.parameters, self.streams = plugin, parameters, streams
+        super().__init__(plugin, parameters, streams)
         try:
             self.way = parameters.course
         except InputError as error:  # how long it lasts is known when it is simulated

@@ -139,7 +139,7 @@ class Problem(ABC, Generic[Own, Probed, Answers]):
 
     @abstractmethod
     def __init__(self, plugin: Own, parameters: Any, streams: Streams) -> None:
-        self.plugin = plugin
+        self.plugin, self.parameters, self.streams = plugin, parameters, streams
 
     @abstractmethod
     def probe(self) -> Probed:
