@@ -97,8 +97,9 @@ class CalibrationMoments(ReadOnly):
 
     @property
     def efficiency(self) -> Float[Array, "9"]:
-        """Bound over variance of each parameter, (9,); at most 1."""
-        return np.diagonal(self.cramer_rao) / np.diagonal(self.covariance)
+        """Bound over variance of each parameter, (9,); at most 1, NaN without noise."""
+        with np.errstate(invalid="ignore"):
+            return np.diagonal(self.cramer_rao) / np.diagonal(self.covariance)
 
 
 def calibration_moments(

@@ -92,6 +92,9 @@ class Estimating:
     weights: Weights = "estimate"
     centred: bool = False
 
+    def __post_init__(self) -> None:
+        assert self.weights != "estimate" or not self._shared
+
     @cached_property
     def covariance(self) -> Float[Array, "p p"]:
         """Covariance of first order, of eq. (E1)."""
@@ -264,8 +267,7 @@ class Estimating:
 
     def _levels(self, block: Block) -> Float[Array, "n d"]:
         # noise of each reading over the least of all, where there is any
-        alike = block.sigma == self._least
-        return np.where(alike, 1.0, block.sigma / (self._least or 1.0))
+        return block.sigma / self._least if self._least else np.ones(block.sigma.shape)
 
     @cached_property
     def _count(self) -> int:

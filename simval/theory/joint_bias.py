@@ -18,7 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.arguments import choice
+from simval.arrays import Array, nonnegative_number, positive_number
+from simval.errors import InputError
 from simval.geometry import normalize
 from simval.imu.sensor import AccelerometerModel, GyroscopeModel, forms
 from simval.poses import one_set
@@ -66,8 +68,22 @@ def gyroscope_bias(
     -------
     Array
         Bias of M row by row and of B, (12,).
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable.
     """
     u = normalize(one_set("directions", directions))
+    if len(u) != len(path.seconds) + 1:
+        msg = (
+            f"{len(u)} rests and {len(path.seconds)} moves; give the moves between them"
+        )
+        raise InputError(msg)
+    pose_std = positive_number("pose_std", pose_std, "raw units")
+    bias_std = positive_number("bias_std", bias_std, "raw units")
+    walk = nonnegative_number("angle_random_walk", angle_random_walk, "raw units")
+    g, form = positive_number("g", g, "m/s^2"), choice("form", form, forms.MODELS)
     theta = forms.from_gram(
         form, accelerometer.matrix.T @ accelerometer.matrix, accelerometer.B
     )
@@ -96,13 +112,13 @@ def gyroscope_bias(
 
     poses = np.arange(3 * n).reshape(n, 3)
     segments = 3 * n + np.arange(3 * k * j).reshape(k, 3 * j)
-    walk = np.repeat(angle_random_walk * np.sqrt(path.seconds), 3, axis=1)
+    noise = np.repeat(walk * np.sqrt(path.seconds), 3, axis=1)
     equations = Estimating(
         blocks=(
             Block(
                 rows=turned,
-                y=np.hstack([readings[:-1], readings[1:], np.zeros_like(walk)]),
-                sigma=np.hstack([np.full((k, 6), pose_std), walk]),
+                y=np.hstack([readings[:-1], readings[1:], np.zeros_like(noise)]),
+                sigma=np.hstack([np.full((k, 6), pose_std), noise]),
                 noise=np.hstack([poses[:-1], poses[1:], segments]),
             ),
             Block(rows=norms, y=readings, sigma=np.full((n, 3), pose_std), noise=poses),

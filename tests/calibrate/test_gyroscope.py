@@ -39,7 +39,7 @@ from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log
 from simval.imu.sensor import GyroscopeModel
 from simval.poses import fibonacci_sphere
-from simval.theory.gyroscope import gyroscope_moments
+from simval.theory.gyroscope import MovePath, gyroscope_moments
 from simval.theory.joint_bias import gyroscope_bias
 
 ZERO = np.random.default_rng(0)
@@ -520,3 +520,32 @@ def test_second_order_bias_is_as_predicted():
     # power: without the noise of the moves' angle the scales would not shrink
     assert np.all((seen.mean(axis=0) + room)[[0, 4, 8]] < 0.0)
     assert 1e-4 < np.abs(bias / (sd[0] / times)).max() < 1e-2
+
+
+@pytest.mark.parametrize("estimator", ["joint", "generalised", "unweighted"])
+@pytest.mark.parametrize("bad", [1, 2])
+def test_trials_of_a_batch_are_refused_alone_though_they_are_all(estimator, bad):
+    readings = np.stack([GYROSCOPE.distort(RATE, ZERO)] * 2)
+    readings[:bad, :, 2] = 0.0  # an axis that reads nothing
+    poses = np.stack([CLEAN["poses"]] * 2)
+    fit = calibrate_gyroscope(
+        moves_between(TIME, readings, RESTS), poses, calibrate(poses, G), pose_std=1e-3, angle_random_walk=WALK,
+        estimator=estimator, start=np.eye(3),
+    )  # fmt: skip
+    assert [str(s)[:8] == "refused:" for s in fit.status] == [True, bad == 2]
+    assert np.isnan(fit.parameters).any(axis=1).tolist() == [True, bad == 2]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("pose_std", 0.0), ("pose_std", np.nan), ("bias_std", -1.0), ("form", "any"),
+     ("angle_random_walk", -1.0), ("g", 0.0), ("directions", np.eye(3)[:2])],
+)  # fmt: skip
+def test_what_no_bias_is_predicted_from_is_refused(name, value):
+    path = MovePath(turns=np.full((2, 1, 3), 0.5), seconds=np.ones((2, 1)))
+    given = {
+        "directions": np.eye(3), "path": path, "pose_std": 1e-3, "bias_std": 1e-4,
+        "angle_random_walk": 1e-4,
+    }  # fmt: skip
+    with pytest.raises(InputError, match=f"`{name}`|2 rests and 2 moves"):
+        gyroscope_bias(GYROSCOPE, ACCELEROMETER, **given | {name: value})

@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 import rows_by_name
 from rows_by_name import cell
@@ -33,6 +34,44 @@ def test_a_run_beside_itself_is_the_same(tiny_run):
     assert found.only_a == found.only_b == found.environment == ()
 
 
+@pytest.mark.ci
+def test_false_alarms_are_as_rare_as_stated(tmp_path):
+    """500 pairs of independent runs of 50 statistics, none changed."""
+    rng = np.random.default_rng(3)
+    alarms = 0
+    for _ in range(500):
+        a, b = (
+            run(
+                tmp_path,
+                cell(
+                    [row(f"x{i}", v, 1.0) for i, v in enumerate(rng.normal(size=50))],
+                    seed=seed,
+                ),
+            )
+            for seed in (1, 2)
+        )
+        alarms += bool(compare_runs(a, b, alpha=0.05).of("changed"))
+    # 25 expected, standard deviation 4.9; four of them allowed either way
+    assert 5 <= alarms <= 45
+
+
+@pytest.mark.ci
+def test_a_change_of_six_standard_errors_is_found(tmp_path):
+    """Power: limit of 50 at 1e-3 is 4.3 standard errors; 6 are missed once in 20."""
+    rng = np.random.default_rng(4)
+    found = 0
+    for _ in range(100):
+        values = rng.normal(size=(2, 50))
+        values[1, 7] += 6.0 * np.sqrt(2.0)
+        a, b = (
+            run(tmp_path, cell([row(f"x{i}", v, 1.0) for i, v in enumerate(line)], s))
+            for s, line in enumerate(values)
+        )
+        changed = compare_runs(a, b).of("changed")
+        found += any(str(d.a.statistic) == "x7" for d in changed)
+    assert found >= 85  # 95.5 expected, standard deviation 2.1
+
+
 def test_on_the_same_noise_a_small_step_is_told_from_rounding(tiny_run):
     old = load_run(tiny_run)
     new = edited_run(
@@ -60,6 +99,14 @@ def test_values_without_chance_change_by_size_and_limits_by_side(tmp_path):
     assert kinds == {"x": "same", "y": "changed", "limit": "same", "z": "same"}
     c = run(tmp_path, cell([limit(1.1)]))
     assert compare_runs(a, c).differences[0].kind == "changed"
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+@pytest.mark.parametrize("error", [0.0, 0.1])
+def test_a_number_that_became_none_has_changed(tmp_path, bad, error):
+    a = run(tmp_path, cell([row("x", 1.0, error)]))
+    b = run(tmp_path, cell([row("x", bad, error)]))
+    assert compare_runs(a, b).differences[0].kind == "changed"
 
 
 def test_cells_are_matched_by_what_they_ask_not_by_seed_or_effort(tmp_path):

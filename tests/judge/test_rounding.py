@@ -2,6 +2,7 @@
 
 import math
 
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -84,3 +85,10 @@ def test_repro_prints_all_digits_on_request(simval, tiny_run):
     for row, line in zip(cell.rows, out.splitlines(), strict=False):
         assert line.startswith(f"{row.statistic} = {row.value!r}")
         assert row.prediction is None or repr(row.prediction) in line
+
+
+@pytest.mark.parametrize("word", ["--all", "--exac"])
+def test_a_slip_in_the_option_is_answered(simval, word):
+    code, _, err = simval("repro", CELL, word)
+    assert code == 2
+    assert "No such option" in err

@@ -288,11 +288,53 @@ def test_workers_come_and_go_and_the_bytes_stay(suite, alone, tmp_path):
     assert digest(tmp_path / "run") == alone
 
 
-# Cells that kill their workers.
+ADAPTIVE = """
+import sys
+from distributed import LocalCluster
+if __name__ == "__main__":
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as c:
+        c.adapt(minimum=1, maximum=3, interval="200ms", target_duration="1s")
+        print(c.scheduler_address, flush=True)
+        sys.stdin.read()
+"""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("allowed", [0, 3])
+def test_an_adaptive_cluster_grows_with_the_demand(suite, alone, tmp_path):
+    (tmp_path / "adaptive.py").write_text(ADAPTIVE)
+    most = [0]
+
+    class Counts(Progress):
+        def advance(self, name, ending):
+            with distributed.Client(address, timeout=30) as client:
+                most[0] = max(most[0], len(client.nthreads()))
+
+    process = subprocess.Popen(
+        [sys.executable, str(tmp_path / "adaptive.py")],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        cwd=tmp_path,
+        env=plain(**{"OMP_NUM_THREADS": "1", **slow(tmp_path, 0.6)}),
+    )
+    try:
+        address = process.stdout.readline().strip()
+        words = {"scheduler": address, "progress": Counts()}
+        run_suite(str(suite), tmp_path / "run", **words)
+    finally:
+        process.communicate("", timeout=60)
+    assert digest(tmp_path / "run") == alone
+    assert most[0] > 1
+
+
+# Cells that kill their workers.
+
+
+@pytest.mark.parametrize(
+    "allowed",
+    [pytest.param(0, marks=pytest.mark.ci), pytest.param(3, marks=pytest.mark.slow)],
+)
 def test_a_cell_that_kills_its_workers_fails_alone(tmp_path, allowed):
     """Beside a worker that is refused; others wait beside it, and are computed."""
     content = {"noise_std": [0.01, 0.02, 0.03, 0.04], "samples": 65_536}

@@ -22,7 +22,7 @@ def axis(k, tilt, columns):
     def rows(theta, z):
         about = tilt + z[..., columns[1], None] * np.array([1.0, 0.5])
         gain = theta[:, None, 2 * k : 2 * k + 2]
-        seen = np.sum(np.array(TRUTH)[2 * k : 2 * k + 2] * np.sin(tilt), axis=-1)
+        seen = np.sum(TRUTH[2 * k : 2 * k + 2] * np.sin(tilt), axis=-1)
         read = seen + TRUTH[4 + k] + z[..., columns[0]]
         left = np.sum(gain * np.sin(about), axis=-1) + theta[:, None, 4 + k] - read
         return left[..., None]

@@ -265,11 +265,10 @@ class Problem:
 
     def noisier(self, *factors: float) -> "Problem":
         """The same with so many times the noise of each sensor, and of the turns."""
-        sensors = tuple(
-            each.noisier(factor)
-            for each, factor in zip(self.sensors, factors, strict=False)
-        )
-        turns = None if self.turns is None else self.turns.noisier(factors[-1])
+        own, last = factors[: len(self.sensors)], factors[len(self.sensors) :]
+        pairs = zip(self.sensors, own, strict=True)
+        sensors = tuple(each.noisier(factor) for each, factor in pairs)
+        turns = None if self.turns is None else self.turns.noisier(*last)
         return replace(self, sensors=sensors, turns=turns)
 
     def corrected(self, theta: Float[Array, "t p"]) -> dict[str, Corrected]:

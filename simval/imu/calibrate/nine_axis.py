@@ -3,7 +3,8 @@ r"""Accelerometer, gyroscope and magnetometer of the same rests in one fit.
 **The rows of three sensors that an unknown attitude leaves, and their noise.**
 
 A pose gives six readings and a move three angles; the attitudes of n rests take 3n of
-these 6n + 3(n - 1) away. What is left are the three equations of each pose (M1) and
+these 6n + 3(n - 1) away. What is left are the three equations of each pose, eq. (M1) of
+`theory.magnetometer`, and
 three of each gap. Two of a gap are those of gravity (N5). The third turns the field
 v_k of one pose into the next and looks along the horizontal direction across it,
 
@@ -42,6 +43,7 @@ from simval.imu.calibrate.gyroscope.result import NAMES, GyroscopeFit
 from simval.imu.calibrate.magnetometer.calibration import Options, Scaled, scale
 from simval.imu.calibrate.magnetometer.evidence import natural_sd
 from simval.imu.calibrate.magnetometer.result import (
+    ACCELEROMETER,
     DIP,
     OWN_NAMES,
     PARAMETERS,
@@ -50,8 +52,8 @@ from simval.imu.calibrate.magnetometer.result import (
 from simval.imu.sensor import forms
 from simval.shapes import Float
 
-ACCELEROMETER, GYROSCOPE, MAGNETOMETER = slice(0, 9), slice(9, 21), slice(21, 34)
-"""Where the parameters of each sensor stand."""
+GYROSCOPE, MAGNETOMETER = slice(9, 21), slice(21, 34)
+"""Where the parameters of the sensors beside the accelerometer stand."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -200,7 +202,7 @@ def result_of(
         result = {name: value[0] for name, value in result.items()}
     parameters, covariance = result["parameters"], result["covariance"]
     ratio = result["chi2"] / dof if dof > 0 else result["chi2"] * np.nan
-    poses = np.r_[0:9, 21:34]  # accelerometer and magnetometer
+    poses = np.r_[ACCELEROMETER, MAGNETOMETER]
     shared = {key: result[key] for key in ("status", "iterations")} | {"noise": noise}
     return NineAxisFit(
         parameters=parameters,
@@ -210,8 +212,8 @@ def result_of(
         step=result["step"],
         gyroscope=replace(
             gyroscope,
-            parameters=parameters[..., 9:21],
-            accelerometer=parameters[..., :9],
+            parameters=parameters[..., GYROSCOPE],
+            accelerometer=parameters[..., ACCELEROMETER],
             covariance=covariance[..., :21, :21],
             dof=dof,
             chi2_per_dof=ratio,

@@ -43,7 +43,7 @@ def alignment_lines(
     scales = "  ".join(
         with_error(value, half)
         for value, half in zip(
-            np.diagonal(own) * _in_unit(alignment, found),
+            np.diagonal(own) * _in_unit(alignment),
             np.diagonal(alignment.errors.own) * _factor(alignment),
             strict=True,
         )
@@ -83,7 +83,7 @@ def _factor(alignment: Alignment) -> float:
     return each.half / each.sd if each.sd > 0.0 else 2.0
 
 
-def _in_unit(alignment: Alignment, found: Signals) -> float:
+def _in_unit(alignment: Alignment) -> float:
     # scale of the gyroscope in the unit that it was brought to
     for size in (1.0, np.pi / 180.0, np.pi / 180e3):
         if abs(alignment.fit.scale * size - 1.0) <= 0.2:

@@ -230,24 +230,27 @@ def calibrate_gyroscope(
         raise GeometryError(refusals[0])
     good = np.array([not text for text in refusals])
     result = empty(len(M), moves, condition)
-    problem = problem if good.all() else problem.take(good)
-    own = setting.bias_value[good, : setting.free - A]
-    begin = np.concatenate([theta[good], M[good].reshape(-1, A), own], axis=1)
     noise, follows = NOT_JUDGED, None
-    if setting.joint:
-        solution = minimize(problem, begin, MOST_STEPS)
-        here = problem.local(solution.theta)
-        # a noise of zero, or below rounding, is no statement
-        stated = setting.noise.pose_std == checked_pose_std(pose_std, readings.shape[1])
-        if single and stated.all():
-            problem, solution, here, noise = weighed(
-                problem, solution, here, MOST_STEPS
+    if good.any():
+        problem = problem if good.all() else problem.take(good)
+        own = setting.bias_value[good, : setting.free - A]
+        begin = np.concatenate([theta[good], M[good].reshape(-1, A), own], axis=1)
+        if setting.joint:
+            solution = minimize(problem, begin, MOST_STEPS)
+            here = problem.local(solution.theta)
+            # a noise of zero, or below rounding, is no statement
+            stated = setting.noise.pose_std == checked_pose_std(
+                pose_std, readings.shape[1]
             )
-            follows = drift(problem, solution, here, noise)
-        found = joint(problem, solution, here)
-    else:
-        found = one_way(problem, begin)
-    write(result, good, found, problem)
+            if single and stated.all():
+                problem, solution, here, noise = weighed(
+                    problem, solution, here, MOST_STEPS
+                )
+                follows = drift(problem, solution, here, noise)
+            found = joint(problem, solution, here)
+        else:
+            found = one_way(problem, begin)
+        write(result, good, found, problem)
     result["status"] = np.where(
         good, result["status"], [f"refused: {text}" for text in refusals]
     )

@@ -293,17 +293,17 @@ class Setting:
         """Parameters of the gyroscope that are estimated."""
         return 12 if self.bias == "constant" else 9
 
-    def noisier(self, accelerometer: float, gyroscope: float) -> "Setting":
-        """The same with so many times the noise of either."""
+    def noisier(self, factor: float) -> "Setting":
+        """The same with so many times the gyroscope's noise."""
         own = self.noise
         return replace(
             self,
-            bias_std=self.bias_std * gyroscope,
-            noise=GyroscopeNoise(
-                angle_random_walk=own.angle_random_walk * gyroscope,
-                bias_random_walk=own.bias_random_walk * gyroscope,
-                clock_jitter=own.clock_jitter * gyroscope,
-                pose_std=own.pose_std * accelerometer,
+            bias_std=self.bias_std * factor,
+            noise=replace(
+                own,
+                angle_random_walk=own.angle_random_walk * factor,
+                bias_random_walk=own.bias_random_walk * factor,
+                clock_jitter=own.clock_jitter * factor,
             ),
         )
 

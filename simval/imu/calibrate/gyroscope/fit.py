@@ -52,7 +52,6 @@ class Gain:
     K: Float[Array, "t p r"]
     covariance: Float[Array, "t p p"]
     white: Float[Array, "t r r"]  # inverse of the Cholesky factor of V
-    J: Float[Array, "t r p"]
 
     def chi2(self, r: Float[Array, "t r"]) -> Float[Array, " t"]:
         """Weighted sum of squares of rows."""
@@ -76,7 +75,7 @@ def gain(J: Float[Array, "t r p"], V: Float[Array, "t r r"], *, weighted: bool) 
     else:
         K, _ = _pseudo_inverse(J)
         covariance = K @ V @ np.swapaxes(K, -1, -2)
-    return Gain(K=K, covariance=covariance, white=white, J=J)
+    return Gain(K=K, covariance=covariance, white=white)
 
 
 def _pseudo_inverse(

@@ -96,7 +96,7 @@ class InterRest:
 
     def noisier(self, factor: float) -> Self:
         """The same with so many times the noise."""
-        return replace(self, setting=self.setting.noisier(1.0, factor))
+        return replace(self, setting=self.setting.noisier(factor))
 
     def split(self, theta: Array) -> tuple[Float[Array, "t 3 3"], Float[Array, "t 3"]]:
         """M, and B less the centre of the moves."""

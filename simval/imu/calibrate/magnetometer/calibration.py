@@ -385,7 +385,9 @@ def calibrate_magnetometer(
         _fit_block(scale(batch, noise, slice(i, i + size), options), options)
         for i in range(0, len(batch[0]), size)
     ]
-    numbers = {k: np.concatenate([p.numbers[k] for p in parts]) for k in _SHAPES}
+    numbers = {
+        k: np.concatenate([p.numbers[k] for p in parts]) for k in parts[0].numbers
+    }
     found = Found(
         pose_chi_square=np.zeros(0), disturbed=(), findings=(), steady_p_value=np.nan
     )
@@ -396,7 +398,7 @@ def calibrate_magnetometer(
             numbers[name] = weighed.numbers[name]
         code = int(numbers["code"][0])
         if code > Code.MAX_ITERATIONS:
-            _refuse(code, named, parts[0], noise)
+            _refuse(code, named, parts[0])
         found = look(_single(parts[0], times, options))
         numbers = {name: value[0] for name, value in numbers.items()}
     status = STATUS_NAMES[numbers.pop("code")]
@@ -424,16 +426,6 @@ class _Block:
     theta: Float[Array, "t 22"]
     summary: Summary
     dof: int
-
-
-_SHAPES: dict[str, tuple[int, ...]] = {
-    "parameters": (PARAMETERS,),
-    "covariance": (PARAMETERS, PARAMETERS),
-    "chi_square": (),
-    "half_width": (),
-    "iterations": (),
-    "code": (),
-}
 
 
 def _fit_block(scaled: Scaled, options: Options) -> _Block:
@@ -484,9 +476,7 @@ def _twin(theta: Float[Array, "t 22"], hemisphere: str) -> Float[Array, "t 22"]:
     return np.where((down == (hemisphere == "north"))[:, None], theta, turned)
 
 
-def _refuse(
-    code: int, named: dict[str, Array], block: _Block, noise: tuple[Array, Array]
-) -> None:
+def _refuse(code: int, named: dict[str, Array], block: _Block) -> None:
     refuse(
         code, named,
         half_width=float(block.summary.half_width[0]),
