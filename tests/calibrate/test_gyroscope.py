@@ -529,8 +529,8 @@ def test_trials_of_a_batch_are_refused_alone_though_they_are_all(estimator, bad)
     readings[:bad, :, 2] = 0.0  # an axis that reads nothing
     poses = np.stack([CLEAN["poses"]] * 2)
     fit = calibrate_gyroscope(
-        moves_between(TIME, readings, RESTS), poses, calibrate(poses, G), pose_std=1e-3, angle_random_walk=WALK,
-        estimator=estimator, start=np.eye(3),
+        moves_between(TIME, readings, RESTS), poses, calibrate(poses, G),
+        pose_std=1e-3, angle_random_walk=WALK, estimator=estimator, start=np.eye(3),
     )  # fmt: skip
     assert [str(s)[:8] == "refused:" for s in fit.status] == [True, bad == 2]
     assert np.isnan(fit.parameters).any(axis=1).tolist() == [True, bad == 2]
