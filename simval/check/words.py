@@ -520,7 +520,8 @@ def _figure(value: float, error: float) -> str:
     if not (0.0 < error < inf and 0.0 < abs(value) < inf):
         return f"{value:.3g}"
     digits = max(1, floor(log10(abs(value))) - floor(log10(error)) + 2)
-    return f"{value:#.{digits}g} ± {error:#.2g}"
+    shown = f"{value:#.{digits}g}" if digits > 1 else f"{value:.1g}"
+    return f"{shown} ± {error:#.2g}"
 
 
 def _title(family: Family, rows: Sequence[Row]) -> str:

@@ -189,7 +189,7 @@ def _geometry_named(found: Evidence) -> str:
     factor = f"{found.geometry:.0f} times" if found.geometry < 1e6 else "far beyond"
     return (
         f"the worst error bar is {factor} that of as many poses all over the sphere; "
-        "add poses where there are none"
+        "add poses in directions not yet covered"
     )
 
 

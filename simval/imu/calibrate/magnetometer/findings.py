@@ -269,7 +269,7 @@ def _geometry_words(fit: Single) -> str:
         return ""
     return (
         f"the geometry is the limit: the worst error bar is {loss:.0f} times that of "
-        "as many poses turned to all sides; add poses where there are none"
+        "as many poses turned to all sides; add poses in directions not yet covered"
     )
 
 
