@@ -255,7 +255,7 @@ def _left_over(centred: Float[Array, "n 3"], axis: int) -> float:
 Detector = Callable[[Log, int], Intervals]  # the rests of a log, at least so many
 
 # What these bounds let pass and catch of 570 bad logs is
-# held by tests/multiposition/test_faults.py.
+# held by tests/imu/multiposition/test_faults.py.
 _BETTER = 1.5  # times less scatter; undoing the jumps of a sound log makes it worse
 _VANISHES = 4.0  # times less scatter; leaving out a part of a slow drift halves it
 _CHANCE = 1e-6  # of a cut or a step as good in a clean log; its root where the
