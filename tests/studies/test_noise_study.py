@@ -116,6 +116,20 @@ def test_covariance_of_samples(flicker, walk):
     assert abs(off).max() > 10.0 * LAGS
 
 
+def test_a_squared_misfit_spreads_as_that_of_a_chi_square_variable():
+    """An Allan variance of few freedoms has an excess: a square varies by more than 2.
+
+    Where samples follow the law of averages nothing else is in it.
+    """
+    theory = Theory(Parameters(rows=4096))
+    averages = np.abs(theory.share - 1.0) < 1e-3
+    freedom = 2.0 * (theory.law @ theory.truth) ** 2 / np.diagonal(theory.covariance)
+    excess = stats.chi2(freedom[averages]).stats(moments="k")
+    assert excess.max() > 0.9  # of the longest averages, which a normal law has not
+    known = np.sqrt((2.0 + excess) / 600)
+    assert theory.allan_error(600)[averages] == pytest.approx(known, rel=2e-3)
+
+
 def test_the_law_of_samples_is_that_of_averages_over_many_rows():
     m = np.array([1, 2, 4, 32, LONGEST - 1, LONGEST, 10**6])
     ratio = sampled_allan_law(m) / allan_law(m)[:, :3]

@@ -22,6 +22,7 @@ from simval.results import CellName
 from simval.statistics import BIAS_OFF, COVARIANCE_OFF
 from simval.studies import (
     attitude_efficiency,
+    attitude_vectors,
     calibration,
     calibrator,
     detector,
@@ -234,6 +235,19 @@ def test_the_best_of_four_would_be_beyond_the_limits_of_the_combined_estimator()
     assert np.median(best / bound) > most > 1.0
     assert np.max(best / bound) > attitude_efficiency.WORST_LIMIT
     assert np.max(combined / bound) < attitude_efficiency.WORST_LIMIT
+
+
+@pytest.mark.parametrize(("shift", "noise"), [(0.0, 1e-3), (3.0, 1e-4)])
+def test_vectors_are_allowed_twice_what_the_first_order_leaves(shift, noise):
+    """Theory is right at no noise, so all that cubature differs by falls with it."""
+    given = attitude_vectors.Parameters(vectors=3, noise_std=noise, ratio=10.0)
+    off = attitude_vectors.Setting(given).off(shift)
+    allowed = attitude_vectors.left_out(given, shift)
+    if shift:  # of the loss alone; squared errors are of no turned vector
+        off, allowed = off[-1:], allowed[-1:]
+    assert np.abs(off).min() > 1e-8  # far above rounding
+    # the next power of the noise, ten times 1e-3 in the worst vector
+    assert allowed == pytest.approx(2.0 * np.abs(off), rel=0.03)
 
 
 @pytest.mark.parametrize(
