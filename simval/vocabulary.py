@@ -6,7 +6,7 @@ standard library. The code below takes its own names from here, or a test compar
 """
 
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal, get_args
 
 ALPHA: Final = 1e-3
 """False-alarm rate of all checks together: see `simval.verdict`."""
@@ -17,14 +17,17 @@ RUNS: Final = Path("reports") / "runs"
 FILTER_SECONDS: Final = 600.0
 """Time limit of a filter: a millisecond a row of ten minutes at 500 Hz, twice."""
 
-MODELS: Final = ("triangular", "upper", "symmetric")
-METHODS: Final = ("lm", "gauss-newton", "newton")
-RESIDUALS: Final = ("squared", "norm", "weighted", "sampson", "adjusted")
-LOSSES: Final = ("linear", "huber", "soft_l1", "cauchy")
+Model = Literal["triangular", "upper", "symmetric"]
+Method = Literal["lm", "gauss-newton", "newton"]
+Residual = Literal["squared", "norm", "weighted", "sampson", "adjusted"]
+Loss = Literal["linear", "huber", "soft_l1", "cauchy"]
+MODELS: Final = get_args(Model)
+METHODS: Final = get_args(Method)
+RESIDUALS: Final = get_args(Residual)
+LOSSES: Final = get_args(Loss)
 """Forms of the nine parameters, solvers, what is minimised, and robust losses."""
-FRAMES: Final = ("NED", "ENU", "NWU")
+TruthWorld = Literal["NED", "ENU", "NWU", "estimated"]
 """Worlds that a recorded truth may have."""
-TRUTH_WORLDS: Final = (*FRAMES, "estimated")
 
 STUDIES: Final = (
     "sampling",

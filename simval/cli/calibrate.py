@@ -3,107 +3,74 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
-from click.decorators import FC
 
 from simval.cli.options import (
-    PATH,
+    AsJson,
+    Columns,
     Gravity,
+    LogPath,
+    OutFile,
+    Page,
     Positive,
-    columns_option,
+    Rate,
+    Rest,
     command_again,
-    json_option,
-    log_argument,
-    page_option,
-    rate_option,
-    rest_option,
+    declared,
     write,
 )
-from simval.cli.outputs import OUT, Command
 from simval.cli.terminal import say
-from simval.vocabulary import LOSSES, METHODS, MODELS, RESIDUALS
+from simval.vocabulary import Loss, Method, Model, Residual
 
 if TYPE_CHECKING:
     from simval.imu.logs import Log
     from simval.imu.multiposition import ImuCalibration
 
 
-def _choice(name: str, choices: tuple[str, ...], words: str) -> Callable[[FC], FC]:
-    return click.option(
-        f"--{name}", type=click.Choice(choices), default=choices[0],
-        show_default=True, help=words,
-    )  # fmt: skip
-
-
-@click.command(name="calibrate", cls=Command)
-@log_argument
-@click.option(
-    "--g",
-    type=Gravity(),
-    default=9.80665,
-    show_default=True,
-    help="Gravity where the log was recorded, m/s^2.",
-)
-@_choice(
-    "model", MODELS, "Form of the matrix: which of the rotated versions is reported."
-)
-@rate_option
-@rest_option
-@columns_option
-@_choice("method", METHODS, "Solver of the least-squares fit.")
-@_choice("residual", RESIDUALS, "Residual whose squares are minimised.")
-@_choice("loss", LOSSES, "Loss; all but linear give outlier poses less weight.")
-@click.option(
-    "--sensors",
-    help="What to calibrate beside the accelerometer: gyroscope, magnetometer, both "
-    "with a comma between, or none.  [default: those of the log that can be]",
-)
-@click.option(
-    "--hemisphere",
-    type=click.Choice(["unstated", "north", "south"]),
-    default="unstated",
-    show_default=True,
-    help="Hemisphere of the recording; needed for a magnetometer whose axes may be "
-    "left-handed.",
-)
-@click.option(
-    "--field",
-    type=Positive(),
-    default=1.0,
-    show_default=True,
-    help="Strength of the magnetic field there; corrected readings get its unit.",
-)
-@click.option(
-    "--noise",
-    type=PATH,
-    help="Measured noise of the sensors, a file made by `simval noise LOG --json`.",
-)
-@click.option(
-    "--full-scale",
-    type=Positive(),
-    help="Greatest reading that the sensor can give, in the unit of the log.",
-)
-@click.option("--out", type=OUT, help="Write the calibration to this JSON file.")
-@page_option
-@click.option("--kalibr", type=OUT, help="Write Kalibr's imu.yaml to this file.")
-@json_option
+@declared("calibrate")
 def command(
-    path: Path,
-    rate: float | None,
-    columns: str | None,
-    sensors: str | None,
-    hemisphere: str,
-    field: float,
-    noise: Path | None,
-    out: Path | None,
-    page: Path | None,
-    kalibr: Path | None,
-    as_json: bool,
-    **options: Any,
+    path: LogPath,
+    g: Annotated[Gravity, "Gravity where the log was recorded, m/s^2."] = 9.80665,
+    model: Annotated[
+        Model, "Form of the matrix: which of the rotated versions is reported."
+    ] = "triangular",
+    rate: Rate = None,
+    rest: Rest = None,
+    columns: Columns = None,
+    method: Annotated[Method, "Solver of the least-squares fit."] = "lm",
+    residual: Annotated[Residual, "Residual whose squares are minimised."] = "squared",
+    loss: Annotated[
+        Loss, "Loss; all but linear give outlier poses less weight."
+    ] = "linear",
+    sensors: Annotated[
+        str | None,
+        "What to calibrate beside the accelerometer: gyroscope, magnetometer, both "
+        "with a comma between, or none.  [default: those of the log that can be]",
+    ] = None,
+    hemisphere: Annotated[
+        Literal["unstated", "north", "south"],
+        "Hemisphere of the recording; needed for a magnetometer whose axes may be "
+        "left-handed.",
+    ] = "unstated",
+    field: Annotated[
+        Positive,
+        "Strength of the magnetic field there; corrected readings get its unit.",
+    ] = 1.0,
+    noise: Annotated[
+        Path | None,
+        "Measured noise of the sensors, a file made by `simval noise LOG --json`.",
+    ] = None,
+    full_scale: Annotated[
+        Positive | None,
+        "Greatest reading that the sensor can give, in the unit of the log.",
+    ] = None,
+    out: Annotated[OutFile | None, "Write the calibration to this JSON file."] = None,
+    page: Page = None,
+    kalibr: Annotated[OutFile | None, "Write Kalibr's imu.yaml to this file."] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Calibrate the accelerometer of a LOG, and its gyroscope and magnetometer.
 
@@ -125,7 +92,18 @@ def command(
 
     log = read_log(path, rate, columns)
     known = None if noise is None else load_noise(noise)
-    result = calibrate_log(log, noise=known, predict=calibration_moments, **options)
+    result = calibrate_log(
+        log,
+        g=g,
+        model=model,
+        method=method,
+        residual=residual,
+        loss=loss,
+        rest=rest,
+        full_scale=full_scale,
+        noise=known,
+        predict=calibration_moments,
+    )
     whole = calibrate_sensors(
         log,
         result,

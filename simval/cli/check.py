@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from typing import Annotated
 
 import click
 
-from simval.cli.options import Whole, alpha_option, json_option
+from simval.cli.options import Alpha, AsJson, Whole, declared
 from simval.cli.terminal import say
+from simval.vocabulary import ALPHA
 
 
-@click.command(name="check")
-@click.argument("plugin")
-@click.option(
-    "--seed",
-    type=Whole(min=0),
-    default=1,
-    show_default=True,
-    help="Seed of the noise.",
-)
-@alpha_option
-@json_option
-def command(plugin: str, seed: int, alpha: float, as_json: bool) -> int:
+@declared("check")
+def command(
+    plugin: str,
+    seed: Annotated[int, Whole(min=0), "Seed of the noise."] = 1,
+    alpha: Alpha = ALPHA,
+    as_json: AsJson = False,
+) -> int:
     """Measure your algorithm PLUGIN in two cells and judge it; keeps no run folder.
 
     PLUGIN is FILE.py, FILE.py:NAME, the name of an installed plug-in, or

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from simval.cli.options import alpha_option, refuse_if, runs, write
-from simval.cli.outputs import OUT, Command
+from simval.cli.options import Alpha, OutFile, RunName, declared, refuse_if, runs, write
 from simval.cli.terminal import tell
 from simval.errors import InputError
+from simval.vocabulary import ALPHA
 
 if TYPE_CHECKING:
     from simval.judge import AlgorithmComparison, Merit, RunComparison
@@ -22,46 +22,32 @@ MERITS = 40
 """Qualities of two algorithms printed one by one; the others are counted."""
 
 
-@click.command(name="compare", cls=Command)
-@click.argument("run_a", shell_complete=runs)
-@click.argument("run_b", shell_complete=runs, required=False)
-@click.option(
-    "--algorithms",
-    nargs=2,
-    metavar="A B",
-    help="Compare two algorithms of RUN_A instead, by their names in the report; the "
-    "file may be left out where the name alone is unique.",
-)
-@click.option(
-    "--out",
-    type=OUT,
-    help="Write an HTML page with a figure of each change, before and after.",
-)
-@click.option(
-    "--all",
-    "every",
-    is_flag=True,
-    help="Print every value that changed, not only the kinds.",
-)
-@click.option(
-    "--csv",
-    "csv_file",
-    type=OUT,
-    help="Write every value that both runs have to this CSV file.",
-)
-@click.option(
-    "--json", "json_file", type=OUT, help="Write what changed to this JSON file."
-)
-@alpha_option
+@declared("compare")
 def command(
-    run_a: str,
-    run_b: str | None,
-    algorithms: tuple[str, str] | None,
-    out: Path | None,
-    every: bool,
-    csv_file: Path | None,
-    json_file: Path | None,
-    alpha: float,
+    run_a: RunName,
+    run_b: Annotated[str | None, dict(shell_complete=runs)] = None,
+    algorithms: Annotated[
+        tuple[str, str] | None,
+        "Compare two algorithms of RUN_A instead, by their names in the report; the "
+        "file may be left out where the name alone is unique.",
+        dict(nargs=2, metavar="A B"),
+    ] = None,
+    out: Annotated[
+        OutFile | None,
+        "Write an HTML page with a figure of each change, before and after.",
+    ] = None,
+    every: Annotated[
+        bool, "Print every value that changed, not only the kinds.", dict(name="--all")
+    ] = False,
+    csv_file: Annotated[
+        OutFile | None,
+        "Write every value that both runs have to this CSV file.",
+        dict(name="--csv"),
+    ] = None,
+    json_file: Annotated[
+        OutFile | None, "Write what changed to this JSON file.", dict(name="--json")
+    ] = None,
+    alpha: Alpha = ALPHA,
 ) -> int:
     """Show what became better or worse from RUN_A to RUN_B, the largest change first.
 

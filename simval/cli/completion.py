@@ -1,12 +1,14 @@
 """`simval completion`."""
 
+from typing import Literal
+
 import click
 
+from simval.cli.options import declared
 
-@click.command(name="completion")
-@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
-@click.pass_context
-def command(context: click.Context, shell: str) -> int:
+
+@declared("completion")
+def command(shell: Literal["bash", "zsh", "fish"]) -> int:
     """Print the script that lets SHELL complete commands, options, suites and runs.
 
     Add one line to the start-up file of the shell:
@@ -20,6 +22,6 @@ def command(context: click.Context, shell: str) -> int:
 
     kind = get_completion_class(shell)
     assert kind is not None  # one of the choices
-    group = context.find_root().command
+    group = click.get_current_context().find_root().command
     click.echo(kind(group, {}, "simval", "_SIMVAL_COMPLETE").source())
     return 0

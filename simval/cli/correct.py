@@ -4,17 +4,11 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from simval.cli.options import (
-    PATH,
-    columns_option,
-    log_argument,
-    rate_option,
-)
-from simval.cli.outputs import OUT, Command
+from simval.cli.options import Columns, LogPath, OutFile, Rate, declared
 from simval.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,27 +17,14 @@ if TYPE_CHECKING:
     from simval.shapes import Float
 
 
-@click.command(name="correct", cls=Command)
-@log_argument
-@click.option(
-    "--calibration",
-    type=PATH,
-    required=True,
-    help="JSON file that `simval calibrate --out` wrote.",
-)
-@rate_option
-@columns_option
-@click.option(
-    "--unchecked", is_flag=True, help="Write the force even if it is implausible."
-)
-@click.option("--out", type=OUT, help="File to write, instead of standard output.")
+@declared("correct")
 def command(
-    path: Path,
-    calibration: Path,
-    rate: float | None,
-    columns: str | None,
-    unchecked: bool,
-    out: Path | None,
+    path: LogPath,
+    calibration: Annotated[Path, "JSON file that `simval calibrate --out` wrote."],
+    rate: Rate = None,
+    columns: Columns = None,
+    unchecked: Annotated[bool, "Write the force even if it is implausible."] = False,
+    out: Annotated[OutFile | None, "File to write, instead of standard output."] = None,
 ) -> None:
     """Apply a calibration to a LOG.
 

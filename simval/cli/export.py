@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Annotated
 
 import click
 
-from simval.cli.options import runs
-from simval.cli.outputs import OUT, Command, beside_store
+from simval.cli.options import OutFile, RunName, declared
+from simval.cli.outputs import beside_store
 
 
-@click.command(name="export", cls=Command)
-@click.argument("run", shell_complete=runs)
-@click.option(
-    "--out",
-    type=OUT,
-    help="File to write.  [default: results.parquet in the run folder]",
-)
-def command(run: str, out: Path | None) -> int:
+@declared("export")
+def command(
+    run: RunName,
+    out: Annotated[
+        OutFile | None, "File to write.  [default: results.parquet in the run folder]"
+    ] = None,
+) -> int:
     """Write the table of RUN (a folder, or `latest`) as Parquet.
 
     Needs the extras `pandas` and `parquet`. The last line printed is the path of the

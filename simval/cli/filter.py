@@ -5,23 +5,23 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
 from simval.cli.options import (
-    PATH,
-    columns_option,
+    AsJson,
+    Columns,
+    LogPath,
+    OutFile,
+    Page,
+    Rate,
     command_again,
-    json_option,
-    log_argument,
-    page_option,
-    rate_option,
+    declared,
     refuse_if,
-    unit_option,
+    unit_words,
     write,
 )
-from simval.cli.outputs import OUT, Command
 from simval.cli.terminal import say
 from simval.errors import (
     CrashedPluginError,
@@ -29,7 +29,7 @@ from simval.errors import (
     PluginError,
     UnusablePluginError,
 )
-from simval.vocabulary import FILTER_SECONDS, TRUTH_WORLDS
+from simval.vocabulary import FILTER_SECONDS, TruthWorld
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,84 +45,61 @@ MOST_ROWS = 200_000
 log rows are left out evenly."""
 
 
-@click.command(name="filter", cls=Command)
-@log_argument
-@click.option(
-    "--plugin",
-    "plugins",
-    multiple=True,
-    required=True,
-    metavar="PLUGIN",
-    help="A filter: FILE.py, FILE.py:NAME, or the name of an installed one; may be "
-    "repeated to compare several.",
-)
-@click.option(
-    "--truth",
-    metavar="NAME|FILE",
-    help="Recorded attitudes: the common name of four columns of LOG ('log' if it has "
-    "only four), or another file.",
-)
-@click.option(
-    "--truth-columns",
-    metavar="NAMES",
-    help="The columns of the truth's file in their order, as t,qx,qy,qz,qs (or "
-    "q0,q1,q2,q3), with - for one to ignore.",
-)
-@click.option(
-    "--truth-rate",
-    type=float,
-    metavar="HZ",
-    help="Rows per second of a truth's file that has no clock.",
-)
-@click.option(
-    "--truth-world",
-    type=click.Choice(TRUTH_WORLDS),
-    help="World of the truth; 'estimated' turns it to the log's own magnetometer.  "
-    "[default: that of its data set, else the nearest]",
-)
-@click.option(
-    "--calibration",
-    type=PATH,
-    help="Correct the log first, by a JSON file that `simval calibrate --out` wrote.",
-)
-@click.option(
-    "--noise",
-    type=PATH,
-    help="Noise that the filters are told, a file made by `simval noise LOG --json`.  "
-    "[default: what the rests of the log show]",
-)
-@rate_option
-@columns_option
-@unit_option("accelerometer")
-@unit_option("gyro")
-@click.option(
-    "--time-limit",
-    type=click.FloatRange(min=0.0, min_open=True),
-    default=FILTER_SECONDS,
-    show_default=True,
-    metavar="SECONDS",
-    help="Time that each filter may take.",
-)
-@click.option("--out", type=OUT, help="Write the result to this JSON file.")
-@page_option
-@json_option
+@declared("filter")
 def command(
-    path: Path,
-    plugins: tuple[str, ...],
-    truth: str | None,
-    truth_columns: str | None,
-    truth_rate: float | None,
-    truth_world: TruthWorld | None,
-    calibration: Path | None,
-    noise: Path | None,
-    rate: float | None,
-    columns: str | None,
-    accelerometer_unit: str | None,
-    gyro_unit: str | None,
-    time_limit: float,
-    out: Path | None,
-    page: Path | None,
-    as_json: bool,
+    path: LogPath,
+    plugins: Annotated[
+        tuple[str, ...],
+        "A filter: FILE.py, FILE.py:NAME, or the name of an installed one; may be "
+        "repeated to compare several.",
+        dict(name="--plugin", metavar="PLUGIN"),
+    ],
+    truth: Annotated[
+        str | None,
+        "Recorded attitudes: the common name of four columns of LOG ('log' if it has "
+        "only four), or another file.",
+        dict(metavar="NAME|FILE"),
+    ] = None,
+    truth_columns: Annotated[
+        str | None,
+        "The columns of the truth's file in their order, as t,qx,qy,qz,qs (or "
+        "q0,q1,q2,q3), with - for one to ignore.",
+        dict(metavar="NAMES"),
+    ] = None,
+    truth_rate: Annotated[
+        float | None,
+        "Rows per second of a truth's file that has no clock.",
+        dict(metavar="HZ"),
+    ] = None,
+    truth_world: Annotated[
+        TruthWorld | None,
+        "World of the truth; 'estimated' turns it to the log's own magnetometer.  "
+        "[default: that of its data set, else the nearest]",
+    ] = None,
+    calibration: Annotated[
+        Path | None,
+        "Correct the log first, by a JSON file that `simval calibrate --out` wrote.",
+    ] = None,
+    noise: Annotated[
+        Path | None,
+        "Noise that the filters are told, a file made by `simval noise LOG --json`.  "
+        "[default: what the rests of the log show]",
+    ] = None,
+    rate: Rate = None,
+    columns: Columns = None,
+    accelerometer_unit: Annotated[
+        str | None, unit_words("accelerometer"), dict(metavar="UNIT")
+    ] = None,
+    gyro_unit: Annotated[str | None, unit_words("gyro"), dict(metavar="UNIT")] = None,
+    time_limit: Annotated[
+        float,
+        click.FloatRange(min=0.0, min_open=True),
+        "Time that each filter may take.",
+        dict(metavar="SECONDS"),
+    ] = FILTER_SECONDS,
+    out: Annotated[OutFile | None, "Write the result to this JSON file."] = None,
+    page: Page = None,
+    as_json: AsJson = False,
 ) -> int:
     """Run attitude filters over a recorded LOG and measure their errors.
 

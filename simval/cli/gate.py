@@ -12,16 +12,24 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from simval.cli.options import alpha_option, refuse_if, runs, stated, write
-from simval.cli.outputs import OUT, Command, Output, require_free
+from simval.cli.options import (
+    Alpha,
+    OutFile,
+    RunName,
+    declared,
+    refuse_if,
+    stated,
+    write,
+)
+from simval.cli.outputs import require_free
 from simval.cli.terminal import say
 from simval.errors import InputError
 from simval.text import one_line
-from simval.vocabulary import BASELINE
+from simval.vocabulary import ALPHA, BASELINE
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -29,9 +37,6 @@ if TYPE_CHECKING:
     from simval.judge import GateResult
     from simval.sweep.run import Run
     from simval.verdict import Answer
-
-
-FILE = Output(dir_okay=False)
 
 
 def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -42,73 +47,47 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
         context.exit(0)
 
 
-@click.command(name="gate", cls=Command)
-@click.argument("run", shell_complete=runs)
-@click.option(
-    "--baseline",
-    type=OUT,
-    default=BASELINE,
-    show_default=True,
-    help="Baseline to compare with; the default one is written if there is none yet.",
-)
-@click.option(
-    "--update-baseline",
-    metavar="REASON",
-    help="Make this run the baseline, and store the reason in it.",
-)
-@click.option(
-    "--reason",
-    "reasons",
-    metavar="KIND=WORDS",
-    multiple=True,
-    help="Why a kind of statistic, or a study, moved; one for each that did.",
-)
-@click.option(
-    "--no-baseline",
-    is_flag=True,
-    help="Judge against theory only, without a baseline.",
-)
-@alpha_option
-@click.option("--junit", type=FILE, help="Write JUnit XML to this file.")
-@click.option("--summary", type=FILE, help="Write a Markdown summary to this file.")
-@click.option(
-    "--json", "json_file", type=FILE, help="Write every finding to this JSON file."
-)
-@click.option(
-    "--all",
-    "every",
-    is_flag=True,
-    help="Print every check that did not pass, not ten lines by kind.",
-)
-@click.option(
-    "--table", is_flag=True, help="Print how many checks of each kind passed."
-)
-@click.option(
-    "--samples",
-    is_flag=True,
-    help="Print the samples that the verdicts need, and those spent.",
-)
-@click.option(
-    "--json-schema",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_print_schema,
-    help="Print the JSON Schema of --json and stop.",
-)
+@declared(
+    "gate",
+    click.Option(
+        ["--json-schema"], is_flag=True, is_eager=True, expose_value=False,
+        callback=_print_schema, help="Print the JSON Schema of --json and stop.",
+    ),
+)  # fmt: skip
 def command(
-    run: str,
-    baseline: Path,
-    update_baseline: str | None,
-    reasons: Sequence[str],
-    no_baseline: bool,
-    alpha: float,
-    junit: Path | None,
-    summary: Path | None,
-    json_file: Path | None,
-    every: bool,
-    table: bool,
-    samples: bool,
+    run: RunName,
+    baseline: Annotated[
+        OutFile,
+        "Baseline to compare with; the default one is written if there is none yet.",
+    ] = BASELINE,
+    update_baseline: Annotated[
+        str | None,
+        "Make this run the baseline, and store the reason in it.",
+        dict(metavar="REASON"),
+    ] = None,
+    reasons: Annotated[
+        tuple[str, ...],
+        "Why a kind of statistic, or a study, moved; one for each that did.",
+        dict(name="--reason", metavar="KIND=WORDS"),
+    ] = (),
+    no_baseline: Annotated[
+        bool, "Judge against theory only, without a baseline."
+    ] = False,
+    alpha: Alpha = ALPHA,
+    junit: Annotated[OutFile | None, "Write JUnit XML to this file."] = None,
+    summary: Annotated[OutFile | None, "Write a Markdown summary to this file."] = None,
+    json_file: Annotated[
+        OutFile | None, "Write every finding to this JSON file.", dict(name="--json")
+    ] = None,
+    every: Annotated[
+        bool,
+        "Print every check that did not pass, not ten lines by kind.",
+        dict(name="--all"),
+    ] = False,
+    table: Annotated[bool, "Print how many checks of each kind passed."] = False,
+    samples: Annotated[
+        bool, "Print the samples that the verdicts need, and those spent."
+    ] = False,
 ) -> int:
     """Judge RUN (a folder, or `latest`) against theory and the baseline.
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import click
-
+from simval.cli.options import declared
 from simval.cli.terminal import say
 from simval.vocabulary import builtin_suites
 
 
-@click.command(name="list")
+@declared("list")
 def command() -> int:
     """List suites, studies with their parameters, scenes and installed plug-ins."""
     from simval.plugins.loading import BUILTIN, installed

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
 from simval.cli.options import (
-    columns_option,
+    AsJson,
+    Columns,
+    LogPath,
+    OutFile,
+    Page,
+    Rate,
+    Rest,
     command_again,
-    json_option,
-    log_argument,
-    page_option,
-    rate_option,
-    rest_option,
-    unit_option,
+    declared,
+    unit_words,
     write,
 )
-from simval.cli.outputs import OUT, Command
 from simval.cli.terminal import say
 from simval.errors import InputError, RefusedError
 
@@ -29,32 +30,27 @@ if TYPE_CHECKING:
     from simval.imu.multiposition.noise_described import Sensors
 
 
-@click.command(name="noise", cls=Command)
-@log_argument
-@rate_option
-@rest_option
-@columns_option
-@unit_option("accelerometer")
-@unit_option("gyro")
-@unit_option("magnetometer")
-@click.option(
-    "--increments", is_flag=True, help="Rows are rounded increments, so fit Q as well."
-)
-@click.option("--figure", type=OUT, help="Draw the Allan deviations (.svg or .png).")
-@page_option
-@json_option
+@declared("noise")
 def command(
-    path: Path,
-    rate: float | None,
-    rest: float | None,
-    columns: str | None,
-    accelerometer_unit: str | None,
-    gyro_unit: str | None,
-    magnetometer_unit: str | None,
-    increments: bool,
-    figure: Path | None,
-    page: Path | None,
-    as_json: bool,
+    path: LogPath,
+    rate: Rate = None,
+    rest: Rest = None,
+    columns: Columns = None,
+    accelerometer_unit: Annotated[
+        str | None, unit_words("accelerometer"), dict(metavar="UNIT")
+    ] = None,
+    gyro_unit: Annotated[str | None, unit_words("gyro"), dict(metavar="UNIT")] = None,
+    magnetometer_unit: Annotated[
+        str | None, unit_words("magnetometer"), dict(metavar="UNIT")
+    ] = None,
+    increments: Annotated[
+        bool, "Rows are rounded increments, so fit Q as well."
+    ] = False,
+    figure: Annotated[
+        OutFile | None, "Draw the Allan deviations (.svg or .png)."
+    ] = None,
+    page: Page = None,
+    as_json: AsJson = False,
 ) -> None:
     """Measure the noise model of a LOG of a sensor at rest.
 

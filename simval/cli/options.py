@@ -1,4 +1,9 @@
-"""What several commands share: options, completed values, the command in words.
+"""The options of commands, read from the parameters of a function.
+
+`declared` makes a command of a function. A parameter's annotation has its type and what
+the help says, ``Annotated[int, "Seed of the noise."]``; beside them a type of click's
+may stand, and a `dict` of its other settings. A parameter without a help is an
+argument. What several commands take is declared here once, by a name of its own.
 
 A shell starts the program at each key, so only names of `simval.vocabulary` and of
 folders are looked at. Where no name fits, the shell completes files by itself.
@@ -6,33 +11,78 @@ folders are looked at. Where no name fits, the shell completes files by itself.
 
 import shlex
 from collections.abc import Callable, Iterable
+from inspect import Parameter, signature
 from pathlib import Path
-from typing import Any, TypeVar
+from types import NoneType
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
-from simval.cli.outputs import OUT, Input, require_free
+from simval.cli.outputs import Command, Input, Output, require_free
 from simval.errors import InputError
 from simval.text import as_whole, read_whole, shown
 from simval.units import OF_A_LOG
-from simval.vocabulary import ALPHA, RUNS, SCENES, STUDIES, builtin_suites
+from simval.vocabulary import RUNS, SCENES, STUDIES, builtin_suites
 
-Command = TypeVar("Command", bound=Callable[..., Any])
-PATH = Input()
-
-COLUMNS = (
-    "The columns of LOG in their order, as t,ax,ay,az,wx,wy,wz,mx,my,mz, with - for "
-    "one to ignore, and t[ms], t[us] or t[ns] for a clock that is not in seconds.  "
-    "[default: what the header says]"
-)
-
-ROWS = "Rows per second of a LOG that has no clock."
 EARTH = (9.76, 9.84)
 """Gravity on the Earth, m/s^2: on its highest mountain at the equator, at the poles."""
 
-REST = "State that the first SECONDS are a rest.  [default: found in the log]"
+
+def declared(
+    name: str, *more: click.Parameter
+) -> Callable[[Callable[..., Any]], click.Command]:
+    """Make a command of a function, with its parameters and some more."""
+
+    def made(function: Callable[..., Any]) -> click.Command:
+        hints = get_type_hints(function, include_extras=True)
+        own = signature(function).parameters.values()
+        params = [*(_parameter(each, hints[each.name]) for each in own), *more]
+        return click.command(name, cls=Command, params=params)(function)
+
+    return made
+
+
+def _parameter(own: Parameter, hint: Any) -> click.Parameter:
+    kind, notes = _noted(hint)
+    settings: dict[str, Any] = {"type": kind}
+    if kind is bool:
+        settings = {"is_flag": True}
+    elif kind is Path:
+        settings = {"type": Input()}
+    elif get_origin(kind) is Literal:
+        settings = {"type": click.Choice(get_args(kind))}
+    elif get_origin(kind) is tuple:
+        settings = {"multiple": ... in get_args(kind)}
+    for note in notes:
+        settings |= note if isinstance(note, dict) else {}
+        settings |= {"type": note} if isinstance(note, click.ParamType) else {}
+    words = "".join(note for note in notes if isinstance(note, str))
+    required = own.default is Parameter.empty
+    default = None if required else own.default
+    if not words:
+        return click.Argument(
+            [own.name], required=required, default=default, **settings
+        )
+    title = settings.pop("name", f"--{own.name.replace('_', '-')}")
+    if default not in (None, ()) and default is not False:
+        settings = {"show_default": True} | settings
+    names = [title, own.name]
+    return click.Option(
+        names, required=required, default=default, help=words, **settings
+    )
+
+
+def _noted(hint: Any) -> tuple[Any, list[Any]]:
+    """The plain type of an annotation, and what is noted beside it."""
+    if get_origin(hint) is Annotated:
+        kind, *notes = get_args(hint)
+        plain, inner = _noted(kind)
+        return plain, [*inner, *notes]
+    if NoneType in get_args(hint):
+        return _noted(next(kind for kind in get_args(hint) if kind is not NoneType))
+    return hint, []
 
 
 class Whole(click.IntRange):
@@ -50,7 +100,7 @@ class Whole(click.IntRange):
         return int(super().convert(number, param, ctx))
 
 
-class Rate(click.FloatRange):
+class _FalseAlarms(click.FloatRange):
     """A false-alarm rate: a number from 1e-12 to a half."""
 
     name = "rate"
@@ -68,7 +118,7 @@ class Rate(click.FloatRange):
         return rate
 
 
-class Positive(click.types.FloatParamType):
+class _Positive(click.types.FloatParamType):
     """A finite number above zero."""
 
     def convert(
@@ -81,7 +131,7 @@ class Positive(click.types.FloatParamType):
         return number
 
 
-class Gravity(click.types.FloatParamType):
+class _Gravity(click.types.FloatParamType):
     """Gravity in m/s^2; one that is nowhere on the Earth is said."""
 
     def convert(
@@ -97,94 +147,6 @@ class Gravity(click.types.FloatParamType):
                 err=True,
             )
         return g
-
-
-def unit_option(sensor: str) -> Callable[[Command], Command]:
-    """The option that states the unit of a sensor's readings."""
-    names = list(OF_A_LOG[sensor])
-    text = f"Unit of the readings: {', '.join(names)}, or {names[0]} per raw "
-    text += "unit as a number."
-    return click.option(f"--{sensor}-unit", metavar="UNIT", help=text)
-
-
-def stated(name: str) -> bool:
-    """Whether an option of the running command was given, even as its default."""
-    source = click.get_current_context().get_parameter_source(name)
-    return source not in (None, ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP)
-
-
-def write(path: Path, text: str) -> None:
-    """Write a file that the user named."""
-    require_free(path)
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        msg = f"cannot write {path}: {error.strerror}; choose another file"
-        raise InputError(msg) from None
-
-
-def refuse_if(wrong: bool, message: str) -> None:
-    """Refuse options that contradict each other."""
-    if wrong:
-        raise InputError(message)
-
-
-log_argument = click.argument("path", metavar="LOG", type=PATH)
-rate_option = click.option("--rate", type=float, metavar="HZ", help=ROWS)
-columns_option = click.option("--columns", help=COLUMNS)
-rest_option = click.option("--rest", type=Positive(), metavar="SECONDS", help=REST)
-json_option = click.option(
-    "--json", "as_json", is_flag=True, help="Print one JSON object."
-)
-page_option = click.option(
-    "--report", "page", type=OUT, help="Write a page with figures, a single HTML file."
-)
-alpha_option = click.option(
-    "--alpha",
-    type=Rate(),
-    default=ALPHA,
-    show_default=True,
-    help="False-alarm rate of all checks together.",
-)
-
-
-GIVEN = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
-
-
-def command_again() -> str:
-    """Words of the running command: what was given, in the order of its help.
-
-    Pages are shared, so a path is shown by its name alone.
-    """
-    context = click.get_current_context()
-    words = context.command_path.split()
-    for parameter in context.command.params:
-        name = parameter.name or ""
-        if context.get_parameter_source(name) not in GIVEN:
-            continue
-        words += _words(parameter, context.params.get(name))
-    return shlex.join(words)
-
-
-def _words(parameter: click.Parameter, value: Any) -> list[str]:
-    many = value if isinstance(value, tuple | list) else [value]
-    if isinstance(parameter, click.Argument):
-        return [_shown(each) for each in many]
-    title = max(parameter.opts, key=len)
-    if getattr(parameter, "is_flag", False):
-        return [title] if value else []
-    return [word for each in many for word in (title, _shown(each))]
-
-
-def _shown(value: Any) -> str:
-    """A value as it is typed; of a path its name, wherever it is."""
-    if isinstance(value, Path):
-        return value.name
-    text = str(value)
-    return Path(text).name if "/" in text and Path(text).exists() else text
-
-
-Completer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
 def suites(
@@ -233,3 +195,99 @@ def _fitting(
 
 def _files(word: str) -> list[CompletionItem]:
     return [CompletionItem(word, type="file")]
+
+
+LogPath = Annotated[Path, dict(metavar="LOG")]
+RunName = Annotated[str, dict(shell_complete=runs)]
+OutFile = Annotated[Path, Output(dir_okay=False)]
+OutFolder = Annotated[Path, Output()]
+Positive = Annotated[float, _Positive()]
+Gravity = Annotated[float, _Gravity()]
+Rate = Annotated[
+    float | None, "Rows per second of a LOG that has no clock.", dict(metavar="HZ")
+]
+Columns = Annotated[
+    str | None,
+    "The columns of LOG in their order, as t,ax,ay,az,wx,wy,wz,mx,my,mz, with - for "
+    "one to ignore, and t[ms], t[us] or t[ns] for a clock that is not in seconds.  "
+    "[default: what the header says]",
+]
+Rest = Annotated[
+    Positive | None,
+    "State that the first SECONDS are a rest.  [default: found in the log]",
+    dict(metavar="SECONDS"),
+]
+Page = Annotated[
+    OutFile | None,
+    "Write a page with figures, a single HTML file.",
+    dict(name="--report"),
+]
+AsJson = Annotated[bool, "Print one JSON object.", dict(name="--json")]
+Alpha = Annotated[float, _FalseAlarms(), "False-alarm rate of all checks together."]
+
+
+def unit_words(sensor: str) -> str:
+    """Help of the option that states the unit of a sensor's readings."""
+    names = list(OF_A_LOG[sensor])
+    return (
+        f"Unit of the readings: {', '.join(names)}, or {names[0]} per raw unit as a "
+        "number."
+    )
+
+
+def stated(name: str) -> bool:
+    """Whether an option of the running command was given, even as its default."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source not in (None, ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP)
+
+
+def write(path: Path, text: str) -> None:
+    """Write a file that the user named."""
+    require_free(path)
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        msg = f"cannot write {path}: {error.strerror}; choose another file"
+        raise InputError(msg) from None
+
+
+def refuse_if(wrong: bool, message: str) -> None:
+    """Refuse options that contradict each other."""
+    if wrong:
+        raise InputError(message)
+
+
+GIVEN = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
+
+
+def command_again() -> str:
+    """Words of the running command: what was given, in the order of its help.
+
+    Pages are shared, so a path is shown by its name alone.
+    """
+    context = click.get_current_context()
+    words = context.command_path.split()
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if context.get_parameter_source(name) not in GIVEN:
+            continue
+        words += _words(parameter, context.params.get(name))
+    return shlex.join(words)
+
+
+def _words(parameter: click.Parameter, value: Any) -> list[str]:
+    many = value if isinstance(value, tuple | list) else [value]
+    if isinstance(parameter, click.Argument):
+        return [_shown(each) for each in many]
+    title = max(parameter.opts, key=len)
+    if getattr(parameter, "is_flag", False):
+        return [title] if value else []
+    return [word for each in many for word in (title, _shown(each))]
+
+
+def _shown(value: Any) -> str:
+    """A value as it is typed; of a path its name, wherever it is."""
+    if isinstance(value, Path):
+        return value.name
+    text = str(value)
+    return Path(text).name if "/" in text and Path(text).exists() else text

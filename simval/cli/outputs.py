@@ -37,9 +37,6 @@ class Output(click.Path):
         super().__init__(path_type=Path, dir_okay=dir_okay)
 
 
-OUT = Output()
-
-
 class Command(click.Command):
     """A command that refuses to write over what it reads."""
 

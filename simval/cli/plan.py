@@ -4,100 +4,72 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Annotated
 
 import click
 
-from simval.cli.options import PATH, Gravity, json_option, refuse_if, stated
+from simval.cli.options import AsJson, Gravity, declared, refuse_if, stated
 from simval.cli.terminal import say
 from simval.errors import InputError
-from simval.vocabulary import MODELS
+from simval.vocabulary import Model
 
 SOURCES = {
     "given": "",
     "white": ", white noise alone",
     "file": ", the Allan variance at the hold's length by --noise",
 }
-OTHERS = ("noise_std", "noise_density", "velocity_random_walk")
 
 
-@click.command(name="plan")
-@click.option(
-    "--poses",
-    default="fibonacci:20",
-    show_default=True,
-    help="Pose set: fibonacci:N, faces, edges or corners, or several joined by +.",
-)
-@click.option(
-    "--directions",
-    type=PATH,
-    help="Text file of directions to use instead of --poses: rows of x y z in sensor "
-    "axes, of any length.",
-)
-@click.option(
-    "--noise-std",
-    type=float,
-    help="Standard deviation of a pose mean on each axis: m/s^2, or raw units with "
-    "--sensor.",
-)
-@click.option(
-    "--noise-density",
-    type=float,
-    help="Noise density of a data sheet (one-sided), m/s^2 or raw units per root Hz; "
-    "needs --hold.",
-)
-@click.option(
-    "--velocity-random-walk",
-    type=float,
-    help="Velocity random walk, the Allan deviation at 1 s; needs --hold.",
-)
-@click.option(
-    "--noise",
-    "noise_file",
-    type=PATH,
-    help="Measured noise, a file made by `simval noise LOG --json`; needs --hold.",
-)
-@click.option(
-    "--hold", type=float, metavar="SECONDS", help="Time that is averaged in each pose."
-)
-@click.option(
-    "--sensor",
-    type=PATH,
-    help="JSON file of an earlier calibration, whose scales and axes are used.  "
-    "[default: an ideal sensor in m/s^2]",
-)
-@click.option(
-    "--angle-random-walk",
-    type=float,
-    help="White noise of a gyroscope, rad/s per root Hz, to plan its calibration too.",
-)
-@click.option(
-    "--move",
-    type=float,
-    metavar="SECONDS",
-    help="Time of a move between two poses, for the gyroscope.  [default: 2]",
-)
-@click.option(
-    "--g", type=Gravity(), default=9.80665, show_default=True, help="Gravity, m/s^2."
-)
-@click.option(
-    "--model",
-    type=click.Choice(MODELS),
-    default="triangular",
-    show_default=True,
-    help="Form of the matrix whose parameters are predicted.",
-)
-@json_option
+@declared("plan")
 def command(
-    poses: str,
-    directions: Path | None,
-    sensor: Path | None,
-    g: float,
-    model: str,
-    as_json: bool,
-    noise_file: Path | None,
-    angle_random_walk: float | None,
-    move: float | None,
-    **noise: float | None,
+    poses: Annotated[
+        str, "Pose set: fibonacci:N, faces, edges or corners, or several joined by +."
+    ] = "fibonacci:20",
+    directions: Annotated[
+        Path | None,
+        "Text file of directions to use instead of --poses: rows of x y z in sensor "
+        "axes, of any length.",
+    ] = None,
+    noise_std: Annotated[
+        float | None,
+        "Standard deviation of a pose mean on each axis: m/s^2, or raw units with "
+        "--sensor.",
+    ] = None,
+    noise_density: Annotated[
+        float | None,
+        "Noise density of a data sheet (one-sided), m/s^2 or raw units per root Hz; "
+        "needs --hold.",
+    ] = None,
+    velocity_random_walk: Annotated[
+        float | None, "Velocity random walk, the Allan deviation at 1 s; needs --hold."
+    ] = None,
+    noise_file: Annotated[
+        Path | None,
+        "Measured noise, a file made by `simval noise LOG --json`; needs --hold.",
+        dict(name="--noise"),
+    ] = None,
+    hold: Annotated[
+        float | None, "Time that is averaged in each pose.", dict(metavar="SECONDS")
+    ] = None,
+    sensor: Annotated[
+        Path | None,
+        "JSON file of an earlier calibration, whose scales and axes are used.  "
+        "[default: an ideal sensor in m/s^2]",
+    ] = None,
+    angle_random_walk: Annotated[
+        float | None,
+        "White noise of a gyroscope, rad/s per root Hz, to plan its calibration too.",
+    ] = None,
+    move: Annotated[
+        float | None,
+        "Time of a move between two poses, for the gyroscope.  [default: 2]",
+        dict(metavar="SECONDS"),
+    ] = None,
+    g: Annotated[Gravity, "Gravity, m/s^2."] = 9.80665,
+    model: Annotated[
+        Model, "Form of the matrix whose parameters are predicted."
+    ] = "triangular",
+    as_json: AsJson = False,
 ) -> None:
     """Predict the error bars of a calibration before any data is taken.
 
@@ -120,7 +92,7 @@ def command(
     )
 
     refuse_if(
-        angle_random_walk is not None and noise["hold"] is None,
+        angle_random_walk is not None and hold is None,
         "`--angle-random-walk` needs `--hold`, the time of a rest, and the "
         "accelerometer's noise density or random walk",
     )
@@ -140,18 +112,19 @@ def command(
         )
 
         known = load_calibration(sensor).sensor()
+    given = noise_std, noise_density, velocity_random_walk
     refuse_if(
-        noise_file is not None and any(noise[x] is not None for x in OTHERS),
+        noise_file is not None and any(each is not None for each in given),
         "`--noise` is a measured noise model; leave out the other noises",
     )
     if noise_file is None:
-        std = noise_of(**noise)
+        std = noise_of(noise_std, noise_density, velocity_random_walk, hold)
     else:
         from simval.imu.multiposition.noise import planned_noise
 
-        std = planned_noise(noise_file, noise["hold"], known)
+        std = planned_noise(noise_file, hold, known)
     result = plan(chosen, std, sensor=known, g=g, form=model)
-    source = "given" if noise["noise_std"] is not None else "white"
+    source = "given" if noise_std is not None else "white"
     source = source if noise_file is None else "file"
     turned = None
     if angle_random_walk is not None:
@@ -160,7 +133,7 @@ def command(
             pose_std=result.noise_std,
             angle_random_walk=angle_random_walk,
             move_seconds=2.0 if move is None else move,
-            rest_seconds=noise["hold"] or 0.0,
+            rest_seconds=hold or 0.0,
             g=g,
             form=model,
         )

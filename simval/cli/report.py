@@ -5,75 +5,63 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from simval.cli.options import PATH, alpha_option, refuse_if, runs
-from simval.cli.outputs import OUT, Command, beside_store, require_free
+from simval.cli.options import (
+    Alpha,
+    OutFile,
+    OutFolder,
+    RunName,
+    declared,
+    refuse_if,
+)
+from simval.cli.outputs import beside_store, require_free
 from simval.errors import InputError
-from simval.vocabulary import BASELINE
+from simval.vocabulary import ALPHA, BASELINE
 
 if TYPE_CHECKING:
     from simval.report.panels import Drawing
     from simval.sweep import Run
 
 
-@click.command(name="report", cls=Command)
-@click.argument("run", shell_complete=runs)
-@click.option(
-    "--out", type=OUT, help="Page to write.  [default: report.html in the run folder]"
-)
-@click.option(
-    "--figures",
-    "pictures",
-    type=OUT,
-    help="Write each figure to this folder too, as SVG and PNG.",
-)
-@click.option(
-    "--only",
-    "names",
-    multiple=True,
-    metavar="NAME",
-    help="With --figures, write only this figure; may be repeated.",
-)
-@click.option(
-    "--tables",
-    "lists",
-    type=OUT,
-    help="Write each table, with all its rows, to this folder as CSV.",
-)
-@click.option(
-    "--baseline",
-    type=PATH,
-    is_flag=False,
-    flag_value=str(BASELINE),
-    metavar="[FILE]",
-    help="Say on the page what changed since this baseline; put the option after RUN.  "
-    f"[default file: {BASELINE}]",
-)
-@click.option(
-    "--against",
-    metavar="RUN",
-    help="Say on the page what changed since this other run.",
-)
-@click.option(
-    "--open",
-    "opened",
-    is_flag=True,
-    help="Write the page with every fold open, to print.",
-)
-@alpha_option
+@declared("report")
 def command(
-    run: str,
-    out: Path | None,
-    pictures: Path | None,
-    names: tuple[str, ...],
-    lists: Path | None,
-    baseline: Path | None,
-    against: str | None,
-    opened: bool,
-    alpha: float,
+    run: RunName,
+    out: Annotated[
+        OutFile | None, "Page to write.  [default: report.html in the run folder]"
+    ] = None,
+    pictures: Annotated[
+        OutFolder | None,
+        "Write each figure to this folder too, as SVG and PNG.",
+        dict(name="--figures"),
+    ] = None,
+    names: Annotated[
+        tuple[str, ...],
+        "With --figures, write only this figure; may be repeated.",
+        dict(name="--only", metavar="NAME"),
+    ] = (),
+    lists: Annotated[
+        OutFolder | None,
+        "Write each table, with all its rows, to this folder as CSV.",
+        dict(name="--tables"),
+    ] = None,
+    baseline: Annotated[
+        Path | None,
+        "Say on the page what changed since this baseline; put the option after RUN.  "
+        f"[default file: {BASELINE}]",
+        dict(is_flag=False, flag_value=str(BASELINE), metavar="[FILE]"),
+    ] = None,
+    against: Annotated[
+        str | None,
+        "Say on the page what changed since this other run.",
+        dict(metavar="RUN"),
+    ] = None,
+    opened: Annotated[
+        bool, "Write the page with every fold open, to print.", dict(name="--open")
+    ] = False,
+    alpha: Alpha = ALPHA,
 ) -> int:
     """Write RUN (a folder, or `latest`) as one self-contained HTML file.
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import click
 
-from simval.cli.options import runs, suites
+from simval.cli.options import declared, runs, suites
 from simval.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,33 +30,26 @@ HEADS: Final = (
 )
 
 
-@click.command(name="repro")
-@click.argument("cell")
-@click.option(
-    "--run",
-    "folder",
-    shell_complete=runs,
-    default="latest",
-    show_default=True,
-    help="Run to search and to compare with.",
-)
-@click.option(
-    "--suite",
-    shell_complete=suites,
-    metavar="SUITE",
-    help="Suite to search if the run does not have the cell.  [default: the built-in "
-    "ones]",
-)
-@click.option(
-    "--plugin",
-    "plugins",
-    multiple=True,
-    metavar="PLUGIN",
-    help="Where the cell's plug-in is now, if it was moved; may be repeated.",
-)
-@click.option("--exact", is_flag=True, help="Print all digits.")
+@declared("repro")
 def command(
-    cell: str, folder: str, suite: str | None, plugins: tuple[str, ...], exact: bool
+    cell: str,
+    folder: Annotated[
+        str,
+        "Run to search and to compare with.",
+        dict(name="--run", shell_complete=runs),
+    ] = "latest",
+    suite: Annotated[
+        str | None,
+        "Suite to search if the run does not have the cell.  [default: the built-in "
+        "ones]",
+        dict(shell_complete=suites, metavar="SUITE"),
+    ] = None,
+    plugins: Annotated[
+        tuple[str, ...],
+        "Where the cell's plug-in is now, if it was moved; may be repeated.",
+        dict(name="--plugin", metavar="PLUGIN"),
+    ] = (),
+    exact: Annotated[bool, "Print all digits."] = False,
 ) -> int:
     """Compute one CELL again, by its name in a table or a report.
 

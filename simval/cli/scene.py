@@ -5,12 +5,19 @@ from __future__ import annotations
 import ast
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from simval.cli.options import PATH, Whole, json_option, refuse_if, scenes, stated
-from simval.cli.outputs import OUT, Command
+from simval.cli.options import (
+    AsJson,
+    OutFile,
+    Whole,
+    declared,
+    refuse_if,
+    scenes,
+    stated,
+)
 from simval.cli.terminal import say
 from simval.errors import InputError
 from simval.text import did_you_mean
@@ -22,59 +29,36 @@ if TYPE_CHECKING:
 COMMON = ("site_offset", "timestep", "integrator")
 
 
-@click.command(name="scene", cls=Command)
-@click.argument("name", default="gimbal", shell_complete=scenes)
-@click.option(
-    "--sensor",
-    type=PATH,
-    help="TOML or JSON file that describes the accelerometer (T, K, B, noise and other "
-    "effects), and in tables the gyroscope, magnetometer and clock.  [default: ideal "
-    "sensors]",
-)
-@click.option("--out", type=OUT, help="Write the log to this CSV file.")
-@click.option(
-    "--every",
-    type=Whole(min=1),
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Keep each N-th row of the log; its rates are averages over the N steps.",
-)
-@click.option(
-    "--render",
-    "picture",
-    type=OUT,
-    help="Write a picture (.png) or an animation (.gif, .mp4).",
-)
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Set a parameter of the scene, or site_offset, timestep or integrator; may be "
-    "repeated.",
-)
-@click.option(
-    "--seed", type=Whole(min=0), default=0, show_default=True, help="Seed of the noise."
-)
-@click.option(
-    "--seconds",
-    type=float,
-    default=8.0,
-    show_default=True,
-    help="Length of the animation, s.",
-)
-@json_option
+@declared("scene")
 def command(
-    name: str,
-    sensor: Path | None,
-    out: Path | None,
-    every: int,
-    picture: Path | None,
-    settings: tuple[str, ...],
-    seed: int,
-    seconds: float,
-    as_json: bool,
+    name: Annotated[str, dict(shell_complete=scenes)] = "gimbal",
+    sensor: Annotated[
+        Path | None,
+        "TOML or JSON file that describes the accelerometer (T, K, B, noise and other "
+        "effects), and in tables the gyroscope, magnetometer and clock.  "
+        "[default: ideal sensors]",
+    ] = None,
+    out: Annotated[OutFile | None, "Write the log to this CSV file."] = None,
+    every: Annotated[
+        int,
+        Whole(min=1),
+        "Keep each N-th row of the log; its rates are averages over the N steps.",
+        dict(metavar="N"),
+    ] = 1,
+    picture: Annotated[
+        OutFile | None,
+        "Write a picture (.png) or an animation (.gif, .mp4).",
+        dict(name="--render"),
+    ] = None,
+    settings: Annotated[
+        tuple[str, ...],
+        "Set a parameter of the scene, or site_offset, timestep or integrator; may be "
+        "repeated.",
+        dict(name="--set", metavar="KEY=VALUE"),
+    ] = (),
+    seed: Annotated[int, Whole(min=0), "Seed of the noise."] = 0,
+    seconds: Annotated[float, "Length of the animation, s."] = 8.0,
+    as_json: AsJson = False,
 ) -> None:
     """Simulate the scene NAME and write its readings, or a picture of it.
 

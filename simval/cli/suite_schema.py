@@ -6,8 +6,10 @@ import json
 
 import click
 
+from simval.cli.options import declared
 
-@click.command(name="suite-schema")
+
+@declared("suite-schema")
 def command() -> int:
     """Print the JSON Schema of suite files, for editors and other programs."""
     from simval.sweep.suite import suite_schema

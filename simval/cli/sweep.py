@@ -7,12 +7,19 @@ import shlex
 from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from simval.cli.options import Whole, refuse_if, stated, studies, suites
-from simval.cli.outputs import OUT, Command
+from simval.cli.options import (
+    OutFolder,
+    Whole,
+    declared,
+    refuse_if,
+    stated,
+    studies,
+    suites,
+)
 from simval.errors import LostClusterError
 
 if TYPE_CHECKING:
@@ -26,79 +33,55 @@ SHOWN = 20
 """Failed cells named one by one; the others are counted."""
 
 
-@click.command(name="sweep", cls=Command)
-@click.argument("suite", default="accuracy", shell_complete=suites)
-@click.option(
-    "--out",
-    type=OUT,
-    help="Folder of the run, new or empty.  [default: one under reports/runs]",
-)
-@click.option(
-    "--workers",
-    type=Whole(min=1),
-    default=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1,
-    show_default="all processors",
-    help="Number of processes that compute cells.",
-)
-@click.option("--seed", type=Whole(min=0), help="Seed to use instead of the suite's.")
-@click.option(
-    "--set",
-    "overrides",
-    multiple=True,
-    shell_complete=studies,
-    metavar="STUDY.KEY=V1[,V2...]",
-    help="Replace a value of the suite by one or several; may be repeated.",
-)
-@click.option(
-    "--scheduler",
-    metavar="ADDRESS",
-    help="Compute on the dask.distributed cluster at this address (extra `cluster`).",
-)
-@click.option(
-    "--wait",
-    type=click.FloatRange(min=0.0),
-    default=60.0,
-    metavar="SECONDS",
-    show_default=True,
-    help="Wait so long for a worker of the scheduler while there is none.",
-)
-@click.option(
-    "--mixed-kernels",
-    is_flag=True,
-    help="Let workers compute whose processor kernels, linear algebra or C library are "
-    "not this machine's: the last bits then depend on which did.",
-)
-@click.option(
-    "--plugin",
-    "plugins",
-    multiple=True,
-    metavar="PLUGIN",
-    help="Measure this algorithm or scene too, beside built-in ones: FILE.py, "
-    "FILE.py:NAME, the name of an installed plug-in, or 'command: PROGRAM {poses}'; "
-    "may be repeated.",
-)
-@click.option(
-    "--resume", is_flag=True, help="Continue an interrupted run in the folder --out."
-)
-@click.option(
-    "--dry-run",
-    is_flag=True,
-    help="List the cells with their estimated times, and stop.",
-)
-@click.option("--quiet", is_flag=True, help="Print only the folder of the run.")
+@declared("sweep")
 def command(
-    suite: str,
-    out: Path | None,
-    workers: int,
-    scheduler: str | None,
-    seed: int | None,
-    overrides: tuple[str, ...],
-    plugins: tuple[str, ...],
-    resume: bool,
-    dry_run: bool,
-    quiet: bool,
-    wait: float,
-    mixed_kernels: bool,
+    suite: Annotated[str, dict(shell_complete=suites)] = "accuracy",
+    out: Annotated[
+        OutFolder | None,
+        "Folder of the run, new or empty.  [default: one under reports/runs]",
+    ] = None,
+    workers: Annotated[
+        int,
+        Whole(min=1),
+        "Number of processes that compute cells.",
+        dict(show_default="all processors"),
+    ] = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1,
+    seed: Annotated[
+        int | None, Whole(min=0), "Seed to use instead of the suite's."
+    ] = None,
+    overrides: Annotated[
+        tuple[str, ...],
+        "Replace a value of the suite by one or several; may be repeated.",
+        dict(name="--set", shell_complete=studies, metavar="STUDY.KEY=V1[,V2...]"),
+    ] = (),
+    scheduler: Annotated[
+        str | None,
+        "Compute on the dask.distributed cluster at this address (extra `cluster`).",
+        dict(metavar="ADDRESS"),
+    ] = None,
+    wait: Annotated[
+        float,
+        click.FloatRange(min=0.0),
+        "Wait so long for a worker of the scheduler while there is none.",
+        dict(metavar="SECONDS"),
+    ] = 60.0,
+    mixed_kernels: Annotated[
+        bool,
+        "Let workers compute whose processor kernels, linear algebra or C library are "
+        "not this machine's: the last bits then depend on which did.",
+    ] = False,
+    plugins: Annotated[
+        tuple[str, ...],
+        "Measure this algorithm or scene too, beside built-in ones: FILE.py, "
+        "FILE.py:NAME, the name of an installed plug-in, or "
+        "'command: PROGRAM {poses}'; may be repeated.",
+        dict(name="--plugin", metavar="PLUGIN"),
+    ] = (),
+    resume: Annotated[bool, "Continue an interrupted run in the folder --out."] = False,
+    dry_run: Annotated[
+        bool, "List the cells with their estimated times, and stop."
+    ] = False,
+    quiet: Annotated[bool, "Print only the folder of the run."] = False,
 ) -> int:
     """Run SUITE: smoke, accuracy, filters, full, or the path of a TOML file.
 

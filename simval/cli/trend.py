@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from simval.cli.options import PATH, alpha_option, write
-from simval.cli.outputs import OUT, Command
+from simval.cli.options import Alpha, OutFile, declared, write
 from simval.cli.terminal import tell
 from simval.text import one_line
+from simval.vocabulary import ALPHA
 
 if TYPE_CHECKING:
     from rich.table import Table as Printed
@@ -20,30 +20,23 @@ if TYPE_CHECKING:
     from simval.report.table import Table
 
 
-@click.command(name="trend", cls=Command)
-@click.argument("folder", type=PATH)
-@click.option(
-    "--all",
-    "every",
-    is_flag=True,
-    help="Print every value that has a step, not only the kinds.",
-)
-@click.option(
-    "--csv",
-    "csv_file",
-    type=OUT,
-    help="Write every value of every run to this CSV file.",
-)
-@click.option(
-    "--json", "json_file", type=OUT, help="Write the steps to this JSON file."
-)
-@alpha_option
+@declared("trend")
 def command(
     folder: Path,
-    every: bool,
-    csv_file: Path | None,
-    json_file: Path | None,
-    alpha: float,
+    every: Annotated[
+        bool,
+        "Print every value that has a step, not only the kinds.",
+        dict(name="--all"),
+    ] = False,
+    csv_file: Annotated[
+        OutFile | None,
+        "Write every value of every run to this CSV file.",
+        dict(name="--csv"),
+    ] = None,
+    json_file: Annotated[
+        OutFile | None, "Write the steps to this JSON file.", dict(name="--json")
+    ] = None,
+    alpha: Alpha = ALPHA,
 ) -> int:
     """Show what became better or worse over the runs in FOLDER, and since which commit.
 
