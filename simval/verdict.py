@@ -66,6 +66,7 @@ __all__ = [
     "judge",
     "overall",
     "p_values",
+    "worst",
 ]
 
 Answer = Literal["pass", "fail", "inconclusive"]
@@ -160,6 +161,23 @@ class Verdict:
         if row.prediction is None or not row.standard_error > 0.0:
             return float("nan")
         return (row.value - row.prediction) / row.standard_error
+
+
+def worst(answers: Iterable[Answer]) -> Answer:
+    """The worst of some answers; of none a pass.
+
+    Parameters
+    ----------
+    answers : iterable of Answer
+        The answers.
+
+    Returns
+    -------
+    Answer
+        The first of `WORST_FIRST` among them.
+    """
+    found = set(answers)
+    return next((answer for answer in WORST_FIRST if answer in found), "pass")
 
 
 def overall(verdicts: Iterable[Verdict]) -> Answer:

@@ -309,7 +309,7 @@ def test_points_that_are_pixels_have_no_discs(count, found):
     text = svg(drawing)
     assert text.count("<circle") == found
     # and its caption says so
-    page = str(made("plain", "", [drawing]).body)
+    page = str(made([drawing]).body)
     assert ("drawn as pixels" in page) == (not found)
     assert ("data-key=" in text) == bool(found)  # nor can they be switched off
 

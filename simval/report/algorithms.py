@@ -7,8 +7,8 @@ algorithms is then the same whichever is named first, and no setting that is har
 all of them stands for the rest.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,21 +28,28 @@ from simval.judge.algorithms import (
     size_row,
 )
 from simval.plugins.loading import BESIDE, BUILTIN
-from simval.report.answers import LEAST_DEGREES, Line, angle, rounded
-from simval.report.answers import called as named
+from simval.report.answers import Line
 from simval.report.any_study import numbers
-from simval.report.curves import MAX_GROUPS, grouped, note, simultaneous
+from simval.report.curves import MAX_GROUPS, along_axis, grouped, simultaneous, upright
 from simval.report.curves import Measured as Said
-from simval.report.panels import COLOURS, MARKERS, DotPanel, Drawing, HeatPanel, Series
+from simval.report.panels import DotPanel, Drawing, HeatPanel
 from simval.report.section import Context, Section, made
-from simval.report.table import Column, Kind, Table
-from simval.report.words import measured, setting_words
-from simval.results import CellName, Row
+from simval.report.table import Column, Kind, Table, tabulated
+from simval.report.words import (
+    LEAST_DEGREES,
+    angle,
+    begun,
+    measured,
+    rounded,
+    setting_words,
+    spelled,
+)
+from simval.results import CellName
 from simval.studies.filter import REFERENCE
 from simval.sweep import Run
 from simval.sweep.run import CellResult
 from simval.units import DEGREE, MILLIRADIAN, PPM, Unit, of_row
-from simval.verdict import ENDINGS, WORST_FIRST, Answer, Verdict
+from simval.verdict import ENDINGS, WORST_FIRST, Verdict
 
 # ---- contest
 
@@ -51,60 +58,75 @@ from simval.verdict import ENDINGS, WORST_FIRST, Answer, Verdict
 class Contest:
     """Algorithms that were measured in the same settings."""
 
+    study: str
     algorithms: tuple[str, ...]  # in the order of the suite
     # what varies but for the algorithm, its seed and its effort, in words
     settings: tuple[str, ...]
     # of an algorithm in a setting, one for each seed; some may have no result
     cells: Mapping[tuple[str, str], tuple[CellResult, ...]]
+    # RMS error over the bound, by algorithm, in the settings in which it has a result
+    accuracy: Mapping[str, Mapping[str, Measured]]
+    # greatest share of exact cases of a class that fail, by algorithm
+    failures: Mapping[str, Mapping[str, Share]]
 
-    def of(self, algorithm: str) -> tuple[CellResult, ...]:
+    def of(self, algorithm: str) -> list[CellResult]:
         """Cells of an algorithm."""
         found = (self.cells.get((algorithm, setting), ()) for setting in self.settings)
-        return tuple(cell for cells in found for cell in cells)
+        return [cell for cells in found for cell in cells]
 
-    def measured(
-        self, algorithm: str, setting: str, measure: Callable[..., Measured | None]
-    ) -> Measured | None:
-        """Mean over the seeds of what is measured of an algorithm in a setting."""
-        found = [measure(cell) for cell in self.cells.get((algorithm, setting), ())]
-        values = [each for each in found if each is not None]
-        if not values:
-            return None
-        value, error = np.array(values).T
-        return Measured(float(value.mean()), float(np.hypot.reduce(error)) / len(value))
-
-    def failures(self, algorithm: str) -> Mapping[str, Share]:
-        """Greatest share of failures by class; no noise is in them."""
-        worst: dict[str, Share] = {}
-        for cell in self.of(algorithm):
-            for name, share in failures(cell).items():
-                if name not in worst or share.value > worst[name].value:
-                    worst[name] = share
-        return worst
+    def mean(
+        self, algorithm: str, settings: Collection[str] | None = None
+    ) -> tuple[Measured | None, list[str]]:
+        """Geometric mean of its accuracy, and the settings that it is over."""
+        own = self.accuracy[algorithm]
+        shared = [s for s in own if settings is None or s in settings]
+        if not shared:
+            return None, []
+        value, error = np.array([own[s] for s in shared]).T
+        whole = float(np.exp(np.mean(np.log(value))))
+        spread = whole * float(np.hypot.reduce(error / value)) / len(shared)
+        return Measured(whole, spread), shared
 
 
 def contest_of(cells: Sequence[CellResult]) -> Contest:
     """Sort the cells of one study by algorithm and setting."""
     names = tuple(dict.fromkeys(map(algorithm_of, cells)))
     found: dict[tuple[str, str], tuple[CellResult, ...]] = {}
+    accuracy: dict[str, dict[str, Measured]] = {name: {} for name in names}
     settings: dict[str, None] = {}
     for label, members in grouped(cells, "algorithm").items():
         setting = label or _only(members[0])
         settings[setting] = None
         for name in names:
             own = tuple(c for c in members if algorithm_of(c) == name)
+            sizes = [size for cell in own if (size := over_bound(cell)) is not None]
             if own:
                 found[name, setting] = own
-    return Contest(algorithms=names, settings=tuple(settings), cells=found)
+            if sizes:  # the mean over the seeds
+                value, error = np.array(sizes).T
+                spread = float(np.hypot.reduce(error)) / len(sizes)
+                accuracy[name][setting] = Measured(float(value.mean()), spread)
+    worst: dict[str, dict[str, Share]] = {name: {} for name in names}
+    for cell in cells:
+        shares = worst[algorithm_of(cell)]
+        for kind, share in failures(cell).items():
+            if kind not in shares or share.value > shares[kind].value:
+                shares[kind] = share
+    return Contest(
+        study=cells[0].study,
+        algorithms=names,
+        settings=tuple(settings),
+        cells=found,
+        accuracy=accuracy,
+        failures=worst,
+    )
 
 
 def _only(cell: CellResult) -> str:
+    """The one setting in words: its noise, or its scenario."""
     noise = cell.parameters.get("noise_std")
-    known = isinstance(noise, float)
-    return setting_words(cell.study, "noise_std", noise) if known else _scenario(cell)
-
-
-def _scenario(cell: CellResult) -> str:
+    if isinstance(noise, float):
+        return setting_words(cell.study, "noise_std", noise)
     return str(cell.parameters.get("scenario") or "all")
 
 
@@ -132,55 +154,58 @@ Times = Mapping[str, Mapping[str, float]]
 """What was timed, by the name of the cell."""
 
 
-def side_by_side(
-    study: str, contest: Contest, verdicts: Sequence[Verdict], times: Times
-) -> Table:
+def side_by_side(contest: Contest, verdicts: Sequence[Verdict], times: Times) -> Table:
     """A row for each algorithm."""
-    settings = contest.settings[:MAX_SETTINGS]
+    study, many = contest.study, len(contest.settings)
     reference = next((own[0] for f, own in BESIDE.items() if f.startswith(study)), "")
-    many = len(contest.settings)
     shown = (
         f"{MAX_SETTINGS} of {many} settings" if many > MAX_SETTINGS else "each setting"
     )
-    with_failures = any(contest.failures(name) for name in contest.algorithms)
-    rows = []
-    for name in contest.algorithms:
-        cells = contest.of(name)
-        biases = [bias_over_bound(cell) for cell in cells]
-        fails = (told(contest.failures(name)),) if with_failures else ()
-        rows.append(
-            (
-                name,
-                answer_of(cells, verdicts),
-                *(contest.measured(name, setting, over_bound) for setting in settings),
-                max((b for b in biases if b is not None), default=None),
-                _worst_honesty(cells),
-                *_time(cells, times),
-                *fails,
-            )
-        )
-    return Table(
+
+    def timed(name: str, what: str) -> float | None:
+        """Median over the cells of an algorithm."""
+        found = [times[c.name][what] for c in contest.of(name) if c.name in times]
+        return float(np.median(found)) if found else None
+
+    def milliseconds(name: str) -> float | None:
+        seconds = timed(name, "seconds")
+        return None if seconds is None else 1e3 * seconds
+
+    def worst(name: str, measure: Any, far: Any) -> Any:
+        found = [measure(cell) for cell in contest.of(name)]
+        return max((x for x in found if x is not None), key=far, default=None)
+
+    fields: dict[Column, Any] = {
+        Column("algorithm", "code"): str,
+        Column("checks", "answer"): lambda n: answer_of(contest.of(n), verdicts),
+        **{
+            Column(setting, "measured"): lambda n, s=setting: contest.accuracy[n].get(s)
+            for setting in contest.settings[:MAX_SETTINGS]
+        },
+        Column("bias", "number", 2, shown="bias / bound"): lambda n: worst(
+            n, bias_over_bound, float
+        ),
+        Column("NEES", "measured", shown="NEES / mean"): lambda n: worst(
+            n, honesty, lambda ratio: abs(ratio.value - 1.0)
+        ),
+        Column("call, ms", "number", 3): milliseconds,
+        Column("× built-in", "number", 3): lambda n: timed(n, "ratio"),
+    }
+    if any(contest.failures.values()):
+        fields[Column("fails at")] = lambda n: fails_at(contest.failures[n])
+    return tabulated(
+        contest.algorithms,
+        fields,
         name=f"{study}-algorithms",
         caption=(
             f"RMS error over the bound in {shown}; then, over all of them: greatest "
             "bias over the bound, worst NEES over its mean, time of a call, the same "
             f"over that of {reference}, where it fails"
         ),
-        columns=(
-            Column("algorithm", "code"),
-            Column("checks", "answer"),
-            *(Column(setting, "measured") for setting in settings),
-            Column("bias", "number", 2, shown="bias / bound"),
-            Column("NEES", "measured", shown="NEES / mean"),
-            Column("call, ms", "number", 3),
-            Column("× built-in", "number", 3),
-            *((Column("fails at"),) if with_failures else ()),
-        ),
-        rows=rows,
     )
 
 
-def told(shares: Mapping[str, Share]) -> str:
+def fails_at(shares: Mapping[str, Share]) -> str:
     """Name the class in which most cases fail, and count the others."""
     if not shares:
         return ""
@@ -193,65 +218,53 @@ def told(shares: Mapping[str, Share]) -> str:
     return f"{name} {100.0 * worst:.3g} %{declared}{more}".replace(" ", SPACE)
 
 
-def _worst_honesty(cells: Sequence[CellResult]) -> tuple[float, float] | None:
-    found = [each for cell in cells if (each := honesty(cell)) is not None]
-    return max(found, key=lambda each: abs(each.value - 1.0), default=None)
-
-
-def _time(cells: Sequence[CellResult], times: Times) -> tuple[Any, Any]:
-    """Milliseconds of a call and how many times the reference's, medians over cells."""
-    found = [times[cell.name] for cell in cells if cell.name in times]
-    if not found:
-        return None, None
-    return (
-        1e3 * float(np.median([each["seconds"] for each in found])),
-        float(np.median([each["ratio"] for each in found])),
-    )
-
-
-def by_cell(study: str, contest: Contest) -> Table:
+def by_cell(contest: Contest) -> Table:
     """A row for each cell that has a result."""
-    rows: list[tuple[Any, ...]] = []
-    whole = next((r for c in contest.cells.values() if (r := size_row(c[0]))), None)
-    for setting in contest.settings:
-        for name in contest.algorithms:
-            for cell in contest.cells.get((name, setting), ()):
-                if not cell.rows:
-                    continue
-                rows.append((algorithm_of(cell), setting, *_sizes(cell, whole)))
-    return Table(
-        name=f"{study}-cells",
-        caption=f"Each {study} in each setting",
-        columns=(
-            Column("algorithm", "code"),
-            Column("setting"),
-            *(
-                (
-                    _sized("RMS error", "measured", whole),
-                    _sized("bound", "number", whole),
-                )
-                if whole is not None
-                else (
-                    _in_unit("RMS of T", "1", MILLIRADIAN, "measured"),
-                    _in_unit("RMS of K", "1", PPM, "measured"),
-                    Column("RMS of B, raw", "measured"),
-                )
-            ),
-            Column("over the bound", "measured"),
-            Column("bias over the bound", "number", 3),
-            Column("NEES over its mean", "measured"),
-            Column("seed", "number", 12),
-        ),
-        rows=rows,
+    settings = {
+        cell.name: setting
+        for setting in contest.settings
+        for name in contest.algorithms
+        for cell in contest.cells.get((name, setting), ())
+        if cell.rows
+    }
+    cells = {
+        cell.name: cell for name in contest.algorithms for cell in contest.of(name)
+    }
+    whole = next(filter(None, map(size_row, cells.values())), None)
+    sizes: dict[Column, Any] = {
+        _in_unit("RMS of T", "1", MILLIRADIAN, "measured"): lambda c: group_rms(c, "S"),
+        _in_unit("RMS of K", "1", PPM, "measured"): lambda c: group_rms(c, "K"),
+        Column("RMS of B, raw", "measured"): lambda c: group_rms(c, "B"),
+    }
+    if whole is not None:  # in the unit that a person reads
+        unit = of_row(whole.unit)
+        if whole.unit == "rad":
+            unit = MILLIRADIAN if whole.value < LEAST_DEGREES else DEGREES
+        sizes = {
+            _in_unit("RMS error", whole.unit, unit, "measured"): lambda c: _whole(c)[0],
+            _in_unit("bound", whole.unit, unit, "number"): lambda c: _whole(c)[1],
+        }
+    return tabulated(
+        [cells[name] for name in settings],
+        {
+            Column("algorithm", "code"): algorithm_of,
+            Column("setting"): lambda c: settings[c.name],
+            **sizes,
+            Column("over the bound", "measured"): over_bound,
+            Column("bias over the bound", "number", 3): bias_over_bound,
+            Column("NEES over its mean", "measured"): honesty,
+            Column("seed", "number", 12): lambda c: c.seed,
+        },
+        name=f"{contest.study}-cells",
+        caption=f"Each {contest.study} in each setting",
         shown=MAX_CELLS,
     )
 
 
-def _sized(title: str, kind: Kind, row: Row) -> Column:
-    """A column of sizes like that of a row, in the unit that a person reads."""
-    small = row.unit == "rad" and row.value < LEAST_DEGREES
-    degrees = DEGREES if row.unit == "rad" else of_row(row.unit)
-    return _in_unit(title, row.unit, MILLIRADIAN if small else degrees, kind)
+def _whole(cell: CellResult) -> tuple[Any, Any]:
+    """Size of the whole error, and its bound."""
+    row = size_row(cell)
+    return ((row.value, row.standard_error), row.prediction) if row else (None, None)
 
 
 def _in_unit(title: str, unit: str, shown: Unit, kind: Kind) -> Column:
@@ -260,60 +273,44 @@ def _in_unit(title: str, unit: str, shown: Unit, kind: Kind) -> Column:
     )
 
 
-def _sizes(cell: CellResult, whole: Row | None) -> tuple[Any, ...]:
-    size: list[Any]
-    if whole is None:
-        size = [group_rms(cell, letter) for letter in "SKB"]
-    elif (row := size_row(cell)) is not None:
-        size = [(row.value, row.standard_error), row.prediction]
-    else:
-        size = [None, None]
-    return (*size, over_bound(cell), bias_over_bound(cell), honesty(cell), cell.seed)
-
-
 # ---- figures
 
 MAX_ROWS = 60
 """Algorithms drawn, each a row of the figure; the table has all."""
 
 
-def dots(name: str, who: str, contest: Contest) -> Drawing | None:
+def dots(who: str, contest: Contest) -> Drawing | None:
     """RMS error over the bound of each algorithm in each setting, with bands."""
     drawn, settings = contest.algorithms[:MAX_ROWS], contest.settings[:MAX_GROUPS]
     short = called(contest.algorithms)
     found = [
-        (i, place, measured)
-        for i, setting in enumerate(settings)
-        for place, algorithm in enumerate(drawn)
-        if (measured := contest.measured(algorithm, setting, over_bound)) is not None
+        along_axis(setting if len(settings) > 1 else "", points)
+        for setting in settings
+        if (
+            points := [  # each with the first of its cells
+                (
+                    place,
+                    contest.cells[name, setting][0],
+                    Said(*size, np.nan, unit=BOUND),
+                )
+                for place, name in enumerate(drawn)
+                if (size := contest.accuracy[name].get(setting)) is not None
+            ]
+        )
     ]
     if not found:
         return None
-    z = simultaneous(sum(measured.error > 0.0 for _, _, measured in found))
-    series = []
-    for i, setting in enumerate(settings):
-        own = [(place, *measured) for k, place, measured in found if k == i]
-        notes = [
-            _note(contest, drawn[place], setting, measured)
-            for k, place, measured in found
-            if k == i
-        ]
-        if own:
-            place, value, error = np.array(own, dtype=float).T
-            series.append(
-                Series(
-                    label=setting if len(settings) > 1 else "",
-                    x=value,
-                    y=place,
-                    band=np.where(error > 0.0, z * error, np.nan),
-                    colour=COLOURS[i % len(COLOURS)],
-                    marker=MARKERS[i % len(MARKERS)],
-                    notes=notes,
-                )
-            )
+    z = simultaneous(sum(int(np.sum(c.error > 0.0)) for c in found))
+    series = [
+        replace(
+            upright(c.points(z, i)),
+            band=np.where(c.error > 0.0, z * c.error, np.nan),
+        )
+        for i, c in enumerate(found)
+    ]
     alone = f" ({settings[0]})" if len(settings) == 1 else ""
     return Drawing(
-        name=f"{name}-accuracy",
+        name=f"{contest.study}-accuracy",
         asked="How near to the bound is each?",
         finding=_ranked(contest, short),
         caption=(
@@ -331,7 +328,7 @@ def dots(name: str, who: str, contest: Contest) -> Drawing | None:
                 title=f"accuracy of {who}",
                 x_label="RMS error / Cramér-Rao bound (dashed: the bound)",
                 names=[short[name] for name in drawn],
-                series=tuple(series),
+                series=series,
                 reference=(1.0, "the bound"),
             )
         ],
@@ -340,76 +337,54 @@ def dots(name: str, who: str, contest: Contest) -> Drawing | None:
     )
 
 
-def _note(contest: Contest, algorithm: str, setting: str, found: Measured) -> str:
-    """What the page says of a dot: its ratio, and the first cell that it is of."""
-    cell = contest.cells[algorithm, setting][0]
-    return note(cell, Said(*found, prediction=np.nan, unit=BOUND))
-
-
 def _ranked(contest: Contest, short: Mapping[str, str]) -> str:
     """The best and the worst, by the mean over settings in which all have a result."""
-    own = {
-        name: {s for s in contest.settings if contest.measured(name, s, over_bound)}
-        for name in short
-    }
-    seen = [name for name in short if own[name]]
-    shared = [s for s in contest.settings if all(s in own[name] for name in seen)]
-    means = [(mean(contest, name, shared), name) for name in seen]
+    seen = [name for name in short if contest.accuracy[name]]
+    of = contest.settings
+    shared = [s for s in of if all(s in contest.accuracy[name] for name in seen)]
+    means = [(contest.mean(name, shared)[0], name) for name in seen]
     found = sorted((m.value, name) for m, name in means if m is not None)
     if not found:
         return ""
-    many, of = len(shared), len(contest.settings)
-    over = f" (geometric mean over {many} settings)" if many > 1 else ""
-    if many < of:
-        over = (
-            f" ({'geometric mean over' if many > 1 else 'in'} {many} of {of} settings)"
-        )
+    how = "geometric mean over" if len(shared) > 1 else "in"
+    over = f" ({how} {len(shared)} settings)" if len(shared) > 1 else ""
+    if len(shared) < len(of):
+        over = f" ({how} {len(shared)} of {len(of)} settings)"
     (best, first), (worst, last) = found[0], found[-1]
-    if len(found) == 1:
+    if first == last:
         return f"{short[first]} has {best:.3g} times the error of the bound{over}."
-    cells = {
-        name: [cell for s in shared for cell in contest.cells[name, s]]
-        for _, name in found
-    }
-    # as `simval compare` would judge the pair; who is not told apart is not ranked
-    near, far = (
-        [name for _, name in found if name == end or not apart(cells[end], cells[name])]
-        for end in (first, last)
-    )
-    if last in near:
+    cells = {name: [c for s in shared for c in contest.cells[name, s]] for name in seen}
+
+    def with_tied(end: str) -> tuple[list[str], str]:
+        """Who is not told apart from it, as `simval compare` would judge the pair."""
+        tied = [n for _, n in found if n != end and not apart(cells[end], cells[n])]
+        others = ", ".join(short[name] for name in tied)
+        return tied, f" (no difference seen to {others})" if others else ""
+
+    tied, near = with_tied(first)
+    if last in tied:
         return (
             f"No difference is seen between {short[first]}, with {best:.3g} times the "
             f"error of the bound, and {short[last]}, with {worst:.3g} times{over}."
         )
-    nearest, farthest = (_all(end, tied, short) for end, tied in
-                         ((first, near), (last, far)))  # fmt: skip
     return (
-        f"{nearest} is nearest to the bound, with {best:.3g} times its error, and "
-        f"{farthest} farthest, with {worst:.3g} times{over}."
+        f"{short[first]}{near} is nearest to the bound, with {best:.3g} times its "
+        f"error, and {short[last]}{with_tied(last)[1]} farthest, with {worst:.3g} "
+        f"times{over}."
     )
 
 
-def _all(name: str, tied: Sequence[str], short: Mapping[str, str]) -> str:
-    """An algorithm, and those that no difference is seen to."""
-    others = ", ".join(short[each] for each in tied if each != name)
-    return f"{short[name]} (no difference seen to {others})" if others else short[name]
-
-
-def failing(name: str, who: str, contest: Contest) -> Drawing | None:
+def failing(who: str, contest: Contest) -> Drawing | None:
     """Share of exact cases that fail by class, if any fails."""
     drawn, short = contest.algorithms[:MAX_ROWS], called(contest.algorithms)
-    shares = [contest.failures(algorithm) for algorithm in drawn]
+    shares = [contest.failures[name] for name in drawn]
     classes = list(dict.fromkeys(key for each in shares for key in each))
     if not any(share.value > 0.0 for each in shares for share in each.values()):
         return None
-    table = np.full((len(drawn), len(classes)), np.nan)
-    declared = np.zeros_like(table)
-    for i, each in enumerate(shares):
-        for key, share in each.items():
-            table[i, classes.index(key)] = share.value
-            declared[i, classes.index(key)] = share.declared
+    none = Share(np.nan, False)
+    table = np.array([[own.get(kind, none) for kind in classes] for own in shares])
     return Drawing(
-        name=f"{name}-failures",
+        name=f"{contest.study}-failures",
         caption=(
             "Where they fail: percent of the exact cases of a class that an algorithm "
             "gets wrong; an empty field is none. In brackets what it declares itself, "
@@ -424,8 +399,8 @@ def failing(name: str, who: str, contest: Contest) -> Drawing | None:
                 title="cases that fail, %",
                 names=[short[name] for name in drawn],
                 columns=classes,
-                shares=table,
-                expected=declared,
+                shares=table[..., 0],
+                expected=table[..., 1],
             )
         ],
         columns=1,
@@ -440,103 +415,87 @@ BOUND = "\N{MULTIPLICATION SIGN} the bound"
 
 def lines_of_algorithms(context: Context) -> list[Line]:
     """A line for each user's algorithm; of built-in ones alone, one for the best."""
-    lines = []
-    for study in STUDIES:
-        cells = [cell for cell in context.run.cells if cell.study == study]
-        names = {algorithm_of(cell) for cell in cells}
-        if cells and names != {REFERENCE}:
-            lines += _of(context, study, contest_of(cells))
-    return lines
+    return [
+        line
+        for contest in contests(context.run)
+        for line in (
+            [_line(context, contest, name) for name in contest.algorithms if own(name)]
+            or [_line_of_best(contest)]
+        )
+    ]
 
 
-def _of(context: Context, study: str, contest: Contest) -> list[Line]:
-    short = called(contest.algorithms)
-    own = [name for name in contest.algorithms if name not in BUILTIN]
-    built_in = [name for name in contest.algorithms if name in BUILTIN]
-    if not own:
-        name, value, count = best(contest, built_in, contest.settings)
-        said = f"{measured(*value)} {BOUND}" if value else "not measured"
-        where = f"{name}, the least of {len(built_in)}; {_over(count)}"
-        answer: Answer = "pass" if value else "inconclusive"
-        return [
-            Line(
-                what=named(study), said=said, where=where if value else "",
-                link="algorithms", answer=answer,
-            )
-        ]  # fmt: skip
-    return [_line(context, contest, name, short[name], built_in) for name in own]
+def own(algorithm: str) -> bool:
+    """Whether an algorithm is a user's."""
+    return algorithm not in BUILTIN
 
 
-def _line(
-    context: Context, contest: Contest, name: str, short: str, built_in: Sequence[str]
-) -> Line:
+def contests(run: Run) -> list[Contest]:
+    """The algorithms of each kind; the reference filter alone is none."""
+    studies = [[c for c in run.cells if c.study == study] for study in STUDIES]
+    found = [contest_of(cells) for cells in studies if cells]
+    return [each for each in found if each.algorithms != (REFERENCE,)]
+
+
+def _line_of_best(contest: Contest) -> Line:
+    """What is said where no algorithm is a user's."""
+    name, value, count = best(contest, contest.settings)
+    what = begun(spelled(contest.study))
+    if value is None:
+        said = "not measured"
+        return Line(what=what, said=said, link="algorithms", answer="inconclusive")
+    return Line(
+        what=what,
+        said=f"{measured(*value)} {BOUND}",
+        where=f"{name}, the least of {len(contest.algorithms)}; {_over(count)}",
+        link="algorithms",
+    )
+
+
+def _line(context: Context, contest: Contest, name: str) -> Line:
     """What is said of one algorithm of a user."""
     ended = answer_of(contest.of(name), context.verdicts)
-    answer: Answer = next((word for word in WORST_FIRST if word == ended), "fail")
-    settings = [s for s in contest.settings if contest.measured(name, s, over_bound)]
-    value = mean(contest, name, settings)
+    line = Line(
+        what=called(contest.algorithms)[name],
+        said=f"no result{'' if ended in WORST_FIRST else f': {ended}'}",
+        link="algorithms",
+        answer=next((word for word in WORST_FIRST if word == ended), "fail"),
+    )
+    value, settings = contest.mean(name)
     if value is None:
-        said = f"no result{'' if ended in WORST_FIRST else f': {ended}'}"
-        return Line(what=short, said=said, link="algorithms", answer=answer)
-    beside, other, count = best(contest, built_in, settings)
-    said, size = f"{measured(*value)} {BOUND}", _size(contest, name)
+        return line
+    beside, other, count = best(contest, settings)
+    against = ""
     if other is not None:
         # over the settings of both, so that like is set beside like
-        common = [s for s in settings if contest.measured(beside, s, over_bound)]
-        value = mean(contest, name, common) or value
-        said = f"{measured(*value)} {BOUND}; {beside} {measured(*other)}"
-    said = f"{size}; {said}" if size else said
-    failing = told(contest.failures(name))
-    if failing and failing != "nowhere":
-        said += f"; fails at {failing}"
-    return Line(
-        what=short,
-        said=said,
-        where=_over(count or len(settings)),
-        link="algorithms",
-        answer=answer,
-    )
-
-
-def _size(contest: Contest, name: str) -> str:
-    """From the least to the greatest RMS error of an algorithm."""
+        value = contest.mean(name, contest.accuracy[beside])[0] or value
+        against = f"; {beside} {measured(*other)}"
     rows = [row for cell in contest.of(name) if (row := size_row(cell)) is not None]
-    if not rows:
-        return ""
-    spell = (
-        angle
-        if rows[0].unit == "rad"
-        else (lambda value: f"{rounded(value)} {rows[0].unit}")
+    size = ""
+    if rows:
+        sizes = dict.fromkeys(f(row.value for row in rows) for f in (min, max))
+        unit = rows[0].unit
+        told = (angle(x) if unit == "rad" else f"{rounded(x)} {unit}" for x in sizes)
+        size = f"{' to '.join(told)} RMS; "
+    failing = fails_at(contest.failures[name])
+    fails = f"; fails at {failing}" if failing not in ("", "nowhere") else ""
+    return replace(
+        line,
+        said=f"{size}{measured(*value)} {BOUND}{against}{fails}",
+        where=_over(count or len(settings)),
     )
-    ends = dict.fromkeys(f([row.value for row in rows]) for f in (min, max))
-    return f"{' to '.join(map(spell, ends))} RMS"
 
 
 def best(
-    contest: Contest, names: Sequence[str], settings: Sequence[str]
+    contest: Contest, settings: Collection[str]
 ) -> tuple[str, Measured | None, int]:
-    """The algorithm of the least mean where it has a result, and in how many."""
-    found = []
-    for name in names:
-        own = [s for s in settings if contest.measured(name, s, over_bound)]
-        value = mean(contest, name, own)
-        if value is not None:
-            found.append((name, value, len(own)))
+    """The built-in one of the least mean where it has a result, and in how many."""
+    names = [name for name in contest.algorithms if not own(name)]
+    found = [(name, *contest.mean(name, settings)) for name in names]
     # one that has fewer results never stands for all
-    most = max((count for _, _, count in found), default=0)
-    whole = [each for each in found if each[2] == most]
+    most = max((len(shared) for _, _, shared in found), default=0)
+    whole = [(n, m, most) for n, m, shared in found if m and len(shared) == most]
     return min(whole, key=lambda each: each[1].value, default=("", None, 0))
-
-
-def mean(contest: Contest, name: str, settings: Sequence[str]) -> Measured | None:
-    """Geometric mean over settings of the RMS error over the bound."""
-    values = [contest.measured(name, s, over_bound) for s in settings]
-    found = [value for value in values if value is not None]
-    if not found:
-        return None
-    value, error = np.array(found).T
-    whole = float(np.exp(np.mean(np.log(value))))
-    return Measured(whole, whole * float(np.hypot.reduce(error / value)) / len(found))
 
 
 def _over(count: int) -> str:
@@ -571,43 +530,34 @@ class Part:
 
 def algorithms_section(context: Context) -> Section | None:
     """Make the section."""
-    parts = [part for study in STUDIES if (part := _part(context, study)) is not None]
+    parts = [_part(context, contest) for contest in contests(context.run)]
     if not parts:
         return None
     return made(
-        "algorithms",
-        "Algorithms side by side",
         [drawing for part in parts for drawing in part.drawings],
         [table for part in parts for table in part.tables],
         parts=parts,
     )
 
 
-def _part(context: Context, study: str) -> Part | None:
-    cells = [cell for cell in context.run.cells if cell.study == study]
-    alone = {algorithm_of(cell) for cell in cells} == {REFERENCE}
-    if not cells or alone:  # of the reference filter there is a section of its own
-        return None
-    contest, who = contest_of(cells), CALLED[study]
-    accuracy, failures = dots(study, who, contest), failing(study, who, contest)
+def _part(context: Context, contest: Contest) -> Part:
+    study, who = contest.study, CALLED[contest.study]
+    accuracy, failures = dots(who, contest), failing(who, contest)
     times = context.run.timing.get("calls", {})
-    rest = (by_cell(study, contest), numbers(study, context.cells(study)))
+    rest = (by_cell(contest), numbers(study, context.cells(study)))
     return Part(
         title=who.capitalize(),
         drawings=tuple(d for d in (accuracy, failures) if d is not None),
         tables=(
-            side_by_side(study, contest, context.verdicts, times),
+            side_by_side(contest, context.verdicts, times),
             *(table for table in rest if table.rows),
         ),
         call=CALL[study],
-        classes=max(len(contest.failures(name)) for name in contest.algorithms),
+        classes=max(map(len, contest.failures.values())),
         failing=failures is not None,
     )
 
 
 def has_user_code(run: Run) -> bool:
     """Whether a run measures an algorithm that is not the package's own."""
-    return any(
-        cell.study in STUDIES and algorithm_of(cell) not in BUILTIN
-        for cell in run.cells
-    )
+    return any(cell.study in STUDIES and own(algorithm_of(cell)) for cell in run.cells)

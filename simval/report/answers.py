@@ -33,7 +33,7 @@ from simval.judge import Comparison, Step
 from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
 from simval.report.curves import simultaneous
 from simval.report.section import Against, Context, home
-from simval.report.words import measured, spelled
+from simval.report.words import begun, measured, rounded, spelled
 from simval.results import CellName
 from simval.statistics import (
     ALLAN_ERROR,
@@ -50,8 +50,7 @@ from simval.statistics import (
     Statistic,
 )
 from simval.sweep import Run
-from simval.units import COUNT, DEGREE, MILLIRADIAN, Unit
-from simval.verdict import WORST_FIRST, Answer, Verdict
+from simval.verdict import WORST_FIRST, Answer, Verdict, worst
 
 # ---- lines and blocks
 
@@ -74,9 +73,6 @@ IMPORTANCE = (
     "ladder",
 )
 """Studies in the order in which a reader asks for them; the others follow."""
-
-LEAST_DEGREES = 2e-3
-"""Angles below this, rad, are told in milliradians: a tenth of a degree."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,34 +124,6 @@ def in_order(studies: Sequence[str]) -> list[str]:
     return sorted(unique, key=lambda name: known.get(name, len(known)))
 
 
-def called(study: str) -> str:
-    """Name of a study at the beginning of a line."""
-    words = spelled(study)
-    return words[:1].upper() + words[1:]
-
-
-def rounded(value: float, digits: int = 2) -> str:
-    """A number with so many significant digits, with an exponent only if it is long."""
-    short = float(f"{value:.{digits - 1}e}")
-    return f"{short:,.12g}" if 1e-4 <= abs(short) < 1e7 else f"{short:.{digits}g}"
-
-
-def in_unit(value: float, unit: Unit, digits: int = 2) -> str:
-    """A value of a row in a unit for people."""
-    gap = "" if unit in (DEGREE, COUNT) else " "
-    return f"{rounded(value * unit.factor, digits)}{gap}{unit.name}"
-
-
-def angle(value: float) -> str:
-    """An angle in degrees, a small one in milliradians."""
-    return in_unit(value, DEGREE if value >= LEAST_DEGREES else MILLIRADIAN, 3)
-
-
-def percent(value: float) -> str:
-    """A share with two digits."""
-    return f"{rounded(100.0 * value)} %"
-
-
 # ---- as theory says
 
 SIZES = {RMS: 1.0, SD: 1.0, RMS_OVER_BOUND: 1.0, BUDGET: 1.0} | dict.fromkeys(
@@ -187,15 +155,15 @@ def as_theory_says(context: Context) -> Block:
     """Answer whether the measured agrees with theory, and how closely."""
     verdicts = context.judged.verdicts
     studies = in_order([v.cell.study for v in verdicts])
-    parts = {s: [v for v in verdicts if v.cell.study == s] for s in studies}
-    worst_first = sorted(studies, key=lambda s: WORST_FIRST.index(_worst(parts[s])))
-    missing = list(_missing(context))
-    lines = [*missing, *(_study_line(s, parts[s]) for s in worst_first)]
+    lines = [
+        _study_line(s, [v for v in verdicts if v.cell.study == s]) for s in studies
+    ]
+    missing = _missing(context)
     return Block(
         title="As theory says",
-        answer=_worst(verdicts) if verdicts else "inconclusive",
+        answer=worst(v.answer for v in verdicts) if verdicts else "inconclusive",
         headline=_headline(context.judged.counts, whole=not missing),
-        lines=lines,
+        lines=missing + sorted(lines, key=lambda line: WORST_FIRST.index(line.answer)),
         note=f"{_farthest(verdicts)}{NOTE_ON_THEORY}",
         fold="more studies",
     )
@@ -213,8 +181,8 @@ def _headline(answers: Counter[Answer], *, whole: bool) -> str:
     return f"Of {answers.total():,} checks {' and '.join(parts)}"
 
 
-def _missing(context: Context) -> Iterable[Line]:
-    """What should have been measured and was not."""
+def _missing(context: Context) -> list[Line]:
+    """A line on what should have been measured and was not; none without."""
     judged = context.judged
     counts: dict[str, dict[str, int]] = {}
     for cell in judged.unfinished:
@@ -222,49 +190,43 @@ def _missing(context: Context) -> Iterable[Line]:
         own = counts.setdefault(cell.study, {})
         own[words] = own.get(words, 0) + 1
     said = [
-        f"{called(study).lower()} ({', '.join(f'{n} {w}' for w, n in own.items())})"
+        f"{spelled(study)} ({', '.join(f'{n} {w}' for w, n in own.items())})"
         for study, own in counts.items()
     ]
     if judged.gaps:
         n = len(judged.gaps)
         said.append(f"{n} thing{'s' if n > 1 else ''} not measured as stated")
-    if said:
-        crashed = any(cell.ending == "crashed" for cell in judged.unfinished)
-        yield Line(
-            what="Not measured",
-            said=f"cells of {'; '.join(said)}" if counts else said[0],
-            link="failures",
-            answer="fail" if crashed else "inconclusive",
-        )
+    if not said:
+        return []
+    crashed = any(cell.ending == "crashed" for cell in judged.unfinished)
+    told = f"cells of {'; '.join(said)}" if counts else said[0]
+    answer: Answer = "fail" if crashed else "inconclusive"
+    return [Line(what="Not measured", said=told, link="failures", answer=answer)]
 
 
 def _study_line(study: str, verdicts: Sequence[Verdict]) -> Line:
-    answers = [verdict.answer for verdict in verdicts]
-    failed, unclear = answers.count("fail"), answers.count("inconclusive")
-    count = len(answers)
-    checks = f"{count:,} check{'s' if count > 1 else ''}"
-    bad = (
-        [f"{failed:,} of {checks} fail{_farthest_failing(verdicts)}"] if failed else []
-    )
-    bad += [f"{unclear:,} of {checks} inconclusive"] if unclear else []
+    failing = [v for v in verdicts if v.answer == "fail"]
+    unclear = sum(v.answer == "inconclusive" for v in verdicts)
+    checks = f"{len(verdicts):,} check{'s' if len(verdicts) > 1 else ''}"
+    said = []
+    if failing:  # the one that fails by most, and by how much
+        far = max(failing, key=lambda v: abs(v.sigmas) if v.sigmas == v.sigmas else inf)
+        by = f", {far.sigmas:+.1f} standard errors" if far.sigmas == far.sigmas else ""
+        fail = "fails:" if len(failing) == 1 else "fail, most"
+        said.append(f"{len(failing):,} of {checks} {fail} {far.row.statistic}{by}")
+    if unclear:
+        said.append(f"{unclear:,} of {checks} inconclusive")
     found = deviation(study, verdicts)
-    told = found is not None and not failed and abs(found.value) + found.error < 1.0
-    near = [found.said] if found and told else []
+    if found is not None and not failing and abs(found.value) + found.error < 1.0:
+        said.append(found.said)
+    if not failing and not unclear:
+        said.append(checks)
     return Line(
-        what=called(study),
-        said="; ".join([*bad, *near] if bad else [*near, checks]),
-        link="disagreements" if failed else home(study),
-        answer=_worst(verdicts),
+        what=begun(spelled(study)),
+        said="; ".join(said),
+        link="disagreements" if failing else home(study),
+        answer=worst(v.answer for v in verdicts),
     )
-
-
-def _farthest_failing(verdicts: Sequence[Verdict]) -> str:
-    """The check that fails by most, and by how much."""
-    failing = [verdict for verdict in verdicts if verdict.answer == "fail"]
-    most = max(failing, key=lambda v: abs(v.sigmas) if v.sigmas == v.sigmas else np.inf)
-    s = "s" if len(failing) == 1 else ""
-    far = f", {most.sigmas:+.1f} standard errors" if most.sigmas == most.sigmas else ""
-    return f"{s}{', most' if not s else ':'} {most.row.statistic}{far}"
 
 
 def deviation(study: str, verdicts: Sequence[Verdict]) -> Deviation | None:
@@ -324,11 +286,6 @@ def _farthest(verdicts: Sequence[Verdict]) -> str:
     )
 
 
-def _worst(verdicts: Sequence[Verdict]) -> Answer:
-    answers = {verdict.answer for verdict in verdicts}
-    return next((answer for answer in WORST_FIRST if answer in answers), "pass")
-
-
 # ---- worse than before
 
 NOTE_ON_CHANGES = (
@@ -378,57 +335,48 @@ def _key(study: str, parameters: Mapping[str, Any]) -> tuple[str, str]:
 
 def worse_than_before(context: Context) -> Block:
     """Answer what changed from what the page is to be compared with."""
-    lines: list[Line] = []
-    headlines = []
+    told: list[tuple[str, list[Line]]] = []
     if context.baseline is not None:
-        headline, own = _from_baseline(context)
-        headlines.append(headline)
-        lines += own
+        told.append(_from_baseline(context, context.baseline))
     if context.against is not None:
-        headline, own = _from_run(context, context.against)
-        headlines.append(headline)
-        lines += own
-    if not headlines:
-        run = shlex.quote(context.folder)
-        headlines.append("Not compared")
-        lines += [
-            Line(
-                what="Ask",
-                said="with the stored baseline:",
-                command=f"simval report {run} --baseline",
-            ),
-            Line(
-                what="or",
-                said="with another run:",
-                command=f"simval report {run} --against RUN",
-            ),
-        ]
-    answers = {line.answer for line in lines}
-    worst: Answer = next((a for a in WORST_FIRST if a in answers), "pass")
-    asked = context.baseline is not None or context.against is not None
+        told.append(_from_run(context, context.against))
+    note, report = NOTE_ON_CHANGES, f"simval report {shlex.quote(context.folder)}"
+    if not told:
+        note = ""
+        ways = (
+            ("Ask", "with the stored baseline:", f"{report} --baseline"),
+            ("or", "with another run:", f"{report} --against RUN"),
+        )
+        lines = [Line(what=what, said=how, command=asked) for what, how, asked in ways]
+        told.append(("Not compared", lines))
+    lines = [line for _, own in told for line in own]
     return Block(
         title="Worse than before",
-        answer=worst,
-        headline="; ".join(headlines),
+        answer=worst(line.answer for line in lines),
+        headline="; ".join(headline for headline, _ in told),
         lines=lines,
-        note=NOTE_ON_CHANGES if asked else "",
+        note=note,
         fold="more",
     )
 
 
-def _from_baseline(context: Context) -> tuple[str, list[Line]]:
+def _apart(name: str, what: str, stored: str, own: str) -> tuple[str, list[Line]]:
+    """Two runs that have no statistic in common."""
+    said = "no cell of it has the study and the parameters of one of this run"
+    if stored != own:
+        said = f"it is of the suite {stored}, this run of {own}"
+    line = Line(what=what, said=said, answer="inconclusive")
+    return f"Cannot be compared with {name}", [line]
+
+
+def _from_baseline(
+    context: Context, baseline: Mapping[str, Any]
+) -> tuple[str, list[Line]]:
     """What the gate found beside the baseline, by direction."""
-    assert context.baseline is not None
-    if not comparable(context.run, context.baseline):
-        stored = str(context.baseline["environment"].get("suite"))
+    if not comparable(context.run, baseline):
+        stored = str(baseline["environment"].get("suite"))
         own = context.run.manifest["suite"]
-        said = (
-            f"it is of the suite {stored}, this run of {own}"
-            if stored != own
-            else "no cell of it has the study and the parameters of one of this run"
-        )
-        line = Line(what="Baseline", said=said, answer="inconclusive")
-        return "Cannot be compared with the baseline", [line]
+        return _apart("the baseline", "Baseline", stored, own)
     compared = context.judged.comparisons
     changes = [_change(c) for c in compared if c.answer == "fail"]
     kinds = context.judged.changes
@@ -459,13 +407,7 @@ def _from_run(context: Context, against: Against) -> tuple[str, list[Line]]:
     found, name = against.changes, against.run.folder.name
     if not found.total:
         suites = [run.manifest["suite"] for run in (against.run, context.run)]
-        why = (
-            f"it is of the suite {suites[0]}, this one of {suites[1]}"
-            if suites[0] != suites[1]
-            else "no cell of it has the study and the parameters of one of this run"
-        )
-        line = Line(what=name, said=why, answer="inconclusive")
-        return f"Cannot be compared with {name}", [line]
+        return _apart(name, name, *suites)
     changes = [_of_step(step) for step in found.steps if step.moved]
     moved, same = len(found.of("moved")), len(found.of("same"))
     notes = [f"{moved:,} moved within their uncertainty"] if moved else []
@@ -512,10 +454,9 @@ def _kind_line(kind: str, changes: Sequence[Change]) -> Line:
 def _size(old: float, new: float, sigmas: float | None) -> tuple[float, str]:
     """How great a change is: to sort by, and in words."""
     share = (abs(new) - abs(old)) / abs(old) if old else inf
-    relative = "" if not isfinite(share) else f"{'+' if share > 0 else '−'}"
-    if relative:
-        relative += percent(abs(share))
-    step = relative or f"from {rounded(old, 3)} to {rounded(new, 3)}"
+    step = f"from {rounded(old, 3)} to {rounded(new, 3)}"
+    if isfinite(share):
+        step = f"{'+' if share > 0 else '−'}{rounded(100.0 * abs(share))} %"
     if sigmas is not None and isfinite(sigmas):
         return abs(sigmas), f"{step} ({abs(sigmas):.1f} standard errors)"
     return abs(share), step

@@ -101,7 +101,8 @@ def statistics_section(context: Context) -> Section | None:
         assert isinstance(family, Family)
         panels: list[AnyPanel] = []
         every: list[CellResult] = []
-        for study in (name for name in context.titles if name not in OF_THEIR_OWN):
+        studies = dict.fromkeys((*STUDIES, *(cell.study for cell in context.run.cells)))
+        for study in (name for name in studies if name not in OF_THEIR_OWN):
             cells = [c for c in context.cells(study) if _kinds(c, family)]
             every += cells
             if cells:
@@ -124,7 +125,7 @@ def statistics_section(context: Context) -> Section | None:
             )
     if not drawings:
         return None
-    return made("statistics", "Efficiency, coverage and consistency", drawings)
+    return made(drawings)
 
 
 def _kinds(cell: CellResult, family: Family) -> dict[str, list[Row]]:
@@ -181,15 +182,16 @@ def other_section(context: Context) -> Section | None:
     """Make the section."""
     studies = dict.fromkeys(cell.study for cell in context.run.cells)
     parts = [
-        (context.titles.get(study, study), *_shown(context, study, cells))
+        (
+            STUDIES[study].title if study in STUDIES else study,
+            *_shown(context, study, cells),
+        )
         for study in studies
         if (cells := context.cells(study)) and not _has_section(study)
     ]
     if not parts:
         return None
     return made(
-        "other",
-        "Further studies",
         [drawing for _, drawings, _ in parts for drawing in drawings],
         [table for _, _, tables in parts for table in tables],
         parts=parts,

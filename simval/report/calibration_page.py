@@ -26,7 +26,6 @@ from simval.imu.multiposition.description import (
 from simval.imu.sensor import forms
 from simval.imu.statics import interval_means
 from simval.poses import fibonacci_sphere
-from simval.report.answers import rounded
 from simval.report.log_page import (
     Answer,
     LogPage,
@@ -40,6 +39,7 @@ from simval.report.log_page import (
 from simval.report.panels import COLOURS, Drawing, Series, SpherePanel
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
+from simval.report.words import rounded
 from simval.shapes import Float
 from simval.text import chance_words
 from simval.units import MILLIMETRE_PER_SECOND_SQUARED, MILLIRADIAN, PPM, Unit
@@ -114,10 +114,10 @@ def calibration_page(log: Log, whole: ImuCalibration, command: str = "") -> LogP
         tables=[_parameters(fit, bound)],
         notes=notes,
         chapters=(
-            made("residuals", "Residual of each pose", [_residuals(result)]),
-            made("coverage", "Where the poses are", [_coverage(log, result)]),
+            made([_residuals(result)]).under("residuals", "Residual of each pose"),
+            made([_coverage(log, result)]).under("coverage", "Where the poses are"),
             *(section for section in others if section is not None),
-            made("signals", "Static intervals", [_signals(log, result)]),
+            made([_signals(log, result)]).under("signals", "Static intervals"),
         ),
         said=tuple(log.described()),
         command=command,
@@ -440,8 +440,8 @@ def gyroscope_chapter(whole: ImuCalibration) -> Section | None:
         "forces act on it; chi-square per degree of freedom "
         f"{float(fit.chi2_per_dof):.3g} with {fit.dof}."
     )
-    return made(
-        "gyroscope", "Gyroscope", [drawing], [_sensor("gyroscope", caption, rows)]
+    return made([drawing], [_sensor("gyroscope", caption, rows)]).under(
+        "gyroscope", "Gyroscope"
     )
 
 
@@ -482,7 +482,7 @@ def magnetometer_chapter(whole: ImuCalibration) -> Section | None:
         caption += f" Findings: {'; '.join(fit.findings)}."
     rows = [*_rows(fit.names[own], fit.parameters[own], fit.sd[own]), dip]
     table = _sensor("magnetometer", caption, rows)
-    return made("magnetometer-result", "Magnetometer", [drawing], [table])
+    return made([drawing], [table]).under("magnetometer-result", "Magnetometer")
 
 
 Parameter = tuple[str, float, float]  # name, value, standard deviation

@@ -1,7 +1,7 @@
 """Every check against theory: counts by family, each check, figures of failing ones."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from simval.report.findings import Claim, claiming
 from simval.report.gallery import panels_of
 from simval.report.panels import GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
-from simval.report.table import Column, Table
+from simval.report.table import Column, Table, tabulated
 from simval.report.words import axis_words, sign_of_entries, spelled
 from simval.results import CellName, Row
 from simval.statistics import Statistic
@@ -56,8 +56,6 @@ def disagreements_section(context: Context) -> Section | None:
     ]
     kinds = len(firsts)
     return made(
-        "disagreements",
-        "Failing checks",
         drawings,
         failing=len(failing),
         reasons=[
@@ -166,8 +164,6 @@ def checks_section(context: Context) -> Section | None:
     figures = figure_names(context.verdicts)
     linked = sorted({figures[k] for v in verdicts if (k := key_of(v)) in figures})
     return made(
-        "checks",
-        "Checks",
         tables=[_families(context), _each(context, verdicts, figures)],
         open=bool(verdicts) and verdicts[0].answer != "pass",
         alpha=context.alpha,
@@ -187,70 +183,56 @@ def _families(context: Context) -> Table:
     for v in context.judged.verdicts:
         key = (v.cell.study, v.row.predictor, str(v.row.check))
         groups.setdefault(key, Counter())[v.answer] += 1
+    answers: tuple[Answer, ...] = ("pass", "fail", "inconclusive")
     return Table(
         name="families",
         caption="Answers of each family of checks",
         columns=(
-            Column("study"),
-            Column("predictor"),
-            Column("check"),
-            Column("pass", "number"),
-            Column("fail", "number"),
-            Column("inconclusive", "number"),
+            *map(Column, ("study", "predictor", "check")),
+            *(Column(answer, "number") for answer in answers),
         ),
         rows=[
-            (*key, answers["pass"], answers["fail"], answers["inconclusive"])
-            for key, answers in sorted(groups.items())
+            (*key, *map(own.get, answers, (0, 0, 0)))
+            for key, own in sorted(groups.items())
         ],
     )
 
 
 def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) -> Table:
-    places, folder = _places(context.run), context.folder
-    rows = [
-        (
-            v.answer,
-            spelled(v.cell.study),
-            str(v.row.statistic),
-            v.row.predictor,
-            *places.get(v.cell, (None, None, spelled(str(v.cell)))),
-            reproduce(v.cell, folder) or None,
-            (v.row.value, v.row.standard_error),
-            v.row.unit,
-            v.row.prediction,
-            v.row.remainder,
-            v.sigmas if v.p_value is not None else None,
-            v.p_value,
-            v.limit if v.limit == v.limit else None,
-            v.row.n,
-            figures.get(key_of(v)) if v.answer == "fail" else None,
-        )
-        for v in verdicts
-    ]
-    return Table(
+    found, folder = _places(context.run), context.folder
+
+    def place(v: Verdict, i: int) -> Any:
+        return found.get(v.cell, (None, None, spelled(str(v.cell))))[i]
+
+    fields: dict[Column, Callable[[Verdict], Any]] = {
+        Column("verdict", "answer", choice=True): lambda v: v.answer,
+        Column("study", choice=True): lambda v: spelled(v.cell.study),
+        Column("statistic"): lambda v: str(v.row.statistic),
+        Column("against", choice=True): lambda v: v.row.predictor,
+        Column("noise", "number", choice=True): lambda v: place(v, 0),
+        Column("poses", "number", choice=True): lambda v: place(v, 1),
+        Column("what else varies"): lambda v: place(v, 2),
+        Column("command", "command"): lambda v: reproduce(v.cell, folder) or None,
+        Column("measured", "measured"): lambda v: (v.row.value, v.row.standard_error),
+        Column("unit", "unit"): lambda v: v.row.unit,
+        Column("predicted", "number"): lambda v: v.row.prediction,
+        Column("allowed remainder", "number", 3): lambda v: v.row.remainder,
+        Column("standard errors", "number", 3): lambda v: (
+            None if v.p_value is None else v.sigmas
+        ),
+        Column("p", "number", 2): lambda v: v.p_value,
+        Column("limit", "number", 2): lambda v: v.limit if v.limit == v.limit else None,
+        Column("n", "number", 12): lambda v: v.row.n,
+        Column("figure", "figure"): lambda v: (
+            figures.get(key_of(v)) if v.answer == "fail" else None
+        ),
+    }
+    return tabulated(
+        verdicts,
+        fields,
         name="verdicts",
         caption="Each check: failing ones first, then by p-value"
         + sign_of_entries(v.row.statistic for v in verdicts),
-        columns=(
-            Column("verdict", "answer", choice=True),
-            Column("study", choice=True),
-            Column("statistic"),
-            Column("against", choice=True),
-            Column("noise", "number", choice=True),
-            Column("poses", "number", choice=True),
-            Column("what else varies"),
-            Column("command", "command"),
-            Column("measured", "measured"),
-            Column("unit", "unit"),
-            Column("predicted", "number"),
-            Column("allowed remainder", "number", 3),
-            Column("standard errors", "number", 3),
-            Column("p", "number", 2),
-            Column("limit", "number", 2),
-            Column("n", "number", 12),
-            Column("figure", "figure"),
-        ),
-        rows=rows,
         shown=MAX_ROWS,
     )
 

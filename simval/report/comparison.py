@@ -4,8 +4,9 @@ Numbers come first: what moved, by study and kind of statistic, the largest firs
 a figure of each with both curves; then every common value.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,12 +19,11 @@ from simval.report.curves import (
     bar_width,
     curve,
     grouped,
-    located,
     statistic,
 )
 from simval.report.panels import COLOURS, Drawing, Panel, Series
-from simval.report.section import Section, made, part_of, template
-from simval.report.table import Column, Table
+from simval.report.section import Section, located, made, part_of, template
+from simval.report.table import Column, Table, tabulated
 from simval.report.words import axis_words, spelled
 from simval.statistics import Statistic
 from simval.sweep import Run
@@ -70,35 +70,30 @@ def comparison_sections(
     parts = [located(part_of(run).run) for run in (a, b)]
     drawings = _drawings(parts[0], parts[1], comparison)
     kinds = {k: len(comparison.of(k)) for k in ("changed", "moved", "same")}
-    moves = comparison.moves
-    names = {drawing.finding: drawing.name for drawing in drawings}
-    figures = [names.get(told(move)) for move in moves]
-    predictions = comparison.predictions_changed
+    figures = {drawing.finding: drawing.name for drawing in drawings}
     return (
         made(
-            "compared",
-            "What changed",
             drawings,
-            [moves_table(moves, figures)],
+            [moves_table(comparison.moves, figures)],
             counts=[(comparison.count(way), way) for way in WAYS],
             origins=[origin_of(run).words for run in (a, b)],
             names=(a.folder.name, b.folder.name),
             kinds=kinds,
             total=comparison.total,
-            predictions=predictions,
+            predictions=comparison.predictions_changed,
             alpha=comparison.alpha,
+        ).under("compared", "What changed"),
+        made(tables=[differences_table(comparison)]).under(
+            "differences", "Differences"
         ),
-        made("differences", "Differences", tables=[differences_table(comparison)]),
         made(
-            "dependencies",
-            "What the runs depend on",
             environment=comparison.environment,
             only_a=comparison.only_a[:SHOWN],
             only_b=comparison.only_b[:SHOWN],
             hidden=max(0, len(comparison.only_a) - SHOWN)
             + max(0, len(comparison.only_b) - SHOWN),
             names=(a.folder.name, b.folder.name),
-        ),
+        ).under("dependencies", "What the runs depend on"),
     )
 
 
@@ -107,37 +102,25 @@ def told(move: Move) -> str:
     return f"{move.way.capitalize()}: {move.sentence}."
 
 
-def moves_table(moves: Sequence[Move], figures: Sequence[str | None]) -> Table:
+def moves_table(moves: Sequence[Move], figures: Mapping[str, str]) -> Table:
     """Make the table of what moved: numbers first, the largest first."""
-    return Table(
+    fields: dict[Column, Callable[[Move], Any]] = {
+        Column("which way", "answer"): lambda m: m.way,
+        Column("what"): lambda m: f"{spelled(m.study)}, {m.what}",
+        Column("by how much"): lambda m: m.size,
+        Column("standard errors", "number"): lambda m: _few_digits(m.worst.sigmas),
+        Column("cells"): lambda m: f"{m.cells} of {m.of}",
+        Column("before", "number", 5): lambda m: m.worst.before,
+        Column("after", "number", 5): lambda m: m.worst.after,
+        Column("unit", "unit"): lambda m: m.worst.statistic.unit,
+        Column("figure", "figure"): lambda m: figures.get(told(m)),
+    }
+    return tabulated(
+        moves,
+        fields,
         name="moves",
         caption="What moved, largest first; standard errors, before and after are "
         "those of the value that moved most",
-        columns=(
-            Column("which way", "answer"),
-            Column("what"),
-            Column("by how much"),
-            Column("standard errors", "number"),
-            Column("cells"),
-            Column("before", "number", 5),
-            Column("after", "number", 5),
-            Column("unit", "unit"),
-            Column("figure", "figure"),
-        ),
-        rows=[
-            (
-                move.way,
-                f"{spelled(move.study)}, {move.what}",
-                move.size,
-                _few_digits(move.worst.sigmas),
-                f"{move.cells} of {move.of}",
-                move.worst.before,
-                move.worst.after,
-                move.worst.statistic.unit,
-                figure,
-            )
-            for move, figure in zip(moves, figures, strict=True)
-        ],
         shown=SHOWN,
     )
 
@@ -275,43 +258,30 @@ def _positive(curves: list[Curve], name: str) -> bool:
 
 def differences_table(comparison: RunComparison) -> Table:
     """Make the table of every common statistic, changed ones first."""
-    rows = [
-        (
-            _word(d),
-            d.sigmas,
-            None if d.relative is None else 100.0 * d.relative,
-            (d.a.value, d.a.standard_error),
-            (d.b.value, d.b.standard_error),
-            d.a.unit,
-            str(d.a.statistic),
-            "; ".join(d.predictors),
-            d.cells[1],
-            (d.difference, d.standard_error),
-            d.p_value,
-            "changed" if d.prediction_changed else "",
-        )
-        for d in comparison.differences
-    ]
-    return Table(
+    fields: dict[Column, Callable[[Difference], Any]] = {
+        Column("which way", "answer"): _word,
+        Column("standard errors", "number", 3): lambda d: d.sigmas,
+        Column("change, %", "number", 3): lambda d: (
+            None if d.relative is None else 100.0 * d.relative
+        ),
+        Column("A", "measured"): lambda d: (d.a.value, d.a.standard_error),
+        Column("B", "measured"): lambda d: (d.b.value, d.b.standard_error),
+        Column("unit", "unit"): lambda d: d.a.unit,
+        Column("statistic"): lambda d: str(d.a.statistic),
+        Column("against"): lambda d: "; ".join(d.predictors),
+        Column("cell", "code"): lambda d: d.cells[1],
+        Column("B minus A", "measured"): lambda d: (d.difference, d.standard_error),
+        Column("p", "number", 2): lambda d: d.p_value,
+        Column("prediction"): lambda d: "changed" if d.prediction_changed else "",
+    }
+    count = len(comparison.differences)
+    return tabulated(
+        comparison.differences,
+        fields,
         name="differences",
         caption="Every common statistic: changed ones first, by how far they moved",
-        columns=(
-            Column("which way", "answer"),
-            Column("standard errors", "number", 3),
-            Column("change, %", "number", 3),
-            Column("A", "measured"),
-            Column("B", "measured"),
-            Column("unit", "unit"),
-            Column("statistic"),
-            Column("against"),
-            Column("cell", "code"),
-            Column("B minus A", "measured"),
-            Column("p", "number", 2),
-            Column("prediction"),
-        ),
-        rows=rows,
         shown=SHOWN,
-        fold=f"Every common statistic: {len(rows):,}" if rows else "",
+        fold=f"Every common statistic: {count:,}" if count else "",
     )
 
 

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import compress
 from math import isfinite
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,7 +36,6 @@ from simval.report.words import measured, number, setting_words, spelled
 from simval.results import Row
 from simval.shapes import Bool, Float
 from simval.statistics import FAMILIES, Statistic
-from simval.sweep import Run
 from simval.sweep.run import CellResult
 from simval.units import COUNT, Unit
 
@@ -54,22 +52,6 @@ class Measured(NamedTuple):
     n: int = 0  # independent samples; 0 where there are none
     unit: str = ""  # of the numbers
     against: str = "predicted"  # what the prediction is
-
-
-def folder_of(run: Run) -> str:
-    """The run for a command: its path below the working folder, else its name.
-
-    Pages are shared, so they never show where on a machine a run is.
-    """
-    path, here = run.folder.absolute(), Path.cwd()
-    inside = path != here and path.is_relative_to(here)
-    return str(path.relative_to(here)) if inside else path.resolve().name
-
-
-def located(run: Run) -> Run:
-    """Tell the cells of a run how a command names it."""
-    folder = folder_of(run)
-    return replace(run, cells=tuple(replace(cell, run=folder) for cell in run.cells))
 
 
 def note(cell: CellResult, found: Measured, unit: Unit | None = None) -> str:
@@ -519,10 +501,7 @@ def ratio_bars(
     shown = [(i, c) for i, c in shown if len(c.x)]
     if not shown:
         return None
-    dots = []
-    for i, c in shown:
-        points = c.points(z, i)
-        dots.append(replace(points, x=points.y, y=points.x))
+    dots = [upright(c.points(z, i)) for i, c in shown]
     return DotPanel(
         title=title,
         x_label=MEASURED_OVER_PREDICTED,
@@ -530,3 +509,8 @@ def ratio_bars(
         series=dots,
         reference=(1.0, "theory"),
     )
+
+
+def upright(points: Series) -> Series:
+    """Points whose values run to the right, and their places down."""
+    return replace(points, x=points.y, y=points.x)

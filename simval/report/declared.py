@@ -173,14 +173,14 @@ def _predicted(row: Row) -> float | None:
 # ---- sections
 
 
-def section_of(context: Context, anchor: str, title: str) -> Section | None:
+def section_of(context: Context, anchor: str) -> Section | None:
     """All that studies declare for a section; None without anything."""
     drawings, tables = shown_of(context, anchor)
     if not drawings and not tables:
         return None
     own = [s for n, s in STUDIES.items() if s.section == anchor and context.cells(n)]
     about = " ".join(filter(None, (study.about for study in own)))
-    return made(anchor, title, drawings, tables, about=about)
+    return made(drawings, tables, about=about)
 
 
 def shown_of(

@@ -1,7 +1,8 @@
 """The page of filters over one log: how wrong, whether honest, what to do next."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,6 @@ from simval.imu.logs import Log
 from simval.imu.recorded import Evaluation
 from simval.imu.recorded.errors import ALPHA, Consistency, Rms
 from simval.imu.recorded.evaluation import WithTruth, turned_words
-from simval.report.answers import rounded
 from simval.report.log_page import (
     Answer,
     LogPage,
@@ -21,8 +21,8 @@ from simval.report.log_page import (
 )
 from simval.report.panels import COLOURS, GREY, Drawing, Series
 from simval.report.section import made
-from simval.report.table import Column, Table
-from simval.report.words import measured, slug
+from simval.report.table import Column, Table, tabulated
+from simval.report.words import measured, rounded, slug
 from simval.shapes import Bool, Float
 
 BAND = 3.0
@@ -89,7 +89,9 @@ def filter_page(
         replies=replies(done, failed),
         tables=([_rms(done)] if drawings else []) + ([_own(done)] if done else []),
         notes=notes,
-        chapters=[made("errors", "Errors over time", drawings)] if drawings else [],
+        chapters=[made(drawings).under("errors", "Errors over time")]
+        if drawings
+        else [],
         said=said,
         command=command,
     )
@@ -288,40 +290,22 @@ def _rms(done: Sequence[Evaluation]) -> Table:
 
 
 def _own(done: Sequence[Evaluation]) -> Table:
-    rows = [
-        (
-            each.run.name,
-            *_interval(_nees(each)),
-            *((None, None) if each.nis is None else (each.nis.mean, each.nis.expected)),
-            _number(_drift(each)),
-            _number(np.degrees(each.at_rest.inclination)),
-            each.microseconds,
-        )
-        for each in done
-    ]
-    return Table(
-        name="consistency",
-        caption="What filters say of themselves",
-        columns=(
-            Column("filter", "code"),
-            Column("NEES", "number", 4),
-            Column("from", "number", 3),
-            Column("to", "number", 3),
-            Column("verdict"),
-            Column("NIS", "number", 4),
-            Column("its mean", "number", 3),
-            Column("drift, °/min", "number", 3),
-            Column("up, °", "number", 3),
-            Column("time, µs a row", "number", 4),
+    fields: dict[Column, Callable[[Evaluation], Any]] = {
+        Column("filter", "code"): lambda e: e.run.name,
+        Column("NEES", "number", 4): lambda e: (n := _nees(e)) and n.mean,
+        Column("from", "number", 3): lambda e: (n := _nees(e)) and _number(n.low),
+        Column("to", "number", 3): lambda e: (n := _nees(e)) and _number(n.high),
+        Column("verdict"): lambda e: n.verdict if (n := _nees(e)) else "no covariance",
+        Column("NIS", "number", 4): lambda e: e.nis and e.nis.mean,
+        Column("its mean", "number", 3): lambda e: e.nis and e.nis.expected,
+        Column("drift, °/min", "number", 3): lambda e: _number(_drift(e)),
+        Column("up, °", "number", 3): lambda e: _number(
+            np.degrees(e.at_rest.inclination)
         ),
-        rows=rows,
-    )
-
-
-def _interval(nees: Consistency | None) -> tuple[object, ...]:
-    if nees is None:
-        return None, None, None, "no covariance"
-    return nees.mean, _number(nees.low), _number(nees.high), nees.verdict
+        Column("time, µs a row", "number", 4): lambda e: e.microseconds,
+    }
+    caption = "What filters say of themselves"
+    return tabulated(done, fields, name="consistency", caption=caption)
 
 
 def _number(value: float) -> float | None:

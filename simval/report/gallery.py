@@ -47,7 +47,14 @@ from simval.report.panels import (
     Panel,
     Series,
 )
-from simval.report.words import FORMULAS, axis_words, setting_words, slug, spelled
+from simval.report.words import (
+    FORMULAS,
+    axis_words,
+    begun,
+    setting_words,
+    slug,
+    spelled,
+)
 from simval.results import Row
 from simval.statistics import (
     EXACT,
@@ -255,11 +262,6 @@ def _unit(picture: Picture, row: Row) -> Unit:
 def with_unit(name: str, unit: Unit) -> str:
     """Label of values."""
     return f"{name}, {unit.name}" if unit.name else name
-
-
-def begun(label: str) -> str:
-    """Words as a sentence begins."""
-    return label[:1].upper() + label[1:]
 
 
 def _panels(figure: Figure, groups: Mapping[str, Cells]) -> Panels:

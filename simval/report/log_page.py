@@ -78,19 +78,15 @@ class LogPage:
             ("simval", __version__),
         )
         first = made(
-            "result",
-            "Result",
             tables=self.tables,
             replies=self.replies,
             notes=self.notes,
-        )
+        ).under("result", "Result")
         source = made(
-            "source",
-            "Where these numbers are from",
             facts=[(name, value) for name, value in facts if value],
             command=self.command,
             said="\n".join(FOLDERS.sub("", line) for line in self.said),
-        )
+        ).under("source", "Where these numbers are from")
         return first, *self.chapters, source
 
 

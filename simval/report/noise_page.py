@@ -11,11 +11,11 @@ import numpy as np
 from simval.arrays import Array
 from simval.imu.logs import Log
 from simval.imu.noise import AxisNoise, Coefficient
-from simval.report.answers import rounded
 from simval.report.log_page import LogPage, Reply
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
 from simval.report.section import made
 from simval.report.table import Column, Table
+from simval.report.words import rounded
 from simval.shapes import Float
 from simval.units import OF_A_DATA_SHEET, Unit
 
@@ -88,7 +88,7 @@ def noise_page(
     drawings = [drawing] if drawing.panels else []
     if not drawings:  # the reasons are all that there is
         statements = replace(statements, fold="")
-    chapter = made("allan", "Allan deviation", drawings, [statements])
+    chapter = made(drawings, [statements]).under("allan", "Allan deviation")
     return replace(page, chapters=[chapter])
 
 

@@ -8,65 +8,83 @@ line says what it found.
 import re
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from simval.errors import InputError
 from simval.judge import compare_runs, judge_run
 from simval.report import algorithms, any_study, checks, pictures, record, summary
 from simval.report.algorithms import has_user_code
 from simval.report.answers import comparable, linked
-from simval.report.curves import located
 from simval.report.declared import elsewhere, section_of
 from simval.report.panels import Drawing
-from simval.report.section import Against, Context, Section, home, part_of, template
+from simval.report.section import (
+    Against,
+    Context,
+    Section,
+    home,
+    located,
+    part_of,
+    template,
+)
 from simval.report.table import Table
 from simval.studies import STUDIES
 from simval.sweep import Run
-from simval.verdict import ALPHA, WORST_FIRST, Answer, Verdict
+from simval.verdict import ALPHA, Answer, Verdict, worst
 
 # ---- chapters
 
-GROUPS: Mapping[str, Mapping[str, str]] = {
+
+class Entry(NamedTuple):
+    """A section of the page."""
+
+    title: str
+    # makes it, or None where the run has nothing for it; without, what studies declare
+    make: Callable[[Context], Section | None] | None = None
+
+
+GROUPS: Mapping[str, Mapping[str, Entry]] = {
     "Algorithms": {
-        "algorithms": "Algorithms side by side",
-        "overview": "Simulation beside theory",
+        "algorithms": Entry("Algorithms side by side", algorithms.algorithms_section),
+        "overview": Entry("Simulation beside theory", summary.overview_section),
     },
     "Needs attention": {
-        "failures": "What was not measured",
-        "disagreements": "Failing checks",
+        "failures": Entry("What was not measured", record.failures_section),
+        "disagreements": Entry("Failing checks", checks.disagreements_section),
     },
     "Calibration": {
-        "calibration": "Calibration error against noise",
-        "poses": "Number and geometry of the poses",
-        "ladder": "Bias ladder",
-        "magnetometer": "Magnetometer",
-        "gyroscope": "Gyroscope",
+        "calibration": Entry("Calibration error against noise"),
+        "poses": Entry("Number and geometry of the poses"),
+        "ladder": Entry("Bias ladder"),
+        "magnetometer": Entry("Magnetometer"),
+        "gyroscope": Entry("Gyroscope"),
     },
     "Attitude": {
-        "attitude": "Attitude error against noise",
-        "orders": "Order of the attitude formulas",
-        "geometries": "Attitude formulas over many geometries",
-        "closeness": "Closeness to singularity",
-        "ranges": "Range of each attitude formula",
-        "vectors": "Weighted vectors",
-        "estimators": "What an estimator costs",
-        "budget": "Error budget",
+        "attitude": Entry("Attitude error against noise"),
+        "orders": Entry("Order of the attitude formulas"),
+        "geometries": Entry("Attitude formulas over many geometries"),
+        "closeness": Entry("Closeness to singularity"),
+        "ranges": Entry("Range of each attitude formula"),
+        "vectors": Entry("Weighted vectors"),
+        "estimators": Entry("What an estimator costs"),
+        "budget": Entry("Error budget"),
     },
-    "Filters": {"filters": "Attitude filters"},
+    "Filters": {"filters": Entry("Attitude filters", pictures.filters_section)},
     "Scenes and more": {
-        "scene": "Scenes",
-        "statics": "Static intervals",
-        "convergence": "Convergence of the solvers",
-        "other": "Further studies",
+        "scene": Entry("Scenes", pictures.scene_section),
+        "statics": Entry("Static intervals"),
+        "convergence": Entry("Convergence of the solvers"),
+        "other": Entry("Further studies", any_study.other_section),
     },
     "Checks and numbers": {
-        "statistics": "Efficiency, coverage and consistency",
-        "checks": "Checks",
-        "numbers": "All numbers",
-        "provenance": "Provenance",
+        "statistics": Entry(
+            "Efficiency, coverage and consistency", any_study.statistics_section
+        ),
+        "checks": Entry("Checks", checks.checks_section),
+        "numbers": Entry("All numbers", record.numbers_section),
+        "provenance": Entry("Provenance", record.provenance_section),
     },
 }
-"""Titles of the sections under each heading, by their anchors, in the page's order."""
+"""Sections under each heading, by their anchors, in the page's order."""
 
 ALWAYS_OPEN = ("failures", "disagreements")
 
@@ -115,13 +133,9 @@ def groups(
     found = []
     for number, (title, anchors) in enumerate(GROUPS.items()):
         chapters = tuple(
-            _chapter(
-                section,
-                judged.get(section.anchor, ()),
-                everything or section.anchor in opened,
-            )
-            for section in sections
-            if section.anchor in anchors
+            _chapter(s, judged.get(s.anchor, ()), everything or s.anchor in opened)
+            for s in sections
+            if s.anchor in anchors
         )
         if chapters:
             found.append(Group(anchor=f"part-{number}", title=title, chapters=chapters))
@@ -135,33 +149,16 @@ def _chapter(section: Section, answers: Sequence[Answer], opened: bool) -> Chapt
         f"{unclear:,} inconclusive" if unclear else "",
     ]
     findings = (drawing.finding for drawing in section.drawings if drawing.finding)
-    worst: Answer = next((word for word in WORST_FIRST if word in answers), "pass")
     return Chapter(
         section=section,
         finding=str(section.values.get("found") or next(findings, "")),
         mark=", ".join(filter(None, parts)),
-        answer=worst,
-        open=opened or worst != "pass",
+        answer=worst(answers),
+        open=opened or worst(answers) != "pass",
     )
 
 
 # ---- page
-
-OWN: Mapping[str, Callable[[Context], Section | None]] = {
-    "summary": summary.summary_section,
-    "algorithms": algorithms.algorithms_section,
-    "overview": summary.overview_section,
-    "failures": record.failures_section,
-    "disagreements": checks.disagreements_section,
-    "filters": pictures.filters_section,
-    "scene": pictures.scene_section,
-    "other": any_study.other_section,
-    "statistics": any_study.statistics_section,
-    "checks": checks.checks_section,
-    "numbers": record.numbers_section,
-    "provenance": record.provenance_section,
-}
-"""Sections that are more than what studies declare, by their anchors."""
 
 
 def render(
@@ -219,13 +216,11 @@ def context_of(
     """Judge a run once, beside all that it is to be compared with."""
     part = part_of(run)
     _require_parameters(part.run)
-    names = dict.fromkeys((*STUDIES, *(cell.study for cell in part.run.cells)))
     stored = baseline if comparable(run, baseline) else None
     return Context(
         run=located(part.run),
         part=part,
         judged=judge_run(run, stored, alpha),
-        titles={n: STUDIES[n].title if n in STUDIES else n for n in names},
         baseline=baseline,
         against=None
         if against is None
@@ -239,17 +234,16 @@ def sections(run: Run, alpha: float = ALPHA) -> tuple[Section, ...]:
 
 
 def _sections(context: Context) -> tuple[Section, ...]:
-    titles = {"summary": "Verdict"}
+    entries = {"summary": Entry("Verdict", summary.summary_section)}
     for group in GROUPS.values():
-        titles |= group
+        entries |= group
     found = []
-    for anchor, title in titles.items():
-        own = OWN.get(anchor)
-        section = section_of(context, anchor, title) if own is None else own(context)
+    for anchor, (title, make) in entries.items():
+        section = section_of(context, anchor) if make is None else make(context)
         if section is not None:
             also = any_study.SHOWN if anchor == "statistics" else ()
             more = elsewhere(context, anchor, also)
-            found.append(replace(section, elsewhere=more))
+            found.append(replace(section.under(anchor, title), elsewhere=more))
     anchors = {section.anchor for section in found}
     return tuple(_linked(section, anchors) for section in found)
 

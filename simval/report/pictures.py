@@ -61,8 +61,6 @@ def scene_section(context: Context) -> Section | None:
     scenes[-1] = replace(scenes[-1], drawing=replace(scenes[-1].drawing, left_out=rest))
     drawings = [scene.drawing for scene in scenes]
     return made(
-        "scene",
-        "Scenes",
         drawings,
         scenes=scenes,
         hidden=len(files) - len(scenes),
@@ -212,8 +210,7 @@ def filters_section(context: Context) -> Section | None:
     if not cells:
         return None
     pictures = _turning(context, cells)
-    return made(
-        "filters", "Attitude filters", *shown_of(context, "filters"),
+    return made(*shown_of(context, "filters"),
         turning=pictures[:MAX_GROUPS], hidden=max(len(pictures) - MAX_GROUPS, 0),
     )  # fmt: skip
 

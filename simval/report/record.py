@@ -24,8 +24,6 @@ def failures_section(context: Context) -> Section | None:
         return None
     cells = [cell for cell in unfinished if cell.status == "failed"]
     return made(
-        "failures",
-        "What was not measured",
         cells=cells[:MAX_FAILURES],
         commands=[
             reproduce(cell.named, context.folder) for cell in cells[:MAX_FAILURES]
@@ -60,8 +58,6 @@ def numbers_section(context: Context) -> Section | None:
         shown=MAX_NUMBERS,
     )
     return made(
-        "numbers",
-        "All numbers",
         tables=[table],
         folder=context.run.folder.name,
         found=f"{len(rows):,} statistics of {len(context.run.cells):,} cells.",
@@ -78,8 +74,6 @@ def provenance_section(context: Context) -> Section | None:
     manifest = context.run.manifest
     git = manifest["git"]
     return made(
-        "provenance",
-        "Provenance",
         manifest=manifest,
         timing=context.run.timing,
         command=command(manifest),

@@ -16,13 +16,13 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
 from math import prod
+from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from simval.judge import GateResult, RunComparison
-from simval.report.curves import folder_of
 from simval.report.live import silent
 from simval.report.paint import svg
 from simval.report.panels import MANY, Drawing
@@ -79,6 +79,25 @@ def _environment() -> Environment:
         measured=measured, picture=_picture, text=text, sort_key=sort_key, script=script
     )
     return environment
+
+
+# ---- how a command names a run
+
+
+def folder_of(run: Run) -> str:
+    """The run for a command: its path below the working folder, else its name.
+
+    Pages are shared, so they never show where on a machine a run is.
+    """
+    path, here = run.folder.absolute(), Path.cwd()
+    inside = path != here and path.is_relative_to(here)
+    return str(path.relative_to(here)) if inside else path.resolve().name
+
+
+def located(run: Run) -> Run:
+    """Tell the cells of a run how a command names it."""
+    folder = folder_of(run)
+    return replace(run, cells=tuple(replace(cell, run=folder) for cell in run.cells))
 
 
 # ---- the part of a large run
@@ -202,7 +221,6 @@ class Context:
 
     run: Run  # the run folder's content
     judged: GateResult  # what the gate says of it, or of all of it
-    titles: Mapping[str, str]  # title of each study, by its name
     # what the page is asked to compare the run with, if anything
     baseline: Mapping[str, Any] | None = None
     against: Against | None = None
@@ -238,13 +256,17 @@ class Context:
 class Section:
     """A part of the page."""
 
-    anchor: str  # its id on the page
-    title: str
     drawings: tuple[Drawing, ...]
     tables: tuple[Table, ...]
     values: Mapping[str, object]  # what else its template reads
+    anchor: str = ""  # its id on the page
+    title: str = ""
     # statistics of its study that it shows in no figure and no table of its own
     elsewhere: tuple[str, ...] = ()
+
+    def under(self, anchor: str, title: str) -> "Section":
+        """The section at its place on the page."""
+        return replace(self, anchor=anchor, title=title)
 
     @property
     def body(self) -> Markup:
@@ -258,17 +280,7 @@ class Section:
 
 
 def made(
-    anchor: str,
-    title: str,
-    drawings: Sequence[Drawing] = (),
-    tables: Sequence[Table] = (),
-    **values: object,
+    drawings: Sequence[Drawing] = (), tables: Sequence[Table] = (), **values: object
 ) -> Section:
-    """Make a section; nothing is drawn before its `body` is read."""
-    return Section(
-        anchor=anchor,
-        title=title,
-        drawings=tuple(drawings),
-        tables=tuple(tables),
-        values=values,
-    )
+    """What stands in a section; nothing is drawn before its `body` is read."""
+    return Section(drawings=tuple(drawings), tables=tuple(tables), values=values)

@@ -28,12 +28,8 @@ from simval.report.answers import (
     SHOWN,
     Block,
     Line,
-    angle,
     as_theory_says,
-    called,
     in_order,
-    in_unit,
-    rounded,
     worse_than_before,
 )
 from simval.report.curves import PREFERRED, numeric, spans, varying
@@ -41,7 +37,15 @@ from simval.report.declared import shown_of
 from simval.report.gallery import drawn
 from simval.report.panels import Drawing, Panel
 from simval.report.section import Context, Section, home, made
-from simval.report.words import measured, setting_words, spelled
+from simval.report.words import (
+    angle,
+    begun,
+    in_unit,
+    measured,
+    rounded,
+    setting_words,
+    spelled,
+)
 from simval.results import Row
 from simval.statistics import (
     APART,
@@ -215,10 +219,10 @@ def _line(context: Context, study: str) -> Line:
         ended = {"pending": "never run", "done": "without numbers"}
         why = ", ".join(ended.get(word, word) for word in endings)
         said = f"not measured{f': {why}' if why else ''}"
-        return Line(what=called(study), said=said, answer="inconclusive")
+        return Line(what=begun(spelled(study)), said=said, answer="inconclusive")
     cell, reading = found
     return Line(
-        what=called(study),
+        what=begun(spelled(study)),
         said=reading.said,
         where=where(cell, cells, reading.n),
         link=home(study),
@@ -399,8 +403,6 @@ def summary_section(context: Context) -> Section | None:
     wrong = how_wrong(context)
     used = " ".join(line.said for line in wrong.first)
     return made(
-        "summary",
-        "Verdict",
         () if has_user_code(run) else figures(context),
         explained=[words for key, words in EXPLAINED.items() if key in used],
         answers=(
@@ -439,4 +441,4 @@ def overview_section(context: Context) -> Section | None:
     drawings = figures(context) if has_user_code(context.run) else []
     if not drawings:
         return None
-    return made("overview", "Simulation beside theory", drawings)
+    return made(drawings)

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -72,6 +72,14 @@ class Table:
     def visible(self) -> Sequence[Sequence[Any]]:
         """The rows that the page shows."""
         return self.rows[: self.shown]
+
+
+def tabulated(
+    items: Iterable[Any], fields: Mapping[Column, Callable[[Any], Any]], **words: Any
+) -> Table:
+    """A table with a row for each item, and in each column what it says of it."""
+    rows = [tuple(of(item) for of in fields.values()) for item in items]
+    return Table(columns=tuple(fields), rows=rows, **words)
 
 
 NUMBERS = (

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from simval.statistics import ORDER_2, ORDER_4, ORDER_4_SOURCE, Statistic
+from simval.units import COUNT, DEGREE, MILLIRADIAN, Unit
 
 # ---- numbers
 
@@ -15,6 +16,8 @@ FORMULAS = {
 }
 """Formulas as a figure calls them; tables have their names."""
 DIGITS = 16  # of a double, after its first
+LEAST_DEGREES = 2e-3
+"""Angles below this, rad, are told in milliradians: a tenth of a degree."""
 FEWEST = -300  # exponent of ten below which a double has fewer
 
 
@@ -39,6 +42,23 @@ def measured(value: float, error: float) -> str:
     return f"({value / scale:.{places}f} ± {error / scale:.{places}f})e{exponent}"
 
 
+def rounded(value: float, digits: int = 2) -> str:
+    """A number with so many significant digits, with an exponent only if it is long."""
+    short = float(f"{value:.{digits - 1}e}")
+    return f"{short:,.12g}" if 1e-4 <= abs(short) < 1e7 else f"{short:.{digits}g}"
+
+
+def in_unit(value: float, unit: Unit, digits: int = 2) -> str:
+    """A value of a row in a unit for people."""
+    gap = "" if unit in (DEGREE, COUNT) else " "
+    return f"{rounded(value * unit.factor, digits)}{gap}{unit.name}"
+
+
+def angle(value: float) -> str:
+    """An angle in degrees, a small one in milliradians."""
+    return in_unit(value, DEGREE if value >= LEAST_DEGREES else MILLIRADIAN, 3)
+
+
 def sign_of_entries(statistics: Iterable[Statistic]) -> str:
     """Note on the sign of the parameter S_zx, if it is among the statistics."""
     named = any("S_zx" in statistic.entries for statistic in statistics)
@@ -53,6 +73,11 @@ def slug(text: str) -> str:
 def spelled(name: str) -> str:
     """Spell the name of a study, a parameter or a statistic for a person."""
     return name.replace("_", " ")
+
+
+def begun(label: str) -> str:
+    """Words as a sentence begins."""
+    return label[:1].upper() + label[1:]
 
 
 # ---- parameters

@@ -159,7 +159,7 @@ def test_a_cell_that_crashes_again_is_exit_code_4(simval, tiny_run, monkeypatch)
 
 def commands_of(run):
     """What the page gives to compute the cells of its checks again."""
-    context = Context(run=run, judged=judge_run(run), titles={})
+    context = Context(run=run, judged=judge_run(run))
     (table,) = [t for t in checks_section(context).tables if t.name == "verdicts"]
     place = [column.title for column in table.columns].index("command")
     return {row[place] for row in table.rows if row[place]}

@@ -30,7 +30,7 @@ DEGREES = 180.0 / np.pi
 
 def first_screen(run, **asked):
     """Lines of each answer, in words, and the section."""
-    section = summary.summary_section(context_of(run, **asked))
+    section = summary.summary_section(context_of(run, **asked)).under("summary", "")
     groups = str(section.body).split('<div class="answer" role="group"')[1:]
     groups[-1] = groups[-1].partition('<p class="ran">')[0].partition("<figure")[0]
     lines = [

@@ -9,8 +9,9 @@ import rows_by_name
 from rows_by_name import cell
 
 from simval.report import tables
-from simval.report.curves import Measured, curve, folder_of, located, note, statistic
+from simval.report.curves import Measured, curve, note, statistic
 from simval.report.page import sections
+from simval.report.section import folder_of, located
 from simval.statistics import RMS
 from simval.sweep import load_run
 from simval.units import MILLIRADIAN

@@ -82,7 +82,7 @@ def test_the_first_screen_says_degrees(tmp_path):
 def test_dots_and_their_best_name_the_same_numbers(tmp_path):
     run = small_runs.own_estimator(tmp_path)
     contest = contest_of(run.of("estimator"))
-    drawing = dots("estimator", "estimators", contest)
+    drawing = dots("estimators", contest)
     (panel,) = drawing.panels
     for series in panel.series:
         for x, note in zip(series.x, series.notes, strict=True):
@@ -108,7 +108,7 @@ def test_the_best_is_of_settings_in_which_all_have_a_result(tmp_path):
             else replace(cell, status="failed", error="refused: x", rows=())
             for cell in cells
         ]
-        return dots("estimator", "estimators", contest_of(given)).finding
+        return dots("estimators", contest_of(given)).finding
 
     one = found(noises[0])
     assert "with 1.01 times its error, and mine.py farthest, with 1.2 times" in one
@@ -135,7 +135,7 @@ def test_what_compare_does_not_tell_apart_is_not_ranked(tmp_path, ratios, said):
         for name, ratio in zip(names, ratios, strict=True)
     ]
     run = side_by_side.run_of(tmp_path, cells)
-    finding = dots("estimator", "estimators", contest_of(run.of("estimator"))).finding
+    finding = dots("estimators", contest_of(run.of("estimator"))).finding
     assert said in finding
     # as the command says of the same pair
     merits = compare_algorithms(run, names[0], names[1]).merits

@@ -12,7 +12,7 @@ from side_by_side import cell, estimator_rows, league, run_of
 from simval.judge import judge_run
 from simval.plugins.attitudes import CLASSES
 from simval.plugins.loading import BUILTIN
-from simval.report import algorithms, any_study, render, summary
+from simval.report import algorithms, any_study, page, render, summary
 from simval.report.algorithms import (
     SPACE,
     answer_of,
@@ -32,13 +32,13 @@ A, B = "mine.py:a", "simval:wahba"
 
 
 def context_of(run):
-    return Context(run=run, judged=judge_run(run), titles={})
+    return Context(run=run, judged=judge_run(run))
 
 
 def table_of(run, study="estimator"):
     own = [c for c in run.cells if c.study == study]
     verdicts = judge_run(run).verdicts
-    return side_by_side(study, contest_of(own), verdicts, run.timing["calls"])
+    return side_by_side(contest_of(own), verdicts, run.timing["calls"])
 
 
 def fields(table, name):
@@ -102,7 +102,7 @@ def test_the_nees_shown_is_the_one_farthest_from_its_mean(tmp_path):
 
 def test_accuracy_is_drawn_with_bands_that_hold_together(tmp_path):
     run = league(tmp_path)
-    (panel,) = dots("estimator", "estimators", contest_of(run.cells)).panels
+    (panel,) = dots("estimators", contest_of(run.cells)).panels
     assert panel.names[:2] == ["simval:wahba", "estimator-1"]
     assert [series.label for series in panel.series] == [
         "noise 0.001",
@@ -120,7 +120,7 @@ def test_what_is_not_sampled_has_no_bar(tmp_path):
     rows = [r for r in estimator_rows(1.0, 0.01, 0.01) if r.statistic != EFFICIENCY()]
     rows += unjudged(EFFICIENCY(), 0.25)
     cells = [cell(A, rows), cell(B, estimator_rows(1.5, 0.01, 0.01))]
-    drawing = dots("estimator", "estimators", contest_of(cells))
+    drawing = dots("estimators", contest_of(cells))
     (series,) = drawing.panels[0].series
     np.testing.assert_allclose(series.x, [2.0, 1.5], rtol=1e-12)
     assert np.isnan(series.band).tolist() == [True, False]
@@ -129,7 +129,7 @@ def test_what_is_not_sampled_has_no_bar(tmp_path):
 
 def test_failures_are_a_map_with_what_was_declared(tmp_path):
     run = league(tmp_path)
-    (panel,) = failing("estimator", "estimators", contest_of(run.cells)).panels
+    (panel,) = failing("estimators", contest_of(run.cells)).panels
     assert panel.columns == list(CLASSES)
     place = list(CLASSES).index("half turns about r2")
     assert panel.shares[8, place] == 0.3
@@ -142,7 +142,7 @@ def test_failures_are_a_map_with_what_was_declared(tmp_path):
 
 def test_where_none_fails_there_is_a_sentence_and_no_map(tmp_path, undrawn):
     run = league(tmp_path, count=2)
-    section = algorithms.algorithms_section(context_of(run))
+    section = algorithms.algorithms_section(context_of(run)).under("algorithms", "")
     assert [d.name for d in section.drawings] == ["estimator-accuracy"]
     assert "No algorithm fails in any of 16 classes of exact cases" in section.body
     assert (
@@ -161,7 +161,7 @@ def test_a_users_algorithms_come_right_after_the_verdict(tmp_path, monkeypatch):
     assert not algorithms.has_user_code(run_of(tmp_path, only))
     assert algorithms.has_user_code(league(tmp_path))
     # the figures of the first screen go below them, and are on the page once
-    drawn = [dots("x", "estimators", contest_of(only))]
+    drawn = [dots("estimators", contest_of(only))]
     monkeypatch.setattr(summary, "figures", lambda context: drawn)
     for run, first, then in (
         (league(tmp_path), (), tuple(drawn)),
@@ -207,7 +207,7 @@ def test_a_calibrator_by_what_it_leaves(tmp_path, monkeypatch):
 @pytest.fixture
 def alone(monkeypatch):
     """A page of this section only."""
-    own = {"Algorithms": {"algorithms": "Algorithms side by side"}}
+    own = {"Algorithms": {"algorithms": page.GROUPS["Algorithms"]["algorithms"]}}
     monkeypatch.setattr("simval.report.page.GROUPS", own)
 
 
