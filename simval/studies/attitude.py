@@ -23,11 +23,11 @@ reported.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.figures import Figure, Headline, Listing, Quote, entry, predictor
 from simval.geometry import attitude_matrix, normalize
@@ -43,27 +43,8 @@ from simval.montecarlo import (
 )
 from simval.results import Outcome, Row, control, limit, nees, plain, unjudged
 from simval.shapes import Float
-from simval.statistics import (
-    BIAS,
-    BIAS_ALONG,
-    COVARIANCE,
-    COVARIANCE_ALONG,
-    EXACT,
-    LEFT_OUT,
-    NEES,
-    NORM,
-    NORM_OVER_NOISE,
-    ORDER_2,
-    ORDER_4,
-    ORDER_4_SOURCE,
-    RMS,
-    RMS_OVER_NOISE,
-    ROUNDING,
-    UNIT_LENGTH,
-)
 from simval.streams import Streams
-from simval.studies.refusing import LEAST_NOISE
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import LEAST_NOISE, Cost, Geometry, StudyParameters, ranged
 from simval.studies.trials import root
 from simval.theory.attitude import (
     RANGE,
@@ -96,16 +77,19 @@ CONTROLLED = 16
 CONTROL_STREAM = 1
 COMPONENTS = ("x", "y", "z", "s")
 PREDICTORS: dict[int | str, str] = {
-    2: ORDER_2,
-    "4-paper": ORDER_4_SOURCE,
-    4: ORDER_4,
-    "exact": EXACT,
+    2: stat.ORDER_2,
+    "4-paper": stat.ORDER_4_SOURCE,
+    4: stat.ORDER_4,
+    "exact": stat.EXACT,
 }
 FORMULAS = {order: label for order, label in PREDICTORS.items() if order != "exact"}
 _UPPER = np.triu_indices(4)
 ENTRIES = (
-    *BIAS.each(COMPONENTS),
-    *(COVARIANCE(COMPONENTS[i], COMPONENTS[j]) for i, j in zip(*_UPPER, strict=True)),
+    *stat.BIAS.each(COMPONENTS),
+    *(
+        stat.COVARIANCE(COMPONENTS[i], COMPONENTS[j])
+        for i, j in zip(*_UPPER, strict=True)
+    ),
 )
 
 Truth = tuple[Float[Array, "4"], Float[Array, "3"], Float[Array, "3"]]
@@ -116,14 +100,12 @@ Noise = Literal["isotropic", "tangent", "full"]
 class Parameters(StudyParameters):
     """One cell: a geometry and a noise level."""
 
-    geometry: Annotated[int, Field(ge=0, lt=2**63)] = Field(
-        default=3, description="Number of the random attitude and vectors, a seed."
+    geometry: Geometry = 3
+    noise_std: float = ranged(
+        0.01, "Noise per axis of each unit vector.", LEAST_NOISE, 0.5
     )
-    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=0.5)] = Field(
-        default=0.01, description="Noise per axis of each unit vector."
-    )
-    samples: Annotated[int, Field(ge=MIN_BATCHES * BATCH)] = Field(
-        default=1_000_000, description="Trials; rounded up to whole blocks of 16384."
+    samples: int = ranged(
+        1_000_000, "Trials; rounded up to whole blocks of 16384.", MIN_BATCHES * BATCH
     )
 
     def cost(self) -> Cost:
@@ -163,7 +145,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         label: attitude_moments(q, r1, r2, sigma, order=order)
         for order, label in PREDICTORS.items()
     }
-    exact = predictions[EXACT]
+    exact = predictions[stat.EXACT]
     A = attitude_matrix(q)
     truth = np.stack([A @ r1, A @ r2, r1, r2]).reshape(12, 1)
 
@@ -192,18 +174,22 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         )
     )
     # rank 3: the quaternion has unit length, and the fourth direction is rounding
-    weight = np.linalg.pinv(predictions[ORDER_2].covariance, rcond=1e-8)
+    weight = np.linalg.pinv(predictions[stat.ORDER_2].covariance, rcond=1e-8)
     expected = float(np.sum(weight * exact.second_moment))
     return Outcome(
         rows=(
-            *unjudged(NORM_OVER_NOISE(), exact.norm / sigma),
+            *unjudged(stat.NORM_OVER_NOISE(), exact.norm / sigma),
             *_moment_rows(measured, predictions, float(exact.norm) / sigma >= RANGE),
             *control(
                 [statistic.control for statistic in ENTRIES],
-                *_entries(controlled), controlled.samples, _entries(exact)[0], EXACT,
+                *_entries(controlled), controlled.samples,
+                _entries(exact)[0], stat.EXACT,
             ),
             *_rms_rows(sums, predictions),
-            *nees(NEES(), *mean_square(sums, weight), sums.samples, expected, EXACT),
+            *nees(
+                stat.NEES(), *mean_square(sums, weight), sums.samples,
+                expected, stat.EXACT,
+            ),
             *_unit_rows(sums, predictions),
             *_size_rows(sums, sigma, predictions),
         )
@@ -222,7 +208,7 @@ def _moment_rows(
 ) -> Iterator[Row]:
     left = expansion_remainders({o: predictions[k] for o, k in PREDICTORS.items()})
     for order, label in PREDICTORS.items():
-        judged = label == EXACT or (inside and label != ORDER_4_SOURCE)
+        judged = label == stat.EXACT or (inside and label != stat.ORDER_4_SOURCE)
         remainder = np.repeat([left[order].bias, left[order].covariance], (4, 10))
         yield from (plain if judged else unjudged)(
             ENTRIES, *_entries(measured), measured.samples,
@@ -235,22 +221,24 @@ def _rms_rows(sums: Sums, predictions: dict[str, AttitudeMoments]) -> Iterator[R
     found = root(*mean_square(sums, np.eye(4)))
     for label, predicted in predictions.items():
         expected = float(np.sqrt(np.trace(predicted.second_moment)))
-        yield from unjudged(RMS(), *found, sums.samples, expected, label)
+        yield from unjudged(stat.RMS(), *found, sums.samples, expected, label)
 
 
 def _unit_rows(sums: Sums, predictions: dict[str, AttitudeMoments]) -> Iterator[Row]:
     """How well samples and predictions hold to the unit length of the estimate."""
-    q, square = predictions[EXACT].q_true, mean_square(sums, np.eye(4))[0]
+    q, square = predictions[stat.EXACT].q_true, mean_square(sums, np.eye(4))[0]
     off = abs(unit_length_defect(square, float(q @ moments_of(sums).bias)))
     most = unit_length_rounding(square)
-    yield from limit(UNIT_LENGTH("simulated"), off, most, ROUNDING, sums.samples)
+    yield from limit(
+        stat.UNIT_LENGTH("simulated"), off, most, stat.ROUNDING, sums.samples
+    )
     for label, predicted in predictions.items():
         off = abs(predicted_defect(predicted, q))
-        if label == EXACT:
+        if label == stat.EXACT:
             most = unit_length_rounding(float(np.trace(predicted.second_moment)))
-            yield from limit(UNIT_LENGTH(label), off, most, ROUNDING)
+            yield from limit(stat.UNIT_LENGTH(label), off, most, stat.ROUNDING)
         else:
-            yield from unjudged(UNIT_LENGTH(label), off)
+            yield from unjudged(stat.UNIT_LENGTH(label), off)
 
 
 def _size_rows(
@@ -260,13 +248,18 @@ def _size_rows(
 
     The size is the projection on the exact moment, whose entries are judged one by one.
     """
-    exact, n = predictions[EXACT], sums.samples
+    exact, n = predictions[stat.EXACT], sums.samples
     square, spread = mean_square(sums, np.eye(4))
     rms, expected = np.sqrt(square) / sigma, np.sqrt(np.trace(exact.second_moment))
     error = spread / (2 * rms * sigma**2)
-    yield from unjudged(NORM(), exact.norm)
-    yield from unjudged(RMS_OVER_NOISE(), rms, error, n, expected / sigma, EXACT)
-    for part, family in (("bias", BIAS_ALONG), ("covariance", COVARIANCE_ALONG)):
+    yield from unjudged(stat.NORM(), exact.norm)
+    yield from unjudged(
+        stat.RMS_OVER_NOISE(), rms, error, n, expected / sigma, stat.EXACT
+    )
+    for part, family in (
+        ("bias", stat.BIAS_ALONG),
+        ("covariance", stat.COVARIANCE_ALONG),
+    ):
         moment = np.asarray(getattr(exact, part))
         size = float(np.linalg.norm(moment))
         if not size > 0.0:  # nothing to project on
@@ -276,9 +269,9 @@ def _size_rows(
             own = np.asarray(getattr(predicted, part))
             projected = float(np.sum(moment / size * own))
             yield from unjudged(family(), *found, n, projected, label)
-            if label != EXACT:
+            if label != stat.EXACT:
                 off = float(np.linalg.norm(own - moment)) / size
-                yield from unjudged(LEFT_OUT(part), off, predictor=label)
+                yield from unjudged(stat.LEFT_OUT(part), off, predictor=label)
 
 
 ABOUT = (
@@ -289,13 +282,13 @@ ABOUT = (
 
 
 def _along(row: Row) -> str:
-    return "covariance" if row.statistic.family == COVARIANCE_ALONG else "bias"
+    return "covariance" if row.statistic.family == stat.COVARIANCE_ALONG else "bias"
 
 
 NOISE = "noise of each unit vector, relative"
 LEFT = Figure(
     name="attitude-left-out",
-    rows=[LEFT_OUT],
+    rows=[stat.LEFT_OUT],
     along="noise_std",
     axis=NOISE,
     panels=lambda row: f"{row.statistic.entries[0]}: what is left out",
@@ -303,10 +296,10 @@ LEFT = Figure(
     value="distance from exact, relative",
     compared=False,
     resolved={
-        "bias: what is left out": BIAS_ALONG,
-        "covariance: what is left out": COVARIANCE_ALONG,
+        "bias: what is left out": stat.BIAS_ALONG,
+        "covariance: what is left out": stat.COVARIANCE_ALONG,
     },
-    slope={ORDER_2: 2.0, ORDER_4_SOURCE: 2.0, ORDER_4: 4.0},
+    slope={stat.ORDER_2: 2.0, stat.ORDER_4_SOURCE: 2.0, stat.ORDER_4: 4.0},
     caption="",
 )
 FIGURES = (
@@ -314,9 +307,9 @@ FIGURES = (
         name="attitude",
         asked="Are bias and covariance what theory says?",
         what="The covariance; The bias",
-        claimed=(COVARIANCE, BIAS),
-        rows=(COVARIANCE_ALONG, BIAS_ALONG),
-        by=EXACT,
+        claimed=(stat.COVARIANCE, stat.BIAS),
+        rows=(stat.COVARIANCE_ALONG, stat.BIAS_ALONG),
+        by=stat.EXACT,
         theory="the exact theory",
         theories=tuple(PREDICTORS.values()),
         along="noise_std",
@@ -339,8 +332,8 @@ FIGURES = (
         name="summary-attitude",
         section="summary",
         what="The RMS error",
-        rows=[RMS],
-        by=EXACT,
+        rows=[stat.RMS],
+        by=stat.EXACT,
         theory="the exact theory",
         theories=tuple(PREDICTORS.values()),
         along="noise_std",
@@ -350,7 +343,7 @@ FIGURES = (
         value="RMS error",
         single=True,
         ratio=False,
-        beside=[replace(LEFT, rows=[LEFT_OUT("covariance")], slope=None)],
+        beside=[replace(LEFT, rows=[stat.LEFT_OUT("covariance")], slope=None)],
         caption=(
             "Attitude error against noise. Right: how far the covariance of each "
             "formula is from exact, on a scale that shows the differences."
@@ -361,9 +354,9 @@ FIGURES = (
         section="closeness",
         asked="What does a geometry near a singular one cost?",
         what="The RMS error",
-        claimed=[RMS],
-        rows=[RMS_OVER_NOISE],
-        by=EXACT,
+        claimed=[stat.RMS],
+        rows=[stat.RMS_OVER_NOISE],
+        by=stat.EXACT,
         theory="the exact theory",
         along="norm",
         axis="|q̄|",
@@ -373,7 +366,7 @@ FIGURES = (
         beside=[
             replace(
                 LEFT,
-                rows=[LEFT_OUT("covariance")],
+                rows=[stat.LEFT_OUT("covariance")],
                 along="norm_over_noise",
                 axis="|q̄| / σ",
                 over=("geometry", "noise_std"),
@@ -397,7 +390,7 @@ FIGURES = (
             "defect: rounding for samples and the exact answer, what it leaves out for "
             "a truncated formula"
         ),
-        rows=[UNIT_LENGTH],
+        rows=[stat.UNIT_LENGTH],
         keys={},
         column=entry(0),
     ),
@@ -406,7 +399,7 @@ FIGURES = (
 HEADLINE = Headline(
     says="{angle} RMS; {over} × theory",
     quotes={
-        "angle": Quote(of=RMS(), by=EXACT, angle=True, times=2.0),
-        "over": Quote(of=RMS(), by=EXACT, over=True),
+        "angle": Quote(of=stat.RMS(), by=stat.EXACT, angle=True, times=2.0),
+        "over": Quote(of=stat.RMS(), by=stat.EXACT, over=True),
     },
 )

@@ -10,11 +10,10 @@ ones have mean 1.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.figures import Distribution, Listing, entry
 from simval.geometry import attitude_error, normalize, random_quaternions
@@ -22,16 +21,9 @@ from simval.imu.attitude import two_vector_quaternion
 from simval.imu.attitude.comparators import davenport, triad
 from simval.results import Outcome, Row, limit, plain, unjudged
 from simval.shapes import Float
-from simval.statistics import (
-    FIRST_ORDER,
-    RMS_RATIO,
-    SIMULATED_RMS_RATIO,
-    SQUARED_ERROR,
-)
 from simval.streams import Streams
 from simval.studies.attitude import Truth
-from simval.studies.refusing import LEAST_NOISE
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged
 from simval.studies.trials import mean_of
 from simval.theory.attitude import attitude_moments
 from simval.theory.estimators import attitude_bound
@@ -66,14 +58,10 @@ MOST_TRIALS = 1_000_000
 class Parameters(StudyParameters):
     """One cell: how many geometries and trials, at which noise."""
 
-    geometries: Annotated[int, Field(ge=100)] = Field(
-        default=500, description="Random attitudes and vector pairs."
-    )
-    trials: Annotated[int, Field(ge=10, le=MOST_TRIALS)] = Field(
-        default=200, description="Trials for each geometry."
-    )
-    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=1e-3)] = Field(
-        default=1e-3, description="Noise per axis of each unit vector."
+    geometries: int = ranged(500, "Random attitudes and vector pairs.", 100)
+    trials: int = ranged(200, "Trials for each geometry.", 10, MOST_TRIALS)
+    noise_std: float = ranged(
+        1e-3, "Noise per axis of each unit vector.", LEAST_NOISE, 1e-3
     )
 
     def cost(self) -> Cost:
@@ -159,15 +147,17 @@ def ratio_rows(
         ("median", np.median, MEDIAN + SPREAD / np.sqrt(len(predicted))),
         ("worst", np.max, WORST_LIMIT),
     ):
-        ratio, at = RMS_RATIO(name, what), float(pick(predicted))
+        ratio, at = stat.RMS_RATIO(name, what), float(pick(predicted))
         if name == "combined":
-            rows += limit(ratio, at, most, FIRST_ORDER)
+            rows += limit(ratio, at, most, stat.FIRST_ORDER)
         elif name != "TRIAD":
-            rows += unjudged(ratio, at, predictor=FIRST_ORDER)
+            rows += unjudged(ratio, at, predictor=stat.FIRST_ORDER)
         value = float(pick(simulated))
         # that of the geometry which it is, or is next to
         near = error[np.argmin(np.abs(simulated - value))]
-        rows += unjudged(SIMULATED_RMS_RATIO(name, what), value, near, len(simulated))
+        rows += unjudged(
+            stat.SIMULATED_RMS_RATIO(name, what), value, near, len(simulated)
+        )
     return rows
 
 
@@ -177,20 +167,25 @@ def _scale_row(
     # from the spread of the trials in each geometry: the geometries are fewer, and
     # their spread has fewer degrees of freedom than `verdict.freedom` takes
     error = float(np.sqrt(np.sum(errors**2))) / len(errors)
-    found = SQUARED_ERROR(name), float(np.mean(squares)), error, len(squares) * trials
+    found = (
+        stat.SQUARED_ERROR(name),
+        float(np.mean(squares)),
+        error,
+        len(squares) * trials,
+    )
     if name in ("combined", "q-method"):
-        return plain(*found, 1.0, FIRST_ORDER, REMAINDER)
+        return plain(*found, 1.0, stat.FIRST_ORDER, REMAINDER)
     # free selection follows the noise, and TRIAD is not predicted: not judged
-    return unjudged(*found, predictor=FIRST_ORDER)
+    return unjudged(*found, predictor=stat.FIRST_ORDER)
 
 
-KINDS = {RMS_RATIO: "theory", SIMULATED_RMS_RATIO: "simulated"}
+KINDS = {stat.RMS_RATIO: "theory", stat.SIMULATED_RMS_RATIO: "simulated"}
 FIGURES = (
     Distribution(
         name="estimators",
         asked="What does an estimator cost that is not optimal?",
         says="RMS error over the q-method's, in the median: {each}.",
-        about=[SIMULATED_RMS_RATIO(name, "median") for name in ESTIMATORS],
+        about=[stat.SIMULATED_RMS_RATIO(name, "median") for name in ESTIMATORS],
         named=entry(0),
         file=lambda parameters: "attitude-efficiency.npz",
         arrays=lambda parameters: {
@@ -207,7 +202,7 @@ FIGURES = (
     Listing(
         name="estimators",
         caption="RMS error over the q-method's, by theory and simulated",
-        rows=[RMS_RATIO, SIMULATED_RMS_RATIO],
+        rows=[stat.RMS_RATIO, stat.SIMULATED_RMS_RATIO],
         keys={"estimator": entry(0)},
         column=lambda row: f"{row.statistic.entries[1]}, {KINDS[row.statistic.family]}",
     ),

@@ -14,28 +14,19 @@ extrapolated from the exact moments at two noise levels, without any expansion.
 
 from collections.abc import Iterator, Mapping
 from itertools import count, islice
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from pydantic import Field
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.errors import GeometryError
 from simval.figures import Distribution, Listing, entries, predictor
 from simval.results import Outcome, limit, unjudged
-from simval.statistics import (
-    EXACT,
-    LEADING_ERROR_RATIO,
-    LEADING_TERM_OFF,
-    NEARER,
-    ORDER_2,
-    ORDER_2_PRINTED,
-    ORDER_4,
-    ORDER_4_SOURCE,
-)
 from simval.streams import Streams
 from simval.studies.attitude import Noise, Truth, noise_shapes, random_geometry
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import Cost, StudyParameters, ranged
 from simval.theory.attitude import attitude_moments
 from simval.theory.expansion import (
     complete_fourth_covariance,
@@ -50,7 +41,7 @@ from simval.units import PERCENT
 TITLE = "Geometries: which attitude formula is nearer to the truth, and how often"
 SECTION = "geometries"
 
-COMPARED: Final = (ORDER_4_SOURCE, ORDER_2_PRINTED)
+COMPARED: Final = (stat.ORDER_4_SOURCE, stat.ORDER_2_PRINTED)
 QUANTILES: Final = {"least": 0.0, "5%": 0.05, "median": 0.5, "95%": 0.95, "most": 1.0}
 
 CHECKED: Final = 6
@@ -76,9 +67,7 @@ class Parameters(StudyParameters):
     frame: Literal["greatest", "plain"] = Field(
         default="greatest", description="Column of the estimator."
     )
-    geometries: Annotated[int, Field(ge=20, le=100_000)] = Field(
-        default=500, description="Random attitudes and pairs of vectors."
-    )
+    geometries: int = ranged(500, "Random attitudes and pairs of vectors.", 20, 100_000)
 
     def cost(self) -> Cost:
         """Cost of a cell: 1.5 ms a geometry, and the exact moments of some."""
@@ -96,12 +85,14 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         if i < CHECKED:
             known = _extrapolated(truth, geometry, noise)
             off[i] = np.linalg.norm(leading - known) / np.linalg.norm(leading)
-    rows = list(limit(LEADING_TERM_OFF(), off.max(), MOST_OFF, EXACT, n=CHECKED))
+    rows = list(
+        limit(stat.LEADING_TERM_OFF(), off.max(), MOST_OFF, stat.EXACT, n=CHECKED)
+    )
     for label, found in zip(COMPARED, ratios.T, strict=True):
         values = np.quantile(found, list(QUANTILES.values()))
-        statistics = LEADING_ERROR_RATIO.each(QUANTILES)
+        statistics = stat.LEADING_ERROR_RATIO.each(QUANTILES)
         rows += unjudged(statistics, values, predictor=label)
-        rows += unjudged(NEARER(), float(np.mean(found < 1.0)), predictor=label)
+        rows += unjudged(stat.NEARER(), float(np.mean(found < 1.0)), predictor=label)
     artifact = dict(zip(COMPARED, ratios.T, strict=True))
     name = artifact_of(parameters.model_dump())
     return Outcome(rows=tuple(rows), artifacts={name: artifact})
@@ -152,12 +143,12 @@ FIGURES = (
         name="geometries",
         asked="Is a formula nearer to the truth than the second order?",
         says="Share of geometries in which a formula is nearer: {each}.",
-        about=[NEARER],
+        about=[stat.NEARER],
         named=predictor,
         unit=PERCENT,
         file=artifact_of,
         arrays=lambda parameters: {"": {name: name for name in COMPARED}},
-        upright={ORDER_4: 0.0, ORDER_2: 1.0},
+        upright={stat.ORDER_4: 0.0, stat.ORDER_2: 1.0},
         axis="leading error / the second order's",
         value="share of geometries",
         caption=(
@@ -174,7 +165,7 @@ FIGURES = (
             "Leading error of each formula's covariance over the second order's: "
             "quantiles over the geometries"
         ),
-        rows=[LEADING_ERROR_RATIO, NEARER, LEADING_TERM_OFF],
+        rows=[stat.LEADING_ERROR_RATIO, stat.NEARER, stat.LEADING_TERM_OFF],
         keys={"formula": predictor},
         column=lambda row: entries(row) or row.statistic.family.words,
     ),

@@ -7,26 +7,18 @@ often the raw sign of the estimate flips (predicted exactly) and how often free
 selection of the greatest column would have taken another frame than the true geometry.
 """
 
-from typing import Annotated
-
 import numpy as np
-from pydantic import Field
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.figures import Figure, Listing, entry, predictor
 from simval.imu.attitude.kernel import column_matrix, raw_quaternion
 from simval.results import Outcome, Row, plain, unjudged
 from simval.shapes import Float
-from simval.statistics import (
-    EXACT,
-    FLIP_RATE,
-    LIMIT_RATIO,
-    OTHER_SELECTION_RATE,
-)
 from simval.streams import Streams
 from simval.studies.attitude import FORMULAS, Truth
 from simval.studies.attitude_map import limits_of
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import Cost, StudyParameters, ranged
 from simval.theory.exact import flip_probability
 from simval.theory.two_vector import (
     noise_covariances,
@@ -48,15 +40,11 @@ MIN_EVENTS = 100
 class Parameters(StudyParameters):
     """One cell: a length of qbar, and the noise at which flips are counted."""
 
-    norm: Annotated[float, Field(ge=0.05, le=0.8)] = Field(
-        default=0.3, description="Length of the noise-free qbar in the plain frame."
+    norm: float = ranged(
+        0.3, "Length of the noise-free qbar in the plain frame.", 0.05, 0.8
     )
-    ratio: Annotated[float, Field(ge=1.5, le=20.0)] = Field(
-        default=2.0, description="|qbar|/sigma at which flips are counted."
-    )
-    samples: Annotated[int, Field(ge=BLOCK)] = Field(
-        default=400_000, description="Trials; rounded up to whole blocks of 4096."
-    )
+    ratio: float = ranged(2.0, "|qbar|/sigma at which flips are counted.", 1.5, 20.0)
+    samples: int = ranged(400_000, "Trials; rounded up to whole blocks of 4096.", BLOCK)
 
     def cost(self) -> Cost:
         """Cost of a cell."""
@@ -78,7 +66,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     for (order, *entries), (ratio, _) in limits_of(geometry, RATIOS, "plain").items():
         if RATIOS[-1] < ratio < RATIOS[0]:
             label = FORMULAS[order]
-            rows += unjudged(LIMIT_RATIO(*entries), ratio, predictor=label)
+            rows += unjudged(stat.LIMIT_RATIO(*entries), ratio, predictor=label)
     sigma = parameters.norm / parameters.ratio
     rows += _flip_rows(geometry, sigma, parameters.samples, streams)
     return Outcome(rows=tuple(rows))
@@ -102,8 +90,8 @@ def _flip_rows(
     error = np.sqrt(chance * (1.0 - chance) / n)
     other_error = np.sqrt(changes * (1.0 - changes / n)) / n
     return (
-        *write(FLIP_RATE(), flips / n, error, n, chance, EXACT),
-        *unjudged(OTHER_SELECTION_RATE(), changes / n, other_error, n),
+        *write(stat.FLIP_RATE(), flips / n, error, n, chance, stat.EXACT),
+        *unjudged(stat.OTHER_SELECTION_RATE(), changes / n, other_error, n),
     )
 
 
@@ -112,7 +100,7 @@ def _norms(vectors: Float[Array, "12 n"]) -> Float[Array, "4 n"]:
     return norms
 
 
-AT_ONE_PERCENT = [LIMIT_RATIO(part, "1%") for part in ("covariance", "bias")]
+AT_ONE_PERCENT = [stat.LIMIT_RATIO(part, "1%") for part in ("covariance", "bias")]
 FIGURES = (
     Figure(
         name="limits",
@@ -135,14 +123,14 @@ FIGURES = (
     Listing(
         name="limits-shares",
         caption="Least |q̄| / σ at which each formula is within 1 % and 10 %",
-        rows=[LIMIT_RATIO],
+        rows=[stat.LIMIT_RATIO],
         keys={"formula": predictor, "moment": entry(0)},
         column=entry(1),
     ),
     Listing(
         name="limits",
         caption="How often the raw sign flips, and how often free selection differs",
-        rows=[FLIP_RATE, OTHER_SELECTION_RATE],
+        rows=[stat.FLIP_RATE, stat.OTHER_SELECTION_RATE],
         keys={},
         predicted=True,
     ),

@@ -10,7 +10,7 @@ quantiles at the same noise are there too.
 
 from collections.abc import Mapping
 from itertools import islice
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from pydantic import Field
@@ -23,7 +23,7 @@ from simval.statistics import LIMIT_RATIO, NEXT_ORDER
 from simval.streams import Streams
 from simval.studies.attitude import FORMULAS, PREDICTORS, Truth
 from simval.studies.attitude_geometries import QUANTILES, regular_geometries
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import Cost, StudyParameters, ranged
 from simval.theory.attitude import AttitudeMoments, attitude_moments
 
 TITLE = "Map of the limits: where each attitude formula holds, over many geometries"
@@ -46,9 +46,7 @@ class Parameters(StudyParameters):
     frame: Literal["greatest", "plain"] = Field(
         default="greatest", description="Column of the estimator."
     )
-    geometries: Annotated[int, Field(ge=5, le=10_000)] = Field(
-        default=150, description="Random attitudes and pairs of vectors."
-    )
+    geometries: int = ranged(150, "Random attitudes and pairs of vectors.", 5, 10_000)
 
     def cost(self) -> Cost:
         """Cost of a cell: 26 exact answers a geometry."""

@@ -10,11 +10,11 @@ its own order, so its slope is 4 too. No chance is involved.
 
 from dataclasses import replace
 from functools import partial
-from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.errors import GeometryError
 from simval.figures import Figure, Listing, along_entry, predictor
@@ -22,18 +22,9 @@ from simval.imu.attitude import two_vector_quaternion
 from simval.moments import Moments
 from simval.results import Outcome, Row, exact, unjudged
 from simval.shapes import Float
-from simval.statistics import (
-    BIAS_ERROR,
-    BIAS_ORDER,
-    COVARIANCE_ERROR,
-    COVARIANCE_ORDER,
-    NORM,
-    Family,
-)
 from simval.streams import Streams
 from simval.studies.attitude import PREDICTORS, Noise, noise_shapes, random_geometry
-from simval.studies.refusing import refusing
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import Cost, Geometry, StudyParameters, refusing
 from simval.theory.attitude import attitude_moments
 from simval.theory.cubature import cubature_moments
 from simval.theory.two_vector import true_vectors
@@ -57,8 +48,8 @@ ORDERS: dict[int | str, float] = {2: 4.0, "4-paper": 4.0, 4: 6.0}
 """The slope that each formula's error must have."""
 
 FAMILIES = {
-    "bias": (BIAS_ORDER, BIAS_ERROR),
-    "covariance": (COVARIANCE_ORDER, COVARIANCE_ERROR),
+    "bias": (stat.BIAS_ORDER, stat.BIAS_ERROR),
+    "covariance": (stat.COVARIANCE_ORDER, stat.COVARIANCE_ERROR),
 }
 """Slope and distance of each moment."""
 
@@ -66,9 +57,7 @@ FAMILIES = {
 class Parameters(StudyParameters):
     """One cell: a geometry and a shape of the noise."""
 
-    geometry: Annotated[int, Field(ge=0, lt=2**63)] = Field(
-        default=3, description="Number of the random attitude and vectors, a seed."
-    )
+    geometry: Geometry = 3
     noise: Noise = Field(
         default="isotropic",
         description="Equal isotropic noise, four different full covariances, or noise "
@@ -110,7 +99,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             vectors = true_vectors(q, r1, r2)[1]
             truth = cubature_moments(estimator, vectors, noise, second.q_true)
         found["truth"].append(truth)
-    rows = list(unjudged(NORM(), norm))
+    rows = list(unjudged(stat.NORM(), norm))
     for order, slope in ORDERS.items():
         for part, families in FAMILIES.items():
             pairs = zip(found[order], found["truth"], strict=True)
@@ -121,7 +110,11 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def _rows(
-    slope: Family, distance: Family, label: str, gap: Float[Array, " n"], order: float
+    slope: stat.Family,
+    distance: stat.Family,
+    label: str,
+    gap: Float[Array, " n"],
+    order: float,
 ) -> tuple[Row, ...]:
     fitted, value = gap > FLOOR, float("nan")  # which is judged inconclusive
     if fitted.sum() >= 2:
@@ -134,15 +127,15 @@ def _rows(
 
 
 def _moment(row: Row) -> str:
-    return "bias" if row.statistic.family == BIAS_ORDER else "covariance"
+    return "bias" if row.statistic.family == stat.BIAS_ORDER else "covariance"
 
 
 _COVARIANCE = Figure(
     name="orders",
     asked="How fast does each formula become exact?",
     says="What is left out has the slope {each}.",
-    about=[COVARIANCE_ORDER, BIAS_ORDER],
-    rows=[COVARIANCE_ERROR],
+    about=[stat.COVARIANCE_ORDER, stat.BIAS_ORDER],
+    rows=[stat.COVARIANCE_ERROR],
     along=along_entry,
     axis="noise of each unit vector, relative",
     lines=predictor,
@@ -164,13 +157,13 @@ FIGURES = (
         name="orders-bias",
         fold="The same of the bias",
         says="",
-        rows=[BIAS_ERROR],
+        rows=[stat.BIAS_ERROR],
         caption="Distance of each formula's bias from the truth.",
     ),
     Listing(
         name="orders",
         caption="Slopes of every formula, noise and moment, and the stated order",
-        rows=[BIAS_ORDER, COVARIANCE_ORDER],
+        rows=[stat.BIAS_ORDER, stat.COVARIANCE_ORDER],
         keys={"formula": predictor, "moment": _moment},
         column=lambda row: "slope",
         predicted=True,

@@ -25,12 +25,13 @@ of degree 5, gives their means to the next order, at the noise and at half of it
 what falls with the noise is the remainder.
 """
 
-from typing import Annotated, Self
+from typing import Self
 
 import numpy as np
 import scipy
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.consistency import rotation_error
 from simval.figures import Figure, Listing, entry
@@ -43,19 +44,7 @@ from simval.imu.attitude import (
 )
 from simval.results import Outcome, Row, exact, nees, plain, unjudged
 from simval.shapes import Float
-from simval.statistics import (
-    CHI_SQUARE,
-    CHI_SQUARE_3,
-    COVARIANCE_OFF,
-    FIRST_ORDER,
-    INCONSISTENT_RATE,
-    NEES,
-    RESPONSE,
-    RMS_OVER_BOUND,
-    SQUARED_ERROR,
-)
 from simval.streams import Streams
-from simval.studies.refusing import refusing
 from simval.studies.response import (
     MET,
     apart,
@@ -65,7 +54,7 @@ from simval.studies.response import (
     reduced_share,
     response,
 )
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import Cost, Geometry, StudyParameters, ranged, refusing
 from simval.studies.trials import correlation_row, noise_row, normalised_square, root
 from simval.theory import (
     attitude_moments,
@@ -104,24 +93,18 @@ seen at 100, and 1.1e-6 at 1000, on processors of two kinds."""
 class Parameters(StudyParameters):
     """One cell: how many vectors, and how unequal their noise is."""
 
-    vectors: Annotated[int, Field(ge=2, le=6)] = Field(
-        default=2, description="Vector pairs."
+    vectors: int = ranged(2, "Vector pairs.", 2, 6)
+    noise_std: float = ranged(
+        1e-4, "Noise per axis of the body vector of the first pair.", 1e-5, 1e-2
     )
-    noise_std: Annotated[float, Field(ge=1e-5, le=1e-2)] = Field(
-        default=1e-4, description="Noise per axis of the body vector of the first pair."
+    ratio: float = ranged(
+        1.0, "Noise of the other pairs over that of the first.", 1.0, 1e3
     )
-    ratio: Annotated[float, Field(ge=1.0, le=1e3)] = Field(
-        default=1.0, description="Noise of the other pairs over that of the first."
+    shift: float = ranged(
+        3.0, "Turn of the wrong vector, in standard deviations.", 0.0, 10.0
     )
-    shift: Annotated[float, Field(ge=0.0, le=10.0)] = Field(
-        default=3.0, description="Turn of the wrong vector, in standard deviations."
-    )
-    geometry: Annotated[int, Field(ge=0, lt=2**63)] = Field(
-        default=0, description="Number of the random geometry."
-    )
-    samples: Annotated[int, Field(ge=4096, le=MOST_SAMPLES)] = Field(
-        default=65_536, description="Trials."
-    )
+    geometry: Geometry = 0
+    samples: int = ranged(65_536, "Trials.", 4096, MOST_SAMPLES)
 
     @model_validator(mode="after")
     def _require_vectors(self) -> Self:
@@ -355,16 +338,24 @@ def _estimator_rows(
     normal: list[tuple[Array, float]] = []
     for k, (name, predicted) in enumerate(setting.predicted.items()):
         squares += plain(
-            SQUARED_ERROR(name), mean[k], error[k], n, 1.0, FIRST_ORDER, off[k]
+            stat.SQUARED_ERROR(name),
+            mean[k],
+            error[k],
+            n,
+            1.0,
+            stat.FIRST_ORDER,
+            off[k],
         )
         ratio = np.sqrt(predicted / setting.bound)
         rms, width = root(mean[k], ratio * error[k])
         ratios += unjudged(
-            RMS_OVER_BOUND(name), ratio * rms, width, n, ratio, FIRST_ORDER
+            stat.RMS_OVER_BOUND(name), ratio * rms, width, n, ratio, stat.FIRST_ORDER
         )
         j = k + count
         judged = nees if off[j] <= MOST_LEFT_OUT else unjudged
-        own += judged(NEES(name), mean[j], error[j], n, 3.0, CHI_SQUARE_3, off[j])
+        own += judged(
+            stat.NEES(name), mean[j], error[j], n, 3.0, stat.CHI_SQUARE_3, off[j]
+        )
         turn = known.take(slice(3 * k, 3 * k + 3))
         variance = float(np.trace(turn.covariance)) / predicted
         linear.append((np.sum(turn.first**2, axis=1) / predicted, variance))
@@ -404,7 +395,13 @@ def _test_rows(
     error = np.sqrt(chance * (1 - chance) / n)
     seen, (linear, known) = losses > threshold, setting.linear_losses(x, shift)
     rows = plain(
-        INCONSISTENT_RATE(name), np.mean(seen), error, n, chance, CHI_SQUARE, left
+        stat.INCONSISTENT_RATE(name),
+        np.mean(seen),
+        error,
+        n,
+        chance,
+        stat.CHI_SQUARE,
+        left,
     )
     sharper = reduced_share(seen, linear > threshold, share(freedom, known))
     return (*rows, *beside(rows, [sharper]))
@@ -422,7 +419,7 @@ def _stated_rows(setting: Setting) -> tuple[Row, ...]:
     for k, name in enumerate(setting.weights):
         own = slice(3 * k, 3 * k + 3)
         off = apart(setting.stated(name, setting.body[None])[0], covariance[own, own])
-        rows += exact(COVARIANCE_OFF(name), off, 0.0, RESPONSE, left)
+        rows += exact(stat.COVARIANCE_OFF(name), off, 0.0, stat.RESPONSE, left)
     return rows
 
 
@@ -436,8 +433,8 @@ FIGURES = (
         asked="What does each estimator of weighted vectors cost?",
         what="The simulated error",
         says="The RMS error over the bound is at most {most_each}.",
-        rows=[RMS_OVER_BOUND],
-        by=FIRST_ORDER,
+        rows=[stat.RMS_OVER_BOUND],
+        by=stat.FIRST_ORDER,
         along="ratio",
         lines=entry(0),
         value="RMS error / bound",
@@ -452,7 +449,7 @@ FIGURES = (
     Listing(
         name="vectors",
         caption="Error of each estimator in each setting, and its covariance",
-        rows=[RMS_OVER_BOUND, SQUARED_ERROR, NEES],
+        rows=[stat.RMS_OVER_BOUND, stat.SQUARED_ERROR, stat.NEES],
         keys={"estimator": entry(0)},
         column=_family,
         predicted=True,
@@ -464,7 +461,7 @@ FIGURES = (
             "of samples with a second vector turned by the shift that it finds"
         ),
         claim="Chi-square test of the loss: the share that it refuses",
-        rows=[INCONSISTENT_RATE],
+        rows=[stat.INCONSISTENT_RATE],
         keys={},
         column=entry(0),
         predicted=True,

@@ -23,11 +23,12 @@ up to k = 6 with poses of every kind.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
 
+from simval import statistics as stat
 from simval.arrays import Array, frozen
 from simval.figures import Figure, Headline, Listing, Quote, entries, of_calibration
 from simval.imu.calibrate import calibrate
@@ -37,29 +38,9 @@ from simval.poses import PARAMETERS, observability
 from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
 from simval.scene import simulate_cached
 from simval.shapes import Float
-from simval.statistics import (
-    BIAS,
-    BIAS_ALONG,
-    BIAS_OFF,
-    COVARIANCE_OFF,
-    CRAMER_RAO,
-    EFFICIENCY,
-    FIRST_ORDER,
-    NEES,
-    NOISE_OF_MEAN,
-    RECOVERY,
-    RESPONSE,
-    RMS,
-    RMS_OVER_BOUND,
-    SD,
-    SECOND_ORDER,
-    SPREAD,
-    TRUTH,
-)
 from simval.streams import Streams
-from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.response import MET, STEP, Expanded, apart, beside, response
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import Kept, drawn_rows, noise_row, root, trials_of
 from simval.theory.calibration import (
     EVEN,
@@ -98,18 +79,14 @@ class Parameters(StudyParameters):
     scene: Literal["gimbal", "die"] = Field(
         default="gimbal", description="Scene that is simulated."
     )
-    poses: Annotated[int, Field(ge=9, le=400)] = Field(
-        default=40, description="Poses of the gimbal, or throws of the die."
+    poses: int = ranged(40, "Poses of the gimbal, or throws of the die.", 9, 400)
+    hold_time: float = ranged(
+        0.2, "Length of each hold that is averaged, s.", 0.002, 10.0
     )
-    hold_time: Annotated[float, Field(ge=0.002, le=10.0)] = Field(
-        default=0.2, description="Length of each hold that is averaged, s."
+    noise_std: float = ranged(
+        0.01, "Noise per axis and sample, m/s^2; 0 is noise-free.", 0.0, 10.0
     )
-    noise_std: Annotated[float, Field(ge=0.0, le=10.0)] = Field(
-        default=0.01, description="Noise per axis and sample, m/s^2; 0 is noise-free."
-    )
-    trials: Annotated[int, Field(ge=2 * BLOCK)] = Field(
-        default=2048, description="Trials; rounded up to whole blocks of 64."
-    )
+    trials: int = ranged(2048, "Trials; rounded up to whole blocks of 64.", 2 * BLOCK)
 
     @field_validator("noise_std")
     @classmethod
@@ -194,7 +171,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     known = expanded(sensor, means, g, x, noise)
     return Outcome(
         rows=(
-            *unjudged(NOISE_OF_MEAN(), noise),
+            *unjudged(stat.NOISE_OF_MEAN(), noise),
             *noise_row(x.reshape(len(x), -1) / noise),
             *rows,
             *_control_rows(rows, error, known, predicted, float(still.condition)),
@@ -238,7 +215,7 @@ def _recovery(sensor: AccelerometerModel, rests: Rests) -> tuple[Row, ...]:
         np.abs(error[part]).max() / np.abs(sensor.parameters[part]).max()
         for _, part, _ in GROUPS
     ]
-    return limit(RECOVERY.each("TKB"), relative, most, TRUTH, n=1)
+    return limit(stat.RECOVERY.each("TKB"), relative, most, stat.TRUTH, n=1)
 
 
 def _moment_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
@@ -248,16 +225,17 @@ def _moment_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
     share = (np.sqrt(np.diagonal(predicted.cramer_rao)) / sd) ** 2
     return [
         *plain(
-            BIAS.each(names, UNITS), measured.bias, measured.bias_error, n,
-            predicted.bias, SECOND_ORDER, predicted.bias_remainder,
+            stat.BIAS.each(names, UNITS), measured.bias, measured.bias_error, n,
+            predicted.bias, stat.SECOND_ORDER, predicted.bias_remainder,
         ),
         *plain(
-            SD.each(names, UNITS), sd, variance_error / (2 * sd), n,
-            expected, FIRST_ORDER, predicted.sd_remainder,
+            stat.SD.each(names, UNITS), sd, variance_error / (2 * sd), n,
+            expected, stat.FIRST_ORDER, predicted.sd_remainder,
         ),
         *unjudged(
-            EFFICIENCY.each(names), share, share * variance_error / sd**2, n,
-            (np.sqrt(np.diagonal(predicted.cramer_rao)) / expected) ** 2, FIRST_ORDER,
+            stat.EFFICIENCY.each(names), share, share * variance_error / sd**2, n,
+            (np.sqrt(np.diagonal(predicted.cramer_rao)) / expected) ** 2,
+            stat.FIRST_ORDER,
         ),
     ]  # fmt: skip
 
@@ -267,7 +245,7 @@ def _nees_row(sums: Sums, predicted: CalibrationMoments) -> tuple[Row, ...]:
     expected = 9.0 + float(predicted.bias @ weight @ predicted.bias)
     left = expected * predicted.variance_remainder
     found = mean_square(sums, weight)
-    return nees(NEES(), *found, sums.samples, expected, FIRST_ORDER, left)
+    return nees(stat.NEES(), *found, sums.samples, expected, stat.FIRST_ORDER, left)
 
 
 def _control_rows(
@@ -297,14 +275,14 @@ def _group_rows(sums: Sums, predicted: CalibrationMoments) -> Iterator[Row]:
         for predictor, matrix in _theories(predicted).items():
             expected = float(np.sqrt(np.trace(weight @ matrix)))
             yield from unjudged(
-                RMS(name, unit=unit), *found, sums.samples, expected, predictor
+                stat.RMS(name, unit=unit), *found, sums.samples, expected, predictor
             )
 
 
 def _theories(predicted: CalibrationMoments) -> dict[str, Array]:
     bias = predicted.bias
     first = predicted.covariance + np.outer(bias, bias)
-    return {FIRST_ORDER: first, CRAMER_RAO: predicted.cramer_rao}
+    return {stat.FIRST_ORDER: first, stat.CRAMER_RAO: predicted.cramer_rao}
 
 
 def _pooled_rows(sums: Sums, predicted: CalibrationMoments) -> Iterator[Row]:
@@ -316,9 +294,9 @@ def _pooled_rows(sums: Sums, predicted: CalibrationMoments) -> Iterator[Row]:
     all_nine = np.array([1.0] * 6 + [G**-2] * 3) / 9.0
     over = np.concatenate([np.full(3, 1 / (3 * bound[p].sum())) for _, p, _ in GROUPS])
     for statistic, weight, by in (
-        (RMS("all"), all_nine, FIRST_ORDER),
-        (RMS("all"), all_nine, CRAMER_RAO),
-        (RMS_OVER_BOUND(), over, FIRST_ORDER),
+        (stat.RMS("all"), all_nine, stat.FIRST_ORDER),
+        (stat.RMS("all"), all_nine, stat.CRAMER_RAO),
+        (stat.RMS_OVER_BOUND(), over, stat.FIRST_ORDER),
     ):
         expected = float(np.sqrt(weight @ np.diagonal(_theories(predicted)[by])))
         found = root(*mean_square(sums, np.diag(weight)))
@@ -330,7 +308,7 @@ def _pooled_rows(sums: Sums, predicted: CalibrationMoments) -> Iterator[Row]:
         left = expected * predicted.variance_remainder / 2.0
         found = root(*along(sums, np.diag(each)))
         yield from unjudged(
-            SPREAD(name, unit=unit), *found, n, expected, FIRST_ORDER, left
+            stat.SPREAD(name, unit=unit), *found, n, expected, stat.FIRST_ORDER, left
         )
         size = float(np.sqrt(each @ predicted.bias**2))
         if size > 0.0:  # else there is nothing to project on
@@ -338,7 +316,12 @@ def _pooled_rows(sums: Sums, predicted: CalibrationMoments) -> Iterator[Row]:
             left = float(np.abs(weight) @ predicted.bias_remainder)
             found = along(sums, weight)
             yield from unjudged(
-                BIAS_ALONG(name, unit=unit), *found, n, size, SECOND_ORDER, left
+                stat.BIAS_ALONG(name, unit=unit),
+                *found,
+                n,
+                size,
+                stat.SECOND_ORDER,
+                left,
             )
 
 
@@ -372,18 +355,18 @@ def response_rows(
     worse = max(1.0, seen.condition / EVEN)
     claimed = calibrate(clean, **told).covariance / told["noise_std"] ** 2
     rows = exact(
-        COVARIANCE_OFF("predicted"),
+        stat.COVARIANCE_OFF("predicted"),
         apart(predicted.covariance, found.covariance(noise)),
-        0.0, RESPONSE, MET * worse**4,
+        0.0, stat.RESPONSE, MET * worse**4,
     ) + exact(
-        COVARIANCE_OFF("stated"), apart(claimed, predicted.covariance),
-        0.0, FIRST_ORDER, MET * worse**4,
+        stat.COVARIANCE_OFF("stated"), apart(claimed, predicted.covariance),
+        0.0, stat.FIRST_ORDER, MET * worse**4,
     )  # fmt: skip
     if residual == "adjusted":  # takes its bias out by the noise that it is told
         return rows
     off = np.abs(predicted.bias - found.bias(noise)) / predicted.sd
     return rows + exact(
-        BIAS_OFF("predicted"), off.max(), 0.0, RESPONSE, MET_BIAS * worse**4
+        stat.BIAS_OFF("predicted"), off.max(), 0.0, stat.RESPONSE, MET_BIAS * worse**4
     )
 
 
@@ -405,9 +388,9 @@ _RMS = Figure(
     name="calibration",
     asked="Is the error what theory says, and at the Cramér-Rao bound?",
     what="The RMS error",
-    rows=RMS.each("TKB"),
-    by=FIRST_ORDER,
-    bound=CRAMER_RAO,
+    rows=stat.RMS.each("TKB"),
+    by=stat.FIRST_ORDER,
+    bound=stat.CRAMER_RAO,
     along="noise_std",
     panels=_part,
     unit=of_calibration,
@@ -424,10 +407,10 @@ FIGURES = (
         name="calibration-bias",
         asked="Is there a bias, and is it what theory says?",
         what="The bias",
-        rows=[BIAS_ALONG],
-        claimed=[BIAS],
-        scale=(SD, FIRST_ORDER, "the scatter"),
-        by=SECOND_ORDER,
+        rows=[stat.BIAS_ALONG],
+        claimed=[stat.BIAS],
+        scale=(stat.SD, stat.FIRST_ORDER, "the scatter"),
+        by=stat.SECOND_ORDER,
         bound="",
         slope=2.0,
         caption=(
@@ -441,8 +424,8 @@ FIGURES = (
         name="calibration-sd",
         asked="Is the spread what theory says?",
         what="The standard deviation alone",
-        rows=[SPREAD],
-        claimed=[SD],
+        rows=[stat.SPREAD],
+        claimed=[stat.SD],
         bound="",
         fold="{claim}",
         caption="Standard deviation alone, RMS over the three entries.",
@@ -452,7 +435,7 @@ FIGURES = (
         name="calibration-together",
         asked="",
         what="",
-        rows=[RMS("all")],
+        rows=[stat.RMS("all")],
         fold="RMS error of all nine parameters together",
         columns=2,
         caption="RMS error of all nine parameters, B in units of g.",
@@ -488,7 +471,7 @@ FIGURES = (
     Listing(
         name="calibration-recovery",
         caption="Without noise: relative error of what was recovered, and its limit",
-        rows=[RECOVERY],
+        rows=[stat.RECOVERY],
         keys={"of": entries},
         predicted=True,
         where=lambda parameters: not _noisy(parameters),
@@ -497,9 +480,11 @@ FIGURES = (
 HEADLINE = Headline(
     says="T {T}, K {K}, B {B}; {over} × the bound",
     quotes={
-        "over": Quote(of=RMS_OVER_BOUND(), by=FIRST_ORDER),
+        "over": Quote(of=stat.RMS_OVER_BOUND(), by=stat.FIRST_ORDER),
         **{
-            name: Quote(of=RMS(name), by=CRAMER_RAO, unit=OF_A_CALIBRATION[name])
+            name: Quote(
+                of=stat.RMS(name), by=stat.CRAMER_RAO, unit=OF_A_CALIBRATION[name]
+            )
             for name in "TKB"
         },
     },

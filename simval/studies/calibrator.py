@@ -34,12 +34,13 @@ in a batch the limit is for all trials.
 from functools import cached_property
 from itertools import permutations
 from math import ceil
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 import scipy
 from pydantic import Field, model_validator
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.errors import PluginError
 from simval.imu.sensor import forms
@@ -55,26 +56,6 @@ from simval.plugins.runs import Places
 from simval.poses import cube_faces, fibonacci_sphere
 from simval.results import Row, limit, nees, plain, unjudged
 from simval.shapes import Float
-from simval.statistics import (
-    BELOW_BOUND,
-    BEST_OF_CLASS,
-    BIAS,
-    CLAIM,
-    CRAMER_RAO,
-    EFFICIENCY,
-    GREATEST_ERROR,
-    LEFT,
-    NEES,
-    NINE_PARAMETERS,
-    NO_BIAS,
-    NOISE_FREE,
-    NORMAL,
-    PROBE,
-    PSEUDO_TRUE,
-    SD,
-    SETTLED,
-    TRUTH,
-)
 from simval.streams import Streams
 from simval.studies.coverage import FREEDOM
 from simval.studies.plugin import (
@@ -88,7 +69,7 @@ from simval.studies.plugin import (
     outcome,
     run,
 )
-from simval.studies.refusing import LEAST_NOISE
+from simval.studies.study import LEAST_NOISE, ranged
 from simval.studies.trials import root
 from simval.theory.calibration import (
     VARIANCE_NEXT,
@@ -292,7 +273,7 @@ class Calibrations(Problem[Calibrator, float, Trials]):
         sums, every, settled = answers
         measured = moments_of(sums)
         return (
-            *limit(PROBE(), probed, TOLERANCE, TRUTH, n=1),
+            *limit(stat.PROBE(), probed, TOLERANCE, stat.TRUTH, n=1),
             *settled_rows(self, settled),
             *parameter_rows(self, measured, settled),
             *left_rows(self, measured),
@@ -318,8 +299,8 @@ class Parameters(AlgorithmParameters):
         default="",
         description="FILE.py, FILE.py:NAME, an entry point, or command: PROGRAM.",
     )
-    poses: Annotated[int, Field(ge=FACES, le=400)] = Field(
-        default=24, description="Poses of a trial: 9 or more, of faces a multiple of 6."
+    poses: int = ranged(
+        24, "Poses of a trial: 9 or more, of faces a multiple of 6.", FACES, 400
     )
     pose_set: Literal["sphere", "faces"] = Field(
         default="sphere",
@@ -331,12 +312,10 @@ class Parameters(AlgorithmParameters):
         description="Sensor with all nine errors, or with those alone that the "
         "calibrator estimates.",
     )
-    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=1.0)] = Field(
-        default=0.01, description="Noise per axis of a pose mean, m/s^2."
+    noise_std: float = ranged(
+        0.01, "Noise per axis of a pose mean, m/s^2.", LEAST_NOISE, 1.0
     )
-    trials: Annotated[int, Field(ge=2 * BLOCK)] = Field(
-        default=1024, description="Trials; rounded up to whole blocks of 16."
-    )
+    trials: int = ranged(1024, "Trials; rounded up to whole blocks of 16.", 2 * BLOCK)
     time_limit: Seconds = Field(
         default=300.0,
         description="Wall time after which the cell fails, s; of a command for every "
@@ -427,7 +406,7 @@ def settled_rows(problem: Calibrations, settled: Float[Array, " p"]) -> tuple[Ro
     middle = (all_off.max(axis=0) + all_off.min(axis=0)) / 2.0
     most = np.ptp(all_off, axis=0) + TOLERANCE * problem.sizes
     off = np.abs(settled - middle)
-    return limit(SETTLED.each(*problem.named), off, most, PSEUDO_TRUE, n=1)
+    return limit(stat.SETTLED.each(*problem.named), off, most, stat.PSEUDO_TRUE, n=1)
 
 
 def parameter_rows(
@@ -440,10 +419,10 @@ def parameter_rows(
     variance_error = np.diagonal(measured.covariance_error)[:p]
     allowed = BIAS_ALLOWED * problem.relative * problem.sizes
     rows = plain(
-        BIAS.each(names, units), measured.bias[:p], measured.bias_error[:p], n,
-        settled, NO_BIAS if problem.own else NOISE_FREE, allowed,
+        stat.BIAS.each(names, units), measured.bias[:p], measured.bias_error[:p], n,
+        settled, stat.NO_BIAS if problem.own else stat.NOISE_FREE, allowed,
     )  # fmt: skip
-    spread = SD.each(names, units), sd, variance_error / (2 * sd), n
+    spread = stat.SD.each(names, units), sd, variance_error / (2 * sd), n
     if not problem.own:
         return rows + unjudged(*spread)
     bound = np.sqrt(np.diagonal(problem.bound))
@@ -451,8 +430,8 @@ def parameter_rows(
     error = efficiency * variance_error / sd**2
     return (
         *rows,
-        *unjudged(*spread, bound, CRAMER_RAO),
-        *unjudged(EFFICIENCY.each(names), efficiency, error, n),
+        *unjudged(*spread, bound, stat.CRAMER_RAO),
+        *unjudged(stat.EFFICIENCY.each(names), efficiency, error, n),
     )
 
 
@@ -463,14 +442,14 @@ def left_rows(problem: Calibrations, measured: Moments) -> tuple[Row, ...]:
     n = measured.samples
     if problem.own:
         least = bound_left(problem.inside, problem.bound, places, G)
-        return unjudged(LEFT(), rms, error, n, least, CRAMER_RAO)
+        return unjudged(stat.LEFT(), rms, error, n, least, stat.CRAMER_RAO)
     best = least_left(sensor, places, G)
-    rows = unjudged(LEFT(), rms, error, n, best, BEST_OF_CLASS)
+    rows = unjudged(stat.LEFT(), rms, error, n, best, stat.BEST_OF_CLASS)
     if problem.faces:  # which do not show all nine
         return rows
     nine = problem.nine_parameters().cramer_rao
     least = bound_left(sensor, nine, places_of(ALL), G)
-    return rows + unjudged(LEFT(), rms, error, n, least, NINE_PARAMETERS)
+    return rows + unjudged(stat.LEFT(), rms, error, n, least, stat.NINE_PARAMETERS)
 
 
 def extreme_rows(
@@ -486,14 +465,14 @@ def extreme_rows(
     deviations = np.median(size, axis=0) / scipy.special.ndtri(0.75)
     greatest = float((size.max(axis=0) / deviations).max())
     most = -scipy.special.ndtri(RARE / (2 * n * p)) * (1.0 + 5.0 * 1.17 / np.sqrt(n))
-    rows = limit(GREATEST_ERROR(), greatest, most, NORMAL, n=n)
+    rows = limit(stat.GREATEST_ERROR(), greatest, most, stat.NORMAL, n=n)
     if not problem.own:
         return rows
     weight = np.zeros((sums.size, sums.size))
     weight[:p, :p] = np.linalg.inv(problem.bound) / p
     ratio, error = mean_square(sums, weight)
     return rows + plain(
-        BELOW_BOUND(), max(0.0, 1.0 - ratio), error, n, 0.0, CRAMER_RAO,
+        stat.BELOW_BOUND(), max(0.0, 1.0 - ratio), error, n, 0.0, stat.CRAMER_RAO,
         problem.variance_off + 2.0 * BIAS_ALLOWED * problem.relative,
     )  # fmt: skip
 
@@ -505,7 +484,7 @@ def nees_row(problem: Calibrations, measured: Moments) -> tuple[Row, ...]:
         return ()
     value, error = measured.bias[p + 1], measured.bias_error[p + 1]
     if not problem.own:
-        return unjudged(NEES(), value, error, n, float(p), CLAIM)
+        return unjudged(stat.NEES(), value, error, n, float(p), stat.CLAIM)
     bias = measured.bias[:p]
     left = bias @ np.linalg.inv(problem.bound) @ bias + p * problem.variance_off
-    return nees(NEES(), value, error, n, float(p), CLAIM, left)
+    return nees(stat.NEES(), value, error, n, float(p), stat.CLAIM, left)

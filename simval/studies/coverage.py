@@ -14,32 +14,21 @@ density of the law at its quantile.
 """
 
 from math import sqrt
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 import scipy
 from pydantic import Field, model_validator
 
+from simval import statistics as stat
 from simval.imu.calibrate import calibrate
 from simval.imu.sensor import names
 from simval.montecarlo import moments_of
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, nees, plain, unjudged
-from simval.statistics import (
-    CHI_SQUARE,
-    COVERAGE,
-    COVERAGE_NORMAL,
-    F_LAW,
-    FIRST_ORDER,
-    NEES,
-    NORMAL,
-    STATED_VARIANCE,
-    STUDENT,
-)
 from simval.streams import Streams
 from simval.studies.calibration import response_rows, true_sensor
-from simval.studies.refusing import LEAST_NOISE, refusing
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import Kept, drawn_rows, mean_of, stated_of, trials_of
 from simval.theory.calibration import calibration_moments
 
@@ -65,14 +54,12 @@ class Parameters(StudyParameters):
         default="squared",
         description="What the calibration minimises; adjusted needs a known sigma.",
     )
-    poses: Annotated[int, Field(ge=10, le=1000)] = Field(
-        default=20, description="Poses, spread evenly over the sphere."
+    poses: int = ranged(20, "Poses, spread evenly over the sphere.", 10, 1000)
+    noise_std: float = ranged(
+        0.01, "Noise of each axis of a pose mean, m/s^2.", LEAST_NOISE, 0.3
     )
-    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=0.3)] = Field(
-        default=0.01, description="Noise of each axis of a pose mean, m/s^2."
-    )
-    trials: Annotated[int, Field(ge=2 * BLOCK)] = Field(
-        default=10_240, description="Trials; rounded up to whole blocks of 512."
+    trials: int = ranged(
+        10_240, "Trials; rounded up to whole blocks of 512.", 2 * BLOCK
     )
 
     @model_validator(mode="after")
@@ -129,24 +116,24 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     error = sqrt(LEVEL * (1.0 - LEVEL) / n)
     rows = (
         *plain(
-            COVERAGE.each(names("triangular")), covered[:9], error, n,
-            LEVEL, NORMAL if known else STUDENT, slopes[:9] * relative,
+            stat.COVERAGE.each(names("triangular")), covered[:9], error, n,
+            LEVEL, stat.NORMAL if known else stat.STUDENT, slopes[:9] * relative,
         ),
         *plain(
-            COVERAGE("ellipsoid"), covered[9], error, n,
-            LEVEL, CHI_SQUARE if known else F_LAW, slopes[9] * relative,
+            stat.COVERAGE("ellipsoid"), covered[9], error, n,
+            LEVEL, stat.CHI_SQUARE if known else stat.F_LAW, slopes[9] * relative,
         ),
-        *unjudged(COVERAGE_NORMAL(), covered[10], measured.bias_error[10], n),
+        *unjudged(stat.COVERAGE_NORMAL(), covered[10], measured.bias_error[10], n),
     )  # fmt: skip
     if known:
         rows += nees(
-            NEES(), covered[11], measured.bias_error[11], n,
-            9.0, CHI_SQUARE, 9.0 * 2.0 * relative,
+            stat.NEES(), covered[11], measured.bias_error[11], n,
+            9.0, stat.CHI_SQUARE, 9.0 * 2.0 * relative,
         )  # fmt: skip
     else:  # the variance of the residuals is unbiased
         rows += plain(
-            STATED_VARIANCE(), *mean_of(trials["stated"]),
-            1.0, FIRST_ORDER, 2.0 * relative,
+            stat.STATED_VARIANCE(), *mean_of(trials["stated"]),
+            1.0, stat.FIRST_ORDER, 2.0 * relative,
         )  # fmt: skip
     rows += drawn_rows(trials.noise)
     rows += response_rows(sensor, G * directions, G, parameters.residual)

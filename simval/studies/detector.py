@@ -25,12 +25,13 @@ latter is not. All of it is arithmetic: nothing but rounding may differ.
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.errors import RefusedError
 from simval.figures import VARYING, Figure, Headline, Quote, Strip, Trace, words
@@ -48,27 +49,9 @@ from simval.poses import PARAMETERS
 from simval.results import Outcome, Row, exact, nees, unjudged
 from simval.scene import Trajectory, simulate_cached
 from simval.shapes import Float, Int
-from simval.statistics import (
-    CHI_SQUARE_9,
-    COUNT_OFF,
-    EDGE_OFF,
-    FITTED,
-    IMPURE,
-    INTERVALS,
-    KNOWN_RESTS,
-    KNOWN_SCENE,
-    MEAN_OFF,
-    NEES,
-    OUTSIDE,
-    PRECISION,
-    RECALL,
-    RESTS_FOUND,
-    Family,
-)
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
-from simval.studies.refusing import LEAST_NOISE, refusing
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import mean_of
 from simval.units import COUNT, PERCENT
 
@@ -101,22 +84,16 @@ class Parameters(StudyParameters):
     scene: Literal["gimbal", "die", "shaker", "handheld"] = Field(
         default="gimbal", description="Scene that is simulated."
     )
-    poses: Annotated[int, Field(ge=9, le=400)] = Field(
-        default=40, description="Rests that the scene plans."
+    poses: int = ranged(40, "Rests that the scene plans.", 9, 400)
+    noise_std: float = ranged(
+        0.01, "Noise per axis and sample at 100 Hz, m/s^2.", LEAST_NOISE, 10.0
     )
-    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=10.0)] = Field(
-        default=0.01, description="Noise per axis and sample at 100 Hz, m/s^2."
+    multiplier: float = ranged(
+        6.0, "Threshold over the variance of the initial rest.", 1e-9, 1e9
     )
-    multiplier: Annotated[float, Field(ge=1e-9, le=1e9)] = Field(
-        default=6.0, description="Threshold over the variance of the initial rest."
-    )
-    window: Annotated[int, Field(ge=3, le=2001)] = Field(
-        default=51, description="Window of the variance, samples at 100 Hz, odd."
-    )
-    trim: Annotated[int, Field(ge=0, le=1000)] = Field(
-        default=15, description="Samples cut off at both ends of an interval."
-    )
-    trials: Annotated[int, Field(ge=2)] = Field(default=512, description="Trials.")
+    window: int = ranged(51, "Window of the variance, samples at 100 Hz, odd.", 3, 2001)
+    trim: int = ranged(15, "Samples cut off at both ends of an interval.", 0, 1000)
+    trials: int = ranged(512, "Trials.", 2)
 
     @field_validator("window")
     @classmethod
@@ -165,7 +142,7 @@ def thinned(trajectory: Trajectory) -> Tumble:
 
 def score(
     intervals: Intervals, still: NDArray[np.bool_], hold: NDArray[np.intp]
-) -> dict[Family, float]:
+) -> dict[stat.Family, float]:
     """Compare intervals with the truth."""
     covered = np.zeros(len(still), bool)
     for start, stop in intervals:
@@ -174,12 +151,12 @@ def score(
     touched = np.unique(hold[covered & (hold >= 0)])
     outside = _count(hold >= 0, intervals) == 0
     return {
-        PRECISION: float(still[covered].mean()) if covered.any() else 0.0,
-        RECALL: float(covered[hold >= 0].mean()) if len(rests) else 0.0,
-        RESTS_FOUND: len(touched) / max(len(rests), 1),
-        INTERVALS: float(len(intervals)),
-        IMPURE: float(np.sum(~pure(intervals, still))),
-        OUTSIDE: float(np.sum(outside)),
+        stat.PRECISION: float(still[covered].mean()) if covered.any() else 0.0,
+        stat.RECALL: float(covered[hold >= 0].mean()) if len(rests) else 0.0,
+        stat.RESTS_FOUND: len(touched) / max(len(rests), 1),
+        stat.INTERVALS: float(len(intervals)),
+        stat.IMPURE: float(np.sum(~pure(intervals, still))),
+        stat.OUTSIDE: float(np.sum(outside)),
     }
 
 
@@ -238,7 +215,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     truth = tumble(parameters.scene, parameters.poses)
     sensor = true_sensor(parameters.noise_std)
     settings = (parameters.multiplier, parameters.window, parameters.trim)
-    scores: list[dict[Family, float]] = []
+    scores: list[dict[stat.Family, float]] = []
     squares: list[tuple[float, float]] = []
     for trial in range(parameters.trials):
         raw = sensor.distort(truth.force, streams.block(trial))
@@ -262,17 +239,19 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def _rows(
-    scores: list[dict[Family, float]], squares: Float[Array, "n 2"]
+    scores: list[dict[stat.Family, float]], squares: Float[Array, "n 2"]
 ) -> Iterator[Row]:
     for family in scores[0]:
         yield from unjudged(family(), *mean_of([each[family] for each in scores]))
     for name, values in zip(("all", "pure"), squares.T, strict=True):
         fitted = np.isfinite(values)
-        yield from unjudged(FITTED(name), *mean_of(fitted.astype(float)))
+        yield from unjudged(stat.FITTED(name), *mean_of(fitted.astype(float)))
         if name == "pure" and fitted.all():
-            yield from nees(NEES(name), *mean_of(values[fitted]), 9.0, CHI_SQUARE_9)
+            yield from nees(
+                stat.NEES(name), *mean_of(values[fitted]), 9.0, stat.CHI_SQUARE_9
+            )
         elif fitted.sum() >= 2:
-            yield from unjudged(NEES(name), *mean_of(values[fitted]))
+            yield from unjudged(stat.NEES(name), *mean_of(values[fitted]))
 
 
 def artifact_of(named: Mapping[str, Any]) -> str:
@@ -343,7 +322,9 @@ def known_rest_rows(
         return ()
     known = known_rests(*settings)
     found = np.asarray(detect(known.samples, *settings)[0])
-    rows = exact(KNOWN_RESTS(), len(found), len(known.intervals), KNOWN_SCENE, 0.0)
+    rows = exact(
+        stat.KNOWN_RESTS(), len(found), len(known.intervals), stat.KNOWN_SCENE, 0.0
+    )
     if found.shape != known.intervals.shape:
         return rows
     edges = np.abs(found - known.intervals).max()
@@ -351,9 +332,9 @@ def known_rest_rows(
     more = np.abs(counts(known.intervals) - np.diff(known.intervals)[:, 0]).max()
     return (
         *rows,
-        *exact(EDGE_OFF(), edges, 0.0, KNOWN_SCENE, 0.0),
-        *exact(MEAN_OFF(), off, 0.0, KNOWN_SCENE, ROUNDED),
-        *exact(COUNT_OFF(), more, 0.0, KNOWN_SCENE, 0.0),
+        *exact(stat.EDGE_OFF(), edges, 0.0, stat.KNOWN_SCENE, 0.0),
+        *exact(stat.MEAN_OFF(), off, 0.0, stat.KNOWN_SCENE, ROUNDED),
+        *exact(stat.COUNT_OFF(), more, 0.0, stat.KNOWN_SCENE, 0.0),
     )
 
 
@@ -407,8 +388,14 @@ FIGURES = (
         name="detector",
         asked="Are the intervals pure, and is what is calibrated from them true?",
         what="The squared error from pure intervals",
-        claimed=[NEES("pure")],
-        rows=(PRECISION, RECALL, IMPURE, NEES("all"), NEES("pure")),
+        claimed=[stat.NEES("pure")],
+        rows=(
+            stat.PRECISION,
+            stat.RECALL,
+            stat.IMPURE,
+            stat.NEES("all"),
+            stat.NEES("pure"),
+        ),
         along=VARYING,
         panels=words,
         ratio=False,
@@ -429,9 +416,9 @@ HEADLINE = Headline(
         "{impure} of {intervals} intervals impure"
     ),
     quotes={
-        "impure": Quote(of=IMPURE(), unit=COUNT),
-        "intervals": Quote(of=INTERVALS(), unit=COUNT),
-        "precision": Quote(of=PRECISION(), unit=PERCENT, digits=3),
-        "recall": Quote(of=RECALL(), unit=PERCENT, digits=3),
+        "impure": Quote(of=stat.IMPURE(), unit=COUNT),
+        "intervals": Quote(of=stat.INTERVALS(), unit=COUNT),
+        "precision": Quote(of=stat.PRECISION(), unit=PERCENT, digits=3),
+        "recall": Quote(of=stat.RECALL(), unit=PERCENT, digits=3),
     },
 )

@@ -13,11 +13,10 @@ of the two tumbles only, and all else at the truth.
 """
 
 from functools import lru_cache
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.figures import Figure, Headline, Quote, entry
 from simval.geometry import attitude_error, compose, conjugate, normalize
@@ -29,13 +28,11 @@ from simval.poses import fibonacci_sphere
 from simval.results import Outcome, nees, plain, unjudged
 from simval.scene import Trajectory, simulate_cached
 from simval.shapes import Float
-from simval.statistics import BUDGET, CARRIED, CHI_SQUARE_3, IMPURE, NEES
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
 from simval.studies.detector import detect, known_rest_rows, logged, pure, thinned
 from simval.studies.magnetometer import true_magnetometer
-from simval.studies.refusing import LEAST_NOISE, refusing
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import (
     Kept,
     drawn_rows,
@@ -60,22 +57,20 @@ for the RMS error, 0.1 for the NEES (`test_what_the_linear_budget_leaves_out`)."
 class Parameters(StudyParameters):
     """One cell: poses, noise of the two sensors, and samples in a mean."""
 
-    poses: Annotated[int, Field(ge=12, le=200)] = Field(
-        default=40, description="Rests of the calibration's tumble."
+    poses: int = ranged(40, "Rests of the calibration's tumble.", 12, 200)
+    attitudes: int = ranged(
+        24, "Rests of the second tumble, whose attitude is wanted.", 2, 200
     )
-    attitudes: Annotated[int, Field(ge=2, le=200)] = Field(
-        default=24, description="Rests of the second tumble, whose attitude is wanted."
+    accelerometer_noise_std: float = ranged(
+        0.02, "Noise per axis and sample at 100 Hz, m/s^2.", LEAST_NOISE, 1.0
     )
-    accelerometer_noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=1.0)] = Field(
-        default=0.02, description="Noise per axis and sample at 100 Hz, m/s^2."
+    magnetometer_noise_std: float = ranged(
+        5e-8, "Noise per axis and sample at 100 Hz, T.", 1e-14, 1e-5
     )
-    magnetometer_noise_std: Annotated[float, Field(ge=1e-14, le=1e-5)] = Field(
-        default=5e-8, description="Noise per axis and sample at 100 Hz, T."
+    average: int = ranged(
+        100, "Samples in a mean whose attitude is estimated.", 1, 10_000
     )
-    average: Annotated[int, Field(ge=1, le=10_000)] = Field(
-        default=100, description="Samples in a mean whose attitude is estimated."
-    )
-    trials: Annotated[int, Field(ge=2)] = Field(default=256, description="Trials.")
+    trials: int = ranged(256, "Trials.", 2)
 
     def cost(self) -> Cost:
         """Cost of a cell."""
@@ -230,11 +225,11 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(
         rows=(
             *plain(
-                BUDGET.each(PARTS), *root(measured.mean(axis=1), error),
-                parameters.trials, expected, CARRIED, expected * remainder,
+                stat.BUDGET.each(PARTS), *root(measured.mean(axis=1), error),
+                parameters.trials, expected, stat.CARRIED, expected * remainder,
             ),
-            *nees(NEES(), *square, 3.0, CHI_SQUARE_3, 3.0 * remainder),
-            *unjudged(IMPURE(), *mean_of(trials["impure"])),
+            *nees(stat.NEES(), *square, 3.0, stat.CHI_SQUARE_3, 3.0 * remainder),
+            *unjudged(stat.IMPURE(), *mean_of(trials["impure"])),
             *drawn_rows(trials.noise),
             *known_rest_rows(detect, interval_means, interval_counts, SETTINGS),
         )
@@ -247,8 +242,8 @@ FIGURES = (
         asked="What does each source of error contribute?",
         what="Every part",
         says="Most comes from the {most_of}: {most}.",
-        about=BUDGET.each(PARTS[:-1]),
-        rows=[BUDGET],
+        about=stat.BUDGET.each(PARTS[:-1]),
+        rows=[stat.BUDGET],
         lines=entry(0),
         caption=(
             "Contributions to the attitude error. Predicted: carried from the noise "
@@ -259,7 +254,7 @@ FIGURES = (
 HEADLINE = Headline(
     says="attitude {angle} RMS; {over} × theory",
     quotes={
-        "angle": Quote(of=BUDGET("total"), by=CARRIED, angle=True),
-        "over": Quote(of=BUDGET("total"), by=CARRIED, over=True),
+        "angle": Quote(of=stat.BUDGET("total"), by=stat.CARRIED, angle=True),
+        "over": Quote(of=stat.BUDGET("total"), by=stat.CARRIED, over=True),
     },
 )

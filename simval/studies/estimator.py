@@ -73,6 +73,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.errors import InputError, PluginError
 from simval.geometry import attitude_matrix, normalize
@@ -93,41 +94,6 @@ from simval.plugins.probe import (
 )
 from simval.results import Row, limit, nees, plain, unjudged
 from simval.shapes import Float
-from simval.statistics import (
-    BELOW_BOUND,
-    BIAS,
-    CLAIM_OFF,
-    CLAIM_OFF_FULL,
-    CLAIM_OFF_HALF,
-    CLASS_BIAS,
-    CLASS_COVARIANCE,
-    COVARIANCE,
-    CRAMER_RAO,
-    CUBATURE,
-    CUBATURE_BIAS,
-    CUBATURE_BIAS_SMALL,
-    CUBATURE_ERROR,
-    EFFICIENCY,
-    EQUAL_WEIGHTS,
-    FAILURES,
-    FIRST_ORDER_BIAS,
-    NEES,
-    NO_BIAS,
-    ORDER_2,
-    ORDER_4,
-    OVER_EQUAL_WEIGHTS,
-    PROBE,
-    RMS,
-    RMS_DIFFERENCE,
-    ROUNDING,
-    SECOND_ORDER,
-    SQUARED_ERROR,
-    TRUTH,
-    UNIT_LENGTH,
-    claim_of,
-    class_of,
-    order,
-)
 from simval.streams import Streams
 from simval.studies.attitude import random_geometry
 from simval.studies.estimator_series import series_of
@@ -142,7 +108,7 @@ from simval.studies.plugin import (
     outcome,
     run,
 )
-from simval.studies.refusing import LEAST_NOISE
+from simval.studies.study import LEAST_NOISE, Geometry, ranged
 from simval.studies.trials import normalised_square, root
 from simval.theory import wahba_bound
 from simval.theory.cubature import cubature_moments, smolyak_hermite
@@ -277,11 +243,11 @@ class Attitudes(Problem[Estimator, float, Trials]):
         )
         left = float(mean[:3].max()), float(covariance[:3, :3].max())
         rows = [
-            *limit(PROBE(unit="rad"), probed, TOLERANCE, TRUTH, n=1),
+            *limit(stat.PROBE(unit="rad"), probed, TOLERANCE, stat.TRUTH, n=1),
             *failure_rows(self),
             *bias_rows(self, fine, coarse),
             *leading_rows(self, rounding),
-            *moment_rows(measured, *fine, CUBATURE, left),
+            *moment_rows(measured, *fine, stat.CUBATURE, left),
             *size_rows(self, sums, cubatures, rounding),
             *unit_rows(self),
         ]
@@ -450,11 +416,9 @@ class Parameters(AlgorithmParameters):
     algorithm: PluginName = Field(
         default="", description="FILE.py, FILE.py:NAME or the name of an entry point."
     )
-    geometry: Annotated[int, Field(ge=0, lt=2**63)] = Field(
-        default=3, description="Number of the random attitude and vectors, a seed."
-    )
-    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=MOST_NOISE)] = Field(
-        default=0.01, description="Noise per axis of each body vector of length 1."
+    geometry: Geometry = 3
+    noise_std: float = ranged(
+        0.01, "Noise per axis of each body vector of length 1.", LEAST_NOISE, MOST_NOISE
     )
     noise: Annotated[str, AfterValidator(lambda text: " ".join(text.split()))] = Field(
         default="body",
@@ -462,15 +426,9 @@ class Parameters(AlgorithmParameters):
         'unequal, general, standard deviations such as "1 3 0 0" of b1, b2, r1, r2, '
         "or as many 3 x 3 covariances in JSON.",
     )
-    vectors: Annotated[int, Field(ge=2, le=6)] = Field(
-        default=2, description="Vector pairs."
-    )
-    samples: Annotated[int, Field(ge=BLOCK)] = Field(
-        default=16_384, description="Trials; rounded up to whole blocks of 1024."
-    )
-    cases: Annotated[int, Field(ge=64, le=1 << 20)] = Field(
-        default=COUNT, description="Exact cases of each class of attitudes."
-    )
+    vectors: int = ranged(2, "Vector pairs.", 2, 6)
+    samples: int = ranged(16_384, "Trials; rounded up to whole blocks of 1024.", BLOCK)
+    cases: int = ranged(COUNT, "Exact cases of each class of attitudes.", 64, 1 << 20)
     time_limit: Seconds = Field(
         default=300.0, description="Wall time after which the cell fails, s."
     )
@@ -496,8 +454,10 @@ def failure_rows(problem: Attitudes) -> tuple[Row, ...]:
     declared = dict.fromkeys(name for name in plugin.fails_at if name in shares)
     known = {name: shares.pop(name) for name in declared}
     return (
-        *limit(FAILURES.each(shares), tuple(shares.values()), 0.0, TRUTH, n=cases),
-        *unjudged(FAILURES.each(known), tuple(known.values()), n=cases),
+        *limit(
+            stat.FAILURES.each(shares), tuple(shares.values()), 0.0, stat.TRUTH, n=cases
+        ),
+        *unjudged(stat.FAILURES.each(known), tuple(known.values()), n=cases),
     )
 
 
@@ -518,8 +478,8 @@ def bias_rows(
         float(np.linalg.norm(bias[:3]))
         for bias in (mean, problem.cubature(small, DEGREE)[0])
     ]
-    families = (CUBATURE_BIAS(), CUBATURE_BIAS_SMALL())
-    return limit(families, biases, most, SECOND_ORDER, n=1)
+    families = (stat.CUBATURE_BIAS(), stat.CUBATURE_BIAS_SMALL())
+    return limit(families, biases, most, stat.SECOND_ORDER, n=1)
 
 
 def moment_rows(
@@ -532,11 +492,12 @@ def moment_rows(
     """Bias and covariance beside a prediction, and what each of them leaves out."""
     n, upper = measured.samples, np.triu_indices(3)
     pairs = [
-        COVARIANCE(AXES[i], AXES[j], unit="rad²") for i, j in zip(*upper, strict=True)
+        stat.COVARIANCE(AXES[i], AXES[j], unit="rad²")
+        for i, j in zip(*upper, strict=True)
     ]
     return plain(
-        BIAS.each(AXES, ["rad"] * 3), measured.bias[:3], measured.bias_error[:3], n,
-        mean[:3], predictor, left[0],
+        stat.BIAS.each(AXES, ["rad"] * 3),
+        measured.bias[:3], measured.bias_error[:3], n, mean[:3], predictor, left[0],
     ) + plain(
         pairs, measured.covariance[upper], measured.covariance_error[upper], n,
         covariance[upper], predictor, left[1],
@@ -554,7 +515,7 @@ def series_rows(
         2.0 * float(np.abs(covariance - fourth.covariance).max()),
     )
     rows: tuple[Row, ...] = ()
-    for theory, name in ((second, ORDER_2), (fourth, ORDER_4)):
+    for theory, name in ((second, stat.ORDER_2), (fourth, stat.ORDER_4)):
         apart = (
             float(np.abs(theory.bias - fourth.bias).max()) + left[0],
             float(np.abs(theory.covariance - fourth.covariance).max()) + left[1],
@@ -579,13 +540,14 @@ def size_rows(
     left = 2.0 * abs(efficiency - least / float(coarse[0]))
     return (
         *unjudged(
-            RMS(unit="rad"), *root(square, error), n, np.sqrt(least), CRAMER_RAO
+            stat.RMS(unit="rad"), *root(square, error), n,
+            np.sqrt(least), stat.CRAMER_RAO,
         ),
-        *unjudged(EFFICIENCY(), efficiency, remainder=left),
+        *unjudged(stat.EFFICIENCY(), efficiency, remainder=left),
         *_tail_row(square, n, cubatures),
         *plain(
-            EFFICIENCY("simulated"), least / square, least * error / square**2, n,
-            efficiency, CUBATURE, left,
+            stat.EFFICIENCY("simulated"), least / square, least * error / square**2, n,
+            efficiency, stat.CUBATURE, left,
         ),
         *_difference_rows(sums, fine, coarse, max(rounding, EPS), problem.weights),
     )  # fmt: skip
@@ -603,8 +565,8 @@ def _tail_row(
     gaussian = 2.0 * float(np.sum(covariance[:3, :3] ** 2))
     variance = max(gaussian, float(covariance[SQUARES, SQUARES][0, 0]))
     return plain(
-        SQUARED_ERROR(), square / fine, np.sqrt(variance / n) / fine, n,
-        1.0, CUBATURE, 2.0 * abs(1.0 - float(coarse[SQUARES][0]) / fine),
+        stat.SQUARED_ERROR(), square / fine, np.sqrt(variance / n) / fine, n,
+        1.0, stat.CUBATURE, 2.0 * abs(1.0 - float(coarse[SQUARES][0]) / fine),
     )  # fmt: skip
 
 
@@ -633,8 +595,8 @@ def _difference_rows(
     if unresolved < max(rounded, SAME * np.sqrt(squares[1])):
         spread = max(spread, (CLEARLY * left) ** 2)
     return plain(
-        RMS_DIFFERENCE(), difference(squares), np.sqrt(spread / sums.samples),
-        sums.samples, predicted, CUBATURE, left,
+        stat.RMS_DIFFERENCE(), difference(squares), np.sqrt(spread / sums.samples),
+        sums.samples, predicted, stat.CUBATURE, left,
     )  # fmt: skip
 
 
@@ -649,7 +611,7 @@ def unit_rows(problem: Attitudes) -> tuple[Row, ...]:
     square = float(np.mean(np.sum(error * error, axis=1)))
     defect = unit_length_defect(square, float(truth @ error.mean(axis=0)))
     most = unit_length_rounding(square, off)
-    return limit(UNIT_LENGTH("simulated"), abs(defect), most, ROUNDING, BLOCK)
+    return limit(stat.UNIT_LENGTH("simulated"), abs(defect), most, stat.ROUNDING, BLOCK)
 
 
 def claim_off(moments: MeanAndCovariance) -> float:
@@ -671,18 +633,21 @@ def claim_rows(
     noise; the covariance is that of the errors.
     """
     if isinstance(claim, str):
-        statistics, values, allowed = [CLAIM_OFF()], [abs(off)], 0.0
-        most, predictor = np.array([2.0 * unresolved]), CUBATURE_ERROR
+        statistics, values, allowed = [stat.CLAIM_OFF()], [abs(off)], 0.0
+        most, predictor = np.array([2.0 * unresolved]), stat.CUBATURE_ERROR
     else:
-        statistics, values = [CLAIM_OFF_HALF(), CLAIM_OFF_FULL()], [abs(half), abs(off)]
-        allowed, predictor = 6.0 * abs(off), order(claim)
+        statistics, values = (
+            [stat.CLAIM_OFF_HALF(), stat.CLAIM_OFF_FULL()],
+            [abs(half), abs(off)],
+        )
+        allowed, predictor = 6.0 * abs(off), stat.order(claim)
         following = NEXT * float(np.linalg.eigvalsh(covariance)[-1])
         full = 2.0 ** (claim + 0.5) * abs(half) + following ** (claim / 2.0 + 1.0)
         most = np.array([abs(off) / 2.0 ** (claim - 0.5), full])
     most = np.maximum(most, RESOLVED)
     return nees(
-        NEES(), measured.bias[3], measured.bias_error[3], measured.samples,
-        3.0, claim_of(claim), allowed,
+        stat.NEES(), measured.bias[3], measured.bias_error[3], measured.samples,
+        3.0, stat.claim_of(claim), allowed,
     ) + limit(statistics, values, most, predictor, n=1)  # fmt: skip
 
 
@@ -701,13 +666,15 @@ def leading_rows(problem: Attitudes, rounding: float) -> tuple[Row, ...]:
     most = LEADING_TOLERANCE + 5.0 * weights * rounding / np.sqrt(size)
     first = float(np.linalg.norm(linear)) / np.sqrt(size)
     below = max(0.0, 1.0 - _least_ratio(covariance, bound))
-    rows = limit(FIRST_ORDER_BIAS(), first, most, NO_BIAS, n=1)
-    rows += limit(BELOW_BOUND(), below, most, CRAMER_RAO, n=1)
+    rows = limit(stat.FIRST_ORDER_BIAS(), first, most, stat.NO_BIAS, n=1)
+    rows += limit(stat.BELOW_BOUND(), below, most, stat.CRAMER_RAO, n=1)
     if problem.noise.isotropic and np.ptp(problem.noise.weights) and problem.weighs:
         given = problem.q, problem.references, problem.covariances(noise)
         equal = float(np.trace(class_moments("wahba", *given)[1]))
         over = float(np.trace(covariance)) / equal
-        rows += limit(OVER_EQUAL_WEIGHTS(), over, 1.0 + most, EQUAL_WEIGHTS, n=1)
+        rows += limit(
+            stat.OVER_EQUAL_WEIGHTS(), over, 1.0 + most, stat.EQUAL_WEIGHTS, n=1
+        )
     slack = 6.0 * weights * rounding
     limits = (
         LEADING_TOLERANCE + slack / size,
@@ -718,7 +685,9 @@ def leading_rows(problem: Attitudes, rounding: float) -> tuple[Row, ...]:
         most_spread = max(np.linalg.norm(spread), np.linalg.norm(bound))
         off = float(np.linalg.norm(covariance - spread) / most_spread)
         apart = float(np.linalg.norm(bias - mean)) / size, off
-        rows += limit((CLASS_BIAS(), CLASS_COVARIANCE()), apart, limits, predictor, n=1)
+        rows += limit(
+            (stat.CLASS_BIAS(), stat.CLASS_COVARIANCE()), apart, limits, predictor, n=1
+        )
     return rows
 
 
@@ -743,10 +712,10 @@ def _predictions(
     if kind is not None:
         covariances, weights = problem.covariances(noise), problem.noise.weights
         given = problem.q, problem.references, covariances, weights
-        yield class_of(kind), *class_moments(kind, *given)
+        yield stat.class_of(kind), *class_moments(kind, *given)
     if problem.plugin.series:
         own = problem.series(noise, 2)
-        yield ORDER_2, A @ own.bias, A @ own.covariance @ A.T
+        yield stat.ORDER_2, A @ own.bias, A @ own.covariance @ A.T
 
 
 def _least_ratio(covariance: Float[Array, "3 3"], bound: Float[Array, "3 3"]) -> float:

@@ -39,6 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.consistency import (
     diverged,
@@ -59,35 +60,6 @@ from simval.plugins.runs import readings_of, run_filter, run_of
 from simval.plugins.worlds import find_world, path
 from simval.results import Row, limit, nees, plain, unjudged
 from simval.shapes import Float
-from simval.statistics import (
-    BOUND_AT,
-    BUDGET_AT,
-    CARRIED,
-    CHI_SQUARE,
-    CONSTANT,
-    CRAMER_RAO,
-    DIVERGED,
-    INNOVATION_PAIRS,
-    NEES,
-    NEES_AT,
-    NIS,
-    NORMAL,
-    PART_OF_INNOVATION,
-    PART_OVER_STATED,
-    RMS,
-    RMS_AT,
-    RMS_BELOW_BOUND,
-    RMS_OVER_BOUND,
-    RMS_OVER_BOUND_AT,
-    SETTLING,
-    SETTLING_TRIALS,
-    STATED_OVER_BOUND,
-    SYSTEMATIC,
-    WHITE,
-    WORST_INSTANT,
-    Family,
-    Statistic,
-)
 from simval.streams import Streams
 from simval.studies.filter_prediction import (
     drawn_filter_rows,
@@ -119,8 +91,7 @@ from simval.studies.plugin import (
     outcome,
     run,
 )
-from simval.studies.refusing import LEAST_NOISE
-from simval.studies.study import Cost
+from simval.studies.study import LEAST_NOISE, Cost, ranged
 from simval.theory import FilterPrediction
 from simval.units import COUNT, DEGREE
 
@@ -202,19 +173,19 @@ class Answers:
         turned = compose(np.broadcast_to(back, q.shape), q)
         return replace(self, found=replace(self.found, attitude=turned), shifted=True)
 
-    def squares(self) -> Iterator[tuple[Statistic, int, Float[Array, "n i"]]]:
+    def squares(self) -> Iterator[tuple[stat.Statistic, int, Float[Array, "n i"]]]:
         """NEES of the attitude, and with the bias, and NIS, each with its dimension."""
         found, late, e = self.found, self.late, self.error
         if found.covariance is not None:
             P = found.covariance[:, late]
-            yield NEES(), 3, normalised_squares(e, P[..., :3, :3])
+            yield stat.NEES(), 3, normalised_squares(e, P[..., :3, :3])
             if P.shape[-1] >= 6 and found.bias is not None:
                 off = found.bias[:, late] - self.bias[:, late]
                 both = np.concatenate([e, off], axis=-1)
-                yield NEES(BOTH), 6, normalised_squares(both, P[..., :6, :6])
+                yield stat.NEES(BOTH), 6, normalised_squares(both, P[..., :6, :6])
         nu, S = found.innovation, found.innovation_covariance
         if nu is not None and S is not None:
-            yield NIS(), nu.shape[-1], normalised_squares(nu, S)[:, late]
+            yield stat.NIS(), nu.shape[-1], normalised_squares(nu, S)[:, late]
 
     def shown(self) -> tuple[NDArray[np.intp], list[str]]:
         """Places of the instants that are shown, among them the last, and times."""
@@ -318,36 +289,29 @@ class Parameters(AlgorithmParameters):
         description="What happens (docs/filters.md), then after commas what is wrong: "
         '"gimbal slow, scale 1e-3".',
     )
-    rate: Annotated[float, Field(ge=25.0, le=500.0)] = Field(
-        default=100.0, description="Rows per second: 500 Hz over a whole number."
+    rate: float = ranged(
+        100.0, "Rows per second: 500 Hz over a whole number.", 25.0, 500.0
     )
-    seconds: Annotated[float, Field(ge=4.0, le=100.0)] = Field(
-        default=20.0, description="Length of a trial, s."
+    seconds: float = ranged(20.0, "Length of a trial, s.", 4.0, 100.0)
+    accelerometer_noise: float = ranged(
+        2e-3, "Noise per axis and row, as a share of gravity.", LEAST_READ, 0.1
     )
-    accelerometer_noise: Annotated[float, Field(ge=LEAST_READ, le=0.1)] = Field(
-        default=2e-3, description="Noise per axis and row, as a share of gravity."
+    magnetometer_noise: float = ranged(
+        5e-3, "Noise per axis and row, as a share of the field.", LEAST_READ, 0.1
     )
-    magnetometer_noise: Annotated[float, Field(ge=LEAST_READ, le=0.1)] = Field(
-        default=5e-3, description="Noise per axis and row, as a share of the field."
+    angle_random_walk: float = ranged(
+        0.01, "White noise, degrees/s per root hertz.", LEAST_NOISE, 1.0
     )
-    angle_random_walk: Annotated[float, Field(ge=LEAST_NOISE, le=1.0)] = Field(
-        default=0.01, description="White noise, degrees/s per root hertz."
+    rate_random_walk: float = ranged(
+        2e-5, "Random walk of the gyroscope's bias, rad/s^2 per root hertz.", 0.0, 0.01
     )
-    rate_random_walk: Annotated[float, Field(ge=0.0, le=0.01)] = Field(
-        default=2e-5,
-        description="Random walk of the gyroscope's bias, rad/s^2 per root hertz.",
+    bias_std: float = ranged(
+        1e-3, "Standard deviation of the first bias, rad/s per axis.", LEAST_NOISE, 0.1
     )
-    bias_std: Annotated[float, Field(ge=LEAST_NOISE, le=0.1)] = Field(
-        default=1e-3,
-        description="Standard deviation of the gyroscope's first bias, rad/s per axis.",
+    start_std: float = ranged(
+        5e-3, "Standard deviation of the start told, rad per axis.", LEAST_NOISE, 0.5
     )
-    start_std: Annotated[float, Field(ge=LEAST_NOISE, le=0.5)] = Field(
-        default=5e-3,
-        description="Standard deviation of the attitude told first, rad per axis.",
-    )
-    trials: Annotated[int, Field(ge=BLOCK)] = Field(
-        default=256, description="Trials; rounded up to whole blocks of 8."
-    )
+    trials: int = ranged(256, "Trials; rounded up to whole blocks of 8.", BLOCK)
     time_limit: Seconds = Field(
         default=600.0, description="Wall time after which the cell fails, s."
     )
@@ -462,7 +426,7 @@ def measured_rows(
         rows += budget_rows(answers, theory)
         moment = np.trace(theory.second_moment[:, :3, :3], axis1=1, axis2=2)
         ratio = np.sqrt(moment / np.trace(bound, axis1=-2, axis2=-1))
-        rows += over_bound_rows(answers, bound, ratio, CARRIED)
+        rows += over_bound_rows(answers, bound, ratio, stat.CARRIED)
     return tuple(rows)
 
 
@@ -481,24 +445,24 @@ def error_rows(
     check = partial(plain, remainder=OVER * whole) if judged else unjudged
     rms, error, n = root_mean_square(angle)
     rows = [
-        *check(RMS(unit="rad"), rms, error, n, whole, CRAMER_RAO),
-        *unjudged(RMS_OVER_BOUND(), rms / whole, error / whole, n),
-        *unjudged(RMS(HEADING, unit="rad"), *root_mean_square(heading)),
-        *unjudged(RMS(INCLINATION, unit="rad"), *root_mean_square(inclination)),
+        *check(stat.RMS(unit="rad"), rms, error, n, whole, stat.CRAMER_RAO),
+        *unjudged(stat.RMS_OVER_BOUND(), rms / whole, error / whole, n),
+        *unjudged(stat.RMS(HEADING, unit="rad"), *root_mean_square(heading)),
+        *unjudged(stat.RMS(INCLINATION, unit="rad"), *root_mean_square(inclination)),
     ]
     most = np.maximum(SETTLED * least, ENOUGH)
     settled = settled_at(angle, answers.time[late], most)
     ended = np.isfinite(settled)
-    rows += unjudged(SETTLING_TRIALS(), float(ended.mean()), 0.0, len(settled))
+    rows += unjudged(stat.SETTLING_TRIALS(), float(ended.mean()), 0.0, len(settled))
     if ended.any():
         middle = float(np.median(settled[ended]))
-        rows += unjudged(SETTLING(), middle, 0.0, int(ended.sum()))
+        rows += unjudged(stat.SETTLING(), middle, 0.0, int(ended.sum()))
     shown, at = answers.shown()
     return (
         *rows,
-        *at_each_row(RMS_AT, answers, angle, root_mean_square),
-        *unjudged([BOUND_AT(ATTITUDE, t) for t in at], least[shown]),
-        *over_bound_rows(answers, bound, np.ones(len(least)), CRAMER_RAO),
+        *at_each_row(stat.RMS_AT, answers, angle, root_mean_square),
+        *unjudged([stat.BOUND_AT(ATTITUDE, t) for t in at], least[shown]),
+        *over_bound_rows(answers, bound, np.ones(len(least)), stat.CRAMER_RAO),
     )
 
 
@@ -511,7 +475,7 @@ def over_bound_rows(
     """Errors of the instants over the bound, beside a prediction of that."""
     shown, _ = answers.shown()
     least = np.sqrt(np.trace(bound, axis1=-2, axis2=-1))[shown]
-    rows = at_each_row(RMS_OVER_BOUND_AT, answers, answers.angle, root_mean_square)
+    rows = at_each_row(stat.RMS_OVER_BOUND_AT, answers, answers.angle, root_mean_square)
     return tuple(
         replace(
             row,
@@ -528,15 +492,17 @@ def consistency_rows(answers: Answers, judged: bool) -> tuple[Row, ...]:
     """NEES, NIS and the correlation of innovations, judged or only shown."""
     rows: list[Row] = []
     for statistic, dimension, squares in answers.squares():
-        mean, of = mean_of_trials(squares), (float(dimension), CHI_SQUARE)
+        mean, of = mean_of_trials(squares), (float(dimension), stat.CHI_SQUARE)
         check = partial(nees, remainder=RELATIVE * dimension) if judged else unjudged
         rows += check(statistic, *mean, *of)
-        if judged and statistic.family == NEES:
+        if judged and statistic.family == stat.NEES:
             worst = float(np.abs(instant_scores(squares, dimension)).max())
             name = statistic.entries[0] if statistic.entries else ATTITUDE
-            rows += limit(WORST_INSTANT(name), worst, WORST, CHI_SQUARE, len(squares))
-        if statistic == NEES():
-            rows += at_each_row(NEES_AT, answers, squares, mean_of_trials)
+            rows += limit(
+                stat.WORST_INSTANT(name), worst, WORST, stat.CHI_SQUARE, len(squares)
+            )
+        if statistic == stat.NEES():
+            rows += at_each_row(stat.NEES_AT, answers, squares, mean_of_trials)
     nu, S, late = (
         answers.found.innovation,
         answers.found.innovation_covariance,
@@ -546,7 +512,7 @@ def consistency_rows(answers: Answers, judged: bool) -> tuple[Row, ...]:
         early = late - 1
         white = pairs_of(nu[:, late], nu[:, early], S[:, late], S[:, early])
         check = partial(plain, remainder=RELATIVE) if judged else unjudged
-        rows += check(INNOVATION_PAIRS(), *mean_of_trials(white), 1.0, WHITE)
+        rows += check(stat.INNOVATION_PAIRS(), *mean_of_trials(white), 1.0, stat.WHITE)
     return tuple(rows)
 
 
@@ -559,19 +525,21 @@ def predicted_rows(
     """
     moment = np.trace(theory.second_moment[:, :3, :3], axis1=1, axis2=2)
     root = float(np.sqrt(moment.mean()))
-    measured = [(RMS(unit="rad"), root_mean_square(answers.angle), root)]
+    measured = [(stat.RMS(unit="rad"), root_mean_square(answers.angle), root)]
     for statistic, dimension, squares in answers.squares():
-        known = theory.nis if statistic == NIS() else theory.nees(dimension)
+        known = theory.nis if statistic == stat.NIS() else theory.nees(dimension)
         measured.append((statistic, mean_of_trials(squares), float(known.mean())))
     check = plain if judged else unjudged
     rows: tuple[Row, ...] = ()
     for statistic, mean, expected in measured:
-        rows += check(statistic, *mean, expected, CARRIED, remainder=OVER * expected)
+        rows += check(
+            statistic, *mean, expected, stat.CARRIED, remainder=OVER * expected
+        )
     return rows
 
 
 def at_each_row(
-    family: Family,
+    family: stat.Family,
     answers: Answers,
     values: Float[Array, "n k"],
     mean: Callable[[Float[Array, "n 1"]], tuple[float, float, int]],
@@ -588,8 +556,8 @@ def lost_row(answers: Answers, judged: bool) -> tuple[Row, ...]:
     angle = answers.angle
     share, n = float(diverged(angle, since=angle.shape[1] // 2).mean()), len(angle)
     if judged:
-        return limit(DIVERGED(), share, 0.0, NORMAL, n)
-    return unjudged(DIVERGED(), share, 0.0, n)
+        return limit(stat.DIVERGED(), share, 0.0, stat.NORMAL, n)
+    return unjudged(stat.DIVERGED(), share, 0.0, n)
 
 
 def root_mean_square(values: Float[Array, "n k"]) -> tuple[float, float, int]:
@@ -608,7 +576,9 @@ def budget_rows(answers: Answers, theory: FilterPrediction) -> tuple[Row, ...]:
     several = (*zip(theory.names, variances, strict=True), ("known errors", known))
     for name, square in several:
         if np.any(square > 0.0):
-            rows += unjudged([BUDGET_AT(name, t) for t in at], np.sqrt(square[shown]))
+            rows += unjudged(
+                [stat.BUDGET_AT(name, t) for t in at], np.sqrt(square[shown])
+            )
     return tuple(rows)
 
 
@@ -632,7 +602,7 @@ def diagnosis_rows(
     chance = np.sum(e.var(axis=0, ddof=1), axis=-1) / n
     shared = max(float(np.mean(np.sum(mean**2, axis=-1) - chance)), 0.0)
     share = shared / square if square > 0.0 else 0.0
-    rows = [*unjudged(SYSTEMATIC(), share, 0.0, n)]
+    rows = [*unjudged(stat.SYSTEMATIC(), share, 0.0, n)]
     total, most = float(np.sum(mean**2)), 0.0
     for name, X in zip(FORMS, forms, strict=True):
         flat = X.reshape(-1, X.shape[-1])
@@ -643,18 +613,18 @@ def diagnosis_rows(
         size = float(np.linalg.norm(value))
         signed = float(value[0]) if len(value) == 1 else size
         error = float(np.linalg.norm(each.std(axis=0, ddof=1)) / np.sqrt(n))
-        rows += unjudged(SYSTEMATIC(name), share * max(explained, 0.0), 0.0, n)
+        rows += unjudged(stat.SYSTEMATIC(name), share * max(explained, 0.0), 0.0, n)
         most = max(most, explained)
         unit = "s" if name == "delay" else "rad"
-        rows += unjudged(CONSTANT(name, unit=unit), signed, error, n)
+        rows += unjudged(stat.CONSTANT(name, unit=unit), signed, error, n)
     whole = float(np.sqrt(np.trace(bound, axis1=1, axis2=2).mean()))
     rms, error, _ = root_mean_square(answers.angle)
     if judged and answers.found.covariance is None:
         cause = share * most if most >= MOST else 0.0
-        rows += limit(SYSTEMATIC(ONE), cause, SHARED + FAR / n, NORMAL, n)
+        rows += limit(stat.SYSTEMATIC(ONE), cause, SHARED + FAR / n, stat.NORMAL, n)
     if judged:
         below = max(1.0 - (rms + FAR * error) / whole, 0.0)
-        rows += limit(RMS_BELOW_BOUND(), below, SLACK, CRAMER_RAO, n)
+        rows += limit(stat.RMS_BELOW_BOUND(), below, SLACK, stat.CRAMER_RAO, n)
     return (*rows, *_stated(answers, A, bound))
 
 
@@ -673,16 +643,16 @@ def _stated(
         error = (answers.error[..., None, :] @ A)[..., 0, :] ** 2
         for name, part in zip(("heading", "inclination"), parts, strict=True):
             squares = (error @ part) / (own @ part)
-            rows += unjudged(PART_OVER_STATED(name), *mean_of_trials(squares), 1.0)
+            rows += unjudged(stat.PART_OVER_STATED(name), *mean_of_trials(squares), 1.0)
             ratio = np.sqrt((own @ part).mean() / (least @ part).mean())
-            rows += unjudged(STATED_OVER_BOUND(name), float(ratio), 0.0, len(P))
+            rows += unjudged(stat.STATED_OVER_BOUND(name), float(ratio), 0.0, len(P))
     nu, S = answers.found.innovation, answers.found.innovation_covariance
     if nu is not None and S is not None:
         late = answers.late
         ratio = nu[:, late] ** 2 / np.diagonal(S[:, late], axis1=2, axis2=3)
         for j in range(ratio.shape[-1]):
             mean = mean_of_trials(ratio[..., j])
-            rows += unjudged(PART_OF_INNOVATION(str(j + 1)), *mean, 1.0)
+            rows += unjudged(stat.PART_OF_INNOVATION(str(j + 1)), *mean, 1.0)
     return tuple(rows)
 
 
@@ -692,15 +662,15 @@ _OVER_TIME = Figure(
     says=(
         "The RMS error is {least} times the bound ({least_of}) to {most} ({most_of})."
     ),
-    about=[RMS_OVER_BOUND],
-    rows=[RMS_AT],
+    about=[stat.RMS_OVER_BOUND],
+    rows=[stat.RMS_AT],
     along=along_entry,
     axis="time, s",
     lines="algorithm",
     value="RMS error",
     unit=lambda row: DEGREE if row.unit == "rad" else COUNT,
     compared=False,
-    floor=BOUND_AT,
+    floor=stat.BOUND_AT,
     log_x=False,
     columns=2,
     caption=(
@@ -716,9 +686,9 @@ FIGURES = (
         name="filter-ratio",
         fold="The error over the bound, on a linear axis",
         says="",
-        rows=[RMS_OVER_BOUND_AT],
-        by=CRAMER_RAO,
-        theories=(CARRIED,),
+        rows=[stat.RMS_OVER_BOUND_AT],
+        by=stat.CRAMER_RAO,
+        theories=(stat.CARRIED,),
         value="RMS error / bound",
         compared=True,
         ratio=False,
@@ -735,8 +705,8 @@ FIGURES = (
         name="filter-nees",
         asked="Is what a filter states of its errors true?",
         says="Normalised squared error, 3 if its covariance is true: {each}.",
-        about=[NEES()],
-        rows=[NEES_AT],
+        about=[stat.NEES()],
+        rows=[stat.NEES_AT],
         value="NEES (3 is right)",
         floor=None,
         level=3.0,
@@ -751,7 +721,7 @@ FIGURES = (
         name="filter-budget",
         fold="What each source adds to the predicted error of the reference filter",
         says="",
-        rows=[BUDGET_AT],
+        rows=[stat.BUDGET_AT],
         lines=entry(0),
         floor=None,
         value="part of the RMS error",
@@ -767,7 +737,14 @@ FIGURES = (
             "3) and of innovations by what it states of them, and when it settles"
         ),
         parameters=("algorithm", "scenario"),
-        rows=[RMS, RMS_OVER_BOUND, NEES(), NIS, SETTLING, DIVERGED],
+        rows=[
+            stat.RMS,
+            stat.RMS_OVER_BOUND,
+            stat.NEES(),
+            stat.NIS,
+            stat.SETTLING,
+            stat.DIVERGED,
+        ],
         keys={},
         column=words,
         predicted=True,
@@ -778,7 +755,7 @@ FIGURES = (
 HEADLINE = Headline(
     says="{angle} RMS; {over} × the bound",
     quotes={
-        "angle": Quote(of=RMS(), by=CRAMER_RAO, angle=True),
-        "over": Quote(of=RMS(), by=CRAMER_RAO, over=True),
+        "angle": Quote(of=stat.RMS(), by=stat.CRAMER_RAO, angle=True),
+        "over": Quote(of=stat.RMS(), by=stat.CRAMER_RAO, over=True),
     },
 )

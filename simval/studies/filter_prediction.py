@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.geometry import compose, conjugate, rotation_vector
 from simval.imu.filters.signals import FilterInput, Told
@@ -26,7 +27,6 @@ from simval.plugins import Filter
 from simval.plugins.runs import run_filter
 from simval.results import Row, exact
 from simval.shapes import Float
-from simval.statistics import COVARIANCE_OFF, CRAMER_RAO, TRUTH, TURN_ORDER
 from simval.studies.filter_scenarios import Course, Imperfect, course
 from simval.studies.response import apart
 from simval.studies.trials import Drawn, drawn_rows
@@ -158,7 +158,7 @@ def stated_row(
     known = filter_prediction(path, model, told=model, keep=kept).told
     off = max(apart(a, b) for a, b in zip(stated[0], known, strict=True))
     left = LEFT_OUT * float(way.dt.max()) ** 2
-    return exact(COVARIANCE_OFF("stated"), off, 0.0, CRAMER_RAO, left)
+    return exact(stat.COVARIANCE_OFF("stated"), off, 0.0, stat.CRAMER_RAO, left)
 
 
 Make = Callable[..., Any]
@@ -186,13 +186,13 @@ def response_rows(make: Make, scenario: str) -> tuple[Row, ...]:
     bound = filter_prediction(path, model, told=model, keep=end).told[0]
     off = [apart(covariance, bound) for covariance in moved_and_stated(make, way)]
     left = LEFT_OUT * float(way.dt.max()) ** 2
-    statistics = COVARIANCE_OFF.each(("moved", "stated while the bias walks"))
-    rows = exact(statistics, off, 0.0, CRAMER_RAO, left)
+    statistics = stat.COVARIANCE_OFF.each(("moved", "stated while the bias walks"))
+    rows = exact(statistics, off, 0.0, stat.CRAMER_RAO, left)
     if way.rate.any():
         order = float(
             np.log2(lost(make, scenario, RATE / 2.0) / lost(make, scenario, RATE))
         )
-        rows += exact(TURN_ORDER(), order, CONING_ORDER, TRUTH, NEXT)
+        rows += exact(stat.TURN_ORDER(), order, CONING_ORDER, stat.TRUTH, NEXT)
     return rows
 
 

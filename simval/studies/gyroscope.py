@@ -15,12 +15,13 @@ bound's moves of 40 segments leave out (`PIECES`).
 
 from collections.abc import Iterator
 from math import sqrt
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy
 from pydantic import Field
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.consistency import normalised_squares
 from simval.figures import Figure, Headline, Quote
@@ -34,27 +35,10 @@ from simval.imu.sensor import GyroscopeModel
 from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
 from simval.scene import Trajectory, average_rates, simulate_cached
 from simval.shapes import Float
-from simval.statistics import (
-    BIAS,
-    CHI_SQUARE,
-    COVARIANCE_OFF,
-    COVERAGE,
-    CRAMER_RAO,
-    NEES,
-    NO_BIAS,
-    NORMAL,
-    RECOVERY,
-    REST_FORCE,
-    ROUNDING,
-    SCENE_BOUND,
-    SD,
-    SQUARED_ERROR,
-)
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
-from simval.studies.refusing import refusing
 from simval.studies.response import apart
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import Kept, Trials, drawn_rows, mean_of, trials_of
 from simval.theory.gyroscope import MovePath, gyroscope_moments
 from simval.units import PPM
@@ -98,21 +82,13 @@ class Parameters(StudyParameters):
     estimator: Literal["joint", "generalised", "unweighted"] = Field(
         default="joint", description="Both sensors together, one by one, or IMU-TK's."
     )
-    poses: Annotated[int, Field(ge=12, le=100)] = Field(
-        default=40, description="Poses, spread evenly over the sphere."
+    poses: int = ranged(40, "Poses, spread evenly over the sphere.", 12, 100)
+    move_time: float = ranged(2.0, "Time of a move, s.", 1.5, 10.0)
+    every: int = ranged(5, "Rows of 500 Hz that one reading averages.", 1, 10)
+    angle_random_walk: float = ranged(
+        0.01, "White noise, degrees/s per root hertz.", 1e-6, 0.3
     )
-    move_time: Annotated[float, Field(ge=1.5, le=10.0)] = Field(
-        default=2.0, description="Time of a move, s."
-    )
-    every: Annotated[int, Field(ge=1, le=10)] = Field(
-        default=5, description="Rows of 500 Hz that one reading averages."
-    )
-    angle_random_walk: Annotated[float, Field(ge=1e-6, le=0.3)] = Field(
-        default=0.01, description="White noise, degrees/s per root hertz."
-    )
-    trials: Annotated[int, Field(ge=256)] = Field(
-        default=1024, description="Trials; rounded up to whole blocks of 8."
-    )
+    trials: int = ranged(1024, "Trials; rounded up to whole blocks of 8.", 256)
 
     def cost(self) -> Cost:
         """Cost of a cell: the scene, and a fit for each trial."""
@@ -257,12 +233,12 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(
         rows=(
             *_judged(trials, bound),
-            *limit(RECOVERY("M"), off, most, ROUNDING),
-            *limit(REST_FORCE(), data.off, data.rest_force, SCENE_BOUND),
+            *limit(stat.RECOVERY("M"), off, most, stat.ROUNDING),
+            *limit(stat.REST_FORCE(), data.off, data.rest_force, stat.SCENE_BOUND),
             *drawn_rows(trials.noise),
             *_stated_row(clean, data),
             *_integrators(parameters),
-            *unjudged(SD("M", "bound"), sqrt(bound[:9].mean())),
+            *unjudged(stat.SD("M", "bound"), sqrt(bound[:9].mean())),
         )
     )
 
@@ -280,14 +256,16 @@ def _judged(trials: Trials, bound: Float[Array, " p"]) -> tuple[Row, ...]:
     shift: Any = plain if n >= ENOUGH else unjudged
     return (
         *nees(
-            NEES(), *mean_of(normalised_squares(error, C)),
-            float(p), CHI_SQUARE, RELATIVE * p,
+            stat.NEES(), *mean_of(normalised_squares(error, C)),
+            float(p), stat.CHI_SQUARE, RELATIVE * p,
         ),
-        *plain(COVERAGE("mean"), *covered, LEVEL, NORMAL, 0.23 * RELATIVE / 2.0),
-        *judge(SQUARED_ERROR("mean"), *over, 1.0, CRAMER_RAO, RELATIVE),
+        *plain(
+            stat.COVERAGE("mean"), *covered, LEVEL, stat.NORMAL, 0.23 * RELATIVE / 2.0
+        ),
+        *judge(stat.SQUARED_ERROR("mean"), *over, 1.0, stat.CRAMER_RAO, RELATIVE),
         *shift(
-            BIAS.each(NAMES[:p], UNITS[:p]), *bias,
-            0.0, NO_BIAS, SMALL_BIAS * sd.mean(axis=0),
+            stat.BIAS.each(NAMES[:p], UNITS[:p]), *bias,
+            0.0, stat.NO_BIAS, SMALL_BIAS * sd.mean(axis=0),
         ),
     )  # fmt: skip
 
@@ -300,7 +278,7 @@ def _stated_row(clean: GyroscopeFit, data: Tumble) -> tuple[Row, ...]:
     bound = (4.0 * fine - coarse) / 3.0  # of the second order of a piece
     off = apart(clean.own_covariance[0], bound)
     left = LEFT_OUT * data.every**2
-    return exact(COVARIANCE_OFF("stated"), off, 0.0, CRAMER_RAO, left)
+    return exact(stat.COVARIANCE_OFF("stated"), off, 0.0, stat.CRAMER_RAO, left)
 
 
 def _integrators(parameters: Parameters) -> Iterator[Row]:
@@ -310,7 +288,7 @@ def _integrators(parameters: Parameters) -> Iterator[Row]:
         clean = data.clean()
         averages = float(np.abs(clean.M[0] - data.gyroscope.M).max())
         yield from unjudged(
-            (RECOVERY("M", AVERAGES, rate), RECOVERY("M", STRAIGHT, rate)),
+            (stat.RECOVERY("M", AVERAGES, rate), stat.RECOVERY("M", STRAIGHT, rate)),
             (averages, data.straight_lines()),
         )
 
@@ -320,7 +298,7 @@ KINDS = {
     AVERAGES: "averages with their coning",
     "bound": "noise alone",
 }
-THINNED_ROWS = [RECOVERY("M", kind, rate) for kind in KINDS for rate in THINNED]
+THINNED_ROWS = [stat.RECOVERY("M", kind, rate) for kind in KINDS for rate in THINNED]
 
 
 def _kind(row: Row) -> str:
@@ -332,7 +310,7 @@ FIGURES = (
         name="gyroscope",
         asked="How fast must a gyroscope be read for its calibration?",
         says="Error of M over these rates: {each}.",
-        about=[*THINNED_ROWS, SD("M", "bound")],
+        about=[*THINNED_ROWS, stat.SD("M", "bound")],
         rows=THINNED_ROWS,
         along=lambda row: ROWS / THINNED[row.statistic.entries[2]],
         axis="rows per second, Hz",
@@ -340,7 +318,7 @@ FIGURES = (
         value="error of M",
         unit=PPM,
         compared=False,
-        floor=SD("M", "bound"),
+        floor=stat.SD("M", "bound"),
         columns=2,
         caption=(
             "Greatest error of M in a calibration without noise, by the rate of the "
@@ -354,7 +332,7 @@ FIGURES = (
 HEADLINE = Headline(
     says="M {M} by the bound; {over} × the bound",
     quotes={
-        "over": Quote(of=SQUARED_ERROR("mean"), by=CRAMER_RAO, root=True),
-        "M": Quote(of=SD("M", "bound"), unit=PPM),
+        "over": Quote(of=stat.SQUARED_ERROR("mean"), by=stat.CRAMER_RAO, root=True),
+        "M": Quote(of=stat.SD("M", "bound"), unit=PPM),
     },
 )

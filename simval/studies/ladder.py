@@ -16,11 +16,12 @@ efficiency.
 Both predictions are allowed the remainder that theory states for them.
 """
 
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.figures import Figure, Listing, of_calibration, predictor
 from simval.imu.calibrate import calibrate
@@ -29,21 +30,10 @@ from simval.montecarlo import moments_of
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row, control, plain, unjudged
 from simval.shapes import Float
-from simval.statistics import (
-    BIAS,
-    BIAS_ALONG,
-    EFFICIENCY,
-    FIRST_ORDER,
-    MANY_POSES,
-    SCALE_BIAS,
-    SD,
-    SECOND_ORDER,
-)
 from simval.streams import Streams
 from simval.studies.calibration import UNITS, expanded, response_rows
-from simval.studies.refusing import LEAST_NOISE, refusing
 from simval.studies.response import Expanded, Reduced, beside, reduced_mean, stated
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import Kept, correlation_row, noise_row, trials_of
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 
@@ -62,17 +52,15 @@ class Parameters(StudyParameters):
     residual: Literal["squared", "norm", "weighted", "sampson", "adjusted"] = Field(
         default="squared", description="What the calibration minimises."
     )
-    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=1.0)] = Field(
-        default=0.1, description="Noise of each axis of a pose mean, m/s^2."
+    noise_std: float = ranged(
+        0.1, "Noise of each axis of a pose mean, m/s^2.", LEAST_NOISE, 1.0
     )
-    poses: Annotated[int, Field(ge=10, le=1000)] = Field(
-        default=100, description="Poses, spread evenly over the sphere."
+    poses: int = ranged(100, "Poses, spread evenly over the sphere.", 10, 1000)
+    scale_spread: float = ranged(
+        0.0, "Scales of x, y, z are 1 less, 1, 1 plus this.", 0.0, 0.99
     )
-    scale_spread: Annotated[float, Field(ge=0.0, le=0.99)] = Field(
-        default=0.0, description="Scales of x, y, z are 1 less, 1, 1 plus this."
-    )
-    trials: Annotated[int, Field(ge=2 * BLOCK)] = Field(
-        default=4096, description="Antithetic pairs; rounded up to blocks of 256."
+    trials: int = ranged(
+        4096, "Antithetic pairs; rounded up to blocks of 256.", 2 * BLOCK
     )
 
     def cost(self) -> Cost:
@@ -116,12 +104,13 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     sd_error = np.diagonal(measured.covariance_error) / (2.0 * sd)
     spread = (
         *plain(
-            SD.each(predicted.names, UNITS), sd, sd_error, n,
-            predicted.sd, FIRST_ORDER, predicted.sd_remainder,
+            stat.SD.each(predicted.names, UNITS), sd, sd_error, n,
+            predicted.sd, stat.FIRST_ORDER, predicted.sd_remainder,
         ),
         *plain(
-            EFFICIENCY.each(predicted.names), *_efficiency(sd, sd_error, predicted), n,
-            predicted.efficiency, FIRST_ORDER,
+            stat.EFFICIENCY.each(predicted.names),
+            *_efficiency(sd, sd_error, predicted), n,
+            predicted.efficiency, stat.FIRST_ORDER,
             predicted.efficiency * predicted.variance_remainder,
         ),
     )  # fmt: skip
@@ -133,8 +122,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             *noise_row(noise.reshape(n, -1) / sigma),
             *_rung_rows(parameters, sensor, pairs, known, predicted),
             *control(
-                BIAS.each(predicted.names, UNITS), *bias, n,
-                predicted.bias, SECOND_ORDER, left,
+                stat.BIAS.each(predicted.names, UNITS), *bias, n,
+                predicted.bias, stat.SECOND_ORDER, left,
             ),
             *spread,
             *beside(spread, (sharper, _efficiency(*sharper, predicted))),
@@ -171,10 +160,12 @@ def _rung_rows(
         rung(pairs.mean(axis=0)), rung(known.second), rung(known.mean_second)
     )
     found = stated(found, expected, left_out, samples)
-    rows = control(SCALE_BIAS(), *found, samples, expected, SECOND_ORDER, left_out)
+    rows = control(
+        stat.SCALE_BIAS(), *found, samples, expected, stat.SECOND_ORDER, left_out
+    )
     if parameters.scale_spread == 0.0:  # the ladder is that of an ideal sensor
         many = RUNGS[parameters.residual]
-        rows += unjudged(SCALE_BIAS(), *found, samples, many, MANY_POSES)
+        rows += unjudged(stat.SCALE_BIAS(), *found, samples, many, stat.MANY_POSES)
     return rows
 
 
@@ -194,14 +185,19 @@ def _scale_rows(
     )
     rest = float(np.abs(weight) @ left)
     return unjudged(
-        BIAS_ALONG("K"), *stated(found, size, rest, n), n, size, SECOND_ORDER, rest
+        stat.BIAS_ALONG("K"),
+        *stated(found, size, rest, n),
+        n,
+        size,
+        stat.SECOND_ORDER,
+        rest,
     )
 
 
 ALONG_NOISE = Figure(
     name="ladder-noise",
-    rows=[BIAS_ALONG],
-    by=SECOND_ORDER,
+    rows=[stat.BIAS_ALONG],
+    by=stat.SECOND_ORDER,
     along="noise_std",
     axis="noise of a pose mean, m/s²",
     lines="residual",
@@ -218,9 +214,9 @@ FIGURES = (
             "The bias of the scale is greatest for {most_of}, {most}, and least for "
             "{least_of}, {least}."
         ),
-        rows=[SCALE_BIAS],
-        claimed=BIAS.each(("K_x", "K_y", "K_z")),
-        by=SECOND_ORDER,
+        rows=[stat.SCALE_BIAS],
+        claimed=stat.BIAS.each(("K_x", "K_y", "K_z")),
+        by=stat.SECOND_ORDER,
         lines="residual",
         least="noise_std",
         ratio=False,
@@ -236,7 +232,7 @@ FIGURES = (
     Listing(
         name="ladder",
         caption="Bias of the scale in units of σ²/g², by theory and for many poses",
-        rows=[SCALE_BIAS],
+        rows=[stat.SCALE_BIAS],
         keys={"theory": predictor},
         predicted=True,
     ),

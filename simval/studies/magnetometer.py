@@ -28,12 +28,12 @@ meet the bound.
 
 from collections.abc import Iterator
 from math import radians
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import scipy
-from pydantic import Field
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.figures import Figure, Headline, Quote
 from simval.geometry import attitude_matrix, random_quaternions
@@ -45,28 +45,8 @@ from simval.imu.calibrate import (
 from simval.imu.sensor import MagnetometerModel
 from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
 from simval.shapes import Float
-from simval.statistics import (
-    BIAS,
-    BIAS_OFF,
-    CHI_SQUARE,
-    CHI_SQUARE_OF_FREEDOM,
-    COVARIANCE_OFF,
-    COVERAGE,
-    CRAMER_RAO,
-    FIRST_ORDER,
-    NEES,
-    NORMAL,
-    RECOVERY,
-    RESPONSE,
-    SD,
-    SECOND_ORDER,
-    SPREAD,
-    TRUTH,
-    VARIANCE_OVER_BOUND,
-)
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
-from simval.studies.refusing import refusing
 from simval.studies.response import (
     MET,
     STEP,
@@ -79,7 +59,7 @@ from simval.studies.response import (
     reduced_share,
     response,
 )
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import (
     Kept,
     Trials,
@@ -129,23 +109,17 @@ UNITS = ("1",) * 6 + ("m/s²",) * 3 + ("1",) * 12 + ("rad",)
 class Parameters(StudyParameters):
     """One cell: poses, place and noise."""
 
-    poses: Annotated[int, Field(ge=12, le=400)] = Field(
-        default=40, description="Random attitudes in which both sensors rest."
+    poses: int = ranged(40, "Random attitudes in which both sensors rest.", 12, 400)
+    dip_deg: float = ranged(
+        66.0, "Angle of the field below the horizon, degrees.", -85.0, 85.0
     )
-    dip_deg: Annotated[float, Field(ge=-85.0, le=85.0)] = Field(
-        default=66.0, description="Angle of the field below the horizon, degrees."
+    field_noise: float = ranged(
+        0.005, "Noise of each axis of a mean, a share of the field.", 1e-5, 0.02
     )
-    field_noise: Annotated[float, Field(ge=1e-5, le=0.02)] = Field(
-        default=0.005,
-        description="Noise per axis of a magnetometer's mean, a share of the field.",
+    accelerometer_noise: float = ranged(
+        1e-4, "Noise of each axis of a mean, a share of gravity.", 1e-5, 0.02
     )
-    accelerometer_noise: Annotated[float, Field(ge=1e-5, le=0.02)] = Field(
-        default=1e-4,
-        description="Noise per axis of an accelerometer's mean, a share of gravity.",
-    )
-    trials: Annotated[int, Field(ge=8 * BLOCK)] = Field(
-        default=4096, description="Trials; rounded up to whole blocks of 128."
-    )
+    trials: int = ranged(4096, "Trials; rounded up to whole blocks of 128.", 8 * BLOCK)
 
     def cost(self) -> Cost:
         """Cost of a cell: both calibrations for each trial."""
@@ -282,12 +256,13 @@ def _moments(seen: Trials, fit: Expanded, predicted: MagnetometerMoments) -> Mea
         np.sum(off * off, axis=0) / (n - 1), np.std(off * off, axis=0) / np.sqrt(n)
     )
     yield plain(
-        BIAS.each(predicted.names, UNITS), mean, sd / np.sqrt(n), n,
-        predicted.bias, SECOND_ORDER, predicted.bias_remainder,
+        stat.BIAS.each(predicted.names, UNITS), mean, sd / np.sqrt(n), n,
+        predicted.bias, stat.SECOND_ORDER, predicted.bias_remainder,
     ), fit.mean(error)  # fmt: skip
     yield plain(
-        SD.each(predicted.names, UNITS), sd, spread, n,
-        predicted.sd, FIRST_ORDER, predicted.sd * (predicted.variance_remainder / 2.0),
+        stat.SD.each(predicted.names, UNITS), sd, spread, n,
+        predicted.sd, stat.FIRST_ORDER,
+        predicted.sd * (predicted.variance_remainder / 2.0),
     ), fit.sd(error)  # fmt: skip
 
 
@@ -305,7 +280,9 @@ def _over_bound(
     for name, part in PARTS.items():
         mean = mean_of(squares[:, part].mean(axis=1))
         expected = 1.0 + square_bias[part].mean()
-        rows = plain(VARIANCE_OVER_BOUND(name), *mean, expected, CRAMER_RAO, left)
+        rows = plain(
+            stat.VARIANCE_OVER_BOUND(name), *mean, expected, stat.CRAMER_RAO, left
+        )
         yield rows, sharper(fit, seen["error"], part, bound)
     # the recipe's bias is of second order as well, and not predicted: its variance is
     usual, bound = seen["recipe"], bound[9:]
@@ -317,8 +294,8 @@ def _over_bound(
         values = values[:, part] - np.mean(usual, axis=0)[part] ** 2 / bound[part]
         expected = float(variance[part].mean())
         yield plain(
-            VARIANCE_OVER_BOUND(name, "usual recipe"), *mean_of(values.mean(axis=1)),
-            expected, FIRST_ORDER, expected * left,
+            stat.VARIANCE_OVER_BOUND(name, "usual recipe"),
+            *mean_of(values.mean(axis=1)), expected, stat.FIRST_ORDER, expected * left,
         ), sharper(recipe, centred, part, bound)  # fmt: skip
 
 
@@ -341,23 +318,23 @@ def _stated(
     square = np.vecdot(ratio, np.linalg.solve(unit, ratio.T).T)
     z = -scipy.special.ndtri((1.0 - LEVEL) / 2.0)
     yield plain(
-        COVERAGE.each(predicted.names), inside.mean(axis=0), error, n,
-        LEVEL, NORMAL, INTERVAL_SLOPE * relative + moved,
+        stat.COVERAGE.each(predicted.names), inside.mean(axis=0), error, n,
+        LEVEL, stat.NORMAL, INTERVAL_SLOPE * relative + moved,
     ), reduced_share(inside > 0.5, np.abs(ratio) <= z, LEVEL)  # fmt: skip
     yield plain(
-        COVERAGE("ellipsoid"), np.mean(squares <= quantile), error, n,
-        LEVEL, CHI_SQUARE,
+        stat.COVERAGE("ellipsoid"), np.mean(squares <= quantile), error, n,
+        LEVEL, stat.CHI_SQUARE,
         _ellipsoid_slope(quantile, ALL) * (relative + shift / (2.0 * ALL)),
     ), reduced_share(squares <= quantile, square <= quantile, LEVEL)  # fmt: skip
     yield nees(
-        NEES(), squares.mean(), np.std(squares) / np.sqrt(n), n,
-        ALL + shift, CHI_SQUARE, ALL * 2.0 * relative,
+        stat.NEES(), squares.mean(), np.std(squares) / np.sqrt(n), n,
+        ALL + shift, stat.CHI_SQUARE, ALL * 2.0 * relative,
     ), reduced_mean(squares, square, ALL)  # fmt: skip
     white = np.sum((seen["noise"] @ equations.T) ** 2, axis=1)
     linear = (white - square) / (len(equations) - ALL)
     yield plain(
-        CHI_SQUARE_OF_FREEDOM(), *mean_of(seen["chi_square"]),
-        1.0, CHI_SQUARE, 2.0 * relative,
+        stat.CHI_SQUARE_OF_FREEDOM(), *mean_of(seen["chi_square"]),
+        1.0, stat.CHI_SQUARE, 2.0 * relative,
     ), reduced_mean(seen["chi_square"], linear, 1.0)  # fmt: skip
 
 
@@ -377,7 +354,7 @@ def _spread_row(
     found = root(n / (n - 1) * squares.mean(), np.std(squares) / np.sqrt(n))
     expected = float(np.sqrt(np.mean(predicted.sd[part] ** 2)))
     left = expected * predicted.variance_remainder / 2.0
-    return unjudged(SPREAD("M"), *found, n, expected, FIRST_ORDER, left)
+    return unjudged(stat.SPREAD("M"), *found, n, expected, stat.FIRST_ORDER, left)
 
 
 def _recovery(case: Scenario) -> tuple[Row, ...]:
@@ -388,14 +365,14 @@ def _recovery(case: Scenario) -> tuple[Row, ...]:
         float(error[part].max() / size)
         for part, size in zip(PARTS.values(), (*sizes, 1.0), strict=True)  # dip: rad
     ]
-    return limit(RECOVERY.each(PARTS), relative, RECOVERED, TRUTH, n=1)
+    return limit(stat.RECOVERY.each(PARTS), relative, RECOVERED, stat.TRUTH, n=1)
 
 
 def stated_row(case: Scenario, predicted: MagnetometerMoments) -> tuple[Row, ...]:
     """The covariance that the fit states at the truth, beside the bound."""
     fit = case.fitted(*case.means)
     off = apart(fit.covariance, predicted.covariance)
-    return exact(COVARIANCE_OFF("stated"), off, 0.0, CRAMER_RAO, MET)
+    return exact(stat.COVARIANCE_OFF("stated"), off, 0.0, stat.CRAMER_RAO, MET)
 
 
 def response_rows(
@@ -415,8 +392,10 @@ def response_rows(
     off = apart(predicted.covariance, found.covariance(unit))
     bias = np.abs(predicted.bias - found.bias(unit)) / predicted.sd
     return (
-        *exact(COVARIANCE_OFF("predicted"), off, 0.0, RESPONSE, MET_COVARIANCE),
-        *exact(BIAS_OFF("predicted"), bias.max(), 0.0, RESPONSE, MET_BIAS),
+        *exact(
+            stat.COVARIANCE_OFF("predicted"), off, 0.0, stat.RESPONSE, MET_COVARIANCE
+        ),
+        *exact(stat.BIAS_OFF("predicted"), bias.max(), 0.0, stat.RESPONSE, MET_BIAS),
     )
 
 
@@ -434,7 +413,7 @@ FIGURES = (
         asked="Does the weighted fit reach the bound, and what does the recipe cost?",
         what="The variance",
         says="The variance is at most {most} times the bound ({most_of}).",
-        rows=[VARIANCE_OVER_BOUND],
+        rows=[stat.VARIANCE_OVER_BOUND],
         lines=_called,
         value="variance over the bound",
         columns=2,
@@ -448,8 +427,8 @@ FIGURES = (
 HEADLINE = Headline(
     says="M {M}, dip {dip}; {over} × the bound",
     quotes={
-        "M": Quote(of=SPREAD("M"), by=FIRST_ORDER, unit=PERCENT),
-        "dip": Quote(of=SD("dip"), by=FIRST_ORDER, angle=True),
-        "over": Quote(of=VARIANCE_OVER_BOUND("M"), by=CRAMER_RAO, root=True),
+        "M": Quote(of=stat.SPREAD("M"), by=stat.FIRST_ORDER, unit=PERCENT),
+        "dip": Quote(of=stat.SD("dip"), by=stat.FIRST_ORDER, angle=True),
+        "over": Quote(of=stat.VARIANCE_OVER_BOUND("M"), by=stat.CRAMER_RAO, root=True),
     },
 )

@@ -29,6 +29,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.imu.noise import (
     allan_covariance,
@@ -42,20 +43,9 @@ from simval.imu.sensor import NoiseModel
 from simval.montecarlo import moments_of
 from simval.results import Outcome, Row, exact, plain
 from simval.shapes import Float
-from simval.statistics import (
-    ALLAN_ERROR,
-    CLOSED_FORM,
-    COVARIANCE_OFF,
-    COVERAGE,
-    LEAST_SQUARES,
-    MEAN_ERROR,
-    NORMAL,
-    SQUARED_ERROR,
-    VARIANCE_OVER_BOUND,
-)
 from simval.streams import Streams
 from simval.studies.response import MET, apart
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import Cost, StudyParameters, ranged
 from simval.studies.trials import KEPT, Kept, correlation_row, trials_of
 from simval.theory.coloured_noise import noise_bound, sampled_allan_law
 
@@ -85,18 +75,14 @@ class Parameters(StudyParameters):
         default="intervals",
         description="Weights as theory has them, or the fit, or its intervals, too.",
     )
-    rows: Annotated[int, Field(ge=4096, le=1_000_000)] = Field(
-        default=16_384, description="Rows of a signal, at 100 Hz."
-    )
+    rows: int = ranged(16_384, "Rows of a signal, at 100 Hz.", 4096, 1_000_000)
     flicker: Annotated[float, Field(gt=0.0, le=10.0)] = Field(
         default=0.5, description="Flicker B over white noise N, root Hz."
     )
     walk: Annotated[float, Field(gt=0.0, le=10.0)] = Field(
         default=0.3, description="Random walk K over white noise N, Hz."
     )
-    trials: Annotated[int, Field(ge=256)] = Field(
-        default=1200, description="Signals; rounded up to whole blocks of 24."
-    )
+    trials: int = ranged(1200, "Signals; rounded up to whole blocks of 24.", 256)
 
     def cost(self) -> Cost:
         """Cost of a cell: a draw, a fit and its intervals, for each signal."""
@@ -204,23 +190,23 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     remainders = np.full(3, LAGS) if linear else np.array(REMAINDERS)
     remainders = remainders + SECOND * (theory.grown - 1.0)
     long = theory.counts >= SHORTEST
-    allan = ALLAN_ERROR.each(f"{m}" for m in theory.counts[long])
+    allan = stat.ALLAN_ERROR.each(f"{m}" for m in theory.counts[long])
     last = 4 + len(allan)
     ratio = theory.predicted[0] / theory.bound
     rows = (
-        *plain(SQUARED_ERROR.each(f"{k}^2" for k in KINDS), value[:3], error[:3], n,
-               squares, LEAST_SQUARES, remainders),
-        *plain(VARIANCE_OVER_BOUND("N^2"), value[3], error[3], n,
-               ratio * squares[0], LEAST_SQUARES, ratio * remainders[0]),
+        *plain(stat.SQUARED_ERROR.each(f"{k}^2" for k in KINDS),
+               value[:3], error[:3], n, squares, stat.LEAST_SQUARES, remainders),
+        *plain(stat.VARIANCE_OVER_BOUND("N^2"), value[3], error[3], n,
+               ratio * squares[0], stat.LEAST_SQUARES, ratio * remainders[0]),
         *plain(allan, value[4:last], theory.allan_error(n)[long], n,
-               theory.allan_squares[long], CLOSED_FORM,
+               theory.allan_squares[long], stat.CLOSED_FORM,
                LAGS + SECOND * (theory.share[long] - 1.0)),
     )  # fmt: skip
     if parameters.estimate == "intervals":
         spread = np.sqrt(RATE_OF_INTERVALS * (1.0 - RATE_OF_INTERVALS) / n)
         rows += plain(
-            COVERAGE.each(KINDS), value[last:], spread, n,
-            RATE_OF_INTERVALS, NORMAL, COVERED,
+            stat.COVERAGE.each(KINDS), value[last:], spread, n,
+            RATE_OF_INTERVALS, stat.NORMAL, COVERED,
         )  # fmt: skip
     if linear:
         rows += _mean_rows(trials["misfit"], theory)
@@ -232,9 +218,9 @@ def _mean_rows(misfits: Float[Array, "n m"], theory: Theory) -> tuple[Row, ...]:
     """Mean error of the squares of N, B and K by weights that are known."""
     n = len(misfits)
     mean = np.mean(misfits @ theory.weights.T / np.sqrt(theory.predicted), axis=0)
-    statistics = MEAN_ERROR.each(f"{k}^2" for k in KINDS)
+    statistics = stat.MEAN_ERROR.each(f"{k}^2" for k in KINDS)
     error = np.sqrt(theory.grown / n)
-    return plain(statistics, mean, error, n, theory.bias, LEAST_SQUARES, LAGS)
+    return plain(statistics, mean, error, n, theory.bias, stat.LEAST_SQUARES, LAGS)
 
 
 def _white_row() -> tuple[Row, ...]:
@@ -253,4 +239,4 @@ def _white_row() -> tuple[Row, ...]:
         own += D.T @ D / (2 * starts)
     known = 2.0 * np.einsum("aij,bij->ab", A, A)
     off = apart(allan_covariance(forms, np.array([1.0, 0.0, 0.0])), known)
-    return exact(COVARIANCE_OFF("white"), off, 0.0, CLOSED_FORM, MET)
+    return exact(stat.COVARIANCE_OFF("white"), off, 0.0, stat.CLOSED_FORM, MET)

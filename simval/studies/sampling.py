@@ -20,10 +20,8 @@ of them: n in the place of n - 1 makes it :math:`1 - 1/n`. Nothing is left to ch
 
 from collections.abc import Callable
 from itertools import product
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field
 
 from simval.arrays import Array
 from simval.consistency import mean_of_trials
@@ -35,7 +33,7 @@ from simval.shapes import Float
 from simval.statistics import ENUMERATED, UNBIASED_VARIANCE
 from simval.streams import Streams
 from simval.studies.response import reduced_mean
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import Cost, StudyParameters, ranged
 from simval.studies.trials import Drawn, drawn_rows, mean_of, square_rows
 
 TITLE = "Sampling: independent streams, and variances by n - 1"
@@ -51,12 +49,8 @@ ROUNDED = 1e-12
 class Parameters(StudyParameters):
     """One cell: how many streams of each kind, and how long they are."""
 
-    blocks: Annotated[int, Field(ge=2, le=256)] = Field(
-        default=32, description="Neighbouring blocks of each stream."
-    )
-    numbers: Annotated[int, Field(ge=1024, le=1_000_000)] = Field(
-        default=8192, description="Numbers of each block."
-    )
+    blocks: int = ranged(32, "Neighbouring blocks of each stream.", 2, 256)
+    numbers: int = ranged(8192, "Numbers of each block.", 1024, 1_000_000)
 
     def cost(self) -> Cost:
         """Cost of a cell."""

@@ -6,11 +6,12 @@ are the directions of the rests and, where the machine can draw, a picture.
 
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.errors import GeometryError, InputError
 from simval.figures import Figure
@@ -18,24 +19,8 @@ from simval.geometry import attitude_matrix, compose, conjugate
 from simval.poses import observability
 from simval.results import Outcome, Row, exact, limit, unjudged
 from simval.scene import Trajectory, simulate
-from simval.statistics import (
-    ATTITUDE,
-    CONDITION,
-    FIELD_MISMATCH,
-    OBSERVABILITY,
-    RANK,
-    RATE_LAG,
-    RATE_SCALE,
-    REST_FORCE,
-    REST_RATE,
-    RESTS,
-    SAME_ROW,
-    SCENE_BOUND,
-)
-from simval.statistics import ROUNDING as BY_ROUNDING
 from simval.streams import Streams
-from simval.studies.refusing import refusing
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import Cost, StudyParameters, ranged, refusing
 
 TITLE = "Scenes: is rest at rest, and do the poses suffice?"
 SECTION = "scene"
@@ -53,9 +38,7 @@ class Parameters(StudyParameters):
     scene: Literal["gimbal", "die"] = Field(
         default="gimbal", description="Scene that is simulated."
     )
-    poses: Annotated[int, Field(ge=9, le=400)] = Field(
-        default=40, description="Poses of the gimbal, or throws of the die."
-    )
+    poses: int = ranged(40, "Poses of the gimbal, or throws of the die.", 9, 400)
 
     def cost(self) -> Cost:
         """Cost of a cell."""
@@ -100,12 +83,12 @@ def judged_rows(trajectory: Trajectory) -> tuple[Row, ...]:
     judged = observability(directions)
     n = int(resting.sum())
     return (
-        *limit(REST_FORCE(), np.abs(force).max(), bound, SCENE_BOUND, n),
-        *limit(REST_RATE(), rate.max(), trajectory.rest_rate, SCENE_BOUND, n),
-        *exact(RANK(), judged.rank, 9.0, OBSERVABILITY, 0.0),
+        *limit(stat.REST_FORCE(), np.abs(force).max(), bound, stat.SCENE_BOUND, n),
+        *limit(stat.REST_RATE(), rate.max(), trajectory.rest_rate, stat.SCENE_BOUND, n),
+        *exact(stat.RANK(), judged.rank, 9.0, stat.OBSERVABILITY, 0.0),
         *_same_instant(trajectory),
-        *unjudged(CONDITION(), judged.condition),
-        *unjudged(RESTS(), len(directions)),
+        *unjudged(stat.CONDITION(), judged.condition),
+        *unjudged(stat.RESTS(), len(directions)),
     )
 
 
@@ -136,9 +119,9 @@ def _same_instant(trajectory: Trajectory) -> tuple[Row, ...]:
     scale = np.sum(rate * mean) / np.sum(mean * mean)
     left = np.linalg.norm(step) / np.linalg.norm(mean) / 2.0
     return (
-        *limit(FIELD_MISMATCH(), off, ROUNDING, BY_ROUNDING, len(mismatch)),
-        *exact(RATE_LAG(), lag, 0.0, SAME_ROW, 0.5 + LAG_ROUNDING, len(step)),
-        *exact(RATE_SCALE(), scale, 1.0, ATTITUDE, left, len(step)),
+        *limit(stat.FIELD_MISMATCH(), off, ROUNDING, stat.ROUNDING, len(mismatch)),
+        *exact(stat.RATE_LAG(), lag, 0.0, stat.SAME_ROW, 0.5 + LAG_ROUNDING, len(step)),
+        *exact(stat.RATE_SCALE(), scale, 1.0, stat.ATTITUDE, left, len(step)),
     )
 
 
@@ -147,7 +130,7 @@ FIGURES = (
         name="poses-condition",
         section="poses",
         fold="Condition number of the calibration, for each scene",
-        rows=[CONDITION],
+        rows=[stat.CONDITION],
         along="poses",
         panels=lambda row: "geometry of the poses",
         value="condition number",

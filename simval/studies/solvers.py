@@ -6,27 +6,25 @@ is kept for the report. All must end at the same parameters.
 """
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.figures import Listing, Strip, Trace, entries
 from simval.imu.calibrate import calibrate
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row, limit, unjudged
-from simval.statistics import APART, FIRST_SOLVER, STEPS
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
-from simval.studies.refusing import LEAST_NOISE, refusing
-from simval.studies.study import Cost, StudyParameters
+from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 
 TITLE = "Solvers: how each method of the calibration comes to the same answer"
 SECTION = "convergence"
 
 G = 9.80665  # m/s^2, standard gravity
-METHODS = (FIRST_SOLVER, "gauss-newton", "newton")
+METHODS = (stat.FIRST_SOLVER, "gauss-newton", "newton")
 SHOWN = 30  # steps that the report draws
 AGREEMENT = 1e-9
 """Relative; each method stops at 1e-12 of its own step, some digits are the data's."""
@@ -35,12 +33,10 @@ AGREEMENT = 1e-9
 class Parameters(StudyParameters):
     """One cell: a pose set and its noise."""
 
-    noise_std: Annotated[float, Field(ge=LEAST_NOISE, le=3.0)] = Field(
-        default=0.3, description="Noise of each axis of a pose mean, m/s^2."
+    noise_std: float = ranged(
+        0.3, "Noise of each axis of a pose mean, m/s^2.", LEAST_NOISE, 3.0
     )
-    poses: Annotated[int, Field(ge=10, le=400)] = Field(
-        default=40, description="Poses, spread evenly over the sphere."
-    )
+    poses: int = ranged(40, "Poses, spread evenly over the sphere.", 10, 400)
 
     def cost(self) -> Cost:
         """Cost of a cell."""
@@ -54,14 +50,14 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     force = G * fibonacci_sphere(parameters.poses)
     raw = sensor.distort(force, streams.block(0))
     ends = {method: calibrate(raw, g=G, method=method) for method in METHODS}
-    first = ends[FIRST_SOLVER].parameters
+    first = ends[stat.FIRST_SOLVER].parameters
     ways: dict[str, Array] = {}
     rows: list[Row] = []
     for method, fit in ends.items():
         size = np.abs(first).max()
         apart = float(np.abs(fit.parameters - first).max() / size)
-        rows += unjudged(STEPS(method), int(fit.iterations))
-        rows += limit(APART(method), apart, AGREEMENT, FIRST_SOLVER)
+        rows += unjudged(stat.STEPS(method), int(fit.iterations))
+        rows += limit(stat.APART(method), apart, AGREEMENT, stat.FIRST_SOLVER)
         way = [
             calibrate(raw, g=G, method=method, max_iterations=k).parameters
             for k in range(1, min(SHOWN, int(fit.iterations)) + 1)
@@ -86,7 +82,7 @@ FIGURES = (
         axis="iteration",
         strips=[Strip(value="distance to the solution")],
         says="Steps to the answer: {each}.",
-        about=[STEPS],
+        about=[stat.STEPS],
         caption=(
             "Each point is one iteration. A straight line means linear convergence, a "
             "line that bends down faster convergence; solvers that take the same steps "
@@ -96,7 +92,7 @@ FIGURES = (
     Listing(
         name="study-solvers",
         caption="Steps of each solver, and how far apart the answers are",
-        rows=[STEPS, APART],
+        rows=[stat.STEPS, stat.APART],
         keys={"solver": entries},
         column=lambda row: row.statistic.family.words,
     ),

@@ -1,14 +1,22 @@
-"""What a study is: a name, its parameters, and a pure function of a cell."""
+"""What a study is: a name, its parameters, and a pure function of a cell.
+
+Whether every trial of some noise and some poses has an answer shows only when they are
+drawn. Where one has none, what the others say is of a chosen few, so nothing is stated
+of them: the cell is refused, in words (`refusing`), as a plug-in is that breaks its
+word.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from functools import wraps
+from typing import Annotated, Any, ClassVar, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from simval.arguments import MOST
+from simval.errors import PluginError, RefusedError, SimulationError, UnmeasurableError
 from simval.figures import Headline, Shown
 from simval.results import Outcome
 from simval.streams import Streams, cell_key
@@ -67,6 +75,22 @@ class StudyParameters(BaseModel):
     def files(self) -> tuple[str, ...]:
         """Paths of the files that the study's code is made of, beside the package."""
         return ()
+
+
+Geometry = Annotated[
+    int,
+    Field(
+        ge=0,
+        lt=2**63,
+        description="Number of the random attitude and vectors, a seed.",
+    ),
+]
+"""A random geometry by its number."""
+
+
+def ranged(default: float, words: str, least: float, most: float | None = None) -> Any:
+    """A parameter that is a number: its default, in words, and its range."""
+    return Field(default, description=words, ge=least, le=most)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,3 +183,33 @@ def canonical(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return repr(value) if isinstance(value, float) else str(value)
+
+
+Model = TypeVar("Model")
+Run = Callable[[Model, Streams], Outcome]
+
+LEAST_NOISE = 1e-9
+"""Of quantities about 1 or 10: rounding, 1e-15 of them, is then a millionth of it, and
+its square, which theory takes, is far from where floats end."""
+
+
+def refusing(advice: str) -> Callable[[Run[Model]], Run[Model]]:
+    """Refuse a cell where its trials have no answer, with what to change.
+
+    A simulation that fails its checks is no such case, nor is a plug-in.
+    """
+
+    def decorated(run: Run[Model]) -> Run[Model]:
+        @wraps(run)
+        def refused(parameters: Any, streams: Streams) -> Outcome:
+            try:
+                return run(parameters, streams)
+            except (SimulationError, PluginError):
+                raise
+            except RefusedError as error:
+                msg = f"these parameters cannot be measured: {error}; {advice}"
+                raise UnmeasurableError(msg) from None
+
+        return refused
+
+    return decorated

@@ -24,18 +24,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from simval import statistics as stat
 from simval.arrays import Array
 from simval.imu.calibrate import FitResult, MagnetometerFit
 from simval.montecarlo import Sums
 from simval.montecarlo.plain import batch_means, finite_means, summed
 from simval.results import Row, limit, plain
 from simval.shapes import Float
-from simval.statistics import (
-    CHI_SQUARE,
-    INDEPENDENT,
-    NOISE_SQUARE,
-    STRONGEST_CORRELATION,
-)
 from simval.streams import Streams
 
 KEPT = 1024
@@ -151,7 +146,7 @@ def square_rows(blocks: Sequence[Mapping[str, Drawn]]) -> tuple[Row, ...]:
         n = sum(block[name].count for block in blocks)
         square = sum(block[name].square for block in blocks) / n
         error = float(np.sqrt(2.0 / n))
-        rows += plain(NOISE_SQUARE(name), square, error, n, 1.0, CHI_SQUARE)
+        rows += plain(stat.NOISE_SQUARE(name), square, error, n, 1.0, stat.CHI_SQUARE)
     return rows
 
 
@@ -164,7 +159,7 @@ def correlation_row(vectors: Iterable[Array]) -> tuple[Row, ...]:
     r = np.minimum(np.abs(X @ X.T), 1.0)  # of equal ones, rounding
     np.fill_diagonal(r, 0.0)
     most = strongest_by_chance(len(X), m)
-    return limit(STRONGEST_CORRELATION(), r.max(), most, INDEPENDENT, n=m)
+    return limit(stat.STRONGEST_CORRELATION(), r.max(), most, stat.INDEPENDENT, n=m)
 
 
 def strongest_by_chance(count: int, m: int) -> float:
@@ -181,4 +176,6 @@ def noise_row(x: Float[Array, "t d"]) -> tuple[Row, ...]:
     from a wrong estimator, and before the estimator's own rows see it.
     """
     error = np.sqrt(2.0 / x.size)  # by the law, chi-square
-    return plain(NOISE_SQUARE(), np.mean(x * x), error, len(x), 1.0, CHI_SQUARE)
+    return plain(
+        stat.NOISE_SQUARE(), np.mean(x * x), error, len(x), 1.0, stat.CHI_SQUARE
+    )

@@ -23,8 +23,7 @@ from simval.errors import (
 )
 from simval.results import Outcome
 from simval.studies import STUDIES
-from simval.studies.refusing import refusing
-from simval.studies.study import Cell
+from simval.studies.study import Cell, refusing
 from simval.sweep.cells import REFUSED
 from simval.sweep.executors import attempt
 
