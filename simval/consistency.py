@@ -34,10 +34,14 @@ LOST: Final = np.radians(30.0)
 
 
 def rotation_error(
-    estimate: Float[Array, "... 4"], truth: Float[Array, "... 4"]
+    estimate: Float[Array, "... 4"],
+    truth: Float[Array, "... 4"],
+    side: Literal["body", "reference"] = "body",
 ) -> Float[Array, "... 3"]:
-    """Rotation vector from the truth to the estimate, body axes, rad."""
-    return rotation_vector(compose(conjugate(truth), estimate))
+    """Rotation vector from the truth to the estimate, rad, in the axes of a side."""
+    if side == "body":
+        return rotation_vector(compose(conjugate(truth), estimate))
+    return rotation_vector(compose(estimate, conjugate(truth)))
 
 
 def heading_and_inclination(

@@ -19,13 +19,15 @@ that no theory of ours stands behind the verdict.
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simval.arrays import Array
+from simval.consistency import rotation_error
 from simval.errors import CrashedPluginError, PluginError
-from simval.geometry import FRAMES, attitude_error, compose, conjugate
+from simval.geometry import FRAMES, attitude_error, rotation_vector
 from simval.imu.sensor import AccelerometerModel, forms
 from simval.imu.sensor.models import ALL, own_sensor
 from simval.plugins.answers import (
@@ -40,7 +42,6 @@ from simval.plugins.attitudes import (
     VERTICALS,
     package_quaternion,
     sound_rows,
-    tail,
 )
 from simval.plugins.noise import VectorNoise, vector_noise
 from simval.plugins.protocol import Calibrator, Estimator, alternatives
@@ -64,29 +65,28 @@ def moved(given: Float[Array, "..."]) -> Float[Array, "..."]:
     return changed
 
 
-def cause_of(answers: Float[Array, "n ..."], of_moved: Float[Array, "n ..."]) -> str:
+def imprecision(answers: Float[Array, "n ..."], of_moved: Float[Array, "n ..."]) -> str:
     """Say why answers are only nearly right; the others are to moved input."""
-    flat = answers.reshape(len(answers), -1)
-    for digits in range(1, DIGITS + 1):
-        scaled = flat * 10.0**digits
-        if np.all(np.abs(scaled - np.round(scaled)) <= 1e-6):
-            return f"its answers are rounded to {digits} decimals"
-    if np.array_equal(flat, flat.astype(np.float32)):
-        return "its answers are in single precision"
-    same = np.all(flat == of_moved.reshape(flat.shape), axis=1)
-    if np.mean(same) > 0.5:
-        return (
-            f"it answers the same where what it is given is moved by {MOVED:g}, so it "
-            "rounds that, or works in less than double precision"
-        )
-    return (
+    flat, other = (each.reshape(len(answers), -1) for each in (answers, of_moved))
+    cause = (
         "it rounds on its way, is off by a small constant, or stops before it has "
         "converged"
     )
+    if np.mean(np.all(flat == other, axis=1)) > 0.5:
+        cause = (
+            f"it answers the same where what it is given is moved by {MOVED:g}, so it "
+            "rounds that, or works in less than double precision"
+        )
+    if np.array_equal(flat, flat.astype(np.float32)):
+        cause = "its answers are in single precision"
+    for digits in range(DIGITS, 0, -1):
+        scaled = flat * 10.0**digits
+        if np.all(np.abs(scaled - np.round(scaled)) <= 1e-6):
+            cause = f"its answers are rounded to {digits} decimals"
+    return f"its conventions fit, its precision does not: {cause}"
 
 
 OTHERWISE = "asked again it answers otherwise"
-IMPRECISE = "its conventions fit, its precision does not"
 
 TOLERANCE = 1e-6
 """Rad, and relative to the parameters: the root of rounding is 1.5e-8, which is what a
@@ -94,7 +94,70 @@ sound but ill-conditioned algorithm may lose, times 64. A rounding of vectors tu
 them about their own mean by its size over the sine between them, so it is allowed that
 much more."""
 
+BATCH_NOISE = 0.01
+"""Of the vectors on which rows of a large batch are compared with themselves alone."""
+
 Mask = NDArray[np.bool_]
+
+
+class Exact(NamedTuple):
+    """Exact cases of an estimator, and the noise that it is told of."""
+
+    truth: Float[Array, "n 4"]
+    vectors: list[Float[Array, "n 3"]]
+    noise: VectorNoise | None = None
+
+    def rows(self, rows: slice) -> "Exact":
+        """Some cases; arrays that are one to the caller stay one to the estimator."""
+        own = {id(v): v[rows] for v in self.vectors}
+        return Exact(self.truth[rows], [own[id(v)] for v in self.vectors], self.noise)
+
+    def noisy(self, rng: np.random.Generator) -> "Exact":
+        """The same with noise on every vector."""
+        sizes = [BATCH_NOISE * rng.standard_normal(v.shape) for v in self.vectors]
+        noisy: list[Array] = [
+            v + size for v, size in zip(self.vectors, sizes, strict=True)
+        ]
+        return Exact(self.truth, noisy, self.noise)
+
+    def attitudes(self, estimator: Estimator) -> Float[Array, "n 4"]:
+        """What an estimator answers."""
+        return quaternions_of(estimator, self.vectors, self.noise)
+
+    def covariances(self, estimator: Estimator) -> Float[Array, "n 3 3"]:
+        """What an estimator states of its answers; zeros where that is nothing."""
+        if estimator.covariance is None:
+            return np.zeros((len(self.truth), 3, 3))
+        assert self.noise is not None
+        return covariances_of(estimator, self.vectors, self.noise)
+
+    def failing(self, estimator: Estimator) -> Bool[Mask, " n"]:
+        """Which of the answers are no estimate of the truth."""
+        try:
+            raw = raw_attitudes(estimator, self.vectors, self.noise)
+        except PluginError:
+            if len(self.truth) == 1:
+                return np.array([True])
+            middle = len(self.truth) // 2
+            halves = slice(0, middle), slice(middle, None)
+            return np.concatenate([self.rows(own).failing(estimator) for own in halves])
+        sound = sound_rows(raw, estimator.components)
+        q = self.truth.copy()
+        q[sound] = package_quaternion(
+            raw[sound], estimator.components, estimator.matrix
+        )
+        wrong: Mask = ~(
+            sound & (attitude_error(self.truth, q) <= allowed(self.vectors))
+        )
+        return wrong
+
+
+def allowed(vectors: list[Float[Array, "n 3"]]) -> Float[Array, " n"]:
+    """How far an exact case may be from the truth, rad."""
+    first, *others = vectors[len(vectors) // 2 :]
+    sines = [np.linalg.norm(np.cross(first, r), axis=1) for r in others]
+    tolerance: Array = TOLERANCE / np.max(sines, axis=0)
+    return tolerance
 
 
 def failure_shares(
@@ -106,52 +169,11 @@ def failure_shares(
     """Share of the exact cases of each class that an estimator fails, 0 to 1."""
     observed = estimator.observed(vectors)
     return {
-        name: float(np.mean(failing(estimator, *observed.cases(name, count), noise)))
+        name: float(
+            np.mean(Exact(*observed.cases(name, count), noise).failing(estimator))
+        )
         for name in observed.classes
     }
-
-
-def allowed(vectors: list[Float[Array, "n 3"]]) -> Float[Array, " n"]:
-    """How far an exact case may be from the truth, rad."""
-    first, *others = vectors[len(vectors) // 2 :]
-    sines = [np.linalg.norm(np.cross(first, r), axis=1) for r in others]
-    tolerance: Array = TOLERANCE / np.max(sines, axis=0)
-    return tolerance
-
-
-def failing(
-    estimator: Estimator,
-    truth: Float[Array, "n 4"],
-    vectors: list[Float[Array, "n 3"]],
-    noise: VectorNoise | None = None,
-) -> Bool[Mask, " n"]:
-    """Which of some exact cases are no estimate of the truth, (n,)."""
-    components, matrix = estimator.components, estimator.matrix
-    try:
-        raw = raw_attitudes(estimator, vectors, noise)
-    except PluginError:
-        if len(truth) == 1:
-            return np.array([True])
-        middle = len(truth) // 2
-        halves = (slice(0, middle), slice(middle, None))
-        return np.concatenate(
-            [
-                failing(estimator, truth[own], _rows(vectors, own), noise)
-                for own in halves
-            ]
-        )
-    sound = sound_rows(raw, components)
-    some = np.reshape(sound, (-1, *(1 for _ in tail(components))))
-    any_attitude = np.eye(3) if components == "matrix" else np.full(4, 0.5)
-    q = package_quaternion(np.where(some, raw, any_attitude), components, matrix)
-    wrong: Mask = ~(sound & (attitude_error(truth, q) <= allowed(vectors)))
-    return wrong
-
-
-def _rows(vectors: list[Float[Array, "n 3"]], rows: slice) -> list[Array]:
-    """Some rows; arrays that are one to the caller stay one to the estimator."""
-    own = {id(v): v[rows] for v in vectors}
-    return [own[id(v)] for v in vectors]
 
 
 SPREAD_NOISE = 1e-3
@@ -165,73 +187,38 @@ SPREAD_TOLERANCE = 1e-3
 or unit is off by far more."""
 
 
-def rotation_error(
-    truth: Float[Array, "... 4"], estimate: Float[Array, "... 4"], side: str
-) -> Float[Array, "... 3"]:
-    """Rotation vector from the true attitude to the estimate."""
-    if side == "body":
-        difference = compose(conjugate(truth), estimate)
-    else:
-        difference = compose(estimate, conjugate(truth))
-    vector, scalar = difference[..., :3], difference[..., 3:]
-    sine = np.linalg.norm(vector, axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, np.abs(scalar)) * np.where(scalar < 0.0, -1.0, 1.0)
-    return angle * vector / np.maximum(sine, np.finfo(float).tiny)
-
-
-def probe_covariance(
-    estimator: Estimator,
-    truth: Float[Array, "n 4"],
-    vectors: list[Float[Array, "n 3"]],
-    noise: VectorNoise,
-) -> None:
-    """Check the leading term of a covariance."""
+def probe_covariance(estimator: Estimator, exact: Exact, noise: VectorNoise) -> None:
+    """Check the leading term of a covariance, with central differences."""
     small = noise.small(SPREAD_NOISE)
-    claimed = covariances_of(estimator, vectors, small)
+    exact, roots = exact._replace(noise=small), noise.at(1.0).roots(exact.vectors)
+    claimed = exact.covariances(estimator)
+    ends = []
+    for which, axis in product(noise.noisy, range(3)):
+        for step in (STEP * roots[:, which, :, axis], -STEP * roots[:, which, :, axis]):
+            moved = list(exact.vectors)
+            moved[which] = moved[which] + step
+            ends.append(exact._replace(vectors=moved).attitudes(estimator))
     off, factor = {}, {}
     for side in ("body", "reference"):
-        J = _slopes(estimator, truth, vectors, side, small)
+        errors = np.array([rotation_error(q, exact.truth, side) for q in ends])
+        J = (errors[0::2] - errors[1::2]) / (2.0 * STEP)
         seen = small.noise_std**2 * np.einsum("dni,dnj->nij", J, J)
         apart = np.linalg.norm(claimed - seen, axis=(-2, -1))
         off[side] = float(np.max(apart / np.linalg.norm(seen, axis=(-2, -1))))
         traces = (np.trace(each, axis1=-2, axis2=-1) for each in (claimed, seen))
         factor[side] = float(np.median(np.divide(*traces)))
     side, other = estimator.side, "reference" if estimator.side == "body" else "body"
-    if not off[side] <= SPREAD_TOLERANCE + SPREAD_NOISE:
-        hint = (
-            f'it fits side="{other}": declare that'
-            if off[other] <= SPREAD_TOLERANCE + SPREAD_NOISE
-            else f"its trace is {factor[side]:.4g} times what it should be"
-        )
+    most = SPREAD_TOLERANCE + SPREAD_NOISE
+    if not off[side] <= most:
+        hint = f"its trace is {factor[side]:.4g} times what it should be"
+        if off[other] <= most:
+            hint = f'it fits side="{other}": declare that'
         msg = (
             f"the covariance of {estimator.name} is {off[side]:.3g} off, "
             "relative, from that of its own errors at a noise of "
             f"{SPREAD_NOISE:g}; {hint}"
         )
         raise PluginError(msg)
-
-
-def _slopes(
-    estimator: Estimator,
-    truth: Float[Array, "n 4"],
-    vectors: list[Float[Array, "n 3"]],
-    side: str,
-    noise: VectorNoise,
-) -> Float[Array, "d n 3"]:
-    """Error by each direction of unit noise, by central differences."""
-    roots = noise.at(1.0).roots(vectors)
-
-    def error(which: int, step: Array) -> Array:
-        ends = [v + step if k == which else v for k, v in enumerate(vectors)]
-        return rotation_error(truth, quaternions_of(estimator, ends, noise), side)
-
-    return np.stack(
-        [
-            (error(which, step) - error(which, -step)) / (2.0 * STEP)
-            for which, axis in product(noise.noisy, range(3))
-            for step in [STEP * roots[:, which, :, axis]]
-        ]
-    )
 
 
 ALIKE = 1e-2
@@ -242,49 +229,40 @@ CASES = 64
 
 
 def what_fits(
-    estimator: Estimator,
-    truth: Float[Array, "n 4"],
-    vectors: list[Float[Array, "n 3"]],
-    noise: VectorNoise,
-    first: Float[Array, "n 4"],
+    estimator: Estimator, exact: Exact, first: Float[Array, "n 4"]
 ) -> Iterator[str]:
     """Say what would fit answers that are not the truth, the best of it first.
 
     `first` is what it answered to these vectors before.
     """
-    apart = attitude_error(quaternions_of(estimator, vectors, noise), first)
-    if not np.all(apart <= allowed(vectors)):
+    apart = attitude_error(exact.attitudes(estimator), first)
+    if not np.all(apart <= allowed(exact.vectors)):
         off = apart.max()
         yield f"{OTHERWISE}, by {off:.3g} rad: it must answer the same each time"
-    fits = {each: ~failing(each, truth, vectors, noise) for each in _alike(estimator)}
-    yield from (
-        f"declare {o.spelled()} instead" for o, fit in fits.items() if fit.all()
-    )
+    fits = {each: ~exact.failing(each) for each in _alike(estimator)}
+    right = [other.spelled() for other, fit in fits.items() if fit.all()]
+    yield from (f"declare {words} instead" for words in right)
     for other in fits:
-        declare = f"declare {other.spelled()} instead; " * bool(
-            other.spelled(estimator)
-        )
-        if words := nearly_right(other, truth, vectors, noise):
-            yield f"{declare}{words}"
-    count = len(vectors) // 2
-    yield from _fitting_frames(estimator, count, len(truth), noise)
+        declare = f"declare {other.spelled()} instead; "
+        if words := nearly_right(other, exact):
+            yield f"{declare if other.spelled(estimator) else ''}{words}"
+    number, count = len(exact.truth), len(exact.vectors) // 2
+    yield from _fitting_frames(estimator, exact)
     # of equals the declared one, which is told without its words
     best = max(fits, key=lambda each: (fits[each].sum(), not each.spelled(estimator)))
-    number, right = len(truth), int(fits[best].sum())
-    shares = failure_shares(best if right else estimator, CASES, count, noise)
+    fitting = int(fits[best].sum())
+    shares = failure_shares(best if fitting else estimator, CASES, count, exact.noise)
     whole = [name for name, share in shares.items() if share == 0.0]
     classes = f"(all cases fit of: {'; '.join(whole)})"
     if not whole:
         classes = "(and no class of attitudes)"
-    if right:
+    if fitting:
         wrong = int(np.argmin(fits[best]))
-        q = quaternions_of(best, vectors, noise)[wrong]
-        off = float(attitude_error(truth[wrong], q))
-        vector, scalar = truth[wrong, :3], truth[wrong, 3]
-        turn = np.degrees(2.0 * np.arctan2(np.linalg.norm(vector), abs(scalar)))
+        off = float(attitude_error(exact.truth[wrong], exact.attitudes(best)[wrong]))
+        turn = np.degrees(np.linalg.norm(rotation_vector(exact.truth[wrong])))
         declared = f"with {best.spelled()} " * bool(best.spelled(estimator))
         yield (
-            f"{declared}{right} of {number} rows fit, row {wrong}, a turn by "
+            f"{declared}{fitting} of {number} rows fit, row {wrong}, a turn by "
             f"{turn:.0f} degrees, does not, by {off:.3g} rad {classes}"
         )
     dip = "any `dip`" if estimator.dip is None else f"a `dip` of {estimator.dip:g} rad"
@@ -297,16 +275,11 @@ def what_fits(
     )
 
 
-def nearly_right(
-    estimator: Estimator,
-    truth: Float[Array, "n 4"],
-    vectors: list[Float[Array, "n 3"]],
-    noise: VectorNoise,
-) -> str:
+def nearly_right(estimator: Estimator, exact: Exact) -> str:
     """Say what is wrong of answers that are all off alike, or by little; else none."""
-    q = quaternions_of(estimator, vectors, noise)
+    truth, q = exact.truth, exact.attitudes(estimator)
     for side in () if estimator.reference else ("body", "reference"):
-        error = rotation_error(truth, q, side)
+        error = rotation_error(q, truth, side)
         mean = error.mean(axis=0)
         angle = float(np.linalg.norm(mean))
         if np.all(np.linalg.norm(error - mean, axis=1) <= ALIKE * angle):
@@ -315,26 +288,22 @@ def nearly_right(
                 f"its conventions fit, but all answers are turned by the same "
                 f"{angle:.3g} rad about the axis ({axis}) of the {side}"
             )
-    off = attitude_error(truth, q) * (TOLERANCE / allowed(vectors))
+    off = attitude_error(truth, q) * (TOLERANCE / allowed(exact.vectors))
     if not float(off.max()) <= NEAR:
         return ""
-    cause = cause_of(
-        raw_attitudes(estimator, vectors, noise),
-        raw_attitudes(estimator, [moved(v) for v in vectors], noise),
-    )
-    return f"{IMPRECISE}: {cause}"
+    vectors = exact.vectors, [moved(v) for v in exact.vectors]
+    return imprecision(*(raw_attitudes(estimator, v, exact.noise) for v in vectors))
 
 
-def _fitting_frames(
-    estimator: Estimator, vectors: int, count: int, noise: VectorNoise
-) -> Iterator[str]:
+def _fitting_frames(estimator: Estimator, exact: Exact) -> Iterator[str]:
     """Say which fixed references an estimator was written for, if it was for any."""
-    for frame, vertical in product(FRAMES, VERTICALS) if vectors == 2 else ():
+    pairs = len(exact.vectors) == 4
+    for frame, vertical in product(FRAMES, VERTICALS) if pairs else ():
         for dip in dict.fromkeys((None, estimator.dip)):
             fixed = replace(estimator, reference=frame, vertical=vertical, dip=dip)
-            truth, exact = fixed.observed().generic(count, np.random.default_rng(1))
+            drawn = fixed.observed().generic(len(exact.truth), np.random.default_rng(1))
             for other in _alike(fixed):
-                if not failing(other, truth, exact, noise).any():
+                if not Exact(*drawn, exact.noise).failing(other).any():
                     words = f'declare reference="{frame}", vertical="{vertical}"'
                     yield f"{words} and {other.spelled()} instead"
 
@@ -346,16 +315,13 @@ def _alike(estimator: Estimator) -> list[Estimator]:
     return [each for each in every if (each.components == "matrix") == matrix]
 
 
-COUNT = 24
+FIRST = 24
 """Rows of the first batch; a fast path starts later."""
 
 BATCHES = (3, 4, 1024, 4096)
 """Rows of the other batches: as many as a vector or a quaternion has entries, so that
 rows may be taken for columns, what the study simulates at once, and more than its
 cubature evaluates at once."""
-
-BATCH_NOISE = 0.01
-"""Of the vectors on which rows of a large batch are compared with themselves alone."""
 
 
 def probe_estimator(
@@ -387,17 +353,29 @@ def probe_estimator(
         are, it does not use what it reads, or the covariance is not that of its errors.
     """
     noise = vector_noise("body", vectors) if noise is None else noise
-    at_batch = noise.at(BATCH_NOISE)
-    observed = estimator.observed(vectors)
-    truth, exact = observed.generic(COUNT, np.random.default_rng(20_268))
-    q = _first_answer(estimator, truth, exact, at_batch)
-    error, most = np.asarray(attitude_error(truth, q)), allowed(exact)
-    if not np.all(error <= most):
-        why = next(what_fits(estimator, truth, exact, at_batch, q))
-        msg = f"{estimator.name}: {_far(error, most)}; {why}"
+
+    def drawn(count: int, rng: np.random.Generator) -> Exact:
+        generic = estimator.observed(vectors).generic(count, rng)
+        return Exact(*generic, noise.at(BATCH_NOISE))
+
+    exact = drawn(FIRST, np.random.default_rng(20_268))
+    try:
+        q = exact.attitudes(estimator)
+    except CrashedPluginError as error:
+        alone = replace(estimator, batch=False)
+        if estimator.batch and not exact.failing(alone).any():
+            msg = f"{error}; it takes one sample at a time, so declare batch=False"
+            raise CrashedPluginError(msg) from error
+        raise
+    greatest, far = _error(exact, q)
+    if far:
+        why = next(what_fits(estimator, exact, q))
+        msg = f"{estimator.name}: {far}; {why}"
         raise PluginError(msg)
-    _probe_rows(estimator, exact, q, [0], at_batch)
-    if estimator.reads and not depends_on_noise(estimator, exact, covariance=True):
+    _require_rows_alone(estimator, exact, q, [0])
+    if estimator.reads and not depends_on_noise(
+        estimator, exact.vectors, covariance=True
+    ):
         words = ", ".join(f"`{word}`" for word in estimator.reads)
         msg = (
             f"{estimator.name} reads {words} and ignores it: its answers are the same "
@@ -405,78 +383,51 @@ def probe_estimator(
         )
         raise PluginError(msg)
     if estimator.covariance is not None:
-        probe_covariance(estimator, truth, exact, noise)
+        probe_covariance(estimator, exact, noise)
     for count in BATCHES:
         rng = np.random.default_rng(count)
-        _probe_batch(estimator, *observed.generic(count, rng), rng, at_batch)
-    return float((error * (TOLERANCE / most)).max())
+        _probe_batch(estimator, drawn(count, rng), rng)
+    return greatest
 
 
-def _far(error: Float[Array, " n"], most: Float[Array, " n"]) -> str:
-    """Say how far a row is from the truth, and what is allowed there."""
+def _error(exact: Exact, q: Float[Array, "n 4"]) -> tuple[float, str]:
+    """Greatest error times the sine of its row; how far the worst is if too far."""
+    error, most = np.asarray(attitude_error(exact.truth, q)), allowed(exact.vectors)
     row = int(np.argmax(np.where(error <= most, 0.0, error)))
-    return (
+    far = (
         f"row {row} is {error[row]:.3g} rad from the truth without noise, "
         f"{most[row]:.2g} is allowed"
     )
+    return float((error * (TOLERANCE / most)).max()), far * (not np.all(error <= most))
 
 
-def _first_answer(
-    estimator: Estimator,
-    truth: Float[Array, "n 4"],
-    vectors: list[Float[Array, "n 3"]],
-    noise: VectorNoise,
-) -> Float[Array, "n 4"]:
-    """Attitudes of the first batch; one that takes single samples is told so."""
-    try:
-        return quaternions_of(estimator, vectors, noise)
-    except CrashedPluginError as error:
-        alone = replace(estimator, batch=False)
-        if estimator.batch and not failing(alone, truth, vectors, noise).any():
-            msg = f"{error}; it takes one sample at a time, so declare batch=False"
-            raise CrashedPluginError(msg) from error
-        raise
-
-
-def _probe_batch(
-    estimator: Estimator,
-    truth: Float[Array, "n 4"],
-    vectors: list[Float[Array, "n 3"]],
-    rng: np.random.Generator,
-    noise: VectorNoise,
-) -> None:
+def _probe_batch(estimator: Estimator, exact: Exact, rng: np.random.Generator) -> None:
     """Check a large batch, and that its rows equal those computed alone."""
-    count = len(truth)
-    q = quaternions_of(estimator, vectors, noise)
-    error, most = np.asarray(attitude_error(truth, q)), allowed(vectors)
-    if not np.all(error <= most):
-        cause = nearly_right(estimator, truth, vectors, noise)
+    count = len(exact.truth)
+    _, far = _error(exact, exact.attitudes(estimator))
+    if far:
+        cause = nearly_right(estimator, exact)
         msg = (
-            f"{estimator.name} is right in a batch of {COUNT}, but in one of {count} "
-            f"its {_far(error, most)}{cause and f'; {cause}'}"
+            f"{estimator.name} is right in a batch of {FIRST}, but in one of "
+            f"{count} its {far}{cause and f'; {cause}'}"
         )
         raise PluginError(msg)
-    noisy = _noisy(vectors, rng)
-    rows = np.linspace(0, count - 1, COUNT).astype(int).tolist()
-    _probe_rows(estimator, noisy, quaternions_of(estimator, noisy, noise), rows, noise)
+    noisy = exact.noisy(rng)
+    rows = np.linspace(0, count - 1, FIRST).astype(int).tolist()
+    _require_rows_alone(estimator, noisy, noisy.attitudes(estimator), rows)
 
 
-def _probe_rows(
-    estimator: Estimator,
-    vectors: list[Float[Array, "n 3"]],
-    q: Float[Array, "n 4"],
-    rows: list[int],
-    noise: VectorNoise,
+def _require_rows_alone(
+    estimator: Estimator, exact: Exact, q: Float[Array, "n 4"], rows: list[int]
 ) -> None:
-    """Check that rows of a batch, and their covariances, equal those computed alone."""
-    claimed = _stated_covariances(estimator, vectors, noise)
+    """Require that rows of a batch, and their covariances, equal those alone."""
+    claimed = exact.covariances(estimator)
     for row in rows:
-        own = _rows(vectors, slice(row, row + 1))
-        alone = quaternions_of(estimator, own, noise)
-        spread = _stated_covariances(estimator, own, noise)
+        own = exact.rows(slice(row, row + 1))
+        alone, spread = own.attitudes(estimator), own.covariances(estimator)
         off = float(attitude_error(alone, q[row : row + 1]).max())
         apart = float(np.linalg.norm(spread[0] - claimed[row]))
-        most = float(allowed(own)[0])
+        most = float(allowed(own.vectors)[0])
         if not (off <= most and apart <= most * np.linalg.norm(spread[0])):
             msg = (
                 f"{estimator.name}: row {row} of a batch of {len(q)} is not what it is "
@@ -496,33 +447,22 @@ def depends_on_noise(
     """
     k = len(vectors) // 2
     rising = np.geomspace(0.1, 1.0, k)
-    noisy = _noisy(vectors, np.random.default_rng(20_273))
+    no_truth = np.zeros((len(vectors[0]), 4))
+    noisy = Exact(no_truth, vectors).noisy(np.random.default_rng(20_273))
     read = [
-        vector_noise(" ".join(map(str, [*sizes, *np.zeros(k)])), k, noise_std)
+        noisy._replace(
+            noise=vector_noise(" ".join(map(str, [*sizes, *np.zeros(k)])), k, noise_std)
+        )
         for sizes, noise_std in ((rising, BATCH_NOISE), (rising[::-1], 1e-9))
     ]
     try:
-        q, other = (quaternions_of(estimator, noisy, noise) for noise in read)
+        q, other = (each.attitudes(estimator) for each in read)
         if not np.array_equal(q, other):
             return True
-        P, another = (_stated_covariances(estimator, noisy, noise) for noise in read)
+        P, another = (each.covariances(estimator) for each in read)
     except PluginError:  # which is an answer to the noise
         return True
     return covariance and not np.array_equal(P, another)
-
-
-def _noisy(
-    vectors: list[Float[Array, "n 3"]], rng: np.random.Generator
-) -> list[Float[Array, "n 3"]]:
-    return [v + BATCH_NOISE * rng.standard_normal(v.shape) for v in vectors]
-
-
-def _stated_covariances(
-    estimator: Estimator, vectors: list[Float[Array, "n 3"]], noise: VectorNoise
-) -> Float[Array, "n 3 3"]:
-    if estimator.covariance is None:
-        return np.zeros((len(vectors[0]), 3, 3))
-    return covariances_of(estimator, vectors, noise)
 
 
 POSES = 24
@@ -565,21 +505,23 @@ def probe_calibrator(
     sensor = own_sensor(probe_sensor(calibrator.estimates), calibrator.estimates)
     poses = fibonacci_sphere(POSES) if directions is None else directions
     raw = sensor.distort(G * poses, np.random.default_rng(0))
+
+    def numbers(given: Float[Array, "n 3"]) -> Float[Array, "1 12"]:
+        again = calibration_of(calibrator, given, G, STATED_NOISE)
+        return np.append(again.matrix, again.bias)[None]
+
     answer = calibration_of(calibrator, raw, G, STATED_NOISE)
     error = float(_errors(answer, sensor).max())
     if not error <= TOLERANCE:
-        again, of_moved = (
-            _numbers(calibration_of(calibrator, given, G, STATED_NOISE))
-            for given in (raw, moved(raw))
-        )
-        if not np.all(np.abs(again - _numbers(answer)) <= TOLERANCE):
+        first = np.append(answer.matrix, answer.bias)
+        again, of_moved = numbers(raw), numbers(moved(raw))
+        if not np.all(np.abs(again - first) <= TOLERANCE):
             why = (
                 f"{OTHERWISE}: it must answer the same each time, so keep nothing from "
                 "one call to the next"
             )
         elif error <= NEAR:
-            cause = cause_of(_numbers(answer)[None], of_moved[None])
-            why = f"{IMPRECISE}: {cause}; {_worst(answer, sensor)}"
+            why = f"{imprecision(first[None], of_moved)}; {_worst(answer, sensor)}"
         else:
             why = _other_meaning(answer, sensor, calibrator.estimates)
         msg = (
@@ -656,7 +598,3 @@ def _worst(answer: Calibration, sensor: AccelerometerModel) -> str:
         f"the worst is {forms.names('triangular')[k]}: {seen:.{digits}g} instead of "
         f"{true:.6g}"
     )
-
-
-def _numbers(answer: Calibration) -> Float[Array, "12"]:
-    return np.append(answer.matrix, answer.bias)

@@ -262,6 +262,13 @@ def run_of(filter: Filter, readings: Readings, keep: NDArray[np.intp]) -> Run:
         return stepped(filter, update, readings, keep)
 
 
+def run_once(filter: Filter, given: FilterInput) -> Run:
+    """Run a filter over the first trial; a world left open is NWU."""
+    first = slice(0, 1) if filter.batch else 0
+    readings = readings_of(filter, given, first, filter.world or "NWU")
+    return run_of(filter, readings, np.array([len(given.dt) - 1]))
+
+
 def stepped(
     filter: Filter,
     update: Callable[..., Any],

@@ -281,7 +281,7 @@ class Calibrations(Problem[Calibrator, float, Trials]):
             *nees_row(self, measured),
         )
 
-    def call(self, plugin: Calibrator) -> Call:
+    def call(self) -> Call:
         """One calibration of poses of which every calibrator knows what to make."""
         rng = np.random.default_rng(BLOCK)
         raw = self.readings(fibonacci_sphere(self.parameters.poses))

@@ -75,6 +75,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from simval import statistics as stat
 from simval.arrays import Array
+from simval.consistency import rotation_error
 from simval.errors import InputError, PluginError
 from simval.geometry import attitude_matrix, normalize
 from simval.imu.attitude import wahba_quaternion
@@ -90,7 +91,6 @@ from simval.plugins.probe import (
     allowed,
     depends_on_noise,
     failure_shares,
-    rotation_error,
 )
 from simval.results import Row, limit, nees, plain, unjudged
 from simval.shapes import Float
@@ -262,7 +262,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
             )
         return tuple(rows)
 
-    def call(self, plugin: Estimator) -> Call:
+    def call(self) -> Call:
         """Attitudes of the first block."""
         vectors = list(np.moveaxis(self.first_block(), 1, 0))
         return raw_attitudes, (vectors, self.noise.at(self.noise_std)), BLOCK
@@ -333,14 +333,14 @@ class Attitudes(Problem[Estimator, float, Trials]):
         """Errors of some trials, their normalised squares if claimed, and `SQUARES`."""
         rows, noise = list(np.moveaxis(vectors, 1, 0)), self.noise.at(noise_std)
         q = quaternions_of(self.plugin, rows, noise)
-        error = rotation_error(self.q, q, self.plugin.side)
+        error = rotation_error(q, self.q, self.plugin.side)
         columns = [error]
         if self.claims:
             P = covariances_of(self.plugin, rows, noise)
             columns.append(normalised_square(error, P)[:, None])
         k = len(self.references)
         best = wahba_quaternion(vectors[:, :k], vectors[:, k:], noise.weights)
-        for other in (error, rotation_error(self.q, best, "body")):
+        for other in (error, rotation_error(best, self.q)):
             columns.append(np.sum(other * other, axis=1, keepdims=True))
         return np.concatenate(columns, axis=1)
 

@@ -56,7 +56,7 @@ from simval.figures import Figure, Headline, Listing, Quote, along_entry, entry,
 from simval.geometry import attitude_matrix, compose
 from simval.imu.filters.signals import FilterInput, FilterOutput, Told
 from simval.plugins import Filter
-from simval.plugins.runs import readings_of, run_filter, run_of
+from simval.plugins.runs import run_filter, run_once
 from simval.plugins.worlds import find_world, path
 from simval.results import Row, limit, nees, plain, unjudged
 from simval.shapes import Float
@@ -267,12 +267,10 @@ class Filtering(Problem[Filter, str, Answers]):
         }
         return {artifact_of(self.parameters.named()): content}
 
-    def call(self, plugin: Filter) -> Call:
-        """A rest of a second and a turn of another; a world left open is NWU."""
+    def call(self) -> Call:
+        """A rest of a second and a turn of another."""
         given = path(self.told, self.parameters.rate, 1.0, 1.0).given
-        trial, steps = slice(0, 1) if plugin.batch else 0, len(given.dt)
-        readings = readings_of(plugin, given, trial, plugin.world or "NWU")
-        return run_of, (readings, np.array([steps - 1])), steps
+        return run_once, (given,), len(given.dt)
 
 
 class Parameters(AlgorithmParameters):

@@ -162,8 +162,8 @@ class Problem(ABC, Generic[Own, Probed, Answers]):
         return {}
 
     @abstractmethod
-    def call(self, plugin: Own) -> Call:
-        """One call of an algorithm, as its trials are, to be timed."""
+    def call(self) -> Call:
+        """One call of any algorithm of its kind, as its trials are, to be timed."""
 
 
 class AlgorithmParameters(PluginParameters):
@@ -199,7 +199,7 @@ def run(parameters: AlgorithmParameters, streams: Streams) -> Outcome:
         measured = _measured(problem)
         if not child.spent < SHARE * parameters.time_limit:
             return measured
-        return replace(measured, times=call_time(problem))
+        return replace(measured, times=call_time(plugin, *problem.call()))
 
 
 def compute(parameters: AlgorithmParameters, streams: Streams) -> Outcome:
@@ -238,35 +238,22 @@ LEAST = 1e-9
 """Seconds that a call takes at the least: what the clock can tell."""
 
 
-def call_time(problem: Problem[Any, Any, Any]) -> dict[str, float]:
+@where_it_lives
+def call_time(
+    plugin: Algorithm, ask: Callable[..., object], given: Sequence[Any], items: int
+) -> dict[str, float]:
     """Seconds of one call, of the package's own, their ratio, and what a call does.
 
     Nothing where it raises: its cell has been measured.
     """
-    own = BESIDE[problem.kind.taken_by][0], problem.kind
-    ask, theirs, items = problem.call(problem.plugin)
-    _, ours, _ = problem.call(find_plugin(*own))
-    found = _in_turns(problem.plugin, *own, ask, theirs, ours)
-    return found and found | {"items": items}
-
-
-@where_it_lives
-def _in_turns(
-    plugin: Algorithm,
-    own: str,
-    kind: type[Algorithm],
-    ask: Callable[..., object],
-    theirs: Sequence[Any],
-    ours: Sequence[Any],
-) -> dict[str, float]:
-    beside, begun = find_plugin(own, kind), perf_counter()
+    beside, begun = find_plugin(BESIDE[plugin.taken_by][0], Algorithm), perf_counter()
     seconds: list[tuple[float, float]] = []
     with contextlib.suppress(Exception, SystemExit):
-        ask(beside, *ours)  # imports and memory; theirs has been called by the study
+        ask(beside, *given)  # imports and memory; theirs has been called by the study
         while len(seconds) < TURNS:
             if len(seconds) >= LEAST_TURNS and perf_counter() - begun > BUDGET:
                 break
-            each = _seconds(ask, plugin, theirs), _seconds(ask, beside, ours)
+            each = _seconds(ask, plugin, given), _seconds(ask, beside, given)
             seconds.append(each)
         turns = np.array(seconds)
         return {
@@ -274,6 +261,7 @@ def _in_turns(
             "builtin_seconds": float(np.median(turns[:, 1])),
             "ratio": float(np.median(turns[:, 0] / turns[:, 1])),
             "turns": len(turns),
+            "items": items,
         }
     return {}
 

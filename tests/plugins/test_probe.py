@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from simval import algorithms
 from simval.check import check_function
+from simval.consistency import rotation_error
 from simval.errors import (
     ConvergenceError,
     CrashedPluginError,
@@ -46,7 +47,7 @@ from simval.plugins import (
 from simval.plugins.attitudes import CLASSES, VERTICALS, FixedReferences, Observed
 from simval.plugins.loading import BUILTIN
 from simval.plugins.noise import NAMED, vector_noise
-from simval.plugins.probe import G, failure_shares, probe_sensor, rotation_error
+from simval.plugins.probe import G, failure_shares, probe_sensor
 from simval.studies import estimator
 from simval.studies.study import Cell
 
@@ -234,7 +235,7 @@ def test_the_sides_of_the_error_are_what_they_say():
     for side, turned in (("body", small @ A), ("reference", A @ small)):
         estimate = conjugate(Rotation.from_matrix(turned).as_quat())
         # rounding of a quaternion, 1e-16, over nothing smaller than 1
-        error = rotation_error(q, estimate, side)
+        error = rotation_error(estimate, q, side)
         np.testing.assert_allclose(error, theta, rtol=0, atol=1e-14)
 
 
