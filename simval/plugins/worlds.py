@@ -38,6 +38,7 @@ from simval.geometry import (
     attitude_matrix,
     compose,
     conjugate,
+    from_rotation_vector,
     normalize,
 )
 from simval.imu.filters.signals import FilterInput, Told
@@ -86,14 +87,14 @@ def path(told: Told, rate: float, rest: float, turn: float) -> Path:
     axis = np.stack([np.cos(2.0 * t), np.sin(2.0 * t), 0.6 - t], axis=1)
     size = ANGLE * 2.0 * np.sin(np.pi * t) ** 2 / max(moving, 1)  # from rest to rest
     phi = np.concatenate([SWAY / rate * sway, size[:, None] * normalize(axis)])
-    half = np.linalg.norm(phi, axis=1, keepdims=True) / 2.0
-    # sinc(x) is sin(pi x) / (pi x): no branch at rest
-    steps = np.concatenate([phi / 2.0 * np.sinc(half / np.pi), np.cos(half)], axis=1)
-    first = normalize(np.array(START))
-    steps[0] = compose(first, steps[0])
-    q = normalize(_products(steps))
-    A = attitude_matrix(q)
+    q, first, shift = from_rotation_vector(phi), normalize(np.array(START)), 1
+    q[0] = compose(first, q[0])
     count = len(q)
+    while shift < count:  # the first, the first two, the first four and so on, composed
+        q[shift:] = compose(q[:-shift], q[shift:])
+        shift *= 2
+    q = normalize(q)
+    A = attitude_matrix(q)
     given = FilterInput(
         dt=np.full(count, 1.0 / rate),
         gyroscope=(phi * rate)[None],
@@ -103,15 +104,6 @@ def path(told: Told, rate: float, rest: float, turn: float) -> Path:
         told=replace(told, start_std=max(told.start_std, max(OFF))),
     )
     return Path(given=given, truth=q, rest=still)
-
-
-def _products(q: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
-    """The first, the first two, the first three and so on, composed."""
-    shift, found = 1, q.copy()
-    while shift < len(q):
-        found[shift:] = compose(found[:-shift], found[shift:])
-        shift *= 2
-    return found
 
 
 STAYS: Final = np.radians(5.0)
@@ -146,8 +138,8 @@ class Stray:
     """How far one declaration strays."""
 
     declared: Filter
-    judged: float  # greatest error of what it is judged by, rad
-    inclination: float
+    judged: float = np.inf  # greatest error of what it is judged by, rad
+    inclination: float = np.inf
     error: PluginError | None = None
 
 
@@ -189,18 +181,13 @@ class Trial:
         """How far it strays on one path."""
         raw, path = self._raw(declared, rest, turn), self._path(rest, turn)
         if isinstance(raw, PluginError):
-            return Stray(
-                declared=declared, judged=np.inf, inclination=np.inf, error=raw
-            )
+            return Stray(declared=declared, error=raw)
         first = 0
         if "start" not in self.filter.reads:
             first = max(path.rest - round(JUDGED * self.rate), 0)
         q = to_scene(own_quaternions(declared, raw[first:]), str(declared.world))
-        truth = path.truth[first:]
-        up, other = (attitude_matrix(each)[:, :, 2] for each in (truth, q))
-        sine = np.linalg.norm(np.cross(up, other), axis=1)
-        inclination = float(np.arctan2(sine, np.vecdot(up, other)).max())
-        full = float(np.max(attitude_error(truth, q)))
+        inclination = float(heading_and_inclination(q, path.truth[first:])[1].max())
+        full = float(np.max(attitude_error(path.truth[first:], q)))
         judged = full if declared.magnetometer else inclination
         return Stray(declared=declared, judged=judged, inclination=inclination)
 
