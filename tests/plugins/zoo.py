@@ -386,7 +386,7 @@ family(
         lambda count, last, now: now if count < at(x, 40, 900) else last
     ),
     drifts=lambda x, _: remembering(
-        lambda count, last, now: now * (1.0 + 10.0 ** at(x, -6.5, -4) * (count > 4))
+        lambda count, last, now: now * (1.0 + 10.0 ** at(x, -5.9, -4) * (count > 4))
     ),
     every_so_many_the_last=lambda x, _: remembering(
         lambda count, last, now: now if count % int(at(x, 3, 60)) else last
@@ -568,7 +568,7 @@ family(
     Estimator,
     PRECISION,
     rounded_quaternion=lambda x, _: answers(
-        lambda q: normalize(np.round(q, int(at(x, 2, 6))))
+        lambda q: normalize(np.round(q, int(at(x, 3, 6))))
     ),
     rounded_vectors=lambda x, _: (
         lambda *v: davenport(*(rounded(a, 10.0 ** at(x, -5.0, -2.5)) for a in v))
