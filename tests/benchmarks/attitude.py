@@ -1,7 +1,8 @@
-"""Races of the two-vector estimators and of their theory.
+"""Races of the two-vector estimators, of their theory, and of their Monte Carlo pass.
 
-The vectors are exact, each set of an attitude and of references of its own, so every
-estimator, whatever it weighs, must find the same attitude; the time depends on neither.
+The vectors of the estimators are exact, each set of an attitude and of references of
+its own, so every estimator, whatever it weighs, must find the same attitude; the time
+depends on neither.
 """
 
 from functools import partial
@@ -10,14 +11,22 @@ from importlib.util import find_spec
 import numpy as np
 import scipy
 
-from benchmarks.race import Answer, Contender, Done
+from benchmarks.race import Answers, Contender, race
 from simval.arrays import Array
 from simval.geometry import attitude_matrix, compose, from_rotation_vector
 from simval.imu.attitude import two_vector_quaternion
 from simval.imu.attitude.comparators import davenport, triad
+from simval.imu.attitude.kernel import (
+    normalize_columns,
+    raw_quaternion,
+    sums_and_differences,
+)
 from simval.moments import Moments
+from simval.montecarlo import fused, moments_of, simulate, simulate_closed_form
+from simval.montecarlo.plain import sums_of
 from simval.shapes import Float
-from simval.studies.attitude import random_geometry
+from simval.streams import Streams
+from simval.studies.attitude import BATCH, BLOCK, random_geometry
 from simval.theory import attitude_moments
 
 NOISE = 0.01  # a level of the accuracy suite; the time does not depend on it
@@ -27,11 +36,10 @@ ROUNDING = 1e-12
 loses, 1e-14."""
 TRIALS = 2**16  # the covariance to half a percent, and not long beside the others
 CHUNK = 8192  # trials at once, for the cache
-SIGMAS = 5.0  # of a simulated number; the seed is fixed, so it is right or it is not
+SIGMAS = 5.0  # of a simulated number; the seeds are fixed, so it is right or it is not
+SAMPLES = 2**19  # 6.3 million normals, 0.1 to 0.3 s: long beside the clock's step
 
-Vectors = tuple[
-    Float[Array, "n 3"], Float[Array, "n 3"], Float[Array, "n 3"], Float[Array, "n 3"]
-]
+Vectors = list[Float[Array, "n 3"]]
 """Both body vectors and both references."""
 
 
@@ -42,14 +50,22 @@ def exact_vectors(count: int) -> Vectors:
     turns = from_rotation_vector(0.1 * rng.standard_normal((count, 3)))
     A = attitude_matrix(compose(np.broadcast_to(q, (count, 4)), turns))
     s1, s2 = (r + NOISE * rng.standard_normal((count, 3)) for r in (r1, r2))
-    b1, b2 = (np.einsum("nij,nj->ni", A, s) for s in (s1, s2))
-    return b1, b2, s1, s2
+    return [*(np.einsum("nij,nj->ni", A, s) for s in (s1, s2)), s1, s2]
 
 
+@race("estimators", "Attitude estimates, checks included", "estimates")
 def estimators() -> list[Contender]:
     """List the estimators; the reference is a loop over SciPy's `align_vectors`."""
     many = exact_vectors(MANY)
-    few: Vectors = tuple(v[:FEW] for v in many)  # type: ignore[assignment]
+    few = [v[:FEW] for v in many]
+
+    def seen(q: Float[Array, "n 4"]) -> Answers:
+        # q and -q are one attitude, and q q' is the same for both
+        return {"attitudes": (q[:, :, None] * q[:, None, :], ROUNDING)}
+
+    peers = {"scipy align_vectors, loop": _scipy}
+    if find_spec("ahrs") is not None:
+        peers["ahrs Davenport, loop, data unchecked"] = _ahrs
     ours = {
         **{
             f"closed form, {frame}": partial(two_vector_quaternion, *many, frame=frame)
@@ -58,40 +74,53 @@ def estimators() -> list[Contender]:
         "q-method, batched": partial(davenport, *many),
         "TRIAD, batched": partial(triad, *many),
     }
-    peers = {"scipy align_vectors, loop": partial(_scipy, few)}
-    if find_spec("ahrs") is not None:
-        peers["ahrs Davenport, loop, data unchecked"] = partial(_ahrs, few)
-    listed = [*peers.items(), *ours.items()]
-    return [Contender(name=name, run=run, seen=_attitudes) for name, run in listed]
+    return [
+        *(Contender(n, len(few[0]), partial(f, few), seen) for n, f in peers.items()),
+        *(Contender(name, len(many[0]), run, seen) for name, run in ours.items()),
+    ]
 
 
-def _attitudes(q: Float[Array, "n 4"]) -> Done:
-    # q and -q are one attitude, and q q' is the same for both
-    answer = Answer(values=q[:, :, None] * q[:, None, :], within=ROUNDING)
-    return Done(items=len(q), answers={"attitudes": answer})
+def _unit(vectors: Vectors) -> Vectors:
+    # the peers' weights and checks are for lengths of one
+    return [v / np.linalg.norm(v, axis=1, keepdims=True) for v in vectors]
 
 
 def _scipy(vectors: Vectors) -> Float[Array, "n 4"]:
-    # its weights and checks are for lengths of one
-    unit = [v / np.linalg.norm(v, axis=1, keepdims=True) for v in vectors]
-    body, reference = np.stack(unit[:2], axis=1), np.stack(unit[2:], axis=1)
+    b1, b2, r1, r2 = _unit(vectors)
     align = scipy.spatial.transform.Rotation.align_vectors
-    return np.array(
-        [align(r, b)[0].as_quat() for b, r in zip(body, reference, strict=True)]
-    )
+    pairs = zip(np.stack([b1, b2], 1), np.stack([r1, r2], 1), strict=True)
+    return np.array([align(r, b)[0].as_quat() for b, r in pairs])
 
 
 def _ahrs(vectors: Vectors) -> Float[Array, "n 4"]:
     """Peer's q-method, one pair at a time, with its references set for each."""
     from ahrs.filters import Davenport
 
-    unit = [v / np.linalg.norm(v, axis=1, keepdims=True) for v in vectors]
     estimator = Davenport()
-    found = np.empty((len(unit[0]), 4))
-    for k, (b1, b2, r1, r2) in enumerate(zip(*unit, strict=True)):
+    found = np.empty((len(vectors[0]), 4))
+    for k, (b1, b2, r1, r2) in enumerate(zip(*_unit(vectors), strict=True)):
         estimator.g_q, estimator.m_q = r1, r2
         found[k] = estimator.estimate(b1, b2)
     return found[:, [1, 2, 3, 0]]  # its scalar is first
+
+
+def geometry() -> tuple[Float[Array, "4"], Float[Array, "12 1"]]:
+    """Quaternion with the sign of the plain formula, (4,), and the vectors."""
+    q, r1, r2 = random_geometry(3)
+    A = attitude_matrix(q)
+    truth = np.stack([A @ r1, A @ r2, r1, r2]).reshape(12, 1)
+    return normalize_columns(raw_quaternion(truth, "plain"))[:, 0], truth
+
+
+def _compared(moments: Moments, relative: float = 0.0) -> Answers:
+    # within its standard errors, or a share of its greatest element
+    return {
+        name: (x, SIGMAS * error + relative * float(np.abs(x).max()))
+        for name, x, error in (
+            ("bias", moments.bias, moments.bias_error),
+            ("covariance", moments.covariance, moments.covariance_error),
+        )
+    }
 
 
 # As a user of NumPy would write it: nothing of simval's, so that a ratio says how
@@ -104,76 +133,113 @@ def plain_quaternions(vectors: Float[Array, "4 3 n"]) -> Float[Array, "4 n"]:
     return q / np.linalg.norm(q, axis=0)
 
 
-def simulated_moments(
-    truth: Float[Array, "12 1"], noise: float, trials: int, seed: int
-) -> tuple[
-    Float[Array, "4"], Float[Array, "4 4"], Float[Array, "4"], Float[Array, "4 4"]
-]:
+def simulated_moments(truth: Float[Array, "12 1"], trials: int) -> Moments:
     """Bias and covariance of truth minus estimate, and their standard errors."""
-    rng = np.random.default_rng(seed)
-    q = plain_quaternions(truth.reshape(4, 3, 1))
-    x = np.concatenate(
-        [
-            q
-            - plain_quaternions(
-                (truth + noise * rng.standard_normal((12, CHUNK))).reshape(4, 3, -1)
-            )
-            for _ in range(trials // CHUNK)
-        ],
-        axis=1,
-    )
+    rng = np.random.default_rng(1)
+    parts = [
+        plain_quaternions(
+            (truth + NOISE * rng.standard_normal((12, CHUNK))).reshape(4, 3, -1)
+        )
+        for _ in range(trials // CHUNK)
+    ]
+    x = plain_quaternions(truth.reshape(4, 3, 1)) - np.concatenate(parts, axis=1)
     n, bias, covariance = x.shape[1], x.mean(axis=1), np.cov(x)
     x -= bias[:, None]
     squares = x * x
     spread = squares @ squares.T / n - covariance**2  # variance of x_i x_j
-    return bias, covariance, np.sqrt(np.diagonal(covariance) / n), np.sqrt(spread / n)
+    return Moments(
+        bias=bias, bias_error=np.sqrt(np.diagonal(covariance) / n),
+        covariance=covariance, covariance_error=np.sqrt(spread / n), samples=n,
+    )  # fmt: skip
 
 
+@race("predictions", "Predicted bias and covariance of one attitude cell", "cells")
 def predictions() -> list[Contender]:
     """List the predictions of one cell; the reference is a simulation in NumPy.
 
     An order is as near to the exact answer as the first term that it leaves out.
     """
-    q, r1, r2 = random_geometry(3)
-    A = attitude_matrix(q)
-    truth = np.stack([A @ r1, A @ r2, r1, r2]).reshape(12, 1)
-    # relative to the greatest element; the factors 10 and 100 are chosen
-    left_out = {"exact": 1e-9, 4: 100.0 * NOISE**4, "4-paper": 10.0 * NOISE**2}
-    left_out |= {2: 10.0 * NOISE**2}
+    cell, (_, truth) = random_geometry(3), geometry()
+    # repeated, and relative to the greatest element; the factors 10 and 100 are chosen
+    orders = {
+        "exact": (10, 1e-9),
+        4: (100, 100.0 * NOISE**4),
+        "4-paper": (100, 10.0 * NOISE**2),
+        2: (100, 10.0 * NOISE**2),
+    }
 
     def several(order: int | str, times: int) -> Moments:
         for _ in range(times):
-            moments = attitude_moments(q, r1, r2, NOISE, order=order)
+            moments = attitude_moments(*cell, NOISE, order=order)
         return moments
 
-    def predicted(order: int | str, times: int, moments: Moments) -> Done:
-        part = left_out[order]
-        answers = {
-            name: Answer(values=x, within=part * float(np.abs(x).max()))
-            for name, x in (("bias", moments.bias), ("covariance", moments.covariance))
-        }
-        return Done(items=times, answers=answers)
-
-    def simulated(found: tuple[Array, Array, Array, Array]) -> Done:
-        bias, covariance, bias_error, covariance_error = found
-        answers = {
-            "bias": Answer(values=bias, within=SIGMAS * bias_error),
-            "covariance": Answer(values=covariance, within=SIGMAS * covariance_error),
-        }
-        return Done(items=1, answers=answers)
-
+    simulated = partial(simulated_moments, truth, TRIALS)
     return [
-        Contender(
-            name=f"simulated in NumPy, {TRIALS:,} trials",
-            run=partial(simulated_moments, truth, NOISE, TRIALS, 1),
-            seen=simulated,
-        ),
+        Contender(f"simulated in NumPy, {TRIALS:,} trials", 1, simulated, _compared),
         *(
             Contender(
-                name=f"order {order}",
-                run=partial(several, order, times),
-                seen=partial(predicted, order, times),
+                f"order {order}", times, partial(several, order, times),
+                partial(_compared, relative=part),
             )
-            for order, times in (("exact", 10), (4, 100), ("4-paper", 100), (2, 100))
+            for order, (times, part) in orders.items()
         ),
+    ]  # fmt: skip
+
+
+def full_pass(samples: int, threads: int) -> Moments:
+    """Draw, estimate, accumulate mean and second moments with standard errors."""
+    q, truth = geometry()
+    sums = simulate_closed_form(
+        truth, "plain", q, NOISE, Streams(1, (1,)),
+        samples=samples, block=BLOCK, threads=threads,
+    )  # fmt: skip
+    return moments_of(sums)
+
+
+def twelve(samples: int) -> Moments:
+    """The same by an estimator of its own on twelve normals, as for any sampler."""
+    q, truth = geometry()
+
+    def sampler(rng: np.random.Generator, count: int) -> Float[Array, "4 count"]:
+        vectors = rng.standard_normal((12, count))
+        vectors *= NOISE
+        vectors += truth
+        error = normalize_columns(raw_quaternion(vectors, "plain"))
+        return np.subtract(q[:, None], error, out=error)
+
+    sums = simulate(
+        sampler, Streams(1, (1,)), samples=samples, block=BLOCK, batch=BATCH
+    )
+    return moments_of(sums)
+
+
+def without_block(samples: int) -> Moments:
+    """The NumPy form of the pass: the same bits."""
+    q, truth = geometry()
+    mean, noise = sums_and_differences(truth, "plain"), np.sqrt(2.0) * NOISE
+    streams, batches = Streams(1, (1,)), BLOCK // BATCH
+    means = [
+        fused.in_numpy(fused.lanes(streams, number), batches, mean, noise, q)
+        for number in range(-(-samples // BLOCK))
+    ]
+    return moments_of(sums_of(np.concatenate(means), BATCH))
+
+
+def normals(samples: int) -> None:
+    """Draw twelve normals a sample into a buffer that stays in the cache."""
+    rng = np.random.Generator(np.random.SFC64(1))
+    buffer = np.empty(32_768)
+    for _ in range(12 * samples // buffer.size):
+        rng.standard_normal(out=buffer)
+
+
+@race("montecarlo", "Full Monte Carlo pass beside the generator's own rate", "samples")
+def monte_carlo() -> list[Contender]:
+    """List the full pass beside the generator's own rate, one thread."""
+    few, drawn = SAMPLES // 8, "SFC64 normals, 12 a sample"
+    return [
+        Contender(drawn, SAMPLES, partial(normals, SAMPLES), other="draws only"),
+        Contender("twelve, any sampler", SAMPLES, partial(twelve, SAMPLES), _compared),
+        Contender("full pass", SAMPLES, partial(full_pass, SAMPLES, 1), _compared),
+        Contender("full pass, NumPy", few, partial(without_block, few), _compared),
     ]

@@ -1,4 +1,4 @@
-"""Races of the calibration: a batch of trials beside a loop over SciPy."""
+"""Race of the calibration: a batch of trials beside a loop over SciPy."""
 
 from functools import partial
 
@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 from imu_tk import imu_tk_jacobian, imu_tk_residual
 
-from benchmarks.race import Answer, Contender, Done
+from benchmarks.race import Answers, Contender, race
 from simval.arrays import Array
 from simval.imu.calibrate import calibrate
 from simval.imu.sensor import AccelerometerModel
@@ -51,25 +51,7 @@ def ellipsoid_start(readings: Float[Array, "n 3"]) -> Float[Array, "9"]:
     return np.concatenate([off, scale, bias])
 
 
-def scipy_loop(
-    readings: Float[Array, "trials n 3"], method: str
-) -> Float[Array, "trials 9"]:
-    """Fit each set by `scipy.optimize.least_squares` with the analytic Jacobian."""
-    options = {"method": method, "xtol": TOLERANCE, "ftol": TOLERANCE}
-    return np.array(
-        [
-            scipy.optimize.least_squares(
-                lambda p, y=y: imu_tk_residual(p, y, G),
-                ellipsoid_start(y),
-                jac=lambda p, y=y: imu_tk_jacobian(p, y),
-                gtol=TOLERANCE,
-                **options,
-            ).x
-            for y in readings
-        ]
-    )
-
-
+@race("calibration", "Calibrations of 40 poses, parameters, to 1e-12", "fits")
 def batch() -> list[Contender]:
     """List the ways to fit many sets; the reference is SciPy's default, looped.
 
@@ -79,35 +61,39 @@ def batch() -> list[Contender]:
     readings = noisy_poses(MANY)
     few = readings[:FEW]
 
-    def batched(covariance: bool) -> Array:
+    def seen(found: Float[Array, "trials 9"]) -> Answers:
+        # half of it for each of two
+        within = 0.5 * AGREEMENT * np.maximum(np.abs(found), SIZE)
+        return {"parameters": (found, within)}
+
+    def scipy_loop(method: str) -> Float[Array, "trials 9"]:
+        """Fit each set by `scipy.optimize.least_squares` with the exact Jacobian."""
+        limits = dict.fromkeys(("xtol", "ftol", "gtol"), TOLERANCE)
+        return np.array(
+            [
+                scipy.optimize.least_squares(
+                    lambda p, y=y: imu_tk_residual(p, y, G),
+                    ellipsoid_start(y),
+                    jac=lambda p, y=y: imu_tk_jacobian(p, y),
+                    method=method,
+                    **limits,
+                ).x
+                for y in few
+            ]
+        )
+
+    def fitted(readings: Array, covariance: bool = False) -> Array:
         fit = calibrate(readings, G, tolerance=TOLERANCE, covariance=covariance)
         return np.asarray(fit.parameters)
 
-    def one_by_one() -> Array:
-        fits = [calibrate(y, G, tolerance=TOLERANCE, covariance=False) for y in few]
-        return np.array([fit.parameters for fit in fits])
-
-    peers = {
-        f"scipy least_squares {method}, loop, data unchecked": partial(
-            scipy_loop, few, method
-        )
-        for method in ("trf", "lm")
-    }
-    ours = {
-        "calibrate, one set at a time": one_by_one,
-        "calibrate, batch": partial(batched, False),
-        "calibrate, batch with covariance": partial(batched, True),
-    }
-    return [
-        Contender(name=name, run=run, seen=_parameters)
-        for name, run in {**peers, **ours}.items()
-    ]
-
-
-def _parameters(found: Float[Array, "trials 9"]) -> Done:
-    return Done(items=len(found), answers={"parameters": _near(found, AGREEMENT)})
-
-
-def _near(found: Float[Array, "trials 9"], relative: float) -> Answer:
-    # half of it for each of two
-    return Answer(values=found, within=0.5 * relative * np.maximum(np.abs(found), SIZE))
+    peer = "scipy least_squares {}, loop, data unchecked".format
+    ways = {
+        peer("trf"): (FEW, partial(scipy_loop, "trf")),
+        peer("lm"): (FEW, partial(scipy_loop, "lm")),
+        "calibrate, one set at a time": (
+            FEW, lambda: np.array([fitted(y) for y in few]),
+        ),
+        "calibrate, batch": (MANY, partial(fitted, readings)),
+        "calibrate, batch with covariance": (MANY, partial(fitted, readings, True)),
+    }  # fmt: skip
+    return [Contender(name, count, run, seen) for name, (count, run) in ways.items()]

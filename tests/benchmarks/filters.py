@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.race import Answer, Contender, Done
+from benchmarks.race import Answers, Contender, race
 from simval.arrays import Array
 from simval.geometry import attitude_matrix, compose, from_rotation_vector
 from simval.imu.filters import Mekf
@@ -41,6 +41,7 @@ ROUNDING = 1e-9
 Chosen: 400 rows lose some 1e-13."""
 
 
+@race("filter", "Attitude filters, and the bound on them, at 100 Hz", "rows of a trial")
 def contenders() -> list[Contender]:
     """List filters and the bound; the reference is a filter in NumPy, in a bare loop.
 
@@ -49,67 +50,39 @@ def contenders() -> list[Contender]:
     long = _path(10 * ROWS)
     error = CalibrationError(of="gyroscope", covariance=1e-8 * np.eye(9))
     bound = partial(filter_bound, long, _model(), keep=_kept())
+    predict = partial(filter_prediction, long, _model(), errors=[error], keep=_kept())
     mekf = {f"mekf, {TRIALS} trials": TRIALS, "mekf, one trial": 1}
+
+    def pulled(matrix: Float[Array, "3 3"]) -> Answers:
+        return {"attitude of the filter in NumPy": (matrix, ROUNDING)}
+
+    def seen(answers: tuple[dict[str, Array], dict[str, Array]]) -> Answers:
+        # variances of all trials at the early row, attitudes at the last
+        q, P = answers[1]["attitude"], answers[0]["covariance"]
+        found = {"attitudes": (q[:, :, None] * q[:, None, :], ROUNDING)}
+        if len(q) > 1:  # of one the variance is not the mean
+            variances = np.diagonal(P.mean(axis=0))
+            found["variances"] = (variances, AGREEMENT * variances)
+        return found
+
+    def bounded(found: Any) -> Answers:
+        # as good as exact: all of the difference is the filter's
+        return {"variances": (np.diagonal(found.covariance[0]), 0.0)}
+
+    bare = "a filter in NumPy, bare loop, data unchecked"
+    calibrated = "adds a calibration's error"
+    peers = ("EKF", "Madgwick", "Mahony") if find_spec("ahrs") is not None else ()
     return [
-        Contender(
-            name="a filter in NumPy, bare loop, data unchecked",
-            run=_bare,
-            seen=_pulled,
-        ),
-        Contender(name="the same as a plug-in, checked", run=_as_plugin, seen=_pulled),
+        Contender(bare, ROWS, _bare, pulled),
+        Contender("the same as a plug-in, checked", ROWS, _as_plugin, pulled),
+        *(Contender(k, n * ROWS, partial(_followed, n), seen) for k, n in mekf.items()),
+        Contender("filter_bound", 10 * ROWS, bound, bounded),
+        Contender("filter_prediction", 10 * ROWS, predict, other=calibrated),
         *(
-            Contender(name=name, run=partial(_followed, n), seen=partial(_seen, n))
-            for name, n in mekf.items()
+            Contender(f"ahrs {k}", ROWS, partial(_peer, k), other="another filter")
+            for k in peers
         ),
-        Contender(
-            name="filter_bound",
-            run=bound,
-            seen=lambda found: _bounded(len(long.dt), found.covariance),
-        ),
-        Contender(
-            name="filter_prediction",
-            run=partial(
-                filter_prediction, long, _model(), errors=[error], keep=_kept()
-            ),
-            seen=lambda _: Done(items=len(long.dt)),
-            other="adds a calibration's error",
-        ),
-        *_peers(),
     ]
-
-
-def _peers() -> list[Contender]:
-    names = ("EKF", "Madgwick", "Mahony") if find_spec("ahrs") is not None else ()
-    return [
-        Contender(
-            name=f"ahrs {name}",
-            run=partial(_peer, name),
-            seen=lambda _: Done(items=ROWS),
-            other="another filter",
-        )
-        for name in names
-    ]
-
-
-def _pulled(matrix: Float[Array, "3 3"]) -> Done:
-    answer = Answer(values=matrix, within=ROUNDING)
-    return Done(items=ROWS, answers={"attitude of the filter in NumPy": answer})
-
-
-def _seen(n: int, answers: tuple[dict[str, Array], dict[str, Array]]) -> Done:
-    # variances of all trials at the early row, attitudes at the last
-    q, P = answers[1]["attitude"], answers[0]["covariance"]
-    found = {"attitudes": Answer(values=q[:, :, None] * q[:, None, :], within=ROUNDING)}
-    if n > 1:  # of one the variance is not the mean
-        variances = np.diagonal(P.mean(axis=0))
-        found |= {"variances": Answer(values=variances, within=AGREEMENT * variances)}
-    return Done(items=n * ROWS, answers=found)
-
-
-def _bounded(rows: int, covariance: Float[Array, "k 6 6"]) -> Done:
-    # as good as exact: all of the difference is the filter's
-    answer = Answer(values=np.diagonal(covariance[0]), within=0.0)
-    return Done(items=rows, answers={"variances": answer})
 
 
 def _kept() -> list[int]:

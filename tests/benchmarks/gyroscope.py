@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from benchmarks.race import Answer, Contender, Done
+from benchmarks.race import Answers, Contender, race
 from simval.arrays import Array
 from simval.imu.calibrate import (
     FitResult,
@@ -59,53 +59,49 @@ def _data() -> tuple[Array, Array, Any, Array, FitResult]:
     return np.arange(len(rate)) * STEP, rows, rests, poses, calibrate(poses, G)
 
 
+@race("gyroscope", "Calibrations of a gyroscope, 39 moves of 200 samples", "fits")
 def contenders() -> list[Contender]:
     """List the ways to fit; the reference is SciPy over Runge-Kutta steps."""
-    generalised = partial(_fitted, estimator="generalised")
-    ours = {
-        "calibrate_gyroscope, the same fit": (partial(_as_imu_tk, 4), "unweighted"),
-        "calibrate_gyroscope, one at a time": (
-            partial(_in_blocks, generalised, 4, 1),
-            "generalised",
-        ),
-        "calibrate_gyroscope, batch": (
-            partial(_in_blocks, generalised, TRIALS, BLOCK),
-            "generalised",
-        ),
-        "the same, chunks of four": (
-            partial(_in_blocks, partial(generalised, chunk=4), TRIALS, BLOCK),
-            "generalised",
-        ),
-        "with the accelerometer, batch": (
-            partial(_in_blocks, partial(_fitted, estimator="joint"), TRIALS, BLOCK),
-            "joint",
-        ),
+
+    def seen(M: Float[Array, "k 3 3"], weights: str) -> Answers:
+        # alike where the weights are, and near in any case
+        alike = {f"matrix, {weights}": (M, 0.5 * AGREEMENT)}
+        return alike | {"matrix": (M, 0.5 * SPREAD)}
+
+    as_imu_tk = {"scheme": "linear", "chunk": 1, "bias": "first rest"}
+    ways: dict[str, tuple[str, int, int, dict[str, Any]]] = {
+        "the same fit": ("unweighted", 4, 1, as_imu_tk),
+        "one at a time": ("generalised", 4, 1, {}),
+        "batch": ("generalised", TRIALS, BLOCK, {}),
+        "batch, chunks of four": ("generalised", TRIALS, BLOCK, {"chunk": 4}),
+        "with the accelerometer, batch": ("joint", TRIALS, BLOCK, {}),
     }
     return [
         Contender(
-            name="scipy least_squares, Runge-Kutta on samples, data unchecked",
-            run=lambda: _scipy(0)[None],
-            seen=partial(_seen, "unweighted"),
+            "scipy least_squares, Runge-Kutta on samples, data unchecked", 1,
+            lambda: _scipy(0)[None], partial(seen, weights="unweighted"),
         ),
         *(
-            Contender(name=name, run=run, seen=partial(_seen, weights))
-            for name, (run, weights) in ours.items()
+            Contender(
+                f"calibrate_gyroscope, {name}", min(count, TRIALS),
+                partial(_in_blocks, min(count, TRIALS), block, estimator=way, **more),
+                partial(seen, weights=way),
+            )
+            for name, (way, count, block, more) in ways.items()
         ),
-    ]
+    ]  # fmt: skip
 
 
-def _seen(weights: str, M: Float[Array, "k 3 3"]) -> Done:
-    # alike where the weights are, and near in any case
-    answers = {
-        f"matrix, {weights}": Answer(values=M, within=0.5 * AGREEMENT),
-        "matrix": Answer(values=M, within=0.5 * SPREAD),
-    }
-    return Done(items=len(M), answers=answers)
+def _in_blocks(count: int, block: int, **options: Any) -> Float[Array, "k 3 3"]:
+    starts = range(0, count, block)
+    fits = [_fitted(slice(i, min(i + block, count)), **options) for i in starts]
+    return np.concatenate(fits)
 
 
-def _fitted(some: slice, **options: Any) -> Float[Array, "k 3 3"]:
+def _fitted(
+    some: slice, scheme: str = "averages", chunk: int = 2, **options: Any
+) -> Float[Array, "k 3 3"]:
     time, rows, rests, poses, _ = _data()
-    scheme, chunk = options.pop("scheme", "averages"), options.pop("chunk", 2)
     moves = moves_between(time, rows[some], rests, scheme=scheme, chunk=chunk, margin=0)
     acc = calibrate(poses[some], G, covariance=False)
     return np.asarray(
@@ -114,21 +110,6 @@ def _fitted(some: slice, **options: Any) -> Float[Array, "k 3 3"]:
             start=np.eye(3), **options,
         ).M
     )  # fmt: skip
-
-
-def _as_imu_tk(trials: int) -> Float[Array, "k 3 3"]:
-    # what the reference minimises, one set at a time
-    fit = partial(
-        _fitted, scheme="linear", chunk=1, estimator="unweighted", bias="first rest"
-    )
-    return _in_blocks(fit, trials, 1)
-
-
-def _in_blocks(fit: Any, trials: int, block: int) -> Float[Array, "k 3 3"]:
-    whole = min(trials, TRIALS)
-    return np.concatenate(
-        [fit(slice(i, min(i + block, whole))) for i in range(0, whole, block)]
-    )
 
 
 def _scipy(trial: int) -> Float[Array, "3 3"]:

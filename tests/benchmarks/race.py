@@ -11,9 +11,9 @@ Before anything is timed, the answers are compared.
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from itertools import combinations
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,28 +22,14 @@ ROUNDS = 7
 the true median between them in 98.4 % of races."""
 TICK = 1e-9  # s, least time: a clock that did not move divides nothing
 
+Answers = Mapping[str, tuple[Any, Any]]
+"""Numbers found, by name, and how far each may be from the right one.
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Answer:
-    """Numbers that a contender found, and how far each may be from the right one.
-
-    The items are on the first axis: who does fewer is compared over these.
-    """
-
-    values: Any
-    within: Any
+Items are on the first axis: who does fewer is compared over these.
+"""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Done:
-    """What a contender did in one run: how many items, and its answers by name."""
-
-    items: int
-    answers: Mapping[str, Answer] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Contender:
+class Contender(NamedTuple):
     """One way to do the work: `run` is timed, `seen(result of run)` is not.
 
     `other` says how its work differs from that of the others; empty says that it is
@@ -51,27 +37,21 @@ class Contender:
     """
 
     name: str
+    items: int  # in one run
     run: Callable[[], Any]
-    seen: Callable[[Any], Done]
+    seen: Callable[[Any], Answers] = lambda found: {}
     other: str = ""
 
-    def once(self) -> Done:
-        """Do the work once, and see what it was."""
-        return self.seen(self.run())
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Race:
+class Race(NamedTuple):
     """Contenders, compared with the first of them, which is not simval's own code."""
 
-    name: str
     title: str
     item: str
     contenders: Callable[[], list[Contender]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Result:
+class Result(NamedTuple):
     """Items a second, and in each round the rate by that of the first contender."""
 
     contender: Contender
@@ -79,65 +59,61 @@ class Result:
     ratios: tuple[float, ...]
 
 
+RACES: dict[str, Race] = {}
+
+
+def race(name: str, title: str, item: str) -> Callable[[Any], Any]:
+    """Enter a function that lists contenders as a race of this name."""
+
+    def entered(contenders: Any) -> Any:
+        RACES[name] = Race(title, item, contenders)
+        return contenders
+
+    return entered
+
+
 def run_race(
-    race: Race, rounds: int = ROUNDS, clock: Callable[[], float] = time.process_time
+    contenders: Sequence[Contender],
+    rounds: int = ROUNDS,
+    clock: Callable[[], float] = time.process_time,
 ) -> list[Result]:
     """Let the contenders take turns, after a run that is compared and not timed."""
-    contenders = race.contenders()
-    found = {each.name: each.once() for each in contenders}
-    require_agreement(race.name, found, {c.name for c in contenders if c.other})
+    require_agreement([(each, each.seen(each.run())) for each in contenders])
     rng = np.random.default_rng(0)
-    seconds = np.array([_round(contenders, rng, clock) for _ in range(rounds)])
-    counts = np.array([found[each.name].items for each in contenders])
-    ratios = (counts / counts[0]) * seconds[:, :1] / seconds
+    seconds = np.zeros((rounds, len(contenders)))
+    for times in seconds:
+        turns = rng.permutation(len(contenders))
+        for k in (*turns, *turns[::-1]):
+            start = clock()
+            contenders[k].run()
+            times[k] += 0.5 * max(clock() - start, TICK)
+    items = np.array([each.items for each in contenders])
+    ratios = (items / items[0]) * seconds[:, :1] / seconds
     return [
-        Result(
-            contender=each,
-            rate=counts[k] / median(seconds[:, k]),
-            ratios=tuple(ratios[:, k].tolist()),
-        )
+        Result(each, each.items / median(seconds[:, k]), tuple(ratios[:, k].tolist()))
         for k, each in enumerate(contenders)
     ]
 
 
-def _round(
-    contenders: Sequence[Contender],
-    rng: np.random.Generator,
-    clock: Callable[[], float],
-) -> list[float]:
-    # times of one round, s
-    times, turns = [0.0] * len(contenders), rng.permutation(len(contenders))
-    for k in (*turns, *turns[::-1]):
-        start = clock()
-        contenders[k].run()
-        times[k] += 0.5 * max(clock() - start, TICK)
-    return times
-
-
-def require_agreement(race: str, found: Mapping[str, Done], other: set[str]) -> None:
+def require_agreement(found: Sequence[tuple[Contender, Answers]]) -> None:
     """Fail where two answers differ by more than both may be wrong, or are alone.
 
     Who does other work, `other`, may have no answer in common with anybody.
     """
-    names = list(found)
-    for k, name in enumerate(names):
-        for before in names[:k]:
-            for key in found[name].answers.keys() & found[before].answers.keys():
-                pair = found[before].answers[key], found[name].answers[key]
-                _require_equal(f"{race}, {key}: {before} and {name}", pair)
-    for name in names:
-        others = [d.answers.keys() for n, d in found.items() if n != name]
-        shared = any(found[name].answers.keys() & keys for keys in others)
-        if name not in other and not shared:
-            msg = f"{race}: nothing shows that {name} does the same work as another"
-            raise AssertionError(msg)
-
-
-def _require_equal(where: str, pair: tuple[Answer, Answer]) -> None:
-    count = min(np.shape(a.values)[0] for a in pair)
-    x, y = (np.asarray(a.values)[:count] for a in pair)
-    allowed = sum(np.broadcast_to(a.within, np.shape(a.values))[:count] for a in pair)
-    off = np.abs(x - y)
-    if not np.all(off <= allowed):  # true for NaN
-        msg = f"{where} differ by up to {np.max(off):.1e}: find out which is wrong"
+    shared = {each.name for each, _ in found if each.other}
+    for (one, first), (two, second) in combinations(found, 2):
+        for key in first.keys() & second.keys():
+            shared |= {one.name, two.name}
+            count = min(len(answers[key][0]) for answers in (first, second))
+            (x, a), (y, b) = (
+                (np.asarray(v)[:count], np.broadcast_to(within, np.shape(v))[:count])
+                for v, within in (first[key], second[key])
+            )
+            off = np.abs(x - y)
+            if not np.all(off <= a + b):  # true for NaN
+                msg = f"{key}: {one.name} and {two.name} differ by up to "
+                msg += f"{np.max(off):.1e}: find out which is wrong"
+                raise AssertionError(msg)
+    if alone := {each.name for each, _ in found} - shared:
+        msg = f"nothing shows that {alone} do the same work as another"
         raise AssertionError(msg)

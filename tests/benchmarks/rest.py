@@ -6,7 +6,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from benchmarks.race import Answer, Contender, Done
+from benchmarks.race import Contender, race
 from simval.imu.noise import allan_variance
 from simval.scene.physics import captured_messages, mujoco, roll_out
 from simval.scene.run import plan_run
@@ -20,6 +20,7 @@ AGREEMENT = 1e-9
 step at most, and the sums of squares average that."""
 
 
+@race("scene", "Steps of the gimbal, eight runs together, one thread", "steps")
 def simulation() -> list[Contender]:
     """List both ways to advance the gimbal; the reference is the bare loop in C.
 
@@ -39,56 +40,48 @@ def simulation() -> list[Contender]:
         with captured_messages():
             for _ in range(TOGETHER):
                 mujoco.mj_resetData(model, data)
-                if script.qpos is not None:
-                    data.qpos[:] = script.qpos
-                if script.qvel is not None:
-                    data.qvel[:] = script.qvel
+                for name in ("qpos", "qvel"):
+                    if (start := getattr(script, name)) is not None:
+                        getattr(data, name)[:] = start
                 for field, value in held.items():
                     getattr(data, field).flat = value[-1]
                 mujoco.mj_step(model, data, steps)
                 last.append(np.array(data.sensordata))  # the scene's order is ours
         return np.array(last)
 
-    def seen(rows):
-        # the engine is the same, so the bits are
-        answers = {"last rows of the sensors": Answer(values=rows, within=0.0)}
-        return Done(items=TOGETHER * steps, answers=answers)
+    def kept():
+        return roll_out(model, [script] * TOGETHER).rows[:, -1]
 
+    def seen(rows):  # the engine is the same, so the bits are
+        return {"last rows of the sensors": (rows, 0.0)}
+
+    count = TOGETHER * steps
     return [
-        Contender(
-            name="mj_step, nstep at once", run=bare, seen=seen, other="keeps no row"
-        ),
-        Contender(
-            name="simulation, every row kept",
-            run=lambda: roll_out(model, [script] * TOGETHER).rows[:, -1],
-            seen=seen,
-        ),
+        Contender("mj_step, nstep at once", count, bare, seen, other="keeps no row"),
+        Contender("simulation, every row kept", count, kept, seen),
     ]
 
 
+@race("allan", "Overlapping Allan variances of a million rows", "row averages")
 def allan() -> list[Contender]:
     """List the ways to the Allan variance; the reference is its definition in NumPy."""
     signal = np.random.default_rng(0).standard_normal(ROWS)
     counts = np.unique(np.round(np.geomspace(1, ROWS // 10, LENGTHS)).astype(int))
 
     def seen(found):
-        # each averaging time takes all rows
-        values = np.asarray(found)
-        answer = Answer(values=values, within=0.5 * AGREEMENT * np.abs(values))
-        return Done(items=ROWS * len(values), answers={"Allan variances": answer})
+        return {"Allan variances": (found, 0.5 * AGREEMENT * np.abs(found))}
 
-    ways = {"second differences in NumPy, data unchecked": allan_variances}
+    ways = {"second differences in NumPy, data unchecked": _second_differences}
     if find_spec("allantools") is not None:
         ways["allantools, data unchecked"] = _allantools
     ways["simval"] = allan_variance
-    return [
-        Contender(name=name, run=partial(run, signal, counts), seen=seen)
+    return [  # each averaging time takes all rows
+        Contender(name, ROWS * len(counts), partial(run, signal, counts), seen)
         for name, run in ways.items()
     ]
 
 
-def allan_variances(rate, counts):
-    """Overlapping Allan variances by second differences of the running sum."""
+def _second_differences(rate, counts):
     angle = np.concatenate([[0.0], np.cumsum(rate)])
     found = np.empty(len(counts))
     for i, m in enumerate(counts):

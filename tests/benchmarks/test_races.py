@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks import __main__ as command
-from benchmarks import calibration, filters, gyroscope, rest, trials
-from benchmarks.race import Answer, Contender, Done, Race, run_race
-
-RACES = {race.name: race for race in command.RACES}
+from benchmarks import attitude, calibration, filters, gyroscope, rest
+from benchmarks.race import RACES, Contender, run_race
 
 
 class Machine:
@@ -22,21 +19,18 @@ class Machine:
         self.runs += 1
 
 
-def stub(machine, costs, items=1, answers=None):
-    """A race of contenders that take so many seconds."""
+def stub(machine, costs, answers=None):
+    """Contenders that take so many seconds."""
     answers = answers or {}
-    contenders = [
+    return [
         Contender(
-            name=name,
-            run=lambda name=name, cost=cost: machine.work(name, cost),
-            seen=lambda _, name=name: Done(
-                items=items,
-                answers={"sum": Answer(values=answers.get(name, [1.0]), within=0.0)},
-            ),
+            name,
+            1,
+            lambda name=name, cost=cost: machine.work(name, cost),
+            lambda _, name=name: {"sum": (answers.get(name, [1.0]), 0.0)},
         )
         for name, cost in costs.items()
     ]
-    return Race(name="stub", title="", item="runs", contenders=lambda: contenders)
 
 
 COSTS = {"reference": 1.0, "half": 0.5, "double": 2.0}
@@ -65,11 +59,11 @@ def test_answers_that_differ_are_not_timed(other):
 
 
 SMALL = {
+    attitude: {"SAMPLES": 2**17},
     calibration: {"MANY": 40, "FEW": 10},
     filters: {"ROWS": 20, "TRIALS": 8},
     gyroscope: {"TRIALS": 2, "BLOCK": 2},
     rest: {"ROWS": 20_000, "MOST_STEPS": 50},
-    trials: {"SAMPLES": 2**17},
 }
 SLOW = {"gyroscope", "estimators", "predictions"}
 
@@ -83,7 +77,7 @@ def test_contenders_agree(name, monkeypatch):
             monkeypatch.setattr(module, size, value)
     for each in (filters._path, filters._all_readings, gyroscope._data):
         each.cache_clear()
-    results = run_race(RACES[name], rounds=1)
+    results = run_race(RACES[name].contenders(), rounds=1)
     for each in (filters._path, filters._all_readings, gyroscope._data):
         each.cache_clear()
     assert all(np.isfinite(each.ratios).all() for each in results)
