@@ -14,7 +14,7 @@ from zoo import leading
 
 from simval import algorithms
 from simval.check import check_function
-from simval.geometry import attitude_matrix
+from simval.geometry import attitude_matrix, normalize
 from simval.imu.attitude import (
     two_vector_quaternion,
     wahba_covariance,
@@ -26,8 +26,10 @@ from simval.plugins import Calibrator, Estimator, find_plugin, probe_calibrator
 from simval.plugins.noise import NAMED
 from simval.plugins.probe import G, probe_sensor
 from simval.poses import cube_faces
+from simval.streams import Streams
 from simval.studies import calibrator, estimator
 from simval.studies.study import Cell
+from simval.theory.two_vector import column_norms
 
 PLAIN = Estimator(name="plain", estimate=davenport, components="xyzs", matrix="passive")
 WEIGHTED = dataclasses.replace(
@@ -138,6 +140,53 @@ def test_leading_terms_near_a_tie_of_frames(geometry, noise):
     assert not measured(CLOSED, **given)[1] & LEADING
     for name in WRONG if noise == "body" else WRONG.keys() - {"late"}:
         assert measured(turned(WRONG[name]), **given)[1] & LEADING, name
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(("geometry", "noise"), TIES)
+def test_a_sound_closed_form_passes_at_a_tie(geometry, noise):
+    words = {"geometry": geometry, "noise": noise, "noise_std": 1e-3}
+    assert not measured(CLOSED, samples=16_384, **words)[1]
+
+
+def tied(seed, rng):
+    """A problem as near to a tie of frames as chance has it, from 1e-9 to none."""
+    shape, level = rng.choice(["body", "all", "unequal"]), 10.0 ** rng.uniform(-4, -1)
+    words = {"geometry": seed, "noise": shape, "noise_std": min(level, 0.03)}
+    problem = estimator.Attitudes(
+        CLOSED, estimator.Parameters(**words), Streams(1, (1,))
+    )
+    one, other = problem.q, normalize(rng.standard_normal(4))
+
+    def best(q):
+        sizes = np.sort(np.abs(column_norms(q, *problem.references)))
+        return np.argmax(np.abs(column_norms(q, *problem.references))), sizes[-2:]
+
+    wanted = 10.0 ** rng.uniform(-9, 0)
+    for _ in range(40):  # half-way between two attitudes of other frames
+        between = normalize(one + other)
+        if np.ptp(best(between)[1]) < wanted or best(one)[0] == best(other)[0]:
+            break
+        kept = best(between)[0] == best(one)[0]
+        one, other = (between, other) if kept else (one, between)
+    problem.q = normalize(one + other)
+    body = problem.references @ attitude_matrix(problem.q).T
+    problem.truth = np.concatenate([body, problem.references])
+    problem.roots = problem.noise.roots([v[None] for v in problem.truth])[0]
+    return problem
+
+
+@pytest.mark.ci
+def test_a_sound_closed_form_is_not_accused_for_any_geometry():
+    rng = np.random.default_rng(34)
+    for seed in range(2000):
+        problem = tied(seed, rng)
+        degrees = estimator.DEGREE, estimator.DEGREE - 2
+        fine, coarse = (problem.cubature(problem.noise_std, d) for d in degrees)
+        rows = estimator.bias_rows(problem, fine, coarse)
+        rows += estimator.leading_rows(problem, 1e-15)
+        off = [(str(r.statistic), r.value, r.prediction) for r in rows]
+        assert all(value <= most for _, value, most in off), (seed, off)
 
 
 @pytest.mark.parametrize(
