@@ -43,14 +43,7 @@ def simval_estimator(pytestconfig: pytest.Config) -> Check:
     ``estimator`` (``noise_std``, ``geometry``, ``samples``), ``seed``, and ``alpha``,
     the false-alarm rate of all checks together.
     """
-
-    def check(function: Any, /, **words: Any) -> Any:
-        __tracebackhide__ = True
-        from simval.plugins import Estimator
-
-        return _judge(function, Estimator, words, pytestconfig)
-
-    return check
+    return _judging("Estimator", pytestconfig)
 
 
 @pytest.fixture(scope="session")
@@ -60,14 +53,7 @@ def simval_calibrator(pytestconfig: pytest.Config) -> Check:
     Keywords are what `simval.plugins.Calibrator` declares, parameters of the study
     ``calibrator`` (``noise_std``, ``poses``, ``trials``), ``seed``, and ``alpha``.
     """
-
-    def check(function: Any, /, **words: Any) -> Any:
-        __tracebackhide__ = True
-        from simval.plugins import Calibrator
-
-        return _judge(function, Calibrator, words, pytestconfig)
-
-    return check
+    return _judging("Calibrator", pytestconfig)
 
 
 @pytest.fixture(scope="session")
@@ -77,30 +63,26 @@ def simval_filter(pytestconfig: pytest.Config) -> Check:
     Keywords are what `simval.plugins.Filter` declares, parameters of the study
     ``filter`` (``scenario``, ``seconds``, ``trials``), ``seed``, and ``alpha``.
     """
+    return _judging("Filter", pytestconfig)
 
+
+def _judging(kind: str, config: pytest.Config) -> Check:
     def check(function: Any, /, **words: Any) -> Any:
         __tracebackhide__ = True
-        from simval.plugins import Filter
+        from simval import plugins
+        from simval.check import check_function, told
+        from simval.errors import SimvalError
 
-        return _judge(function, Filter, words, pytestconfig)
+        words["update_baseline"] = config.getoption(UPDATE)
+        checked = None
+        try:
+            checked = check_function(function, getattr(plugins, kind), **words)
+            text = told(checked)
+        except SimvalError as error:
+            text = str(error).replace("--update-baseline", UPDATE)
+        if checked is None or not checked.good:  # not above: it would be told twice
+            pytest.fail(text, pytrace=False)
+        print(text)  # noqa: T201, for pytest's -rP and -s
+        return checked
 
     return check
-
-
-def _judge(
-    function: Any, kind: Any, words: dict[str, Any], config: pytest.Config
-) -> Any:
-    __tracebackhide__ = True
-    from simval.check import check_function, told
-    from simval.errors import SimvalError
-
-    checked, why = None, config.getoption(UPDATE)
-    try:
-        checked = check_function(function, kind, **words, update_baseline=why)
-        text = told(checked)
-    except SimvalError as error:
-        text = str(error).replace("--update-baseline", UPDATE)
-    if checked is None or not checked.good:  # not above: it would be told twice
-        pytest.fail(text, pytrace=False)
-    print(text)  # noqa: T201, for pytest's -rP and -s
-    return checked

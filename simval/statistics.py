@@ -11,6 +11,7 @@ A new statistic is a new line under `FAMILIES`.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import inf
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
@@ -77,113 +78,79 @@ class Family:
         return tuple(self(entry, unit=unit) for entry, unit in pairs)
 
 
+# a size is 0 or more and better small; a share is 1 at most, too; a ratio is of what is
+# measured over what theory says; an offset is better near zero
+_size = partial(Family, least=0.0)
+_share = partial(_size, most=1.0)
+_ratio = partial(_size, better="prediction")
+_offset = partial(Family, better="zero")
+
 # An equivalence margin of 2 % of a covariance is 1 % of a standard deviation; that of a
 # bias is 2 % of one sample's own spread, which adds 0.02 % to its RMS.
-BIAS = Family("bias", "bias", margin=0.02, scale="sample", better="zero")
-SD = Family("sd", "standard deviation", least=0.0)
+BIAS = _offset("bias", "bias", margin=0.02, scale="sample")
+SD = _size("sd", "standard deviation")
 COVARIANCE = Family("covariance", "covariance", margin=0.02, scale="variances")
-BIAS_ALONG = Family(
-    "bias_along", "bias along the predicted one", margin=0.02, scale="sample",
-    better="zero",
-)  # fmt: skip
+BIAS_ALONG = _offset(
+    "bias_along", "bias along the predicted one", margin=0.02, scale="sample"
+)
 COVARIANCE_ALONG = Family(
     "covariance_along", "covariance along the predicted one", margin=0.02
 )
-SPREAD = Family("spread", "RMS of the standard deviations", least=0.0)
-RMS = Family("rms", "RMS error", least=0.0)
-RMS_OVER_NOISE = Family("rms_over_noise", "RMS error over the noise", least=0.0)
+SPREAD = _size("spread", "RMS of the standard deviations")
+RMS = _size("rms", "RMS error")
+RMS_OVER_NOISE = _size("rms_over_noise", "RMS error over the noise")
 RMS_DIFFERENCE = Family(
-    "rms_difference", "RMS less least squares'", "rad", 0.02, "sample"
+    "rms_difference", "RMS less least squares'", unit="rad", margin=0.02, scale="sample"
 )
-EFFICIENCY = Family("efficiency", "efficiency", least=0.0, better="more")
-NEES = Family(
-    "nees", "normalised squared error", margin=0.02, least=0.0, better="prediction"
-)
-POOLED_NEES = Family(
-    "nees, pooled",
-    "normalised squared error, pooled",
-    margin=0.02,
-    least=0.0,
-    better="prediction",
-)
-COVERAGE = Family(
-    "coverage",
-    "coverage of the stated intervals",
-    least=0.0,
-    most=1.0,
-    better="prediction",
-)
-COVERAGE_NORMAL = Family(
-    "coverage_normal",
-    "coverage of 1.96 standard deviations",
-    least=0.0,
-    most=1.0,
-    better="prediction",
+EFFICIENCY = _size("efficiency", "efficiency", better="more")
+NEES = _ratio("nees", "normalised squared error", margin=0.02)
+POOLED_NEES = _ratio("nees, pooled", "normalised squared error, pooled", margin=0.02)
+COVERAGE = _share("coverage", "coverage of the stated intervals", better="prediction")
+COVERAGE_NORMAL = _share(
+    "coverage_normal", "coverage of 1.96 standard deviations", better="prediction"
 )
 
-VARIANCE_OVER_BOUND = Family(
-    "variance_over_bound",
-    "variance over the Cramer-Rao bound",
-    margin=0.02,
-    least=0.0,
+VARIANCE_OVER_BOUND = _size(
+    "variance_over_bound", "variance over the Cramer-Rao bound", margin=0.02
 )
-CHI_SQUARE_OF_FREEDOM = Family(
-    "chi_square_of_freedom",
-    "chi-square of the residuals by degree of freedom",
-    least=0.0,
-    better="prediction",
+CHI_SQUARE_OF_FREEDOM = _ratio(
+    "chi_square_of_freedom", "chi-square of the residuals by degree of freedom"
 )
 
-RECOVERY = Family("recovery", "error of a noise-free recovery", least=0.0)
-NOISE_SQUARE = Family(
-    "noise_square",
-    "mean square of the noise drawn over the stated one",
-    margin=0.02,
-    least=0.0,
-    better="prediction",
+RECOVERY = _size("recovery", "error of a noise-free recovery")
+NOISE_SQUARE = _ratio(
+    "noise_square", "mean square of the noise drawn over the stated one", margin=0.02
 )
-STRONGEST_CORRELATION = Family(
-    "strongest_correlation",
-    "strongest correlation of two streams of noise",
-    least=0.0,
-    most=1.0,
+STRONGEST_CORRELATION = _share(
+    "strongest_correlation", "strongest correlation of two streams of noise"
 )
-COVARIANCE_OFF = Family(
-    "covariance_off", "greatest error of a covariance, in deviations", least=0.0
+COVARIANCE_OFF = _size(
+    "covariance_off", "greatest error of a covariance, in deviations"
 )
-BIAS_OFF = Family("bias_off", "greatest error of a bias, in deviations", least=0.0)
-MEAN_ERROR = Family("mean_error", "mean error over its deviation", better="zero")
-STATED_VARIANCE = Family(
-    "stated_variance",
-    "stated variance over the predicted one",
-    margin=0.02,
-    least=0.0,
-    better="prediction",
+BIAS_OFF = _size("bias_off", "greatest error of a bias, in deviations")
+MEAN_ERROR = _offset("mean_error", "mean error over its deviation")
+STATED_VARIANCE = _ratio(
+    "stated_variance", "stated variance over the predicted one", margin=0.02
 )
-UNBIASED_VARIANCE = Family(
-    "unbiased_variance",
-    "mean variance of all samples over the true one",
-    least=0.0,
-    better="prediction",
+UNBIASED_VARIANCE = _ratio(
+    "unbiased_variance", "mean variance of all samples over the true one"
 )
 KNOWN_RESTS = Family("known_rests", "rests found of known ones", better="prediction")
-EDGE_OFF = Family(
-    "edge_off", "distance of a rest's edges from the known ones", "samples", least=0.0
+EDGE_OFF = _size(
+    "edge_off", "distance of a rest's edges from the known ones", unit="samples"
 )
-COUNT_OFF = Family(
-    "count_off", "samples of a rest less the known number", "samples", least=0.0
+COUNT_OFF = _size(
+    "count_off", "samples of a rest less the known number", unit="samples"
 )
-MEAN_OFF = Family("mean_off", "mean of a rest less the known one", least=0.0)
-NOISE_OF_MEAN = Family("noise_of_mean", "noise of a pose mean", unit="m/s²", least=0.0)
-SCALE_BIAS = Family(
-    "scale_bias", "mean relative bias of the scales", unit="σ²/g²", better="zero"
-)
-STEPS = Family("steps", "steps of the solver", least=0.0)
-APART = Family("apart", "distance from the first solver's answer", least=0.0)
-BUDGET = Family("budget", "contribution to the attitude error", unit="rad", least=0.0)
+MEAN_OFF = _size("mean_off", "mean of a rest less the known one")
+NOISE_OF_MEAN = _size("noise_of_mean", "noise of a pose mean", unit="m/s²")
+SCALE_BIAS = _offset("scale_bias", "mean relative bias of the scales", unit="σ²/g²")
+STEPS = _size("steps", "steps of the solver")
+APART = _size("apart", "distance from the first solver's answer")
+BUDGET = _size("budget", "contribution to the attitude error", unit="rad")
 
-NORM = Family("norm", "|q̄|", least=0.0, better=None)
-NORM_OVER_NOISE = Family("norm_over_noise", "|q̄| / σ", least=0.0, better=None)
+NORM = _size("norm", "|q̄|", better=None)
+NORM_OVER_NOISE = _size("norm_over_noise", "|q̄| / σ", better=None)
 BIAS_ORDER = Family(
     "bias_order", "order of what a formula of the bias leaves out", better="more"
 )
@@ -195,243 +162,139 @@ COVARIANCE_ORDER = Family(
 TURN_ORDER = Family(
     "turn_order", "order in the step of what a filter's turns leave out", better="more"
 )
-BIAS_ERROR = Family(
-    "bias_error", "what a formula of the bias leaves out", least=0.0, along=True
+BIAS_ERROR = _size("bias_error", "what a formula of the bias leaves out", along=True)
+COVARIANCE_ERROR = _size(
+    "covariance_error", "what a formula of the covariance leaves out", along=True
 )
-COVARIANCE_ERROR = Family(
-    "covariance_error",
-    "what a formula of the covariance leaves out",
-    least=0.0,
-    along=True,
+LIMIT_RATIO = _size("limit_ratio", "least |q̄| / σ at which a formula holds")
+FLIP_RATE = _share("flip_rate", "share of flipped signs")
+OTHER_SELECTION_RATE = _share(
+    "other_selection_rate", "share of other frames selected", better=None
 )
-LIMIT_RATIO = Family("limit_ratio", "least |q̄| / σ at which a formula holds", least=0.0)
-FLIP_RATE = Family("flip_rate", "share of flipped signs", least=0.0, most=1.0)
-OTHER_SELECTION_RATE = Family(
-    "other_selection_rate",
-    "share of other frames selected",
-    least=0.0,
-    most=1.0,
-    better=None,
+RMS_RATIO = _size("rms_ratio", "predicted RMS error over the q-method's")
+SIMULATED_RMS_RATIO = _size(
+    "simulated_rms_ratio", "simulated RMS error over the q-method's"
 )
-RMS_RATIO = Family("rms_ratio", "predicted RMS error over the q-method's", least=0.0)
-SIMULATED_RMS_RATIO = Family(
-    "simulated_rms_ratio", "simulated RMS error over the q-method's", least=0.0
+SQUARED_ERROR = _ratio(
+    "squared_error_over_predicted", "mean square error over the predicted one"
 )
-SQUARED_ERROR = Family(
-    "squared_error_over_predicted",
-    "mean square error over the predicted one",
-    least=0.0,
-    better="prediction",
-)
-RMS_OVER_BOUND = Family(
-    "rms_over_bound", "RMS error over the Cramer-Rao bound", least=0.0
-)
-ALLAN_ERROR = Family(
+RMS_OVER_BOUND = _size("rms_over_bound", "RMS error over the Cramer-Rao bound")
+ALLAN_ERROR = _ratio(
     "allan_square_error_over_predicted",
     "mean square error of an Allan variance over the predicted one",
     margin=0.02,
-    least=0.0,
-    better="prediction",
     along=True,
 )
-NIS = Family(
-    "nis", "normalised squared innovation", margin=0.02, least=0.0, better="prediction"
+NIS = _ratio("nis", "normalised squared innovation", margin=0.02)
+WORST_INSTANT = _size(
+    "worst_instant", "greatest excess of an instant, in standard deviations"
 )
-WORST_INSTANT = Family(
-    "worst_instant", "greatest excess of an instant, in standard deviations", least=0.0
-)
-INNOVATION_PAIRS = Family(
+INNOVATION_PAIRS = _ratio(
     "innovation_pairs",
     "variance of two neighbouring innovations' sum over white ones'",
     margin=0.02,
-    least=0.0,
-    better="prediction",
 )
-SYSTEMATIC = Family(
-    "systematic", "share of the squared error that all trials have", least=0.0, most=1.0
+SYSTEMATIC = _share("systematic", "share of the squared error that all trials have")
+RMS_BELOW_BOUND = _share(
+    "rms_below_bound", "share by which the RMS error is below the bound"
 )
-RMS_BELOW_BOUND = Family(
-    "rms_below_bound",
-    "share by which the RMS error is below the bound",
-    least=0.0,
-    most=1.0,
+CONSTANT = _offset("constant", "error that all trials have")
+PART_OVER_STATED = _ratio(
+    "part_over_stated", "squared error of a part over its stated variance"
 )
-CONSTANT = Family("constant", "error that all trials have", better="zero")
-PART_OVER_STATED = Family(
-    "part_over_stated",
-    "squared error of a part over its stated variance",
-    least=0.0,
-    better="prediction",
+STATED_OVER_BOUND = _ratio(
+    "stated_over_bound", "stated standard deviation of a part over the Cramer-Rao bound"
 )
-STATED_OVER_BOUND = Family(
-    "stated_over_bound",
-    "stated standard deviation of a part over the Cramer-Rao bound",
-    least=0.0,
-    better="prediction",
-)
-PART_OF_INNOVATION = Family(
-    "part_of_innovation",
-    "squared innovation of a reading over its stated variance",
-    least=0.0,
-    better="prediction",
+PART_OF_INNOVATION = _ratio(
+    "part_of_innovation", "squared innovation of a reading over its stated variance"
 )
 DIAGNOSES = (CONSTANT, PART_OVER_STATED, STATED_OVER_BOUND, PART_OF_INNOVATION)
 """Families that say why a filter fails, and not that it does."""
-DIVERGED = Family("diverged", "share of trials that diverge", least=0.0, most=1.0)
-SETTLING_TRIALS = Family(
-    "settling_trials", "share of trials that settle", least=0.0, most=1.0, better="more"
+DIVERGED = _share("diverged", "share of trials that diverge")
+SETTLING_TRIALS = _share(
+    "settling_trials", "share of trials that settle", better="more"
 )
-SETTLING = Family("settling", "time to settle", unit="s", least=0.0)
-RMS_AT = Family("rms_at", "RMS error at an instant", "rad", least=0.0, along=True)
-RMS_OVER_BOUND_AT = Family(
-    "rms_over_bound_at", "RMS error over the bound at an instant", least=0.0,
-    along=True,
-)  # fmt: skip
-BOUND_AT = Family(
-    "bound_at", "bound at an instant", "rad", least=0.0, better=None, along=True
+SETTLING = _size("settling", "time to settle", unit="s")
+RMS_AT = _size("rms_at", "RMS error at an instant", unit="rad", along=True)
+RMS_OVER_BOUND_AT = _size(
+    "rms_over_bound_at", "RMS error over the bound at an instant", along=True
 )
-BUDGET_AT = Family(
-    "budget_at",
-    "part of the predicted error at an instant",
-    "rad",
-    least=0.0,
-    along=True,
+BOUND_AT = _size("bound_at", "bound at an instant", unit="rad", better=None, along=True)
+BUDGET_AT = _size(
+    "budget_at", "part of the predicted error at an instant", unit="rad", along=True
 )
-NEES_AT = Family(
-    "nees_at",
-    "normalised squared error at an instant",
-    least=0.0,
-    better="prediction",
-    along=True,
-)
+NEES_AT = _ratio("nees_at", "normalised squared error at an instant", along=True)
 AT_AN_INSTANT = (RMS_AT, RMS_OVER_BOUND_AT, BOUND_AT, NEES_AT, BUDGET_AT)
 """Families along time, for a figure and not for a table of a few lines."""
-INCONSISTENT_RATE = Family(
-    "inconsistent_rate",
-    "share of samples called inconsistent",
-    least=0.0,
-    most=1.0,
-    better="prediction",
+INCONSISTENT_RATE = _share(
+    "inconsistent_rate", "share of samples called inconsistent", better="prediction"
 )
 
-LEADING_ERROR_RATIO = Family(
+LEADING_ERROR_RATIO = _size(
     "leading_error_ratio",
     "leading error of a formula of the covariance over the linear one's",
-    least=0.0,
 )
-LEADING_TERM_OFF = Family(
-    "leading_term_off", "relative error of the leading term", least=0.0
+LEADING_TERM_OFF = _size("leading_term_off", "relative error of the leading term")
+NEARER = _share(
+    "nearer", "share of geometries nearer than the linear one", better="more"
 )
-NEARER = Family(
-    "nearer",
-    "share of geometries nearer than the linear one",
-    least=0.0,
-    most=1.0,
-    better="more",
-)
-NEXT_ORDER = Family(
+NEXT_ORDER = _size(
     "next_order",
     "next order over the second, where a formula reaches a limit",
-    least=0.0,
     better=None,
 )
-LEFT_OUT = Family(
-    "left_out", "relative distance of a formula from the exact theory", least=0.0
-)
-UNIT_LENGTH = Family(
-    "unit_length",
-    "relative defect of tr C + |m|² = 2 q'm, unit quaternions",
-    least=0.0,
+LEFT_OUT = _size("left_out", "relative distance of a formula from the exact theory")
+UNIT_LENGTH = _size(
+    "unit_length", "relative defect of tr C + |m|² = 2 q'm, unit quaternions"
 )
 
-LEFT = Family(
-    "left", "specific-force error that the calibration leaves", unit="m/s²", least=0.0
-)
+LEFT = _size("left", "specific-force error that the calibration leaves", unit="m/s²")
 
-SETTLED = Family(
-    "settled", "distance of the noise-free answer from those of its class", least=0.0
-)
+SETTLED = _size("settled", "distance of the noise-free answer from those of its class")
 
-PROBE = Family("probe", "error of the noise-free probe", better="zero")
-FAILURES = Family("failures", "share of exact cases that fail", least=0.0, most=1.0)
-CUBATURE_BIAS = Family("cubature_bias", "bias by cubature", unit="rad", better="zero")
-CUBATURE_BIAS_SMALL = Family(
-    "cubature_bias_at_small_noise",
-    "bias by cubature at small noise",
-    "rad",
-    better="zero",
+PROBE = _offset("probe", "error of the noise-free probe")
+FAILURES = _share("failures", "share of exact cases that fail")
+CUBATURE_BIAS = _offset("cubature_bias", "bias by cubature", unit="rad")
+CUBATURE_BIAS_SMALL = _offset(
+    "cubature_bias_at_small_noise", "bias by cubature at small noise", unit="rad"
 )
-FIRST_ORDER_BIAS = Family(
-    "first_order_bias", "bias of first order over one standard deviation", better="zero"
+FIRST_ORDER_BIAS = _offset(
+    "first_order_bias", "bias of first order over one standard deviation"
 )
 BELOW_BOUND = Family(
     "below_bound", "share by which a leading variance is below the bound", better=None
 )
-OVER_EQUAL_WEIGHTS = Family(
-    "variance_over_equal_weights",
-    "leading variance over that with equal weights",
-    least=0.0,
+OVER_EQUAL_WEIGHTS = _size(
+    "variance_over_equal_weights", "leading variance over that with equal weights"
 )
-GREATEST_ERROR = Family(
-    "greatest_error", "greatest error of a trial, in deviations of most", least=0.0
+GREATEST_ERROR = _size(
+    "greatest_error", "greatest error of a trial, in deviations of most"
 )
-CLASS_BIAS = Family("class_bias", "error of the leading bias", better="zero")
-CLASS_COVARIANCE = Family(
-    "class_covariance", "error of the leading covariance", better="zero"
+CLASS_BIAS = _offset("class_bias", "error of the leading bias")
+CLASS_COVARIANCE = _offset("class_covariance", "error of the leading covariance")
+CLAIM_OFF = _offset("claim_off", "error of a covariance that is claimed exact")
+CLAIM_OFF_FULL = _offset(
+    "claim_off_at_the_noise", "error of a claimed covariance at the noise"
 )
-CLAIM_OFF = Family(
-    "claim_off", "error of a covariance that is claimed exact", better="zero"
-)
-CLAIM_OFF_FULL = Family(
-    "claim_off_at_the_noise",
-    "error of a claimed covariance at the noise",
-    better="zero",
-)
-CLAIM_OFF_HALF = Family(
-    "claim_off_at_half_noise",
-    "error of a claimed covariance at half the noise",
-    better="zero",
+CLAIM_OFF_HALF = _offset(
+    "claim_off_at_half_noise", "error of a claimed covariance at half the noise"
 )
 
-PRECISION = Family(
-    "precision",
-    "share of the rows found that are still",
-    least=0.0,
-    most=1.0,
-    better="more",
-)
-RECALL = Family(
-    "recall",
-    "share of the rests' rows that are found",
-    least=0.0,
-    most=1.0,
-    better="more",
-)
-RESTS_FOUND = Family(
-    "rests_found",
-    "share of the rests that are found",
-    least=0.0,
-    most=1.0,
-    better="more",
-)
-INTERVALS = Family("intervals", "intervals found", least=0.0, better=None)
-IMPURE = Family("impure", "intervals with a moving row", least=0.0)
-OUTSIDE = Family("outside", "intervals outside every rest", least=0.0)
-FITTED = Family(
-    "fitted", "share of trials with a fit", least=0.0, most=1.0, better="more"
-)
+PRECISION = _share("precision", "share of the rows found that are still", better="more")
+RECALL = _share("recall", "share of the rests' rows that are found", better="more")
+RESTS_FOUND = _share("rests_found", "share of the rests that are found", better="more")
+INTERVALS = _size("intervals", "intervals found", better=None)
+IMPURE = _size("impure", "intervals with a moving row")
+OUTSIDE = _size("outside", "intervals outside every rest")
+FITTED = _share("fitted", "share of trials with a fit", better="more")
 
-REST_FORCE = Family(
-    "rest_force", "worst residual force at rest", unit="m/s²", least=0.0
-)
-REST_RATE = Family("rest_rate", "worst rate at rest", unit="rad/s", least=0.0)
-RANK = Family("rank", "rank of the poses", least=0.0, better="more")
-CONDITION = Family("condition", "condition of the poses", least=0.0)
-RESTS = Family("rests", "rests", least=0.0, better=None)
-FIELD_MISMATCH = Family(
-    "field_mismatch", "field against the attitude of its row", least=0.0
-)
-RATE_LAG = Family("rate_lag", "lag of the rate", unit="steps", better="zero")
+REST_FORCE = _size("rest_force", "worst residual force at rest", unit="m/s²")
+REST_RATE = _size("rest_rate", "worst rate at rest", unit="rad/s")
+RANK = _size("rank", "rank of the poses", better="more")
+CONDITION = _size("condition", "condition of the poses")
+RESTS = _size("rests", "rests", better=None)
+FIELD_MISMATCH = _size("field_mismatch", "field against the attitude of its row")
+RATE_LAG = _offset("rate_lag", "lag of the rate", unit="steps")
 RATE_SCALE = Family("rate_scale", "rate over the attitude's own", better="prediction")
 
 FAMILIES: Mapping[str, Family] = MappingProxyType(

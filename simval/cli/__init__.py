@@ -18,7 +18,6 @@ import click
 from simval.cli.interruption import watch
 from simval.cli.terminal import patient, say
 from simval.errors import SimvalError
-from simval.startup import load_lightly
 from simval.text import did_you_mean
 
 COMMANDS = (
@@ -126,7 +125,6 @@ def main() -> None:
     # in parallel, and the bits must not depend on the number of cores.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    load_lightly()
     interruption = watch()
     sys.stdout, sys.stderr = patient(sys.stdout), patient(sys.stderr)
     try:

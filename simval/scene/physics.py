@@ -18,6 +18,7 @@ sensor data beside a position would not be.
 """
 
 import hashlib
+import os
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -41,13 +42,20 @@ from simval.files import (
 )
 from simval.scene.script import Script
 from simval.shapes import Float
-from simval.startup import no_renderer
+
+RENDERER = "MUJOCO_GL"
+"""Environment variable by which MuJoCo chooses a graphics library."""
 
 try:
     import mujoco as mujoco
 except Exception:  # whatever a graphics library raises that is half there
-    with no_renderer():
+    wanted = os.environ.pop(RENDERER, None)
+    os.environ[RENDERER] = "disable"
+    try:
         import mujoco as mujoco
+    finally:
+        del os.environ[RENDERER]
+        os.environ |= {} if wanted is None else {RENDERER: wanted}
 
 
 @contextmanager

@@ -31,11 +31,10 @@ from simval.errors import InputError
 from simval.scene.captions import Caption, Directions, captioned, pillow
 from simval.scene.catalogue import find_scene
 from simval.scene.draw import PLACES, Frame, Pixels
-from simval.scene.physics import instants, load_model, mujoco
+from simval.scene.physics import RENDERER, instants, load_model, mujoco
 from simval.scene.run import moving_rows, write_script
 from simval.scene.script import Scene, Script
 from simval.shapes import Float
-from simval.startup import RENDERER
 
 BACKENDS = ("egl", "osmesa")
 CHILD = "import mujoco; from simval.scene.draw import main; main()"

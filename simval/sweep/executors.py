@@ -34,7 +34,6 @@ from typing import Any, Protocol, runtime_checkable
 from simval.errors import CrashedPluginError, PluginError, UnmeasurableError
 from simval.plugins.names import told_anywhere
 from simval.results import CellName, Outcome, Row
-from simval.startup import load_lightly
 from simval.studies import find_study
 from simval.studies.study import Cell
 from simval.sweep.cells import (
@@ -383,8 +382,7 @@ def _pool(workers: int) -> Iterator[Executor]:
 
 
 def _begin_worker(receiver: Connection) -> None:
-    """Let a worker start quickly, and end when its driver ends or closes the pipe."""
-    load_lightly()
+    """Let a worker end when its driver ends or closes the pipe."""
     ONE_THREAD.__enter__()  # as long as it lives
     parent = parent_process()
     assert parent is not None  # this is a child
