@@ -86,7 +86,11 @@ def command(
     from simval.imu.calibrate.files import write_json
     from simval.imu.logs import read_log
     from simval.imu.multiposition import calibrate_log, calibrate_sensors
-    from simval.imu.multiposition.objects import as_object, log_object, sensors_object
+    from simval.imu.multiposition.description import (
+        as_object,
+        log_object,
+        sensors_object,
+    )
     from simval.imu.noise import load_noise
     from simval.theory import calibration_moments
 
@@ -117,7 +121,7 @@ def command(
     if out is not None:
         write_json(out, written)
     if kalibr is not None:
-        from simval.imu.multiposition.kalibr import kalibr_yaml
+        from simval.imu.multiposition.description import kalibr_yaml
 
         write(kalibr, kalibr_yaml(log, whole))
     if page is not None:

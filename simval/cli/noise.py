@@ -27,7 +27,7 @@ from simval.errors import InputError, RefusedError
 if TYPE_CHECKING:
     from simval.imu.logs import Log
     from simval.imu.multiposition.noise import LogNoise
-    from simval.imu.multiposition.noise_described import Sensors
+    from simval.imu.multiposition.noise_description import Sensors
 
 
 @declared("noise")
@@ -60,25 +60,21 @@ def command(
     LOG, its columns and its clock are read as by `simval calibrate`.
     """
     from simval.imu.logs import read_log
-    from simval.imu.multiposition.log_units import (
-        accelerometer_scale,
-        gyro_scale,
-        magnetometer_scale,
-    )
+    from simval.imu.multiposition.log_units import scale_of
     from simval.imu.multiposition.noise import log_noise
-    from simval.imu.multiposition.noise_described import as_object, described
+    from simval.imu.multiposition.noise_description import as_object, described
 
     _require_drawable(figure)
     log = read_log(path, rate, columns)
     found = log_noise(log, rest, increments=increments)
     _require_present("gyro", gyro_unit, log.gyro, path)
     _require_present("magnetometer", magnetometer_unit, log.magnetometer, path)
-    scale = accelerometer_scale(log, found.means, accelerometer_unit)
+    scale = scale_of(log, "accelerometer", accelerometer_unit, found.means)
     sensors: Sensors = {"accelerometer": (found.accelerometer, scale)}
     if found.gyro:
-        sensors["gyro"] = (found.gyro, gyro_scale(log, gyro_unit))
+        sensors["gyro"] = (found.gyro, scale_of(log, "gyro", gyro_unit))
     if found.magnetometer:
-        scale = magnetometer_scale(log, magnetometer_unit)
+        scale = scale_of(log, "magnetometer", magnetometer_unit)
         sensors["magnetometer"] = (found.magnetometer, scale)
     if figure is not None:
         _draw(figure, log, sensors)

@@ -1,15 +1,18 @@
 """Multi-position calibration: from a user's log to a calibration with error bars.
 
-The log shows a sensor that is held still in many poses. The way of a calibration, which
-`calibration` writes down from top to bottom:
+The log shows a sensor that is held still in many poses; `calibration` goes
 
-    log -> rests -> poses (their means) -> fit -> health -> answer
+    log -> rests -> poses (their means) -> fit -> faults -> answer
 
-`rests` finds the rests, `faults` looks for what a broken sensor, cable or
-logger leaves in them, and `health` decides whether the fit may be given out.
+from top to bottom. `noise` measures the noise of a log and of its poses, and
+`description` says all of it in text and in files.
 """
 
-from simval.imu.multiposition.calibration import LogCalibration, calibrate_log
-from simval.imu.multiposition.imu import ImuCalibration, calibrate_sensors
+from simval.imu.multiposition.calibration import (
+    ImuCalibration,
+    LogCalibration,
+    calibrate_log,
+    calibrate_sensors,
+)
 
 __all__ = ["ImuCalibration", "LogCalibration", "calibrate_log", "calibrate_sensors"]

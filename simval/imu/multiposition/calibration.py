@@ -1,31 +1,58 @@
-"""The calibration of a log, from top to bottom."""
+"""The calibration of a log: the accelerometer first, then the sensors beside it.
 
-from collections.abc import Callable
-from dataclasses import dataclass
+The rests that the accelerometer shows are the poses of all. Accelerometer and gyroscope
+are fitted together, and so are accelerometer and magnetometer; both fits take the noise
+of a pose mean that the residuals show, where that is more than is known of it. Where
+there are all three, one fit of all begins with these two. A sensor that cannot be
+calibrated from this log is left out with the reason; one that was asked for is refused.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from simval.arguments import choice
 from simval.arrays import Array, frozen
-from simval.errors import RefusedError
-from simval.imu.calibrate import FitResult, calibrate
+from simval.errors import InputError, RefusedError
+from simval.imu.calibrate import (
+    FitResult,
+    GyroscopeFit,
+    ImuFit,
+    MagnetometerFit,
+    NineAxisFit,
+    calibrate,
+    calibrate_imu,
+    calibrate_magnetometer,
+    calibrate_nine_axis,
+)
 from simval.imu.calibrate.diagnosis import Diagnosis, diagnose
 from simval.imu.calibrate.evidence import FEW
+from simval.imu.calibrate.gyroscope.imu import joined
 from simval.imu.logs import Log
-from simval.imu.multiposition.description import log_lines
-from simval.imu.multiposition.faults import require_unsaturated
-from simval.imu.multiposition.health import explained, require_sound
+from simval.imu.multiposition.description import log_lines, sensor_lines
+from simval.imu.multiposition.faults import (
+    case_of,
+    explained,
+    for_a_log,
+    require_alive,
+    require_one_unit,
+    require_sound,
+    require_unsaturated,
+)
 from simval.imu.multiposition.noise import PoseNoise, pose_noise
 from simval.imu.multiposition.rests import find_rests
 from simval.imu.noise import NoiseFile
-from simval.imu.statics import Intervals, Rest, interval_counts, interval_means
+from simval.imu.statics import Intervals, Rest, interval_means
 from simval.poses import PARAMETERS, observability
 from simval.shapes import Float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LogCalibration:
-    """Calibration of a log, with what it was made from.
+    """Calibration of the accelerometer of a log, with what it was made from.
 
     Attributes
     ----------
@@ -78,6 +105,13 @@ class LogCalibration:
     def __str__(self) -> str:
         return "\n".join(log_lines(self))
 
+    @property
+    def pose_std(self) -> Float[Array, " m"]:
+        """Noise of each pose mean: what is known of it, or what the residuals show."""
+        excess = self.diagnosis.chi2_per_dof
+        grown = np.sqrt(excess) if excess > 1.0 else 1.0  # NaN is no excess
+        return np.asarray(self.pose_noise.std * grown)
+
 
 def calibrate_log(
     log: Log,
@@ -110,7 +144,7 @@ def calibrate_log(
         The sensor's noise, see `simval.imu.noise.load_noise`; None takes it from the
         log's longest rest, and white noise alone where that is too short.
     predict : callable or None
-        What says how well the sensor can be known from these rests, such as
+        Theory of how well the sensor can be known from these rests, such as
         `simval.theory.calibration_moments`.
 
     Returns
@@ -124,61 +158,38 @@ def calibrate_log(
         If there is no rest, no threshold gives nine static intervals, none of the
         fits is a calibration, or the log shows a fault of the sensor or the logger.
     """
-
-    def detect(part: Log, least: int) -> Intervals:
-        known = rest if part.time[0] == log.time[0] else None
-        return find_rests(part, known, least).best.intervals
-
-    form = {"model": model, "method": method, "loss": loss}
     try:
-        result, white = _calibrated(
-            log, rest, full_scale, g, residual, form, noise, predict
-        )
-    except RefusedError as refusal:
-        raise explained(log, refusal, g, detect) from refusal
-    require_sound(log, result.fit, result.intervals, white, detect)
-    return result
-
-
-def _calibrated(
-    log: Log,
-    rest: float | None,
-    full_scale: float | None,
-    g: float,
-    residual: str,
-    form: dict[str, Any],
-    known: NoiseFile | None,
-    predict: Callable[..., Any] | None,
-) -> tuple[LogCalibration, Diagnosis]:
-    # and the diagnosis by white noise alone, which faults are told by
-    rests = find_rests(log, rest)
-    refusal: RefusedError | None = None
-    for level in rests.plateau:
-        intervals = level.intervals
-        require_unsaturated(log, intervals, full_scale)
-        poses = interval_means(log.accelerometer, intervals)
-        white = white_noise(log.accelerometer, intervals, rests.block)
-        noise = pose_noise(log, intervals, white, known)
-        # so few residuals say too little of the noise; what was measured says it
-        few = len(poses) - PARAMETERS <= FEW and noise.source == "file"
-        try:
-            fit = calibrate(
-                poses, g, full_scale=full_scale, residual=residual, **form,
-                noise_std=noise.std if few or residual == "adjusted" else None,
-            ).require_converged()  # fmt: skip
-        except RefusedError as error:
-            refusal = error
-            continue
-        noisy = not np.any(noise.std == 0.0)
-        alone = diagnose(fit, poses, None if np.any(white == 0.0) else white)
-        initial, std = rests.initial, noise.std if noisy else None
-        middle = log.time[intervals.sum(axis=1) // 2]
-        forces = fit.sensor().correct(poses)
+        rests = find_rests(log, rest)
+        refusal: RefusedError | None = None
+        for level in rests.plateau:
+            intervals = level.intervals
+            require_unsaturated(log, intervals, full_scale)
+            poses = interval_means(log.accelerometer, intervals)
+            pose = pose_noise(log, intervals, block=rests.block, file=noise)
+            # so few residuals say too little of the noise; what was measured says it
+            few = len(poses) - PARAMETERS <= FEW and pose.source == "file"
+            stated = pose.std if few or residual == "adjusted" else None
+            try:
+                fit = calibrate(
+                    poses, g, model, method=method, residual=residual, loss=loss,
+                    full_scale=full_scale, noise_std=stated,
+                ).require_converged()  # fmt: skip
+                break
+            except RefusedError as error:
+                refusal = error
+        else:
+            assert refusal is not None  # there is a best level
+            raise refusal
+        std = None if np.any(pose.std == 0.0) else pose.std
+        white = None if np.any(pose.white == 0.0) else pose.white
+        alone = diagnose(fit, poses, white)
+        sensor, middle = fit.sensor(), log.time[intervals.sum(axis=1) // 2]
+        forces, initial = sensor.correct(poses), rests.initial
         result = LogCalibration(
             fit=fit,
             diagnosis=diagnose(fit, poses, std, time=middle),
             white_chi2_per_dof=alone.chi2_per_dof,
-            pose_noise=noise,
+            pose_noise=pose,
             rest=initial,
             rest_seconds=float(log.time[initial.stop - 1] - log.time[initial.start]),
             multiplier=level.multiplier,
@@ -187,29 +198,237 @@ def _calibrated(
             turns=not level.enough,
             predicted=None
             if std is None or predict is None
-            else predict(
-                fit.sensor(), forces, fit.g, std, fit.residual, form=fit.model
-            ),
+            else predict(sensor, forces, fit.g, std, fit.residual, form=fit.model),
             next_direction=observability(forces).next_direction,
         )
-        return result, alone
-    assert refusal is not None  # there is a best one
-    raise refusal
+    except RefusedError as error:
+        raise explained(log, g, rest, error) from error
+    require_sound(case_of(log, g, rest, intervals, fit, alone))
+    return result
 
 
-def white_noise(
-    samples: Float[Array, "n 3"], intervals: Intervals, block: int = 1
-) -> Float[Array, " m"]:
-    """Standard deviation that white noise leaves in each interval's mean.
+SENSORS = ("gyroscope", "magnetometer")
+"""Beside the accelerometer, without which there are no rests."""
 
-    The variance within intervals is pooled over them and over the axes. Rows that come
-    faster than the sensor's band are not independent; their means over blocks are.
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ImuCalibration:
+    """Calibration of all sensors of a log.
+
+    Attributes
+    ----------
+    log : LogCalibration
+        The accelerometer's alone, with its rests and its diagnosis.
+    accelerometer : FitResult
+        The accelerometer's as the fit with the other sensors leaves it, else that of
+        `log`.
+    gyroscope : GyroscopeFit or None
+        Its covariance holds the accelerometer's nine parameters too.
+    sensitivity : Array
+        What specific force does to the gyroscope, raw units per m/s^2, (3, 3).
+    sensitivity_sd : Array
+        Standard deviation of each entry of it, (3, 3).
+    magnetometer : MagnetometerFit or None
+        On the axes of the accelerometer, fitted together with it.
+    together : NineAxisFit or None
+        The one fit that all of these are of, where there are three sensors.
+    reasons : tuple of str
+        What was chosen by evidence, and why.
+    left_out : mapping of str to str
+        Sensors of the log that are not calibrated, and why.
+    compass_noise : PoseNoise or None
+        Noise of the magnetometer's pose means, and where it comes from.
     """
-    counts = interval_counts(intervals) // block
-    parts = [
-        samples[a : a + n * block].reshape(n, block, 3).mean(axis=1)
-        for (a, _), n in zip(intervals, counts, strict=True)
-    ]
-    squares = [part.var(axis=0).mean() * len(part) for part in parts]
-    variance = np.sum(squares) / (np.sum(counts) - len(counts))
-    return np.sqrt(variance / counts)
+
+    log: LogCalibration
+    accelerometer: FitResult
+    gyroscope: GyroscopeFit | None
+    sensitivity: Float[Array, "3 3"]
+    sensitivity_sd: Float[Array, "3 3"]
+    magnetometer: MagnetometerFit | None
+    together: NineAxisFit | None
+    reasons: tuple[str, ...]
+    left_out: Mapping[str, str]
+    compass_noise: PoseNoise | None
+
+    def __str__(self) -> str:
+        return "\n".join(log_lines(self.log, self) + sensor_lines(self))
+
+
+def calibrate_sensors(
+    log: Log,
+    result: LogCalibration,
+    *,
+    sensors: Sequence[str] | None = None,
+    hemisphere: str = "unstated",
+    field: float = 1.0,
+    noise: NoiseFile | None = None,
+) -> ImuCalibration:
+    """Calibrate the other sensors of a log whose accelerometer is calibrated.
+
+    Parameters
+    ----------
+    log : Log
+        The log.
+    result : LogCalibration
+        As from `calibrate_log`.
+    sensors : sequence of str or None
+        Out of ``gyroscope`` and ``magnetometer``, those that must be calibrated; None
+        takes those that the log has and leaves out what cannot be.
+    hemisphere : {"unstated", "north", "south"}
+        Where the log was made, which the magnetometer's axes cannot tell.
+    field : float
+        Strength of the field, in the unit that the magnetometer's M is wanted in.
+    noise : NoiseFile or None
+        Where it has a magnetometer, its noise; None, or one without, takes it from the
+        log's longest rest, and white noise alone where that is too short.
+
+    Returns
+    -------
+    ImuCalibration
+        The calibrations, and what was left out.
+
+    Raises
+    ------
+    InputError
+        If a sensor is unknown, or asked for and not in the log.
+    RefusedError
+        If a sensor that was asked for cannot be calibrated from this log.
+    """
+    asked = (
+        None if sensors is None else [choice("sensors", s, SENSORS) for s in sensors]
+    )
+    magnetometer = partial(
+        _magnetometer, hemisphere=hemisphere, field=field, file=noise
+    )
+    kinds: tuple[tuple[str, Any, Callable[..., Any]], ...] = (
+        ("gyroscope", log.gyro, _gyroscope),
+        ("magnetometer", log.magnetometer, magnetometer),
+    )
+    fits: dict[str, Any] = {}
+    left_out: dict[str, str] = {}
+    for name, samples, calibrated in kinds:
+        if asked is not None and name not in asked:
+            continue
+        if samples is None:
+            if asked is not None:
+                letter = name[0].replace("g", "w")
+                msg = (
+                    f"{log.path} has no {name}, which is asked for; name its columns: "
+                    f"--columns with {letter}x, {letter}y and {letter}z"
+                )
+                raise InputError(msg)
+            continue
+        try:
+            require_alive(log, name, samples)
+            fits[name] = calibrated(log, result, samples)
+        except RefusedError as error:
+            if asked is not None:
+                raise
+            left_out[name] = for_a_log(str(error))
+    imu: ImuFit | None = fits.get("gyroscope")
+    compass, compass_noise = fits.get("magnetometer", (None, None))
+    zero = np.zeros((3, 3))
+    whole = ImuCalibration(
+        log=result,
+        accelerometer=result.fit if imu is None else imu.accelerometer,
+        gyroscope=None if imu is None else imu.gyroscope,
+        sensitivity=zero if imu is None else imu.G,
+        sensitivity_sd=zero if imu is None else imu.G_sd,
+        magnetometer=compass,
+        together=None,
+        compass_noise=compass_noise,
+        reasons=() if imu is None else (*imu.reasons, *imu.gyroscope.noise.sentences),
+        left_out=left_out,
+    )
+    return whole if imu is None or compass is None else _together(log, whole, imu)
+
+
+def _gyroscope(
+    log: Log, result: LogCalibration, samples: Float[Array, "n 3"]
+) -> ImuFit:
+    # together with the accelerometer
+    if result.turns:
+        msg = (
+            f"it turns in {len(result.cuts)} of the {len(result.intervals)} rests of "
+            f"the accelerometer, and {PARAMETERS} in which both are still are needed; "
+            "record more rests in which nothing turns"
+        )
+        raise RefusedError(msg)
+
+    def joint(rows: Float[Array, "n 3"]) -> ImuFit:
+        fit = calibrate_imu(
+            log.time, log.accelerometer, rows, result.intervals, g=result.fit.g,
+            model=result.fit.model, pose_std=result.pose_std,
+        )  # fmt: skip
+        require_one_unit(log, "gyroscope", fit.gyroscope.require_converged().M)
+        return fit
+
+    # axes of different units make any move look blind to the one with small numbers
+    try:
+        return joint(samples)
+    except RefusedError as error:
+        size = samples.std(axis=0)
+        try:
+            alike = joint(samples / size).gyroscope.M
+        except RefusedError:
+            raise error from None
+        require_one_unit(log, "gyroscope", alike / size)
+        raise
+
+
+def _magnetometer(
+    log: Log,
+    result: LogCalibration,
+    samples: Float[Array, "n 3"],
+    hemisphere: str,
+    field: float,
+    file: NoiseFile | None,
+) -> tuple[MagnetometerFit, PoseNoise]:
+    # together with the accelerometer, on its axes
+    rests = result.intervals
+    noise = pose_noise(log, rests, sensor="magnetometer", file=file)
+    fit = calibrate_magnetometer(
+        interval_means(log.accelerometer, rests),
+        interval_means(samples, rests),
+        result.fit.g,
+        field,
+        accelerometer_std=result.pose_std,
+        magnetometer_std=noise.std,
+        hemisphere=hemisphere,
+        model=result.fit.model,
+        time=log.time[rests.sum(axis=1) // 2],
+    ).require_converged()
+    require_one_unit(log, "magnetometer", fit.M)
+    return fit, noise
+
+
+def _together(log: Log, whole: ImuCalibration, imu: ImuFit) -> ImuCalibration:
+    # the three sensors as one fit has them, or two and two as they are
+    assert log.magnetometer is not None
+    assert whole.magnetometer is not None
+    assert whole.compass_noise is not None
+    reduced = imu.reduced
+    fields = interval_means(log.magnetometer, whole.log.intervals)
+    try:
+        fit = calibrate_nine_axis(
+            reduced.moves, reduced.poses, fields, imu.gyroscope, whole.magnetometer,
+            pose_std=reduced.pose_std, field_std=whole.compass_noise.std,
+            angle_random_walk=reduced.angle_random_walk,
+            bias_random_walk=reduced.bias_random_walk,
+            known_bias=reduced.known_bias, bias_std=reduced.bias_std,
+        ).require_converged()  # fmt: skip
+    except RefusedError as error:
+        words = f"the three sensors are not fitted together: {error}"
+        return replace(whole, reasons=(*whole.reasons, words))
+    own = fit.gyroscope
+    return replace(
+        whole,
+        accelerometer=joined(
+            imu.accelerometer, own.accelerometer, own.covariance[:9, :9], reduced.poses
+        ),
+        gyroscope=own,
+        magnetometer=fit.magnetometer,
+        together=fit,
+        reasons=(*imu.reasons, *fit.noise.sentences),
+    )

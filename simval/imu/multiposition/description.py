@@ -1,9 +1,23 @@
-"""The text of a log's calibration, and how surely its findings are told.
+r"""A log's calibration in text, as JSON, in Kalibr's file, and whether to trust it.
 
-**What is asked of the error bars of a log's calibration, each with its test.**
+**Judgements.** Every sentence that says yes or no of the error bars, in the terminal,
+in files and on the page, is a `Judgement`: no where the chance of what is seen is below
+the level of its test.
 
-Every sentence that says yes or no of them, in the terminal, in files and on the page,
-is one of these: no where the chance of what is seen is below the level of its test.
+**ROS** (``sensor_msgs/Imu``) has the noise of single readings in SI units and the axes
+of the calibration: with M the matrix of a sensor and :math:`\sigma_k` the white noise
+of a reading on its axis k, the covariance of a corrected reading is
+:math:`M\,\mathrm{diag}(\sigma^2)\,M^T`, row by row.
+
+**Kalibr** models readings in SI units by
+
+.. math:: \tilde a = M_a a + b_a + n, \qquad
+   \tilde\omega = M_g C \omega + A a + b_g + n,
+
+both M lower triangular and C the rotation from the accelerometer's axes to the
+gyroscope's (its models of the kind ``scale-misalignment``). So :math:`M_a` is the
+inverse of this package's matrix in the triangular form, and :math:`M_g C` the inverse
+of the gyroscope's. Of a log in counts the matrices are in counts.
 """
 
 from dataclasses import dataclass, replace
@@ -12,6 +26,8 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
+from simval.errors import InputError, RefusedError
+from simval.imu.calibrate import MagnetometerFit
 from simval.imu.calibrate.diagnosis import drift_words
 from simval.imu.calibrate.drift import DRIFT_FALSE_ALARM, Drift
 from simval.imu.calibrate.estimate import (
@@ -23,8 +39,15 @@ from simval.imu.calibrate.estimate import (
     status_line,
 )
 from simval.imu.calibrate.factors import CHANCE, NoiseFactors
+from simval.imu.calibrate.files import to_json
+from simval.imu.calibrate.gyroscope.imu import variance_within
 from simval.imu.calibrate.magnetometer.findings import FALSE_ALARM as ONE_POSE
+from simval.imu.calibrate.magnetometer.result import OWN_NAMES
 from simval.imu.calibrate.outliers import BELIEVED, BEYOND, chi_square_chance
+from simval.imu.logs import Log
+from simval.imu.multiposition.noise import log_noise
+from simval.imu.noise.model import largest
+from simval.imu.statics import Intervals
 from simval.shapes import Float
 
 
@@ -191,6 +214,14 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
     fit = result.fit if whole is None else whole.accelerometer
     joint = "" if whole is None else fit_of(whole)
     how = "found" if result.rest.found else "given"
+    noise, by_white = result.pose_noise, "white noise alone"
+    bounding, by_white_lines = by_white, []
+    if noise.source != "white":
+        bounding = "the noise of the poses"
+        by_white_lines = [
+            f"                  {by_white}, {np.median(noise.white):.4g}, would "
+            f"leave a chi2 per dof of {result.white_chi2_per_dof:.3g}"
+        ]
     lines = [
         f"initial rest      {result.rest_seconds:.2f} s ({how})",
         f"static intervals  {len(result.intervals)} "
@@ -206,10 +237,11 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
         residual_line(fit),
         f"chi2 per dof      {diagnosis.chi2_per_dof:.3g} with {fit.dof} degrees of "
         "freedom",
-        *_noise_lines(result),
+        _noise_line(noise),
+        *by_white_lines,
         f"verdict           {diagnosis.verdict}",
         f"drift             {drift_words(diagnosis.drift)}",
-        f"bound             least sd that {_noise(result)} would allow with these "
+        f"bound             least sd that {bounding} would allow with these "
         f"poses{', without the moves' * bool(joint)} (Cramer-Rao)",
         f"gravity           {fit.g:g} m/s^2 was assumed; a g wrong by 0.1 % makes "
         "every K wrong by 0.1 %, and leaves T and B",
@@ -236,21 +268,8 @@ def bound_sd(result: Any) -> Float[Array, "9"]:
     return np.sqrt(np.diagonal(result.predicted.cramer_rao))
 
 
-def _noise(result: Any) -> str:
-    white = result.pose_noise.source == "white"
-    return "white noise alone" if white else "the noise of the poses"
-
-
-def _noise_lines(result: Any) -> list[str]:
-    # which noise the chi-square and the bound take, and what white noise would give
-    noise = result.pose_noise
-    lines = [f"noise of a pose   {np.median(noise.std):.4g} raw units, {noise.words}"]
-    if noise.source != "white":
-        lines.append(
-            f"                  white noise alone, {np.median(noise.white):.4g}, would "
-            f"leave a chi2 per dof of {result.white_chi2_per_dof:.3g}"
-        )
-    return lines
+def _noise_line(noise: Any) -> str:
+    return f"noise of a pose   {np.median(noise.std):.4g} raw units, {noise.words}"
 
 
 def fit_of(whole: Any) -> str:
@@ -269,7 +288,8 @@ def sensor_lines(whole: Any) -> list[str]:
         others = "accelerometer"
         if whole.together is not None:
             others += " and the magnetometer"
-        lines += ["", *_gyroscope_lines(whole, others)]
+        fit, G, sd = whole.gyroscope, whole.sensitivity, whole.sensitivity_sd
+        lines += ["", *gyroscope_lines(fit, others, G, sd)]
         lines += [f"{'':18s}{reason}" for reason in whole.reasons]
     if whole.magnetometer is not None:
         lines += [
@@ -278,22 +298,169 @@ def sensor_lines(whole: Any) -> list[str]:
                 whole.magnetometer, together=whole.together is not None
             ),
         ]
-        lines += noise_lines(whole)
+        lines.append(_noise_line(whole.compass_noise))
     for name, why in whole.left_out.items():
         lines += ["", f"left out          the {name}: {why}"]
     _, said = honest(judgements(whole))
     return [*lines, "", f"honest bars       {said}"]
 
 
-def _gyroscope_lines(whole: Any, others: str) -> list[str]:
-    return gyroscope_lines(
-        whole.gyroscope, others, whole.sensitivity, whole.sensitivity_sd
-    )
+def log_object(log: Log) -> dict[str, Any]:
+    """Return which columns were taken and at what rate, as plain JSON values."""
+    taken = {each.role: [each.place + 1, each.name] for each in log.columns}
+    return {"columns": taken, "rate": log.rate, "clock_unit_seconds": log.second}
 
 
-def noise_lines(whole: Any) -> list[str]:
-    """Say which noise the magnetometer's error bars are by."""
-    noise = whole.compass_noise
-    if noise is None:
-        return []
-    return [f"noise of a pose   {np.median(noise.std):.4g} raw units, {noise.words}"]
+def as_object(whole: Any) -> dict[str, Any]:
+    """Return the accelerometer as one JSON object; a calibration file and more."""
+    result = whole.log
+    diagnosis = result.diagnosis
+    known = not np.isnan(diagnosis.chi2_per_dof)
+    white = result.white_chi2_per_dof
+    return to_json(whole.accelerometer) | {
+        "intervals": len(result.intervals),
+        "interval_samples": result.intervals.tolist(),
+        "multiplier": result.multiplier,
+        "rest_seconds": result.rest_seconds,
+        "rest_found": result.rest.found,
+        "chi2_per_dof": diagnosis.chi2_per_dof if known else None,
+        "p_value": diagnosis.p_value if known else None,
+        "white_chi2_per_dof": None if np.isnan(white) else white,
+        "pose_noise": result.pose_noise.source,
+        "pose_noise_std": result.pose_noise.std.tolist(),
+        "pose_noise_white_std": result.pose_noise.white.tolist(),
+        "verdict": diagnosis.verdict,
+        "outliers": list(diagnosis.outliers),
+        "next_direction": result.next_direction.tolist(),
+        "bound_sd": None if result.predicted is None else bound_sd(result).tolist(),
+        "bias": None if result.predicted is None else result.predicted.bias.tolist(),
+    }
+
+
+def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
+    """The sensors beside the accelerometer, and what is asked of all error bars."""
+    values: dict[str, Any] = {"left_out": dict(whole.left_out)}
+    if whole.gyroscope is not None:
+        values["gyroscope"] = whole.gyroscope.as_object() | {
+            "G": whole.sensitivity.tolist(),
+            "G_sd": whole.sensitivity_sd.tolist(),
+            "reasons": list(whole.reasons),
+        }
+    if whole.magnetometer is not None:
+        values["magnetometer"] = _magnetometer_object(whole.magnetometer)
+        noise = whole.compass_noise
+        values["magnetometer"] |= {
+            "pose_noise": noise.source,
+            "pose_noise_std": noise.std.tolist(),
+            "pose_noise_white_std": noise.white.tolist(),
+        }
+    if whole.together is not None:
+        values["together"] = whole.together.as_object()
+    values["judgements"] = [each.as_object() for each in judgements(whole)]
+    values["ros_imu"] = message_covariances(log, whole)
+    return values
+
+
+def _magnetometer_object(fit: MagnetometerFit) -> dict[str, Any]:
+    # without the accelerometer, which the file states once
+    document, first = fit.as_document(), len(fit.names) - len(OWN_NAMES)
+    return document | {
+        "parameters": {name: document["parameters"][name] for name in OWN_NAMES},
+        "names": list(OWN_NAMES),
+        "covariance": fit.covariance[first:, first:].tolist(),
+    }
+
+
+def message_covariances(log: Log, whole: Any) -> dict[str, Any]:
+    """Fields of a message: nine numbers each; -1 first where nothing is known."""
+    unknown = [-1.0] + [0.0] * 8
+    rests = whole.log.intervals
+    force = whole.accelerometer.sensor().matrix
+    rate = unknown
+    if whole.gyroscope is not None and log.gyro is not None:
+        rate = _covariance(log.gyro, rests, whole.gyroscope.M)
+    return {
+        "orientation_covariance": unknown,
+        "angular_velocity_covariance": rate,
+        "linear_acceleration_covariance": _covariance(log.accelerometer, rests, force),
+    }
+
+
+def _covariance(
+    samples: Float[Array, "n 3"], rests: Intervals, M: Float[Array, "3 3"]
+) -> list[float]:
+    return (M * variance_within(samples, rests) @ M.T).ravel().tolist()
+
+
+KALIBR_NOISE = (
+    ("accelerometer_noise_density", "N", "m/s^2/sqrt(Hz)"),
+    ("accelerometer_random_walk", "K", "m/s^3/sqrt(Hz)"),
+    ("gyroscope_noise_density", "N", "rad/s/sqrt(Hz)"),
+    ("gyroscope_random_walk", "K", "rad/s^2/sqrt(Hz)"),
+)
+
+
+def kalibr_yaml(log: Log, whole: Any) -> str:
+    """Text of an ``imu.yaml`` with intrinsics, and noise where a rest shows it.
+
+    Raises
+    ------
+    InputError
+        If the accelerometer's form is not the triangular one, or there is no gyroscope.
+    """
+    if whole.accelerometer.model != "triangular" or whole.gyroscope is None:
+        why = "the gyroscope is not calibrated"
+        if whole.accelerometer.model != "triangular":
+            why = f"the form is {whole.accelerometer.model}"
+        msg = (
+            f"{why}; Kalibr's imu.yaml has lower triangular matrices of both sensors: "
+            "calibrate a log with a gyroscope, with --model triangular"
+        )
+        raise InputError(msg)
+    force = whole.accelerometer.sensor().matrix
+    factors = whole.gyroscope.factors("kalibr")
+    lines = [
+        "imu0:",
+        *_kalibr_matrix("T_i_b", np.eye(4), 2),
+        *_kalibr_noise(log, force, whole.gyroscope.M),
+        "  accelerometers:",
+        *_kalibr_matrix("M", np.tril(np.linalg.inv(force)), 4),
+        "  gyroscopes:",
+        *_kalibr_matrix("A", whole.sensitivity, 4),
+        *_kalibr_matrix("C_gyro_i", factors.rest, 4),
+        *_kalibr_matrix("M", factors.shape, 4),
+        "  model: scale-misalignment",
+        "  rostopic: /imu0",
+        "  time_offset: 0.0",
+        f"  update_rate: {log.rate!r}",
+    ]
+    return "\n".join([*lines, ""])
+
+
+def _kalibr_matrix(name: str, matrix: Array, indent: int) -> list[str]:
+    left = " " * indent
+    rows = [f"{left}- [{', '.join(repr(x) for x in row)}]" for row in matrix.tolist()]
+    return [f"{left}{name}:", *rows]
+
+
+def _kalibr_noise(
+    log: Log, force: Float[Array, "3 3"], rate: Float[Array, "3 3"]
+) -> list[str]:
+    # the largest that is seen of the axes; what is only bounded is a comment
+    try:
+        found = log_noise(log)
+    except RefusedError as error:
+        return [f"  # noise: {error}"]
+    lines = []
+    for name, kind, unit in KALIBR_NOISE:
+        own, M = (found.accelerometer, force) if name[0] == "a" else (found.gyro, rate)
+        value, bound = largest(own, kind, np.linalg.norm(M, axis=0))
+        where = f"by {found.seconds:.0f} s at rest"
+        if value is not None:
+            more = f"; an axis that is not seen, below {bound:.4g}" if bound else ""
+            lines.append(f"  {name}: {value!r}  # {unit}{more}")
+        elif bound is not None:
+            lines.append(f"  # {name}: not seen, below {bound:.4g} {unit} {where}")
+        else:
+            lines.append(f"  # {name}: not told {where}")
+    return lines

@@ -1,35 +1,38 @@
-"""Faults that a sensor, a cable or a logger leaves in the rests of a log.
+"""Faults of a sensor, a cable or a logger: why the rests of a log are not believed.
 
-**What is wrong with a log: a fault of the sensor, the cable or the logger.**
+Each check looks for the mark of one fault, and returns nothing or a sentence that names
+the axis, the time and the remedy. Most faults still give nine numbers and error bars,
+so every calibration of a log goes through `require_sound`; and every refusal through
+`explained`, since a cause that can be named says more than the geometry it has ruined.
 
-Each check looks for the mark of one fault in the rests, and returns nothing or a
-sentence that names the axis, the time and the remedy. Every log goes through them:
-most faults still give nine numbers and error bars.
-
-**What changes in the course of a log: a counter that wraps, a gain, a sign, a unit.**
-
-Such a log looks sound row by row; what gives it away is that undoing the change, or
-leaving a part out, makes the residuals vanish.
+A counter that wraps, a gain, a sign or a unit that changes in the course of a log look
+sound row by row: what gives them away is that undoing the change, or leaving a part
+out, makes the residuals vanish.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.errors import SaturatedError, SimvalError
-from simval.imu.calibrate import FitResult, calibrate
+from simval.errors import ConvergenceError, RefusedError, SaturatedError, SimvalError
+from simval.imu.calibrate import Diagnosis, FitResult, calibrate
 from simval.imu.calibrate.drift import find_break, find_step
+from simval.imu.calibrate.evidence import REPEATS, STATE_NOISE
+from simval.imu.calibrate.gyroscope.result import START
 from simval.imu.calibrate.outliers import (
     BELIEVED,
     BEYOND,
+    LEFT,
     chi_square_chance,
     find_outliers,
 )
 from simval.imu.logs import Log
-from simval.imu.multiposition.rests import Rests
+from simval.imu.multiposition.rests import find_rests
+from simval.imu.noise.fit import rows_to_a_reading
 from simval.imu.statics import Intervals, interval_means
 from simval.imu.statics.intervals import runs_of
 from simval.poses import PARAMETERS
@@ -54,6 +57,170 @@ MISFIT = 0.02
 # A rail half a standard deviation above the mean of a rest holds so many of its
 # readings (0.31 of white noise), and takes 0.2 of one off the mean.
 _RAIL_SHARE = 0.3
+# What these bounds let pass and catch of 570 bad logs is
+# held by tests/imu/multiposition/test_faults.py.
+_BETTER = 1.5  # times less scatter; undoing the jumps of a sound log makes it worse
+_VANISHES = 4.0  # times less scatter; leaving out a part of a slow drift halves it
+_CHANCE = 1e-6  # of a cut or a step as good in a clean log; its root where the
+# chi-square has a chance as small, `BEYOND`
+_UNUSED = 15.0  # s without a rest, long enough for several of another unit
+_SEVERAL = 3  # rests that agree on another unit
+_MANY = 6  # rests all over a sphere: their spread is its radius within a factor of two
+_FAR_UNIT = 2.0  # of that spread, off from it
+_OTHER_UNIT = 0.3  # of gravity, off from it: readings in motion average to 5 %
+_RARELY = 0.05  # chance that a scatter beyond the limit leaves as little as is seen
+_TELLING = LEFT + 1  # degrees of freedom: one for the least step, and two to tell it by
+RAIL = 3
+"""Readings in a row at the greatest or least reading of an axis that may be a rail."""
+
+KINK = 4.0
+"""Steps of the converter by which the rows beside a rail are off it. A round top that
+reads the same for L rows is one step lower beside them, times (1 + 2/L)^2 < 3."""
+
+SAME_UNIT = 5.0
+"""Ratio of two axes' scales beyond which they are in different units: the nearest two
+units in use, standard gravities and m/s^2, differ by 9.8, and no two axes by 2."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Case:
+    """The rests of a log, with the fit to them if there is one."""
+
+    log: Log
+    g: float
+    rest: float | None  # length of the initial rest as it was given, s
+    intervals: Intervals  # samples start <= k < stop of each rest
+    means: Float[Array, "m 3"]  # mean reading of each, raw units
+    noise: Float[Array, "3"]  # median over the rests of the standard deviation in each
+    # median share of readings equal to the one before, each axis; small where the
+    # noise is a step of the converter or more
+    same: Float[Array, "3"]
+    # share of rows equal to the one before that nine rests of ten stay below
+    same_rows: float
+    fit: FitResult | None = None
+    diagnosis: Diagnosis | None = None  # of that fit, by white noise alone
+
+    @property
+    def chi2(self) -> float:
+        """Chi-square per degree of freedom; NaN without a fit."""
+        return np.nan if self.diagnosis is None else self.diagnosis.chi2_per_dof
+
+    @property
+    def misfit(self) -> float:
+        """Root mean square of the residuals over gravity; infinite without a fit."""
+        return np.inf if self.fit is None else float(self.fit.rms) / self.fit.g
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of a fit to the rests."""
+        return len(self.means) - PARAMETERS
+
+    def detect(self, part: Log, least: int) -> Intervals:
+        """Return the rests of a part of the log, at least so many."""
+        known = self.rest if part.time[0] == self.log.time[0] else None
+        return find_rests(part, known, least).best.intervals
+
+    def rows(self, start: int, stop: int) -> str:
+        """Say when rows were."""
+        time = self.log.time
+        return f"from {time[start]:.2f} s to {time[stop - 1]:.2f} s"
+
+    def span(self, rest: int) -> str:
+        """Say when a rest was."""
+        return self.rows(*self.intervals[rest])
+
+    @property
+    def whole(self) -> str:
+        """Say when the first rest began and the last one ended."""
+        return self.rows(self.intervals[0, 0], self.intervals[-1, 1])
+
+
+Checks = tuple[Callable[[Case], str | None], ...]
+
+
+def case_of(
+    log: Log,
+    g: float,
+    rest: float | None,
+    intervals: Intervals,
+    fit: FitResult | None = None,
+    diagnosis: Diagnosis | None = None,
+) -> Case:
+    """Gather what the checks need."""
+    samples = log.accelerometer
+    parts = [samples[start:stop] for start, stop in intervals]
+    spread = np.array([part.std(axis=0) for part in parts]).reshape(-1, 3)
+    equal = [np.diff(part, axis=0) == 0.0 for part in parts]
+    same = np.array([part.mean(axis=0) for part in equal]).reshape(-1, 3)
+    rows = np.array([part.all(axis=1).mean() for part in equal])
+    return Case(
+        log=log,
+        g=g,
+        rest=rest,
+        intervals=intervals,
+        means=interval_means(samples, intervals),
+        noise=np.median(spread, axis=0) if parts else np.full(3, np.nan),
+        same=np.median(same, axis=0) if parts else np.ones(3),
+        same_rows=float(np.quantile(rows, 0.9)) if parts else 1.0,
+        fit=fit,
+        diagnosis=diagnosis,
+    )
+
+
+def require_sound(case: Case) -> None:
+    """Refuse a calibration whose log shows a fault.
+
+    Raises
+    ------
+    RefusedError
+        That names the axis, the time and the remedy.
+    """
+    words = _first(case, SIGNS)
+    if words:
+        msg = f"{case.log.path}: {words}"
+        raise RefusedError(msg)
+
+
+def explained(
+    log: Log, g: float, rest: float | None, refusal: RefusedError
+) -> Exception:
+    """Return the refusal, or one that names the fault behind it."""
+    try:
+        intervals = find_rests(log, rest).best.intervals
+    except SimvalError:
+        intervals = np.empty((0, 2), dtype=np.intp)
+    case = case_of(log, g, rest, intervals)
+    causes: Checks = CAUSES if len(case.means) else CAUSES_WITHOUT_RESTS
+    if len(case.means) and isinstance(refusal, SaturatedError):
+        causes = CAUSES_OF_SATURATION  # what it has spoilt is no fault by itself
+    words = _first(case, causes)
+    if words:
+        return RefusedError(f"{log.path}: {words}")
+    if isinstance(refusal, ConvergenceError):
+        return ConvergenceError(
+            f"{log.path}: the fit to {len(case.means)} rests did not converge: they "
+            "hardly fix an ellipsoid, or are not all of gravity; hold the sensor in "
+            "more poses all over the sphere, and check the columns, the wiring and "
+            "the units of each axis"
+        )
+    return type(refusal)(for_a_log(str(refusal)))
+
+
+def _first(case: Case, checks: Checks) -> str | None:
+    # one after the other, since each costs time
+    return next((words for check in checks if (words := check(case))), None)
+
+
+def for_a_log(words: str) -> str:
+    """Turn advice to who has poses or moves into advice to who has a log."""
+    for ours, theirs in {
+        STATE_NOISE: "measure it in a long rest (simval noise LOG --json > noise.json) "
+        "and give that file (--noise noise.json)",
+        REPEATS: "or cut the log before it repeats",
+        START: "",
+    }.items():
+        words = words.replace(ours, theirs)
+    return words
 
 
 def require_unsaturated(log: Log, intervals: Intervals, limit: float | None) -> None:
@@ -88,41 +255,41 @@ def require_unsaturated(log: Log, intervals: Intervals, limit: float | None) -> 
             raise SaturatedError(msg)
 
 
-def constant_axis(rests: Rests) -> str | None:
+def constant_axis(case: Case) -> str | None:
     """An axis that shows one value in the whole log."""
-    samples = rests.log.accelerometer
+    samples = case.log.accelerometer
     still = np.ptp(samples, axis=0) == 0.0
     if still.all() or not still.any():  # all three: the log is empty of readings
         return None
     axis = int(np.argmax(still))
     return (
         f"axis {AXES[axis]} shows {samples[0, axis]:g} in every row "
-        f"{rests.rows(0, len(samples))}: it is not connected or stuck; check its wire "
+        f"{case.rows(0, len(samples))}: it is not connected or stuck; check its wire "
         "and the columns (--columns), and record again"
     )
 
 
-def zero_rows(rests: Rests) -> str | None:
+def zero_rows(case: Case) -> str | None:
     """Rows of three zeros, which stand for lost data."""
-    zero = np.all(rests.log.accelerometer == 0.0, axis=1)
-    for index, (start, stop) in enumerate(rests.intervals):
+    zero = np.all(case.log.accelerometer == 0.0, axis=1)
+    for index, (start, stop) in enumerate(case.intervals):
         if np.count_nonzero(zero[start:stop]) >= 2:
             return (
                 f"x, y and z are all exactly 0 in {np.count_nonzero(zero)} rows, among "
-                f"them the rest {rests.span(index)}: a sensor at rest reads gravity, "
+                f"them the rest {case.span(index)}: a sensor at rest reads gravity, "
                 "so these rows stand for lost data; cut them out"
             )
     return None
 
 
-def frozen(rests: Rests) -> str | None:
+def frozen(case: Case) -> str | None:
     """A rest in which an axis repeats one value although it is noisy elsewhere."""
-    samples = rests.log.accelerometer
+    samples = case.log.accelerometer
     # at the ends of the range it is saturated, see `require_unsaturated`
     rails = np.stack([samples.min(axis=0), samples.max(axis=0)], axis=1)
-    for axis in np.flatnonzero(rests.same <= _NOISY):
+    for axis in np.flatnonzero(case.same <= _NOISY):
         same = np.diff(samples[:, axis]) == 0.0
-        for index, (start, stop) in enumerate(rests.intervals):
+        for index, (start, stop) in enumerate(case.intervals):
             runs = runs_of(same[start : stop - 1]) + start
             if len(runs) == 0:
                 continue
@@ -130,19 +297,19 @@ def frozen(rests: Rests) -> str | None:
             if end - first >= _RUN and samples[first, axis] not in rails[axis]:
                 return (
                     f"axis {AXES[axis]} shows {samples[first, axis]:g} in every row "
-                    f"{rests.rows(first, end + 1)}, within the rest "
-                    f"{rests.span(index)}, and varies by {rests.noise[axis]:.2g} in "
+                    f"{case.rows(first, end + 1)}, within the rest "
+                    f"{case.span(index)}, and varies by {case.noise[axis]:.2g} in "
                     "other rests: the sensor or the logger froze; cut that stretch out"
                 )
     return None
 
 
-def spikes(rests: Rests) -> str | None:
-    """Single rows far off, often enough to shift the means of the rests."""
-    samples = rests.log.accelerometer
-    radius = np.sqrt(np.sum(np.var(rests.means, axis=0)))
+def spikes(case: Case) -> str | None:
+    """Single rows far off, often enough to shift the means of the case."""
+    samples = case.log.accelerometer
+    radius = np.sqrt(np.sum(np.var(case.means, axis=0)))
     shifts, first, count = [], -1, 0
-    for start, stop in rests.intervals:
+    for start, stop in case.intervals:
         offset = samples[start:stop] - np.median(samples[start:stop], axis=0)
         scale = np.quantile(np.abs(offset), 0.95, axis=0) / 2.0
         far = np.abs(offset) > _FAR * np.maximum(scale, np.finfo(float).tiny)
@@ -157,16 +324,20 @@ def spikes(rests: Rests) -> str | None:
         return None
     return (
         f"axis {AXES[axis]} has spikes, {count} readings in the rests, the first at "
-        f"{rests.log.time[first]:.2f} s, which move its mean by {shift[axis]:.2g}: "
+        f"{case.log.time[first]:.2f} s, which move its mean by {shift[axis]:.2g}: "
         "data is damaged on its way (cable, bus, clock); take those rows out, or "
         "record again"
     )
 
 
-def repeated(rests: Rests) -> str | None:
+def repeated(case: Case) -> str | None:
     """A stretch of rows that is an earlier one again, bit for bit."""
-    samples = rests.log.accelerometer
-    run = _telling_run(len(samples), rests.same_rows)
+    samples = case.log.accelerometer
+    if case.same_rows >= 1.0:
+        return None
+    # rows that no pair of stretches of a log has in common by chance
+    chance = np.log(_BY_CHANCE / len(samples) ** 2)
+    run = max(_RUN, int(np.ceil(chance / np.log(max(case.same_rows, 1e-3)))))
     if run > min(_LONGEST, len(samples) // 2):
         return None
     _, code = np.unique(samples, axis=0, return_inverse=True)
@@ -187,89 +358,52 @@ def repeated(rests: Rests) -> str | None:
     while length < longest and codes[first + length] == codes[second + length]:
         length += 1
     return (
-        f"the {length} rows {rests.rows(second, second + length)} are those "
-        f"{rests.rows(first, first + length)} again, bit for bit: a buffer was "
+        f"the {length} rows {case.rows(second, second + length)} are those "
+        f"{case.rows(first, first + length)} again, bit for bit: a buffer was "
         "written twice; cut the second out"
     )
 
 
-def _telling_run(rows: int, same: float) -> int:
-    # rows that no pair of stretches of a log has in common by chance
-    if same >= 1.0:
-        return _LONGEST + 1
-    chance = np.log(_BY_CHANCE / rows**2) / np.log(max(same, 1e-3))
-    return max(_RUN, int(np.ceil(chance)))
-
-
-def flat_axis(
-    rests: Rests, scale: Float[Array, "3"] | None = None, misfit: float = np.inf
-) -> str | None:
+def flat_axis(case: Case) -> str | None:
     """An axis that does not take part, or repeats another."""
-    centred = rests.means - rests.means.mean(axis=0)
+    centred = case.means - case.means.mean(axis=0)
     spread = np.sqrt(np.mean(centred**2, axis=0))
-    one, two = _most_alike(centred)
-    own = _left_over(centred, two)
+    size = np.linalg.norm(centred, axis=0)
+    size[size == 0.0] = 1.0
+    alike = np.abs((centred / size).T @ (centred / size))
+    one, two = max(((0, 1), (0, 2), (1, 2)), key=lambda pair: float(alike[pair]))
+    # root mean square of an axis that the other two do not explain
+    others = np.delete(centred, two, axis=1)
+    part = np.linalg.lstsq(others, centred[:, two], rcond=None)[0]
+    own = float(np.sqrt(np.mean((centred[:, two] - others @ part) ** 2)))
     like = min(spread[one], spread[two]) > _LIKE * max(spread[one], spread[two])
     if like and own < _FLAT * spread.max() and spread.min() > _FLAT * spread.max():
         likeness = "the same" if centred[:, one] @ centred[:, two] > 0 else "opposite"
         return (
             f"axes {AXES[one]} and {AXES[two]} show {likeness} signal(s) in all "
-            f"{len(centred)} rests {_whole(rests)}: two columns are one channel, or "
+            f"{len(centred)} rests {case.whole}: two columns are one channel, or "
             "the sensor was turned about one axis alone; check the wiring and the "
             "columns (--columns), add poses, and record again"
         )
     axis = int(np.argmin(spread))
-    other = float(np.median(spread))
-    odd = misfit > MISFIT
-    if scale is not None:
-        odd |= float(np.abs(scale[axis])) > _ODD_SCALE * np.median(np.abs(scale))
-    if spread[axis] < _FLAT * other or (spread[axis] < _WEAK * other and odd):
+    typical = float(np.median(spread))
+    odd = case.misfit > MISFIT
+    if case.fit is not None:
+        scale = np.abs(np.diagonal(case.fit.matrix))
+        odd |= float(scale[axis]) > _ODD_SCALE * np.median(scale)
+    if spread[axis] < _FLAT * typical or (spread[axis] < _WEAK * typical and odd):
         return (
             f"axis {AXES[axis]} varies by {spread[axis]:.2g} over the {len(centred)} "
-            f"rests {_whole(rests)}, the others by {other:.2g}: it shows noise "
+            f"rests {case.whole}, the others by {typical:.2g}: it shows noise "
             "instead of gravity, or was never tipped; check its wire, tip the sensor "
             "so that each axis points up and down, and record again"
         )
     return None
 
 
-def _whole(rests: Rests) -> str:
-    return rests.rows(rests.intervals[0, 0], rests.intervals[-1, 1])
-
-
-def _most_alike(centred: Float[Array, "n 3"]) -> tuple[int, int]:
-    size = np.linalg.norm(centred, axis=0)
-    size[size == 0.0] = 1.0
-    alike = np.abs((centred / size).T @ (centred / size))
-    pairs = ((0, 1), (0, 2), (1, 2))
-    return max(pairs, key=lambda pair: float(alike[pair]))
-
-
-def _left_over(centred: Float[Array, "n 3"], axis: int) -> float:
-    # root mean square of an axis that the other two do not explain
-    others = np.delete(centred, axis, axis=1)
-    part = np.linalg.lstsq(others, centred[:, axis], rcond=None)[0]
-    return float(np.sqrt(np.mean((centred[:, axis] - others @ part) ** 2)))
-
-
-Detector = Callable[[Log, int], Intervals]  # the rests of a log, at least so many
-
-# What these bounds let pass and catch of 570 bad logs is
-# held by tests/imu/multiposition/test_faults.py.
-_BETTER = 1.5  # times less scatter; undoing the jumps of a sound log makes it worse
-_VANISHES = 4.0  # times less scatter; leaving out a part of a slow drift halves it
-_CHANCE = 1e-6  # of a cut or a step as good in a clean log; its root where the
-# chi-square has a chance as small, `BEYOND`
-_UNUSED = 15.0  # s without a rest, long enough for several of another unit
-_SEVERAL = 3  # rests that agree on another unit
-_MANY = 6  # rests all over a sphere: their spread is its radius within a factor of two
-_FAR_UNIT = 2.0  # of that spread, off from it
-_OTHER_UNIT = 0.3  # of gravity, off from it: readings in motion average to 5 %
-
-
-def wrapped(log: Log, misfit: float, g: float, detect: Detector) -> str | None:
+def wrapped(case: Case) -> str | None:
     """An axis whose readings leave at one end of a range and return at the other."""
-    samples = log.accelerometer
+    log, samples = case.log, case.log.accelerometer
     steps = np.diff(samples, axis=0)
     span = np.ptp(samples, axis=0)
     jumps = np.abs(steps) > 0.5 * span
@@ -281,17 +415,17 @@ def wrapped(log: Log, misfit: float, g: float, detect: Detector) -> str | None:
     try:
         periods = _periods(samples, widest)
         undone = [samples + turns * period for period in periods]
-        intervals = detect(replace(log, accelerometer=undone[0]), PARAMETERS)
+        intervals = case.detect(replace(log, accelerometer=undone[0]), PARAMETERS)
         means = np.array([interval_means(part, intervals) for part in undone])
-        fits = calibrate(means, g, covariance=False, repeats=True)
+        fits = calibrate(means, case.g, covariance=False, repeats=True)
     except SimvalError:
         return None
     laps = np.array([np.median(turns[a:b], axis=0) for a, b in intervals])
     if not np.ptp(laps, axis=0).any():
         return None  # spikes: all rests are on one lap
-    residual = np.where(fits.converged, fits.rms / g, np.inf)
+    residual = np.where(fits.converged, fits.rms / case.g, np.inf)
     best = int(np.argmin(residual))
-    if not (residual[best] < MISFIT and residual[best] * _BETTER < misfit):
+    if not (residual[best] < MISFIT and residual[best] * _BETTER < case.misfit):
         return None
     axis = int(suspects[np.argmax(jumps.sum(axis=0)[suspects])])
     row = int(np.argmax(jumps[:, axis]))
@@ -316,7 +450,7 @@ def _periods(samples: Array, span: float) -> Array:
     return span * np.linspace(1.0, 1.1, 41)
 
 
-def flipped(rests: Rests, g: float, chi2: float = np.nan) -> str | None:
+def flipped(case: Case) -> str | None:
     """A time from which some axes have the other sign.
 
     Turning the signs back leaves as many parameters. By noise of unknown size the
@@ -324,22 +458,26 @@ def flipped(rests: Rests, g: float, chi2: float = np.nan) -> str | None:
     in a clean log to R times with a chance of at most 1/R (Markov), times the number
     of cuts and sets of axes tried. It must leave no more than the noise, or vanish.
     """
-    means, dof = rests.means, len(rests.means) - PARAMETERS
-    if dof < 1 or (np.isfinite(chi2) and not beyond_noise(chi2, dof)):
+    means, dof, chi2 = case.means, case.dof, case.chi2
+    if dof < 1 or (np.isfinite(chi2) and not _beyond_noise(chi2, dof)):
         return None
     signs = 1.0 - 2.0 * np.array(list(np.ndindex(2, 2, 2))[1:])
     cuts = np.arange(1, len(means))
     later = np.arange(len(means)) >= cuts[:, None]
     turned = np.where(later[:, None, :, None], signs[:, None, :], 1.0)
-    middle = _middle(rests.log.accelerometer)
+    middle, samples = 0.0, case.log.accelerometer
+    if samples.min() >= 0.0 and np.all(samples == np.round(samples)):
+        # unsigned counts turn about the middle of their range
+        middle = float(2.0 ** (np.ceil(np.log2(float(samples.max()) + 1.0)) - 1.0))
     undone = middle + (turned * (means - middle)).reshape(-1, len(means), 3)
     try:
         fits = calibrate(
-            np.concatenate([undone, means[None]]), g, covariance=False, repeats=True
-        )
+            np.concatenate([undone, means[None]]), case.g, covariance=False,
+            repeats=True,
+        )  # fmt: skip
     except SimvalError:
         return None
-    residual = np.where(fits.converged, np.minimum(fits.rms / g, 1.0), 1.0)
+    residual = np.where(fits.converged, np.minimum(fits.rms / case.g, 1.0), 1.0)
     best = int(np.argmin(residual[:-1]))
     if not 0.0 < residual[best] < MISFIT:
         return None
@@ -352,29 +490,21 @@ def flipped(rests: Rests, g: float, chi2: float = np.nan) -> str | None:
     cut, which = divmod(best, len(signs))
     axes = " and ".join(AXES[k] for k in np.flatnonzero(signs[which] < 0.0))
     return (
-        f"axis {axes} changed sign between the rest {rests.span(cut)} and the one "
-        f"{rests.span(cut + 1)}: with the sign turned back the rests scatter "
+        f"axis {axes} changed sign between the rest {case.span(cut)} and the one "
+        f"{case.span(cut + 1)}: with the sign turned back the rests scatter "
         f"{drop:.3g} times less (wiring, driver, order of the axes); turn it "
         "back, or cut the log there and calibrate one part"
     )
 
 
-def _middle(samples: Array) -> float:
-    # what a sign turns about: 0, or the middle of the range of unsigned counts
-    top = float(samples.max())
-    if samples.min() >= 0.0 and np.all(samples == np.round(samples)):
-        return float(2.0 ** (np.ceil(np.log2(top + 1.0)) - 1.0))
-    return 0.0
-
-
-def changed(rests: Rests) -> str | None:
+def changed(case: Case) -> str | None:
     """A time from which the rests lie on another ellipsoid."""
-    cut = find_break(rests.means)
+    cut = find_break(case.means)
     if cut is None or not (cut.chance <= _CHANCE and cut.drop >= _VANISHES):
         return None
-    if _a_few_explain_it(rests, cut.scatter):
+    if _a_few_explain_it(case, cut.scatter):
         return None
-    earlier, later = rests.span(cut.index - 1), rests.span(cut.index)
+    earlier, later = case.span(cut.index - 1), case.span(cut.index)
     return (
         f"the rests up to the one {earlier} and those since the one {later} do not lie "
         f"on one ellipsoid; the {cut.what} ones alone "
@@ -384,7 +514,7 @@ def changed(rests: Rests) -> str | None:
     )
 
 
-def stepped(rests: Rests, chi2: float = np.nan) -> str | None:
+def stepped(case: Case) -> str | None:
     """A time at which biases or scales change, for too few rests to be cut in two.
 
     In white noise the share of the residuals that a step explains does not depend on
@@ -392,10 +522,10 @@ def stepped(rests: Rests, chi2: float = np.nan) -> str | None:
     leaves no more than the noise is refused whatever its own chance: a dozen rests do
     not tell it from moved holds, after which the answer would still be right.
     """
-    known, dof = bool(np.isfinite(chi2)), len(rests.means) - PARAMETERS
-    if known and not beyond_noise(chi2, dof):
+    chi2, known = case.chi2, bool(np.isfinite(case.chi2))
+    if known and not _beyond_noise(chi2, case.dof):
         return None
-    step = find_step(rests.means)
+    step = find_step(case.means)
     if step is None or step.drop < _VANISHES:
         return None
     healed = (
@@ -404,9 +534,9 @@ def stepped(rests: Rests, chi2: float = np.nan) -> str | None:
     )
     if not (step.chance <= (BEYOND if known else _CHANCE) or healed):
         return None
-    if _a_few_explain_it(rests, step.scatter):
+    if _a_few_explain_it(case, step.scatter):
         return None
-    earlier, later = rests.span(step.index - 1), rests.span(step.index)
+    earlier, later = case.span(step.index - 1), case.span(step.index)
     changed, advice = (
         ("changed", "cut the log there and calibrate one part, or record again")
         if step.chance <= BEYOND
@@ -417,32 +547,32 @@ def stepped(rests: Rests, chi2: float = np.nan) -> str | None:
     )
     return (
         f"{step.what} {changed} between the rest {earlier} and the one {later}: with "
-        f"such a step the {len(rests.means)} rests scatter {step.drop:.3g} times less "
+        f"such a step the {len(case.means)} rests scatter {step.drop:.3g} times less "
         f"(range setting, cable, shock, temperature); {advice}"
     )
 
 
-def beyond_noise(chi2: float, dof: int) -> bool:
+def _beyond_noise(chi2: float, dof: int) -> bool:
     """Return whether white noise exceeds such a chi-square in under 1 of 1000 logs."""
     return chi_square_chance(chi2 * dof, dof) < BEYOND
 
 
-def _a_few_explain_it(rests: Rests, scatter: float) -> bool:
+def _a_few_explain_it(case: Case, scatter: float) -> bool:
     # without its outliers the log scatters no more than a cut or a step would leave
-    outliers = find_outliers(rests.means)
+    outliers = find_outliers(case.means)
     if not outliers.flagged.any():
         return False
     others = outliers.distance[~outliers.flagged]
     return bool(np.sqrt(np.sum(others**2) / max(outliers.dof, 1)) < 2.0 * scatter)
 
 
-def other_unit(rests: Rests, fit: FitResult | None, detect: Detector) -> str | None:
+def other_unit(case: Case) -> str | None:
     """A long stretch whose rests were left out because they read another gravity."""
-    log = rests.log
-    if len(rests.means) < _SEVERAL:
+    log = case.log
+    if len(case.means) < _SEVERAL:
         return None
-    several, off = (_SEVERAL, _OTHER_UNIT) if fit else (_MANY, _FAR_UNIT)
-    edges = np.concatenate([[0], rests.intervals.ravel(), [len(log.time)]])
+    several, off = (_SEVERAL, _OTHER_UNIT) if case.fit else (_MANY, _FAR_UNIT)
+    edges = np.concatenate([[0], case.intervals.ravel(), [len(log.time)]])
     for start, stop in edges.reshape(-1, 2):
         if log.time[stop - 1] - log.time[min(start, stop - 1)] < _UNUSED:
             continue
@@ -453,13 +583,13 @@ def other_unit(rests: Rests, fit: FitResult | None, detect: Detector) -> str | N
             gyro=None,
         )
         try:
-            inside = interval_means(part.accelerometer, detect(part, _SEVERAL))
+            inside = interval_means(part.accelerometer, case.detect(part, _SEVERAL))
         except SimvalError:
             continue  # no rests there: motion
-        typical = _gravity(inside, rests.means, fit) if len(inside) >= several else 1.0
+        typical = _gravity(inside, case) if len(inside) >= several else 1.0
         if abs(np.log(typical)) > np.log1p(off):
             return (
-                f"{len(inside)} rests {rests.rows(start, stop)} read "
+                f"{len(inside)} rests {case.rows(start, stop)} read "
                 f"{typical:.3g} times the gravity of the others, on x, y and z: the "
                 "unit or the range changed; bring all rows to one unit, or calibrate "
                 "the parts by themselves"
@@ -467,12 +597,152 @@ def other_unit(rests: Rests, fit: FitResult | None, detect: Detector) -> str | N
     return None
 
 
-def _gravity(
-    inside: Float[Array, "m 3"], others: Float[Array, "k 3"], fit: FitResult | None
-) -> float:
+def _gravity(inside: Float[Array, "m 3"], case: Case) -> float:
     # of some rests over that of the others
-    if fit is not None:
-        length = np.linalg.norm(fit.sensor().correct(inside), axis=-1) / fit.g
-        return float(np.median(length))
-    radii = [np.sqrt(np.sum(np.var(part, axis=0))) for part in (inside, others)]
+    if case.fit is not None:
+        force = case.fit.sensor().correct(inside)
+        return float(np.median(np.linalg.norm(force, axis=-1) / case.fit.g))
+    radii = [np.sqrt(np.sum(np.var(part, axis=0))) for part in (inside, case.means)]
     return float(max(radii[0], np.finfo(float).tiny) / radii[1])
+
+
+def outlying(case: Case) -> str | None:
+    """Rests that are off the ellipsoid of the others, which calibrate without them."""
+    outliers = find_outliers(case.means)
+    if not outliers.flagged.any():
+        return None
+    try:
+        calibrate(case.means[~outliers.flagged], case.g).require_converged()
+    except SimvalError:
+        return None
+    named = [
+        f"{k} {case.span(int(k))} ({abs(outliers.standardized[k]):.3g} standard "
+        "deviations off)"
+        for k in np.flatnonzero(outliers.flagged)
+    ]
+    it, hold = ("it", "that hold") if len(named) == 1 else ("them", "those holds")
+    return (
+        f"{_off(named)}, and without {it} the others calibrate; look at {hold}, cut "
+        f"{it} out of the log and calibrate again"
+    )
+
+
+def _off(named: list[str]) -> str:
+    verb = "does" if len(named) == 1 else "do"
+    return f"rest {', rest '.join(named)} {verb} not lie on the ellipsoid of the others"
+
+
+def undecided(case: Case) -> str | None:
+    """Residuals beyond the noise, of too few rests to name what they show."""
+    if case.dof >= _TELLING or not _beyond_noise(case.chi2, case.dof):
+        return None
+    return (
+        f"the residuals of {len(case.means)} rests are {np.sqrt(case.chi2):.1f} "
+        "times what their noise explains, and so few rests do not tell a hold that "
+        "moved from a sensor that changed, which would make every number wrong; "
+        f"record at least {PARAMETERS + _TELLING} rests, better 20"
+    )
+
+
+def no_gravity(case: Case) -> str | None:
+    """Residuals that are too large, or may come from a scatter that is."""
+    assert case.diagnosis is not None
+    misfit = possible = case.misfit
+    if _beyond_noise(case.chi2, case.dof):
+        least = scipy.special.chdtri(case.dof, 1.0 - _RARELY)
+        possible *= np.sqrt(len(case.means) / least)
+    if max(misfit, possible) <= MISFIT:
+        return None
+    named = [f"{k} {case.span(k)}" for k in case.diagnosis.outliers]
+    farthest = int(np.argmax(np.abs(case.diagnosis.distance)))
+    what = (
+        f"{_off(named)}; cut {'it' if len(named) == 1 else 'them'} out of the log and "
+        "calibrate again"
+        if named
+        else "check axes, units, wiring and range, and hold the sensor still; the rest "
+        f"that is farthest off is the one {case.span(farthest)}"
+    )
+    return (
+        f"the rests miss gravity by {100.0 * misfit:.2g} % (root mean square), with so "
+        f"many rests {100.0 * possible:.2g} % may be behind it, and at most "
+        f"{100.0 * MISFIT:g} % is accepted: these are not readings of gravity on "
+        f"three axes; {what}"
+    )
+
+
+SIGNS = (
+    constant_axis, zero_rows, frozen, spikes, repeated, flipped, flat_axis, wrapped,
+    other_unit, changed, stepped, undecided, no_gravity,
+)  # fmt: skip
+"""Checks of a log that calibrates, the quick and plain ones first."""
+
+CAUSES_WITHOUT_RESTS = (constant_axis, zero_rows, wrapped)
+CAUSES_OF_SATURATION = (*CAUSES_WITHOUT_RESTS, frozen)
+CAUSES = (
+    *CAUSES_OF_SATURATION, repeated, flat_axis, other_unit, flipped, changed, stepped,
+    outlying,
+)  # fmt: skip
+"""Checks of a log that was refused."""
+
+
+# The sensors beside the accelerometer
+
+
+def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
+    """Refuse an axis that shows one value, and one that stays at the end of its range.
+
+    Raises
+    ------
+    RefusedError
+        Naming the axis, and where.
+    """
+    least = int(np.ceil(RAIL * rows_to_a_reading(samples)))
+    for axis, column in zip(AXES, samples.T, strict=True):
+        if np.ptp(column) == 0.0:
+            msg = (
+                f"{log.path}: axis {axis} of the {name} shows {column[0]:g} in every "
+                "row; look at its cable and its settings"
+            )
+            raise RefusedError(msg)
+        for sign in (1.0, -1.0):
+            start, length = rail(sign * column, least)
+            if length:
+                msg = (
+                    f"{log.path}: axis {axis} of the {name} stays at "
+                    f"{column[start]:g} for {length} rows from {log.time[start]:.2f} "
+                    "s: that is the end of its range, and what lies beyond is not "
+                    "known; turn more slowly, or widen the range"
+                )
+                raise SaturatedError(msg)
+
+
+def rail(column: Float[Array, " n"], least: int = RAIL) -> tuple[int, int]:
+    """Start and length of the longest stay at the greatest reading; length 0: none."""
+    top = float(column.max())
+    edges = np.flatnonzero(np.diff(np.r_[0, column == top, 0]))
+    starts, stops = edges[::2], edges[1::2]
+    step = float(np.diff(np.unique(column)).min())
+    walled = np.pad(column, 1, constant_values=-np.inf)  # a log may begin at a rail
+    kinked = np.maximum(walled[starts], walled[stops + 1]) < top - KINK * step
+    lengths = np.where(kinked, stops - starts, 0)
+    k = int(np.argmax(lengths))
+    return (int(starts[k]), int(lengths[k])) if lengths[k] >= least else (0, 0)
+
+
+def require_one_unit(log: Log, name: str, M: Float[Array, "3 3"]) -> None:
+    """Refuse three axes whose scales differ as units do.
+
+    Raises
+    ------
+    RefusedError
+        With the ratio.
+    """
+    scales = np.linalg.norm(M, axis=0)
+    ratio = float(scales.max() / scales.min())
+    if not ratio < SAME_UNIT:
+        low, high = AXES[int(scales.argmin())], AXES[int(scales.argmax())]
+        msg = (
+            f"{log.path}: a unit of axis {high} of the {name} is {ratio:.3g} times one "
+            f"of axis {low}; write all three axes in the same unit"
+        )
+        raise RefusedError(msg)

@@ -1,14 +1,10 @@
-"""Noise of a log: of single readings, and of the means of its rests.
-
-**What noise leaves in the mean of a rest of a magnetometer.**
-
-A magnetometer is often slower than its log: its own readings are what counts.
-"""
+"""Noise of a log: of single readings, and of the means of its rests."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 
@@ -16,11 +12,11 @@ from simval.arrays import Array, ReadOnly, frozen, positive_number
 from simval.errors import InputError, RefusedError
 from simval.imu.logs import Log
 from simval.imu.multiposition.rests import find_rests
-from simval.imu.noise import AxisNoise, NoiseFile, load_noise
+from simval.imu.noise import AxisNoise, NoiseFile, load_noise, noise_of
 from simval.imu.noise.fit import noise_of_readings, rows_to_a_reading
 from simval.imu.noise.model import LEAST_ROWS
 from simval.imu.sensor import AccelerometerModel
-from simval.imu.statics import WINDOWS, Intervals, interval_means
+from simval.imu.statics import WINDOWS, Intervals, interval_counts, interval_means
 from simval.shapes import Float
 
 MISSING = 0.01  # share of rows lost beyond which averages are over other times
@@ -97,15 +93,13 @@ def log_noise(
     RefusedError
         If there is no rest, it is too short, or rows are missing in it.
     """
-    from simval.imu.noise import noise_of
-
-    intervals = _rests(log, rest)
-    start, stop, how = _still(log, rest, intervals)
+    start, stop, how, intervals = _still(log, rest)
     require_even(log, start, stop)
     rows = log.accelerometer[start:stop]
+    mean = rows.mean(axis=0, keepdims=True)
     if log.gyro is not None:
         rows = np.concatenate([rows, log.gyro[start:stop]], axis=1)
-    found = noise_of(rows, log.rate, increments=increments)
+    axes = noise_of(rows, log.rate, increments=increments)
     compass: tuple[AxisNoise, ...] = ()
     left_out = {}
     if log.magnetometer is not None:
@@ -118,17 +112,41 @@ def log_noise(
         stop=stop,
         seconds=float(log.time[stop - 1] - log.time[start]),
         how=how,
-        accelerometer=found[:3],
-        gyro=found[3:],
+        accelerometer=axes[:3],
+        gyro=axes[3:],
         magnetometer=compass,
         left_out=left_out,
-        means=np.concatenate(
-            [
-                log.accelerometer[start:stop].mean(axis=0, keepdims=True),
-                interval_means(log.accelerometer, intervals),
-            ]
-        ),
+        means=np.concatenate([mean, interval_means(log.accelerometer, intervals)]),
     )
+
+
+def _still(log: Log, rest: float | None) -> tuple[int, int, str, Intervals]:
+    # rows at rest, where they come from, and all rests that were found
+    intervals = np.empty((0, 2), dtype=np.intp)
+    try:
+        intervals = find_rests(log, rest, 1).best.intervals
+    except RefusedError:
+        if rest is None:
+            raise
+    if rest is not None:  # of such a log there may be no rest to find
+        stop = log.rows_within(rest)
+        how = f"the first {log.time[stop - 1] - log.time[0]:.2f} s, as given"
+        return 0, stop, how, intervals
+    start, stop = _longest(intervals)
+    rows = len(log.time)
+    edge = int(np.ceil(WINDOWS[0] * log.rate))  # the detector's window is not full
+    if start <= edge and rows - stop <= edge:
+        return 0, rows, "the whole log, which is at rest", intervals
+    how = (
+        f"the longest of {len(intervals)} rest(s), from {log.time[start]:.2f} s to "
+        f"{log.time[stop - 1]:.2f} s"
+    )
+    return start, stop, how, intervals
+
+
+def _longest(intervals: Intervals) -> tuple[int, int]:
+    start, stop = intervals[int(np.argmax(intervals[:, 1] - intervals[:, 0]))]
+    return int(start), int(stop)
 
 
 def require_even(log: Log, start: int, stop: int) -> None:
@@ -153,35 +171,6 @@ def require_even(log: Log, start: int, stop: int) -> None:
             "and state the rate (--rate HZ)"
         )
         raise RefusedError(msg)
-
-
-def _rests(log: Log, rest: float | None) -> Intervals:
-    # those that are found; of a log whose rest is stated, there may be none to find
-    try:
-        return find_rests(log, rest, 1).best.intervals
-    except RefusedError:
-        if rest is None:
-            raise
-        return np.empty((0, 2), dtype=np.intp)
-
-
-def _still(log: Log, rest: float | None, intervals: Intervals) -> tuple[int, int, str]:
-    # rows at rest, and where they come from
-    rows = len(log.time)
-    if rest is not None:
-        stop = log.rows_within(rest)
-        return 0, stop, f"the first {log.time[stop - 1] - log.time[0]:.2f} s, as given"
-    lengths = intervals[:, 1] - intervals[:, 0]
-    start, stop = map(int, intervals[int(np.argmax(lengths))])
-    edge = int(np.ceil(WINDOWS[0] * log.rate))  # the detector's window is not full
-    if start <= edge and rows - stop <= edge:
-        return 0, rows, "the whole log, which is at rest"
-    return (
-        start,
-        stop,
-        f"the longest of {len(intervals)} rest(s), from {log.time[start]:.2f} s to "
-        f"{log.time[stop - 1]:.2f} s",
-    )
 
 
 SHOWS = 5.0
@@ -212,86 +201,97 @@ class PoseNoise(ReadOnly):
     words: str
 
 
+def white_noise(
+    samples: Float[Array, "n 3"], intervals: Intervals, block: int = 1
+) -> Float[Array, " m"]:
+    """Standard deviation that white noise leaves in each interval's mean.
+
+    The variance within intervals is pooled over them and over the axes. Rows that come
+    faster than the sensor's band are not independent; their means over blocks are.
+    """
+    counts = interval_counts(intervals) // block
+    parts = [
+        samples[a : a + n * block].reshape(n, block, 3).mean(axis=1)
+        for (a, _), n in zip(intervals, counts, strict=True)
+    ]
+    squares = [part.var(axis=0).mean() * len(part) for part in parts]
+    variance = np.sum(squares) / (np.sum(counts) - len(counts))
+    return np.sqrt(variance / counts)
+
+
 def pose_noise(
     log: Log,
     intervals: Intervals,
-    white: Float[Array, " m"],
+    *,
+    sensor: Literal["accelerometer", "magnetometer"] = "accelerometer",
+    block: int = 1,
     file: NoiseFile | None = None,
 ) -> PoseNoise:
     """Noise of the means of a log's rests: by Allan variance where that is known.
 
+    A magnetometer is often slower than its log: its own readings are what counts, each
+    once, however many rows it stands in.
+
     Raises
     ------
     InputError
-        If the noise file is that of another log's unit.
+        If the noise file is that of another sensor or unit.
     """
-    seconds = (intervals[:, 1] - intervals[:, 0]) / log.rate
-    axes = None if file is None else of_this_unit(file, log, intervals)
-    source = "log" if axes is None else "file"
+    samples = getattr(log, sensor)
+    compass = sensor == "magnetometer"
+    white = white_noise(samples, intervals, block)
+    if compass:
+        white = white * np.sqrt(rows_to_a_reading(samples))
+    axes = () if file is None else getattr(file, sensor)
+    source = "file" if axes else "log"
+    if axes:
+        _require_this_unit(log, samples, intervals, axes, compass)
     try:
-        std = mean_noise(own_noise(log, intervals) if axes is None else axes, seconds)
+        if not axes:
+            start, stop = _telling_rest(log, intervals)
+            measure = noise_of_readings if compass else noise_of
+            axes = measure(samples[start:stop], log.rate)
+        std = mean_noise(axes, (intervals[:, 1] - intervals[:, 0]) / log.rate)
     except RefusedError as refusal:
         words = f"white noise alone: {refusal}; give --noise FILE of a longer one"
         return PoseNoise(std=white, white=white, source="white", words=words)
-    where = "the log's longest rest" if axes is None else "the noise file"
+    where = {"file": "the noise file", "log": "the log's longest rest"}[source]
     words = f"the Allan variance at each rest's length, of {where}"
     return PoseNoise(std=std, white=white, source=source, words=words)
 
 
-def of_this_unit(
-    file: NoiseFile, log: Log, intervals: Intervals
-) -> tuple[AxisNoise, ...]:
-    """Noise of a file, if its readings are in the unit of this log.
-
-    Raises
-    ------
-    InputError
-        If white noise of the two differs by a factor of `OTHER_UNIT` or more.
-    """
-    rows = [log.accelerometer[a:b] for a, b in intervals]
-    here = np.sqrt(np.mean([np.diff(part, axis=0).var(axis=0) for part in rows]) / 2.0)
-    there = np.sqrt(np.mean([axis.variances[0] for axis in file.accelerometer]))
-    require_one_unit(float(here), float(there), f"a row of {log.path}")
-    return file.accelerometer
-
-
-def require_one_unit(here: float, there: float, what: str) -> None:
-    """Refuse a noise file whose noise is not of the size of the log's own.
-
-    Raises
-    ------
-    InputError
-        If the two differ by a factor of `OTHER_UNIT` or more.
-    """
+def _require_this_unit(
+    log: Log,
+    samples: Float[Array, "n 3"],
+    intervals: Intervals,
+    axes: tuple[AxisNoise, ...],
+    compass: bool,
+) -> None:
+    # by the steps from row to row; of a magnetometer, whose neighbouring rows may
+    # repeat, by the spread within rests
+    parts = [samples[a:b] for a, b in intervals]
+    if compass:
+        spread = [part.var(axis=0, ddof=1) for part in parts if len(part) > 1]
+        here = float(np.sqrt(np.median(spread)))
+    else:
+        steps = [np.diff(part, axis=0).var(axis=0) for part in parts]
+        here = float(np.sqrt(np.mean(steps) / 2.0))
+    there = float(np.sqrt(np.mean([axis.variances[0] for axis in axes])))
     if not 1.0 / OTHER_UNIT < here / max(there, 1e-300) < OTHER_UNIT:
+        what = "reading of the magnetometer" if compass else "row"
         msg = (
-            f"{what} has a noise of {here:.3g} in its unit at rest, and the noise file "
-            f"one of {there:.3g}: it is of another sensor, range or unit; measure the "
-            "noise in the unit of the log"
+            f"a {what} of {log.path} has a noise of {here:.3g} in its unit at rest, "
+            f"and the noise file one of {there:.3g}: it is of another sensor, range or "
+            "unit; measure the noise in the unit of the log"
         )
         raise InputError(msg)
 
 
-def own_noise(log: Log, intervals: Intervals) -> tuple[AxisNoise, ...]:
-    """Noise of the accelerometer in the longest of a log's rests."""
-    start, stop = longest_rest(log, intervals)
-    from simval.imu.noise import noise_of  # most rests are too short for it
-
-    return noise_of(log.accelerometer[start:stop], log.rate)
-
-
-def longest_rest(log: Log, intervals: Intervals) -> tuple[int, int]:
-    """First and last but one row of the longest of a log's rests.
-
-    Raises
-    ------
-    RefusedError
-        If that rest is too short to show what the others' means scatter by: five times
-        their median length shows it.
-    """
-    lengths = intervals[:, 1] - intervals[:, 0]
-    start, stop = map(int, intervals[int(np.argmax(lengths))])
-    least = max(LEAST_ROWS, int(np.ceil(SHOWS * np.median(lengths))))
+def _telling_rest(log: Log, intervals: Intervals) -> tuple[int, int]:
+    # rows of the longest rest, if it shows what the means of the others scatter by
+    start, stop = _longest(intervals)
+    median = np.median(intervals[:, 1] - intervals[:, 0])
+    least = max(LEAST_ROWS, int(np.ceil(SHOWS * median)))
     if stop - start < least:
         msg = (
             f"the longest rest, {(stop - start) / log.rate:.3g} s, is shorter than "
@@ -330,54 +330,6 @@ def _variances(axis: AxisNoise, seconds: Float[Array, " m"]) -> Float[Array, " m
             [axis.variance_at(t) for t in np.clip(seconds, axis.seconds[0], measured)],
         )
     return np.array([axis.variance_at(float(t)) for t in seconds])
-
-
-def compass_pose_noise(
-    log: Log,
-    samples: Float[Array, "n 3"],
-    intervals: Intervals,
-    white: Float[Array, " m"],
-    file: NoiseFile | None = None,
-) -> PoseNoise:
-    """Noise of the means of a magnetometer's rests, by Allan variance where known.
-
-    White noise of rows counts each reading once, however many rows it stands in.
-
-    Raises
-    ------
-    InputError
-        If the noise file is that of another magnetometer's unit.
-    """
-    white = white * np.sqrt(rows_to_a_reading(samples))
-    seconds = (intervals[:, 1] - intervals[:, 0]) / log.rate
-    axes = () if file is None else file.magnetometer
-    if axes:
-        _require_this_unit(log, samples, intervals, axes)
-    source = "file" if axes else "log"
-    try:
-        if not axes:
-            start, stop = longest_rest(log, intervals)
-            axes = noise_of_readings(samples[start:stop], log.rate)
-        std = mean_noise(axes, seconds)
-    except RefusedError as refusal:
-        words = f"white noise alone: {refusal}; give --noise FILE of a longer one"
-        return PoseNoise(std=white, white=white, source="white", words=words)
-    where = "the noise file" if source == "file" else "the log's longest rest"
-    words = f"the Allan variance at each rest's length, of {where}"
-    return PoseNoise(std=std, white=white, source=source, words=words)
-
-
-def _require_this_unit(
-    log: Log,
-    samples: Float[Array, "n 3"],
-    intervals: Intervals,
-    axes: tuple[AxisNoise, ...],
-) -> None:
-    # by the spread of the readings within rests, as neighbouring rows may repeat
-    spread = [samples[a:b].var(axis=0, ddof=1) for a, b in intervals if b - a > 1]
-    here = float(np.sqrt(np.median(spread)))
-    there = float(np.sqrt(np.mean([axis.variances[0] for axis in axes])))
-    require_one_unit(here, there, f"a reading of the magnetometer of {log.path}")
 
 
 FARTHEST = 2.0  # times the longest average: so far the fitted model is believed

@@ -12,13 +12,9 @@ and its error bars are too small (`docs/decisions/0055-threshold-without-residua
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import chain
 from typing import NamedTuple
 
-import numpy as np
-
-from simval.arrays import Array
 from simval.errors import RefusedError
 from simval.imu.logs import Log
 from simval.imu.statics import (
@@ -29,17 +25,15 @@ from simval.imu.statics import (
     Intervals,
     Rest,
     evened,
-    interval_means,
     still_parts,
 )
 from simval.poses import PARAMETERS
-from simval.shapes import Float
 
 MULTIPLIERS = tuple(map(float, range(2, 11)))  # those that IMU-TK tries
 
 
 class Level(NamedTuple):
-    """What one threshold makes of a log."""
+    """The rests of a log by one threshold."""
 
     multiplier: float  # of the variance of the initial rest
     intervals: Intervals
@@ -48,7 +42,7 @@ class Level(NamedTuple):
 
 
 class Detection(NamedTuple):
-    """What the detector makes of a log."""
+    """The rests of a log by every threshold that agrees on their number."""
 
     block: int  # rows that the detector takes together
     initial: Rest
@@ -104,11 +98,11 @@ def _level(
         return Level(multiplier, intervals, (), enough=True)
     kept, cuts = still_parts(evened(log.time, log.gyro, window), intervals)
     enough = len(kept) >= least
-    said = tuple(_said(log, cut, used=enough) for cut in cuts)
-    return Level(multiplier, kept if enough else intervals, said, enough=enough)
+    words = tuple(_cut_words(log, cut, used=enough) for cut in cuts)
+    return Level(multiplier, kept if enough else intervals, words, enough=enough)
 
 
-def _said(log: Log, cut: Cut, *, used: bool) -> str:
+def _cut_words(log: Log, cut: Cut, *, used: bool) -> str:
     first, last = log.time[cut.rest[0]], log.time[cut.rest[1] - 1]
     still, done = "too little of it is still", "left out" if used else "kept whole"
     if cut.kept is not None:
@@ -150,47 +144,4 @@ def _too_few(most: int) -> RefusedError:
         f"{PARAMETERS} or more, each from a rest of two seconds or longer; hold the "
         "sensor still in more poses, or state the initial rest (--rest SECONDS) if it "
         "was found wrongly"
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Rests:
-    """The rests of a log, and what the checks of its health need of them."""
-
-    log: Log
-    intervals: Intervals  # samples start <= k < stop of each rest
-    means: Float[Array, "m 3"]  # mean reading of each, raw units
-    # median standard deviation within a rest, each axis, raw units
-    noise: Float[Array, "3"]
-    # median share of readings equal to the one before, each axis; small where the
-    # noise is a step of the converter or more
-    same: Float[Array, "3"]
-    # share of rows equal to the one before that nine rests of ten stay below
-    same_rows: float
-
-    def span(self, rest: int) -> str:
-        """Say when a rest was."""
-        return self.rows(*self.intervals[rest])
-
-    def rows(self, start: int, stop: int) -> str:
-        """Say when rows were."""
-        time = self.log.time
-        return f"from {time[start]:.2f} s to {time[stop - 1]:.2f} s"
-
-
-def rests_of(log: Log, intervals: Intervals) -> Rests:
-    """Gather what the checks need."""
-    samples = log.accelerometer
-    parts = [samples[start:stop] for start, stop in intervals]
-    spread = np.array([part.std(axis=0) for part in parts]).reshape(-1, 3)
-    equal = [np.diff(part, axis=0) == 0.0 for part in parts]
-    same = np.array([part.mean(axis=0) for part in equal]).reshape(-1, 3)
-    rows = np.array([part.all(axis=1).mean() for part in equal])
-    return Rests(
-        log=log,
-        intervals=intervals,
-        means=interval_means(samples, intervals),
-        noise=np.median(spread, axis=0) if parts else np.full(3, np.nan),
-        same=np.median(same, axis=0) if parts else np.ones(3),
-        same_rows=float(np.quantile(rows, 0.9)) if parts else 1.0,
     )

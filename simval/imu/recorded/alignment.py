@@ -38,7 +38,7 @@ from simval.arrays import Array, frozen
 from simval.errors import GeometryError, RefusedError
 from simval.geometry import cross_matrix
 from simval.imu.logs import Log, Truth
-from simval.imu.multiposition.log_units import accelerometer_scale, gyro_scale
+from simval.imu.multiposition.log_units import scale_of
 from simval.imu.recorded.attitudes import (
     STRETCH,
     Attitudes,
@@ -616,10 +616,9 @@ def prepared(
 ) -> tuple[Signals, Alignment | None]:
     """Readings in SI units, and the truth aligned with them."""
     rests = rests_of_log(log)
-    accelerometer = accelerometer_scale(
-        log, interval_means(log.accelerometer, rests), units[0]
-    )
-    gyro = gyro_scale(log, units[1])
+    means = interval_means(log.accelerometer, rests)
+    accelerometer = scale_of(log, "accelerometer", units[0], means)
+    gyro = scale_of(log, "gyro", units[1])
     found = signals(
         log,
         rests,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from simval.imu.logs import Log, Truth
-from simval.imu.multiposition.objects import log_object
+from simval.imu.multiposition.description import log_object
 from simval.imu.recorded import Alignment, Evaluation
 from simval.imu.recorded.alignment import polar
 from simval.imu.recorded.errors import Consistency, Measured, Rms

@@ -19,8 +19,12 @@ from simval.imu.calibrate import load_calibration
 from simval.imu.calibrate.estimate import G_NAMES
 from simval.imu.logs import Log, read_log
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
-from simval.imu.multiposition.description import honest, judgements
-from simval.imu.multiposition.objects import as_object, sensors_object
+from simval.imu.multiposition.description import (
+    as_object,
+    honest,
+    judgements,
+    sensors_object,
+)
 from simval.imu.sensor import AccelerometerModel, forms, load_imu, read_imu
 from simval.poses import fibonacci_sphere
 from simval.report import render_calibration

@@ -18,7 +18,7 @@ from hypothesis.extra.numpy import arrays
 from simval.cli import run
 from simval.cli.options import command_again
 from simval.imu.calibrate import calibrate
-from simval.imu.multiposition import log_units as noise_units
+from simval.imu.multiposition.noise_description import PRINTED
 from simval.imu.recorded.errors import Consistency, Rms
 from simval.imu.sensor import AccelerometerModel, forms
 from simval.poses import fibonacci_sphere
@@ -182,10 +182,10 @@ def test_an_error_bar_is_the_change_of_what_it_corrects(model):
 def test_units_of_noise_are_those_of_the_command(sensor, kind):
     unit = OF_A_DATA_SHEET[sensor][kind]
     further = {
-        re.sub(r"sqrt\((\w+)\)", r"√\1", title)
+        re.sub(r"sqrt\((\w+)\)", r"√\1", each.title)
         .replace("ug", "µg")
-        .replace("deg", "°"): convert(1.0, 1.0)
-        for title, convert in noise_units.printed(sensor, kind).further
+        .replace("deg", "°"): each.of(1.0, 1.0)
+        for each in PRINTED[sensor, kind].further
     }
     further.setdefault("nT/√Hz", 1e3 * further.get("uT/√Hz", 0.0))
     # three products of constants: six roundings

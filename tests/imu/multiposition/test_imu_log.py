@@ -15,8 +15,8 @@ from simval.errors import (
 )
 from simval.imu.logs import Log, read_log
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
-from simval.imu.multiposition.imu import rail, require_alive
-from simval.imu.multiposition.kalibr import kalibr_yaml
+from simval.imu.multiposition.description import kalibr_yaml
+from simval.imu.multiposition.faults import rail, require_alive
 from simval.imu.sensor import load_imu, read_imu
 from simval.report.calibration_page import calibration_page
 from simval.scene import simulate

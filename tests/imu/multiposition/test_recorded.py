@@ -12,7 +12,7 @@ from simval.errors import RefusedError
 from simval.imu.calibrate import calibrate
 from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log
-from simval.imu.multiposition.calibration import white_noise
+from simval.imu.multiposition.noise import white_noise
 from simval.imu.multiposition.rests import MULTIPLIERS
 from simval.imu.statics import (
     initial_rest,

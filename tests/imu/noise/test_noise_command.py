@@ -11,14 +11,14 @@ from written import written
 from simval.errors import RefusedError
 from simval.imu.logs import Log
 from simval.imu.multiposition import calibrate_log
-from simval.imu.multiposition.log_units import DEGREE, FLOOR, printed
 from simval.imu.multiposition.noise import (
     log_noise,
     mean_noise,
-    own_noise,
     pose_noise,
     require_even,
+    white_noise,
 )
+from simval.imu.multiposition.noise_description import DEGREE, FLOOR, PRINTED
 from simval.imu.noise import load_noise, noise_of
 from simval.imu.sensor import NoiseModel
 from simval.poses import fibonacci_sphere
@@ -93,9 +93,7 @@ def test_the_figure(simval, still, tmp_path, kind, starts):
 def test_units_of_data_sheets():
     """One of each, against numbers worked out by hand."""
     further = {
-        (sensor, kind): {
-            title: convert for title, convert in printed(sensor, kind).further
-        }
+        (sensor, kind): {each.title: each.of for each in PRINTED[sensor, kind].further}
         for sensor in ("accelerometer", "gyro")
         for kind in "NBK"
     }
@@ -271,18 +269,20 @@ def test_calibrate_says_which_noise_it_took(simval, still, tmp_path):
 
 def test_the_noise_of_a_pose_is_at_the_length_of_its_rest(long_first):
     intervals = np.array([[0, 2900], [3150, 3350], [3550, 3950]])
-    white = np.full(3, 0.001)
-    found = pose_noise(long_first, intervals, white)
+    found = pose_noise(long_first, intervals)
     axes = noise_of(long_first.accelerometer[:2900], RATE)
     # 29, 2 and 4 seconds at 100 Hz, the model's own variance of each
     expected = [np.mean([a.law(np.array([t]))[0] for a in axes]) for t in (29, 2, 4)]
     np.testing.assert_allclose(found.std**2, expected, rtol=1e-12)
+    white = white_noise(long_first.accelerometer, intervals)
     np.testing.assert_array_equal(found.white, white)
 
 
 def test_too_short_a_rest_says_how_long_it_must_be(long_first):
-    with pytest.raises(RefusedError, match="is shorter than"):
-        own_noise(long_first, np.array([[0, 900], [1000, 1300], [1400, 1700]]))
+    short = np.array([[0, 900], [1000, 1300], [1400, 1700]])
+    found = pose_noise(long_first, short)
+    assert found.source == "white"
+    assert "is shorter than" in found.words
 
 
 def test_plan_takes_the_noise_of_a_file(simval, still, tmp_path):

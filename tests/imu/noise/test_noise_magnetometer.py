@@ -1,6 +1,7 @@
 """A magnetometer's noise: its own readings, its units, its share in a calibration."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,10 +10,9 @@ from written import written
 
 from simval.errors import InputError, RefusedError
 from simval.imu.logs import Log, read_log
-from simval.imu.multiposition.calibration import white_noise
-from simval.imu.multiposition.imu import require_alive
-from simval.imu.multiposition.log_units import FLOOR, printed
-from simval.imu.multiposition.noise import compass_pose_noise, log_noise
+from simval.imu.multiposition.faults import require_alive
+from simval.imu.multiposition.noise import log_noise, pose_noise, white_noise
+from simval.imu.multiposition.noise_description import FLOOR, PRINTED
 from simval.imu.noise import NoiseFile, load_noise, noise_of
 from simval.imu.noise.fit import noise_of_readings, own_readings, rows_to_a_reading
 from simval.imu.sensor import NoiseModel
@@ -236,7 +236,10 @@ def test_a_stated_unit(simval, tmp_path, unit, scale):
 
 def test_units_of_data_sheets():
     """Against numbers worked out by hand, for 100 readings a second."""
-    further = {k: dict(printed("magnetometer", k).further) for k in "NBK"}
+    further = {
+        k: {each.title: each.of for each in PRINTED["magnetometer", k].further}
+        for k in "NBK"
+    }
     # 1e-8 T/sqrt(Hz) is 0.01 uT/sqrt(Hz); its one-sided density is 14.142 nT/sqrt(Hz)
     assert further["N"]["uT/sqrt(Hz)"](1e-8, 100.0) == pytest.approx(0.01)
     one_sided = further["N"]["one-sided nT/sqrt(Hz)"](1e-8, 100.0)
@@ -284,7 +287,7 @@ def test_the_noise_of_a_pose_is_the_scatter_of_means(each, first):
     log, intervals, true = tumble(200, 120, each, first)
     rows = log.magnetometer
     white = white_noise(rows, intervals)
-    found = compass_pose_noise(log, rows, intervals, white)
+    found = pose_noise(log, intervals, sensor="magnetometer")
     assert found.source == ("log" if first else "white")
     means = np.array([rows[a:b].mean(axis=0) for a, b in intervals])
     z = ((means - true) / found.std[:, None])[1:]
@@ -307,14 +310,17 @@ def test_a_noise_file_is_taken_and_one_of_another_unit_refused():
     file = NoiseFile(
         accelerometer=force, si_per_raw=None, gravity_raw=1.0, magnetometer=axes
     )
-    found = compass_pose_noise(log, rows, intervals, white, file)
+    of = "magnetometer"
+    found = pose_noise(log, intervals, sensor=of, file=file)
     assert found.source == "file"
     # both are white: N/sqrt(t), N known to 1 % in either, flicker and walk above it
     np.testing.assert_allclose(found.std, white, rtol=0.15)
     without = NoiseFile(accelerometer=force, si_per_raw=None, gravity_raw=1.0)
-    assert compass_pose_noise(log, rows, intervals, white, without).source == "white"
+    assert pose_noise(log, intervals, sensor=of, file=without).source == "white"
     with pytest.raises(InputError, match="of another sensor, range or unit"):
-        compass_pose_noise(log, 1e3 * rows, intervals, white, file)
+        pose_noise(
+            replace(log, magnetometer=1e3 * rows), intervals, sensor=of, file=file
+        )
 
 
 def test_a_slow_magnetometer_is_not_saturated():

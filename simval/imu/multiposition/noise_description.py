@@ -1,23 +1,94 @@
 """The noise of a log, in lines for people and as JSON values."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from simval.imu.logs import Log
-from simval.imu.multiposition.log_units import (
-    Scale,
-    printed,
-)
+from simval.imu.multiposition.description import log_object
+from simval.imu.multiposition.log_units import Scale
 from simval.imu.multiposition.noise import LogNoise
-from simval.imu.multiposition.objects import log_object
 from simval.imu.noise import AxisNoise
 from simval.imu.noise.model import AXES, FORMAT, axis_to_json, largest
 from simval.imu.noise.model import UNITS as RAW
 from simval.text import interval_words
+from simval.units import G0, OF_A_LOG
+from simval.units import RADIANS_PER_DEGREE as DEGREE
 
-SI = {"accelerometer": "m/s^2", "gyro": "rad/s", "magnetometer": "T"}
+
+class Further(NamedTuple):
+    """A further unit of a coefficient: of data sheets, of Kalibr, of single rows."""
+
+    title: str
+    per_si: float
+    rate_power: float = 0.0  # of the rate in Hz that the number goes with
+
+    def of(self, value: float, rate: float) -> float:
+        """Convert a value in SI units."""
+        return value * self.per_si * rate**self.rate_power
+
+
+class Printed(NamedTuple):
+    """Name, SI unit and further units of a coefficient."""
+
+    title: str
+    si: str
+    further: tuple[Further, ...] = ()
+
+
+HOUR: Final = 3600.0
+ROOT_TWO: Final = np.sqrt(2.0)
+FLOOR: Final = np.sqrt(2.0 * np.log(2.0) / np.pi)  # of the Allan deviation, over B
+PRINTED: Final = {
+    ("accelerometer", "N"): Printed("white noise N", "m/s^2/sqrt(Hz)", (
+        Further("ug/sqrt(Hz)", 1e6 / G0),
+        Further("m/s/sqrt(h)", np.sqrt(HOUR)),
+        Further("one-sided ug/sqrt(Hz)", 1e6 * ROOT_TWO / G0),
+        Further("m/s^2 a row", 1.0, 0.5),
+    )),
+    ("accelerometer", "B"): Printed("flicker B", "m/s^2", (
+        Further("ug", 1e6 / G0),
+        Further("floor 0.664 B, ug", 1e6 * FLOOR / G0),
+    )),
+    ("accelerometer", "K"): Printed("random walk K", "m/s^2/sqrt(s)", (
+        Further("ug/sqrt(s)", 1e6 / G0),
+        Further("ug/sqrt(h)", 1e6 * np.sqrt(HOUR) / G0),
+        Further("m/s^2 a row", 1.0, -0.5),
+    )),
+    ("accelerometer", "Q"): Printed("rounding Q", "m/s"),
+    ("gyro", "N"): Printed("white noise N", "rad/s/sqrt(Hz)", (
+        Further("deg/s/sqrt(Hz)", 1.0 / DEGREE),
+        Further("deg/sqrt(h)", np.sqrt(HOUR) / DEGREE),
+        Further("one-sided deg/s/sqrt(Hz)", ROOT_TWO / DEGREE),
+        Further("rad/s a row", 1.0, 0.5),
+    )),
+    ("gyro", "B"): Printed("flicker B", "rad/s", (
+        Further("deg/h", HOUR / DEGREE),
+        Further("floor 0.664 B, deg/h", FLOOR * HOUR / DEGREE),
+    )),
+    ("gyro", "K"): Printed("random walk K", "rad/s/sqrt(s)", (
+        Further("deg/s/sqrt(s)", 1.0 / DEGREE),
+        Further("deg/h/sqrt(h)", HOUR * np.sqrt(HOUR) / DEGREE),
+        Further("rad/s a row", 1.0, -0.5),
+    )),
+    ("gyro", "Q"): Printed("rounding Q", "rad"),
+    ("magnetometer", "N"): Printed("white noise N", "T/sqrt(Hz)", (
+        Further("uT/sqrt(Hz)", 1e6),
+        Further("one-sided nT/sqrt(Hz)", 1e9 * ROOT_TWO),
+        Further("uT a reading", 1e6, 0.5),
+    )),
+    ("magnetometer", "B"): Printed("flicker B", "T", (
+        Further("nT", 1e9),
+        Further("floor 0.664 B, nT", 1e9 * FLOOR),
+    )),
+    ("magnetometer", "K"): Printed("random walk K", "T/sqrt(s)", (
+        Further("nT/sqrt(s)", 1e9),
+        Further("nT/sqrt(h)", 1e9 * np.sqrt(HOUR)),
+        Further("uT a reading", 1e6, -0.5),
+    )),
+}  # fmt: skip
+
 Sensors = dict[str, tuple[tuple[AxisNoise, ...], Scale]]
 KALIBR = {
     ("accelerometer", "N"): "accelerometer_noise_density",
@@ -33,7 +104,7 @@ def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:
     kalibr = list(_kalibr(sensors))
     listed: dict[str, Any] = {
         name: {
-            "si_unit": SI[name],
+            "si_unit": next(iter(OF_A_LOG[name])),
             "si_per_raw": scale.si_per_raw,
             "unit": scale.how,
             "axes": {
@@ -89,35 +160,32 @@ def _table(
     name: str, kind: str, axes: tuple[AxisNoise, ...], si: float | None
 ) -> list[str]:
     # one row for each axis; a bound is printed as a bound
-    how = printed(name, kind)
+    how = PRINTED[name, kind]
     unit = RAW[kind] if si is None else how.si
     further = how.further if si is not None else ()
     scale = 1.0 if si is None else si
+    heads = "".join(f"   {each.title}" for each in further)
     head = f"  {'':4s}{'value':>12s}{'sd':>10s}   {'95 % interval':22s}"
-    lines = [f"{name}, {how.title}, {unit}", head + _heads(further)]
+    lines = [f"{name}, {how.title}, {unit}", head + heads]
     for letter, axis in zip(AXES, axes, strict=True):
-        each = next((c for c in axis.coefficients if c.kind == kind), None)
-        if each is None:
+        found = next((c for c in axis.coefficients if c.kind == kind), None)
+        if found is None:
             lines.append(f"  {letter:4s}{'no model':>12s}")
             continue
-        seen = each.value is not None
-        size = scale * (each.high if each.value is None else each.value)
+        seen = found.value is not None
+        size = scale * (found.high if found.value is None else found.value)
         if not np.isfinite(size):
             lines.append(f"  {letter:4s}{'not seen, and not bounded either':>12s}")
             continue
         mark = "" if seen else "<"
-        cells = [f"{mark}{size:.4g}", f"{scale * each.sd:.2g}" if each.sd else "-"]
-        ends = interval_words(scale * each.low, scale * each.high, 4)
-        extra = "".join(
-            f"{mark + format(convert(size, axis.rate_hz), '.4g'):>{len(title) + 3}s}"
-            for title, convert in further
-        )
+        cells = [f"{mark}{size:.4g}", f"{scale * found.sd:.2g}" if found.sd else "-"]
+        ends = interval_words(scale * found.low, scale * found.high, 4)
+        extra = ""
+        for each in further:
+            number = f"{mark}{each.of(size, axis.rate_hz):.4g}"
+            extra += f"{number:>{len(each.title) + 3}s}"
         lines.append(f"  {letter:4s}{cells[0]:>12s}{cells[1]:>10s}   {ends:22s}{extra}")
     return [line.rstrip() for line in lines]
-
-
-def _heads(further: Any) -> str:
-    return "".join(f"   {title}" for title, _ in further)
 
 
 def _fits(axes: tuple[AxisNoise, ...]) -> list[str]:
