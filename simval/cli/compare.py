@@ -205,7 +205,10 @@ def show(a: Run, b: Run, found: RunComparison, *, every: bool = False) -> None:
 
     lines = [f"A is {origin_of(a).words}", f"B is {origin_of(b).words}"]
     if found.total:
-        lines += [changes_headline(found), *move_lines(found.moves, every)]
+        lines += [
+            changes_headline(found),
+            *move_lines([(move.way, move) for move in found.moves], every),
+        ]
         lines += other_lines(found)
     else:
         lines.append(f"the runs have nothing in common: {shared_words(a, b)}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +15,7 @@ from simval.vocabulary import ALPHA
 if TYPE_CHECKING:
     from rich.table import Table as Printed
 
-    from simval.judge import Trend
+    from simval.judge import Move, Trend
     from simval.report.table import Table
 
 
@@ -64,9 +63,11 @@ def show(trend: Trend, *, every: bool = False) -> None:
     """Print how many values have a step, the runs, and the steps."""
     from rich.console import Console
 
+    from simval.judge.words import move_lines
+
     tell([headline(trend)])
     Console(highlight=False, soft_wrap=True, emoji=False).print(_runs(trend))
-    tell(list(_lines(trend, every)))
+    tell(move_lines([_dated(trend, *each) for each in trend.moves], every))
 
 
 def headline(trend: Trend) -> str:
@@ -103,20 +104,11 @@ def _runs(trend: Trend) -> Printed:
     return table
 
 
-def _lines(trend: Trend, every: bool) -> Iterator[str]:
-    from simval.judge.words import SHOWN, value_line
-
-    moves = trend.moves
-    for run, move in moves if every else moves[:SHOWN]:
-        origin = trend.origins[run]
-        where = "" if origin.label == origin.name else f" ({origin.name})"
-        yield f"{move.way} since {origin.label}{where}: {move.sentence}"
-        for step in move.steps if every else move.steps[:1]:
-            yield f"    {value_line(step)}"
-    hidden = () if every else moves[SHOWN:]
-    if hidden:
-        values = sum(len(move.steps) for _, move in hidden)
-        yield f"... and {len(hidden)} more kinds ({values} values); --all shows them"
+def _dated(trend: Trend, run: int, move: Move) -> tuple[str, Move]:
+    """A move after the way and the commit since when."""
+    origin = trend.origins[run]
+    where = "" if origin.label == origin.name else f" ({origin.name})"
+    return f"{move.way} since {origin.label}{where}", move
 
 
 def values_table(trend: Trend) -> Table:

@@ -99,64 +99,32 @@ def origin_of(run: Run) -> Origin:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Difference:
-    """One statistic in both runs."""
+class Difference(Step):
+    """One statistic in both runs: its step, and the rows that it is between.
 
-    cells: tuple[str, str]  # name of the cell in A and in B
+    The standard error is that of eq. (D1). Theories that the same value is compared
+    with are one difference; `a` and `b` are the rows of the first one.
+    """
+
+    cell_a: str  # name of the cell in A; `cell` is that in B
     a: Row
     b: Row
     # ``changed`` beyond its uncertainty; ``moved`` within it, though the noise was the
     # same, so the algorithm is not; ``same``
     kind: Kind
-    standard_error: float  # of the difference, eq. (D1)
     p_value: float | None  # None where the statistic is deterministic
-    # theories that the same value is compared with; `a` and `b` are the first one's
     predictors: tuple[str, ...]
-    standing: Standing = "neither"  # which way it moved
-    study: str = ""
 
     @property
     def name(self) -> str:
         """Statistic, and the theories it is compared with."""
         theories = "; ".join(p for p in self.predictors if p)
-        return f"{self.a.statistic}{' against ' if theories else ''}{theories}"
-
-    @property
-    def difference(self) -> float:
-        """Value in B minus value in A."""
-        return self.b.value - self.a.value
-
-    @property
-    def sigmas(self) -> float | None:
-        """Difference in standard errors; None for a deterministic statistic."""
-        if not self.standard_error > 0.0:
-            return None
-        return self.difference / self.standard_error
-
-    @property
-    def relative(self) -> float | None:
-        """Difference over the size of A's value; None where that is zero."""
-        return self.difference / abs(self.a.value) if self.a.value else None
+        return f"{self.statistic}{' against ' if theories else ''}{theories}"
 
     @property
     def prediction_changed(self) -> bool:
         """Whether the prediction itself changed."""
         return prediction_changed(self.a, self.b)
-
-    @property
-    def step(self) -> Step:
-        """The same as a step, for `moved`."""
-        return Step(
-            study=self.study,
-            cell=self.cells[1],
-            statistic=self.b.statistic,
-            before=self.a.value,
-            after=self.b.value,
-            error=self.standard_error,
-            moved=self.kind == "changed",
-            standing=self.standing,
-            predictions=(self.a.prediction, self.b.prediction),
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,7 +151,7 @@ class RunComparison:
     @property
     def moves(self) -> tuple[Move, ...]:
         """What changed, by study, kind of statistic and direction, largest first."""
-        return moved(self.steps)
+        return moved(self.differences)
 
     def of(self, kind: Kind) -> tuple[Difference, ...]:
         """Differences of one kind, in order.
@@ -199,11 +167,6 @@ class RunComparison:
             Those.
         """
         return tuple(d for d in self.differences if d.kind == kind)
-
-    @property
-    def steps(self) -> tuple[Step, ...]:
-        """Every common statistic as a step, once whatever theories it is beside."""
-        return tuple(d.step for d in self.differences)
 
     def count(self, standing: Standing) -> int:
         """How many changed this way.
@@ -293,7 +256,7 @@ def _dependencies(run: Run) -> Mapping[str, object]:
 
 def _rank(difference: Difference) -> tuple[int, float, str]:
     kind = {"changed": 0, "moved": 1, "same": 2}[difference.kind]
-    return kind, -difference.step.weight, difference.cells[0]
+    return kind, -difference.weight, difference.cell_a
 
 
 class Pair(NamedTuple):
@@ -373,21 +336,27 @@ def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
         "same",
     ).tolist()
     for i, (old, new, a, b, theories) in enumerate(pairs):
+        both = (a.value, b.value), (a.prediction, b.prediction)
         way: Standing = "neither"
         if kinds[i] == "changed":
             least = EXACT_BOUND * abs(a.value) if isfinite(a.value) else 0.0
             if sampled[i]:
                 least = -float(scipy.special.ndtri(limit[i] / 2.0)) * float(error[i])
-            both = (a.value, b.value), (a.prediction, b.prediction)
             way = standing(loss_change(b.statistic, *both), least)
         yield Difference(
-            cells=(old.name, new.name),
             study=new.study,
+            cell=new.name,
+            statistic=b.statistic,
+            before=a.value,
+            after=b.value,
+            error=float(error[i]),
+            moved=kinds[i] == "changed",
+            standing=way,
+            predictions=both[1],
+            cell_a=old.name,
             a=a,
             b=b,
             kind=kinds[i],
-            standing=way,
-            standard_error=float(error[i]),
             p_value=float(p[i]) if sampled[i] else None,
             predictors=theories,
         )

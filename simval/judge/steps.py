@@ -222,7 +222,7 @@ def moved(steps: Iterable[Step]) -> tuple[Move, ...]:
     Parameters
     ----------
     steps : iterable of Step
-        `RunComparison.steps` of two runs, or `GateResult.steps` of a run
+        `RunComparison.differences` of two runs, or `GateResult.steps` of a run
         and its baseline; those that did not move count among all.
 
     Returns

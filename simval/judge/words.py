@@ -77,15 +77,15 @@ def changes_headline(found: RunComparison) -> str:
     )
 
 
-def move_lines(moves: Sequence[Move], every: bool = False) -> Iterator[str]:
-    """What moved, each with the value that moved most, or with every value."""
-    for move in moves if every else moves[:SHOWN]:
-        yield f"{move.way}: {move.sentence}"
+def move_lines(moves: Sequence[tuple[str, Move]], every: bool = False) -> Iterator[str]:
+    """What moved under its head, with the value that moved most, or with all."""
+    for head, move in moves if every else moves[:SHOWN]:
+        yield f"{head}: {move.sentence}"
         for step in move.steps if every else move.steps[:1]:
             yield f"    {value_line(step)}"
     hidden = () if every else moves[SHOWN:]
     if hidden:
-        values = sum(len(move.steps) for move in hidden)
+        values = sum(len(move.steps) for _, move in hidden)
         yield f"... and {len(hidden)} more kinds ({values} values); --all shows them"
 
 

@@ -135,11 +135,11 @@ def _few_digits(sigmas: float | None) -> float | None:
 def _drawings(a: Run, b: Run, comparison: RunComparison) -> list[Drawing]:
     """One figure for each kind of change: both curves with their bands."""
     cells_a = {cell.name: cell for cell in a.cells}
-    twins = {d.cells[0]: d.cells[1] for d in comparison.differences}
+    twins = {d.cell_a: d.cell for d in comparison.differences}
     drawings: list[Drawing] = []
     seen: set[Key] = set()
     for move, difference in _worst(comparison):
-        cell = cells_a.get(difference.cells[0])
+        cell = cells_a.get(difference.cell_a)
         if cell is None:  # of a large run, whose part is drawn
             continue
         label, old = _group(a, cell)
@@ -159,7 +159,7 @@ def _drawings(a: Run, b: Run, comparison: RunComparison) -> list[Drawing]:
 
 def _worst(comparison: RunComparison) -> Iterator[tuple[Move, Difference]]:
     """Each move with the difference that moved most, the largest first."""
-    known = {(d.cells[1], d.b.statistic): d for d in reversed(comparison.of("changed"))}
+    known = {(d.cell, d.statistic): d for d in reversed(comparison.of("changed"))}
     for move in comparison.moves:
         yield move, known[move.worst.cell, move.worst.statistic]
 
@@ -199,7 +199,7 @@ def _drawing(
             f"{difference.name} ({where}): "
             f"{difference.a.value:.6g} in {runs[0].folder.name}, "
             f"{difference.b.value:.6g} in {runs[1].folder.name} ({size}; cell "
-            f"{difference.cells[1]}). Bars: {z:.2f} standard errors, 95 % for all "
+            f"{difference.cell}). Bars: {z:.2f} standard errors, 95 % for all "
             "points together."
         ),
         alternative=f"{name} of {where} over {axis} in both runs, with their bands",
@@ -262,15 +262,15 @@ def differences_table(comparison: RunComparison) -> Table:
         Column("which way", "answer"): _word,
         Column("standard errors", "number", 3): lambda d: d.sigmas,
         Column("change, %", "number", 3): lambda d: (
-            None if d.relative is None else 100.0 * d.relative
+            100.0 * (d.after - d.before) / abs(d.before) if d.before else None
         ),
         Column("A", "measured"): lambda d: (d.a.value, d.a.standard_error),
         Column("B", "measured"): lambda d: (d.b.value, d.b.standard_error),
         Column("unit", "unit"): lambda d: d.a.unit,
         Column("statistic"): lambda d: str(d.a.statistic),
         Column("against"): lambda d: "; ".join(d.predictors),
-        Column("cell", "code"): lambda d: d.cells[1],
-        Column("B minus A", "measured"): lambda d: (d.difference, d.standard_error),
+        Column("cell", "code"): lambda d: d.cell,
+        Column("B minus A", "measured"): lambda d: (d.after - d.before, d.error),
         Column("p", "number", 2): lambda d: d.p_value,
         Column("prediction"): lambda d: "changed" if d.prediction_changed else "",
     }

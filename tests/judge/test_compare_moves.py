@@ -138,7 +138,7 @@ def test_the_baseline_gives_the_same_moves(tiny_run, tmp_path):
         assert move.cells == move.of >= 1
         assert move.sigmas < 5.0
     # two runs: within the standard errors of independent noise, so no change
-    assert moved(compare_runs(run, worse).steps) == ()
+    assert moved(compare_runs(run, worse).differences) == ()
 
 
 def test_on_the_same_noise_a_bias_within_chance_has_no_direction(tiny_run, tmp_path):
