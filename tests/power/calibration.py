@@ -7,7 +7,7 @@ import numpy as np
 
 from power.fault import Fault, then, told
 from simval.imu.calibrate import equations
-from simval.imu.calibrate.gyroscope import moves
+from simval.imu.calibrate.gyroscope import path_statistics
 from simval.imu.calibrate.magnetometer.calibration import Scaled
 from simval.imu.calibrate.magnetometer.result import DIP
 from simval.imu.calibrate.minimization import Leverage
@@ -294,7 +294,7 @@ def row_lost(original, time, rows, *more, **named):
 
 
 def no_coning(steps):
-    steps[..., moves._A, :] = 0.0
+    steps[..., path_statistics._A, :] = 0.0
     return np.asarray(steps)
 
 
@@ -328,7 +328,7 @@ GYROSCOPE = (
         lambda o, time, *a, **more: o(1.001 * time, *a, **more),
     ),
     turns("one row in twenty repeated", gyroscope, "moves_between", row_lost),
-    turns("coning term lost", moves, "_step", then(no_coning)),
+    turns("coning term lost", path_statistics, "_step", then(no_coning)),
     turns(
         "covariance without the shared poses", equations, "_inverse_root", poses_apart
     ),

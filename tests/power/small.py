@@ -12,7 +12,7 @@ import numpy as np
 from power.calibration import bent, steeper
 from power.fault import Fault, then, told
 from simval.imu.calibrate import equations, evidence
-from simval.imu.calibrate.gyroscope import turn
+from simval.imu.calibrate.gyroscope import rotation
 from simval.imu.calibrate.minimization import Leverage
 from simval.imu.filters import Mekf, mekf
 from simval.imu.sensor import AccelerometerModel, NoiseModel
@@ -258,7 +258,7 @@ CODE = (
         "magnetometer", "calibrator", ONE, equations.Problem, "rests",
         then(lambda rows: (rows[0], off(rows[1], (..., 2, 10)), rows[2])),
     ),
-    smoke("gyroscope", "calibrator", ONE, turn, "map_slopes", scaled(..., 4)),
+    smoke("gyroscope", "calibrator", ONE, rotation, "map_slopes", scaled(..., 4)),
     smoke(
         "filter", "estimator", ONE, mekf, "_transition",
         scaled(..., slice(0, 3), slice(3, 6)),

@@ -7,7 +7,7 @@ import pytest
 from cells import answers, of_family, outcome, rows_of
 from scipy import stats
 
-from simval.imu.calibrate.gyroscope import covariance as spread_module
+from simval.imu.calibrate.gyroscope import residuals as residuals_module
 from simval.statistics import (
     CRAMER_RAO,
     EFFICIENCY,
@@ -202,9 +202,11 @@ def test_it_shows_a_wrong_noise_and_a_wrong_matrix(monkeypatch):
         return abs(row.value - row.prediction) / row.standard_error
 
     outcome.cache_clear()
-    whole, before = spread_module.walk_blocks, gyroscope.Tumble.__init__
+    whole, before = residuals_module.angle_covariance, gyroscope.Tumble.__init__
     with monkeypatch.context() as patch:
-        patch.setattr(spread_module, "walk_blocks", lambda r, c: 0.5 * whole(r, c))
+        patch.setattr(
+            residuals_module, "angle_covariance", lambda r, n: 0.5 * whole(r, n)
+        )
         assert off() > 6.0
 
     def wrong(self, parameters):

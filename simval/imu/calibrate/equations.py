@@ -25,8 +25,8 @@ changes.
 parameters at hand, so it ends where :math:`J^T V^{-1} c = 0`. A step must lower the
 cost under the weights it was made with, or be short beside its error bars; else it is
 damped. A trial ends when its next step is less than `TOLERANCE` of its own error bars,
-or changes no row by more than rounding; it leaves the batch then, so no trial depends
-on its neighbours.
+or changes no row by more than rounding; it leaves the batch then, with its last
+linearisation, so no trial depends on its neighbours.
 """
 
 from collections.abc import Callable
@@ -151,6 +151,31 @@ class Accelerometer(Sensor):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HeldAccelerometer(Accelerometer):
+    """An accelerometer that keeps the parameters of its own fit, and their errors."""
+
+    theta: Float[Array, "t 9"]
+    error: Float[Array, "t 9 x"]  # of theta, by the unit noises of all rests
+
+    size: ClassVar[int] = 0
+
+    def corrected(self, theta: Array) -> Corrected:
+        """The specific force of each rest over gravity."""
+        return Accelerometer.corrected(self, self.theta)
+
+    def equations(self, w: dict[str, Array], theta: Array) -> list[Equation]:
+        """None: they have been used."""
+        return []
+
+    def take(self, trials: Any, rests: Any = slice(None)) -> Self:
+        """Some of the trials; of all rests, whose noise the parameters hold."""
+        return replace(
+            self, readings=self.readings[trials], std=self.std[trials],
+            theta=self.theta[trials], error=self.error[trials],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Magnetometer(Sensor):
     """M row by row and b, on the accelerometer's axes, and the sine of the dip."""
 
@@ -229,6 +254,7 @@ class Problem:
     sensors: tuple[Sensor, ...]
     turns: Turns | None = None
     prior: Prior | None = None
+    weighted: bool = True  # by the noise; else rows of turns count alike
 
     @property
     def accelerometer(self) -> Accelerometer:
@@ -257,7 +283,8 @@ class Problem:
 
     def take(self, trials: Any, rests: Any = slice(None)) -> "Problem":
         """Some of the trials, or of the rests where there are no turns."""
-        return Problem(
+        return replace(
+            self,
             sensors=tuple(each.take(trials, rests) for each in self.sensors),
             turns=None if self.turns is None else self.turns.take(trials),
             prior=None if self.prior is None else self.prior.take(trials),
@@ -293,30 +320,43 @@ class Problem:
         at = self.corrected(theta)
         c, J, L = self.rests(at, theta)
         t, p = theta.shape
+        axes: Array = np.zeros((t, 0, 0))
+        own = whole = axes
         if self.turns is None:
-            white, between = _whitener(L), None
+            white = _whitener(L)
         else:
             between = self.turns.rows(at, theta[:, self.columns[self.turns.name]])
+            axes, own, whole = between.axes, between.V, between.whole
             c, J, L = self._joined(between, c, J, L)
-            noise, own = L.reshape(t, c.shape[1], -1), between.r.shape[1]
-            V = noise @ np.swapaxes(noise, -1, -2)
-            V[:, :own, :own] += between.V
-            white = _inverse_root(V)
+            V = _own_added(L, own)
+            if self.weighted:
+                white = _inverse_root(V)
+            else:
+                scale = np.sqrt(np.einsum("tii->ti", V).mean(axis=1))
+                white = np.eye(V.shape[1]) / scale[:, None, None]
         slopes = (white @ J).reshape(t, -1, p)
         if self.prior is not None:
             slopes = np.concatenate([slopes, self.prior.root], axis=1)
         rows = self._whitened(c, theta, white)
-        return Local(at=at, rows=rows, slopes=slopes, L=L, white=white, between=between)
+        return Local(
+            at=at, rows=rows, slopes=slopes, L=L, white=white, axes=axes, own=own,
+            whole=whole,
+        )  # fmt: skip
 
     def values(self, theta: Float[Array, "t p"], here: "Local") -> Float[Array, "t r"]:
         """The rows at other parameters, by the weights of a linearisation."""
         at = self.corrected(theta)
-        c = np.stack([each.value for _, each in self.equations(at, theta)], axis=-1)
-        if self.turns is not None and here.between is not None:
+        c = self._stacked(self.equations(at, theta), len(theta))
+        if self.turns is not None:
             own = theta[:, self.columns[self.turns.name]]
-            turned = self.turns.values(at, own, here.between.axes)
-            c = np.concatenate([turned, c.reshape(len(c), -1)], axis=1)
+            turned = self.turns.values(at, own, here.axes)
+            c = np.concatenate([turned, c.reshape(len(c), c[0].size)], axis=1)
         return self._whitened(c, theta, here.white)
+
+    def _stacked(self, told: list[Any], trials: int) -> Float[Array, "t n e"]:
+        if not told:
+            return np.zeros((trials, self.sensors[0].readings.shape[1], 0))
+        return np.stack([each.value for _, each in told], axis=-1)
 
     def _whitened(self, c: Array, theta: Array, white: Array) -> Float[Array, "t r"]:
         rows = np.matvec(white, c).reshape(len(theta), -1)
@@ -330,11 +370,13 @@ class Problem:
     ) -> tuple[Array, Array, Array]:
         """Values, derivatives and noise of the equations of each rest, not whitened."""
         told = self.equations(at, theta)
-        c = np.stack([each.value for _, each in told], axis=-1)
+        c = self._stacked(told, len(theta))
         J = np.zeros((*c.shape, theta.shape[1]))
         L = np.zeros((*c.shape, sum(each.std.shape[-1] for each in self.sensors)))
         for name, own in at.items():
             rows = [k for k, (_, each) in enumerate(told) if name in each.by]
+            if not rows:
+                continue
             a = np.stack([told[k][1].by[name] for k in rows], axis=2)
             by_theta, by_noise = own.pull(a)
             first = self.columns[name].start
@@ -357,16 +399,22 @@ class Problem:
         first, each = between.r.shape[1], np.arange(n)
         slopes = np.zeros((t, first + n * e, J.shape[-1]))
         slopes[:, :first, -between.own.shape[-1] :] = between.own  # they come last
-        slopes[:, first:] = J.reshape(t, n * e, -1)
+        slopes[:, first:] = J.reshape(t, n * e, J.shape[-1])
         noise = np.zeros((t, first + n * e, n, m))
         spread = np.zeros((t, n, e, n, m))
         spread[:, each, :, each] = np.moveaxis(L, 1, 0)
         noise[:, first:] = spread.reshape(t, n * e, n, m)
-        for name, (by_theta, by_noise) in between.by.items():
-            start = self.columns[name].start
-            slopes[:, :first, start : start + by_theta.shape[-1]] = by_theta
-            noise[:, :first, :, self.noises[name]] = by_noise
-        rows = np.concatenate([between.r, c.reshape(t, -1)], axis=1)
+        for sensor in self.sensors:
+            if sensor.name not in between.by:
+                continue
+            by_theta, by_noise = between.by[sensor.name]
+            if isinstance(sensor, HeldAccelerometer):
+                by_noise = by_noise + (by_theta @ sensor.error).reshape(by_noise.shape)
+            else:
+                start = self.columns[sensor.name].start
+                slopes[:, :first, start : start + by_theta.shape[-1]] = by_theta
+            noise[:, :first, :, self.noises[sensor.name]] = by_noise
+        rows = np.concatenate([between.r, c.reshape(t, n * e)], axis=1)
         return rows, slopes, noise
 
 
@@ -386,7 +434,11 @@ class Local:
     # rows, (t, r, n, m)
     L: Array
     white: Array  # of each rest, (t, n, e, e), or of all rows with turns, (t, r, r)
-    between: Between | None
+    # of the turns, and empty without: the axes in which vectors are compared, the
+    # covariance of their own noise, and the rows by all that their sensor could have
+    axes: Array
+    own: Float[Array, "t b b"]
+    whole: Float[Array, "t e q"]
 
     @property
     def normal(self) -> Float[Array, "t p p"]:
@@ -409,6 +461,23 @@ class Local:
             pivot = 1.0 / np.einsum("tii->ti", root).max(axis=1) ** 2
         return covariance, np.where(np.isfinite(pivot), pivot, 0.0)
 
+    def sandwich(self) -> tuple[Float[Array, "t p p"], Array, Float[Array, " t"]]:
+        """Covariance of the estimate, its error by unit noises, and chi-square.
+
+        Of rows with turns, whatever their weights.
+        """
+        V = _own_added(self.L, self.own)
+        K = -self.covariance()[0] @ np.swapaxes(self.slopes, -1, -2) @ self.white
+        raw = _solved(self.white, self.rows)
+        root = np.matvec(_inverse_root(V), raw)
+        by_noise = K @ self.L.reshape(*self.L.shape[:2], -1)
+        return K @ V @ np.swapaxes(K, -1, -2), by_noise, np.vecdot(root, root)
+
+    def ended(self, trials: Any, rows: Float[Array, "t r"]) -> dict[str, Array]:
+        """All but the vectors of some trials, the rows as they are at their end."""
+        named = ("slopes", "L", "white", "axes", "own", "whole")
+        return {"rows": rows[trials]} | {k: getattr(self, k)[trials] for k in named}
+
     def step(
         self, rows: Float[Array, "t r"], damping: Float[Array, " t"]
     ) -> Float[Array, "t p"]:
@@ -424,6 +493,14 @@ class Local:
         normal = self.normal
         size = np.sqrt(np.einsum("tii->ti", normal))
         return normal / (size[:, :, None] * size[:, None]), size
+
+
+def _own_added(L: Float[Array, "t r n m"], own: Array) -> Float[Array, "t r r"]:
+    # covariance of rows by unit noises, and of the noise of the first of them
+    noise, first = L.reshape(*L.shape[:2], -1), own.shape[1]
+    V = noise @ np.swapaxes(noise, -1, -2)
+    V[:, :first, :first] += own
+    return V
 
 
 def _whitener(L: Float[Array, "t n e m"]) -> Float[Array, "t n e e"]:
@@ -495,15 +572,16 @@ class Solution:
     iterations: Any  # steps tried, (t,)
     converged: Any  # bool, (t,)
     step: Float[Array, " t"]  # the last, in standard deviations
+    here: Local  # the last linearisation, and the rows a step below `TOLERANCE` before
 
 
 def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> Solution:
-    """Solve the equations of each trial from its own start.
+    """Solve the equations of each trial from its own start; of one that is NaN, none.
 
     With turns a linearisation is kept while steps shrink tenfold, and serves for the
     last time where it is within `FAR` of the end.
     """
-    count = len(theta)
+    count, ends = len(theta), list[tuple[Any, dict[str, Array]]]()
     theta, damping = theta.copy(), np.zeros(count)
     iterations, converged = np.zeros(count, dtype=int), np.zeros(count, dtype=bool)
     last = np.full(count, np.nan)
@@ -525,7 +603,7 @@ def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> Solutio
             better |= np.vecdot(after, after) < here.chi_square
             if part.turns is not None:
                 near = moved <= FAR
-                tried, left = _settled(part, here, tried, after, moved, better)
+                tried, left, after = _settled(part, here, tried, after, moved, better)
                 small |= near & (left <= TOLERANCE)
                 moved = left
             theta[active[better]] = tried[better]
@@ -533,15 +611,29 @@ def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> Solutio
             damping[active] = _next_damping(damping[active], better)
             done = small & (damping[active] == 0.0)
             converged[active[done]] = True
+            if done.any():
+                ends.append((active[done], here.ended(done, after)))
             active = active[~done & (damping[active] < _LAST_DAMPING)]
-    return Solution(theta=theta, iterations=iterations, converged=converged, step=last)
+        others = np.flatnonzero(~converged)
+        if others.size:
+            here = problem.take(others).local(theta[others])
+            ends.append((others, here.ended(slice(None), here.rows)))
+        joined = {k: np.concatenate([end[k] for _, end in ends]) for k in ends[-1][1]}
+        order = np.argsort(np.concatenate([trials for trials, _ in ends]))
+        here = Local(
+            at=problem.corrected(theta), **{k: v[order] for k, v in joined.items()}
+        )
+    return Solution(
+        theta=theta, iterations=iterations, converged=converged, step=last, here=here
+    )
 
 
 def _settled(
     part: Problem, here: Local, theta: Array, rows: Array, moved: Array, better: Any
-) -> tuple[Float[Array, "t p"], Float[Array, " t"]]:
-    # further steps by the same linearisation while they shrink; where, and the last
-    theta, moved = np.array(theta), np.array(moved)
+) -> tuple[Float[Array, "t p"], Float[Array, " t"], Float[Array, "t r"]]:
+    # further steps by the same linearisation while they shrink; where, the last, and
+    # the rows before it
+    theta, moved, before = np.array(theta), np.array(moved), np.array(rows)
     none = np.zeros(len(theta))
     still = better & (moved > TOLERANCE)
     for _ in range(_SHORT):
@@ -549,12 +641,12 @@ def _settled(
         size = np.linalg.norm(np.matvec(here.slopes, step), axis=1)
         still &= size < 0.1 * moved
         theta[still] += step[still]
-        moved[still] = size[still]
+        moved[still], before[still] = size[still], rows[still]
         still &= size > TOLERANCE
         if not still.any():
             break
         rows = part.values(theta, here)
-    return theta, moved
+    return theta, moved, before
 
 
 def _rounding(change: Float[Array, "t r"], white: Array) -> Any:
@@ -570,8 +662,8 @@ def _next_damping(damping: Array, better: Any) -> Float[Array, " t"]:
 
 
 def weighed(
-    problem: Problem, stated: Solution, here: Local, most: int
-) -> tuple[Problem, Solution, Local, NoiseFactors]:
+    problem: Problem, stated: Solution, most: int
+) -> tuple[Problem, Solution, NoiseFactors]:
     """One trial by the noise that its residuals ask for, where it is more than stated.
 
     Raises
@@ -580,16 +672,19 @@ def weighed(
         If they ask for more than a calibration can have.
     """
 
-    def fit(last: tuple[Problem, Solution, Local], factor: Any) -> Any:
-        noisier = problem.noisier(*factor)
-        found = minimize(noisier, last[1].theta, most)
-        return noisier, found, noisier.local(found.theta)
+    def at_end(used: Problem, found: Solution) -> tuple[Problem, Solution]:
+        # a judge of one recording has the weights of the solution itself
+        return used, replace(found, here=used.local(found.theta))
 
-    (used, found, there), noise = judged(
-        (problem, stated, here), fit, lambda last: residuals(last[0], last[2])
+    def fit(last: tuple[Problem, Solution], factor: Any) -> Any:
+        noisier = problem.noisier(*factor)
+        return at_end(noisier, minimize(noisier, last[1].theta, most))
+
+    (used, found), noise = judged(
+        at_end(problem, stated), fit, lambda last: residuals(last[0], last[1].here)
     )
     if not found.converged[0]:  # residuals of no solution
-        return problem, stated, here, NOT_JUDGED
+        return problem, stated, NOT_JUDGED
     if noise.refusal:
         raise RefusedError(noise.refusal)
-    return used, found, there, noise
+    return used, found, noise

@@ -29,15 +29,11 @@ import numpy as np
 from simval.arguments import instance
 from simval.arrays import Array, physical_array
 from simval.errors import InputError
-from simval.imu.calibrate.equations import Local, Problem, Solution, minimize, weighed
+from simval.imu.calibrate.equations import Problem, Solution, minimize, weighed
 from simval.imu.calibrate.estimate import Estimate, nine_axis_text
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors
-from simval.imu.calibrate.gyroscope.covariance import (
-    Given,
-    checked_pose_std,
-    setting_of,
-)
-from simval.imu.calibrate.gyroscope.moves import Moves, taken
+from simval.imu.calibrate.gyroscope.noise import checked_pose_std, noise_of
+from simval.imu.calibrate.gyroscope.path_statistics import Moves
 from simval.imu.calibrate.gyroscope.residuals import InterRest
 from simval.imu.calibrate.gyroscope.result import NAMES, GyroscopeFit
 from simval.imu.calibrate.magnetometer.calibration import Options, Scaled, scale
@@ -130,45 +126,15 @@ _ORDER = np.r_[0:9, 22:34, 9:22]
 """Accelerometer, gyroscope, magnetometer; the fit has the gyroscope last."""
 
 
-def empty(
-    good: Any, gyroscope: GyroscopeFit, magnetometer: MagnetometerFit
-) -> dict[str, Any]:
-    """Numbers of trials that are not fitted yet."""
-    t = len(good)
-    made: dict[str, Any] = {
-        "parameters": np.full((t, COUNT), np.nan),
-        "covariance": np.full((t, COUNT, COUNT), np.nan),
-        "gap_angles": np.full((t, gyroscope.gap_angles.shape[-1]), np.nan),
-    }
-    made |= {name: np.full(t, np.nan) for name in ("chi2", "half_width", "step")}
-    made["iterations"] = np.zeros(t, int)
-    said = np.where(
-        np.atleast_1d(gyroscope.converged),
-        np.atleast_1d(magnetometer.status),
-        np.atleast_1d(gyroscope.status),
-    )
-    made["status"] = said.astype(object)
-    return made
-
-
-def write(
-    result: dict[str, Any],
-    good: Any,
-    found: Solution,
-    here: Local,
-    problem: Problem,
-    scaled: Scaled,
-) -> None:
-    """Write the numbers of fitted trials among them, in their own units."""
-    turns, theta, t = problem.turns, found.theta, len(found.theta)
+def _numbers(problem: Problem, found: Solution, scaled: Scaled) -> dict[str, Array]:
+    # of the fit of each trial, in their own units
+    turns, theta, t, here = problem.turns, found.theta, len(found.theta), found.here
     assert isinstance(turns, InterRest)
-    own, _ = here.covariance()
     whole = np.zeros((t, COUNT, COUNT))
-    free = own.shape[1]
-    whole[:, :free, :free] = own
-    if free < COUNT:
-        last = np.arange(free, COUNT)
-        whole[:, last, last] = turns.setting.bias_std**2
+    free = theta.shape[1]
+    whole[:, :free, :free] = here.covariance()[0]
+    last = np.arange(free, COUNT)
+    whole[:, last, last] = turns.noise.bias_std[: len(last)] ** 2
     poses, (M, B) = theta[:, :PARAMETERS], turns.split(theta[:, PARAMETERS:])
     inner = whole[:, :PARAMETERS, :PARAMETERS]
     natural = natural_sd(problem.accelerometer.model, poses, here.at, inner)
@@ -180,46 +146,44 @@ def write(
     parameters = np.concatenate(
         [values, M.reshape(t, 9), B + turns.moves.centre], axis=1
     )
-    result["parameters"][good] = parameters[:, _ORDER]
-    result["covariance"][good] = whole[:, _ORDER[:, None], _ORDER]
-    result["half_width"][good] = _NORMAL_95 * natural.max(axis=1)
-    result["gap_angles"][good] = turns.angles(here.at, theta[:, PARAMETERS:])
-    result["chi2"][good] = here.chi_square
-    result["step"][good] = found.step
-    result["iterations"][good] = found.iterations
-    result["status"][good] = np.where(found.converged, "converged", "max iterations")
+    return {
+        "parameters": parameters[:, _ORDER],
+        "covariance": whole[:, _ORDER[:, None], _ORDER],
+        "half_width": _NORMAL_95 * natural.max(axis=1),
+        "gap_angles": turns.angles(here.at, theta[:, PARAMETERS:]),
+        "chi2": np.array(here.chi_square),
+        "step": np.array(found.step),
+    }
 
 
-def result_of(
+def _result(
     result: dict[str, Any],
     gyroscope: GyroscopeFit,
     magnetometer: MagnetometerFit,
     dof: int,
     noise: NoiseFactors,
 ) -> NineAxisFit:
-    """Return all trials, or the one of a recording, with each sensor's own part."""
+    # all trials, or the one of a recording, with each sensor's own part
     if gyroscope.parameters.ndim == 1:
         result = {name: value[0] for name, value in result.items()}
     parameters, covariance = result["parameters"], result["covariance"]
-    ratio = result["chi2"] / dof if dof > 0 else result["chi2"] * np.nan
     poses = np.r_[ACCELEROMETER, MAGNETOMETER]
     shared = {key: result[key] for key in ("status", "iterations")} | {"noise": noise}
+    both: dict[str, Any] = shared | {
+        "dof": dof,
+        "chi2_per_dof": result["chi2"] / (dof if dof > 0 else np.nan),
+        "step": result["step"],
+    }
     return NineAxisFit(
         parameters=parameters,
         covariance=covariance,
-        dof=dof,
-        chi2_per_dof=ratio,
-        step=result["step"],
         gyroscope=replace(
             gyroscope,
             parameters=parameters[..., GYROSCOPE],
             accelerometer=parameters[..., ACCELEROMETER],
             covariance=covariance[..., :21, :21],
-            dof=dof,
-            chi2_per_dof=ratio,
             gap_angles=result["gap_angles"],
-            step=result["step"],
-            **shared,
+            **both,
         ),
         magnetometer=replace(
             magnetometer,
@@ -228,7 +192,7 @@ def result_of(
             half_width=result["half_width"],
             **shared,
         ),
-        **shared,
+        **both,
     )
 
 
@@ -300,34 +264,38 @@ def calibrate_nine_axis(
         checked_pose_std(pose_std, count),
         checked_pose_std(field_std, count, "field_std"),
     )
-    given = Given(
-        pose_std=pose_std, angle_random_walk=angle_random_walk,
-        bias_random_walk=bias_random_walk, bias=gyroscope.bias,
-        known_bias=known_bias, bias_std=bias_std,
+    own = noise_of(
+        moves, bias=gyroscope.bias, angle_random_walk=angle_random_walk,
+        bias_random_walk=bias_random_walk, known_bias=known_bias, bias_std=bias_std,
     )  # fmt: skip
-    setting = setting_of(
-        moves, pair[0], given, model=gyroscope.model, residual="weighted", g=1.0,
-        estimator="joint",
+    options = Options(
+        g=magnetometer.g, field=magnetometer.field, model=magnetometer.model,
+        hemisphere="unstated", max_iterations=1, known=None,
     )  # fmt: skip
-    good = _usable(gyroscope, magnetometer)
-    result = empty(good, gyroscope, magnetometer)
-    told = NOT_JUDGED
-    if good.any():
-        part = moves if good.all() else taken(moves, good)
-        chosen = replace(setting, bias_value=setting.bias_value[good])
-        scaled = _scaled((pair[0][good], pair[1][good]), noise, magnetometer)
-        turns = InterRest(moves=part, setting=chosen, each=EACH)
-        sensors = (_floored(each) for each in scaled.problem.sensors)
-        problem = Problem(sensors=tuple(sensors), turns=turns)
-        start = _start(turns, scaled, gyroscope, magnetometer, good)
-        found = minimize(problem, start, MOST_STEPS)
-        here = problem.local(found.theta)
-        write(result, good, found, here, problem, scaled)
-        if gyroscope.parameters.ndim == 1 and all(np.all(std > 0.0) for std in noise):
-            problem, found, here, told = weighed(problem, found, here, MOST_STEPS)
-            write(result, good, found, here, problem, scaled)
+    scaled = scale(pair, noise, slice(None), options)
+    # a noise of zero is rounding of the readings, which are of unit size here
+    sensors = [
+        replace(each, std=np.maximum(each.std, _FLOOR))
+        for each in scaled.problem.sensors
+    ]
+    turns = InterRest(moves=moves, noise=own, each=EACH)
+    problem = Problem(sensors=tuple(sensors), turns=turns)
+    start = _start(turns, scaled, gyroscope, magnetometer)
+    good, told = np.isfinite(start).all(axis=1), NOT_JUDGED
+    found = minimize(problem, start, MOST_STEPS)
+    stated = gyroscope.parameters.ndim == 1 and all(np.all(std > 0.0) for std in noise)
+    if stated and good.all():
+        problem, found, told = weighed(problem, found, MOST_STEPS)
+    result: dict[str, Any] = _numbers(problem, found, scaled)
+    for values in result.values():
+        values[~good] = np.nan
+    ends = [np.atleast_1d(fit.status) for fit in (gyroscope, magnetometer)]
+    others = np.where(np.atleast_1d(gyroscope.converged), ends[1], ends[0])
+    status = np.where(found.converged, "converged", "max iterations")
+    result["status"] = np.where(good, status, others).astype(object)
+    result["iterations"] = found.iterations
     dof = 2 * EACH * count - COUNT
-    return result_of(result, gyroscope, magnetometer, dof, told)
+    return _result(result, gyroscope, magnetometer, dof, told)
 
 
 def _pair(moves: Moves, poses: Any, fields: Any) -> tuple[Array, Array]:
@@ -363,40 +331,18 @@ def _require_alike(
     raise InputError(msg)
 
 
-def _usable(gyroscope: GyroscopeFit, magnetometer: MagnetometerFit) -> Any:
-    parts = [gyroscope.accelerometer, gyroscope.parameters, magnetometer.parameters]
-    finite = [np.isfinite(np.atleast_2d(each)).all(axis=1) for each in parts]
-    return np.logical_and.reduce(finite)
-
-
-def _scaled(
-    pair: tuple[Array, Array],
-    noise: tuple[Array, Array],
-    magnetometer: MagnetometerFit,
-) -> Scaled:
-    options = Options(
-        g=magnetometer.g, field=magnetometer.field, model=magnetometer.model,
-        hemisphere="unstated", max_iterations=1, known=None,
-    )  # fmt: skip
-    return scale(pair, noise, slice(None), options)
-
-
-def _floored(sensor: Any) -> Any:
-    # a noise of zero is rounding of the readings, which are of unit size here
-    return replace(sensor, std=np.maximum(sensor.std, _FLOOR))
-
-
 def _start(
     turns: InterRest,
     scaled: Scaled,
     gyroscope: GyroscopeFit,
     magnetometer: MagnetometerFit,
-    good: Any,
 ) -> Float[Array, "t p"]:
-    values = np.atleast_2d(magnetometer.parameters)[good]
-    values[:, ACCELEROMETER] = np.atleast_2d(gyroscope.accelerometer)[good]
+    # NaN where a fit of two is
+    values = np.array(np.atleast_2d(magnetometer.parameters))
+    values[:, ACCELEROMETER] = np.atleast_2d(gyroscope.accelerometer)
     values[:, DIP] = np.sin(values[:, DIP])
-    own = np.array(np.atleast_2d(gyroscope.parameters)[good])
+    own = np.array(np.atleast_2d(gyroscope.parameters))
     own[:, 9:] -= turns.moves.centre
     poses = (values - scaled.shifts) / scaled.sizes
-    return np.concatenate([poses, own[:, : turns.size]], axis=1)
+    start = np.concatenate([poses, own[:, : turns.size]], axis=1)
+    return np.where(np.isfinite(start).all(axis=1, keepdims=True), start, np.nan)

@@ -19,7 +19,7 @@ from simval.imu.calibrate.equations import (
     weighed,
 )
 from simval.imu.calibrate.gyroscope import moves_between
-from simval.imu.calibrate.gyroscope.covariance import Given, setting_of
+from simval.imu.calibrate.gyroscope.noise import noise_of
 from simval.imu.calibrate.gyroscope.residuals import InterRest
 from simval.imu.sensor import MODELS, forms
 
@@ -78,14 +78,7 @@ def with_turns(*, walk, bias_std=None):
     poses = ACCELEROMETER.distort(truth.directions, quiet)[None]
     rows = GYROSCOPE.distort(truth.rate, quiet)[None]
     moves = moves_between(truth.time, rows, truth.intervals, chunk=1)
-    given = Given(
-        pose_std=1e-3, angle_random_walk=walk, bias_random_walk=0.0, bias="constant",
-        known_bias=None, bias_std=bias_std,
-    )  # fmt: skip
-    setting = setting_of(
-        moves, poses, given, model="triangular", residual="weighted", g=1.0,
-        estimator="joint",
-    )  # fmt: skip
+    noise = noise_of(moves, bias="constant", angle_random_walk=walk, bias_std=bias_std)
     fields = fields_of(truth)[None]
     problem = Problem(
         sensors=(
@@ -94,7 +87,7 @@ def with_turns(*, walk, bias_std=None):
             ),
             Magnetometer(readings=fields, std=np.full(fields.shape, IRON_STD)),
         ),
-        turns=InterRest(moves=moves, setting=setting, each=3),
+        turns=InterRest(moves=moves, noise=noise, each=3),
     )
     own = np.array(ACCELEROMETER.parameters)
     own[3:6] /= truth.g
@@ -145,16 +138,16 @@ def test_covariance_of_the_rows_counts_each_pose_once():
                 ends.append(raw(moved, theta))
             columns.append((ends[0] - ends[1]) / (2 * h) * sensor.std[at])
     L = np.array(columns).T
-    gaps = 3 * problem.turns.item[0]
-    every = np.r_[0:gaps, gaps + 3 : len(V)]  # all but the rows of the bias
+    inter_rest = 3 * problem.turns.item[0]
+    every = np.r_[0:inter_rest, inter_rest + 3 : len(V)]  # all but the rows of the bias
     sd = np.sqrt(np.diagonal(V))[every]
     shown = V[np.ix_(every, every)] / np.outer(sd, sd)
     off = shown - (L @ L.T)[np.ix_(every, every)] / np.outer(sd, sd)
     # the rows at 100 Hz are not zero but 1e-6, by which their axes turn with a reading
     assert np.abs(off).max() < 3e-6
-    # power: neighbouring gaps share the field of a pose, gaps and poses their readings
-    assert np.diagonal(shown[2:gaps:3, 5:gaps:3]).max() < -0.4
-    assert np.abs(shown[:gaps, gaps:]).max() > 0.05
+    # power: neighbouring rotations share the field of a pose, and with poses readings
+    assert np.diagonal(shown[2:inter_rest:3, 5:inter_rest:3]).max() < -0.4
+    assert np.abs(shown[:inter_rest, inter_rest:]).max() > 0.05
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -226,7 +219,7 @@ def test_a_fourth_sensor_gets_its_honesty():
     """Its noise is stated five times too small: it is blamed, and it alone."""
     problem, truth = inclined(1, told=0.2)
     found = minimize(problem, truth[None], 30)
-    *_, noise = weighed(problem, found, problem.local(found.theta), 30)
+    *_, noise = weighed(problem, found, 30)
     assert noise.sources == ("accelerometer", "magnetometer", "inclinometer")
     np.testing.assert_array_equal(noise.factor[:2], 1.0)
     # a scatter of 72 degrees of freedom is known to a twelfth

@@ -2,7 +2,7 @@
 
 from simval.imu.calibrate.gyroscope.calibration import calibrate_gyroscope
 from simval.imu.calibrate.gyroscope.imu import ImuFit, calibrate_imu
-from simval.imu.calibrate.gyroscope.moves import Moves, moves_between
+from simval.imu.calibrate.gyroscope.path_statistics import Moves, moves_between
 from simval.imu.calibrate.gyroscope.result import GyroscopeFit
 
 __all__ = [

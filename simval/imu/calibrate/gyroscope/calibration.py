@@ -1,5 +1,19 @@
-"""Calibrate a gyroscope from the rotations between rests."""
+r"""Calibrate a gyroscope from its rotations between rests.
 
+The way of a fit: a start; plain Gauss-Newton steps on merged chunks until it is near;
+and the solver of `equations`, each trial by itself. Without the accelerometer's
+parameters, which are then held, their errors are noise of the residuals; generalised
+least squares weighs by the whole covariance V, the unweighted estimator by none, and of
+both the covariance is :math:`K V K^T`, K the gain of the estimator.
+
+**A start for the gyroscope's matrix: scale, then order and signs of the axes.**
+
+Rotations of a radian or two tell a scale within some ten percent from any other, so
+scales a tenth apart are tried. If axes are not those of the accelerometer, all 48
+orders and signs are.
+"""
+
+from itertools import permutations, product
 from typing import Any, Final
 
 import numpy as np
@@ -8,36 +22,41 @@ from simval.arguments import choice, instance
 from simval.arrays import Array, physical_array
 from simval.errors import GeometryError, InputError
 from simval.geometry import normalize
-from simval.imu.calibrate.equations import Problem, minimize, weighed
-from simval.imu.calibrate.factors import NOT_JUDGED
-from simval.imu.calibrate.gyroscope.covariance import (
-    Given,
-    Setting,
-    checked_pose_std,
-    setting_of,
+from simval.imu.calibrate.drift import Drift, find_drift
+from simval.imu.calibrate.equations import (
+    Accelerometer,
+    HeldAccelerometer,
+    Problem,
+    Solution,
+    minimize,
+    weighed,
 )
-from simval.imu.calibrate.gyroscope.fit import (
-    MOST_STEPS,
-    A,
-    Fitted,
-    approach,
-    drift,
-    first_matrix,
-    joint,
-    one_way,
-    problem_of,
-    turns_of,
+from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors
+from simval.imu.calibrate.gyroscope.noise import checked_pose_std, floored, noise_of
+from simval.imu.calibrate.gyroscope.path_statistics import Moves, merged
+from simval.imu.calibrate.gyroscope.residuals import (
+    InterRest,
+    across,
+    inter_rest_residuals,
 )
-from simval.imu.calibrate.gyroscope.moves import Moves
-from simval.imu.calibrate.gyroscope.residuals import across
 from simval.imu.calibrate.gyroscope.result import GyroscopeFit
+from simval.imu.calibrate.gyroscope.rotation import final_rotations, rotations
+from simval.imu.calibrate.residuals import WEIGHTED, noise_shares
 from simval.imu.calibrate.result import FitResult
 from simval.shapes import Float
 from simval.turns import MATRIX, TurnObservability, best_next_turn, judge, missing
 
+A: Final = 9  # accelerometer's parameters, and entries of M
+MOST_STEPS: Final = 30
+_RANK: Final = 1e-7  # of the greatest singular value
+ESTIMATORS: Final = ("joint", "generalised", "unweighted")
+_FAR: Final = 0.05
+"""rad, rms of the residuals, beyond which the rotations lead somewhere else. Chosen:
+recordings by hand leave 0.01, columns of another log 0.1 and more."""
+
 CONDITION_LIMIT: Final = 100.0
-"""Greatest condition of the moves. Chosen: five moves in generic directions have about
-10, forty 2; moves whose axes lie within a degree of a plane have 60 and more."""
+"""Greatest condition of the rotations. Chosen: five in generic directions have about
+10, forty 2; those whose axes lie within a degree of a plane have 60 and more."""
 SD_LIMIT: Final = 0.1
 """Greatest standard deviation of any relative error of M. Chosen: an uncalibrated
 gyroscope is known to a few percent from its data sheet."""
@@ -88,51 +107,6 @@ def require_told(
         f"({named}) of the sensor and rest again, and so on with other axes"
     )
     raise GeometryError(msg)
-
-
-def degrees_of_freedom(moves: Moves, setting: Setting) -> int:
-    """Rows less parameters."""
-    k = moves.statistics.shape[1]
-    norms = k + 1 - A if setting.joint else 0
-    return 2 * k + norms - 9
-
-
-def empty(t: int, moves: Moves, condition: Array) -> dict[str, Any]:
-    """Numbers of trials that are not fitted yet."""
-    k = moves.statistics.shape[1]
-    shapes: dict[str, tuple[int, ...]] = {
-        "parameters": (12,), "accelerometer": (9,), "covariance": (21, 21),
-        "gap_angles": (k,), "chi2_per_dof": (), "step": (),
-    }  # fmt: skip
-    made: dict[str, Any] = {k: np.full((t, *v), np.nan) for k, v in shapes.items()}
-    made["status"] = np.full(t, "converged", dtype=object)
-    made["iterations"] = np.zeros(t, int)
-    made["condition"] = condition
-    return made
-
-
-def write(result: dict[str, Any], good: Any, found: Fitted, problem: Problem) -> None:
-    """Write the numbers of fitted trials among them."""
-    turns, theta = turns_of(problem), found.theta
-    M, B = turns.split(theta[:, A:])
-    result["parameters"][good] = np.concatenate(
-        [M.reshape(-1, 9), B + turns.moves.centre], axis=1
-    )
-    result["accelerometer"][good] = theta[:, :A]
-    result["covariance"][good] = found.covariance
-    at = problem.corrected(theta[:, :A])
-    result["gap_angles"][good] = turns.angles(at, theta[:, A:])
-    dof = degrees_of_freedom(turns.moves, turns.setting)
-    result["chi2_per_dof"][good] = found.chi2 / dof if dof > 0 else np.nan
-    result["step"][good] = found.step
-    result["status"][good] = np.where(found.converged, "converged", "max iterations")
-    result["iterations"][good] = found.iterations
-
-
-ESTIMATORS: Final = ("joint", "generalised", "unweighted")
-_FAR: Final = 0.05
-"""rad, rms of the rows, beyond which the moves lead somewhere else. Chosen: recordings
-by hand leave 0.01, columns of another log 0.1 and more."""
 
 
 def calibrate_gyroscope(
@@ -210,64 +184,96 @@ def calibrate_gyroscope(
     instance("moves", moves, Moves)
     instance("accelerometer", accelerometer, FitResult)
     readings, theta = _readings(moves, poses, accelerometer)
-    given = Given(
-        pose_std=pose_std, angle_random_walk=angle_random_walk,
-        bias_random_walk=bias_random_walk, bias=bias, known_bias=known_bias,
-        bias_std=bias_std, clock_jitter=clock_jitter,
-    )  # fmt: skip
     estimator = choice("estimator", estimator, ESTIMATORS)
-    setting = setting_of(
-        moves, readings, given, model=accelerometer.model,
-        residual=accelerometer.residual, g=accelerometer.g, estimator=estimator,
+    noise = noise_of(
+        moves, bias=bias, angle_random_walk=angle_random_walk,
+        bias_random_walk=bias_random_walk, clock_jitter=clock_jitter,
+        known_bias=known_bias, bias_std=bias_std, kept=estimator == "unweighted",
     )  # fmt: skip
-    problem = problem_of(moves, readings, setting)
-    u = normalize(problem.corrected(theta)["accelerometer"].w)
-    M = _start(moves, u, start)
-    M, J, e = approach(moves, setting, u, M)
+    count, single = readings.shape[1], np.ndim(poses) == 2
+    stated = checked_pose_std(pose_std, count)
+    std = floored(stated, readings)
+    sensor = Accelerometer(
+        readings=readings, std=np.broadcast_to(std, readings.shape),
+        model=accelerometer.model, g=accelerometer.g,
+    )  # fmt: skip
+    u = normalize(sensor.corrected(theta).w)
+    M, J, e = approach(moves, noise.bias_value, u, _start(moves, u, start))
     refusals, condition = _judged(u, M, J, e)
-    single = np.ndim(poses) == 2
     if single and refusals[0]:
         raise GeometryError(refusals[0])
     good = np.array([not text for text in refusals])
-    result = empty(len(M), moves, condition)
-    noise, follows = NOT_JUDGED, None
-    if good.any():
-        problem = problem if good.all() else problem.take(good)
-        own = setting.bias_value[good, : setting.free - A]
-        begin = np.concatenate([theta[good], M[good].reshape(-1, A), own], axis=1)
-        if setting.joint:
-            solution = minimize(problem, begin, MOST_STEPS)
-            here = problem.local(solution.theta)
-            # a noise of zero, or below rounding, is no statement
-            stated = setting.noise.pose_std == checked_pose_std(
-                pose_std, readings.shape[1]
-            )
-            if single and stated.all():
-                problem, solution, here, noise = weighed(
-                    problem, solution, here, MOST_STEPS
-                )
-                follows = drift(problem, solution, here, noise)
-            found = joint(problem, solution, here)
-        else:
-            found = one_way(problem, begin)
-        write(result, good, found, problem)
-    result["status"] = np.where(
-        good, result["status"], [f"refused: {text}" for text in refusals]
-    )
+    turns = InterRest(moves=moves, noise=noise, each=2)
+    begin = [M.reshape(-1, A), noise.bias_value[:, : noise.free - A]]
+    factors, follows = NOT_JUDGED, None
+    if estimator == "joint":
+        problem = Problem(sensors=(sensor,), turns=turns)
+        begin = [theta, *begin]
+    else:
+        held = HeldAccelerometer(
+            readings=readings, std=sensor.std, model=sensor.model, g=sensor.g,
+            theta=theta, error=influence(sensor, theta, accelerometer.residual),
+        )  # fmt: skip
+        weighted = estimator == "generalised"
+        problem = Problem(sensors=(held,), turns=turns, weighted=weighted)
+    start = np.where(good[:, None], np.concatenate(begin, axis=1), np.nan)
+    solution = minimize(problem, start, MOST_STEPS)
+    # a noise of zero, or below rounding, is no statement
+    if single and estimator == "joint" and np.all(std == stated):
+        problem, solution, factors = weighed(problem, solution, MOST_STEPS)
+        follows = drift(problem, solution, factors)
+    dof = 3 * count - 20 if estimator == "joint" else 2 * count - 11
+    result = _numbers(problem, solution, theta, dof)
     if single:
-        M = found.theta[0, A : 2 * A].reshape(3, 3)
-        sd, _ = worst_sd(found.covariance[0, A : 2 * A, A : 2 * A], M)
-        require_told(relative_rows(found.turned[0], M), u[0], sd)
+        M, told = result["parameters"][0, :A].reshape(3, 3), result["covariance"][0]
+        rows, (sd, _) = solution.here.whole[0], worst_sd(told[A : 2 * A, A : 2 * A], M)
+        require_told(relative_rows(rows, M), u[0], sd)
+    status = np.where(solution.converged, "converged", "max iterations").astype(object)
+    for k in np.flatnonzero(~good):
+        status[k] = f"refused: {refusals[k]}"
+        for values in result.values():
+            values[k] = np.nan
+    result |= {"iterations": solution.iterations, "condition": condition}
+    result["status"] = status
+    if single:
         result = {name: value[0] for name, value in result.items()}
     return GyroscopeFit(
-        model=setting.model,
-        estimator=estimator,
-        bias=bias,
-        dof=degrees_of_freedom(moves, setting),
-        noise=noise,
-        drift=follows,
-        **result,
-    )
+        model=accelerometer.model, estimator=estimator, bias=bias, dof=dof,
+        noise=factors, drift=follows, **result,
+    )  # fmt: skip
+
+
+def _numbers(
+    problem: Problem, solution: Solution, theta: Array, dof: int
+) -> dict[str, Array]:
+    # of the fit of each trial, theta the accelerometer's where that was held
+    turns, here, sensor = problem.turns, solution.here, problem.sensors[0]
+    assert isinstance(turns, InterRest)
+    free = A + turns.size
+    covariance = np.zeros((len(theta), 21, 21))
+    last = np.arange(free, 21)
+    covariance[:, last, last] = turns.noise.bias_std[: len(last)] ** 2
+    if isinstance(sensor, HeldAccelerometer):
+        own, error = solution.theta, np.swapaxes(sensor.error, -1, -2)
+        inner, by_noise, chi2 = here.sandwich()
+        cross = by_noise @ error
+        covariance[:, :A, :A] = sensor.error @ error
+        covariance[:, A:free, A:free] = inner
+        covariance[:, A:free, :A] = cross
+        covariance[:, :A, A:free] = np.swapaxes(cross, -1, -2)
+    else:
+        theta, own = solution.theta[:, :A], solution.theta[:, A:]
+        covariance[:, :free, :free], chi2 = here.covariance()[0], here.chi_square
+    M, B = turns.split(own)
+    parameters = [M.reshape(-1, A), B + turns.moves.centre]
+    return {
+        "parameters": np.concatenate(parameters, axis=1),
+        "accelerometer": np.array(theta),
+        "covariance": covariance,
+        "gap_angles": turns.angles(here.at, own),
+        "chi2_per_dof": chi2 / dof if dof > 0 else np.full(len(M), np.nan),
+        "step": np.array(solution.step),
+    }
 
 
 def _readings(
@@ -328,3 +334,147 @@ def _judged(
                 "taken for"
             )
     return said, condition
+
+
+_RATIO: Final = 1.1  # of neighbouring scales
+_LEAST, _MOST = 0.05, 12.0  # rad, along the way of a typical rotation
+_CHUNKS: Final = 1 << 16  # worked at once
+_ENOUGH: Final = 24  # chunks of a rotation: a third of a radian each at the most
+GOOD: Final = 0.1  # rad, rms of rows at a start that is near; sensors are 1 % off
+
+
+def first_matrix(
+    statistics: Float[Array, "k 10 j"],
+    u: Float[Array, "n 3"],
+    E: Float[Array, "k 2 3"],
+) -> Float[Array, "3 3"]:
+    """Best of the matrices that are a scale times an order of axes."""
+    way = np.sqrt((statistics[:, :3] ** 2).sum(axis=1)).sum(axis=1)
+    typical = float(np.median(way))
+    size = max(1, statistics.shape[-1] // _ENOUGH)
+    statistics = merged(statistics[None], 2 ** int(np.log2(size)))[0]
+    if not typical > 0.0:
+        return np.full((3, 3), np.nan)
+    count = int(np.ceil(np.log(_MOST / _LEAST) / np.log(_RATIO)))
+    scales = _LEAST / typical * _RATIO ** np.arange(count + 1)
+    aligned = scales[:, None, None] * np.eye(3)
+    cost = _costs(statistics, u, E, aligned)
+    best = aligned[np.argmin(cost)]
+    if cost.min() < GOOD:
+        return best
+    orders = np.array(
+        [
+            np.eye(3)[list(order)] * np.array(signs)[:, None]
+            for order, signs in product(
+                permutations(range(3)), product((1, -1), repeat=3)
+            )
+        ]
+    )
+    every = (scales[:, None, None, None] * orders).reshape(-1, 3, 3)
+    costs = _costs(statistics, u, E, every)
+    # as it stands, unless another order is far better
+    return every[np.argmin(costs)] if costs.min() < 0.5 * cost.min() else best
+
+
+def _costs(statistics: Array, u: Array, E: Array, guesses: Array) -> Float[Array, " m"]:
+    # root mean square of the rows, rad
+    size = max(1, _CHUNKS // (statistics.shape[0] * statistics.shape[2]))
+    parts = []
+    for i in range(0, len(guesses), size):
+        some = guesses[i : i + size]
+        C = final_rotations(statistics[None], some, np.zeros((len(some), 3)))
+        m = len(some)
+        e = inter_rest_residuals(
+            C, np.broadcast_to(u, (m, *u.shape)), np.broadcast_to(E, (m, *E.shape))
+        )
+        parts.append(np.sqrt((e * e).mean(axis=-1)))
+    return np.concatenate(parts)
+
+
+_NEAR: Final = 3e-3  # relative step; the next error is its square
+_MOST_PLAIN: Final = 30
+_ANGLE: Final = 0.5  # rad a chunk on the way there
+
+
+def approach(
+    moves: Moves,
+    B: Float[Array, "t 3"],
+    u: Float[Array, "t n 3"],
+    M: Float[Array, "t 3 3"],
+) -> tuple[Float[Array, "t 3 3"], Float[Array, "t r 12"], Float[Array, "t r"]]:
+    """Plain steps on larger chunks, the bias as the rests say, each trial by itself.
+
+    Returns M, and the derivative and the values of the residuals a small step before.
+    """
+    S, rows = moves.statistics[:, :, :3], 2 * moves.statistics.shape[1]
+    greatest = np.sqrt((S * S).sum(axis=2)).max(axis=(1, 2))
+    angle = np.maximum(greatest * np.linalg.norm(M, 2, axis=(1, 2)), 1e-300)
+    sizes = np.minimum(8, 2 ** np.log2(np.maximum(1.0, _ANGLE / angle)).astype(int))
+    M, J, e = np.array(M), np.zeros((len(M), rows, 12)), np.zeros((len(M), rows))
+    for size in np.unique(sizes):
+        active = np.flatnonzero(sizes == size)
+        statistics = merged(moves.statistics[active], size)
+        for _ in range(_MOST_PLAIN):
+            here, E = u[active], across(u[active, 1:])
+            moved = rotations(statistics, M[active], B[active])
+            EC = E @ np.swapaxes(moved.C, -1, -2)
+            slopes = np.cross(EC, here[:, :-1, None, :]) @ moved.slopes
+            J[active] = slopes.reshape(len(here), -1, 12)
+            e[active] = inter_rest_residuals(moved.C, here, E)
+            # the shortest step where the residuals do not tell it
+            back = np.linalg.pinv(J[active][..., :A], rcond=_RANK)
+            step = -np.vecdot(back, e[active][:, None]).reshape(-1, 3, 3)
+            length = np.linalg.norm(step, axis=(1, 2))
+            length /= np.linalg.norm(M[active], axis=(1, 2))
+            # a step of more than a third is outside of what a linearisation tells
+            share = np.minimum(1.0, 0.33 / np.maximum(length, 1e-300))
+            M[active] += step * share[:, None, None]
+            far = length > _NEAR
+            active, statistics = active[far], statistics[far]
+            if active.size == 0:
+                break
+    return M, J, e
+
+
+def influence(
+    sensor: Accelerometer, theta: Float[Array, "t 9"], residual: str
+) -> Float[Array, "t 9 m"]:
+    r"""Error of the accelerometer's parameters by unit noise of each pose and axis.
+
+    Its own fit solves :math:`\sum_i a_i c_i d_i = 0, d = \partial c/\partial\theta`,
+    with the weights a of eq. (U1) of `evidence`.
+    """
+    alone = Problem(sensors=(sensor,))
+    _, J, L = alone.rests(alone.corrected(theta), theta)
+    d, noise, std = J[:, :, 0], L[:, :, 0], sensor.std
+    root = np.ones(d.shape[:2])
+    if residual in WEIGHTED:
+        shares = noise_shares(residual, np.sqrt((std[0] ** 2).mean(axis=1)))
+        weight = 1.0 if shares is None else shares
+        root = np.sqrt(weight / ((noise / std) ** 2).sum(axis=-1))
+    rows = d * root[..., None]
+    size = np.sqrt((rows * rows).sum(axis=1, keepdims=True))
+    Q, R = np.linalg.qr(rows / size)
+    pull = (Q * root[..., None])[..., None, :] * noise[..., :, None]  # t n 3 9
+    flat = np.swapaxes(pull.reshape(len(root), -1, A), -1, -2)
+    return -np.linalg.solve(R, flat) / np.swapaxes(size, -1, -2)
+
+
+def drift(problem: Problem, found: Solution, noise: NoiseFactors) -> Drift:
+    """Whether a bias or a gain of the gyroscope of one joint fit drifts."""
+    turns, here = problem.turns, found.here
+    assert isinstance(turns, InterRest)
+    moves, own, white = turns.moves, here.whole[0], here.white[0]
+    M = turns.split(found.theta[:, A:])[0][0]
+    middle = moves.times[:, 0] + 0.5 * moves.seconds
+    # what is no residual of a rotation tells none
+    time = np.full(len(white), middle.mean())
+    time[: len(own)] = np.repeat(middle, 2)
+    columns = {}
+    for a, axis in enumerate("xyz"):
+        scaled = own[:, [a, 3 + a, 6 + a]] @ M[:, a]
+        for what, column in (("bias", own[:, A + a]), ("gain", scaled)):
+            whole = np.pad(column, (0, len(time) - len(column)))
+            columns[f"the {what} of {axis}"] = whole
+    r, J = (np.linalg.solve(white, x) for x in (here.rows[0], here.slopes[0]))
+    return find_drift(r, J, columns, time, known=bool(noise.borne), white=white)

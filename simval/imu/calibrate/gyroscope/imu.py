@@ -25,12 +25,12 @@ from simval.arrays import Array, ReadOnly, physical_array
 from simval.errors import InputError
 from simval.imu.calibrate.accelerometer import calibrate
 from simval.imu.calibrate.gyroscope.calibration import calibrate_gyroscope
-from simval.imu.calibrate.gyroscope.covariance import (
+from simval.imu.calibrate.gyroscope.noise import (
     checked_pose_std,
     checked_walk,
     walk_covariance,
 )
-from simval.imu.calibrate.gyroscope.moves import Moves, moves_between
+from simval.imu.calibrate.gyroscope.path_statistics import Moves, moves_between
 from simval.imu.calibrate.gyroscope.result import NAMES, GyroscopeFit
 from simval.imu.calibrate.result import FitResult
 from simval.imu.sensor import forms

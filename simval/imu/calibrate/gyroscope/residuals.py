@@ -1,19 +1,25 @@
-r"""Inter-rest residuals: a gyroscope's block of the calibration core.
+r"""Inter-rest residuals and their covariance: a gyroscope's block of the core.
 
-Turn k takes the direction of gravity :math:`u_k = h_k/|h_k|, h = M_a(\bar y - b_a)`
-into :math:`u_{k+1}`; along it nothing is seen, so with :math:`E_k` two unit vectors
-across :math:`u_{k+1}`
+**Residuals.** Rotation k takes the direction of gravity
+:math:`u_k = h_k/|h_k|, h = M_a(\bar y - b_a)` into :math:`u_{k+1}`; along it nothing is
+seen, so with :math:`E_k` two unit vectors across :math:`u_{k+1}`
 
 .. math:: e_k = E_k^T (C_k^T u_k - u_{k+1}) \tag{N5}
 
-and, :math:`\epsilon_k` the angle random walk of the move,
+and, :math:`\epsilon_k` the angle random walk,
 
 .. math:: \mathrm{d}e_k = E_k^T C_k^T [u_k\times](\theta_k + \epsilon_k)
    + E_k^T (C_k^T \mathrm{d}u_k - \mathrm{d}u_{k+1}),\quad
    \mathrm{cov}\,\epsilon_k = N^2 \sum_j \tau_j (D_j M)(D_j M)^T. \tag{N6}
 
-A magnetometer adds a third row, eq. (J1) of `nine_axis`. The bias B has rows where it
-is estimated: what the rests say of it, over the mean rate of the moves.
+A magnetometer adds a third residual, eq. (J1) of `nine_axis`. The bias B has rows where
+it is estimated: what the rests say of it, over the mean rate of the rotations.
+
+**Covariance.** Beside :math:`\epsilon`, a line for the bias between the neighbouring
+rests leaves a rotation the noise of a Brownian bridge, :math:`K^2 T^3/12` in the angle,
+and the white noise of the two rests. Time stamps with the standard deviation
+:math:`s_t` leave :math:`s_t^2 \sum_j |\mathrm{d}\omega_j|^2`, rates from row to row. A
+bias that is held, or walks, or a sensitivity that was taken out, is shared by all.
 """
 
 from dataclasses import dataclass, replace
@@ -23,16 +29,14 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from simval.arrays import Array
-from simval.geometry import normalize
 from simval.imu.calibrate.equations import Between, Corrected
-from simval.imu.calibrate.gyroscope.covariance import (
-    Gaps,
-    Setting,
-    own_covariance,
-    spread,
+from simval.imu.calibrate.gyroscope.noise import GyroscopeNoise, walk_covariance
+from simval.imu.calibrate.gyroscope.path_statistics import Moves, taken
+from simval.imu.calibrate.gyroscope.rotation import (
+    Rotations,
+    final_rotations,
+    rotations,
 )
-from simval.imu.calibrate.gyroscope.moves import Moves, taken
-from simval.imu.calibrate.gyroscope.turn import Turn, end_of, turn
 from simval.shapes import Float
 
 
@@ -47,91 +51,92 @@ def across(u: Float[Array, "t k 3"]) -> Float[Array, "t k 2 3"]:
     return np.stack([first, second], axis=-2)
 
 
-def gap_values(
+def _unit(v: Float[Array, "... 3"]) -> Float[Array, "... 3"]:
+    # without a check: a trial that has gone astray is NaN, and its neighbours are not
+    return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
+
+
+def inter_rest_residuals(
     C: Float[Array, "t k 3 3"],
     u: Float[Array, "t n 3"],
     E: Float[Array, "t k 2 3"],
 ) -> Float[Array, "t r"]:
-    """Rows of the gaps, eq. (N5)."""
+    """Residuals of gravity, eq. (N5)."""
     arrived = (u[:, :-1, None, :] @ C)[..., 0, :]  # C'u
     e = (E @ (arrived - u[:, 1:])[..., None])[..., 0]
     return e.reshape(len(u), -1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Linearised:
+    """Inter-rest residuals at some parameters of the gyroscope."""
+
+    e: Float[Array, "t r"]
+    rotations: Rotations
+    by_angle: Float[Array, "t k a 3"]  # of each rotation's residuals, by theta
+    by_gyroscope: Float[Array, "t r 12"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InterRest:
     """A gyroscope read between rests: M row by row, and B where it is estimated.
 
-    Each of its turns has two rows of gravity (N5), and a third of the field beside a
+    Each rotation has two residuals of gravity (N5), and a third of the field beside a
     magnetometer (J1); the bias is what the rests say of it, to its noise.
     """
 
     moves: Moves
-    setting: Setting
-    each: int  # rows of a turn
+    noise: GyroscopeNoise
+    each: int  # residuals of a rotation
 
     name: ClassVar[str] = "gyroscope"
 
     @property
     def size(self) -> int:
         """Parameters."""
-        return self.setting.free
+        return self.noise.free
 
     @property
     def item(self) -> tuple[int, int]:
-        """Moves, and rows of each."""
+        """Rotations, and residuals of each."""
         return self.moves.statistics.shape[1], self.each
 
     @cached_property
     def rate(self) -> Float[Array, "t 1"]:
-        """Mean rate of the moves, raw units: the unit of the bias's rows."""
+        """Mean rate of the rotations, raw units: the unit of the bias's rows."""
         S, seconds = self.moves.statistics[:, :, :3], self.moves.seconds
         way = np.sqrt((S * S).sum(axis=2)).sum(axis=-1)
         return (way / seconds).mean(axis=1)[:, None]
 
     def take(self, trials: Any) -> Self:
         """Some of the trials."""
-        setting = replace(self.setting, bias_value=self.setting.bias_value[trials])
-        return replace(self, moves=taken(self.moves, trials), setting=setting)
+        moves, noise = taken(self.moves, trials), self.noise.take(trials)
+        return replace(self, moves=moves, noise=noise)
 
     def noisier(self, factor: float) -> Self:
         """The same with so many times the noise."""
-        return replace(self, setting=self.setting.noisier(factor))
+        return replace(self, noise=self.noise.noisier(factor))
 
     def split(self, theta: Array) -> tuple[Float[Array, "t 3 3"], Float[Array, "t 3"]]:
-        """M, and B less the centre of the moves."""
-        B = theta[:, 9:] if self.size == 12 else self.setting.bias_value
+        """M, and B less the centre of the readings."""
+        B = theta[:, 9:] if self.size == 12 else self.noise.bias_value
         return theta[:, :9].reshape(-1, 3, 3), B
 
-    def gaps(
-        self, at: dict[str, Corrected], theta: Array
-    ) -> tuple[Gaps, Turn, Float[Array, "t k a 3"]]:
-        """Rows of the turns alone, the turns, and the axes in which they compare."""
-        M, B = self.split(theta)
-        moved = turn(self.moves.statistics, M, B)
-        w = self._compared(at)
-        E = across(w[:, 1:, 0])
-        if self.each == 3:
-            sideways = normalize(np.cross(w[:, 1:, 0], w[:, 1:, 2]))
-            E = np.concatenate([E, sideways[:, :, None]], axis=2)
-        EC = E @ np.swapaxes(moved.C, -1, -2)
-        by_turn = np.cross(EC, w[:, :-1])
-        t, k, a, _ = E.shape
-        e = np.vecdot(EC, w[:, :-1]) - np.vecdot(E, w[:, 1:])
-        slopes = (by_turn @ moved.slopes).reshape(t, k * a, 12)
-        gaps = Gaps(e=e.reshape(t, k * a), by_turn=by_turn, by_gyroscope=slopes)
-        return gaps, moved, E
-
     def rows(self, at: dict[str, Corrected], theta: Array) -> Between:
-        """Linearised rows of the turns, eq. (N6), and of the bias over the rate."""
-        gaps, moved, E = self.gaps(at, theta)
+        """Linearised residuals, eq. (N6), and of the bias over the rate."""
+        w, E = self._compared(at), self._axes(at)
         M, B = self.split(theta)
-        noise = spread(gaps, moved, self.moves, self.setting, M, B)
-        t, rows = gaps.e.shape
-        ends = 3 if self.size == 12 else 0
-        own = np.zeros((t, rows + ends, self.size))
-        own[:, :rows] = gaps.by_gyroscope[..., : self.size]
+        moved = rotations(self.moves.statistics, M, B)
         EC = E @ np.swapaxes(moved.C, -1, -2)
+        by_angle = np.cross(EC, w[:, :-1])
+        t, k, a, _ = E.shape
+        e = (np.vecdot(EC, w[:, :-1]) - np.vecdot(E, w[:, 1:])).reshape(t, k * a)
+        whole = (by_angle @ moved.slopes).reshape(t, k * a, 12)
+        made = Linearised(e=e, rotations=moved, by_angle=by_angle, by_gyroscope=whole)
+        ends = 3 if self.size == 12 else 0
+        V = covariance(made, self.moves, self.noise, ends)
+        own = np.zeros((t, k * a + ends, self.size))
+        own[:, : k * a] = whole[..., : self.size]
         by = {}
         for name, mine in (("accelerometer", slice(0, 2)), ("magnetometer", [2])):
             if name not in at:
@@ -144,56 +149,204 @@ class InterRest:
                 flat = (np.eye(3) - np.swapaxes(u, -1, -2) * u) / length
                 first, last = first @ flat[:, :-1], last @ flat[:, 1:]
             by[name] = _pulled(at[name], first, last, ends)
-        r, unit = gaps.e, np.ones((t, rows + ends))
         if ends:
             own[:, -3:, 9:] = np.eye(3) / self.rate[:, None]
-            r = np.concatenate([r, (B - self.setting.bias_value) / self.rate], axis=1)
-            unit[:, -3:] = 1.0 / self.rate
-        V = own_covariance(noise, self.setting.bias_std[:ends])
-        V *= unit[:, :, None] * unit[:, None]
-        return Between(r=r, own=own, by=by, V=V, axes=E, whole=gaps.by_gyroscope)
+            e = np.concatenate([e, (B - self.noise.bias_value) / self.rate], axis=1)
+            V[:, -3:] /= self.rate[:, None]
+            V[:, :, -3:] /= self.rate[:, None]
+        return Between(r=e, own=own, by=by, V=V, axes=E, whole=whole)
 
     def values(
         self, at: dict[str, Corrected], theta: Array, here: Array
     ) -> Float[Array, "t r"]:
         """Values of the rows, compared in the axes of a linearisation."""
         M, B = self.split(theta)
-        C = end_of(self.moves.statistics, M, B)
+        C = final_rotations(self.moves.statistics, M, B)
         w = self._compared(at)
         EC = here @ np.swapaxes(C, -1, -2)
         e = np.vecdot(EC, w[:, :-1]) - np.vecdot(here, w[:, 1:])
         parts = [e.reshape(len(e), -1)]
         if self.size == 12:
-            parts.append((B - self.setting.bias_value) / self.rate)
+            parts.append((B - self.noise.bias_value) / self.rate)
         return np.concatenate(parts, axis=1)
 
     def angles(self, at: dict[str, Corrected], theta: Array) -> Float[Array, "t k"]:
-        """Between gravity as turned and as read at the end of each turn, rad."""
-        u = normalize(at["accelerometer"].w)
-        C = end_of(self.moves.statistics, *self.split(theta))
+        """Between gravity as rotated and as read at the end of each rotation, rad."""
+        u = _unit(at["accelerometer"].w)
+        C = final_rotations(self.moves.statistics, *self.split(theta))
         turned = (u[:, :-1, None] @ C)[:, :, 0]
         sine = np.linalg.norm(np.cross(turned, u[:, 1:]), axis=-1)
         return np.asarray(np.arcsin(np.minimum(sine, 1.0)))
 
     def _compared(self, at: dict[str, Corrected]) -> Float[Array, "t n a 3"]:
-        # vectors of each rest that the rows compare
-        u = normalize(at["accelerometer"].w)
+        # vectors of each rest that the residuals compare
+        u = _unit(at["accelerometer"].w)
         field = [at["magnetometer"].w] if self.each == 3 else []
         return np.stack([u, u, *field], axis=2)
+
+    def _axes(self, at: dict[str, Corrected]) -> Float[Array, "t k a 3"]:
+        w = self._compared(at)[:, 1:]
+        E = across(w[:, :, 0])
+        if self.each == 3:
+            sideways = _unit(np.cross(w[:, :, 0], w[:, :, 2]))
+            E = np.concatenate([E, sideways[:, :, None]], axis=2)
+        return E
 
 
 def _pulled(
     at: Corrected, first: Float[Array, "t k a 3"], last: Array, more: int
 ) -> tuple[Float[Array, "t r q"], Float[Array, "t r n 3"]]:
     # derivatives of the rows by a triad's parameters and unit noises, from those by its
-    # vectors at the start and the end of each turn
+    # vectors at the start and the end of each rotation
     start, from_start = at.pull(first, slice(None, -1))
     end, from_end = at.pull(last, slice(1, None))
     t, k, a = first.shape[:3]
-    gap = np.arange(k)
-    L = np.zeros((t, k, a, k + 1, 3))
-    L[:, gap, :, gap] = np.moveaxis(from_start, 1, 0)
-    L[:, gap, :, gap + 1] = np.moveaxis(from_end, 1, 0)
-    padded = ((0, 0), (0, more), (0, 0))
-    J = np.pad((start + end).reshape(t, k * a, -1), padded)
-    return J, np.pad(L.reshape(t, k * a, k + 1, 3), (*padded, (0, 0)))
+    J = np.zeros((t, k * a + more, start.shape[-1]))
+    J[:, : k * a] = (start + end).reshape(t, k * a, -1)
+    return J, _at_rests(from_start, from_end, more)
+
+
+def _at_rests(
+    start: Float[Array, "t k a 3"], end: Float[Array, "t k a 3"], more: int = 0
+) -> Float[Array, "t r n 3"]:
+    # slopes of the rows by what belongs to the rests before and after each rotation
+    t, k, a, _ = start.shape
+    gap, L = np.arange(k), np.zeros((t, k * a + more, k + 1, 3))
+    each = np.zeros((t, k, a, k + 1, 3))
+    each[:, gap, :, gap] = np.moveaxis(start, 1, 0)
+    each[:, gap, :, gap + 1] = np.moveaxis(end, 1, 0)
+    L[:, : k * a] = each.reshape(t, k * a, k + 1, 3)
+    return L
+
+
+def covariance(
+    rows: Linearised, moves: Moves, noise: GyroscopeNoise, ends: int
+) -> Float[Array, "t q q"]:
+    """Covariance by the gyroscope of the residuals, and of as many rows of the bias."""
+    t, k, a, _ = rows.by_angle.shape
+    count = k * a
+    angle, shared = angle_covariance(rows.rotations, noise), list[Array]()
+    if noise.clock_jitter > 0.0:
+        angle += jitter_covariance(rows.rotations, moves, noise)
+    if noise.bias == "line":
+        angle += bridge_covariance(rows.rotations, moves, noise)
+        shared.append(line_noise(rows, moves, noise))
+    elif noise.bias_random_walk > 0.0:
+        shared.append(walk_noise(rows, moves, noise))
+    if noise.bias == "known":
+        shared.append(rows.by_gyroscope[..., 9:] * noise.bias_std)
+    if moves.force.size:
+        shared.append(sensitivity_noise(rows, moves, noise)[:, : count + ends])
+    blocks = rows.by_angle @ angle @ np.swapaxes(rows.by_angle, -1, -2)
+    own, each = np.zeros((t, k, a, k, a)), np.arange(k)
+    own[:, each, :, each] = np.moveaxis(blocks, 1, 0)
+    V = np.zeros((t, count + ends, count + ends))
+    V[:, :count, :count] = own.reshape(t, count, count)
+    last = np.arange(count, count + ends)
+    V[:, last, last] = noise.bias_std[:ends] ** 2
+    for L in shared:
+        V[:, : L.shape[1], : L.shape[1]] += L @ np.swapaxes(L, -1, -2)
+    return V
+
+
+def angle_covariance(
+    moved: Rotations, noise: GyroscopeNoise
+) -> Float[Array, "t k 3 3"]:
+    """Covariance of theta by white noise, the integral of N^2 D M (D M)'."""
+    DM = moved.by_rate(noise.angle_random_walk)
+    flat = DM.reshape(*DM.shape[:3], -1)
+    shares = np.repeat(moved.statistics[:1, :, 9], 3, axis=-1)[:, :, None]  # one clock
+    return np.asarray((flat * shares) @ np.swapaxes(flat, -1, -2))
+
+
+def walk_noise(
+    rows: Linearised, moves: Moves, noise: GyroscopeNoise
+) -> Float[Array, "t r m"]:
+    """Residuals by a bias that walks, where it is held for constant.
+
+    A rotation is off by its mean, whose variance is that in the middle less T/6.
+    """
+    t, k = moves.statistics.shape[:2]
+    middle = moves.times[:, 0] + 0.5 * moves.seconds
+    walked = walk_covariance(middle, noise.weights, moves.rest_times)
+    walked -= np.diag(moves.seconds / 6.0)
+    # a walk that has been seen at fewer times than rotations leaves roots of zero
+    values, vectors = np.linalg.eigh(walked)
+    root = noise.bias_random_walk * vectors * np.sqrt(np.maximum(values, 0.0))
+    by_bias = rows.by_gyroscope[..., 9:].reshape(t, k, -1, 1, 3)
+    return (by_bias * root[:, None, :, None]).reshape(t, rows.e.shape[1], -1)
+
+
+def line_noise(
+    rows: Linearised, moves: Moves, noise: GyroscopeNoise
+) -> Float[Array, "t r m"]:
+    """Residuals by the white noise of each rest's mean, through lines between rests."""
+    start, end = moves.rest_times[:-1, None], moves.rest_times[1:, None]
+    along = (moves.times - start) / (end - start)
+    std = noise.angle_random_walk / np.sqrt(moves.rest_seconds)[:, None, None]
+    before, after = (
+        rows.by_angle @ rows.rotations.by_line(weights) * std[rests]
+        for weights, rests in ((1.0 - along, slice(None, -1)), (along, slice(1, None)))
+    )
+    return _at_rests(before, after).reshape(*rows.e.shape, -1)
+
+
+def bridge_covariance(
+    moved: Rotations, moves: Moves, noise: GyroscopeNoise
+) -> Float[Array, "t k 3 3"]:
+    """Covariance of theta by a bias that walks about the line between two rests."""
+    # theta = int A (b - line) dt = int g dW, g(s) = int_s A dt - int (t / T) A dt
+    tau = moves.statistics[0, :, 9]  # k j
+    pulls = moved.by_rate() * tau[:, None, :, None]  # t k 3 j 3
+    length = (moves.rest_times[1:] - moves.rest_times[:-1])[:, None]
+    along = (moves.times - moves.rest_times[:-1, None]) / length
+    whole = (pulls * along[:, None, :, None]).sum(axis=3, keepdims=True)
+    later = np.cumsum(pulls[..., ::-1, :], axis=3)[..., ::-1, :] - 0.5 * pulls
+    g = later - whole
+    # before the rotation the integral is whole, after it nothing is left of it
+    total, whole = pulls.sum(axis=3) - whole[..., 0, :], whole[..., 0, :]
+    begin = moves.times[:, 0] - 0.5 * tau[:, 0] - moves.rest_times[:-1]
+    rest = length[:, 0] - begin - tau.sum(axis=1)
+    square = np.einsum("tkajb,tkcjb,kj->tkac", g, g, tau)
+    square += np.einsum("tkab,tkcb,k->tkac", total, total, begin)
+    square += np.einsum("tkab,tkcb,k->tkac", whole, whole, rest)
+    return np.asarray(noise.bias_random_walk**2 * square)
+
+
+def jitter_covariance(
+    moved: Rotations, moves: Moves, noise: GyroscopeNoise
+) -> Float[Array, "t k 3 3"]:
+    r"""Covariance of theta by time stamps that are off, each by itself.
+
+    A stamp that is late by :math:`\delta` lengthens the step before it and shortens
+    the next, so the rotation is off by :math:`\delta` times the difference of their
+    rates. Over a chunk of c steps rates change evenly: the squares of their differences
+    sum to that of the chunks' over c.
+    """
+    t, k, _, j = moves.statistics.shape
+    tau = moves.statistics[:, :, 9]
+    turned = moves.statistics[:, :, :3] - tau[:, :, None] * moved.B[:, None, :, None]
+    rate = moved.M[:, None] @ (turned / np.where(tau > 0.0, tau, 1.0)[:, :, None])
+    seen = np.einsum("tkabj,tkbj->tkaj", moved.D.reshape(t, k, 3, 3, j), rate)
+    change = np.diff(np.pad(seen, ((0, 0), (0, 0), (0, 0), (1, 1))), axis=-1)
+    squares = change @ np.swapaxes(change, -1, -2)
+    return np.asarray(noise.clock_jitter**2 / moves.chunk * squares)
+
+
+def sensitivity_noise(
+    rows: Linearised, moves: Moves, noise: GyroscopeNoise
+) -> Float[Array, "t r 9"]:
+    """Residuals, and last the rests' bias, by a sensitivity that was taken out.
+
+    The regression on the rests gives each axis a row of G with the covariance
+    :math:`N^2 C`; the mean reading less G times the mean force is the bias.
+    """
+    t, k = moves.statistics.shape[:2]
+    C, N = moves.force_noise[1:, 1:], noise.angle_random_walk
+    root = np.linalg.cholesky(C)
+    mean = -np.linalg.solve(C, moves.force_noise[1:, 0])
+    by_G = np.einsum("tkija,kbj->tkiab", rows.rotations.by_rate(N), moves.force)
+    theta = np.einsum("tkiab,bq->tkiaq", by_G, root).reshape(t, k, 3, 9)
+    bias = np.einsum("ac,q,a->acq", np.eye(3), mean @ root, N).reshape(1, 3, 9)
+    own = (-rows.by_angle @ theta).reshape(t, -1, 9)
+    return np.concatenate([own, np.broadcast_to(bias, (t, 3, 9))], axis=1)

@@ -200,9 +200,9 @@ def solve(problem: Problem, most: int) -> tuple[Solution, Any]:
             theta = start(problem)
             return minimize(problem, theta, most), np.ones(len(theta), dtype=bool)
         found = [_ended(problem, theta, most) for theta in _starts(problem)]
-        best = _best(found)[0]
+        best = _best(problem, found)[0]
         found += [_freed(problem, theta, most) for theta in _jumps(problem, best.theta)]
-        return _best(found)
+        return _best(problem, found)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -218,7 +218,7 @@ def _ended(problem: Problem, theta: Array, most: int) -> _Ended:
 
 def _freed(problem: Problem, theta: Array, most: int) -> _Ended:
     ended = minimize(problem, theta, most)
-    cost = problem.local(ended.theta).chi_square
+    cost = ended.here.chi_square
     cost = np.where(ended.converged & np.isfinite(cost), cost, np.inf)
     return _Ended(solution=ended, cost=cost)
 
@@ -305,7 +305,7 @@ def _cube_turns() -> list[Float[Array, "3 3"]]:
     return turns
 
 
-def _best(found: list[_Ended]) -> tuple[Solution, Any]:
+def _best(problem: Problem, found: list[_Ended]) -> tuple[Solution, Any]:
     costs = np.array([each.cost for each in found])
     thetas = np.array([each.solution.theta for each in found])
     best, trials = np.argmin(costs, axis=0), np.arange(costs.shape[1])
@@ -318,8 +318,10 @@ def _best(found: list[_Ended]) -> tuple[Solution, Any]:
     apart = np.minimum(
         np.abs(thetas - theta).max(axis=-1), np.abs(thetas - mirrored).max(axis=-1)
     )
+    upright = _upright(theta, mirrored)
     return Solution(
-        theta=_upright(theta, mirrored),
+        theta=upright,
+        here=problem.local(upright),
         iterations=sum(each.solution.iterations for each in found),
         converged=np.isfinite(costs[best, trials]),
         step=np.array([each.solution.step for each in found])[best, trials],

@@ -1,12 +1,12 @@
-r"""The turn of each move and its derivative, from path statistics in one pass.
+r"""Rotations between rests and their derivatives, from path statistics in one pass.
 
 With the ten statistics X of a chunk (N1) is linear in them,
 
 .. math:: \phi = F X, \qquad F = [M,\ \mathrm{cof} M,\ -\mathrm{cof} M [B\times],\ -MB],
 
-and the move is :math:`C = \prod_j \exp([\phi_j\times])`, body now to body at its start.
-With J the left Jacobian of the exponential, C_j the turn up to chunk j and
-:math:`D_j = C_j J(\phi_j)`, a change of the parameters turns the whole move by
+and the rotation is :math:`C = \prod_j \exp([\phi_j\times])`, body now to body at its
+start. With J the left Jacobian of the exponential, C_j the rotation up to chunk j and
+:math:`D_j = C_j J(\phi_j)`, a change of the parameters turns the whole by
 :math:`\theta`, axes of its start,
 
 .. math:: \theta = \sum_j D_j\, \mathrm{d}\phi_j
@@ -21,7 +21,7 @@ twelve parameters. Those of the cofactors are linear in M,
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -38,12 +38,28 @@ _SMALL = 1e-2  # rad; the next term of each series is below 1e-16 of its first
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Turn:
-    """Moves for one guess of the parameters."""
+class Rotations:
+    """Rotations between rests for one guess of the parameters."""
 
+    statistics: Float[Array, "t k 10 j"]
+    M: Float[Array, "t 3 3"]
+    B: Float[Array, "t 3"]  # less the centre of the statistics
     C: Float[Array, "t k 3 3"]  # body at the end to body at the start
     slopes: Float[Array, "t k 3 12"]  # theta by M (row by row) and B, eq. (N3)
     D: Float[Array, "t k 9 j"]  # of each chunk
+
+    def by_rate(self, scale: Any = 1.0) -> Float[Array, "t k 3 j 3"]:
+        """Slope D M of theta by the integrated reading of each chunk, axes scaled."""
+        t, k, _, j = self.D.shape
+        D = self.D.reshape(t, k, 3, 3, j).transpose(0, 1, 2, 4, 3)
+        return np.asarray(D @ (self.M * scale)[:, None, None])
+
+    def by_line(self, weights: Float[Array, "k j"]) -> Float[Array, "t k 3 3"]:
+        """Slope of theta by a bias with such weights along each rotation."""
+        moments = self.D @ np.swapaxes(self.statistics * weights[:, None], -1, -2)
+        t, k = moments.shape[:2]
+        slopes = map_slopes(self.M, self.B)[:, None, :, 9:]
+        return np.asarray(moments.reshape(t, k, 3, 30) @ slopes)
 
 
 def cofactor(M: Inexact[Array, "... 3 3"]) -> Inexact[Array, "... 3 3"]:
@@ -79,12 +95,12 @@ def map_slopes(
     return np.swapaxes(result.reshape(t, 12, 30), -1, -2)
 
 
-def turn(
+def rotations(
     statistics: Float[Array, "t k 10 j"],
     M: Float[Array, "t 3 3"],
     B: Float[Array, "t 3"],
-) -> Turn:
-    """Turns and derivatives, eqs. (N1) and (N3)."""
+) -> Rotations:
+    """Rotations and derivatives, eqs. (N1) and (N3)."""
     t, k, _, j = statistics.shape
     phi = _vectors(statistics, M, B)
     D, q = _swept(phi, prefixes(quaternions(phi)))
@@ -92,39 +108,16 @@ def turn(
     D = np.ascontiguousarray(np.moveaxis(flat, 0, 2))  # t k 9 j
     moments = D @ np.swapaxes(statistics, -1, -2)  # t k 9 10
     slopes = moments.reshape(t, k, 3, 30) @ map_slopes(M, B)[:, None]
-    return Turn(C=_matrices(q, t, k), slopes=slopes, D=D)
+    C = _matrices(q, t, k)
+    return Rotations(statistics=statistics, M=M, B=B, C=C, slopes=slopes, D=D)
 
 
-def wander(
-    found: Turn, statistics: Float[Array, "t k 10 j"], M: Float[Array, "t 3 3"]
-) -> Float[Array, "t k 3 3"]:
-    """Covariance of theta by unit white noise, the integral of D M (D M)'."""
-    t, k, _, j = statistics.shape
-    D = found.D.reshape(t, k, 3, 3, j).transpose(0, 1, 2, 4, 3)
-    DM = (D @ M[:, None, None]).reshape(t, k, 3, 3 * j)
-    shares = np.repeat(statistics[:1, :, 9], 3, axis=-1)[:, :, None]  # one clock
-    return (DM * shares) @ np.swapaxes(DM, -1, -2)
-
-
-def bias_slopes(
-    found: Turn,
-    statistics: Float[Array, "t k 10 j"],
-    M: Float[Array, "t 3 3"],
-    B: Float[Array, "t 3"],
-    weights: Float[Array, "k j"],
-) -> Float[Array, "t k 3 3"]:
-    """Theta by a bias that is weighted along the move, as a line is."""
-    t, k = statistics.shape[:2]
-    moments = found.D @ np.swapaxes(statistics * weights[:, None], -1, -2)
-    return moments.reshape(t, k, 3, 30) @ map_slopes(M, B)[:, None, :, 9:]
-
-
-def end_of(
+def final_rotations(
     statistics: Float[Array, "s k 10 j"],
     M: Float[Array, "m 3 3"],
     B: Float[Array, "m 3"],
 ) -> Float[Array, "t k 3 3"]:
-    """Turns alone, of many trials for one guess each, or of one for many guesses."""
+    """C alone, of many trials for one guess each, or of one for many guesses."""
     t, k = max(len(statistics), len(M)), statistics.shape[1]
     q = quaternions(_vectors(statistics, M, B))
     while q.shape[1] > 1:
@@ -135,7 +128,7 @@ def end_of(
 
 
 def _vectors(statistics: Array, M: Array, B: Array) -> Float[Array, "3 j n"]:
-    # rotation vectors, chunks before moves so that sums along a move go in rows
+    # rotation vectors, chunks first, so that sums along a rotation go in rows
     phi = map_of(M, B)[:, None] @ statistics  # t k 3 j
     j = phi.shape[-1]
     result = np.empty((3, j, phi.size // (3 * j)))
@@ -173,7 +166,7 @@ _TERMS: Final = (
 
 
 def product(p: Float[Array, "4 ..."], q: Float[Array, "4 ..."]) -> Array:
-    """Hamilton's product: of two turns, first p, then q about the axes that p left."""
+    """Hamilton's product: first p, then q about the axes that p left."""
     result = np.empty(np.broadcast_shapes(p.shape, q.shape))
     term = np.empty(result.shape[1:])
     for entry, (one, two, three, less) in zip(result[:3], _TERMS, strict=True):
@@ -189,14 +182,14 @@ def product(p: Float[Array, "4 ..."], q: Float[Array, "4 ..."]) -> Array:
 
 def prefixes(q: Float[Array, "4 j n"]) -> Float[Array, "4 i n"]:
     """Products of the first 0, 1, ... quaternions, in blocks: few, long operations."""
-    count, moves = q.shape[1:]
+    count, many = q.shape[1:]
     size = max(1, round(count**0.5))
     blocks = -(-count // size)
-    padded = np.zeros((4, blocks * size, moves))
+    padded = np.zeros((4, blocks * size, many))
     padded[3] = 1.0
     padded[:, :count] = q
     inner = np.ascontiguousarray(
-        padded.reshape(4, blocks, size, moves).transpose(0, 2, 1, 3)
+        padded.reshape(4, blocks, size, many).transpose(0, 2, 1, 3)
     )
     for i in range(1, size):
         inner[:, i] = product(inner[:, i - 1], inner[:, i])
@@ -204,9 +197,9 @@ def prefixes(q: Float[Array, "4 j n"]) -> Float[Array, "4 i n"]:
     for i in range(1, blocks):
         outer[:, i] = product(outer[:, i - 1], outer[:, i])
     inner[:, :, 1:] = product(outer[:, None, :-1], inner[:, :, 1:])
-    whole = np.empty((4, blocks * size + 1, moves))
+    whole = np.empty((4, blocks * size + 1, many))
     whole[:3, 0], whole[3, 0] = 0.0, 1.0
-    whole[:, 1:] = inner.transpose(0, 2, 1, 3).reshape(4, -1, moves)
+    whole[:, 1:] = inner.transpose(0, 2, 1, 3).reshape(4, -1, many)
     return whole[:, : count + 1]
 
 

@@ -1,4 +1,4 @@
-"""Moves between rests: paths against integrators that share no step, their limits."""
+"""Rotations between rests: paths against integrators that share no step, limits."""
 
 import numpy as np
 import pytest
@@ -11,9 +11,10 @@ from tumbles import ACCELEROMETER, FIRST_UP, GENERIC, GYROSCOPE, M, rolled
 
 from simval.errors import InputError, RefusedError, SaturatedError
 from simval.imu.calibrate import calibrate, calibrate_gyroscope, moves_between
-from simval.imu.calibrate.gyroscope.covariance import GyroscopeNoise, jitter_noise
-from simval.imu.calibrate.gyroscope.moves import SCHEMES, path_statistics
-from simval.imu.calibrate.gyroscope.turn import end_of, turn
+from simval.imu.calibrate.gyroscope.noise import noise_of
+from simval.imu.calibrate.gyroscope.path_statistics import SCHEMES, path_statistics
+from simval.imu.calibrate.gyroscope.residuals import jitter_covariance
+from simval.imu.calibrate.gyroscope.rotation import final_rotations, rotations
 
 RNG = np.random.default_rng(7)
 MATRICES = np.eye(3) + 0.05 * RNG.standard_normal((2, 3, 3))
@@ -63,7 +64,7 @@ def by_scheme(n, scheme, chunk=1, matrix=MATRICES[0], bias=(0.0, 0.0, 0.0)):
         rows(n, scheme)[None], np.full(n + 7, 1.0 / n),
         np.array([3]), np.array([n + 3]), scheme, chunk,
     )  # fmt: skip
-    return end_of(made, matrix[None], np.array([bias]))[0, 0]
+    return final_rotations(made, matrix[None], np.array([bias]))[0, 0]
 
 
 def off(C, truth):
@@ -103,8 +104,8 @@ def test_derivative_is_that_of_the_turn(scheme, chunk):
     first = np.array([3, 100, 220])
     last = first + np.array([90, 60, 77])
     made = path_statistics(y, np.full(400, 0.01), first, last, scheme, chunk)
-    found = turn(made, MATRICES, BIASES)
-    ends = end_of(made, MATRICES, BIASES)
+    found = rotations(made, MATRICES, BIASES)
+    ends = final_rotations(made, MATRICES, BIASES)
     np.testing.assert_allclose(found.C, ends, atol=1e-13)
     h = 1e-6
     for p in range(12):
@@ -112,7 +113,8 @@ def test_derivative_is_that_of_the_turn(scheme, chunk):
         for s in (h, -h):
             values = np.concatenate([MATRICES.reshape(2, 9), BIASES], axis=1)
             values[:, p] += s
-            ends.append(end_of(made, values[:, :9].reshape(2, 3, 3), values[:, 9:]))
+            matrices = values[:, :9].reshape(2, 3, 3)
+            ends.append(final_rotations(made, matrices, values[:, 9:]))
         turned = ends[0] @ np.swapaxes(ends[1], -1, -2)
         theta = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_rotvec() / (2 * h)
         # rounding 1e-16 / 2e-6 and h^2 of the third derivative
@@ -126,7 +128,7 @@ def test_derivative_is_that_of_the_turn(scheme, chunk):
 
 @pytest.mark.ci
 @pytest.mark.parametrize("chunk", [1, 2, 4])
-def test_the_turn_of_a_move_scatters_as_its_time_stamps_do(chunk):
+def test_a_rotation_scatters_as_its_time_stamps_do(chunk):
     """Every row as it was and every stamp drawn, against the closed form."""
     jitter, draws, move = 3e-4, 30, 100
     time, rate, rests, _ = rolled(GENERIC[:8], hold=50, move=move)
@@ -135,14 +137,11 @@ def test_the_turn_of_a_move_scatters_as_its_time_stamps_do(chunk):
     def ends(clock):
         moves = moves_between(clock, rows, rests, chunk=chunk, margin=5)
         B = GYROSCOPE.B - moves.centre
-        return moves, turn(moves.statistics, M[None], B), B
+        return moves, rotations(moves.statistics, M[None], B)
 
-    moves, true, B = ends(time)
-    noise = GyroscopeNoise(
-        angle_random_walk=np.zeros(3), bias_random_walk=0.0, clock_jitter=jitter,
-        pose_std=np.zeros((1, 3)),
-    )  # fmt: skip
-    predicted = jitter_noise(true, moves, M[None], B, noise)[0]
+    moves, true = ends(time)
+    noise = noise_of(moves, bias="constant", clock_jitter=jitter)
+    predicted = jitter_covariance(true, moves, noise)[0]
     back, theta = np.swapaxes(true.C[0], -1, -2), []
     for _ in range(draws):
         found = ends(time + jitter * rng.standard_normal(len(time)))[1]

@@ -1,0 +1,158 @@
+r"""Noise of a gyroscope, and what the rests say of its bias.
+
+White noise N leaves the angle a random walk of variance :math:`N^2 t`, and the mean of
+a rest of :math:`T_r` seconds the variance :math:`N^2/T_r`; the bias walks by
+:math:`K^2 t`. A constant bias from rests of cumulative weights W(s), in rotations of
+G(s), is off by :math:`N^2 \sum w_i^2/T_i + K^2 \int (W - G)^2 ds`.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any, Final, Self
+
+import numpy as np
+
+from simval.arguments import choice
+from simval.arrays import Array, noise_levels, nonnegative_number, physical_array
+from simval.errors import InputError
+from simval.imu.calibrate.gyroscope.path_statistics import Moves
+from simval.shapes import Float
+
+BIASES: Final = ("constant", "first rest", "line")
+# Of the readings' own size: below it noise is rounding, and V is still positive.
+_FLOOR = 1e-11
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GyroscopeNoise:
+    """Noise of the gyroscope, and its bias by the rests."""
+
+    angle_random_walk: Float[Array, "3"]  # N of each axis, raw units per root hertz
+    bias_random_walk: float  # K, raw units times root hertz
+    clock_jitter: float  # standard deviation of each time stamp, s
+    bias: str  # constant (estimated), known or line
+    bias_value: Float[Array, "t 3"]  # from the rests, less the centre
+    bias_std: Float[Array, "3"]
+    weights: Float[Array, " n"]  # of the rests in that value
+
+    @property
+    def free(self) -> int:
+        """Parameters of the gyroscope that are estimated."""
+        return 12 if self.bias == "constant" else 9
+
+    def take(self, trials: Any) -> Self:
+        """That of some trials."""
+        return replace(self, bias_value=self.bias_value[trials])
+
+    def noisier(self, factor: float) -> Self:
+        """The same with so many times the noise."""
+        return replace(
+            self,
+            angle_random_walk=self.angle_random_walk * factor,
+            bias_random_walk=self.bias_random_walk * factor,
+            clock_jitter=self.clock_jitter * factor,
+            bias_std=self.bias_std * factor,
+        )
+
+
+def checked_walk(value: Any) -> Float[Array, "3"]:
+    """Require white noise of each axis.
+
+    Raises
+    ------
+    InputError
+        If it is not one number or three, 0 or more.
+    """
+    N = physical_array("angle_random_walk", value, ())
+    if N.shape not in ((), (3,)) or not np.all(N >= 0.0):
+        msg = (
+            f"`angle_random_walk` has shape {N.shape}, least {N.min(initial=0.0):g}; "
+            "give one number, or one of each axis (3,), 0 or more"
+        )
+        raise InputError(msg)
+    return np.array(np.broadcast_to(N, (3,)))
+
+
+def checked_pose_std(
+    value: Any, count: int, name: str = "pose_std"
+) -> Float[Array, "n 3"]:
+    """Require the noise of pose means, of all, each pose, or each of its axes.
+
+    Raises
+    ------
+    InputError
+        If the shape is another, or one is negative.
+    """
+    std = physical_array(name, value, ())
+    if std.shape == (count,):
+        std = std[:, None]
+    fits = std.shape in ((), (count, 1), (count, 3))
+    if not fits or not np.all(std >= 0.0):
+        msg = (
+            f"`{name}` has shape {std.shape}, least value {std.min(initial=0.0):g}; "
+            f"give one number, or one of each pose ({count},) or axis ({count}, 3), 0 "
+            "or more"
+        )
+        raise InputError(msg)
+    return np.array(np.broadcast_to(std, (count, 3)))
+
+
+def floored(std: Float[Array, "n 3"], readings: Array) -> Float[Array, "n 3"]:
+    """Noise of readings that is at least rounding."""
+    return np.maximum(std, _FLOOR * float(np.sqrt((readings**2).mean())))
+
+
+def noise_of(
+    moves: Moves,
+    *,
+    bias: str,
+    angle_random_walk: Any = None,
+    bias_random_walk: float = 0.0,
+    clock_jitter: float = 0.0,
+    known_bias: Any = None,
+    bias_std: Any = None,
+    kept: bool = False,
+) -> GyroscopeNoise:
+    """Noise that was given, or that the rests show, and the bias that they say.
+
+    A constant bias may be `kept` as the rests say it, with nothing estimated.
+
+    Raises
+    ------
+    InputError
+        If a value is not usable.
+    """
+    walk = moves.white.mean(axis=0) if angle_random_walk is None else angle_random_walk
+    way = np.sqrt((moves.statistics[:, :, :3] ** 2).sum(axis=2)).sum(axis=-1)
+    typical = float(np.median(way)) / float(np.median(moves.seconds)) ** 0.5
+    N = np.maximum(checked_walk(walk), _FLOOR * typical)
+    K = nonnegative_number("bias_random_walk", bias_random_walk, "raw units")
+    jitter = nonnegative_number("clock_jitter", clock_jitter, "s")
+    bias = choice("bias", bias, BIASES)
+    if known_bias is not None and bias == "constant":
+        msg = f"`known_bias` is given and `bias` is {bias}; ask for first rest"
+        raise InputError(msg)
+    seconds = moves.rest_seconds
+    w = seconds / seconds.sum()
+    if bias == "first rest":
+        w = np.eye(len(seconds))[0]
+    value = np.einsum("n,tni->ti", w, moves.rest_rates) - moves.centre
+    if known_bias is not None:
+        value = physical_array("known_bias", known_bias, (3,)) - moves.centre
+    std = N * np.sqrt(float(np.sum(w * w / seconds)))
+    if bias_std is not None:
+        std = np.maximum(noise_levels("bias_std", bias_std, 3), std)
+    known = bias == "first rest" or (bias == "constant" and kept)
+    return GyroscopeNoise(
+        angle_random_walk=N, bias_random_walk=K, clock_jitter=jitter,
+        bias="known" if known else bias, bias_value=value, bias_std=std, weights=w,
+    )  # fmt: skip
+
+
+def walk_covariance(
+    times: Float[Array, " m"], w: Float[Array, " n"], rests: Float[Array, " n"]
+) -> Float[Array, "m m"]:
+    """Covariance of a unit walk at some times, less its mean over the rests."""
+    every = np.concatenate([times, rests])
+    walk = np.minimum(every[:, None], every) - every.min()
+    less = np.concatenate([np.eye(len(times)), -np.tile(w, (len(times), 1))], axis=1)
+    return less @ walk @ less.T
