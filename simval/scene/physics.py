@@ -301,31 +301,16 @@ def path_length(
     return np.linalg.norm(places[1:] - places[0], axis=1)
 
 
-def positions(
-    model: "mujoco.MjModel", script: Script, rows: NDArray[np.intp]
-) -> Float[Array, "m nq"]:
-    """Generalised positions of a run at some rows."""
-    with captured_messages():
-        _, out = _batch(model, [script], ("qpos",), 1)
-    return _from_start(model, script, out["qpos"][0])[rows]
-
-
 def instants(
     model: "mujoco.MjModel", script: Script
 ) -> tuple[Float[Array, "n nq"], Float[Array, "n 14"]]:
-    """Generalised positions of a run and its unchecked rows, for pictures."""
+    """Generalised positions of a run and its unchecked rows."""
     with captured_messages():
         _, out = _batch(model, [script], ("qpos", "sensordata"), 1)
-    qpos = _from_start(model, script, out["qpos"][0])[: len(script.hold)]
-    return qpos, _in_order(model, out["sensordata"])[0]
-
-
-def _from_start(
-    model: "mujoco.MjModel", script: Script, qpos: Float[Array, "n nq"]
-) -> Float[Array, "m nq"]:
     # sensor data are of the state before their step, so row 0 is of the start
     start = model.qpos0 if script.qpos is None else script.qpos
-    return np.concatenate([np.asarray(start)[None], qpos])
+    qpos = np.concatenate([np.asarray(start)[None], out["qpos"][0][:-1]])
+    return qpos, _in_order(model, out["sensordata"])[0]
 
 
 def _in_order(

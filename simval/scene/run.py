@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import Array, frozen
+from simval.arrays import Array, ReadOnly
 from simval.errors import InputError, SimulationError, SimvalError
 from simval.geometry import normalize
 from simval.scene.catalogue import find_scene
@@ -23,10 +23,10 @@ from simval.scene.drivers import require_rows
 from simval.scene.physics import (
     Physics,
     Rollout,
+    instants,
     load_model,
     mujoco,
     path_length,
-    positions,
     roll_out,
 )
 from simval.scene.script import Scene, Script
@@ -328,9 +328,7 @@ def checked_trajectory(plan: Plan, rollout: Rollout, number: int = 0) -> Traject
         scene.rate_limit,
     )
     if not rollout.travel[number] <= scene.reach:
-        path = path_length(
-            model, script, positions(model, script, np.arange(len(rows)))
-        )
+        path = path_length(model, script, instants(model, script)[0])
         check_reach(scene.name, path, option.timestep, scene.reach)
     g = float(np.linalg.norm(option.gravity))
     hold, unsettled = settled_rests(scene.name, rows, script, g)
@@ -354,7 +352,7 @@ TOGETHER = 8  # runs in memory at once: 46 MB at 51 200 rows each
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RestMeans:
+class RestMeans(ReadOnly):
     """Means over the rests of many runs; each row is one run, each column one rest.
 
     Attributes
@@ -376,10 +374,6 @@ class RestMeans:
     magnetic_field: Float[Array, "runs k 3"]
     attitude: Float[Array, "runs k 4"]
     provenance: Mapping[str, Any]
-
-    def __post_init__(self) -> None:
-        for name in COLUMNS:
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 COLUMNS = ("specific_force", "angular_velocity", "magnetic_field", "attitude")
@@ -435,39 +429,27 @@ def simulate_many(
         )
 
     means: list[list[Array]] = []
-    length = len(plan(0).script.hold)
+    first = plan(0)
     for start in range(0, len(parameter_sets), TOGETHER):
-        stop = min(start + TOGETHER, len(parameter_sets))
-        means += _simulated(
-            [plan(k) for k in range(start, stop)], start, length, threads
-        )
-    stacked = {
-        name: np.stack([each[j] for each in means]) for j, name in enumerate(COLUMNS)
-    }
-    return RestMeans(provenance=plan(0).provenance, **stacked)
+        plans = [plan(k) for k in range(len(parameter_sets))[start : start + TOGETHER]]
+        for number, each in enumerate(plans, start=start):
+            if len(each.script.hold) != len(first.script.hold):
+                msg = (
+                    f"run {number} lasts {len(each.script.hold)} rows and the first "
+                    f"{len(first.script.hold)}; all must be of one length"
+                )
+                raise InputError(msg)
+        rollout = roll_out(physics.model, [each.script for each in plans], threads)
+        means += [_rest_means(p, rollout, k, start + k) for k, p in enumerate(plans)]
+    stacked = map(np.stack, zip(*means, strict=True))
+    columns = dict(zip(COLUMNS, stacked, strict=True))
+    return RestMeans(provenance=first.provenance, **columns)
 
 
-def _simulated(
-    plans: list[Plan], start: int, length: int, threads: int
-) -> list[list[Array]]:
-    for number, plan in enumerate(plans, start=start):
-        if len(plan.script.hold) != length:
-            msg = (
-                f"run {number} lasts {len(plan.script.hold)} rows and the first "
-                f"{length}; all must be of one length"
-            )
-            raise InputError(msg)
-    scripts = [plan.script for plan in plans]
-    rollout = roll_out(plans[0].physics.model, scripts, threads)
-    means = []
-    for k, plan in enumerate(plans):
-        trajectory = checked_trajectory(plan, rollout, k)
-        rests = int(plan.script.hold.max()) + 1
-        means.append(_rest_means(trajectory, rests, start + k))
-    return means
-
-
-def _rest_means(trajectory: Trajectory, count: int, number: int) -> list[Array]:
+def _rest_means(plan: Plan, rollout: Rollout, k: int, number: int) -> list[Array]:
+    """Means over the rests of a run that is the k-th of those stepped together."""
+    trajectory = checked_trajectory(plan, rollout, k)
+    count = int(plan.script.hold.max()) + 1
     if trajectory.unsettled or len(trajectory.hold_indices()) != count:
         msg = (
             f"run {number}: rests {list(trajectory.unsettled)} had not come to rest; "

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arguments import instance, whole_number
-from simval.arrays import Array, frozen
+from simval.arrays import Array, ReadOnly
 from simval.errors import InputError
 from simval.geometry import compose, conjugate, rotation_vector
 from simval.imu.sensor import ImuReadings, Motion
@@ -35,7 +35,7 @@ from simval.shapes import Float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Trajectory:
+class Trajectory(ReadOnly):
     """What an ideal sensor at the IMU's site would read, row by row.
 
     All columns of a row are from the same evaluation of the physics.
@@ -83,8 +83,7 @@ class Trajectory:
     provenance: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        for name in _ARRAYS:
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+        ReadOnly.__post_init__(self)
         hold = np.array(self.hold, dtype=np.intp)
         hold.flags.writeable = False
         object.__setattr__(self, "hold", hold)
@@ -128,17 +127,6 @@ class Trajectory:
         rows = self.specific_force if values is None else np.asarray(values)
         means = [rows[self.hold == k].mean(axis=0) for k in self.hold_indices()]
         return np.array(means).reshape(-1, rows.shape[1])
-
-
-_ARRAYS = (
-    "time",
-    "specific_force",
-    "angular_velocity",
-    "magnetic_field",
-    "attitude",
-    "gravity",
-    "magnetic",
-)
 
 
 def attitude_from_mujoco(quaternion: Float[Array, "... 4"]) -> Float[Array, "... 4"]:
