@@ -47,10 +47,10 @@ import scipy
 from numpy.typing import NDArray
 
 from simval.arrays import Array
+from simval.imu.calibrate.honesty import LEFT, Drop
 from simval.imu.calibrate.outliers import (
     LEAST_SLOPE,
-    LEFT,
-    Drop,
+    coefficients,
     deletion_of,
     scaled,
     slope_of,
@@ -192,7 +192,8 @@ def find_break(poses: Float[Array, "n 3"]) -> Change | None:
     z, scale, floor = scaled(poses)
     count, dof = len(poses), len(poses) - 9
     design = monomials(z)[:, :9]
-    deletion = deletion_of(design, np.full(count, 2.0), [], floor)
+    even = np.full(count, 2.0)
+    deletion = deletion_of(design, even, floor)
     cuts = [(k, "earlier", range(k, count)) for k in range(count - dof + LEFT, count)]
     cuts += [(k, "later", range(k)) for k in range(1, dof - LEFT + 1)]
     if not cuts or deletion.rank < 9:
@@ -209,8 +210,8 @@ def find_break(poses: Float[Array, "n 3"]) -> Change | None:
         ]  # fmt: skip
         best = min(changes, key=Change.order)
         out = range(best.index, count) if best.what == "earlier" else range(best.index)
-        cut = deletion_of(design, np.full(count, 2.0), list(out), floor)
-        deletion = deletion_of(design, slope_of(cut.p, z), [], floor)
+        cut = coefficients(design, even, list(out))
+        deletion = deletion_of(design, slope_of(cut, z), floor)
     return best
 
 
@@ -247,12 +248,13 @@ def find_step(poses: Float[Array, "n 3"]) -> Change | None:
     tried = {k: v for k, v in CHANGES.items() if dof - v.shape[1] >= LEFT}
     sides = {what: max(_SIDE, v.shape[1] + 1) for what, v in tried.items()}
     number = sum(max(count - 2 * side + 1, 0) for side in sides.values())
-    none = deletion_of(monomials(z)[:, :9], np.full(count, 2.0), [], floor)
-    if count > _MOST or none.rank < 9:
+    design = monomials(z)[:, :9]
+    if count > _MOST or deletion_of(design, np.full(count, 2.0), floor).rank < 9:
         return None
-    none = deletion_of(monomials(z)[:, :9], slope_of(none.p, z), [], floor)
-    total = none.squares([])
-    centre = -np.linalg.solve(2.0 * quadratic(none.p), none.p[6:])
+    slope = slope_of(coefficients(design, np.full(count, 2.0), []), z)
+    p = coefficients(design, slope, [])
+    total = deletion_of(design, slope, floor).squares([])
+    centre = -np.linalg.solve(2.0 * quadratic(p), p[6:])
     zero = -poses.mean(axis=0) / scale
     if np.linalg.norm(zero - centre) > _GREATEST:
         zero = centre
@@ -261,7 +263,7 @@ def find_step(poses: Float[Array, "n 3"]) -> Change | None:
         places = np.arange(sides[what], count - sides[what] + 1)
         if len(places) == 0:
             continue
-        sums = np.maximum(_squares(z, none.p, zero, places, columns), count * floor)
+        sums = np.maximum(_squares(z, p, zero, places, columns), count * floor)
         at, left = int(np.argmin(sums)), dof - columns.shape[1]
         best.append(
             change(

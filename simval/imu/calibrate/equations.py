@@ -38,7 +38,8 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import RefusedError
-from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, Residuals, judged
+from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
+from simval.imu.calibrate.honesty import Residuals, Source
 from simval.imu.sensor import forms
 from simval.shapes import Float
 
@@ -53,6 +54,8 @@ FAR = 1e-3
 end: weights are off by that times the relative noise of the readings."""
 _SHORT = 4  # further steps by a linearisation
 _FIRST_DAMPING, _LAST_DAMPING = 1e-4, 1e12  # of the diagonal
+FIELD_NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "b_x", "b_y", "b_z", "dip")
+"""Of a magnetometer's parameters: M row by row, b, and the dip."""
 
 
 class Equation(NamedTuple):
@@ -102,6 +105,11 @@ class Sensor:
     name: ClassVar[str]
     size: ClassVar[int]  # parameters
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters."""
+        return tuple(f"parameter {k}" for k in range(self.size))
+
     def corrected(self, theta: Array) -> "Corrected | None":
         """The vector that a triad means; None of a sensor that is none."""
         return None
@@ -134,6 +142,11 @@ class Accelerometer(Sensor):
 
     name: ClassVar[str] = "accelerometer"
     size: ClassVar[int] = 9
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the form."""
+        return forms.names(self.model)
 
     def corrected(self, theta: Float[Array, "t 9"]) -> Corrected:
         """The specific force of each rest over gravity."""
@@ -182,6 +195,11 @@ class Magnetometer(Sensor):
     name: ClassVar[str] = "magnetometer"
     size: ClassVar[int] = 13
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """M row by row, b and the dip."""
+        return FIELD_NAMES
+
     def corrected(self, theta: Float[Array, "t 13"]) -> Corrected:
         """The field of each rest over its strength."""
         return self._triad(theta[:, :9].reshape(-1, 3, 3), theta[:, 9:12])
@@ -201,6 +219,10 @@ class Turns(Protocol):
     """A sensor that is read between rests: rows of neighbouring vectors."""
 
     name: ClassVar[str]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters."""
 
     @property
     def size(self) -> int:
@@ -275,6 +297,15 @@ class Problem:
         if self.turns is not None:
             sizes[self.turns.name] = self.turns.size
         return _slices(sizes)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all parameters, the sensor before those of the second and later ones."""
+        named = [(each.name, each.names) for each in self.sensors[1:]]
+        if self.turns is not None:
+            named.append((self.turns.name, self.turns.names))
+        told = (f"{sensor} {name}" for sensor, names in named for name in names)
+        return (*self.sensors[0].names, *told)
 
     @cached_property
     def noises(self) -> dict[str, slice]:
@@ -545,22 +576,41 @@ def _solved(
 
 
 def residuals(problem: Problem, here: Local) -> Residuals:
-    """Rows of the first trial, and whose noise is in them."""
-    rows, moves = len(here.rows[0]), None
+    """Rows of the first trial, and whose noise is in them.
+
+    What is not noise of the sensors that are read at rest is that of the turns.
+    """
+    rows = len(here.rows[0])
     L = here.white[0] @ here.L[0].reshape(*here.white.shape[1:-1], -1)
     if problem.turns is None:
         n, e, m = L.shape
         noise, each = np.zeros((n, e, n, m)), np.arange(n)
         noise[each, :, each] = L
     else:
-        noise, moves = L, (*problem.turns.item, problem.columns[problem.turns.name])
+        noise = L
     noise = noise.reshape(rows, len(problem.sensors[0].readings[0]), -1)
-    rests = {
-        name: (noise[..., own], problem.columns[name])
-        for name, own in problem.noises.items()
-    }
-    return Residuals.of_rests_and_moves(
-        here.rows[0], here.slopes[0], np.eye(rows), rests, moves
+    sources = []
+    for name, own in problem.noises.items():
+        flat = noise[..., own].reshape(rows, -1)
+        sources.append(
+            Source(
+                name=name, covariance=flat @ flat.T, item="rest",
+                items=np.moveaxis(noise[..., own], 1, 0),
+                parameters=problem.columns[name],
+            )
+        )  # fmt: skip
+    if problem.turns is not None:
+        name, (count, size) = problem.turns.name, problem.turns.item
+        moves = here.white[0][:, : count * size].reshape(rows, count, size)
+        sources.append(
+            Source(
+                name=name, item="move", items=np.moveaxis(moves, 1, 0),
+                covariance=np.eye(rows) - sum(s.covariance for s in sources),
+                parameters=problem.columns[name],
+            )
+        )  # fmt: skip
+    return Residuals(
+        r=here.rows[0], J=here.slopes[0], sources=tuple(sources), names=problem.names
     )
 
 

@@ -168,7 +168,7 @@ def gyroscope_lines(fit: Any, others: str, G: Array, G_sd: Array) -> list[str]:
     if np.any(G):
         lines.append("  G, raw units per m/s^2:")
         lines += _values(G_NAMES, G.ravel(), G_sd.ravel())
-    return lines
+    return lines + fit.noise.lines
 
 
 def magnetometer_lines(fit: Any, together: bool) -> list[str]:
@@ -191,7 +191,7 @@ def magnetometer_lines(fit: Any, together: bool) -> list[str]:
     )
     said = () if together else fit.noise.sentences
     lines += [f"finding           {each}" for each in (*fit.findings, *said)]
-    return lines
+    return lines if together else lines + fit.noise.lines
 
 
 def _values(names: tuple[str, ...], values: Array, sd: Array) -> list[str]:

@@ -41,9 +41,9 @@ from simval.imu.calibrate.estimate import (
 from simval.imu.calibrate.factors import CHANCE, NoiseFactors
 from simval.imu.calibrate.files import to_json
 from simval.imu.calibrate.gyroscope.imu import variance_within
+from simval.imu.calibrate.honesty import BELIEVED, BEYOND, chi_square_chance
 from simval.imu.calibrate.magnetometer.findings import FALSE_ALARM as ONE_POSE
 from simval.imu.calibrate.magnetometer.result import OWN_NAMES
-from simval.imu.calibrate.outliers import BELIEVED, BEYOND, chi_square_chance
 from simval.imu.logs import Log
 from simval.imu.multiposition.noise import log_noise
 from simval.imu.noise.model import largest
@@ -241,6 +241,7 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
         *by_white_lines,
         f"verdict           {diagnosis.verdict}",
         f"drift             {drift_words(diagnosis.drift)}",
+        f"told worst        {diagnosis.told_worst.sentence}",
         f"bound             least sd that {bounding} would allow with these "
         f"poses{', without the moves' * bool(joint)} (Cramer-Rao)",
         f"gravity           {fit.g:g} m/s^2 was assumed; a g wrong by 0.1 % makes "
@@ -330,6 +331,7 @@ def as_object(whole: Any) -> dict[str, Any]:
         "pose_noise_std": result.pose_noise.std.tolist(),
         "pose_noise_white_std": result.pose_noise.white.tolist(),
         "verdict": diagnosis.verdict,
+        "told_worst": diagnosis.told_worst.sentence,
         "outliers": list(diagnosis.outliers),
         "next_direction": result.next_direction.tolist(),
         "bound_sd": None if result.predicted is None else bound_sd(result).tolist(),
@@ -345,6 +347,7 @@ def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
             "G": whole.sensitivity.tolist(),
             "G_sd": whole.sensitivity_sd.tolist(),
             "reasons": list(whole.reasons),
+            "residuals": whole.gyroscope.noise.as_object(),
         }
     if whole.magnetometer is not None:
         values["magnetometer"] = _magnetometer_object(whole.magnetometer)
@@ -353,6 +356,7 @@ def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
             "pose_noise": noise.source,
             "pose_noise_std": noise.std.tolist(),
             "pose_noise_white_std": noise.white.tolist(),
+            "residuals": whole.magnetometer.noise.as_object(),
         }
     if whole.together is not None:
         values["together"] = whole.together.as_object()

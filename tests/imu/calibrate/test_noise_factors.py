@@ -20,7 +20,8 @@ from simval.imu.calibrate import (
     calibrate_magnetometer,
     calibrate_nine_axis,
 )
-from simval.imu.calibrate.factors import CHANCE, Residuals, Source, judged
+from simval.imu.calibrate.factors import CHANCE, judged
+from simval.imu.calibrate.honesty import Residuals, Source
 
 PARTS = {"accelerometer": ACC, "gyroscope": GYRO, "magnetometer": MAG}
 
@@ -245,7 +246,7 @@ def asked_for(rng, factor):
             )
             for name, f, L in zip("abc", asked, maps, strict=True)
         )  # fmt: skip
-        return Residuals(r=r, J=J, sources=sources)
+        return Residuals(r=r, J=J, sources=sources, names=tuple("abcdefgh"))
 
     return judged(np.ones(3), lambda _, found: found, rows)[1]
 

@@ -32,6 +32,7 @@ from simval.arrays import Array
 from simval.imu.calibrate.equations import Between, Corrected
 from simval.imu.calibrate.gyroscope.noise import GyroscopeNoise, walk_covariance
 from simval.imu.calibrate.gyroscope.path_statistics import Moves, taken
+from simval.imu.calibrate.gyroscope.result import NAMES
 from simval.imu.calibrate.gyroscope.rotation import (
     Rotations,
     final_rotations,
@@ -95,6 +96,11 @@ class InterRest:
     def size(self) -> int:
         """Parameters."""
         return self.noise.free
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters."""
+        return NAMES[: self.size]
 
     @property
     def item(self) -> tuple[int, int]:

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simval.arrays import Array
+from simval.imu.calibrate.equations import FIELD_NAMES
 from simval.imu.calibrate.estimate import Estimate, magnetometer_text
 from simval.imu.calibrate.factors import NoiseFactors
 from simval.imu.sensor import AccelerometerModel, MagnetometerModel, forms
@@ -14,11 +15,7 @@ from simval.shapes import Float
 PARAMETERS = 22
 ACCELEROMETER, MATRIX, IRON, DIP = slice(0, 9), slice(9, 18), slice(18, 21), 21
 """Where the parameters stand: the accelerometer's nine, M row by row, b, the dip."""
-OWN_NAMES = (
-    *(f"M_{row}{column}" for row in "xyz" for column in "xyz"),
-    *(f"b_{axis}" for axis in "xyz"),
-    "dip",
-)
+OWN_NAMES = FIELD_NAMES
 """Names of the thirteen parameters that are not the accelerometer's."""
 
 

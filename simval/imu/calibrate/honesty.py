@@ -1,0 +1,511 @@
+r"""Whether residuals bear a fit out: one judge of every linearised fit.
+
+A fit leaves rows :math:`r = J\,\mathrm{d}\theta + \sum_s n_s`, each n_s the noise of
+one sensor, its source, of covariance :math:`V_s`; they are whitened by
+:math:`V = \sum_s V_s`. With Q an orthonormal basis of the columns of J,
+:math:`P = I - QQ^T` takes away what the parameters explain.
+
+**Rank, and the worst combination.** Of J with columns of unit length the parameters are
+in units of the error bars that each would have if all others were known; its least
+singular value s belongs to the combination that is told worst, 1/s times as wide.
+
+**Chi-square by sensor.** :math:`r^T P V_s P r` has the mean :math:`\mathrm{tr}\,P V_s`
+and the variance :math:`2\,\mathrm{tr}\,P V_s P V_s`. Over the sensors these add up to
+chi-square of all rows and to rows less parameters, exactly.
+
+**Leaving out.** An error of a pose or a move (an *item*) moves the rows by the columns
+:math:`U_i`. What all others say of it is off by :math:`S^{-1} U_i^T P r,
+S = U_i^T P U_i`, its square in standard deviations is what leaving the item out takes
+off chi-square, and :math:`1 - S/U_i^T U_i` is its leverage. Without several items K the
+residuals are :math:`r - P U_K (U_K^T P U_K)^{-1} U_K^T P r`.  (O2)
+
+**Outliers, one or several at once.** Least squares alone does not show them: three
+outliers bend the fit until it hides them. For each number k, the k items whose removal
+lowers the sum of squares most are sought (where an item is a row of its own all pairs
+and triples are tried, up to 64) and tested together,
+
+.. math:: \binom{n}{k}\, P\{F_{q,\,\nu-q} > F_K\} \le \alpha/m, \quad k \le m, \tag{O1}
+
+of q unknowns, one for each item that is a row, and :math:`\nu` rows less parameters;
+each member is tested once more by itself, the others removed, at :math:`\alpha`. The
+greatest k whose members all pass is taken; where fewer passed before, only what is
+new is tested against them, so that a gross outlier does not pull clean items along.
+(O1) bounds over all sets of items that could be chosen, so a clean set has an outlier
+with a chance of at most :math:`\alpha`, whatever the geometry. With a noise that
+explains the items that are left, the chi-square of the drop is asked too, and the two
+share :math:`\alpha`.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import scipy
+
+from simval.arrays import Array, ReadOnly
+from simval.shapes import Float
+from simval.text import chance_words
+
+FALSE_ALARM: Final = 0.01
+"""Chance that any item of a clean set is called an outlier."""
+BELIEVED: Final = 0.01
+"""Of the chi-square, beyond which a noise is not believed."""
+BEYOND: Final = 1e-3
+"""Of a chi-square, below which residuals are beyond the stated noise."""
+NO_ROOM: Final = 1e-9  # an item that the parameters follow leaves no residual
+LEFT: Final = (
+    2  # degrees of freedom that outliers must leave: with one, any item will do
+)
+NORMAL_95: Final = 1.959963984540054
+"""Standard deviations from the middle to an end of a 95 % interval."""
+_MOST = 8  # outliers sought; (O1) holds for any choice
+_ALL_TRIPLES = 64  # items; 42 000 triples, some 10 ms
+# Share of the items that may be outliers, three at least. Measured at 24 poses, four of
+# them off by half of gravity: named exactly in 93 % of sets with a fifth or more, never
+# with a tenth; of eight that are off, two fifths name the right ones in 57 % only.
+_SHARE = 5
+_NAMED = 0.3  # of the greatest part of a combination: what is named of it
+_MOST_NAMED = 4
+_RANK = 1e-7  # of the greatest singular value
+_TOLD: Final = 1e-2  # degrees of freedom of a source below which nothing is told of it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Source:
+    """A sensor whose noise is in the rows of a fit."""
+
+    name: str
+    covariance: Float[Array, "r r"]  # that its noise gives the rows
+    items: Float[Array, "i r m"]  # what an error of each rest or move does to the rows
+    item: str  # rest or move
+    parameters: slice  # its own
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Residuals:
+    """Rows of one fit where it ended, in any units, and whose noise they hold."""
+
+    r: Float[Array, " r"]
+    J: Float[Array, "r p"]
+    sources: tuple[Source, ...]
+    names: tuple[str, ...] = ()  # of the parameters
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Combination:
+    """The combination of parameters that a fit tells worst."""
+
+    rank: int  # of the rows
+    parameters: int
+    widening: float  # its error bar, over that of parameters known one by one
+    words: str  # such as 0.71 K_z -0.70 B_z
+
+    @property
+    def sentence(self) -> str:
+        """What is told worst, and how much worse than if the others were known."""
+        if self.rank < self.parameters:
+            return f"rank {self.rank} of {self.parameters}: {self.words} is not told"
+        return (
+            f"{self.words}, each in its error bar if all others were known: "
+            f"{self.widening:.3g} times as wide"
+        )
+
+
+def worst_combination(J: Float[Array, "r p"], names: tuple[str, ...]) -> Combination:
+    """The combination of parameters that whitened rows tell worst, and their rank."""
+    size = np.linalg.norm(J, axis=0)
+    _, s, v = np.linalg.svd(J / np.where(size > 0.0, size, 1.0), full_matrices=True)
+    s = np.pad(s, (0, len(v) - len(s)))
+    part = v[-1] * np.sign(v[-1][np.argmax(np.abs(v[-1]))])
+    order = np.argsort(-np.abs(part))[:_MOST_NAMED]
+    named = [k for k in order if abs(part[k]) >= _NAMED * part[order[0]]]
+    said = [f"{part[k]:+.2f} {names[k]}" for k in named]
+    return Combination(
+        rank=int(np.count_nonzero(s > _RANK * s[0])),
+        parameters=len(names),
+        widening=float(1.0 / s[-1]) if s[-1] > 0.0 else float("inf"),
+        words=" ".join(said).removeprefix("+"),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Deletion:
+    """What least squares leave of whitened rows, and leave without some items."""
+
+    q: Float[Array, "r p"]  # orthonormal columns of the rows' derivatives
+    residual: Float[Array, " r"]
+    items: Float[Array, "i r m"] | None = None  # None: each row is an item
+    floor: float = 0.0  # square of a row that is rounding only
+    rank: int = 0  # of the derivatives
+
+    @classmethod
+    def of(
+        cls, J: Float[Array, "r p"], r: Array, items: Any = None, floor: float = 0.0
+    ) -> "Deletion":
+        """Set the algebra up."""
+        size = np.linalg.norm(J, axis=0)
+        q, upper = np.linalg.qr(J / np.where(size > 0.0, size, 1.0))
+        residual = r - q @ (q.T @ r)
+        return cls(
+            q=q,
+            residual=residual - q @ (q.T @ residual),
+            items=items,
+            floor=floor,
+            rank=int(np.count_nonzero(np.abs(np.diagonal(upper)) > NO_ROOM)),
+        )
+
+    @property
+    def count(self) -> int:
+        """Items."""
+        return len(self.residual if self.items is None else self.items)
+
+    @property
+    def dof(self) -> int:
+        """Rows less parameters."""
+        return int(np.subtract(*self.q.shape))
+
+    def without(
+        self, subset: list[int]
+    ) -> tuple[Float[Array, " r"], Float[Array, "r q"]]:
+        """Residuals (O2), and an orthonormal basis of all that is taken out."""
+        if not subset:
+            return self.residual, self.q
+        if self.items is None:
+            columns = -self.q @ self.q[subset].T
+            columns[subset, range(len(subset))] += 1.0
+            inner = columns[subset]
+        else:
+            U = np.moveaxis(self.items[subset], 0, 1).reshape(len(self.q), -1)
+            columns = U - self.q @ (self.q.T @ U)
+            inner = columns.T @ columns
+        values, vectors = np.linalg.eigh(inner)
+        good = values > NO_ROOM * max(1.0, values[-1])
+        half = columns @ (vectors[:, good] / np.sqrt(values[good]))
+        residual = self.residual - half @ (half.T @ self.residual)
+        if self.items is None:
+            residual[subset] = 0.0
+        return residual, np.concatenate([self.q, half], axis=1)
+
+    def squares(self, subset: list[int]) -> float:
+        """Sum of squares of the items kept."""
+        residual = self.without(subset)[0]
+        return max(float(residual @ residual), len(residual) * self.floor)
+
+    def unknowns(self, subset: list[int]) -> int:
+        """Degrees of freedom that leaving the items out costs."""
+        if self.items is None:
+            return len(subset)
+        return self.without(subset)[1].shape[1] - self.q.shape[1]
+
+    def room(
+        self, subset: list[int]
+    ) -> tuple[Float[Array, "i m"], Float[Array, "i m m"]]:
+        """U'r and S of each item once the subset is out."""
+        residual, along = self.without(subset)
+        if self.items is None:
+            room = 1.0 - np.sum(along**2, axis=1)
+            room[subset] = 0.0
+            return residual[:, None], room[:, None, None]
+        own = np.swapaxes(self.items, -1, -2)
+        seen = own @ along
+        return own @ residual, own @ self.items - seen @ np.swapaxes(seen, -1, -2)
+
+    def drops(self, subset: list[int]) -> Float[Array, " i"]:
+        """What leaving each further item out takes off the squares; NaN: nothing."""
+        along, room = self.room(subset)
+        if self.items is None:
+            good = room[:, 0, 0] > NO_ROOM
+            found = along[:, 0] ** 2 / np.where(good, room[:, 0, 0], 1.0)
+            return np.where(good, found, np.nan)
+        values, vectors = np.linalg.eigh(room)
+        # of what an error of the item does beside the parameters
+        good = values > 1e-6 * np.maximum(values[:, -1:], NO_ROOM)
+        parts = np.vecmat(along, vectors) ** 2 / np.where(good, values, 1.0)
+        found = np.where(good, parts, 0.0).sum(axis=1)
+        found[subset] = np.nan
+        return np.where(good.any(axis=1), found, np.nan)
+
+    def greatest_drop(self, subset: list[int]) -> int:
+        """Item whose removal, after those, lowers the sum of squares most."""
+        return int(np.argmax(np.nan_to_num(self.drops(subset), nan=-np.inf)))
+
+    def leverage(self) -> Float[Array, " i"]:
+        """Share of each item in its own fit, 0 to 1."""
+        _, room = self.room([])
+        left = np.trace(room, axis1=1, axis2=2)
+        if self.items is None:
+            return np.clip(1.0 - left, 0.0, 1.0)
+        return 1.0 - left / np.sum(self.items**2, axis=(1, 2))
+
+    def outliers(self, known: float | None) -> list[int]:
+        """Greatest set of items that passes (O1) together and one by one.
+
+        `known` is the standard deviation of a row, where it is known.
+        """
+        count, size = self.count, 1
+        if self.items is not None:
+            size = max(1, self.unknowns([self.greatest_drop([])]))
+        most = min(_MOST, (self.dof - LEFT) // size, max(3, count // _SHARE))
+        if most < 1 or self.rank < self.q.shape[1]:
+            return []
+        chosen: list[int] = []
+        subset: list[int] = []
+        for k in range(1, most + 1):
+            subset = self._worst(subset, k)
+            taken = self.unknowns(subset)
+            test = Drop(rest=self.squares(subset), dof=self.dof - taken, known=known)
+            if test.dof < LEFT:
+                break
+            more, left = k - len(chosen), count - len(chosen)
+            new = taken - self.unknowns(chosen)
+            together = test.chance(self.squares(chosen), new)
+            together *= scipy.special.binom(left, more)
+            if not together <= FALSE_ALARM / most:
+                continue
+            alone = 0.0
+            for i in subset:
+                others = [j for j in subset if j != i]
+                own = taken - self.unknowns(others)
+                alone = max(alone, test.chance(self.squares(others), own))
+            if (count - k + 1) * alone <= FALSE_ALARM:
+                chosen = subset
+        return sorted(chosen)
+
+    def _worst(self, before: list[int], k: int) -> list[int]:
+        # the k items whose removal lowers the sum of squares most: exactly up to three
+        # rows, else one more, and exchanges until none helps
+        if self.items is None and k <= 3 and self.count <= _ALL_TRIPLES:
+            return _exhaustive(self, k)
+        subset = [*before, self.greatest_drop(before)]
+        best, turn, idle = self.squares(subset), 0, 0
+        while idle < k:
+            others = subset[:turn] + subset[turn + 1 :]
+            trial = [*others, self.greatest_drop(others)]
+            value = self.squares(trial)
+            idle += 1
+            if value < best * (1.0 - 1e-9):  # more than rounding, so no circle
+                subset, best, idle = trial, value, 0
+            turn = (turn + 1) % k
+        return subset
+
+
+def _exhaustive(deletion: Deletion, k: int) -> list[int]:
+    # every set of one, two or three rows
+    residual = deletion.residual
+    annihilator = np.eye(len(residual)) - deletion.q @ deletion.q.T
+    if k == 1:
+        return [deletion.greatest_drop([])]
+    if k == 2:
+        return list(_best_pair(annihilator, residual)[1])
+    best, worst = -np.inf, (0, 1, 2)
+    for first in range(len(residual) - 2):
+        room = annihilator[first, first]
+        column = annihilator[first + 1 :, first]
+        if room <= NO_ROOM:
+            continue
+        rest = annihilator[first + 1 :, first + 1 :] - np.outer(column, column) / room
+        moved = residual[first + 1 :] - column * residual[first] / room
+        value, pair = _best_pair(rest, moved)
+        value += residual[first] ** 2 / room
+        if value > best:
+            best, worst = value, (first, pair[0] + first + 1, pair[1] + first + 1)
+    return list(worst)
+
+
+def _best_pair(
+    annihilator: Float[Array, "n n"], residual: Float[Array, " n"]
+) -> tuple[float, tuple[int, int]]:
+    # greatest drop r_K' (P_KK)^-1 r_K over all pairs K
+    room, square = np.diagonal(annihilator), residual**2
+    determinant = np.outer(room, room) - annihilator**2
+    value: Array = np.outer(square, room)
+    value = value + value.T - 2.0 * np.outer(residual, residual) * annihilator
+    good = np.triu(determinant > NO_ROOM, 1)
+    value = np.where(good, value / np.where(good, determinant, 1.0), -np.inf)
+    i, j = divmod(int(np.argmax(value)), len(room))
+    return float(value[i, j]), (i, j)
+
+
+def chi_square_chance(chi_square: float, dof: float) -> float:
+    """Chance of at least such a chi-square; NaN without freedom."""
+    if not dof > 0:
+        return float("nan")
+    return float(scipy.special.gammaincc(dof / 2.0, chi_square / 2.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Drop:
+    """A drop of the sum of squares down to `rest`, which has `dof` freedoms."""
+
+    rest: float
+    dof: int
+    known: float | None  # standard deviation of a residual, where it is known
+
+    def chance(self, before: float, k: int) -> float:
+        """Chance that k unknowns more lower the squares as far from `before`."""
+        ratio = min(self.rest / before, 1.0)
+        by_scatter = float(scipy.special.betainc(self.dof / 2.0, k / 2.0, ratio))
+        if self.known is None:
+            return by_scatter
+        left = self.rest / self.known**2
+        by_sigma = 1.0
+        if chi_square_chance(left, self.dof) >= BELIEVED:
+            drop = before / self.known**2 - left
+            by_sigma = chi_square_chance(max(drop, 0.0), k)
+        return min(1.0, 2.0 * min(by_scatter, by_sigma))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SensorResiduals(ReadOnly):
+    """What the residuals of a fit say of one of its sensors.
+
+    Attributes
+    ----------
+    name : str
+        The sensor.
+    item : str
+        What it was read in, rest or move.
+    chi_square : float
+        Its part of chi-square, by the noise that is stated.
+    dof : float
+        The mean of that, if the noise is as stated.
+    p_value : float
+        Chance of as much; NaN where nothing is told.
+    leverage : Array
+        Share of each rest or move in its own fit, 0 to 1, (n,).
+    deviations : Array
+        How far each is from what all others say, in standard deviations of the stated
+        noise, (n,).
+    outliers : tuple of int
+        Rests or moves that do not belong; any of a clean log with a chance of 1 %.
+    """
+
+    name: str
+    item: str
+    chi_square: float
+    dof: float
+    p_value: float
+    leverage: Float[Array, " n"]
+    deviations: Float[Array, " n"]
+    outliers: tuple[int, ...]
+
+    @property
+    def worst(self) -> int:
+        """That rest or move which is farthest off."""
+        return int(np.argmax(np.nan_to_num(self.deviations)))
+
+    @property
+    def sentence(self) -> str:
+        """What is to be known of the sensor, in a line."""
+        said = (
+            f"chi2 {self.chi_square:.3g} of {self.dof:.3g} "
+            f"(chance {chance_words(self.p_value, 2)}); farthest off {self.item} "
+            f"{self.worst} ({self.deviations[self.worst]:.3g} standard deviations)"
+        )
+        if self.outliers:
+            named = " and ".join(f"{self.item} {k}" for k in self.outliers)
+            said += f"; does not belong: {named}, look at it and leave it out"
+        return said
+
+    def as_object(self) -> dict[str, Any]:
+        """Return it as JSON can hold it."""
+        known = np.isfinite(self.p_value)
+        return {
+            "chi_square": self.chi_square,
+            "dof": self.dof,
+            "p_value": self.p_value if known else None,
+            "in": self.item,
+            "leverage": self.leverage.tolist(),
+            "deviations": np.nan_to_num(self.deviations).tolist(),
+            "outliers": list(self.outliers),
+        }
+
+
+class Left:
+    """What the parameters cannot explain of the rows, in units of the fit's noise.
+
+    Parameters
+    ----------
+    rows : Residuals
+        Rows of the fit, their covariances those that it was made with.
+    factor : array_like, optional
+        By how much these exceed the stated ones of each source, standard deviations.
+    """
+
+    def __init__(self, rows: Residuals, factor: Array | None = None) -> None:
+        self.rows, self.sources = rows, rows.sources
+        count = len(rows.sources)
+        self.factor = np.ones(count) if factor is None else factor
+        parts = [s.covariance for s in rows.sources]
+        self.white = np.linalg.inv(np.linalg.cholesky(sum(parts)))
+        J = self.white @ rows.J
+        self.J = J / np.linalg.norm(J, axis=0)
+        self.parts = [
+            self.white @ V @ self.white.T / f**2
+            for V, f in zip(parts, self.factor, strict=True)
+        ]
+        self.Z = np.linalg.qr(self.J, mode="complete")[0][:, J.shape[1] :]
+        self.y = self.Z.T @ (self.white @ rows.r)
+        self.V = [self.Z.T @ part @ self.Z for part in self.parts]
+        self.stated = self.moments(np.ones(count))
+        self.free = [s for s, mean in enumerate(self.stated[:, 1]) if mean > _TOLD]
+
+    def moments(self, factor: Float[Array, " s"]) -> Float[Array, "s 3"]:
+        """Of each source: its part of chi-square at these, mean, and variance."""
+        S = sum(f * f * V for f, V in zip(factor, self.V, strict=True))
+        weight, values = np.asarray(np.linalg.inv(S)), []
+        q = weight @ self.y
+        for f, V in zip(factor, self.V, strict=True):
+            A = weight @ V
+            squares = 2.0 * f**4 * np.sum(A * A.T)
+            values.append((f * f * (q @ V @ q), f * f * np.trace(A), squares))
+        return np.array(values)
+
+    def p_value(self) -> float:
+        """Chance that noise as stated leaves as much, in all rows or of any source."""
+        value, rows = self.stated, self.y.size
+        every = [(value[:, 0].sum(), rows, 2.0 * rows), *value[self.free]]
+        return min(1.0, len(every) * min(map(sum_chance, every)))
+
+    def combination(self) -> Combination:
+        """The combination of parameters that is told worst."""
+        return worst_combination(self.J, self.rows.names)
+
+    def sensors(self) -> tuple[SensorResiduals, ...]:
+        """Judge each sensor, rest and move; outliers by the noise of the fit."""
+        wide = max(each.items.shape[2] for each in self.sources)
+        items = [
+            np.pad(
+                self.white @ each.items,
+                ((0, 0), (0, 0), (0, wide - each.items.shape[2])),
+            )
+            for each in self.sources
+        ]
+        deletion = Deletion.of(self.J, self.white @ self.rows.r, np.concatenate(items))
+        drops, leverage = deletion.drops([]), deletion.leverage()
+        worst = deletion.greatest_drop([])
+        chance = chi_square_chance(drops[worst], deletion.unknowns([worst]))
+        seen = deletion.count * chance < FALSE_ALARM or self.p_value() < BELIEVED
+        outliers = np.array(deletion.outliers(1.0) if seen else [], dtype=int)
+        ends = np.cumsum([0, *(len(each) for each in items)])
+        return tuple(
+            SensorResiduals(
+                name=each.name,
+                item=each.item,
+                chi_square=float(self.stated[s, 0]),
+                dof=float(self.stated[s, 1]),
+                p_value=sum_chance(self.stated[s]) if s in self.free else np.nan,
+                leverage=leverage[a:b],
+                deviations=self.factor[s] * np.sqrt(drops[a:b]),
+                outliers=tuple(int(k - a) for k in outliers if a <= k < b),
+            )
+            for s, (each, a, b) in enumerate(
+                zip(self.sources, ends[:-1], ends[1:], strict=True)
+            )
+        )
+
+
+def sum_chance(value: Any) -> float:
+    """Chance of a sum of squares of this mean and variance to be as large."""
+    seen, mean, variance = value
+    return float(scipy.special.gammaincc(mean**2 / variance, seen * mean / variance))
