@@ -280,9 +280,9 @@ def _farthest(verdicts: Sequence[Verdict]) -> str:
     if not beyond:
         return ""
     return (
-        f"Of {len(beyond):,} sampled checks the farthest is {max(*beyond, 0.0):.1f} "
-        "standard errors beyond what its theory leaves open; of so many, chance alone "
-        f"reaches {simultaneous(len(beyond)):.1f} in one run of twenty. "
+        f"The farthest of {len(beyond):,} sampled checks lies {max(*beyond, 0.0):.1f} "
+        "standard errors beyond its theory's stated remainder; chance alone exceeds "
+        f"{simultaneous(len(beyond)):.1f} among so many in one run of twenty. "
     )
 
 
@@ -362,7 +362,7 @@ def worse_than_before(context: Context) -> Block:
 
 def _apart(name: str, what: str, stored: str, own: str) -> tuple[str, list[Line]]:
     """Two runs that have no statistic in common."""
-    said = "no cell of it has the study and the parameters of one of this run"
+    said = "it has no cell with the study and parameters of a cell of this run"
     if stored != own:
         said = f"it is of the suite {stored}, this run of {own}"
     line = Line(what=what, said=said, answer="inconclusive")

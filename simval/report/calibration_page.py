@@ -404,7 +404,7 @@ def widest_gap(directions: Float[Array, "m 3"]) -> float:
 
 
 def gyroscope_chapter(whole: ImuCalibration) -> Section | None:
-    """M and B with error bars, and what each move leaves."""
+    """M and B with error bars, and the residual angle of each rotation."""
     fit = whole.gyroscope
     if fit is None:
         return None
@@ -414,22 +414,22 @@ def gyroscope_chapter(whole: ImuCalibration) -> Section | None:
         rows += _rows(G_NAMES, *G)
     angles = np.degrees(fit.gap_angles)
     panel = linear(
-        "what each move leaves",
-        "move, from 0",
+        "residual of each rotation between rests",
+        "rotation, from 0",
         "angle, degrees",
         numbered(angles, (), ""),
     )
     drawing = Drawing(
         name="gaps",
-        asked="How far is gravity off after a move?",
+        asked="How far off is gravity after a rotation between rests?",
         finding=(
             f"At most {angles.max():.2g} degrees, {np.sqrt(np.mean(angles**2)):.2g} "
-            f"RMS over {len(angles)} moves."
+            f"RMS over {len(angles)} rotations."
         ),
         caption=(
-            "After each move: the angle between gravity as the gyroscope turned it "
-            "and as the accelerometer reads it in the next rest. Chosen by "
-            f"evidence: {'; '.join(whole.reasons)}."
+            "After each rotation: the angle between gravity propagated by the "
+            "gyroscope and gravity measured by the accelerometer in the next rest. "
+            f"Chosen by evidence: {'; '.join(whole.reasons)}."
         ),
         alternative=f"{panel.title}, {len(angles)} of them",
         panels=[panel],

@@ -11,7 +11,6 @@ from simval.figures import Figure
 from simval.judge.findings import reproduce
 from simval.report.curves import (
     PREFERRED,
-    Measure,
     Measured,
     axis_of,
     curve,
@@ -118,28 +117,7 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
 
 
 def _distances(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
-    c = curve("difference", cells, axis, _distance(row))
-    series: list[Series] = []
-    study = cells[0].study
-    if c is not None:
-        zero = np.zeros(len(c.x))
-        words = "allowed remainder"
-        allowed = Series(
-            label=words, x=c.x, y=zero, band=c.prediction, colour=GREY, line="-"
-        )
-        series = [allowed, c.points(1.0)]
-    return Panel(
-        title="distance from the prediction",
-        x_label=axis_words(study, axis),
-        y_label="standard errors",
-        series=series,
-        log_x=bool(series) and bool(np.all(series[0].x > 0.0)),
-        log_y=False,
-    )
-
-
-def _distance(row: Row) -> Measure:
-    """Distance and allowed remainder of the same row of a cell, in standard errors."""
+    """Distances from the prediction beside its remainder, in standard errors."""
 
     def measure(cell: CellResult) -> Measured | None:
         here = cell.row(row.statistic, row.predictor)
@@ -150,7 +128,26 @@ def _distance(row: Row) -> Measure:
         words = ("standard errors", "allowed remainder")
         return Measured(distance, 1.0, allowed, 0.0, here.n, *words)
 
-    return measure
+    c = curve("difference", cells, axis, measure)
+    series: list[Series] = []
+    if c is not None:
+        allowed = Series(
+            label="allowed remainder",
+            x=c.x,
+            y=np.zeros(len(c.x)),
+            band=c.prediction,
+            colour=GREY,
+            line="-",
+        )
+        series = [allowed, c.points(1.0)]
+    return Panel(
+        title="distance from the prediction",
+        x_label=axis_words(cells[0].study, axis),
+        y_label="standard errors",
+        series=series,
+        log_x=c is not None and bool(np.all(c.x > 0.0)),
+        log_y=False,
+    )
 
 
 # ---- all checks

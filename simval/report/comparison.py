@@ -19,7 +19,6 @@ from simval.report.curves import (
     bar_width,
     curve,
     grouped,
-    statistic,
 )
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Section, located, made, part_of, template
@@ -182,7 +181,8 @@ def _drawing(
     curves = [
         (i, run.folder.name, c)
         for i, (run, members) in enumerate(zip(runs, cells, strict=True))
-        if (c := curve("", members, axis, statistic(name, predictor))) is not None
+        if (c := curve("", members, axis, lambda cell: cell.row(name, predictor)))
+        is not None
     ]
     z = bar_width(c for _, _, c in curves)
     series: list[Series] = []

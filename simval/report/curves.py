@@ -35,7 +35,7 @@ from simval.report.panels import (
 from simval.report.words import measured, number, setting_words, spelled
 from simval.results import Row
 from simval.shapes import Bool, Float
-from simval.statistics import FAMILIES, Statistic
+from simval.statistics import FAMILIES
 from simval.sweep.run import CellResult
 from simval.units import COUNT, Unit
 
@@ -235,27 +235,23 @@ class Curve:
         )
 
 
-Groups = Mapping[str, Sequence[CellResult]]
-"""Cells that differ only along an axis, by what the group has in common."""
-
-Measure = Callable[[CellResult], Measured | tuple[float, ...] | None]
-"""What is measured in one cell, or the first of its fields; None where it has none."""
-
-
 def curve(
-    label: str, cells: Sequence[CellResult], axis: str, measure: Measure
+    label: str,
+    cells: Iterable[CellResult],
+    axis: str,
+    measure: Callable[[CellResult], Row | Measured | None],
 ) -> Curve | None:
-    """Measure each cell and sort along an axis."""
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not drawn
-        points = [
-            (place, cell, Measured(*values))
-            for cell in cells
-            if (place := position(cell, axis)) is not None
-            if (values := measure(cell)) is not None
-        ]
-    return along_axis(label, points) if points else None
+    """Measure each cell, or read a row of it, and sort along an axis; None of none."""
+    found = [
+        (place, cell, read(each) if isinstance(each, Row) else each)
+        for cell in cells
+        if (place := position(cell, axis)) is not None
+        if (each := measure(cell)) is not None
+    ]
+    return along_axis(label, found) if found else None
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
 def along_axis(
     label: str, points: Iterable[tuple[float, CellResult, Measured]]
 ) -> Curve:
@@ -272,12 +268,6 @@ def along_axis(
         remainder=rest,
         sources=[(cell, found) for _, cell, found in points],
     )
-
-
-def curves(groups: Groups, measure: Measure, axis: str = "noise_std") -> list[Curve]:
-    """One curve for each group that has the statistic."""
-    drawn = [curve(label, cells, axis, measure) for label, cells in groups.items()]
-    return [c for c in drawn if c is not None]
 
 
 def bar_width(curves: Iterable[Curve | None]) -> float:
@@ -300,25 +290,6 @@ def position(cell: CellResult, axis: str) -> float | None:
     return None if row is None else row.value
 
 
-def statistic(name: Statistic, predictor: str = "") -> Measure:
-    """Measure that reads one row."""
-
-    def measure(cell: CellResult) -> Measured | None:
-        row = cell.row(name, predictor)
-        return None if row is None else read(row)
-
-    return measure
-
-
-def triple(row: Row) -> tuple[float, float, float]:
-    """Value, standard error and prediction of a row."""
-    return (
-        row.value,
-        row.standard_error,
-        np.nan if row.prediction is None else row.prediction,
-    )
-
-
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
 def bars(
     found: Sequence[tuple[CellResult, Row]],
@@ -328,14 +299,13 @@ def bars(
     unit: Unit = COUNT,
 ) -> BarPanel:
     """Rows as bars, with 95 % intervals that hold for all of them together."""
-    rows = [row for _, row in found]
-    value, error, prediction = np.array([triple(row) for row in rows]).T
+    value, error, prediction = np.array([read(row)[:3] for _, row in found]).T
     return BarPanel(
         title=title,
         x_label=x_label,
         names=names,
         measured=unit.factor * value,
-        band=unit.factor * simultaneous(len(rows)) * error,
+        band=unit.factor * simultaneous(len(found)) * error,
         predicted=unit.factor * prediction,
         notes=[note(cell, read(row), unit) for cell, row in found],
     )
@@ -343,7 +313,9 @@ def bars(
 
 def read(row: Row) -> Measured:
     """What one row says."""
-    return Measured(*triple(row), row.remainder, row.n, row.unit)
+    prediction = np.nan if row.prediction is None else row.prediction
+    numbers = (row.value, row.standard_error, prediction, row.remainder)
+    return Measured(*numbers, row.n, row.unit)
 
 
 def grouped(

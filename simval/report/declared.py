@@ -69,7 +69,7 @@ def slopes_of(figure: Figure, cells: Cells) -> list[tuple[Any, ...]]:
 
 
 def slope_tables(anchor: str, lines: Sequence[tuple[Any, ...]]) -> list[Table]:
-    """A table of fitted slopes, theory's own and the leading orders, if there are any.
+    """A table of fitted slopes, theory's and the leading orders, if there are any.
 
     A line without chance has the slope between its two smallest places.
     """
@@ -94,7 +94,7 @@ def slope_tables(anchor: str, lines: Sequence[tuple[Any, ...]]) -> list[Table]:
             Column("statistic"),
             Column("of"),
             Column("fitted"),
-            Column("of theory's own line", "number"),
+            Column("of theory's line", "number"),
             Column("leading order", "number"),
         ),
         rows=rows,

@@ -38,7 +38,7 @@ PARTS = {"all": "all rows", "moving": "while moving", "rest": "at rest"}
 
 WITHOUT_TRUTH = (
     "Without truth a filter can only be asked about itself: a scale error of the "
-    "gyroscope, or noise told wrongly, leaves innovations as they should be; only "
+    "gyroscope, or wrong noise settings, leave innovations as they should be; only "
     "truth shows the error. --truth takes a file, or the name of the log's columns."
 )
 
@@ -239,14 +239,14 @@ def _advice(name: str, nees: Consistency) -> tuple[str, str]:
     """What to do about a filter, in short and in a sentence."""
     if nees.verdict == "overconfident":
         return (
-            f"Tell {name} of more noise",
-            f"{name} is surer than it may be: tell it of more noise, or calibrate the "
-            "log first (simval calibrate LOG --out FILE, then --calibration FILE).",
+            f"Give {name} more noise",
+            f"{name} is overconfident: give it more noise, or calibrate the log first "
+            " (simval calibrate LOG --out FILE, then --calibration FILE).",
         )
     if nees.verdict == "underconfident":
         return (
-            f"Tell {name} of less noise",
-            f"{name} is better than it says: tell it of less noise.",
+            f"Give {name} less noise",
+            f"{name} is underconfident: give it less noise.",
         )
     if nees.blocks:
         return (

@@ -2,14 +2,15 @@
 
 A `Claim` holds which rows these are and what they say as numbers; its words are made
 from them. The bands of a figure hold together with 95 %, so in one figure of twenty a
-value is outside its band by chance; the sentence says how often chance does it. A value
-is off theory where chance does it to fewer than one figure in ten thousand. What a
-prediction itself states that it leaves out is not held against it, as in the gate.
+value is outside its band by chance; the sentence says how often that is expected. A
+value differs from theory where chance does that to fewer than one figure in ten
+thousand. A prediction's stated remainder is allowed it, as in the gate.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -29,14 +30,25 @@ from simval.report.curves import (
 from simval.report.panels import Drawing
 from simval.report.words import setting_words, spelled
 from simval.results import Row
-from simval.shapes import Bool, Float
+from simval.shapes import Float
 from simval.statistics import Family, Statistic
 from simval.sweep.run import CellResult
 
 SURE = 0.9999
-"""Confidence with which a point outside its band is off theory."""
+"""Confidence with which a point outside its band differs from theory."""
 EXACTLY = 1e-12
 """Relative distance that is rounding."""
+
+
+class Farthest(NamedTuple):
+    """The greatest of some distances."""
+
+    size: float
+    name: str  # whose it is, where there are several
+
+    def named(self, which: str = "") -> str:
+        """Its name in brackets."""
+        return f" ({which}{self.name})" if self.name else ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,59 +61,104 @@ class Agreement:
     allowed: int  # outside their bands, but not of what the prediction leaves out
     outside: int  # outside bands that hold together with 95 %
     off: int  # outside bands that hold together with 99.99 %
-    within: float  # greatest relative distance of the others that are seen
-    most: float  # and of those that are allowed
-    farthest: float  # in standard errors; 0 where nothing is sampled
-    # names of the values with these three distances, where there are several
-    names: tuple[str, str, str] = ("", "", "")
+    within: Farthest  # greatest relative distance of the others that are seen
+    most: Farthest  # and of those that are allowed
+    farthest: Farthest  # in standard errors; 0 where nothing is sampled
+
+    def said(self, subject: str, theory: str = "theory") -> str:
+        """Say whether values are at what was predicted of them."""
+        count = f"{_count(self.compared, 'value')}"
+        if not self.compared:
+            count = _count(self.points, "value")
+            return f"{subject}: {count}, and no prediction to compare with."
+        if self.off:
+            return (
+                f"{subject}: {self.off} of {count} "
+                f"{'differs' if self.off == 1 else 'differ'} from {theory}, the "
+                f"farthest{self.farthest.named()} by {self.farthest.size:.1f} standard "
+                "errors."
+            )
+        if self.unseen == self.compared and not self.outside:
+            return (
+                f"{subject} cannot be distinguished from zero, nor from {theory}, in "
+                "these trials."
+            )
+        if self.compared == 1 and not self.allowed:
+            sigmas = self.farthest.size
+            more = f" ({sigmas:.1f} standard errors)" if sigmas else ""
+            off = percent(self.within.size)
+            return f"{subject} agrees with {theory} within {off}{more}: one value."
+        return f"{'; '.join(self._parts(subject, theory))}."
+
+    def _parts(self, subject: str, theory: str) -> Iterator[str]:
+        """How near how many values are, and what is to be said of the others."""
+
+        def share(part: int) -> str:
+            whole = part == self.compared
+            return f"{f'all {part}' if whole else f'{part} of {self.compared}'} values"
+
+        plain = self.compared - self.unseen - self.allowed
+        within = percent(self.within.size)
+        remainder = f"within its stated remainder of {percent(self.most.size)}"
+        if plain:
+            where = f"{share(plain)}{self.within.named('most: ')}"
+            yield f"{subject} agrees with {theory} within {within} in {where}"
+        if self.allowed:
+            named = self.most.named("most: ")
+            verb = "agree" if self.allowed > 1 else "agrees"
+            yield (
+                f"{self.allowed} {verb} with {theory} {remainder}{named}"
+                if plain
+                else f"{subject} agrees with {theory} {remainder}, in "
+                f"{share(self.allowed)}{named}"
+            )
+        if self.unseen:
+            who = "" if plain or self.allowed else f"{subject}: "
+            yield f"{who}{self.unseen} cannot be distinguished from zero"
+        if self.outside:  # how often chance puts a value so far out
+            far = self.farthest
+            alone = 2.0 * float(scipy.special.ndtr(-far.size))
+            rate = -np.expm1(self.compared * np.log1p(-alone))
+            lie = "lies" if self.outside == 1 else "lie up to"
+            yield (
+                f"{self.outside} of {_count(self.compared, 'value')} {lie} "
+                f"{far.size:.1f} standard errors from {theory}{far.named()}, outside "
+                f"the band; expected by chance in one figure of {1.0 / rate:,.0f}"
+            )
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is not compared
-def agreement(curves: Sequence[Curve]) -> Agreement:
-    """Compare the points of some curves with their predictions, all together."""
-    ratios = [ratio(c) for c in curves]
-    value, error = (_joined(ratios, name) for name in ("value", "error"))
-    rest = np.concatenate([_remainder(c) for c in ratios] or [np.empty(0)])
-    names = [name for c in ratios for name in c.names or [""] * len(c.x)]
-    distance = np.abs(value - 1.0)
+def agreement(c: Curve) -> Agreement:
+    """Compare points with their predictions, all together."""
+    known = ratio(c)
+    distance, error = np.abs(known.value - 1.0), known.error
+    rest = 0.0 if known.remainder is None else known.remainder
     sampled = error > 0.0
     size = np.where(sampled, error, 1.0)
     sigmas = np.where(sampled, np.maximum(distance - rest, 0.0) / size, 0.0)
-    band, sure = simultaneous(len(value)), simultaneous(len(value), SURE)
+    count = len(distance)
+    band, sure = simultaneous(count), simultaneous(count, SURE)
     seen = band * error <= SEEN
     allowed = seen & sampled & (sigmas <= band) & (distance > band * error)
-    parts = [(distance, seen & ~allowed), (distance, allowed), (sigmas, sigmas > 0.0)]
-    ends = [_greatest(size, which, names) for size, which in parts]
+
+    def greatest(size: Float[Array, " n"], which: Any) -> Farthest:
+        if not which.any():
+            return Farthest(0.0, "")
+        place = int(np.argmax(np.where(which, size, -1.0)))
+        alone = which.sum() == 1 or not known.names
+        return Farthest(float(size[place]), "" if alone else known.names[place])
+
     return Agreement(
-        points=sum(len(c.x) for c in curves),
-        compared=len(value),
+        points=len(c.x),
+        compared=count,
         unseen=int(np.sum(~seen)),
         allowed=int(np.sum(allowed)),
         outside=int(np.sum(sigmas > band)),
         off=int(np.sum(sigmas > sure)),
-        within=ends[0][0],
-        most=ends[1][0],
-        farthest=ends[2][0],
-        names=(ends[0][1], ends[1][1], ends[2][1]),
+        within=greatest(distance, seen & ~allowed),
+        most=greatest(distance, allowed),
+        farthest=greatest(sigmas, sigmas > 0.0),
     )
-
-
-def _greatest(
-    size: Float[Array, " n"], which: Bool[Array, " n"], names: Sequence[str]
-) -> tuple[float, str]:
-    """The greatest of some sizes, and its name if it is one of several."""
-    if not which.any():
-        return 0.0, ""
-    place = int(np.argmax(np.where(which, size, -1.0)))
-    return float(size[place]), names[place] if which.sum() > 1 else ""
-
-
-def _joined(curves: Sequence[Curve], name: str) -> Float[Array, " n"]:
-    return np.concatenate([getattr(c, name) for c in curves] or [np.empty(0)])
-
-
-def _remainder(c: Curve) -> Float[Array, " n"]:
-    return np.zeros(len(c.x)) if c.remainder is None else c.remainder
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -154,12 +211,12 @@ class Claim:
     @cached_property
     def found(self) -> Agreement:
         """What they say."""
-        return agreement([self.curve])
+        return agreement(self.curve)
 
     @property
     def said(self) -> str:
         """What they say in words."""
-        return agrees(self.subject, [self.curve], theory=self.theory)
+        return self.found.said(self.subject, self.theory)
 
 
 def _places(cells: Sequence[CellResult]) -> dict[str, str]:
@@ -178,25 +235,6 @@ def _places(cells: Sequence[CellResult]) -> dict[str, str]:
     }
 
 
-def agrees(subject: str, curves: Sequence[Curve], *, theory: str = "theory") -> str:
-    """Say whether values are at what was predicted of them."""
-    found = agreement(curves)
-    if not found.compared:
-        count = _count(found.points, "value")
-        return f"{subject}: {count}, and no prediction to compare with."
-    if found.off:
-        return _off(subject, found, theory)
-    if found.unseen == found.compared and not found.outside:
-        return (
-            f"{subject} cannot be told from zero, nor from {theory}, in these trials."
-        )
-    if found.compared == 1 and not found.allowed:
-        sigmas = f", {found.farthest:.1f} standard errors" if found.farthest else ""
-        off = percent(found.within)
-        return f"{subject} agrees with {theory}: one value, {off} off{sigmas}."
-    return f"{_where(subject, found, theory)}{_chance(found)}."
-
-
 def claiming(drawing: Drawing, *claims: Claim, before: str = "") -> Drawing:
     """A figure with what it claims as its finding."""
     said = " ".join(claim.said for claim in claims)
@@ -206,69 +244,11 @@ def claiming(drawing: Drawing, *claims: Claim, before: str = "") -> Drawing:
 def behind(
     drawing: Drawing, *claims: Claim, asked: str = "", before: str = ""
 ) -> Drawing:
-    """Fold a figure behind what it claims, but for one with values off theory."""
+    """Fold a figure behind what it claims, unless values differ from theory."""
     told = claiming(drawing, *claims, before=before)
     if any(claim.found.off for claim in claims):
         return replace(told, asked=asked, fold="")
     return replace(told, asked="", finding="", fold=told.finding)
-
-
-def _off(subject: str, found: Agreement, theory: str) -> str:
-    verb = "is" if found.off == 1 else "are"
-    place = f" ({found.names[2]})" if found.names[2] else ""
-    return (
-        f"{subject}: {found.off} of {_count(found.compared, 'value')} {verb} off "
-        f"{theory}, the farthest{place} by {found.farthest:.1f} standard errors."
-    )
-
-
-def _where(subject: str, found: Agreement, theory: str) -> str:
-    """How near how many values are, and what is to be said of the others."""
-    plain = found.compared - found.unseen - found.allowed
-    words = []
-    if plain:
-        words.append(
-            f"{subject} agrees with {theory} within {percent(found.within)} in "
-            f"{_share(plain, found.compared)}{_named(found.names[0])}"
-        )
-    remainder = f"within its stated remainder, {percent(found.most)}"
-    if found.allowed and plain:
-        verb = "agree" if found.allowed > 1 else "agrees"
-        words.append(
-            f"{found.allowed} {verb} with {theory} {remainder}{_named(found.names[1])}"
-        )
-    elif found.allowed:
-        words.append(
-            f"{subject} agrees with {theory} {remainder}, in "
-            f"{_share(found.allowed, found.compared)}{_named(found.names[1])}"
-        )
-    if found.unseen:
-        who = "" if words else f"{subject}: "
-        words.append(f"{who}{found.unseen} cannot be told from zero")
-    return "; ".join(words)
-
-
-def _share(count: int, whole: int) -> str:
-    return f"{f'all {whole}' if count == whole else f'{count} of {whole}'} values"
-
-
-def _named(name: str) -> str:
-    return f" (most: {name})" if name else ""
-
-
-def _chance(found: Agreement) -> str:
-    """How often chance puts a value so far out, where one is outside its band."""
-    if not found.outside:
-        return ""
-    alone = 2.0 * float(scipy.special.ndtr(-found.farthest))
-    rate = -np.expm1(found.compared * np.log1p(-alone))
-    verb, most = ("lies", "") if found.outside == 1 else ("lie", "up to ")
-    place = f" ({found.names[2]})" if found.names[2] else ""
-    return (
-        f"; {found.outside} of {_count(found.compared, 'value')} {verb} {most}"
-        f"{found.farthest:.1f} standard errors off{place}, outside the band; chance "
-        f"does so in one figure of {1.0 / rate:,.0f}"
-    )
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is not compared
@@ -288,33 +268,33 @@ def limited(subject: str, bias: Claim, scale: Claim, whole: str) -> str:
     n = sorted({b.n for b, _ in known})
     trials = " to ".join(f"{count:,}" for count in dict.fromkeys((n[0], n[-1])))
     return (
-        f"{subject} is below what {trials} trials can see: less than {percent(most)} "
-        f"of {whole} in all {len(known)} values; theory puts it at {percent(told)} at "
-        "most."
+        f"{subject} is too small for {trials} trials to show: less than "
+        f"{percent(most)} of {whole} in all {len(known)} values; theory predicts "
+        f"{percent(told)} at most."
     )
 
 
 def slopes_said(pairs: Sequence[tuple[Slope | None, Slope | None]]) -> tuple[str, bool]:
-    """Say whether fitted slopes are those of theory's own lines, and if all are."""
+    """Say whether fitted slopes are those of theory's lines, and if all are."""
     told = [(f, own) for f, own in pairs if f is not None and own is not None]
     rest = len(pairs) - len(told)
-    missing = f"; {rest} cannot be told from zero" if rest else ""
+    missing = f"; {rest} cannot be distinguished from zero" if rest else ""
     if not told:
-        return (
-            f"{_count(len(pairs), 'slope')}, none told from zero in these trials",
-            True,
-        )
+        count = _count(len(pairs), "slope")
+        return f"{count}, none distinguishable from zero in these trials", True
     apart = [abs(fitted.value - own.value) for fitted, own in told]
     bands = [fitted.half_width / Z95 for fitted, _ in told]
     z = simultaneous(len(told))
     off = [d / b for d, b in zip(apart, bands, strict=True) if d > z * b]
     if off:
         return (
-            f"{len(off)} of {_count(len(told), 'slope')} off theory's own, by up to "
+            f"{len(off)} of {_count(len(told), 'slope')} "
+            f"{'differs' if len(off) == 1 else 'differ'} from theory's, by up to "
             f"{max(off):.1f} standard errors{missing}"
         ), False
     count = _count(len(told), "slope")
-    return f"{count}, theory's own within {max(apart):.3f}{missing}", True
+    agree = "agrees" if len(told) == 1 else "agree"
+    return f"{count} {agree} with theory's within {max(apart):.3f}{missing}", True
 
 
 def percent(share: float) -> str:

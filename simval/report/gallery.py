@@ -311,8 +311,7 @@ def _bars(figure: Figure, groups: Mapping[str, Cells]) -> Panels:
 
 def _curve(label: str, points: Sequence[Point]) -> Curve:
     """A line of rows, sorted along the axis."""
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not drawn
-        return along_axis(label, [(p.x, p.cell, read(p.row)) for p in points])
+    return along_axis(label, [(p.x, p.cell, read(p.row)) for p in points])
 
 
 def curves_of(figure: Figure, points: Sequence[Point]) -> dict[str, list[Curve]]:

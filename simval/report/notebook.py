@@ -11,7 +11,7 @@ from simval.errors import InputError
 from simval.imu.calibrate import FitResult, GyroscopeFit, MagnetometerFit, NineAxisFit
 from simval.imu.calibrate.magnetometer.result import DIP, IRON, MATRIX
 from simval.imu.sensor import forms
-from simval.report.curves import axis_of, curves, grouped, read
+from simval.report.curves import axis_of, curve, grouped
 from simval.results import Row
 from simval.sweep import Run
 from simval.text import did_you_mean
@@ -130,15 +130,17 @@ def plot_run(run: Run, statistic: str, along: str = "", axes: Any = None) -> Any
         )
         raise InputError(msg)
     axes = axes if axes is not None else _figure(1)[0]
-    found = curves(grouped(cells, along), lambda cell: read(rows[cell.name]), along)
+    groups = grouped(cells, along)
+    drawn = [curve(k, own, along, lambda c: rows[c.name]) for k, own in groups.items()]
+    found = [c for c in drawn if c is not None]
     if not found:
         msg = f"`{along}` is no number in the cells that have {statistic}"
         raise InputError(msg)
     for c in found:
         bars = HALF * c.error
-        drawn = axes.errorbar(c.x, c.value, bars, fmt="o", label=c.label or statistic)
+        points = axes.errorbar(c.x, c.value, bars, fmt="o", label=c.label or statistic)
         if np.isfinite(c.prediction).all():
-            axes.plot(c.x, c.prediction, color=drawn[0].get_color())
+            axes.plot(c.x, c.prediction, color=points[0].get_color())
     unit = next(iter(rows.values())).unit
     axes.set(xlabel=along, ylabel=statistic if unit == "1" else f"{statistic}, {unit}")
     axes.legend()

@@ -186,8 +186,8 @@ ALGORITHM = ("estimator", "residual", "estimate", "sigma", "trim")
 """Parameters that choose an algorithm or set it, not what it is given."""
 
 RULE = (
-    "Each in the cell of its study's middle noise level, most poses and first "
-    "algorithm; of several such cells, in the one with the greatest error. "
+    "Each number is of the cell with its study's middle noise level, most poses and "
+    "first algorithm; of several such cells, the one with the greatest error. "
     "\N{PLUS-MINUS SIGN}: standard error."
 )
 

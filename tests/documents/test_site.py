@@ -11,7 +11,6 @@ from places import ROOT
 
 import simval
 from docs.site.commands import commands
-from docs.site.equations import modules, room_of
 from docs.site.markdown import NOTHING, plain
 from docs.site.reference import pages
 from docs.site.studies import predictors
@@ -130,21 +129,6 @@ def test_modules_on_their_own_have_a_page(made):
     }
     missing = {m for m in shown if f"api/{m}.rst" not in made}
     assert missing == set()
-
-
-def test_each_equation_is_on_a_page_of_its_module(made):
-    for module in modules().values():
-        if not module.defined:
-            continue
-        page = made[f"equations/{room_of(module.name)}.rst"]
-        assert f".. automodule:: {module.name}\n" in page
-        for owner in filter(None, module.defined.values()):
-            assert f":: {module.name}.{owner}\n" in page
-    listed = re.findall(
-        r"automodule:: (\S+)",
-        "".join(text for name, text in made.items() if name.startswith("equations/")),
-    )
-    assert sorted(listed) == sorted(m.name for m in modules().values() if m.defined)
 
 
 CODE = re.compile(r"`([^`\n]+)`")

@@ -1,7 +1,7 @@
 """The runner of pages: what it takes for the same, and what it does not."""
 
 import pytest
-from walkthrough import Walk, blocks, rewritten, same
+from walkthrough import Walk, blocks, same
 
 PAGE = """\
 # A page
@@ -58,13 +58,6 @@ def test_a_figure_that_is_wrong_is_found(tmp_path, old, new):
 def test_an_exit_code_that_is_not_shown_is_found(tmp_path):
     (message,) = walked(PAGE.replace("$ echo $?\n3\n", ""), tmp_path).wrong
     assert "ended with 3" in message
-
-
-def test_lines_left_out_stay_left_out(tmp_path):
-    text = PAGE.replace("print(1 + 1)", "for i in range(4): print('abcd'[i], i + 0.5)")
-    walk = walked(text.replace("\n2\n", "\na 9.5\n...\nd 9.5\n"), tmp_path)
-    assert "\na 0.5\n...\nd 3.5\n" in rewritten(walk)
-    assert walked(rewritten(walk), tmp_path).wrong == []
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,7 @@
 """Every workflow in the documentation, line by line, as a runner does."""
 
-import os
 import re
 import shlex
-import shutil
-import subprocess
-import venv
 from xml.etree import ElementTree
 
 import pytest
@@ -118,54 +114,3 @@ def test_a_healthy_plugin_passes_once_the_baseline_is_there(job, simval, runner)
     code, out, _ = simval(*shlex.split(gate)[1:])
     assert code == 0, out
     assert "::error" not in out
-
-
-def in_bash(line, folder, bins, **variables):
-    """Run the text of a step as GitHub does; `bins` go before the path."""
-    path = os.pathsep.join([str(bins), os.environ["PATH"]])
-    env = {**os.environ, "PATH": path, **variables}
-    env.pop("PYTHONPATH", None)
-    return subprocess.run(
-        ["bash", "-e", "-c", line],
-        cwd=folder,
-        env=env,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
-@pytest.mark.slow
-@pytest.mark.wheel
-@pytest.mark.parametrize("job", JOBS)
-def test_a_workflow_as_it_stands(job, tmp_path):
-    """From an empty environment, in a repository that has the wheel, twice the gate."""
-    page = (ROOT / "docs" / "ci.md").read_text(encoding="utf-8")
-    (build,) = re.findall(r"`(pip wheel [^`]*)`", page)
-    checkout = tmp_path / "simval"
-    cloned = ["git", "clone", "--quiet", str(ROOT), str(checkout)]
-    if not (ROOT / ".git").exists() or subprocess.run(cloned, check=False).returncode:
-        pytest.skip("not a git repository")
-    venv.create(tmp_path / "made", with_pip=True)  # what setup-python does
-    bins = tmp_path / "made" / "bin"
-    own = tmp_path / "own"
-    own.mkdir()
-    assert in_bash(build, checkout, bins).returncode == 0
-    shutil.move(checkout / "wheels", own)
-    shutil.rmtree(checkout)
-    variables = {
-        "HOME": str(tmp_path),
-        "GITHUB_ACTIONS": "true",
-        "GITHUB_STEP_SUMMARY": str(tmp_path / "step.md"),
-    }
-    codes = {}
-    for step in job["steps"]:
-        if "run" in step and runs(step, codes.values()):
-            done = in_bash(step["run"], own, bins, **variables)
-            codes[step["run"]] = done.returncode
-    (gate,) = [line for line in codes if line.startswith("simval gate")]
-    # the first gate writes the baseline and fails, as the page says
-    assert {line: code for line, code in codes.items() if code} == {gate: 1}
-    assert len(codes) == sum("run" in step for step in job["steps"])
-    again = in_bash(gate, own, bins, **variables)
-    assert again.returncode == 0, again.stdout + again.stderr

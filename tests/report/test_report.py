@@ -254,30 +254,6 @@ def test_one_figure_by_its_name(simval, tiny_run, tmp_path, undrawn):
 
 
 @pytest.mark.ci
-def test_the_csv_of_the_numbers_is_exact(simval, tiny_run, tmp_path, undrawn):
-    assert simval("report", tiny_run, "--tables", tmp_path)[0] == 0
-    with (tmp_path / "numbers.csv").open(encoding="utf-8") as file:
-        found = [
-            (r["value"], r["standard error of value"]) for r in csv.DictReader(file)
-        ]
-    stored = [
-        (repr(row.value), repr(row.standard_error))
-        for cell in load_run(tiny_run).cells
-        for row in cell.rows
-    ]
-    assert found == stored
-
-
-@pytest.mark.parametrize("content", [b"", b"no database", b"SQLite format 3\0rest"])
-def test_a_file_that_is_no_run_is_an_error(simval, tmp_path, content):
-    (tmp_path / "run.sqlite").write_bytes(content)
-    code, _, err = simval("report", tmp_path)
-    assert code == 2
-    assert err.startswith("error: ")
-    assert "Traceback" not in err
-
-
-@pytest.mark.ci
 def test_what_cannot_be_read_or_written_is_an_error(
     simval, tiny_run, tmp_path, undrawn
 ):

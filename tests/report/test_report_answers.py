@@ -289,7 +289,8 @@ def test_a_change_is_better_or_worse_by_its_size(baseline, how, factor, word):
     error = s if how == "baseline" else s * np.sqrt(2.0)
     sigmas = abs(factor - 1.0) * v / error
     assert f"{word} 1, most sd[K_x]" in before[1]
-    assert f"50 % ({sigmas:.1f} standard errors)" in before[1]
+    sign = "+" if factor > 1.0 else "−"
+    assert f"{sign}50 % ({sigmas:.1f} standard errors)" in before[1]
     if how == "baseline":  # the verdict is the gate's, baseline and all
         judged = judge_run(other, stored)
         assert section.values["answer"] == judged.answer == "fail"
@@ -369,7 +370,13 @@ def test_a_statistic_beside_several_theories_counts_once_with_the_exact_one(tmp_
     verdicts = [v for v in judge_run(run).verdicts if v.cell.study == "attitude"]
     exact = [v for v in verdicts if v.row.predictor == "exact"]
     assert len(exact) < len(verdicts)
-    assert deviation("attitude", verdicts) == deviation("attitude", exact)
+    others = [
+        v if v in exact else replace(v, row=replace(v.row, value=2.0 * v.row.value))
+        for v in verdicts
+    ]
+    for own in (verdicts, others, others[::-1]):
+        found = deviation("attitude", own)
+        assert found == pytest.approx(deviation("attitude", exact), rel=1e-12)
 
 
 def test_the_cell_is_the_one_that_the_rule_names(tmp_path):

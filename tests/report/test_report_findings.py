@@ -115,9 +115,9 @@ def checked(run, rows):
                 ):
                     assert getattr(data, key) == found[key], (drawing.name, key)
                 # the same sums in another order: a few ulp of a ratio near one
-                assert data.within == pytest.approx(found["within"][0], abs=1e-14)
-                assert data.most == pytest.approx(found["most"][0], rel=1e-12)
-                assert data.farthest == pytest.approx(found["farthest"], rel=1e-9)
+                assert data.within.size == pytest.approx(found["within"][0], abs=1e-14)
+                assert data.most.size == pytest.approx(found["most"][0], rel=1e-12)
+                assert data.farthest.size == pytest.approx(found["farthest"], rel=1e-9)
                 if "less than" not in said:  # what a limit is, is its own sentence
                     assert claim.said in said
                 count += 1

@@ -16,7 +16,6 @@ from simval.figures import Listing, Shown, Trace
 from simval.report import drawings, render, tables
 from simval.report.artifacts import drawn_artifacts
 from simval.report.declared import elsewhere, shown_of
-from simval.report.gallery import STYLES
 from simval.report.page import context_of, sections
 from simval.report.paint import svg
 from simval.report.words import FORMULAS
@@ -263,18 +262,6 @@ def test_what_is_left_out_is_named(others, undrawn):
         assert (words in drawn) != (words in drawing.left_out)
     page = render(run)
     assert all(name in page for name in drawing.left_out)
-
-
-def test_a_formula_has_one_colour_on_all_figures(smoke, others, undrawn):
-    colours = {FORMULAS.get(name, name): colour for name, (colour, _) in STYLES.items()}
-    seen = set()
-    for drawing in (*drawings(smoke), *drawings(others)):
-        for panel in drawing.panels:
-            for series in getattr(panel, "series", ()):
-                if series.label in colours:
-                    assert series.colour == colours[series.label], drawing.name
-                    seen.add(series.label)
-    assert seen == set(colours)
 
 
 def test_numbers_of_a_figure_are_those_of_the_rows(others, undrawn):

@@ -108,11 +108,12 @@ def test_csv_is_exact_and_no_formula_for_a_spreadsheet():
         name="x",
         caption="",
         columns=(Column("what"), Column("v", "measured"), Column("p", "number")),
-        rows=[("=1+1", (0.1, 1e-17), None), ('a,"b"', (2.0, 0.0), 0.25)],
+        rows=[("=1+1", (0.1, 1e-17), None), ('a,"b"', (2.0, 0.0), 1 / 3)],
         shown=1,
     )
     assert csv_text(table) == (
-        'what,v,standard error of v,p\n\'=1+1,0.1,1e-17,\n"a,""b""",2.0,0.0,0.25\n'
+        "what,v,standard error of v,p\n'=1+1,0.1,1e-17,\n"
+        '"a,""b""",2.0,0.0,0.3333333333333333\n'
     )
     assert len(table.visible) == 1
 

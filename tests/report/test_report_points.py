@@ -9,7 +9,7 @@ import rows_by_name
 from rows_by_name import cell
 
 from simval.report import tables
-from simval.report.curves import Measured, curve, note, statistic
+from simval.report.curves import Measured, curve, note
 from simval.report.page import sections
 from simval.report.section import folder_of, located
 from simval.statistics import RMS
@@ -28,7 +28,7 @@ def test_a_note_says_number_prediction_cell_and_command():
         parameters={"scene": "gimbal", "poses": 12, "noise_std": 0.02, "trials": 9},
         run="my run",
     )
-    c = curve("", [here], "noise_std", statistic(row.statistic))
+    c = curve("", [here], "noise_std", lambda c: c.row(row.statistic))
     assert c.notes == (
         "(6.326 ± 0.054)e-5, n = 4096\n"
         "predicted 6.3e-05\n"
@@ -60,7 +60,7 @@ def test_notes_stay_with_their_points_when_a_curve_is_sorted():
         )
         for k, x in enumerate(noise, start=1)
     ]
-    c = curve("", cells, "noise_std", statistic(RMS("T")))
+    c = curve("", cells, "noise_std", lambda c: c.row(RMS("T")))
     assert np.all(np.diff(c.x) > 0.0)
     order = np.argsort(noise)
     assert [n.splitlines()[0].split("n = ")[1] for n in c.notes] == [

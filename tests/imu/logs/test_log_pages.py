@@ -64,7 +64,10 @@ def test_a_page_is_one_offline_file_of_the_same_bytes(pages, name):
 
 
 WORDS = {
-    "calibrated": ["What each move leaves", "Was the field the same in every pose?"],
+    "calibrated": [
+        "residual of each rotation",
+        "Was the field the same in every pose?",
+    ],
     "outlier": ["and calibrate without it", "which is not on the others"],
     "filtered": ["When is the filter mekf wrong?", "overconfident"],
     "blind": ["No truth, so errors are unknown", "Give the recorded attitudes"],
