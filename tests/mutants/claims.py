@@ -36,8 +36,8 @@ KEPT = Path(__file__).with_name("claims_kept.toml")  # no faults, with reasons
 
 def listed() -> list[dict[str, str]]:
     """Damaged forms that say the same, or what is as true: claim, form, why."""
-    kept: list[dict[str, str]] = tomllib.loads(KEPT.read_text(encoding="utf-8"))["kept"]
-    return kept
+    kept = tomllib.loads(KEPT.read_text(encoding="utf-8"))["kept"]
+    return [one | {"form": form} for one in kept for form in one["forms"]]
 
 
 @cache
