@@ -35,14 +35,12 @@ from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
 from simval.imu.calibrate.magnetometer.evidence import (
     STATUS_NAMES,
     Code,
-    Summary,
+    Fitted,
     judge,
     refuse,
     refuse_still,
-    seen_over_stated,
-    summarize,
 )
-from simval.imu.calibrate.magnetometer.findings import Found, Single, look
+from simval.imu.calibrate.magnetometer.findings import look
 from simval.imu.calibrate.magnetometer.result import (
     ACCELEROMETER,
     DIP,
@@ -382,74 +380,67 @@ def calibrate_magnetometer(
         refuse_repeated(*pair)
     size = max(1, _BLOCK // count)
     parts = [
-        _fit_block(scale(batch, noise, slice(i, i + size), options), options)
+        _fit(scale(batch, noise, slice(i, i + size), options), options)
         for i in range(0, len(batch[0]), size)
     ]
-    numbers = {
+    numbers: dict[str, Any] = {
         k: np.concatenate([p.numbers[k] for p in parts]) for k in parts[0].numbers
     }
-    found = Found(
-        pose_chi_square=np.zeros(0), disturbed=(), findings=(), steady_p_value=np.nan
-    )
-    noise_factors = NOT_JUDGED
+    found: dict[str, Any] = {
+        "pose_chi_square": np.zeros(0), "disturbed": (), "findings": (),
+        "steady_p_value": np.nan,
+    }  # fmt: skip
+    factors = NOT_JUDGED
     if single:
-        weighed, noise_factors = _weighed(parts[0], options)
+        stated = parts[0]
+        used, factors = _weighed(stated, options)
         for name in ("parameters", "covariance", "half_width", "code"):
-            numbers[name] = weighed.numbers[name]
-        code = int(numbers["code"][0])
-        if code > Code.MAX_ITERATIONS:
-            _refuse(code, named, parts[0])
-        found = look(_single(parts[0], times, options))
+            numbers[name] = used.numbers[name]
+        if numbers["code"][0] > Code.MAX_ITERATIONS:
+            refuse(int(numbers["code"][0]), named, stated.fitted)
+        values = stated.numbers["parameters"][0]
+        iron = np.linalg.norm(values[MATRIX].reshape(3, 3) @ values[IRON])
+        found = look(stated.fitted, times, float(iron / options.field))
         numbers = {name: value[0] for name, value in numbers.items()}
-    status = STATUS_NAMES[numbers.pop("code")]
     return MagnetometerFit(
         model=options.model,
         g=options.g,
         field=options.field,
-        dof=parts[0].dof,
-        status=status,
-        pose_chi_square=found.pose_chi_square,
-        disturbed=found.disturbed,
-        findings=found.findings,
-        steady_p_value=found.steady_p_value,
+        dof=parts[0].fitted.dof,
+        status=STATUS_NAMES[numbers.pop("code")],
         assumption=ASSUMPTIONS[options.hemisphere],
-        noise=noise_factors,
+        noise=factors,
+        **found,
         **numbers,
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
-    # what came of a block of trials
-    numbers: dict[str, Any]
+    # trials that are worked at once, and the numbers of their results
     scaled: Scaled
-    theta: Float[Array, "t 22"]
-    summary: Summary
-    dof: int
+    fitted: Fitted
+    numbers: dict[str, Any]
 
 
-def _fit_block(scaled: Scaled, options: Options) -> _Block:
-    problem = scaled.problem
-    solution, sure = solve(problem, options.max_iterations)
+def _fit(scaled: Scaled, options: Options) -> _Block:
+    solution, sure = solve(scaled.problem, options.max_iterations)
     theta = _twin(solution.theta, options.hemisphere)
-    known = 0 if problem.prior is None else 9
-    dof = 3 * problem.accelerometer.readings.shape[1] + known - PARAMETERS
-    summary = summarize(problem, theta, dof)
-    code = judge(summary, theta, solution.converged, options.hemisphere)
+    fitted = Fitted.of(scaled.problem, theta, solution.converged)
+    code = judge(fitted, options.hemisphere)
     code = np.where(sure | (code > Code.MAX_ITERATIONS), code, int(Code.AMBIGUOUS))
     code = np.where(scaled.finite, code, int(Code.NON_FINITE))
-    bad = code > Code.MAX_ITERATIONS
-    parameters, covariance = scaled.physical(theta, summary.covariance)
+    parameters, covariance = scaled.physical(theta, fitted.covariance)
     numbers = {
         "parameters": parameters,
         "covariance": covariance,
-        "chi_square": summary.chi_square.copy(),
-        "half_width": summary.half_width.copy(),
+        "chi_square": fitted.chi_square,
+        "half_width": fitted.half_width.copy(),
     }
     for value in numbers.values():
-        value[bad] = np.nan
+        value[code > Code.MAX_ITERATIONS] = np.nan
     numbers |= {"code": code, "iterations": solution.iterations}
-    return _Block(numbers=numbers, scaled=scaled, theta=theta, summary=summary, dof=dof)
+    return _Block(scaled=scaled, fitted=fitted, numbers=numbers)
 
 
 def _weighed(block: _Block, options: Options) -> tuple[_Block, NoiseFactors]:
@@ -457,12 +448,11 @@ def _weighed(block: _Block, options: Options) -> tuple[_Block, NoiseFactors]:
     problem = block.scaled.problem
 
     def fit(_: _Block, factor: Any) -> _Block:
-        noisier = replace(block.scaled, problem=problem.noisier(*factor))
-        return _fit_block(noisier, options)
+        return _fit(replace(block.scaled, problem=problem.noisier(*factor)), options)
 
     if block.numbers["code"][0] != Code.CONVERGED or options.known is not None:
         return block, NOT_JUDGED
-    return judged(block, fit, lambda last: residuals(problem, last.summary.here))
+    return judged(block, fit, lambda last: residuals(problem, last.fitted.here))
 
 
 def _twin(theta: Float[Array, "t 22"], hemisphere: str) -> Float[Array, "t 22"]:
@@ -474,28 +464,3 @@ def _twin(theta: Float[Array, "t 22"], hemisphere: str) -> Float[Array, "t 22"]:
     turned[:, MATRIX] *= -1.0
     turned[:, DIP] *= -1.0
     return np.where((down == (hemisphere == "north"))[:, None], theta, turned)
-
-
-def _refuse(code: int, named: dict[str, Array], block: _Block) -> None:
-    refuse(
-        code, named,
-        half_width=float(block.summary.half_width[0]),
-        widest=int(block.summary.widest[0]),
-        sine=float(block.theta[0, DIP]),
-        factor=float(seen_over_stated(block.summary.chi_square, block.dof)[0]),
-        noise=max(float(each.std.max()) for each in block.scaled.problem.sensors),
-    )  # fmt: skip
-
-
-def _single(block: _Block, time: Float[Array, " n"], options: Options) -> Single:
-    matrix = block.numbers["parameters"][0, MATRIX].reshape(3, 3)
-    iron = np.linalg.norm(matrix @ block.numbers["parameters"][0, IRON])
-    return Single(
-        problem=block.scaled.problem,
-        theta=block.theta[0],
-        summary=block.summary,
-        dof=block.dof,
-        time=time,
-        converged=bool(block.numbers["code"][0] == Code.CONVERGED),
-        iron=float(iron / options.field),
-    )

@@ -71,38 +71,59 @@ STATUS_NAMES = np.array(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Summary:
-    """What is known at the end of a fit, in its scaled units."""
+class Fitted:
+    """Trials at the end of their fit, in its scaled units."""
 
+    problem: Problem
+    theta: Float[Array, "t 22"]
     here: Local
     covariance: Float[Array, "t 22 22"]  # NaN where the rank is below 22
-    chi_square: Float[Array, " t"]
     # greatest natural half-width of a 95 % interval, and of which parameter it is
     half_width: Float[Array, " t"]
     widest: Any  # index, (t,)
     full_rank: Any  # bool, (t,)
+    converged: Any  # bool, (t,)
+
+    @classmethod
+    def of(cls, problem: Problem, theta: Array, converged: Any = True) -> "Fitted":
+        """Work out covariance and evidence at the solutions."""
+        with np.errstate(all="ignore"):  # hopeless trials are NaN
+            here = problem.local(theta)
+            covariance, pivot = here.covariance()
+            full = np.asarray(pivot > _LEAST_PIVOT, dtype=bool)
+            covariance[~full] = np.nan
+            model = problem.accelerometer.model
+            natural = natural_sd(model, theta, here.at, covariance)
+            factor = seen_over_stated(here.chi_square, freedoms(problem))
+            half = _NORMAL_95 * natural * factor[:, None]
+        half = np.where(np.isfinite(half), half, np.inf)
+        return cls(
+            problem=problem, theta=theta, here=here, covariance=covariance,
+            half_width=np.max(half, axis=1), widest=np.argmax(half, axis=1),
+            full_rank=full, converged=converged,
+        )  # fmt: skip
+
+    @property
+    def dof(self) -> int:
+        """Equations, and what is known of the accelerometer, less parameters."""
+        return freedoms(self.problem)
+
+    @property
+    def chi_square(self) -> Float[Array, " t"]:
+        """Weighted sum of squares of all equations."""
+        return self.here.chi_square
+
+    @property
+    def natural(self) -> Float[Array, "t 25"]:
+        """Error bars in natural sizes."""
+        model = self.problem.accelerometer.model
+        return natural_sd(model, self.theta, self.here.at, self.covariance)
 
 
-def summarize(problem: Problem, theta: Float[Array, "t 22"], dof: int) -> Summary:
-    """Work out covariance and evidence at the solutions."""
-    with np.errstate(all="ignore"):  # hopeless trials are NaN
-        here = problem.local(theta)
-        covariance, pivot = here.covariance()
-        full = np.asarray(pivot > _LEAST_PIVOT, dtype=bool)
-        covariance[~full] = np.nan
-        natural = natural_sd(problem.accelerometer.model, theta, here.at, covariance)
-        factor = seen_over_stated(here.chi_square, dof)
-        half = _NORMAL_95 * natural * factor[:, None]
-    half = np.where(np.isfinite(half), half, np.inf)
-    widest = np.argmax(half, axis=1)
-    return Summary(
-        here=here,
-        covariance=covariance,
-        chi_square=here.chi_square,
-        half_width=np.max(half, axis=1),
-        widest=widest,
-        full_rank=full,
-    )
+def freedoms(problem: Problem) -> int:
+    """Degrees of freedom."""
+    known = 0 if problem.prior is None else 9
+    return 3 * problem.accelerometer.readings.shape[1] + known - PARAMETERS
 
 
 def seen_over_stated(chi_square: Float[Array, " t"], dof: int) -> Float[Array, " t"]:
@@ -139,26 +160,24 @@ def natural_sd(
     return np.sqrt(np.einsum("tij,tjk,tik->ti", carry, covariance, carry))
 
 
-def judge(
-    summary: Summary, theta: Float[Array, "t 22"], converged: Any, hemisphere: str
-) -> Any:
+def judge(fit: Fitted, hemisphere: str) -> Any:
     """Code of each trial from its fit."""
-    sine = theta[:, DIP]
+    sine = fit.theta[:, DIP]
     with np.errstate(invalid="ignore"):
-        sd = np.sqrt(summary.covariance[:, DIP, DIP])
+        sd = np.sqrt(fit.covariance[:, DIP, DIP])
         cosine = np.sqrt(np.maximum(1.0 - sine**2, 0.0))
         # an error of the sine is one of the dip times the cosine
         vertical = ~(cosine > LEAST_COSINE) | ~(cosine**2 > _SDS * sd)
         weak = ~(np.abs(sine) > _SDS * sd)
     near = np.abs(sine) < 1.0 + LEAST_COSINE  # beyond, the poses fit no field at all
-    wide = ~(summary.half_width <= WIDEST)
-    code = np.where(converged, int(Code.CONVERGED), int(Code.MAX_ITERATIONS))
+    wide = ~(fit.half_width <= WIDEST)
+    code = np.where(fit.converged, int(Code.CONVERGED), int(Code.MAX_ITERATIONS))
     if hemisphere != "unstated":
         code = np.where(weak, int(Code.HEMISPHERE), code)
     code = np.where(wide, int(Code.WIDE), code)
     steep = ~(cosine > LEAST_COSINE)
     code = np.where(vertical & ~wide | steep & near, int(Code.VERTICAL), code)
-    return np.where(~summary.full_rank & ~(steep & near), int(Code.RANK), code)
+    return np.where(~fit.full_rank & ~(steep & near), int(Code.RANK), code)
 
 
 _LEVEL = np.radians(15.0)  # decides the words of a message only
@@ -196,15 +215,7 @@ def refuse_still(readings: dict[str, Float[Array, "n 3"]]) -> None:
             raise GeometryError(msg)
 
 
-def refuse(
-    code: int,
-    poses: dict[str, Float[Array, "n 3"]],
-    half_width: float,
-    widest: int,
-    sine: float,
-    factor: float,
-    noise: float,
-) -> None:
+def refuse(code: int, poses: dict[str, Float[Array, "n 3"]], fit: Fitted) -> None:
     """Raise the error that says what is wrong with one set.
 
     Raises
@@ -213,6 +224,8 @@ def refuse(
         Always; `GeometryError` where the poses leave something unobservable.
     """
     body, field = poses["accelerometer"], poses["magnetometer"]
+    half_width, sine = float(fit.half_width[0]), float(fit.theta[0, DIP])
+    noise = max(float(each.std.max()) for each in fit.problem.sensors)
     if code == Code.HEMISPHERE:
         msg = (
             f"the dip is {_degrees(sine)} degrees, too near 0 for its error bars to "
@@ -247,6 +260,7 @@ def refuse(
             "vertical tells no heading; "
         )
     if wide and rank == PARAMETERS:
+        factor = float(seen_over_stated(fit.chi_square, fit.dof)[0])
         scatter = (
             f"; the poses scatter {factor:.3g} times as much as the stated noise "
             "explains, which counts here: check units, the order of the poses, and "
@@ -256,8 +270,9 @@ def refuse(
         )
         msg = (
             f"the calibration is uncertain by {100.0 * half_width:.3g} percent of the "
-            f"field or of gravity ({_named(widest)}, 95 percent half-width), and at "
-            f"most {100.0 * WIDEST:.0f} percent is accepted{scatter}; {said}{_ADVICE}, "
+            f"field or of gravity ({_named(int(fit.widest[0]))}, 95 percent "
+            f"half-width), and at most {100.0 * WIDEST:.0f} percent is "
+            f"accepted{scatter}; {said}{_ADVICE}, "
             "or hold each pose longer"
         )
         raise (RefusedError if factor > 1.0 else GeometryError)(msg)

@@ -18,14 +18,15 @@ where that is more than the noise  (M6).
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
 
 from simval.arrays import Array
 from simval.geometry import normalize
-from simval.imu.calibrate.equations import Local, Problem, Sensor, minimize
-from simval.imu.calibrate.magnetometer.evidence import Summary, natural_sd, summarize
+from simval.imu.calibrate.equations import Problem, Sensor, minimize
+from simval.imu.calibrate.magnetometer.evidence import Fitted
 from simval.imu.calibrate.magnetometer.result import DIP, IRON, PARAMETERS
 from simval.imu.calibrate.magnetometer.start import ENOUGH
 from simval.poses import fibonacci_sphere
@@ -46,8 +47,9 @@ class Trend:
     p_value: float  # that a steady field shows as much; 1 where it cannot be seen
 
 
-def pose_chi_squares(here: Local, covariance: Float[Array, "22 22"]) -> Array:
-    """Chi-square of each pose of one trial, eq. (M5); NaN where none is left."""
+def pose_chi_squares(fit: Fitted) -> Float[Array, " n"]:
+    """Chi-square of each pose of one set, eq. (M5); NaN where none is left."""
+    here, covariance = fit.here, fit.covariance[0]
     count = here.white.shape[1]
     slopes = here.slopes[0, : 3 * count].reshape(count, 3, PARAMETERS)
     rows = here.rows[0, : 3 * count].reshape(count, 3)
@@ -63,19 +65,14 @@ def chance_limit(count: int) -> float:
     return float(2.0 * scipy.special.gammainccinv(1.5, FALSE_ALARM / count))
 
 
-def trend(
-    here: Local,
-    theta: Float[Array, "22"],
-    covariance: Float[Array, "22 22"],
-    time: Float[Array, " n"],
-    dof: int,
-) -> Trend:
-    """How the strength of the field of one trial varies with time, eq. (M6)."""
+def trend(fit: Fitted, time: Float[Array, " n"]) -> Trend:
+    """How the strength of the field of one set varies with time, eq. (M6)."""
+    here, covariance, dof = fit.here, fit.covariance[0], fit.dof
     count = here.white.shape[1]
     whole = np.zeros((len(here.rows[0]), _DEGREE))
     tau = 2.0 * (time - time.min()) / np.ptp(time) - 1.0
     basis = np.polynomial.legendre.legvander(tau, _DEGREE)[:, 1:]
-    column = here.white[0] @ np.array([0.0, -2.0, theta[DIP]])
+    column = here.white[0] @ np.array([0.0, -2.0, fit.theta[0, DIP]])
     whole[: 3 * count] = (column[:, :, None] * basis[:, None, :]).reshape(-1, _DEGREE)
     slopes, rows = here.slopes[0], here.rows[0]
     # what is left of the columns beside the 22 parameters
@@ -110,34 +107,9 @@ _FEWEST_LEFT = 9  # poses after those that do not fit are left out
 _TILTS, _HEADINGS = 24, 5  # attitudes that stand for evenly spread ones
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Single:
-    """One set, fitted, in the scaled units of the fit."""
-
-    problem: Problem
-    theta: Float[Array, "22"]
-    summary: Summary
-    dof: int
-    time: Float[Array, " n"]
-    converged: bool
-    iron: float  # hard iron over the strength of the field
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Found:
-    """What was found in one set."""
-
-    pose_chi_square: Float[Array, " n"]
-    disturbed: tuple[int, ...]
-    findings: tuple[str, ...]
-    steady_p_value: float
-
-
-def look(fit: Single) -> Found:
-    """Look at one set pose by pose and as a whole."""
-    here, covariance = fit.summary.here, fit.summary.covariance[0]
-    poses = pose_chi_squares(here, covariance)
-    varies = trend(here, fit.theta, covariance, fit.time, fit.dof)
+def look(fit: Fitted, time: Float[Array, " n"], iron: float) -> dict[str, Any]:
+    """What was found in one set, its hard iron in strengths of the field."""
+    poses, varies = pose_chi_squares(fit), trend(fit, time)
     steady = not varies.p_value < FALSE_ALARM
     # a pose that is far off bends any curve, and a field that varies puts poses off:
     # what takes more off the chi-square is said
@@ -146,48 +118,44 @@ def look(fit: Single) -> Found:
     if steady or varies.chi_square < np.nanmax(poses, initial=0.0):
         worst, rest = _left_out(fit)
     words = [
-        "" if fit.converged else _NOT_CONVERGED,
+        "" if fit.converged[0] else _NOT_CONVERGED,
         _few_words(fit),
         _poses_named(poses, worst, rest),
         "" if steady or worst else _trend_words(varies),
         _scatter_words(fit, explained=bool(worst)),
-        _iron_words(fit),
+        _iron_words(iron),
         _geometry_words(fit),
         _axes_words(fit),
     ]
-    return Found(
-        pose_chi_square=poses,
-        disturbed=worst,
-        findings=tuple(text for text in words if text),
-        steady_p_value=varies.p_value,
-    )
+    return {
+        "pose_chi_square": poses,
+        "disturbed": worst,
+        "findings": tuple(text for text in words if text),
+        "steady_p_value": varies.p_value,
+    }
 
 
-def _left_out(fit: Single) -> tuple[tuple[int, ...], float]:
+def _left_out(fit: Fitted) -> tuple[tuple[int, ...], float]:
     # poses that do not fit the others, and the chi-square by freedom of the others
-    count = fit.problem.accelerometer.readings.shape[1]
+    whole, count = fit.problem, len(fit.here.white[0])
     kept, out = np.arange(count), list[int]()
-    summary, dof = fit.summary, fit.dof
-    while True:
-        values = pose_chi_squares(summary.here, summary.covariance[0])
-        values = np.where(np.isfinite(values), values, 0.0)
+    while len(kept) > _FEWEST_LEFT and len(out) <= count // 3:
+        values = np.nan_to_num(pose_chi_squares(fit))
         worst = int(np.argmax(values))
-        most = len(kept) <= _FEWEST_LEFT or len(out) > count // 3
-        if most or values[worst] <= chance_limit(count):
+        if values[worst] <= chance_limit(count):
             break
         out.append(int(kept[worst]))
-        kept, dof = np.delete(kept, worst), dof - 3
-        problem = fit.problem.take(slice(None), kept)
-        again = minimize(problem, fit.theta[None], 50)
-        summary = summarize(problem, again.theta, dof)
-        if not np.isfinite(summary.covariance).all():
+        kept = np.delete(kept, worst)
+        problem = whole.take(slice(None), kept)
+        fit = Fitted.of(problem, minimize(problem, fit.theta, 50).theta)
+        if not np.isfinite(fit.covariance).all():
             break
     if len(out) > count // 3:  # then it is no matter of single poses
         return (), float("nan")
-    return tuple(out), float(summary.chi_square[0] / dof)
+    return tuple(out), float(fit.chi_square[0] / fit.dof)
 
 
-def _few_words(fit: Single) -> str:
+def _few_words(fit: Fitted) -> str:
     count = fit.problem.accelerometer.readings.shape[1]
     if count >= ENOUGH:
         return ""
@@ -210,8 +178,8 @@ def _poses_named(poses: Array, worst: tuple[int, ...], rest: float) -> str:
     )
 
 
-def _scatter_words(fit: Single, *, explained: bool) -> str:
-    chi_square = float(fit.summary.chi_square[0])
+def _scatter_words(fit: Fitted, *, explained: bool) -> str:
+    chi_square = float(fit.chi_square[0])
     low, high = 2.0 * scipy.special.gammaincinv(fit.dof / 2.0, [_TAIL, 1.0 - _TAIL])
     ratio = chi_square / fit.dof
     if chi_square < low:
@@ -228,10 +196,10 @@ def _scatter_words(fit: Single, *, explained: bool) -> str:
     )
 
 
-def _by_equation(fit: Single) -> str:
+def _by_equation(fit: Fitted) -> str:
     # the raw sizes of the three equations, in units that a person knows
-    sine = fit.theta[DIP]
-    up, field = (each.w[0] for each in fit.summary.here.at.values())
+    sine = fit.theta[0, DIP]
+    up, field = (each.w[0] for each in fit.here.at.values())
     lengths = np.linalg.norm(up, axis=1), np.linalg.norm(field, axis=1)
     cosine = np.clip(np.vecdot(up, field) / (lengths[0] * lengths[1]), -1.0, 1.0)
     angle = np.degrees(np.arcsin(-cosine) - np.arcsin(sine))
@@ -252,18 +220,18 @@ def _trend_words(found: Trend) -> str:
     )
 
 
-def _iron_words(fit: Single) -> str:
-    if not fit.iron > STRONG_IRON:
+def _iron_words(iron: float) -> str:
+    if not iron > STRONG_IRON:
         return ""
     return (
-        f"the hard iron is {fit.iron:.2f} times the field, beyond {STRONG_IRON:g}: a "
+        f"the hard iron is {iron:.2f} times the field, beyond {STRONG_IRON:g}: a "
         "magnet or a strong current near the sensor, whose part may change; move the "
         "sensor away from it"
     )
 
 
-def _geometry_words(fit: Single) -> str:
-    own, even = _natural(fit, fit.summary), even_sd(fit)
+def _geometry_words(fit: Fitted) -> str:
+    own, even = fit.natural[0], even_sd(fit)
     loss = float(np.max(own[12:] / even[12:]))
     if loss <= GEOMETRY_LIMIT:
         return ""
@@ -273,25 +241,20 @@ def _geometry_words(fit: Single) -> str:
     )
 
 
-def _natural(fit: Single, summary: Summary) -> Float[Array, "25"]:
-    model = fit.problem.accelerometer.model
-    return natural_sd(model, fit.theta[None], summary.here.at, summary.covariance)[0]
-
-
-def even_sd(fit: Single) -> Float[Array, "25"]:
+def even_sd(fit: Fitted) -> Float[Array, "25"]:
     """Natural error bars of as many poses turned evenly to all sides."""
-    directions = even_poses(float(np.clip(fit.theta[DIP], -1.0, 1.0)))
+    directions = even_poses(float(np.clip(fit.theta[0, DIP], -1.0, 1.0)))
     given = fit.problem.sensors
-    at = fit.summary.here.at
+    at = fit.here.at
     even: list[Sensor] = []
     for sensor, along, bias in zip(given, directions, (slice(6, 9), IRON), strict=True):
-        x = along @ np.linalg.inv(at[sensor.name].matrix[0]).T + fit.theta[bias]
+        x = along @ np.linalg.inv(at[sensor.name].matrix[0]).T + fit.theta[0, bias]
         std = np.full((1, *x.shape), 1.0 / np.sqrt(np.mean(sensor.std**-2.0)))
         even.append(replace(sensor, readings=x[None], std=std))
     # the information of many is shared out; a prior, which is not, is left out
     count, few = len(directions[0]), given[0].readings.shape[1]
-    summary = summarize(Problem(sensors=tuple(even)), fit.theta[None], 0)
-    return _natural(fit, summary) * np.sqrt(count / few)
+    stated = Fitted.of(Problem(sensors=tuple(even)), fit.theta)
+    return np.asarray(stated.natural[0] * np.sqrt(count / few))
 
 
 def even_poses(sine: float) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
@@ -305,8 +268,8 @@ def even_poses(sine: float) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
     return up, np.sqrt(1.0 - sine**2) * level - sine * up
 
 
-def _axes_words(fit: Single) -> str:
-    right = np.linalg.det(fit.summary.here.at["magnetometer"].matrix[0]) > 0.0
+def _axes_words(fit: Fitted) -> str:
+    right = np.linalg.det(fit.here.at["magnetometer"].matrix[0]) > 0.0
     if right:
         return ""
     return (
