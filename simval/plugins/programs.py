@@ -91,21 +91,22 @@ from simval.text import shown
 ANSWER_LIMIT = 1 << 20
 """Bytes that one answer may have: a calibration has some thousand."""
 
-OUTPUT, ERRORS = "stdout", "stderr"
-"""Files of a folder into which a program prints."""
-
 
 def run(
     words: Sequence[str], folder: Path, seconds: float, given: Path | None = None
-) -> int:
-    """Run a program that prints into files of a folder, and wait for it alone."""
+) -> Path:
+    """Run a program that prints into files of a folder; what it has printed.
+
+    It alone is waited for, not what it leaves behind.
+    """
+    program, printed = f"`{words[0]}`", folder / "stdout"
     with (
-        (folder / OUTPUT).open("wb") as output,
-        (folder / ERRORS).open("wb") as errors,
+        printed.open("wb") as output,
+        (folder / "stderr").open("w+b") as errors,
         Path(os.devnull if given is None else given).open("rb") as read,
     ):
         try:
-            return subprocess.run(
+            code = subprocess.run(
                 words,
                 stdin=read,
                 stdout=output,
@@ -114,17 +115,15 @@ def run(
                 check=False,
             ).returncode
         except subprocess.TimeoutExpired:
-            msg = f"`{words[0]}` did not answer within {seconds:g} s"
+            msg = f"{program} did not answer within {seconds:g} s"
             raise CrashedPluginError(msg) from None
         except OSError as error:
-            msg = f"`{words[0]}` cannot be run: {error}"
+            msg = f"{program} cannot be run: {error}"
             raise CrashedPluginError(msg) from None
-
-
-def failure(program: str, code: int, folder: Path) -> str:
-    """Say how a program ended, with the last that it said."""
-    with (folder / ERRORS).open("rb") as content:
-        return f"`{program}` {ending(code)}: {tail_of(content) or 'silent'}"
+        if code:
+            msg = f"{program} {ending(code)}: {tail_of(errors) or 'silent'}"
+            raise CrashedPluginError(msg)
+    return printed
 
 
 def tail_of(content: IO[bytes]) -> str:
@@ -204,11 +203,7 @@ def invocation_of(algorithm: str) -> Invocation:
         If the words cannot be split, a placeholder is unknown, or none says where the
         data go, or two say it differently.
     """
-    try:
-        words = shlex.split(algorithm.removeprefix(COMMAND))
-    except ValueError as error:
-        msg = f"`{algorithm}` cannot be split into words: {error}"
-        raise UnusablePluginError(msg) from None
+    words = _split(algorithm)
     for word in words:
         found = _PLACE.fullmatch(word)
         if found is not None and found[1] not in PLACES:
@@ -245,6 +240,15 @@ def invocation_of(algorithm: str) -> Invocation:
         batch=batches[0] if batches else "",
         standard_input=standard_input,
     )
+
+
+def _split(command: str) -> list[str]:
+    """Words of a command."""
+    try:
+        return shlex.split(command.removeprefix(COMMAND))
+    except ValueError as error:
+        msg = f"`{command}` cannot be split into words: {error}"
+        raise UnusablePluginError(msg) from None
 
 
 def fault_of(algorithm: str) -> str:
@@ -305,18 +309,17 @@ def answers(
     PluginError
         If there is not exactly one answer of each name.
     """
-    program, file = words[0], folder / OUTPUT
+    program = words[0]
     try:
-        code = run(words, folder, seconds, given)
+        printed = run(words, folder, seconds, given)
     except CrashedPluginError as error:
-        msg = f"{error}; {_progress(file, len(names))}"
+        file = folder / "stdout"
+        count = sum(1 for _ in _lines(file)) if file.exists() else 0
+        msg = f"{error}; it had printed {count} of {len(names)} lines"
         raise CrashedPluginError(msg) from None
-    if code != 0:
-        msg = f"{failure(program, code, folder)}; {_progress(file, len(names))}"
-        raise CrashedPluginError(msg)
     found: dict[Any, dict[str, Any]] = {}
     known = set(names)
-    for number, line in _lines(file):
+    for number, line in _lines(printed):
         who = f"line {number} of `{program}`:"
         answer = json_object(who, line)
         name = answer.pop(key, None)
@@ -348,11 +351,6 @@ def _lines(file: Path) -> Iterator[tuple[int, bytes]]:
         for number, line in enumerate(content, 1):
             if line.strip():
                 yield number, line
-
-
-def _progress(file: Path, count: int) -> str:
-    printed = sum(1 for _ in _lines(file))
-    return f"it had printed {printed} of {count} lines"
 
 
 RATE = 100.0  # Hz
@@ -489,11 +487,8 @@ def _answer(
         if command.uses("log"):
             _save(files["log"], log_of(poses, noise_std))
         words = command.filled({**files, "g": repr(g)})
-        if code := run(words, folder, CALL_LIMIT):
-            raise CrashedPluginError(failure(words[0], code, folder))
-        with (folder / OUTPUT).open("rb") as content:
-            printed = content.read(ANSWER_LIMIT + 1)
-        return json_object(f"`{words[0]}`", printed)
+        with run(words, folder, CALL_LIMIT).open("rb") as printed:
+            return json_object(f"`{words[0]}`", printed.read(ANSWER_LIMIT + 1))
 
 
 def _lines_answered(
@@ -566,11 +561,7 @@ def command_filter(words: str, **declared: Any) -> Filter:
     UnusablePluginError
         If the words cannot be split, name no program, or have an unknown placeholder.
     """
-    try:
-        split = shlex.split(words.removeprefix(COMMAND))
-    except ValueError as error:
-        msg = f"`{words}` cannot be split into words: {error}"
-        raise UnusablePluginError(msg) from None
+    split = _split(words)
     if not split:
         msg = (
             f"`{words}` names no program; write `./mine`, or `python mine.py {{start}}`"
@@ -641,10 +632,12 @@ class _Process:
             raise
 
     def _answered(self, dt: float, readings: Sequence[Array]) -> Any:
-        if self.pending or (self.rows and self._readable(0.0)):
-            self.pending = self.pending or os.read(self.printed, LINE_LIMIT)
-            if not self.pending:  # what can be read is just its end
+        if not self.pending and self.rows:
+            more = self._more(0.0)
+            if more == b"":
                 raise CrashedPluginError(self._death())
+            self.pending = more or b""
+        if self.pending:
             raise PluginError(self._more_than_a_line())
         numbers = [dt, *(x for reading in readings for x in reading.tolist())]
         row = f"{' '.join(map(repr, numbers))}\n".encode()
@@ -727,9 +720,9 @@ class _Process:
                     "end of the line; print one line for each row"
                 )
                 raise PluginError(msg)
-            if not self._readable(end - monotonic()):
+            more = self._more(end - monotonic())
+            if more is None:
                 raise SilentPluginError(self._silence(seconds))
-            more = os.read(self.printed, LINE_LIMIT)
             if not more:
                 raise CrashedPluginError(self._death())
             self.pending += more
@@ -738,6 +731,10 @@ class _Process:
 
     def _readable(self, seconds: float) -> bool:
         return bool(self.ready.poll(max(seconds, 0.0) * 1e3))
+
+    def _more(self, seconds: float) -> bytes | None:
+        """Some of what it prints: nothing at its end, None if it prints nothing."""
+        return os.read(self.printed, LINE_LIMIT) if self._readable(seconds) else None
 
     def _more_than_a_line(self) -> str:
         text = shown(self.pending[:80].decode(errors="replace"))
@@ -764,13 +761,8 @@ class _Process:
     def _rest(self, seconds: float) -> bytes:
         """The beginning of what it prints until it ends, or for some seconds."""
         end, kept = monotonic() + seconds, b""
-        while self._readable(end - monotonic()):
-            more = os.read(self.printed, LINE_LIMIT)
-            if not more:
-                break
+        while len(kept) < LINE_LIMIT // 2 and (more := self._more(end - monotonic())):
             kept = (kept + more)[:LINE_LIMIT].strip()
-            if len(kept) >= LINE_LIMIT // 2:
-                break
         return kept
 
     def _death(self) -> str:
