@@ -1,35 +1,12 @@
 r"""Algorithms in any language: programs that are given data and answer with text.
 
-The words of a calibrator or an estimator say by placeholders where its data go: those
-of one trial for a process of its own, or those of all trials for one process. No shell
-is involved. A file of poses has one pose to a line, the mean reading ``x,y,z``; a log
-is recorded at 100 Hz, ``t,x,y,z``, and rests ten seconds in each pose; a line of trials
-is a JSON object with ``trial``, its number, ``poses``, ``g`` and ``noise_std``. It
-prints for each trial one JSON object with ``matrix`` (3 x 3; or ``T`` and ``K``) and
-``B``, so that the specific force is ``matrix @ (raw - B)``, and ends with exit code 0.
-Where one process has all trials, each object has a line of its own and repeats the
-``trial``, or the name of the ``file`` of its folder. Its output goes to files, not
-pipes, which could fill and block both sides and be held open by whatever the program
-leaves behind.
-
-================== ========================================================= =========
-placeholder        what it stands for                                        processes
-================== ========================================================= =========
-``{poses}``        a file with the poses of one trial                        one each
-``{log}``          a file with a whole log of one trial                      one each
-``{trials}``       a file with a JSON object for each trial, one to a line;  one
-                   ``< {trials}`` gives it on standard input
-``{poses_folder}`` a folder with a file of poses for each trial              one
-``{g}``            gravity, m/s^2
-================== ========================================================= =========
-
-A command is read where it is given, so that a misspelt one is refused before anything
-is computed.
-
-The program gets all trials before it starts, in a file or on standard input, and may
-print its answers when it likes and in any order: each names its trial. So neither a
-buffer that is not flushed nor a program that reads all of its input first can block,
-and an answer that is missing, given twice or put in another's place is seen.
+What a program is given and prints, placeholder by placeholder, is on the page of
+plug-ins (docs/plugins.md). A command is read where it is given, so that a misspelt one
+is refused before anything is computed; no shell is involved. A calibrator or an
+estimator gets all of its trials before it starts, may print its answers when it likes
+and in any order, and prints into files: so neither a buffer that is not flushed nor a
+pipe that fills can block, and an answer that is missing, given twice or put in
+another's place is seen. A filter is a process for each trial, fed line by line.
 
 A study's poses are means whose noise is known, and a log must be what a sensor would
 have recorded whose rests have those means. With white noise :math:`w_i` of standard
@@ -43,13 +20,6 @@ white noise and nothing else: whatever part of a rest a detector keeps is as wro
 the scatter of its samples says. All rests are equally long, for a longer one would be
 less wrong than its pose is; and turns begin and end with a knock, so that detectors
 agree where the rests are.
-
-A filter is a process for each trial, fed a line for each row: ``dt gx gy gz ax ay az mx
-my mz``, without the last three if it takes no magnetometer. It answers with the line
-``qx qy qz qs``, in the declared order, or the nine numbers of a matrix, row by row; the
-nine numbers of a covariance may follow. When its input ends, the program ends with exit
-code 0. What it `reads` is put into its words, ``./mine {start} {rate}``, numbers with
-commas between them.
 """
 
 import json

@@ -108,18 +108,9 @@ def test_answers_are_of_their_own_trial_alone(what):
         )
 
 
-@pytest.mark.slow  # three processes for each
-@pytest.mark.parametrize("name", ["clean claim", "yaw raises", "three rows", "raises"])
-def test_members_by_the_command(simval, name):
-    code, out, _ = simval("check", f"{FILE}:{name}")
-    assert code == ZOO[name].code, out
-    assert re.search(ZOO[name].words, out)
-    assert "Traceback" not in out
-
-
 def test_the_zoo_has_as_many_families_as_it_had():
     wrong_filters = named(Filter, wrong=True)
-    assert (len(WRONG), len(SOUND), len(wrong_filters)) == (29, 18, 21)
+    assert (len(WRONG), len(SOUND), len(wrong_filters)) == (29, 18, 17)
 
 
 @pytest.mark.ci

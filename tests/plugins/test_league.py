@@ -15,21 +15,15 @@ from places import EXAMPLES
 from scipy.spatial.transform import Rotation
 
 from simval.errors import PluginError
-from simval.geometry import attitude_error, normalize
+from simval.geometry import normalize
 from simval.plugins import (
-    Calibrator,
     Estimator,
     Filter,
     find_plugin,
-    find_world,
     loading,
-    probe_calibrator,
 )
-from simval.plugins.attitudes import package_quaternion
 from simval.plugins.loading import imported_versions, offer, sources
 from simval.studies import estimator
-from simval.studies.filter import Parameters, told_of
-from simval.studies.filter_scenarios import course
 from simval.sweep import load_run
 
 LEAGUE = EXAMPLES / "league"
@@ -234,39 +228,6 @@ def test_the_league_s_facts_are_found_again(tmp_path, league):
                 assert over[1] is None or over[0] == pytest.approx(over[1], rel=1e-3)
 
 
-@pytest.mark.league
-@pytest.mark.filterwarnings("ignore::numpy.exceptions.ComplexWarning")  # rowan's own
-@pytest.mark.parametrize(
-    ("file", "name"),
-    [("ahrs_filters.py", "Davenport"), ("ahrs_filters.py", "FLAE eig"),
-     ("rowan_mapping.py", "horn"), ("rowan_mapping.py", "davenport")],
-)  # fmt: skip
-def test_complex_answers_have_the_right_real_parts(file, name):
-    plugin = find_plugin(f"{LEAGUE / file}:{name}", Estimator)
-    truth, vectors = plugin.observed().cases("orthogonal")
-    given = vectors
-    if plugin.takes == "vectors":
-        given = [np.stack(pair, axis=1) for pair in (vectors[:2], vectors[2:])]
-    rows = [plugin.estimate(*(a[i] for a in given)) for i in range(len(truth))]
-    assert any(np.iscomplexobj(row) for row in rows)
-    assert not np.imag(rows).any()
-    q = package_quaternion(np.real(rows), plugin.components, plugin.matrix)
-    assert attitude_error(truth, q).max() <= 1e-12  # 1e4 roundings of an eigenvector
-
-
-@pytest.mark.league
-def test_van_hees_s_fit_is_exact_to_a_finer_tolerance(league):
-    module = league("skdh_gravity")
-
-    def finer(poses, g):
-        return module._fit(poses, g, tol=1e-20)
-
-    fine = Calibrator(name="fine", calibrate=finer, estimates=("scale", "bias"))
-    assert probe_calibrator(fine) <= 1e-7
-    with pytest.raises(PluginError, match=r"is 0\.00431 from the true parameters"):
-        probe_calibrator(module.van_hees)
-
-
 WEIGHTED = (
     "gemmi_superpose", "gtsam_rotations", "procrustes_rotational",
     "quaternionic_align", "rmsd_kabsch", "superpose3d_diamond",
@@ -307,13 +268,3 @@ def test_tuned_gains_are_at_a_minimum(file, league):
         assert least < tuning.error_of(held[name.removesuffix(" tuned")]), name
         same = len(first) == len(inspect.signature(maker).parameters)
         assert same or file == "imufusion_ahrs"
-
-
-@pytest.mark.league
-def test_the_frame_finder_refuses_a_mahony_that_knows_no_dip():
-    pytest.importorskip("qsp.orientation")
-    parameters = Parameters()
-    way = course(parameters.scenario, parameters.rate, parameters.seconds)
-    plugin = find_plugin(f"{LEAGUE / 'qsp_fusion.py'}:Mahony", Filter)
-    with pytest.raises(PluginError, match="strays by 32 degrees"):
-        find_world(plugin, told_of(parameters, way))

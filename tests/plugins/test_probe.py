@@ -132,30 +132,11 @@ def test_a_wrong_convention_is_refused_with_the_right_one(estimate, declared):
     assert probe_estimator(of(wrong, **right)) <= 40 * EPS
 
 
-class Mute:
-    def __array__(self, *words, **options):
-        raise RuntimeError("mute")
-
-
 MIRROR = np.diag([1.0, 1.0, -1.0])
 BROKEN = [
-    (GOOD, lambda q: q[:, :3], "shape"),
-    (GOOD, lambda q: q[:-1], r"shape \(23, 4\)"),
     (GOOD, lambda q: np.nan * q, "non-finite quaternions in 24 of 24 rows"),
     (GOOD, lambda q: 2.0 * q, "length is off by 1;.* normalise"),
     (GOOD, lambda q: (1 - 2e-6) * q, "length is off by -2e-06;"),
-    (GOOD, lambda q: "no", "`quaternions` .* holds text"),
-    (GOOD, lambda q: None, "holds None, of type NoneType"),
-    (GOOD, lambda q: [[0.0], [0.0, 1.0]], "not an array"),
-    (GOOD, lambda q: Mute(), "not an array .*mute"),
-    (GOOD, lambda q: q.astype(str), "holds text"),
-    (GOOD, lambda q: 1j * q, "complex"),
-    (
-        GOOD,
-        lambda q: [[True, *row[1:]] for row in q.tolist()],
-        "holds True",
-    ),
-    (GOOD, lambda q: np.ma.masked_less(q, 0.0), "entries are masked"),
     (GOOD, lambda q: np.broadcast_to(0.5, (10**12, 4)), "shape .1000000000000, 4.;"),
     (GOOD, lambda q: 1 / 0, "raised ZeroDivisionError"),
     (GOOD, lambda q: np.roll(q, 1, axis=0), r"\d\.\d+ rad from the truth"),
@@ -167,7 +148,6 @@ BROKEN = [
     (MATRIX, lambda M: M * [1.0, 1.0, 1.001], r"not orthonormal, by 0\.001"),
     (MATRIX, lambda M: M + 1e-3, r"not orthonormal, by 0\.00\d+"),
     (MATRIX, lambda M: 0.0 * M, r"not orthonormal, by 0\.5"),
-    (MATRIX, lambda M: M * np.nan, "non-finite matrices in 24 of 24 rows"),
     (MATRIX, lambda M: M[0], r"shape \(3, 3\).*declare batch=False"),
     (MATRIX, lambda M: M.reshape(-1, 9), r"shape \(24, 9\)"),
     (MATRIX, lambda M: M[:, 0, [0, 0, 0, 0]], "declare the order of the `components`"),
@@ -540,18 +520,6 @@ def test_a_sound_calibrator_is_right_in_any_form_of_answer(change):
         (lambda M, B: (M, -B), "wrong sign"),
         (lambda M, B: (M, M @ B), "added after the matrix"),
         (lambda M, B: (1.01 * M, B), "no other sign"),
-        (lambda M, B: (M[:2], B), "shape"),
-        (lambda M, B: (M * np.nan, B), "non-finite"),
-        (lambda M, B: ([["2.06"] * 3] * 3, B), "`matrix` .* holds text"),
-        (lambda M, B: {"matrix": [[None] * 3] * 3, "B": B}, "`matrix` .* holds None"),
-        (lambda M, B: (M, [0, 0, 10**400]), "`B` .* too large"),
-        (
-            lambda M, B: {"T": M, "K": [1.5, True, None], "B": B},
-            "`K` .* holds True",
-        ),
-        (lambda M, B: (M, [0.3, -0.2, False]), "`B` .* holds False"),
-        (lambda M, B: (M, [0.3, -0.2, np.True_]), "`B` .* holds .*True"),
-        (lambda M, B: {"T": M, "K": [1.0, 1.0], "B": B}, r"shape \(3,\) or \(3, 3\)"),
         (lambda M, B: M, "answered with ndarray"),
         (lambda M, B: {"matrix": M}, "must hold"),
         (lambda M, B: (M, B, np.zeros((9, 9))), "not positive definite"),

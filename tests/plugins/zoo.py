@@ -810,25 +810,9 @@ def wrong(name, words, *options, sound=same, first=0, last=ROWS, once=False, **m
     family(Filter, words, **{name: make})
 
 
-def put(value):
-    def option(q, rng, _):
-        q[rng.integers(4)] = value
-        return q
-
-    return option
-
-
 def with_P(change):
     """An attitude, and a covariance that is changed."""
     return lambda q, rng, _: (q, change(P3.copy(), rng))
-
-
-def entry(value):
-    def change(P, rng):
-        P[0, 1] = P[1, 0] = value
-        return P
-
-    return change
 
 
 def skewed(P, rng):
@@ -916,43 +900,13 @@ def unmade(_, rng):
     return filtering(makes[rng.integers(len(makes))])
 
 
-FINITE = r"must be finite, at row \d+ \("
 AGAIN = r"runs, or draws random numbers"
 WITH_P = {"sound": lambda q: (q, P3)}
-wrong("not finite", FINITE, *map(put, (np.nan, np.inf, -np.inf)), once=True)
-wrong(
-    "covariance not finite",
-    FINITE,
-    *(with_P(entry(value)) for value in (np.nan, np.inf)),
-    **WITH_P,
-)
 wrong(
     "wrong length",
     r"length is off by .* normalise them, at row \d+",
     lambda q, rng, _: q * (1.0 + 10.0 ** rng.uniform(-5.9, -0.1)),
     lambda q, rng, _: q * (1.0 - 10.0 ** rng.uniform(-5.9, -0.1)),
-)
-wrong(
-    "wrong shape",
-    r"it must be an array of shape \(4,\).*at row \d+",
-    lambda q, *_: q[:3],
-    lambda q, *_: np.append(q, 0.0),
-    lambda q, *_: q[None],
-    lambda q, *_: q[0],
-    lambda q, *_: [],
-    lambda q, *_: [list(q)],
-)
-wrong(
-    "no numbers",
-    r"plain number|one object|it must answer each row|is not an array",
-    lambda q, *_: q + 0j,
-    lambda q, *_: q.astype(str),
-    lambda q, *_: [*q[:3], None],
-    lambda q, *_: [*q[:3], True],
-    lambda q, *_: np.array([*q[:3], object()], dtype=object),
-    lambda q, *_: np.ma.masked_array(q, [True, False, False, False]),
-    lambda q, *_: [[1.0, 2.0], 3.0, 4.0, 5.0],
-    lambda q, *_: q.astype("M8[s]"),
 )
 wrong("nothing", r"returned nothing \(None\)", lambda *_: None, once=True)
 wrong(
