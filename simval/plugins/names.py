@@ -5,7 +5,7 @@ word                       what it names
 ========================== ==========================================================
 ``mine.py``                the one plug-in of the wanted kind in a file
 ``mine.py:NAME``           the one of that name
-``command: ./mine {log}``  a calibrator that runs a command, see `placeholders`
+``command: ./mine {log}``  a calibrator that runs a command
 ``NAME``                   an entry point of the group ``simval.plugins``
 ========================== ==========================================================
 

@@ -283,8 +283,7 @@ def answers(
     try:
         printed = run(words, folder, seconds, given)
     except CrashedPluginError as error:
-        file = folder / "stdout"
-        count = sum(1 for _ in _lines(file)) if file.exists() else 0
+        count = sum(1 for _ in _lines(folder / "stdout"))
         msg = f"{error}; it had printed {count} of {len(names)} lines"
         raise CrashedPluginError(msg) from None
     found: dict[Any, dict[str, Any]] = {}
@@ -360,8 +359,7 @@ def command_calibrator(words: str, **declared: Any) -> Calibrator:
     Parameters
     ----------
     words : str
-        The program and its words, with the placeholders of
-        `simval.plugins.programs`.
+        The program and its words, with the placeholders of docs/plugins.md.
     **declared
         What else `Calibrator` declares: ``name``, ``form``, ``estimates``.
 
