@@ -13,7 +13,7 @@ from simval.arrays import Array
 from simval.errors import InputError
 from simval.imu.logs.columns import Column
 from simval.imu.logs.names import SECONDS
-from simval.imu.logs.tables import Table
+from simval.imu.logs.readers import Table
 from simval.shapes import Float
 
 GAP = 5.0  # s; beyond it a recording was stopped and begun again

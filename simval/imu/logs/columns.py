@@ -7,7 +7,7 @@ from pathlib import PurePath
 
 from simval.errors import InputError
 from simval.imu.logs.names import SECONDS, Channel, Kind, channel
-from simval.imu.logs.tables import Table
+from simval.imu.logs.readers import Table
 
 NAMES = ("t", "ax", "ay", "az", "wx", "wy", "wz", "mx", "my", "mz")
 SENSORS = {"gyroscope": NAMES[4:7], "magnetometer": NAMES[7:]}  # beside the first

@@ -10,7 +10,7 @@ from simval.arrays import Array, frozen, positive_number
 from simval.errors import InputError
 from simval.imu.logs.clock import read_clock, require_finite
 from simval.imu.logs.columns import NAMES, SENSORS, Column, chosen, several
-from simval.imu.logs.tables import Table, read_table
+from simval.imu.logs.readers import Table, read_table
 from simval.shapes import Float
 
 

@@ -1,4 +1,4 @@
-"""Rows of numbers in a text file, with the line that each came from.
+"""Text files: rows of numbers, with the line that each came from.
 
 First the dialect of its fields (separator and decimal mark), then the line of names
 above the rows, then the rows.
@@ -6,19 +6,52 @@ above the rows, then the rows.
 
 import csv
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.imu.logs.names import channel, is_known, is_unit
-from simval.shapes import Bool, Float
+from simval.shapes import Float
 
 SAMPLE = 64  # lines, spread over the file, by which the dialect is judged
+_PLAIN_CONTROLS = "\t\n\r\f\v\x1a"  # the last ends a file of DOS
+
+
+def sniff(path: str, content: bytes) -> bool:
+    """Take what no other reader takes: what is no text is refused when read."""
+    return True
+
+
+def decoded(path: str, content: bytes) -> str:
+    """Text in UTF-8, UTF-16 with its mark, or Windows-1252 (which holds Latin-1).
+
+    Compatibility characters become plain ones (NFKC): a superscript 2 is a 2, and the
+    two Greek mu are one.
+
+    Raises
+    ------
+    InputError
+        If the bytes are no text.
+    """
+    utf16 = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    for encoding in ("utf-16",) if utf16 else ("utf-8-sig", "cp1252"):
+        try:
+            text = content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if all(c in _PLAIN_CONTROLS or ord(c) >= 32 for c in set(text)):
+            text = text.rstrip("\x1a")
+            if text.isascii():
+                return text
+            plain = unicodedata.normalize("NFKC", text)
+            return plain.replace("\N{MINUS SIGN}", "-")
+    msg = f"{path} is not a text file; export the log as rows of numbers"
+    raise InputError(msg)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,15 +101,13 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
     """Return the dialect that reads the greatest share of the fields as numbers."""
     picked = np.unique(np.linspace(0, len(lines) - 1, SAMPLE).astype(int))
     sample = [lines[k] for k in picked]
-    best = max(DIALECTS, key=lambda each: _share(each, sample))
+    best = max(
+        DIALECTS, key=lambda each: np.mean([np.mean(each.numbers(s)) for s in sample])
+    )
     rows = [numbers for numbers in map(best.numbers, sample) if any(numbers)]
     widths = Counter(map(len, rows))
     width = widths.most_common(1)[0][0] if widths else 0
     return Dialect(best.mark, best.comma, width)
-
-
-def _share(dialect: Dialect, sample: Sequence[str]) -> float:
-    return float(np.mean([np.mean(dialect.numbers(line)) for line in sample]))
 
 
 Line = tuple[int, str]
@@ -123,13 +154,25 @@ def header_of(
         bare = line.lstrip().lstrip("#%/").strip() if remark else line
         if names is None and not (remark and _is_sentence(dialect, bare)):
             fields = _fitting(dialect, bare)
-            if not others and fields and not units and _are_units(fields):
+            alone = any(fields) and all(is_unit(each) for each in fields if each)
+            if not others and not units and alone:
                 units = fields
                 continue
             if fields and (not others or is_names(fields)):
-                names = _with_units(fields, units)
+                pairs = zip(fields, units or [""] * len(fields), strict=True)
+                names = tuple(
+                    f"{name} [{unit.strip('[]() ')}]" if unit else name
+                    for name, unit in pairs
+                )
                 continue
-            _require_no_names(path, dialect, number, bare)
+            if is_names(header_names(bare)):
+                msg = (
+                    f"{path}, line {number}: the header has "
+                    f"{len(header_names(bare))} names, but a row has {dialect.width} "
+                    "fields; give one name to each column (are decimal commas and "
+                    "separating commas mixed?), or name them with --columns"
+                )
+                raise InputError(msg)
         if not remark:
             others.append((number, line))
     return names, others[::-1]
@@ -151,30 +194,6 @@ def _fitting(dialect: Dialect, line: str) -> list[str]:
         if len(fields) == dialect.width and not any(map(dialect.is_number, fields)):
             return fields
     return []
-
-
-def _are_units(fields: list[str]) -> bool:
-    return any(fields) and all(is_unit(field) for field in fields if field)
-
-
-def _with_units(names: list[str], units: list[str]) -> tuple[str, ...]:
-    if not units:
-        return tuple(names)
-    pairs = zip(names, units, strict=True)
-    return tuple(
-        f"{name} [{unit.strip('[]() ')}]" if unit else name for name, unit in pairs
-    )
-
-
-def _require_no_names(path: str, dialect: Dialect, number: int, line: str) -> None:
-    fields = header_names(line)
-    if is_names(fields):
-        msg = (
-            f"{path}, line {number}: the header has {len(fields)} names, but a row has "
-            f"{dialect.width} fields; give one name to each column (are decimal commas "
-            "and separating commas mixed?), or name them with --columns"
-        )
-        raise InputError(msg)
 
 
 COMMENTS = ("#", "%", "//")
@@ -253,7 +272,7 @@ class TextTable:
         return not self.dialect.numbers(self.lines[0][1])[place]
 
 
-def text_table(path: str, text: str) -> TextTable:
+def read(path: str, content: bytes) -> TextTable:
     """Find the rows of a text, and the header above them.
 
     Raises
@@ -263,14 +282,20 @@ def text_table(path: str, text: str) -> TextTable:
     """
     every = [
         (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
+        for number, line in enumerate(decoded(path, content).splitlines(), start=1)
         if line and not line.isspace()
     ]
     lines = [entry for entry in every if not entry[1].lstrip().startswith(COMMENTS)]
     if not lines:
         msg = f"{path} is empty: it has no row of numbers; record or export it again"
         raise InputError(msg)
-    _require_short(path, every)
+    number, longest = max(every, key=lambda entry: len(entry[1]))
+    if len(longest) > MOST_LINE:
+        msg = (
+            f"{path}, line {number}: {len(longest):,} characters; a row of a log has "
+            f"at most {MOST_LINE:,}, so export it as rows"
+        )
+        raise InputError(msg)
     dialect = dialect_of([line for _, line in lines])
     first = _first_row(dialect, lines)
     if first is None:
@@ -284,35 +309,16 @@ def text_table(path: str, text: str) -> TextTable:
     return TextTable(path=path, names=names, dialect=dialect, lines=rows)
 
 
-def _require_short(path: str, lines: list[Line]) -> None:
-    number, line = max(lines, key=lambda entry: len(entry[1]))
-    if len(line) > MOST_LINE:
-        msg = (
-            f"{path}, line {number}: {len(line):,} characters; a row of a log has at "
-            f"most {MOST_LINE:,}, so export it as rows"
-        )
-        raise InputError(msg)
-
-
 def _first_row(dialect: Dialect, lines: list[Line]) -> int | None:
     # the first line of the usual width with numbers where most of the last lines have
-    usual = _usual_numbers(dialect, lines)
+    last = [dialect.numbers(line) for _, line in lines[-64:]]
+    whole = [numbers for numbers in last if len(numbers) == dialect.width]
+    usual = np.mean(whole, axis=0) > 0.5 if whole else np.zeros(dialect.width, bool)
     for k, (_, line) in enumerate(lines):
         numbers = np.array(dialect.numbers(line))
         if len(numbers) == dialect.width and 2 * np.sum(numbers & usual) > usual.sum():
             return k
     return None
-
-
-def _usual_numbers(
-    dialect: Dialect, lines: list[Line]
-) -> Bool[NDArray[np.bool_], " n"]:
-    # columns that hold numbers in most of the last lines
-    rows = [dialect.numbers(line) for _, line in lines[-64:]]
-    rows = [row for row in rows if len(row) == dialect.width]
-    if not rows:
-        return np.zeros(dialect.width, dtype=bool)
-    return np.mean(rows, axis=0) > 0.5
 
 
 def _no_row(path: str, lines: list[Line]) -> str:
@@ -341,8 +347,11 @@ def _require_preamble(
 
 
 def _require_width(path: str, dialect: Dialect, rows: list[Line]) -> None:
+    mark = dialect.mark
     for number, line in rows:
-        count = _count(dialect, line)
+        count = len(line.split()) if mark is None else line.count(mark) + 1
+        if '"' in line:
+            count = len(dialect.fields(line))
         if count != dialect.width:
             msg = (
                 f"{path}, line {number}: {count} columns, but the first row has "
@@ -350,9 +359,3 @@ def _require_width(path: str, dialect: Dialect, rows: list[Line]) -> None:
                 "remove that line"
             )
             raise InputError(msg)
-
-
-def _count(dialect: Dialect, line: str) -> int:
-    if '"' in line:
-        return len(dialect.fields(line))
-    return len(line.split()) if dialect.mark is None else line.count(dialect.mark) + 1

@@ -7,7 +7,7 @@ four zeros.
 """
 
 import re
-from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -16,9 +16,9 @@ import numpy as np
 from simval.arrays import Array, frozen, positive_number
 from simval.errors import InputError
 from simval.imu.logs.clock import times_of
-from simval.imu.logs.columns import SKIP, Column
+from simval.imu.logs.columns import Column
 from simval.imu.logs.names import SECONDS, channel
-from simval.imu.logs.tables import Table, read_table
+from simval.imu.logs.readers import Table, read_table
 from simval.shapes import Float
 
 Scalar = Literal["first", "last", "unstated"]
@@ -102,11 +102,11 @@ def read_truth(
         hold no quaternions of length 1.
     """
     table = read_table(path)
-    places, scalar = (
+    places, scalar, column = (
         _by_names(table, stem) if columns is None else _given(table, columns)
     )
     components = _unit(table, _numbers(table, places))
-    time = _clock(table, columns, rate) if clock is None else clock
+    time = _times(table, column, rate) if clock is None else clock
     if len(time) != len(components):
         msg = f"{path} has {len(components)} rows and its log {len(time)}; give one log"
         raise InputError(msg)
@@ -143,9 +143,10 @@ def _groups(table: Table) -> list[tuple[str, list[int], Scalar]]:
     return groups
 
 
-def _by_names(table: Table, stem: str) -> tuple[list[int], Scalar]:
+def _by_names(table: Table, stem: str) -> tuple[list[int], Scalar, Column | None]:
     if table.names is None and table.width in (4, 5) and not stem:
-        return list(range(table.width - 4, table.width)), "unstated"
+        first = Column(role="t", place=0) if table.width == 5 else None
+        return list(range(table.width - 4, table.width)), "unstated", first
     groups = _groups(table)
     wanted = [
         each
@@ -154,7 +155,13 @@ def _by_names(table: Table, stem: str) -> tuple[list[int], Scalar]:
         or (not stem and _NAMED.search(each[0].rstrip("_.- ")))
     ]
     if len(wanted) == 1:
-        return wanted[0][1], wanted[0][2]
+        named = [(k, name, channel(name)) for k, name in enumerate(table.names or ())]
+        clocks = [
+            Column(role="t", place=place, name=name, unit=each.unit)
+            for place, name, each in named
+            if each.kind == "time"
+        ]
+        return *wanted[0][1:], next(iter(clocks), None)
     listed = ", ".join(each[0].rstrip("_.- ") or "(no name)" for each in groups)
     have = f"it has {listed}" if groups else "it names no four columns of a quaternion"
     asked = f"the quaternion {stem!r}" if stem else "one quaternion"
@@ -167,58 +174,54 @@ def _by_names(table: Table, stem: str) -> tuple[list[int], Scalar]:
     raise InputError(msg)
 
 
-def _given(table: Table, columns: str) -> tuple[list[int], Scalar]:
-    names = [_GIVEN.fullmatch(name.strip()) for name in columns.split(",")]
-    if len(names) != table.width or not all(names):
+def _given(table: Table, columns: str) -> tuple[list[int], Scalar, Column | None]:
+    matches = [_GIVEN.fullmatch(name.strip()) for name in columns.split(",")]
+    if len(matches) != table.width or not all(matches):
         msg = (
             f"{table.path} has {table.width} columns, `--truth-columns` is {columns}; "
             "name each, out of t, qx, qy, qz, qs, or q0, q1, q2, q3, with - for one to "
             "ignore"
         )
         raise InputError(msg)
-    roles = [match[1].replace("qw", "qs") for match in names if match]
+    roles = [match[1].replace("qw", "qs") for match in matches if match]
+    orders: dict[Scalar, list[str]] = {
+        "first": ["qs", "qx", "qy", "qz"],
+        "unstated": ["q0", "q1", "q2", "q3"],
+    }
     used = sorted(role for role in roles if role.startswith("q"))
-    if used == ["qs", "qx", "qy", "qz"]:
-        order, scalar = ("qs", "qx", "qy", "qz"), "first"
-    elif used == ["q0", "q1", "q2", "q3"]:
-        order, scalar = ("q0", "q1", "q2", "q3"), "unstated"
-    else:
+    scalar = next((s for s, order in orders.items() if used == sorted(order)), None)
+    if scalar is None:
         msg = (
             f"`--truth-columns` is {columns}; it needs qx, qy, qz, qs once each, or "
             "q0, q1, q2, q3"
         )
         raise InputError(msg)
-    return [roles.index(role) for role in order], "first" if scalar == "first" else (
-        "unstated"
-    )
+    clock = None
+    if "t" in roles:
+        match = matches[roles.index("t")]
+        unit = ((match and match[2]) or "").strip().lower()
+        unit = unit if unit in SECONDS else ""
+        clock = Column(role="t", place=roles.index("t"), unit=unit)
+    return [roles.index(role) for role in orders[scalar]], scalar, clock
 
 
 def _numbers(table: Table, places: list[int]) -> Float[Array, "n 4"]:
-    try:
+    with suppress(InputError):
         return np.array(table.numbers(places))
-    except InputError:
-        pass  # an empty field is a row without a measurement
-    rows = [
-        [
-            _number(table, place, row, text)
-            for row, text in enumerate(table.texts(place))
-        ]
-        for place in places
-    ]
-    return np.array(rows).T
-
-
-def _number(table: Table, place: int, row: int, text: str) -> float:
-    if text.strip().lower() in _MISSING:
-        return np.nan
-    try:
-        return float(text)
-    except ValueError:
-        msg = (
-            f"{table.where(row)}, column {place + 1}: {text[:40]!r} is not a number; "
-            "leave a row without a measurement empty, or write nan"
-        )
-        raise InputError(msg) from None
+    rows = np.full((len(table), 4), np.nan)  # an empty field is no measurement
+    for k, place in enumerate(places):
+        for row, text in enumerate(table.texts(place)):
+            if text.strip().lower() in _MISSING:
+                continue
+            try:
+                rows[row, k] = float(text)
+            except ValueError:
+                msg = (
+                    f"{table.where(row)}, column {place + 1}: {text[:40]!r} is not a "
+                    "number; leave a row without a measurement empty, or write nan"
+                )
+                raise InputError(msg) from None
+    return rows
 
 
 def _unit(table: Table, components: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
@@ -246,8 +249,7 @@ def _unit(table: Table, components: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
     return np.where(missing[:, None], np.nan, components / whole)
 
 
-def _clock(table: Table, columns: str | None, rate: float | None) -> Float[Array, " n"]:
-    column = _clock_column(table, columns)
+def _times(table: Table, column: Column | None, rate: float | None) -> Array:
     time = None if column is None else times_of(table, column, rate)[0]
     if time is None:
         if rate is None:
@@ -266,23 +268,3 @@ def _clock(table: Table, columns: str | None, rate: float | None) -> Float[Array
         )
         raise InputError(msg)
     return time
-
-
-def _clock_column(table: Table, columns: str | None) -> Column | None:
-    if columns is not None:
-        names: Sequence[str] = [name.strip() for name in columns.split(",")]
-        matches = [_GIVEN.fullmatch(name) for name in names]
-        for place, match in enumerate(matches):
-            if match and match[1] == "t" and match[1] != SKIP:
-                unit = (match[2] or "").strip().lower()
-                return Column(
-                    role="t", place=place, unit=unit if unit in SECONDS else ""
-                )
-        return None
-    if table.names is None:
-        return Column(role="t", place=0) if table.width == 5 else None
-    for place, name in enumerate(table.names):
-        each = channel(name)
-        if each.kind == "time":
-            return Column(role="t", place=place, name=name, unit=each.unit)
-    return None
