@@ -39,6 +39,7 @@ from simval.errors import GeometryError, RefusedError
 from simval.geometry import cross_matrix
 from simval.imu.logs import Log, Truth
 from simval.imu.multiposition.log_units import scale_of
+from simval.imu.multiposition.rests import find_rests
 from simval.imu.recorded.attitudes import (
     STRETCH,
     Attitudes,
@@ -53,7 +54,7 @@ from simval.imu.recorded.attitudes import (
     turned,
 )
 from simval.imu.recorded.errors import Measured, block_of, jackknife
-from simval.imu.recorded.settings import Signals, rests_of_log, signals, with_gyro_unit
+from simval.imu.recorded.settings import Signals, signals, with_gyro_unit
 from simval.imu.recorded.world import TruthWorld, World, find_world, taken_world
 from simval.imu.statics import Intervals, interval_means
 from simval.shapes import Float
@@ -78,7 +79,14 @@ def likely_offsets(
     RefusedError
         If nothing moves, or either is too long or too short.
     """
-    log, truth = _log_rate(time, gyro), _truth_rate(attitudes)
+    # about the median, which is the bias of a sensor that rests, and of counts
+    centred = gyro - np.median(gyro, axis=0)
+    sums = np.cumsum(centred[1:] * np.diff(time)[:, None], axis=0)
+    ticks = np.arange(time[0], time[-1], STRETCH)
+    at = np.column_stack([np.interp(ticks, time[1:], sums[:, k]) for k in range(3)])
+    log = np.linalg.norm(np.diff(at, axis=0), axis=1)
+    q = attitudes.at(np.arange(attitudes.time[0], attitudes.time[-1], STRETCH))
+    truth = np.linalg.norm(turned(q[:-1], q[1:]), axis=1)
     if max(len(log), len(truth)) > LONGEST:
         msg = (
             f"log and truth last {len(log) * STRETCH:.6g} s and "
@@ -103,23 +111,6 @@ def likely_offsets(
         if not np.isfinite(correlation).any():
             break
     return found
-
-
-def _log_rate(
-    time: Float[Array, " n"], gyro: Float[Array, "n 3"]
-) -> Float[Array, " t"]:
-    # about the median, which is the bias of a sensor that rests, and of counts
-    centred = gyro - np.median(gyro, axis=0)
-    sums = np.cumsum(centred[1:] * np.diff(time)[:, None], axis=0)
-    ticks = np.arange(time[0], time[-1], STRETCH)
-    at = np.column_stack([np.interp(ticks, time[1:], sums[:, k]) for k in range(3)])
-    return np.linalg.norm(np.diff(at, axis=0), axis=1)
-
-
-def _truth_rate(attitudes: Attitudes) -> Float[Array, " t"]:
-    ticks = np.arange(attitudes.time[0], attitudes.time[-1], STRETCH)
-    q = attitudes.at(ticks)
-    return np.linalg.norm(turned(q[:-1], q[1:]), axis=1)
 
 
 def _correlation(a: Float[Array, " n"], b: Float[Array, " m"]) -> Float[Array, " k"]:
@@ -195,7 +186,10 @@ def fit_turns(
     about = stretches.middle - stretches.middle.mean()
     drift = 0.0
     for _ in range(steps):
-        x, slope = _turns(stretches, attitudes, offset + drift * about, delta)
+        now = offset + drift * about
+        x = stretches.truth(attitudes, now)
+        before, after = (stretches.truth(attitudes, now + d) for d in (-delta, delta))
+        slope = (after - before) / (2.0 * delta)
         good = np.asarray(np.isfinite(x + slope).all(axis=1))
         _require_motion(x[good])
         y, T = stretches.turn[good], stretches.seconds[good]
@@ -203,12 +197,9 @@ def fit_turns(
         solution = np.linalg.lstsq(known, y, rcond=None)[0]
         linear = solution[:3].T
         residuals = y - known @ solution
-        rows = _derivatives(x[good], slope[good] @ linear.T, T)
-        instruments = _derivatives(x[good], stretches.change[good], T)
-        if drifts:
-            rows, instruments = (
-                _with_drift(each, about[good]) for each in (rows, instruments)
-            )
+        at = about[good] if drifts else None
+        rows = _derivatives(x[good], slope[good] @ linear.T, T, at)
+        instruments = _derivatives(x[good], stretches.change[good], T, at)
         change = _change(instruments, rows, residuals)
         done = abs(change[0]) < ENOUGH * delta
         if done:
@@ -231,21 +222,6 @@ def fit_turns(
     )
 
 
-def _turns(
-    stretches: Stretches, attitudes: Attitudes, offset: Float[Array, " m"], delta: float
-) -> tuple[Float[Array, "m 3"], Float[Array, "m 3"]]:
-    # the truth's turns, and their derivative by the offset
-    before, after = (stretches.truth(attitudes, offset + d) for d in (-delta, delta))
-    return stretches.truth(attitudes, offset), (after - before) / (2.0 * delta)
-
-
-def _with_drift(
-    rows: Float[Array, "m 3 13"], about: Float[Array, " m"]
-) -> Float[Array, "m 3 14"]:
-    # a drift moves a stretch by its time; that it also stretches it is in L
-    return np.concatenate([rows, rows[:, :, :1] * about[:, None, None]], axis=2)
-
-
 def _change(
     instruments: Float[Array, "m 3 p"],
     rows: Float[Array, "m 3 p"],
@@ -264,14 +240,20 @@ def _change(
 
 
 def _derivatives(
-    x: Float[Array, "m 3"], slope: Float[Array, "m 3"], T: Float[Array, " m"]
-) -> Float[Array, "m 3 13"]:
-    # of r by offset, L row by row, and bias
-    rows = np.zeros((len(x), 3, 13))
+    x: Float[Array, "m 3"],
+    slope: Float[Array, "m 3"],
+    T: Float[Array, " m"],
+    about: Float[Array, " m"] | None,
+) -> Float[Array, "m 3 p"]:
+    # of r by offset, L row by row, bias, and the drift: it moves a stretch by its time,
+    # and that it also stretches it is in L
+    rows = np.zeros((len(x), 3, 13 if about is None else 14))
     rows[:, :, 0] = -slope
     for axis in range(3):
         rows[:, axis, 1 + 3 * axis : 4 + 3 * axis] = -x
         rows[:, axis, 10 + axis] = -T
+    if about is not None:
+        rows[:, :, 13] = -slope * about[:, None]
     return rows
 
 
@@ -615,15 +597,13 @@ def prepared(
     world: TruthWorld | None = None,
 ) -> tuple[Signals, Alignment | None]:
     """Readings in SI units, and the truth aligned with them."""
-    rests = rests_of_log(log)
+    rests = find_rests(log, None, 1).best.intervals
     means = interval_means(log.accelerometer, rests)
-    accelerometer = scale_of(log, "accelerometer", units[0], means)
-    gyro = scale_of(log, "gyro", units[1])
     found = signals(
         log,
         rests,
-        accelerometer=(accelerometer.si_per_raw, accelerometer.how),
-        gyro=(gyro.si_per_raw, gyro.how),
+        accelerometer=scale_of(log, "accelerometer", units[0], means),
+        gyro=scale_of(log, "gyro", units[1]),
         calibration=None if calibration is None else str(calibration),
     )
     if recorded is None:

@@ -1,7 +1,7 @@
 """Filters over a log, in lines for people and as JSON values (SI units, radians)."""
 
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,8 @@ from simval.imu.recorded.alignment import polar
 from simval.imu.recorded.errors import Consistency, Measured, Rms
 from simval.imu.recorded.evaluation import norths, turned_words
 from simval.imu.recorded.settings import Signals, Start
-from simval.imu.recorded.world import World
 from simval.text import interval_words
+from simval.units import OF_A_LOG
 
 PARTS = {"all": "all", "rest": "at rest", "moving": "moving"}
 BLIND = (
@@ -38,16 +38,23 @@ def alignment_lines(
     offset, drift = alignment.offset, alignment.drift
     world, fit = alignment.world, alignment.fit
     missing = 1.0 - float(np.mean(np.isfinite(alignment.attitude[:, 0])))
-    turn = "  ".join(_degrees(each) for each in alignment.axes)
-    own = polar(fit.linear).T @ fit.linear / fit.scale
-    scales = "  ".join(
-        with_error(value, half)
-        for value, half in zip(
-            np.diagonal(own) * _in_unit(alignment),
-            np.diagonal(alignment.errors.own) * _factor(alignment),
-            strict=True,
-        )
+    turn = "  ".join(
+        with_error(np.degrees(each.value), np.degrees(each.half))
+        for each in alignment.axes
     )
+    own = polar(fit.linear).T @ fit.linear / fit.scale
+    # of the gyroscope in the unit that it was brought to, with 95 % intervals
+    sizes = [fit.scale * size for size in OF_A_LOG["gyro"].values()]
+    size = next((each for each in sizes if abs(each - 1.0) <= 0.2), 1.0)
+    factor = offset.half / offset.sd if offset.sd > 0.0 else 2.0
+    sd = np.diagonal(alignment.errors.own)
+    scales = "  ".join(map(with_error, np.diagonal(own) * size, sd * factor))
+    noise = np.degrees(np.sqrt(np.mean(np.square(alignment.noise))))
+    off = ", ".join(f"{x:.2f}" for x in np.degrees(world.off))
+    half = np.degrees(world.half("tilt"))
+    tilt = f"+- {half:.2g} degrees"
+    if np.isnan(half):
+        tilt = "whose error one rest does not show"
     return [
         f"truth             {', '.join(recorded.columns)}: {alignment.meaning}; read "
         f"otherwise it leaves {alignment.better:.3g} times the variance",
@@ -55,9 +62,8 @@ def alignment_lines(
             f"                  {each} is the same motion in other axes"
             for each in alignment.same
         ),
-        f"                  missing in {100 * missing:.2f} % of the rows; noise at rest"
-        " "
-        f"{_rms_degrees(alignment.noise)} degrees a row",
+        f"                  missing in {100 * missing:.2f} % of the rows; "
+        f"noise at rest {noise:.2g} degrees a row",
         f"truth's clock     {with_error(1e3 * offset.value, 1e3 * offset.half)} ms "
         "against the log's, a row of the gyroscope being the mean over its step;",
         "                  it drifts by "
@@ -66,33 +72,12 @@ def alignment_lines(
         f"gyroscope         {scales} times the truth's rate; {100 * fit.share:.2g} % "
         "of the variance is not explained",
         f"truth's world     {_world(alignment)}",
-        f"                  the log shows it off by ({_off(world)}) degrees about "
-        f"north, west and up: up by {world.rests} rest(s), {_tilt(alignment)};",
+        f"                  the log shows it off by ({off}) degrees about "
+        f"north, west and up: up by {world.rests} rest(s), {tilt};",
         "                  north by the magnetometer's mean, "
         f"+- {np.degrees(world.half('heading')):.2g} degrees with what the field's "
         f"direction varies by over the log, {np.degrees(world.deviation):.2g}",
     ]
-
-
-def _off(world: World) -> str:
-    return ", ".join(f"{x:.2f}" for x in np.degrees(world.off))
-
-
-def _factor(alignment: Alignment) -> float:
-    each = alignment.offset
-    return each.half / each.sd if each.sd > 0.0 else 2.0
-
-
-def _in_unit(alignment: Alignment) -> float:
-    # scale of the gyroscope in the unit that it was brought to
-    for size in (1.0, np.pi / 180.0, np.pi / 180e3):
-        if abs(alignment.fit.scale * size - 1.0) <= 0.2:
-            return float(alignment.fit.scale * size)
-    return 1.0
-
-
-def _degrees(each: Measured) -> str:
-    return with_error(np.degrees(each.value), np.degrees(each.half))
 
 
 def with_error(value: float, half: float) -> str:
@@ -101,17 +86,6 @@ def with_error(value: float, half: float) -> str:
         return f"{value:.6g}"
     digits = int(np.clip(1 - np.floor(np.log10(half)), 0, 9))
     return f"{value:.{digits}f} +- {half:.{digits}f}"
-
-
-def _rms_degrees(vector: Any) -> str:
-    return f"{np.degrees(np.sqrt(np.mean(np.square(vector)))):.2g}"
-
-
-def _tilt(alignment: Alignment) -> str:
-    half = alignment.world.half("tilt")
-    if np.isnan(half):
-        return "whose error one rest does not show"
-    return f"+- {np.degrees(half):.2g} degrees"
 
 
 def _world(alignment: Alignment) -> str:
@@ -332,7 +306,6 @@ def log_values(
     recorded: Truth | None,
 ) -> dict[str, Any]:
     """The log, what filters were told, and the truth, as plain JSON values."""
-    told = start.told
     return {
         "format": FORMAT,
         **log_object(log),
@@ -344,14 +317,8 @@ def log_values(
         "rests": found.rests.tolist(),
         "start": {"row": start.row, "attitude": start.attitude.tolist()},
         "told": {
-            "gyroscope_noise": told.gyroscope_noise,
-            "gyroscope_walk": told.gyroscope_walk,
-            "accelerometer_noise": told.accelerometer_noise,
-            "magnetometer_noise": told.magnetometer_noise,
-            "gravity": told.gravity,
-            "field": told.field.tolist(),
-            "start_std": told.start_std,
-            "bias_std": told.bias_std,
+            each.name: plain(getattr(start.told, each.name))
+            for each in fields(start.told)
         },
         "truth": None
         if alignment is None or recorded is None

@@ -4,9 +4,7 @@ Noise is from a noise file, else from the log's own rests: N and K of the longes
 the scatter of a row in all of them. Nothing is from the truth.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -20,36 +18,26 @@ from simval.imu.calibrate.files import (
 )
 from simval.imu.filters.signals import Told
 from simval.imu.logs import Log
-from simval.imu.logs.names import channel
-from simval.imu.multiposition.rests import find_rests
+from simval.imu.multiposition.log_units import Scale, written_unit
 from simval.imu.noise import AxisNoise, noise_of
 from simval.imu.noise.model import NoiseFile
 from simval.imu.recorded.attitudes import of_matrix
 from simval.imu.statics import Intervals
 from simval.shapes import Float
+from simval.units import OF_A_LOG
 
 GAP_STEPS: Final = 5.0
 """Median steps of a hole in a log,"""
 GAP_SECONDS: Final = 0.05
 """s, if it is longer than this, too: five steps at 100 Hz, at any rate."""
-GYRO_UNITS: Final[Mapping[str, float]] = MappingProxyType(
-    {"rad/s": 1.0, "deg/s": np.pi / 180.0, "mdps": np.pi / 180e3}
-)
 NEAR: Final = 0.1
 """Relative: scales of gyroscopes are within some per cent of their unit, and units are
 a factor of 57 apart."""
 
-FIELDS: Final[Mapping[str, float]] = MappingProxyType(
-    {"T": 1.0, "mT": 1e-3, "G": 1e-4, "uT": 1e-6, "mG": 1e-7, "nT": 1e-9}
-)
 UNKNOWN: Final = "in the unit of its calibration or of the log"
 EARTH: Final = (20e-6, 70e-6)
-"""T. The Earth's field is 22 to 67 uT: a factor of three, and the units in `FIELDS` are
-ten apart or more."""
-_WRITTEN: Final = {
-    "t": "T", "mt": "mT", "ut": "uT", "μt": "uT", "nt": "nT", "g": "G", "gs": "G",
-    "gauss": "G", "mg": "mG", "mgauss": "mG",
-}  # fmt: skip
+"""T. The Earth's field is 22 to 67 uT: a factor of three, and the units of a
+magnetometer are ten apart or more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,29 +67,15 @@ class Signals:
         ]
 
 
-def rests_of_log(log: Log) -> Intervals:
-    """Rests of a log; one is enough.
-
-    Raises
-    ------
-    RefusedError
-        If it has none.
-    """
-    return find_rests(log, None, 1).best.intervals
-
-
 def signals(
     log: Log,
     rests: Intervals,
     *,
-    accelerometer: tuple[float | None, str],
-    gyro: tuple[float | None, str],
+    accelerometer: Scale,
+    gyro: Scale,
     calibration: str | None,
 ) -> Signals:
     """Bring a log to SI units, by a calibration file or by the units of its columns.
-
-    `accelerometer` and `gyro` are the unit in SI units, None where it is not known, and
-    in words where it is from.
 
     Raises
     ------
@@ -115,19 +89,19 @@ def signals(
     assert log.magnetometer is not None
     raw = Signals(
         time=log.time,
-        gyro=log.gyro * (gyro[0] or 1.0),
-        force=log.accelerometer * (accelerometer[0] or 1.0),
+        gyro=log.gyro * (gyro.si_per_raw or 1.0),
+        force=log.accelerometer * (accelerometer.si_per_raw or 1.0),
         field=log.magnetometer,
         rate=log.rate,
         rests=rests,
-        gyro_unit=gyro[1] if gyro[0] else "",
-        force_unit=accelerometer[1],
+        gyro_unit=gyro.how if gyro.si_per_raw else "",
+        force_unit=accelerometer.how,
         field_unit="",
     )
     if calibration is not None:
         return _calibrated(log, raw, calibration)
-    if accelerometer[0] is None:
-        msg = f"{log.path}: the unit of the accelerometer is {accelerometer[1]}"
+    if accelerometer.si_per_raw is None:
+        msg = f"{log.path}: the unit of the accelerometer is {accelerometer.how}"
         raise InputError(msg)
     return with_field_unit(log, raw)
 
@@ -173,24 +147,18 @@ def _calibrated(log: Log, raw: Signals, path: str) -> Signals:
 
 def with_field_unit(log: Log, found: Signals) -> Signals:
     """Bring the field to T: by the header, else where its length is the Earth's."""
-    name = next((each.name for each in log.columns if each.role == "mx"), "")
-    unit = _WRITTEN.get(channel(name).unit, "") if name else ""
-    length = float(np.median(np.linalg.norm(found.field, axis=1)))
+    units = OF_A_LOG["magnetometer"]
+    unit, words = written_unit(log, "magnetometer"), "as the header says"
     assert log.magnetometer is not None
-    if unit and np.array_equal(found.field, log.magnetometer):
-        return _in_tesla(found, unit, "as the header says")
-    fitting = [
-        each for each, size in FIELDS.items() if EARTH[0] <= length * size <= EARTH[1]
-    ]
-    if len(fitting) == 1:
+    if unit not in units or not np.array_equal(found.field, log.magnetometer):
+        length = float(np.median(np.linalg.norm(found.field, axis=1)))
+        fits = [u for u in units if EARTH[0] <= length * units[u] <= EARTH[1]]
+        if len(fits) != 1:
+            return found
+        unit = fits[0]
         words = f"as its median length {length:.4g} says (the Earth's is 22 to 67 uT)"
-        return _in_tesla(found, fitting[0], words)
-    return found
-
-
-def _in_tesla(found: Signals, unit: str, words: str) -> Signals:
     return replace(
-        found, field=found.field * FIELDS[unit], field_unit=f"{unit}, {words}"
+        found, field=found.field * units[unit], field_unit=f"{unit}, {words}"
     )
 
 
@@ -219,7 +187,7 @@ def with_gyro_unit(found: Signals, raw_per_si: float | None) -> Signals:
             "as the truth; look at its unit (--gyro-unit) and at the truth's clock"
         )
         raise InputError(msg)
-    for unit, size in GYRO_UNITS.items():
+    for unit, size in OF_A_LOG["gyro"].items():
         if abs(raw_per_si * size - 1.0) <= NEAR:
             words = f"{unit}, as the truth says ({raw_per_si:.5g} to a rad/s)"
             return replace(found, gyro=found.gyro * size, gyro_unit=words)

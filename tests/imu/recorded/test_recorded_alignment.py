@@ -19,6 +19,7 @@ from simval.geometry import (
 )
 from simval.imu.filters.signals import FilterOutput
 from simval.imu.logs import read_log, read_truth
+from simval.imu.multiposition.rests import find_rests
 from simval.imu.recorded import align, evaluate
 from simval.imu.recorded.alignment import fit_turns, likely_offsets
 from simval.imu.recorded.attitudes import (
@@ -32,7 +33,7 @@ from simval.imu.recorded.attitudes import (
 )
 from simval.imu.recorded.errors import quantile
 from simval.imu.recorded.evaluation import FilterRun, turned_words
-from simval.imu.recorded.settings import Signals, rests_of_log
+from simval.imu.recorded.settings import Signals
 
 
 def aligned(log, **changes):
@@ -327,7 +328,7 @@ def aligned_broad(name, world=None):
         log.gyro,
         log.accelerometer,
         log.magnetometer,
-        rests_of_log(log),
+        find_rests(log, None, 1).best.intervals,
         world,
     )
 
@@ -378,5 +379,5 @@ def test_the_truth_of_the_other_trial_is_refused():
             log.gyro,
             log.accelerometer,
             log.magnetometer,
-            rests_of_log(log),
+            find_rests(log, None, 1).best.intervals,
         )

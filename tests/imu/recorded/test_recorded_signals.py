@@ -9,18 +9,20 @@ from recorded_logs import FIELD, G, made, write_log
 from simval.errors import InputError, RefusedError
 from simval.geometry import attitude_error
 from simval.imu.logs import read_log
+from simval.imu.multiposition.log_units import Scale
+from simval.imu.multiposition.rests import find_rests
 from simval.imu.noise import noise_of
 from simval.imu.noise.model import NoiseFile
 from simval.imu.recorded.evaluation import filter_input
 from simval.imu.recorded.settings import (
-    FIELDS,
-    rests_of_log,
     signals,
     start_of,
     with_gyro_unit,
 )
+from simval.units import OF_A_LOG
 
-SI = (1.0, "m/s^2")
+SI = Scale(1.0, "m/s^2")
+UNITS = OF_A_LOG["magnetometer"]
 
 
 @pytest.fixture(scope="module")
@@ -35,15 +37,15 @@ def read(log, tmp_path_factory):
 
 
 def brought(read, **changes):
-    options = {"accelerometer": SI, "gyro": (1.0, "rad/s"), "calibration": None}
-    return signals(read, rests_of_log(read), **options | changes)
+    options = {"accelerometer": SI, "gyro": Scale(1.0, "rad/s"), "calibration": None}
+    return signals(read, find_rests(read, None, 1).best.intervals, **options | changes)
 
 
-@pytest.mark.parametrize("unit", FIELDS)
+@pytest.mark.parametrize("unit", UNITS)
 def test_the_unit_of_a_field_by_its_length(read, unit):
     # without a header's word: the Earth's field in each unit is in no other
     bare = replace(
-        read, magnetometer=read.magnetometer / FIELDS[unit], columns=read.columns[:-3]
+        read, magnetometer=read.magnetometer / UNITS[unit], columns=read.columns[:-3]
     )
     found = brought(bare)
     assert found.field_unit.startswith(unit + ",")
@@ -66,7 +68,7 @@ def test_a_field_of_no_unit_is_left_as_it_is(read):
     [(1.0, "rad/s"), (0.98, "rad/s"), (57.3, "deg/s"), (57e3, "mdps")],
 )
 def test_the_unit_of_a_gyroscope_by_the_truth(read, per_si, unit):
-    found = with_gyro_unit(brought(read, gyro=(None, "")), per_si)
+    found = with_gyro_unit(brought(read, gyro=Scale(None, "")), per_si)
     assert found.gyro_unit.startswith(unit + ",")
     size = {"rad/s": 1.0, "deg/s": np.pi / 180, "mdps": np.pi / 180e3}[unit]
     np.testing.assert_allclose(found.gyro, size * read.gyro, rtol=1e-12)
@@ -75,13 +77,13 @@ def test_the_unit_of_a_gyroscope_by_the_truth(read, per_si, unit):
 def test_units_that_cannot_be(read):
     for per_si in (3.0, 1e4, 0.5):
         with pytest.raises(InputError, match="no unit"):
-            with_gyro_unit(brought(read, gyro=(None, "")), per_si)
+            with_gyro_unit(brought(read, gyro=Scale(None, "")), per_si)
         with pytest.raises(InputError, match="as fast as the truth"):
             with_gyro_unit(brought(read), per_si)
     with pytest.raises(InputError, match="gyro-unit"):
-        with_gyro_unit(brought(read, gyro=(None, "")), None)
+        with_gyro_unit(brought(read, gyro=Scale(None, "")), None)
     with pytest.raises(InputError, match="unit of the accelerometer"):
-        brought(read, accelerometer=(None, "not known"))
+        brought(read, accelerometer=Scale(None, "not known"))
     for name in ("gyro", "magnetometer"):
         with pytest.raises(InputError, match="all three sensors"):
             brought(replace(read, **{name: None}))
