@@ -9,7 +9,7 @@ attitude unknown, which the joint and the generalised fit must reach, and the re
 without noise.
 
 The laws are of first order. The next one is of the size of the second-order bias, below
-a hundredth of a standard deviation (`simval.theory.joint_bias`), and of what the
+a hundredth of a standard deviation (`simval.theory.gyroscope`), and of what the
 bound's moves of 40 segments leave out (`PIECES`).
 """
 

@@ -35,10 +35,10 @@ from simval.theory.gyroscope import (
     GyroscopeMoments,
     MovePath,
     NineAxisMoments,
+    gyroscope_bias,
     gyroscope_moments,
     nine_axis_moments,
 )
-from simval.theory.joint_bias import gyroscope_bias
 from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
 from simval.theory.plans import (
     GyroscopePlan,

@@ -19,6 +19,10 @@ whatever else is unknown, the Cramer-Rao bound is
 
 .. math:: (J^T V^{-1} J)^{-1}. \tag{E3}
 
+A sensor that is not here, alone or with others, needs its rows without the attitudes, a
+`Block`; then `Estimating(blocks=(...), theta=truth)` has `bound` and `bias`, and
+`simval.theory.plans.next_best` the next pose. Blocks have all parameters in common.
+
 A row sees few noises: a `Block` is many rows of one kind, each a function of the
 parameters and of readings of its own, whose noises others may share. The functions need
 only be analytic: first derivatives are complex steps, exact to rounding, second ones
@@ -49,7 +53,8 @@ class Block:
     Attributes
     ----------
     rows : callable
-        Of parameters, (t, p), and readings, (t, n, d): (t, n, m), analytic.
+        Of parameters, (t, p), and readings, (t, n, d): (t, n, m), analytic; t may be 1
+        of either, for all.
     y : Array
         The true readings, (n, d).
     sigma : Array
@@ -106,6 +111,11 @@ class Estimating:
         weighed = self._solve([at.J for at in self._slopes])
         bound = inverse_of(self._squared(weighed))
         return bound * self._least**2 * np.outer(self._unit, self._unit)
+
+    @cached_property
+    def rank(self) -> int:
+        """How many combinations of the parameters the rows tell."""
+        return rank_of(self._squared(self._solve([at.J for at in self._slopes])))
 
     @cached_property
     def information(self) -> Float[Array, "b p p"]:
@@ -259,10 +269,10 @@ class Estimating:
         self, block: Block, by_theta: Any, by_y: Any, at: tuple[Any, Any] = (0.0, 0.0)
     ) -> Float[Array, "n m w"]:
         """Derivatives of a block's rows along ways of its parameters and readings."""
-        count = len(by_theta) if np.ndim(by_theta) else len(by_y)
-        theta = self.theta + at[0] + np.zeros((count, 1)) + 1j * _TINY * by_theta
-        step = by_y[:, None] if np.ndim(by_y) else np.zeros((count, 1, 1))
-        rows = block.rows(theta, block.y + at[1] + 1j * _TINY * step)
+        step = by_y[:, None] if np.ndim(by_y) else by_y
+        theta = np.atleast_2d(self.theta + at[0] + 1j * _TINY * by_theta)
+        y = block.y + at[1] + 1j * _TINY * step
+        rows = block.rows(theta, y if y.ndim == 3 else y[None])
         return np.moveaxis(rows.imag / _TINY, 0, -1)
 
     def _levels(self, block: Block) -> Float[Array, "n d"]:
@@ -336,6 +346,17 @@ class Estimating:
         for at, WJ in zip(self._slopes, self._WJ, strict=True):
             np.add.at(pushed, at.noise, np.einsum("nmd,nmp->ndp", at.Z, WJ))
         return -pushed @ self._inverse
+
+
+_RANK: Final = 1e-10  # of the greatest eigenvalue, columns of equal length
+
+
+def rank_of(information: Float[Array, "p p"]) -> int:
+    """How many combinations of the parameters it tells."""
+    scale = np.sqrt(np.diagonal(information))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    values = np.linalg.eigvalsh(information / np.outer(scale, scale))
+    return int(np.count_nonzero(values > _RANK * values[-1]))
 
 
 def inverse_of(information: Float[Array, "p p"]) -> Float[Array, "p p"]:

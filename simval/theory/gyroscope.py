@@ -1,28 +1,33 @@
-r"""Cramer-Rao bound of two or three sensors, calibrated by rests and moves.
+r"""Bound and bias of a calibration of two or three sensors by rests and moves.
 
 Unknown are the sensors (the accelerometer's nine parameters, the gyroscope's M row by
 row and B, the magnetometer's matrix, hard iron and the dip: 21 or 34) and the attitude
-of every rest. With small rotations :math:`\delta_i` of the body at rest i, gravity's
-direction is :math:`u_i + u_i \times \delta_i` and the turn from one rest to the next
-:math:`\exp([-\delta_k + C_k \delta_{k+1}])\, C_k`. Measured are
+of every rest. What is left of the readings without the attitudes are the equations of
+`simval.theory.estimating`: at each rest
 
-.. math:: y_i = g M_a^{-1} (u_i + u_i \times \delta_i) + b_a + n_i, \qquad
-   -\delta_k + C_k \delta_{k+1} = G_k\,\mathrm{d}p + \epsilon_k,
-   \qquad \bar B = B + n_B, \tag{Y1}
+.. math:: |u|^2 - 1, \quad |v|^2 - 1, \quad u^T v + \sin d, \qquad
+   u = M_a (y_a - b_a)/g,\ v = M_m (y_m - b_m)/F,  \tag{Y1}
 
-the turn by a gyroscope with wrong parameters, and what the rests say of the bias. With
-C(t) the turn so far and :math:`\omega` the rate,
+the last two with a magnetometer; of each move, C the turn by the gyroscope's readings,
+as the product of its segments,
 
-.. math:: G\,\mathrm{d}p = \int C\,(\mathrm{d}M\,M^{-1}\omega - M\,\mathrm{d}B)\,dt,
-   \qquad \mathrm{cov}\,\epsilon = N^2 \int C M M^T C^T dt. \tag{Y2}
+.. math:: E^T(C^T \hat u_k - \hat u_{k+1}), \qquad
+   a^T(C^T \hat v_k - \hat v_{k+1}), \tag{Y2}
 
-A magnetometer reads the field :math:`f_i = A_i [\cos d, 0, -\sin d]^T` at each rest,
+a hat for unit length, E two unit vectors across :math:`u_{k+1}`, a across both; and
+:math:`B - \bar B` of what the rests say of the bias  (Y3). A rest's noise is in its own
+equations and in those of the moves on either side. Nothing else is said of the sensors,
+so (E3) of these equations is the Cramer-Rao bound, attitudes unknown.
 
-.. math:: y_{m,i} = F M_m^{-1}(f_i + f_i \times \delta_i) + b_m + n. \tag{Y3}
+White noise N of the gyroscope turns a move by an angle of the covariance
 
-The bound is the inverse of the Schur complement of the attitudes, headings too. Two
-sensors do not see a common turn about the vertical, which touches nothing and is held;
-with a magnetometer the azimuth counts from the field, that turns with it.
+.. math:: N^2 \int C M M^T C^T dt,  \tag{Y4}
+
+C(t) the turn so far; to first order nothing else of it counts, and the bound has it as
+three noises a move. The bias, of second order, has noises of each segment. It leaves
+out the fourth order, and that the weights are taken at the estimate, which halves the
+bias of the accelerometer's scales and does nothing to the gyroscope that a thousand
+trials at ten times the noise could show; so only the gyroscope's twelve are given.
 """
 
 from dataclasses import dataclass
@@ -42,7 +47,7 @@ from simval.arrays import (
     positive_number,
 )
 from simval.errors import GeometryError, InputError
-from simval.geometry import attitude_matrix, cross_matrix, normalize
+from simval.geometry import attitude_matrix, normalize
 from simval.imu.sensor import (
     AccelerometerModel,
     GyroscopeModel,
@@ -50,15 +55,14 @@ from simval.imu.sensor import (
     forms,
 )
 from simval.poses import one_set
-from simval.shapes import Float
+from simval.shapes import Float, Inexact
+from simval.theory.estimating import Block, Estimating
 from simval.theory.magnetometer import NAMES, dip_angle
 
-PARAMETERS: Final = 21
-NINE_AXES: Final = 34
 GYROSCOPE = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "B_x", "B_y", "B_z")
-
 _NODES: Final = 4  # of Gauss and Legendre in a segment: exact to the eighth power of it
-_SINGULAR: Final = 1e-12  # least over greatest eigenvalue of the scaled information
+_TURN, _DRIFT = slice(9, 18), slice(18, 21)  # places of M and B
+_IRON, _HARD, _DIP = slice(21, 30), slice(30, 33), 33
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -181,17 +185,13 @@ def gyroscope_moments(
     sigma = noise_levels("pose_std", pose_std, len(u))
     rest = noise_levels("bias_std", bias_std, 3)
     _require_noise(path, len(u), walk, sigma, rest)
-    theta = forms.from_gram(form, body.matrix.T @ body.matrix, body.B)
-    M, slopes = forms.matrix(form, theta), forms.matrix_derivatives(form, theta)
-    rows = _pose_rows(M, slopes, g, u) / sigma[:, None, None]
-    moves = move_rows(gyroscope.M, path, walk)
-    total = _information(PARAMETERS, [(rows, range(9))], *moves, rest)
-    vertical = np.zeros(len(total))
-    vertical[PARAMETERS : PARAMETERS + 3] = u[0]
-    total += np.outer(vertical, vertical) * total[PARAMETERS:, PARAMETERS:].max()
+    theta = np.concatenate(
+        [forms.from_gram(form, body.matrix.T @ body.matrix, body.B), np.zeros(12)]
+    )
+    theta[_TURN], theta[_DRIFT] = gyroscope.M.ravel(), gyroscope.B
+    found = equations(theta, form, (g,), u[:, None], path, [sigma], rest, walk)
     return GyroscopeMoments(
-        names=(*forms.names(form), *GYROSCOPE),
-        cramer_rao=bound_of(total, PARAMETERS),
+        names=(*forms.names(form), *GYROSCOPE), cramer_rao=_bound(found)
     )
 
 
@@ -260,33 +260,31 @@ def nine_axis_moments(
     g, field = positive_number("g", g, "m/s^2"), positive_number("field", field, "")
     walk = _walk(gyroscope, angle_random_walk)
     q = finite_array("attitudes", attitudes, (None, 4))
-    theta = forms.from_gram(form, body.matrix.T @ body.matrix, body.B)
-    # all matrices, directions and turns on the axes of the form
-    M, slopes = forms.matrix(form, theta), forms.matrix_derivatives(form, theta)
-    turned = M @ np.linalg.inv(body.matrix)
-    A, dip = turned @ attitude_matrix(q), dip_angle(dip)
     sigma = noise_levels("pose_std", pose_std, len(q))
     strength = noise_levels("field_std", field_std, len(q))
-    rest = noise_levels("bias_std", bias_std, 3)
+    rest, dip = noise_levels("bias_std", bias_std, 3), dip_angle(dip)
     _require_noise(path, len(q), walk, sigma, strength, rest)
-    force = _pose_rows(M, slopes, g, A[:, :, 2]) / sigma[:, None, None]
-    M, cosine, sine = turned @ iron.M, np.cos(dip), np.sin(dip)
-    along, lean = A @ [cosine, 0.0, -sine], A @ [-sine, 0.0, -cosine]
-    compass = _pose_rows(M, np.eye(9).reshape(9, 3, 3), field, along)
-    by_dip = field * np.linalg.solve(M, lean.T).T[:, :, None]
-    compass = np.concatenate([compass[..., :12], by_dip, compass[..., 12:]], axis=2)
-    compass /= strength[:, None, None]
+    theta = np.zeros(34)
+    theta[:9] = forms.from_gram(form, body.matrix.T @ body.matrix, body.B)
+    # all matrices, directions and turns on the axes of the form
+    turned = forms.matrix(form, theta[:9]) @ np.linalg.inv(body.matrix)
+    theta[_TURN], theta[_DRIFT] = (turned @ gyroscope.M).ravel(), gyroscope.B
+    theta[_IRON], theta[_HARD] = (turned @ iron.M).ravel(), iron.b
+    theta[_DIP] = dip
+    A = turned @ attitude_matrix(q)
+    along = A @ [np.cos(dip), 0.0, -np.sin(dip)]
     onto = MovePath(turns=path.turns @ turned.T, seconds=path.seconds)
-    moves = move_rows(turned @ gyroscope.M, onto, walk)
-    sensors = [(force, range(9)), (compass, range(21, NINE_AXES))]
-    total = _information(NINE_AXES, sensors, *moves, rest)
+    found = equations(
+        theta, form, (g, field), np.stack([A[:, :, 2], along], axis=1), onto,
+        [sigma, strength], rest, walk,
+    )  # fmt: skip
     return NineAxisMoments(
         names=(
             *forms.names(form),
             *(f"gyro_{name}" for name in GYROSCOPE),
             *(f"mag_{name}" for name in NAMES),
         ),
-        cramer_rao=bound_of(total, NINE_AXES),
+        cramer_rao=_bound(found),
     )
 
 
@@ -307,101 +305,222 @@ def _require_noise(path: MovePath, count: int, walk: float, *levels: Array) -> N
         raise InputError(msg)
 
 
-def _pose_rows(
-    M: Float[Array, "3 3"],
-    slopes: Float[Array, "p 3 3"],
-    strength: float,
-    along: Float[Array, "n 3"],
-) -> Float[Array, "n 3 c"]:
-    """Derivatives of a sensor's readings of a vector that is fixed in the world.
+def gyroscope_bias(
+    gyroscope: GyroscopeModel,
+    accelerometer: AccelerometerModel,
+    directions: Any,
+    path: MovePath,
+    *,
+    pose_std: float,
+    bias_std: float,
+    angle_random_walk: float,
+    g: float = 9.80665,
+    form: str = "triangular",
+) -> Float[Array, "12"]:
+    """Predict the second-order bias of a joint calibration.
 
-    By the parameters of its matrix, of `slopes`, by its bias and by delta_i.
-    """
-    count, inverse = len(slopes), np.linalg.inv(M)
-    x = np.linalg.solve(M, strength * along.T).T
-    rows = np.zeros((len(along), 3, count + 6))
-    rows[:, :, :count] = -np.einsum("ab,pbc,nc->nap", inverse, slopes, x)
-    rows[:, :, count : count + 3] = np.eye(3)
-    rows[:, :, count + 3 :] = strength * inverse @ cross_matrix(along)
-    return rows
+    Parameters
+    ----------
+    gyroscope : GyroscopeModel
+        The true gyroscope.
+    accelerometer : AccelerometerModel
+        The true accelerometer.
+    directions : array_like
+        True directions of the specific force at the rests, sensor axes, (n, 3).
+    path : MovePath
+        The moves between them; segments of a tenth of a radian are short enough.
+    pose_std : float
+        Noise of each axis of a pose mean, raw units.
+    bias_std : float
+        Noise of what the rests say of the gyroscope's bias, raw units.
+    angle_random_walk : float
+        White noise N, raw units per root hertz.
+    g : float, default 9.80665
+        Gravity, m/s^2.
+    form : {"triangular", "upper", "symmetric"}
+        Form of the accelerometer's parameters.
 
-
-def move_rows(
-    M: Float[Array, "3 3"], path: MovePath, walk: float
-) -> tuple[Float[Array, "k 3 15"], Float[Array, "k 3 3"]]:
-    """White rows of each move, eq. (Y2): by dp, and by its angle; and its turn."""
-    rotation = scipy.spatial.transform.Rotation
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    inverse = np.linalg.inv(M)
-    count = len(path.turns)
-    whole = rotation.from_rotvec(np.zeros((count, 3)))
-    G, cov = np.zeros((count, 3, 12)), np.zeros((count, 3, 3))
-    for j in range(path.turns.shape[1]):
-        turned, tau = np.array(path.turns[:, j]), path.seconds[:, j, None, None]
-        for node, weight in zip(0.5 + 0.5 * nodes, 0.5 * weights, strict=True):
-            C = (whole * rotation.from_rotvec(node * turned)).as_matrix()
-            rate = turned @ inverse.T
-            by_matrix = C[..., None] * rate[:, None, None, :]
-            G[:, :, :9] += weight * by_matrix.reshape(count, 3, 9)
-            G[:, :, 9:] -= weight * tau * (C @ M)
-            cov += weight * walk**2 * tau * (C @ M @ M.T @ np.swapaxes(C, 1, 2))
-        whole = whole * rotation.from_rotvec(turned)
-    white = np.linalg.inv(np.linalg.cholesky(cov))
-    angle = np.broadcast_to(np.eye(3), (count, 3, 3))
-    return white @ np.concatenate([G, angle], axis=2), whole.as_matrix()
-
-
-def _information(
-    count: int,
-    sensors: list[tuple[Any, range]],
-    moves: Float[Array, "k 3 15"],
-    C: Float[Array, "k 3 3"],
-    rest: Float[Array, "3"],
-) -> Float[Array, "p p"]:
-    """Information on so many parameters, and then on the attitudes of the rests.
-
-    From white rows of each sensor at rest, (n, 3, c), with the places of its
-    parameters, of the moves, and from what the rests say of the gyroscope's bias.
-    """
-    n = len(moves) + 1
-    size, angles = count + 3 * n, count + np.arange(3 * n).reshape(n, 3)
-    total = np.zeros((size, size))
-    for rows, places in sensors:
-        wide = np.zeros((n, 3, size))
-        wide[:, :, places] = rows[..., :-3]
-        for each, own, at in zip(wide, rows, angles, strict=True):
-            each[:, at] = own[:, -3:]
-        flat = wide.reshape(-1, size)
-        total += flat.T @ flat
-    for k, (row, end) in enumerate(zip(moves, C, strict=True)):
-        # eq. (Y1): 0 = -G dp - delta_k + C delta_(k+1)
-        at = np.r_[9:21, angles[k], angles[k + 1]]
-        wide = np.zeros((3, size))
-        wide[:, at] = np.concatenate([-row, row[:, 12:] @ end], axis=1)
-        total += wide.T @ wide
-    total[18:21, 18:21] += np.diag(1.0 / rest**2)
-    return total
-
-
-def bound_of(information: Float[Array, "p p"], count: int) -> Float[Array, "q q"]:
-    """Inverse of the Schur complement of all but the first so many unknowns.
+    Returns
+    -------
+    Array
+        Bias of M row by row and of B, (12,).
 
     Raises
     ------
-    GeometryError
-        If it is singular in units in which its diagonal is 1.
+    InputError
+        If an argument is not usable.
     """
-    first, others = slice(0, count), slice(count, None)
-    back = np.linalg.solve(information[others, others], information[others, first])
-    schur = information[first, first] - information[first, others] @ back
-    unit = 1.0 / np.sqrt(np.maximum(np.diagonal(schur), 1e-300))
-    scaled = schur * np.outer(unit, unit)
-    values = np.linalg.eigvalsh(0.5 * (scaled + scaled.T))
-    if not values[0] > _SINGULAR * values[-1]:
+    u = normalize(one_set("directions", directions))
+    if len(u) != len(path.seconds) + 1:
         msg = (
-            f"the rests and moves leave a combination of the {count} parameters open "
-            f"(information {values[0] / values[-1]:.1e} of the best): nothing can be "
-            "predicted; add poses and moves about other axes"
+            f"{len(u)} rests and {len(path.seconds)} moves; give the moves between them"
+        )
+        raise InputError(msg)
+    pose_std = positive_number("pose_std", pose_std, "raw units")
+    bias_std = positive_number("bias_std", bias_std, "raw units")
+    walk = nonnegative_number("angle_random_walk", angle_random_walk, "raw units")
+    g, form = positive_number("g", g, "m/s^2"), choice("form", form, forms.MODELS)
+    theta = np.concatenate(
+        [
+            forms.from_gram(
+                form, accelerometer.matrix.T @ accelerometer.matrix, accelerometer.B
+            ),
+            gyroscope.M.ravel(),
+            gyroscope.B,
+        ]
+    )
+    found = equations(
+        theta, form, (g,), u[:, None], path, [np.full(len(u), pose_std)],
+        np.full(3, bias_std), walk, by_segment=True,
+    )  # fmt: skip
+    return found.bias[9:]
+
+
+def equations(
+    theta: Float[Array, " p"],
+    form: str,
+    strengths: tuple[float, ...],
+    vectors: Float[Array, "n s 3"],
+    path: MovePath,
+    levels: list[Float[Array, " n"]],
+    rest: Float[Array, "3"],
+    walk: float,
+    *,
+    by_segment: bool = False,
+) -> Estimating:
+    """Rows (Y1) to (Y3) of sensors that read so many vectors of the world at rest.
+
+    Gravity, and the field where there are two: strengths, directions at each rest,
+    noise. Each segment of a move has noise of its own, or a move that of eq. (Y4).
+    """
+    sensors, (k, j) = vectors.shape[1], path.seconds.shape
+
+    def matrices(theta: Any) -> list[tuple[Any, Any]]:
+        iron = theta[:, _IRON].reshape(len(theta), -1, 3)
+        both = (
+            (forms.matrix(form, theta[:, :9]), theta[:, 6:9]),
+            (iron, theta[:, _HARD]),
+        )
+        return list(both[:sensors])
+
+    def corrected(theta: Any, y: Any) -> Any:
+        parts = zip(matrices(theta), strengths, np.split(y, sensors, -1), strict=True)
+        return np.stack(
+            [(x - b[:, None]) @ np.swapaxes(M, 1, 2) / s for (M, b), s, x in parts], -2
+        )
+
+    def rests(theta: Any, y: Any) -> Any:
+        w = corrected(theta, y)
+        lengths = np.sum(w * w, axis=-1) - 1.0
+        if sensors == 1:
+            return lengths
+        dot = np.sum(w[..., 0, :] * w[..., 1, :], axis=-1) + np.sin(
+            theta[:, _DIP, None]
+        )
+        return np.concatenate([lengths, dot[..., None]], axis=-1)
+
+    true_M, true_B = theta[_TURN].reshape(3, 3), theta[_DRIFT]
+    raw = path.turns @ np.linalg.inv(true_M).T  # less tau B
+    across, root = _across(vectors[1:]), _angle_root(true_M, path)
+
+    def turned(theta: Any, y: Any) -> Any:
+        start, end, noise = np.split(y, [3 * sensors, 6 * sensors], axis=-1)
+        w, after = (_unit(corrected(theta, part)) for part in (start, end))
+        M = theta[:, _TURN].reshape(-1, 1, 1, 3, 3)
+        read = raw + path.seconds[..., None] * (true_B - theta[:, None, None, _DRIFT])
+        if by_segment:
+            read = read + noise.reshape(-1, k, j, 3)
+        else:
+            w = w - np.cross(np.matvec(root, noise)[:, :, None], w)
+        turns = _exponential(np.matvec(M, read))
+        for piece in range(j):
+            w = w @ turns[:, :, piece]
+        return np.einsum("krsi,tksi->tkr", across, w - after)
+
+    readings = [
+        s * np.linalg.solve(M[0], u.T).T + b[0]
+        for s, (M, b), u in zip(
+            strengths, matrices(theta[None]), np.swapaxes(vectors, 0, 1), strict=True
+        )
+    ]
+    y = np.concatenate(readings, axis=1)
+    sigma = np.repeat(np.stack(levels, axis=1), 3, axis=1)
+    poses = np.arange(y.size).reshape(y.shape)
+    own = walk * (np.sqrt(path.seconds) if by_segment else np.ones((k, 1)))
+    own = np.repeat(own, 3, axis=1)
+    moved = y.size + np.arange(own.size).reshape(own.shape)
+    return Estimating(
+        blocks=(
+            Block(
+                rows=turned,
+                y=np.hstack([y[:-1], y[1:], np.zeros_like(own)]),
+                sigma=np.hstack([sigma[:-1], sigma[1:], own]),
+                noise=np.hstack([poses[:-1], poses[1:], moved]),
+            ),
+            Block(rows=rests, y=y, sigma=sigma, noise=poses),
+            Block(
+                rows=lambda theta, y: theta[:, None, _DRIFT] - y,
+                y=true_B[None],
+                sigma=rest[None],
+                noise=y.size + own.size + np.arange(3)[None],
+            ),
+        ),
+        theta=theta,
+        weights="truth",
+    )
+
+
+def _bound(equations: Estimating) -> Float[Array, "p p"]:
+    if equations.rank < len(equations.theta):
+        msg = (
+            f"the rests and moves leave a combination of the {len(equations.theta)} "
+            f"parameters open (rank {equations.rank}): nothing can be predicted; add "
+            "poses and moves about other axes"
         )
         raise GeometryError(msg)
-    return np.linalg.inv(scaled) * np.outer(unit, unit)
+    return equations.bound
+
+
+def _angle_root(M: Float[Array, "3 3"], path: MovePath) -> Float[Array, "k 3 3"]:
+    """Triangular root of the covariance (Y4) of each move's angle, N = 1."""
+    rotation = scipy.spatial.transform.Rotation
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    covariance = np.zeros((len(path.turns), 3, 3))
+    whole = rotation.identity(len(path.turns))
+    for turned, tau in zip(
+        np.swapaxes(path.turns, 0, 1), path.seconds.T[..., None, None], strict=True
+    ):
+        for node, weight in zip(0.5 + 0.5 * nodes, 0.5 * weights, strict=True):
+            C = (whole * rotation.from_rotvec(node * turned)).as_matrix() @ M
+            covariance += weight * tau * (C @ np.swapaxes(C, 1, 2))
+        whole = whole * rotation.from_rotvec(np.array(turned))
+    return np.linalg.cholesky(covariance)
+
+
+def _unit(v: Any) -> Any:
+    # analytic, as all that theory differentiates
+    return v / np.sqrt(np.sum(v * v, axis=-1, keepdims=True))
+
+
+def _exponential(v: Inexact[Array, "... 3"]) -> Inexact[Array, "... 3 3"]:
+    # Rodrigues, of a complex vector too; segments turn
+    square = (v * v).sum(axis=-1) + 1e-40
+    angle = np.sqrt(square)
+    a = (np.sin(angle) / angle)[..., None, None]
+    b = (2.0 * np.sin(0.5 * angle) ** 2 / square)[..., None, None]
+    x, y, z = np.moveaxis(v, -1, 0)
+    o = np.zeros_like(x)
+    K = np.stack([o, -z, y, z, o, -x, -y, x, o], axis=-1).reshape(*v.shape, 3)
+    return np.eye(3) + a * K + b * (K @ K)
+
+
+def _across(vectors: Float[Array, "k s 3"]) -> Float[Array, "k r s 3"]:
+    """E and a of eq. (Y2), each in the place of its vector."""
+    u = vectors[:, 0]
+    # from the axis that it is farthest from
+    first = normalize(np.cross(u, np.eye(3)[np.argmin(np.abs(u), axis=1)]))
+    rows = np.zeros((len(u), 1 + vectors.shape[1], *vectors.shape[1:]))
+    rows[:, 0, 0], rows[:, 1, 0] = first, np.cross(u, first)
+    if vectors.shape[1] == 2:
+        rows[:, 2, 1] = normalize(np.cross(u, vectors[:, 1]))
+    return rows

@@ -52,7 +52,7 @@ from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix
 from simval.imu.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.shapes import Float, Inexact
-from simval.theory.estimating import Block, Estimating, inverse_of
+from simval.theory.estimating import Block, Estimating, inverse_of, rank_of
 
 PARAMETERS = 22
 
@@ -169,7 +169,6 @@ def equations_of(p: Problem) -> Estimating:
 VARIANCE_NEXT = 10.0  # of eq. (M9), measured
 BIAS_NEXT = 10.0  # of eq. (M10), measured
 EVEN = 2.4  # w sqrt(n) / sigma of many poses, for any dip from 0 to 89 degrees
-_RANK = 1e-10  # of the greatest singular value, columns of equal length
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -294,14 +293,6 @@ NAMES = (
     *(f"b_{axis}" for axis in "xyz"),
     "dip",
 )
-
-
-def rank_of(information: Float[Array, "22 22"]) -> int:
-    """How many combinations of the parameters the poses see."""
-    scale = np.sqrt(np.diagonal(information))
-    scale = np.where(scale > 0.0, scale, 1.0)
-    values = np.linalg.eigvalsh(information / np.outer(scale, scale))
-    return int(np.count_nonzero(values > _RANK * values[-1]))
 
 
 def _natural(p: Problem) -> Float[Array, "22 22"]:

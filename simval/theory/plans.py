@@ -12,13 +12,16 @@ magnetometer   attitudes                    bound of both sensors together
                                             (`simval.theory.magnetometer`)
 =============  ===========================  ==========================================
 
+What poses of any other sensor will give, and which helps most, is said by `next_best`
+of its equations (`simval.theory.estimating`).
+
 Sensors are taken as ideal, but for an accelerometer that is given. A magnetometer's are
 in units of gravity and of the field; M, b and the dip then have the error bars of
 :math:`dM\,M^{-1}`, M db and the dip of any sensor. Moves are turned by minimum jerk.
 The noise of a pose mean follows from a noise density and a hold time.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -46,7 +49,7 @@ from simval.poses import (
 from simval.shapes import Float
 from simval.theory import magnetometer
 from simval.theory.calibration import calibration_moments
-from simval.theory.estimating import inverse_of
+from simval.theory.estimating import Estimating, inverse_of, rank_of
 from simval.theory.gyroscope import GYROSCOPE, MovePath, gyroscope_moments
 from simval.theory.magnetometer import problem_of
 from simval.turns import MATRIX, best_next_turn, judge, turn_rows, turns_of
@@ -163,20 +166,38 @@ class MagnetometerPlan(ReadOnly):
     sd_next: Float[Array, "22"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Sensors:
-    """A calibration as its planner sees it: a design in, error bars out."""
+def next_best(
+    given: Estimating, candidates: Estimating, wanted: slice = slice(None)
+) -> tuple[Float[Array, "p p"], Float[Array, "p p"], int]:
+    """Information before and after the one that helps most, and which that is.
 
-    full: Callable[[Any], bool]  # whether the design tells every parameter
-    bars: Callable[[Any], tuple[Array, ...]]  # of such a design; the first: sd
-    untold: tuple[Array, ...]  # bars of any other
-    extended: Callable[[Any], Any]  # by the pose or turn that helps most
+    Parameters
+    ----------
+    given, candidates : Estimating
+        Equations of the poses or moves that there are, and of those that there could
+        be, one to a row of their block, which shares no noise with another.
+    wanted : slice
+        Parameters whose total variance is to be least.
 
-    def predicted(self, design: Any, full: bool) -> tuple[Array, ...]:
-        """Error bars of a design, and the standard deviations of the extended one."""
-        now = self.bars(design) if full else self.untold
-        more = self.extended(design)
-        return *now, (self.bars(more) if self.full(more) else self.untold)[0]
+    Returns
+    -------
+    tuple
+        Information of those given, the same with the best candidate (`error_bars` of
+        each), and the candidate's number.
+    """
+    whole, parts = given.information.sum(axis=0), candidates.information
+    floor = _FLOOR * np.trace(whole) * np.eye(len(whole))
+    traces = [np.trace(np.linalg.inv(whole + p + floor)[wanted, wanted]) for p in parts]
+    near_best = np.array(traces) <= min(traces) * (1.0 + 1e-9)
+    best = int(np.flatnonzero(near_best)[0])
+    return whole, whole + parts[best], best
+
+
+def error_bars(information: Float[Array, "p p"]) -> Float[Array, " p"]:
+    """Bound on each standard deviation; infinite where not all are told."""
+    if rank_of(information) < len(information):
+        return np.full(len(information), np.inf)
+    return np.sqrt(np.diagonal(inverse_of(information)))
 
 
 def plan(
@@ -219,22 +240,19 @@ def plan(
     body = _ideal_accelerometer() if sensor is None else sensor
     instance("sensor", body, AccelerometerModel)
     seen = observability(u)
-    open_ = np.full(PARAMETERS, np.inf)
 
-    def bars(u: Float[Array, "n 3"]) -> tuple[Array, ...]:
+    def sd(u: Float[Array, "n 3"]) -> tuple[Array, Array, Array]:
+        if observability(u).rank < PARAMETERS:
+            untold = np.full(PARAMETERS, np.inf)
+            return untold, untold, np.nan * untold
         found = calibration_moments(body, u, g, noise_std, form=form)
         return found.sd, np.sqrt(np.diagonal(found.cramer_rao)), found.bias
 
-    sd, bound, bias, sd_next = _Sensors(
-        full=lambda u: observability(u).rank == PARAMETERS,
-        bars=bars,
-        untold=(open_, open_, np.full(PARAMETERS, np.nan)),
-        extended=lambda u: np.vstack([u, seen.next_direction]),
-    ).predicted(u, seen.rank == PARAMETERS)
+    now, bound, bias = sd(u)
     return Plan(
-        names=forms.names(form), sd=sd, bound=bound, bias=bias, poses=len(u),
+        names=forms.names(form), sd=now, bound=bound, bias=bias, poses=len(u),
         rank=seen.rank, condition=seen.condition, next_direction=seen.next_direction,
-        sd_next=sd_next, noise_std=noise_std,
+        sd_next=sd(np.vstack([u, seen.next_direction]))[0], noise_std=noise_std,
     )  # fmt: skip
 
 
@@ -292,35 +310,25 @@ def plan_gyroscope(
     seen = judge(rows)
     more, by = best_next_turn(rows, u[-1])
 
-    def full(design: tuple[Array, Array, Array]) -> bool:
-        u, axis, angle = design
-        rank = judge(turn_rows(u[:-1], axis, angle).reshape(-1, MATRIX)).rank
-        return rank == MATRIX and observability(u).rank == PARAMETERS
+    after = _rotation(more[None] * by).inv().apply(u[-1])
 
-    def bars(design: tuple[Array, Array, Array]) -> tuple[Array, ...]:
-        u, axis, angle = design
-        found = gyroscope_moments(
+    def sd(u: Array, axis: Array, angle: Array) -> Float[Array, "21"]:
+        turned = judge(turn_rows(u[:-1], axis, angle).reshape(-1, MATRIX)).rank
+        if turned < MATRIX or observability(u).rank < PARAMETERS:
+            return np.full(21, np.inf)
+        return gyroscope_moments(
             GyroscopeModel(M=np.eye(3), B=np.zeros(3)), _ideal_accelerometer(), u,
             smooth_path(axis, angle, seconds), pose_std=std,
             bias_std=walk / np.sqrt(rest * len(u)), angle_random_walk=walk, g=g,
             form=form,
-        )  # fmt: skip
-        return (found.sd,)
+        ).sd  # fmt: skip
 
-    def extended(
-        design: tuple[Array, Array, Array],
-    ) -> tuple[Array, Array, Array]:
-        u, axis, angle = design
-        after = _rotation(more[None] * by).inv().apply(u[-1])
-        return np.vstack([u, after]), np.vstack([axis, more]), np.append(angle, by)
-
-    sd, sd_next = _Sensors(
-        full=full, bars=bars, untold=(np.full(21, np.inf),), extended=extended
-    ).predicted((u, axis, angle), full((u, axis, angle)))
+    now = sd(u, axis, angle)
+    later = sd(np.vstack([u, after]), np.vstack([axis, more]), np.append(angle, by))
     return GyroscopePlan(
-        names=GYROSCOPE, sd=sd[9:], accelerometer_sd=sd[:9], moves=len(angle),
+        names=GYROSCOPE, sd=now[9:], accelerometer_sd=now[:9], moves=len(angle),
         rank=seen.rank, condition=seen.condition, next_axis=more, next_angle=by,
-        sd_next=sd_next[9:],
+        sd_next=later[9:],
     )  # fmt: skip
 
 
@@ -357,36 +365,22 @@ def plan_magnetometer(
     )
     iron = MagnetometerModel(M=np.eye(3), b=np.zeros(3))
 
-    def information(attitudes: Any) -> Float[Array, "n 22 22"]:
+    def poses(attitudes: Any) -> Estimating:
         sensors = _ideal_accelerometer(), iron
-        poses = problem_of(
-            *sensors, attitudes, dip, *noise, g=1.0, field=1.0, form="triangular"
+        return magnetometer.equations_of(
+            problem_of(
+                *sensors, attitudes, dip, *noise, g=1.0, field=1.0, form="triangular"
+            )
         )
-        return magnetometer.equations_of(poses).information
 
-    given = information(attitudes)
-    candidates = candidate_attitudes()
-    parts, whole = information(candidates), given.sum(axis=0)
-    floor = _FLOOR * np.trace(whole) * np.eye(len(whole))
-    traces = [np.trace(np.linalg.inv(whole + p + floor)[9:, 9:]) for p in parts]
-    near_best = np.array(traces) <= min(traces) * (1.0 + 1e-9)
-    best = int(np.flatnonzero(near_best)[0])
-
-    def bars(information: Float[Array, "22 22"]) -> tuple[Array, ...]:
-        sd = np.sqrt(np.diagonal(inverse_of(information)))
-        return (np.append(sd[:-1], sd[-1] / np.cos(float(dip))),)
-
-    rank = magnetometer.rank_of(whole)
-    sd, sd_next = _Sensors(
-        full=lambda information: magnetometer.rank_of(information) == len(whole),
-        bars=bars,
-        untold=(np.full(len(whole), np.inf),),
-        extended=lambda information: information + parts[best],
-    ).predicted(whole, rank == len(whole))
+    given, candidates = poses(attitudes), candidate_attitudes()
+    whole, more, best = next_best(given, poses(candidates), slice(9, None))
+    dip_last = np.append(np.ones(len(whole) - 1), np.cos(float(dip)))
     return MagnetometerPlan(
-        names=(*forms.names("triangular"), *magnetometer.NAMES), sd=sd,
-        poses=len(given), rank=rank,
-        next_attitude=candidates[best], sd_next=sd_next,
+        names=(*forms.names("triangular"), *magnetometer.NAMES),
+        sd=error_bars(whole) / dip_last, poses=len(given.information),
+        rank=rank_of(whole), next_attitude=candidates[best],
+        sd_next=error_bars(more) / dip_last,
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import root
 
 from simval.theory.estimating import Block, Estimating
+from simval.theory.plans import error_bars, next_best
 
 RESTS, TRUTH = 9, np.array([1.02, 0.03, -0.02, 0.98, 0.01, -0.02])
 TILT = np.random.default_rng(5).uniform(-0.9, 0.9, (RESTS, 2))
@@ -32,8 +33,14 @@ def axis(k, tilt, columns):
 
 def both(theta, z):
     """Rows of both axes."""
-    parts = [axis(k, TILT, (k, 2))(theta, z) for k in (0, 1)]
-    return np.concatenate(parts, axis=-1)
+    return at(TILT)(theta, z)
+
+
+def at(tilt):
+    """Rows of both axes at these tilts."""
+    return lambda theta, z: np.concatenate(
+        [axis(k, tilt, (k, 2))(theta, z) for k in (0, 1)], axis=-1
+    )
 
 
 def whole(weights):
@@ -93,3 +100,25 @@ def test_moments_are_those_of_the_solved_equations(weights):
     bias = 0.5 * np.sum(ends[0] + ends[1] - 2.0 * TRUTH, axis=0)
     np.testing.assert_allclose(bias / sd, theory.bias / sd, atol=1e-6)
     assert np.max(np.abs(theory.bias / sd)) > 1e-4
+
+
+def test_a_sensor_of_its_own_gets_its_plan():
+    """The next rest of a grid: no other lowers the total variance more."""
+    grid = np.stack(np.meshgrid(*[np.linspace(-1.2, 1.2, 9)] * 2), -1).reshape(-1, 2)
+
+    def rests(tilt):
+        y = np.zeros((len(tilt), 3))
+        sigma = np.repeat(SIGMA[:1], len(tilt), axis=0)
+        return Estimating(blocks=(Block(rows=at(tilt), y=y, sigma=sigma),), theta=TRUTH)
+
+    now, after, best = next_best(whole("estimate"), rests(grid))
+    bars = [np.sqrt(np.diagonal(rests(np.vstack([TILT, each])).bound)) for each in grid]
+    np.testing.assert_allclose(error_bars(after), bars[best], rtol=1e-10)
+    total = np.sum(np.square(bars), axis=1)
+    assert total[best] <= total.min() * (1.0 + 1e-6)
+    np.testing.assert_allclose(
+        error_bars(now), np.sqrt(np.diagonal(whole("estimate").bound)), rtol=1e-10
+    )
+    few = rests(TILT[:2])
+    assert few.rank < len(TRUTH)
+    assert np.isinf(error_bars(few.information.sum(axis=0))).all()

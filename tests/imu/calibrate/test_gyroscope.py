@@ -39,8 +39,7 @@ from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log
 from simval.imu.sensor import GyroscopeModel
 from simval.poses import fibonacci_sphere
-from simval.theory.gyroscope import MovePath, gyroscope_moments
-from simval.theory.joint_bias import gyroscope_bias
+from simval.theory.gyroscope import MovePath, gyroscope_bias, gyroscope_moments
 
 ZERO = np.random.default_rng(0)
 TRUTH = np.concatenate([ACCELEROMETER.parameters, M.ravel(), GYROSCOPE.B])
