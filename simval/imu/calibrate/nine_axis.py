@@ -2,11 +2,11 @@ r"""Accelerometer, gyroscope and magnetometer of the same rests in one fit.
 
 **The rows of three sensors that an unknown attitude leaves, and their noise.**
 
-A pose gives six readings and a move three angles; the attitudes of n rests take 3n of
-these 6n + 3(n - 1) away. What is left are the three equations of each pose, eq. (M1) of
-`theory.magnetometer`, and
-three of each gap. Two of a gap are those of gravity (N5). The third turns the field
-v_k of one pose into the next and looks along the horizontal direction across it,
+A pose gives six readings and a rotation three angles; the attitudes of n rests take 3n
+of these 6n + 3(n - 1) away. What is left are the three equations of each pose, (M1) of
+`theory.magnetometer`, and three inter-rest residuals of each rotation. Two are those of
+gravity (N5). The third turns the field v_k of one pose into the next and looks along
+the horizontal direction across it,
 
 .. math:: e_{k3} = a_{k+1}^T (C_k^T v_k - v_{k+1}), \qquad
    a = \frac{u \times v}{|u \times v|}, \tag{J1}
@@ -14,7 +14,7 @@ v_k of one pose into the next and looks along the horizontal direction across it
 so a gyroscope tells the headings of all poses to one, and a magnetometer is compared
 with itself. All are functions of the same pose means: with L the map from the unit
 noises of six axes a pose to the rows, their covariance is :math:`LL^T` and what the
-moves add (`gyroscope.covariance`), so that a pose is counted once.
+rotations add (`gyroscope.residuals`), so that a pose is counted once.
 
 The readings of both vectors are in the scaled units of the magnetometer's fit; the 34
 parameters stand in the order: nine of the accelerometer, the rows of :math:`M_m`,
@@ -118,7 +118,7 @@ class NineAxisFit(Estimate):
         }
 
 
-EACH = 3  # rows of a pose, and of a gap
+EACH = 3  # equations of a pose, and residuals of a rotation
 COUNT: Final = 34
 _NORMAL_95: Final = 1.959964
 MOST_STEPS: Final = 30
@@ -213,10 +213,10 @@ def calibrate_nine_axis(
     known_bias: Any = None,
     bias_std: Any = None,
 ) -> NineAxisFit:
-    """Fit three sensors to the same rests and the moves between them.
+    """Fit three sensors to the same rests and the rotations between them.
 
     All 34 parameters in one generalised least-squares fit of three equations a pose and
-    three a move, from the fits of two sensors each.
+    three a rotation, from the fits of two sensors each.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def calibrate_nine_axis(
         Mean reading of the accelerometer and of the magnetometer in each rest, raw
         units, (n, 3) or (trials, n, 3).
     gyroscope : GyroscopeFit
-        Of the same moves and poses, ``estimator="joint"``; its model of the bias is
+        Of the same rotations and poses, ``estimator="joint"``; its model of the bias is
         kept.
     magnetometer : MagnetometerFit
         Of the same poses, in the same form of the accelerometer.

@@ -365,7 +365,7 @@ def test_bad_input_is_refused_in_words():
     back[100] = back[98]
     nan[7, 1] = np.nan
     cases = [
-        (spoilt(0, hole), RefusedError, "rows are missing in the move between rests 3"),
+        (spoilt(0, hole), RefusedError, "missing in the rotation between rests 3 "),
         (spoilt(0, back), InputError, "does not rise"),
         (spoilt(0, TIME[:-1]), InputError, "shape"),
         (spoilt(1, force[:-1]), InputError, "shape"),

@@ -82,7 +82,7 @@ def worst_sd(
 def require_told(
     rows: Float[Array, "r 9"], u: Float[Array, "n 3"], sd: float | None = None
 ) -> TurnObservability:
-    """Require moves that tell the nine entries of M.
+    """Require rotations that tell the nine entries of M.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def require_told(
     else:
         fault = f"leave a relative error of {sd:.2g}, {SD_LIMIT:g} at most"
     msg = (
-        f"the {len(u) - 1} moves {fault}: they do not tell {missing(found)}; "
+        f"the {len(u) - 1} rotations {fault}: they do not tell {missing(found)}; "
         f"from the last rest turn by {np.degrees(angle):.0f} degrees about the axis "
         f"({named}) of the sensor and rest again, and so on with other axes"
     )
@@ -124,7 +124,7 @@ def calibrate_gyroscope(
     bias_std: Any = None,
     start: Any = None,
 ) -> GyroscopeFit:
-    """Fit M and B of a gyroscope to the moves between rests, one log or a batch.
+    """Fit M and B of a gyroscope to its rotations between rests, one log or a batch.
 
     Parameters
     ----------
@@ -148,9 +148,9 @@ def calibrate_gyroscope(
         joint fits the accelerometer again, together with the gyroscope; generalised
         keeps it, and counts its errors; unweighted is IMU-TK's least squares.
     bias : {"constant", "first rest", "line"}
-        constant is estimated, from the rests and the moves (unweighted: from the rests
-        alone); first rest is the mean of that and kept (IMU-TK); line is what `moves`
-        has taken out already.
+        constant is estimated, from the rests and the rotations (unweighted: from the
+        rests alone); first rest is the mean of that and kept (IMU-TK); line is what
+        `moves` has taken out already.
     known_bias : array_like, optional
         Raw units, (3,): kept instead of the mean of the first rest.
     bias_std : float or array_like, optional
@@ -169,8 +169,8 @@ def calibrate_gyroscope(
     InputError
         If an argument is not usable.
     GeometryError
-        If the moves of one log do not tell the parameters. In a batch such a trial has
-        a status that says so, and NaN for its numbers.
+        If the rotations of one log do not tell the parameters. In a batch such a trial
+        has a status that says so, and NaN for its numbers.
     RefusedError
         If the residuals of one log are far beyond the noise of a sensor.
 
@@ -317,7 +317,7 @@ def _judged(
     J: Float[Array, "t r 12"],
     e: Float[Array, "t r"],
 ) -> tuple[list[str], Float[Array, " t"]]:
-    # why a trial is refused, empty where it is not, and the condition of its moves
+    # why a trial is refused, empty where it is not, and the condition of its rotations
     off = np.sqrt((e * e).mean(axis=1))
     said, condition = [], np.full(len(u), np.inf)
     for i, each in enumerate(J):
@@ -328,10 +328,10 @@ def _judged(
             said.append(str(refusal))
         if not said[-1] and not off[i] <= _FAR:
             said[-1] = (
-                f"the moves end {off[i]:.2g} rad (rms) from where gravity is, whatever "
-                "the scale and the order of the axes; look at the time of both "
-                "sensors, at saturation, and whether the columns are what they are "
-                "taken for"
+                f"the rotations end {off[i]:.2g} rad (rms) from where gravity is, "
+                "whatever the scale and the order of the axes; look at the time of "
+                "both sensors, at saturation, and whether the columns are what they "
+                "are taken for"
             )
     return said, condition
 

@@ -3,9 +3,9 @@ r"""Accelerometer and gyroscope of one recording, calibrated together.
 **Which model of the bias, and whether forces act on the gyroscope: by evidence.**
 
 **Bias.** With the rests' white noise :math:`N^2/T_i` and a walk K of the bias, a
-constant leaves the angle of a move of T seconds the variance
-:math:`T^2 (N^2/\sum T_i + K^2 v)`, v that between the bias in the move and its mean
-over the rests; a line between the neighbouring rests
+constant leaves the angle of a rotation of T seconds the variance
+:math:`T^2 (N^2/\sum T_i + K^2 v)`, v that between the bias in it and its mean over
+the rests; a line between the neighbouring rests
 :math:`T^2 N^2 / 2 T_r + K^2 T^3/12`. The lesser is chosen, and the line only where it
 tells a rest that was left out better than the others' mean does.
 
@@ -82,10 +82,11 @@ def choose_bias(
     chosen = "line" if line < constant and told_l < told_c else "constant"
     said = (
         f"bias: {chosen}; N {np.sqrt(N2):.3g} and K {K:.3g} raw units "
-        f"({'measured between rests' if drift is None else 'given'}) leave a move "
-        f"{np.sqrt(constant):.2g} raw units s with a constant and {np.sqrt(line):.2g} "
-        f"with lines between rests; a rest that is left out is told within "
-        f"{told_c:.3g} raw units by the mean of the others and {told_l:.3g} by lines"
+        f"({'measured between rests' if drift is None else 'given'}) leave a "
+        f"rotation {np.sqrt(constant):.2g} raw units s with a constant and "
+        f"{np.sqrt(line):.2g} with lines between rests; a rest that is left out is "
+        f"told within {told_c:.3g} raw units by the mean of the others and "
+        f"{told_l:.3g} by lines"
     )
     return chosen, K, said
 
@@ -349,12 +350,12 @@ def calibrate_imu(
     scheme : {"averages", "cubic", "linear"}
         What a row is, and how it is integrated.
     margin : int, default 10
-        Rows by which a move reaches into the rests beside it.
+        Rows by which a rotation reaches into the rests before and after it.
     chunk : {1, 2, 4, 8}
         Steps that are merged into one.
     full_scale : float, optional
         Greatest reading of the gyroscope, raw units from the middle of its range; a
-        move that reaches it is refused.
+        rotation that reaches it is refused.
     start : array_like, optional
         M to start from, (3, 3).
 
@@ -369,7 +370,7 @@ def calibrate_imu(
     InputError
         If an argument is not usable.
     RefusedError
-        If the rests or the moves do not tell the parameters, rows are missing, the
+        If the rests or the rotations do not tell the parameters, rows are missing, the
         range ends, or a sensor's residuals are far beyond its noise.
     """
     bias = choice("bias", bias, _CHOICES)

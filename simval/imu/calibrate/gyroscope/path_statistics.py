@@ -147,13 +147,13 @@ def _pairs(one: Float[Array, "t k 10 j"], two: Float[Array, "t k 10 j"]) -> Arra
     return both
 
 
-_HOLE = 3.5  # steps; a row or two may be missing, a move is not told without more
-_LEAST_REST = 3  # rows, of which two may be given to the moves
+_HOLE = 3.5  # steps; a row or two may be missing, a rotation is not told without more
+_LEAST_REST = 3  # rows, of which two may be given to the rotations
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Moves(ReadOnly):
-    """Path statistics of the moves between rests, and the rests' mean readings.
+    """Path statistics of the rotations between rests, and the rests' mean readings.
 
     Leading axis t: trials, 1 for a recording.
 
@@ -175,7 +175,7 @@ class Moves(ReadOnly):
         White noise N of each axis from the scatter within rests, raw units per root
         hertz, (t, 3).
     seconds : Array
-        Time of each move, s, (k,).
+        Time of each rotation, s, (k,).
     chunk : int
         Steps of the clock that were merged into one.
     force : Array
@@ -212,7 +212,7 @@ def moves_between(
     force: Any = None,
     force_noise: Any = None,
 ) -> Moves:
-    """Reduce a gyroscope's rows to the moves between rests.
+    """Reduce a gyroscope's samples to path statistics between rests.
 
     Parameters
     ----------
@@ -225,14 +225,14 @@ def moves_between(
     scheme : {"averages", "cubic", "linear"}
         What a row is, and how it is integrated; see the head of this module.
     margin : int, default 10
-        Rows by which a move reaches into the rests beside it, so that a delay between
-        the sensors costs nothing; a third of a shorter rest at most.
+        Rows by which a rotation reaches into the rests at its ends, so that a delay
+        between the sensors costs nothing; a third of a shorter rest at most.
     chunk : {1, 2, 4, 8}
         Steps that are merged into one. The third order of what a chunk turns is left
-        out: 1e-5 rad of a move of one second at 100 Hz and chunks of 2.
+        out: 1e-5 rad of a rotation of one second at 100 Hz and chunks of 2.
     full_scale : float, optional
-        Greatest reading of the sensor, raw units from the middle of its range; a move
-        that reaches it is refused.
+        Greatest reading of the sensor, raw units from the middle of its range; a
+        rotation that reaches it is refused.
     offset : array_like, optional
         Readings to take out of each row before, raw units, as `rates`: a bias that
         moves, or what the specific force does.
@@ -251,7 +251,7 @@ def moves_between(
     InputError
         If an argument is not usable.
     RefusedError
-        If rows are missing in a move, or a rest is too short.
+        If rows are missing in a rotation, or a rest is too short.
     """
     scheme = choice("scheme", scheme, SCHEMES)
     chunk = choice("chunk", chunk, (1, 2, 4, 8))
@@ -354,7 +354,7 @@ def _require_no_holes(step: Array, first: Any, last: Any) -> None:
         longest = a + 1 + int(np.argmax(step[a + 1 : b + 1]))
         if step[longest] > _HOLE * usual:
             msg = (
-                f"rows are missing in the move between rests {k} and {k + 1}: "
+                f"rows are missing in the rotation between rests {k} and {k + 1}: "
                 f"{step[longest]:.3g} s before row {longest}, where {usual:.3g} s is "
                 "usual; what was turned there is not known, so leave out the rests "
                 "before or after it, or record again"
@@ -368,10 +368,10 @@ def _require_in_range(y: Array, first: Any, last: Any, full_scale: float) -> Non
         reached = np.abs(y[:, a : b + 1]).max(axis=(0, 2))
         if reached.max() >= most:
             msg = (
-                f"the move between rests {k} and {k + 1} reads {reached.max():.6g} in "
-                f"row {a + int(reached.argmax())}, and the sensor's range ends at "
-                f"{most:g}: what was turned there is not known; turn more slowly, or "
-                "set a wider range"
+                f"the rotation between rests {k} and {k + 1} reads "
+                f"{reached.max():.6g} in row {a + int(reached.argmax())}, and the "
+                f"sensor's range ends at {most:g}: what was turned there is not known; "
+                "turn more slowly, or set a wider range"
             )
             raise SaturatedError(msg)
 

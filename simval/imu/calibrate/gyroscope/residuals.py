@@ -217,10 +217,10 @@ def _at_rests(
 ) -> Float[Array, "t r n 3"]:
     # slopes of the rows by what belongs to the rests before and after each rotation
     t, k, a, _ = start.shape
-    gap, L = np.arange(k), np.zeros((t, k * a + more, k + 1, 3))
+    i, L = np.arange(k), np.zeros((t, k * a + more, k + 1, 3))
     each = np.zeros((t, k, a, k + 1, 3))
-    each[:, gap, :, gap] = np.moveaxis(start, 1, 0)
-    each[:, gap, :, gap + 1] = np.moveaxis(end, 1, 0)
+    each[:, i, :, i] = np.moveaxis(start, 1, 0)
+    each[:, i, :, i + 1] = np.moveaxis(end, 1, 0)
     L[:, : k * a] = each.reshape(t, k * a, k + 1, 3)
     return L
 

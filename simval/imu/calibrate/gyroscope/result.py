@@ -37,16 +37,17 @@ class GyroscopeFit(Estimate):
     chi2_per_dof : Array
         Weighted sum of squares by degree of freedom, (...).
     condition : Array
-        Condition of the moves, eq. (N7) of `simval.turns`, (...).
+        Condition of the rotations, eq. (N7) of `simval.turns`, (...).
     gap_angles : Array
-        Between gravity as turned and as read at the end of each gap, rad, (..., k).
+        Between gravity as rotated and as read at the end of each rotation, rad,
+        (..., k).
     step : Array
         What a further step would be, over its standard deviation, (...).
     noise : NoiseFactors
         By how much the noise of each sensor was taken to exceed what was stated, with
         which covariance and chi-square are; empty for a batch and a fit of one sensor.
     drift : Drift or None
-        Whether its moves follow their time; None where `noise` is empty.
+        Whether its residuals follow the time; None where `noise` is empty.
     """
 
     advice: ClassVar[str] = (

@@ -23,7 +23,8 @@ cube, and each of the best is solved twice, first with both sensors held near a 
 poses see least. The best answer counts; where another one explains the
 poses as well, to within `APART` of chi-square, none does.
 
-**The usual recipe, for comparison: an ellipsoid for each sensor, then a turn.**
+**The two-step calibration, for comparison: an ellipsoid of each sensor, then a
+rotation.**
 
 An unweighted ellipsoid for each sensor, :math:`M_m = R\,S` with S symmetric, and the
 rotation R and the sine s of the dip with the least
@@ -337,7 +338,7 @@ def _upright(theta: Array, mirrored: Array) -> Float[Array, "t 22"]:
 def ellipsoid_then_rotation(
     accelerometer: Any, magnetometer: Any
 ) -> Float[Array, "... 13"]:
-    """Matrix, hard iron and dip of the usual recipe, field strength 1.
+    """Matrix, hard iron and dip of the two-step calibration, field strength 1.
 
     Parameters
     ----------
@@ -371,7 +372,7 @@ def ellipsoid_then_rotation(
     body, iron = shape(za), shape(zm)
     if not (np.all(body.quadric) and np.all(iron.quadric)):
         msg = (
-            "the readings of a sensor fix no ellipsoid; the recipe needs one for each, "
+            "the readings of a sensor fix no ellipsoid; two steps need one for each, "
             "so turn the sensors to all sides"
         )
         raise GeometryError(msg)
