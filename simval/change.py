@@ -124,7 +124,7 @@ Words = Shaped[NDArray[np.str_], " n"]
 
 @np.errstate(all="ignore")  # what is no number has changed
 def on_same_noise(old: Values, new: Values, bound: Values) -> Words:
-    """Whether values moved: ``same``, ``close`` within rounding, or ``changed``."""
+    """Answer for each value: ``same``, ``close`` within rounding, or ``changed``."""
     step = np.abs(new - old)
     close = np.isfinite(step) & (step <= bound)
     return np.select([new == old, close], ["same", "close"], "changed")
@@ -134,7 +134,7 @@ def on_same_noise(old: Values, new: Values, bound: Values) -> Words:
 def on_other_noise(
     distance: Values, error: Values, margin: Values, quantile: float
 ) -> Words:
-    """Eq. (B1), or the reverse, or neither."""
+    """``equivalent`` by eq. (B1), ``changed`` by the reverse, or ``unresolved``."""
     near = distance + TOST_QUANTILE * error <= margin
     far = ~(distance - quantile * error <= margin)
     return np.select([near, far], ["equivalent", "changed"], "unresolved")
@@ -154,7 +154,7 @@ def rounding_bound(value: Values, error: Values, remainder: Values) -> Values:
 
 
 def is_near(old: float, new: float, relative: float, least: float = 0.0) -> bool:
-    """Whether a number is the old one up to rounding; NaN is not."""
+    """True if a number is the old one up to rounding; NaN is not."""
     return abs(new - old) <= max(least, relative * abs(old))
 
 

@@ -1,4 +1,4 @@
-r"""Is a filter what it says? Its errors over many trials, beside what it states.
+r"""Consistency of a filter: its errors over many trials against its covariance.
 
 The attitude error is the rotation vector e of :math:`\hat q = q * \delta q`, body side,
 from the truth to the estimate; in the world it is a turn about the vertical, the
@@ -107,7 +107,7 @@ def settled_at(
 
 
 def diverged(angle: Float[Array, "n k"], since: int = 0) -> Float[Array, " n"]:
-    """Whether a trial ends beyond `LOST`, or strays that far after row `since`."""
+    """1 for a trial that ends beyond `LOST`, or is that far off after row `since`."""
     return np.any(angle[:, since:] > LOST, axis=1).astype(float)
 
 
@@ -129,7 +129,7 @@ def instant_scores(squares: Float[Array, "n k"], dimension: int) -> Float[Array,
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """What the normalised squares of some trials say of a filter."""
+    """Judgement of a filter by the normalised squares of some trials."""
 
     answer: Consistency
     instants: float  # greatest score of an instant, sign kept

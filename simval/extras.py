@@ -1,4 +1,4 @@
-"""What to say when the packages of an extra are not installed.
+"""Messages for optional packages that are not installed.
 
 simval is on no package index: whoever took its name there would be the one whose code
 is installed by it. What an extra asks for is on an index, and is installed by itself,

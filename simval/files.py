@@ -36,7 +36,7 @@ _KINDS: Final = (  # what a path may be, and what to do about it
 
 
 class UnreadableError(OSError):
-    """What is no regular file, or is larger than any file of its kind."""
+    """A path that is no regular file, or larger than any file of its kind."""
 
     def __str__(self) -> str:
         return str(self.strerror)
@@ -72,7 +72,7 @@ def read_text(path: str | PathLike[str], most: int, encoding: str = "utf-8") -> 
     OSError
         As `read_bytes`.
     UnicodeDecodeError
-        If it is no text.
+        If the file is not text.
     """
     text = read_bytes(path, most).decode(encoding)
     return text.replace("\r\n", "\n").replace("\r", "\n")
@@ -103,7 +103,7 @@ def parsed_json(text: str, pairs: Callable[[list[tuple[str, Any]]], Any] = dict)
     Raises
     ------
     ValueError
-        If it is none, or nested beyond all use.
+        If the text is not valid, or nested too deeply.
     """
     try:
         return json.loads(text, object_pairs_hook=pairs)
@@ -117,7 +117,7 @@ def parsed_toml(text: str) -> dict[str, Any]:
     Raises
     ------
     ValueError
-        If it is none, or nested beyond all use.
+        If the text is not valid, or nested too deeply.
     """
     try:
         return tomllib.loads(text)

@@ -1,4 +1,4 @@
-"""What a fit and a run show in a notebook: a table, and a figure when one is asked for.
+"""Fits and runs in a notebook: a table, and a figure when one is asked for.
 
 Only `simval.report` draws, and it stands above what it draws. So the class says that it
 can be shown, and the drawing is found by its name when it is used, as a face finds its

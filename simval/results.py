@@ -82,7 +82,7 @@ class Row:
 
     @property
     def key(self) -> tuple[Statistic, str]:
-        """What identifies the row within its cell."""
+        """Key of the row within its cell."""
         return self.statistic, self.predictor
 
 
@@ -184,7 +184,7 @@ def _rows(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What one cell of a study leaves behind."""
+    """Results of one cell of a study."""
 
     rows: tuple[Row, ...]
     # file name to array (stored as npz) or bytes (stored as they are), for the report;

@@ -391,7 +391,7 @@ class Statistic:
         return replace(self, controlled=True)
 
 
-# predictors: the theory that a value is set beside
+# predictors: the theory that a value is compared with
 EXACT = "exact"
 ORDER_2 = "order 2"
 ORDER_4_SOURCE = "order 4, source"

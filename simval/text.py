@@ -94,7 +94,7 @@ def printable(text: str) -> str:
 
 
 def words_of(error: BaseException) -> str:
-    """What an error says, even one that cannot say it."""
+    """Message of an error, even of one whose `__str__` fails."""
     try:
         return str(error)
     except Exception:  # whatever a user's `__str__` may raise

@@ -70,7 +70,7 @@ def turn_rows(
     *,
     bias: bool = False,
 ) -> Float[Array, "... 3 p"]:
-    """What a turn shows of D row by row, and of b T: u x theta, of rank two."""
+    """Rows that a turn adds for D and b T: u x theta, of rank two."""
     S = cross_matrix(normalize(start)) @ turn_sensitivity(axis, angle)
     a = normalize(axis)
     by_matrix = S[..., :, :, None] * a[..., None, None, :]

@@ -28,7 +28,7 @@ DEGREE_OF_QUATERNION = Unit("°", 2.0 * DEGREE.factor)
 to the order of the angle's square over 48."""
 
 SI = {"rad": MILLIRADIAN, "1": COUNT, "m/s^2": Unit("m/s²", 1.0)}
-"""How a person reads a unit of the rows."""
+"""Units of the rows as a person reads them."""
 
 OF_A_CALIBRATION = {
     "T": MILLIRADIAN,

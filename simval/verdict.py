@@ -84,7 +84,7 @@ does not pass (measured: `make power` with `--rates`, docs/gate.md)."""
 
 SAMPLES_PER_FREEDOM = 10.0
 """Samples for each degree of freedom of F in eq. (V1). The standard deviation of a
-Gaussian error is the most skewed of the usual rows: beside its own standard error its
+Gaussian error is the most skewed of the usual rows: over its own standard error its
 exact two-sided tail at the normal's 1e-5 is 2.4e-5 with 1024 samples, and Student's t
 with 102 degrees of freedom has 2.5e-5 there."""
 
@@ -118,7 +118,7 @@ def freedom(n: ArrayLike) -> Float[Array, " rows"]:
 
 
 MAX_REMAINDER = 0.5
-"""Greatest remainder beside the predicted value or one sample's own spread, whichever
+"""Greatest remainder over the predicted value or one sample's own spread, whichever
 is greater: a prediction that may be off by more predicts nothing."""
 
 PRACTICAL = 0.25
@@ -215,7 +215,7 @@ class _Columns:
 
     @property
     def sampled(self) -> Mask:
-        """Whether chance has a part in it."""
+        """True where chance has a part in it."""
         return np.isin(self.check, list(WEIGHTS))
 
     @property

@@ -128,8 +128,8 @@ def show_algorithms(found: AlgorithmComparison) -> None:
         f"{word} in {len(found.of(word))}" for word in ("better", "worse", "same")
     )
     lines = [
-        f"{first} beside {second}: {counts} of {len(found.merits)}; false-alarm rate "
-        f"{found.alpha:g} for all together"
+        f"{first} compared with {second}: {counts} of {len(found.merits)}; "
+        f"false-alarm rate {found.alpha:g} for all together"
     ]
     apart = [m for m in found.merits if m.standing != "same"]
     for merit in sorted(apart, key=lambda m: -m.weight)[:MERITS]:
@@ -188,7 +188,7 @@ def _same_lines(found: AlgorithmComparison) -> Iterator[str]:
 def _times_of(
     found: AlgorithmComparison, calls: Mapping[str, Mapping[str, float]]
 ) -> float | None:
-    """How many times as long a call takes, the median over the cells of both."""
+    """Ratio of the times of a call, the median over the cells of both."""
     pairs = {merit.cells for merit in found.merits}
     ratios = sorted(
         calls[a]["ratio"] / calls[b]["ratio"]

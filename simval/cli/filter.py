@@ -107,9 +107,9 @@ def command(
     Its columns and its clock are read as by `simval calibrate`.
 
     With --truth, errors are measured against recorded attitudes; their clock and axes
-    are found from the log and stated with error bars, and their world is beside what
-    the log shows of it. Without --truth, the command can only show what a filter says
-    about itself.
+    are found from the log and stated with error bars, and their world is compared
+    with the one that the log shows. Without --truth, the command can only show what a
+    filter says about itself.
 
     Exit code 0 measured, 2 unreadable input, 3 refused, 4 a filter crashed.
     """

@@ -154,7 +154,7 @@ def _beside_baseline(run: Run, baseline: Path, alpha: float) -> GateResult:
     result = judge_run(run, None, alpha)
     # a run that disagrees with theory never becomes the baseline by itself
     if result.exit_code:
-        words = f"there is no baseline {baseline}, and a run that fails is not made one"
+        words = f"there is no baseline {baseline}; a run that fails does not become one"
     else:
         write_baseline(baseline, run, "first baseline")
         words = (

@@ -236,7 +236,7 @@ def unit_words(sensor: str) -> str:
 
 
 def stated(name: str) -> bool:
-    """Whether an option of the running command was given, even as its default."""
+    """True if an option of the running command was given, even as its default."""
     source = click.get_current_context().get_parameter_source(name)
     return source not in (None, ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP)
 

@@ -1,4 +1,4 @@
-"""What a command writes: never over what it reads, and never over a file of a run.
+"""Outputs of commands: never over what is read, never over a file of a run.
 
 Each option that names a file or a folder to write has the type `Output`; the command
 looks at all of them before it does anything.
@@ -20,7 +20,7 @@ OWN = (
     *(STORE, "results.csv", "manifest.json", "timing.json", "artifacts", "results"),
     *(f"{STORE}{suffix}" for suffix in ("-wal", "-shm", "-journal", ".part")),
 )
-"""What a run folder has of its own; a page or a table may be written beside it."""
+"""Files that a run folder consists of; a page or a table may be written beside them."""
 
 
 class Input(click.Path):
@@ -129,7 +129,7 @@ def _is_there(path: Path) -> bool:
 
 
 def _same(one: Path, other: Path) -> bool:
-    """Whether two paths are of one file, through links and in any spelling."""
+    """True if two paths are one file, through links and in any spelling."""
     try:
         return os.path.samefile(one, other)
     except OSError:  # one of them is not there
@@ -138,7 +138,7 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _is_special(path: Path) -> bool:
-    """Whether it is a terminal, a pipe or the like, which nothing is lost of."""
+    """True for terminals and pipes, where writing overwrites nothing."""
     try:
         return not stat.S_ISREG(path.stat().st_mode)
     except OSError:

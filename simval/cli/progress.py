@@ -112,7 +112,7 @@ class CellBar(runner.Progress):
         self._line.tell(words)
 
     def _words(self) -> str:
-        """What stands behind the count of cells."""
+        """Text behind the count of cells."""
         with self._lock:
             words = [f"worst: {self._worst}"]
             if self._left is not None and self._done < self._total:
@@ -156,7 +156,7 @@ class Line:
 
 
 class _Words(ProgressColumn):
-    """What stands behind the bar, as of now."""
+    """Text behind the bar, asked for when it is drawn."""
 
     def __init__(self, words: Callable[[], str]) -> None:
         super().__init__(Column(ratio=1, no_wrap=True, overflow="ellipsis"))
@@ -199,7 +199,7 @@ class Log:
 
 
 def labelling(cells: Sequence[Cell]) -> Callable[[Cell], str]:
-    """What makes the short name of a cell: the study, and what varies in it."""
+    """Function that gives a cell its short name: the study, and what varies in it."""
     values: dict[str, dict[str, set[str]]] = {}
     seeds = set()
     for cell in cells:

@@ -53,7 +53,7 @@ def command(
 ) -> int:
     """Compute one CELL again, by its name in a table or a report.
 
-    Prints what the cell measures beside what theory predicts, and compares it with the
+    Prints what the cell measures and what theory predicts, and compares it with the
     run. Exit code 0 if the numbers are equal to the bit, 1 if not, 3 if the run does
     not have the cell or its plug-in is refused, 4 if it crashes.
     """
@@ -127,7 +127,7 @@ def rounded(value: float, error: float) -> str:
 
 
 def apart(row: Row) -> str:
-    """How far a row is from its prediction: in standard errors, where it has one."""
+    """Distance of a row from its prediction, in standard errors where it has one."""
     if row.prediction is None or row.check == "limit":
         return ""
     difference = row.value - row.prediction

@@ -62,7 +62,7 @@ def command(
     wait: Annotated[
         float,
         click.FloatRange(min=0.0),
-        "Wait so long for a worker of the scheduler while there is none.",
+        "Time to wait for a worker while the scheduler has none.",
         dict(metavar="SECONDS"),
     ] = 60.0,
     mixed_kernels: Annotated[

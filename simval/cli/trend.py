@@ -71,7 +71,7 @@ def show(trend: Trend, *, every: bool = False) -> None:
 
 
 def headline(trend: Trend) -> str:
-    """How many values have a step, and of how many runs."""
+    """Number of values that have a step, and of runs."""
     from simval.judge.trend import ordered_by
 
     runs = f"{len(trend.origins)} runs of suite {trend.origins[-1].suite}"

@@ -79,7 +79,7 @@ SIZES = tuple(FAMILIES[name] for name in ("rms", "left") if name in FAMILIES)
 force, where the study measures it."""
 
 BOUNDS = (CRAMER_RAO, f"{CRAMER_RAO}, nine parameters")
-"""Bounds that a size is set beside; the second is of a calibrator that is less."""
+"""Bounds of a size; the second is that of a calibrator with fewer parameters."""
 
 STUDIES = ("estimator", "calibrator", "filter")
 """Studies that measure one algorithm in each cell."""
@@ -112,7 +112,7 @@ def over_bound(cell: CellResult) -> Measured | None:
 
 
 def unresolved(cell: CellResult) -> float:
-    """What an accuracy without chance may be off by, relative to it."""
+    """Relative error that an accuracy without chance may have."""
     row = cell.row(EFFICIENCY())
     exact = row is not None and row.standard_error == 0.0 and row.value > 0.0
     return 0.5 * row.remainder / row.value if row is not None and exact else 0.0
@@ -296,7 +296,7 @@ def compare_algorithms(
     Returns
     -------
     AlgorithmComparison
-        How the first stands beside the second.
+        How the first compares with the second.
 
     Raises
     ------
@@ -325,14 +325,14 @@ def compare_algorithms(
 def merits_of(
     ours: Sequence[CellResult], theirs: Sequence[CellResult], alpha: float = ALPHA
 ) -> tuple[tuple[Merit, ...], tuple[str, ...]]:
-    """How the cells of one algorithm stand beside those of another, and which alone."""
+    """Merits of the cells that both have, and names of those that one has alone."""
     pairs, *rest = matched(ours, theirs, _asked, lambda cell: cell.seed)
     alone = tuple(cell.name for cells in rest for cell in cells)
     return tuple(_judged(list(_merits(pairs)), alpha)), alone
 
 
 def apart(ours: Sequence[CellResult], theirs: Sequence[CellResult]) -> bool:
-    """Whether the accuracies of two algorithms differ beyond their uncertainty."""
+    """True if the accuracies of two algorithms differ beyond their uncertainty."""
     merits, _ = merits_of(ours, theirs)
     return any(m.what == ACCURACY and m.standing != "same" for m in merits)
 
@@ -405,7 +405,7 @@ def _together(a: float, b: float, shared: bool) -> float:
 
 
 def same_noise(a: CellResult, b: CellResult) -> bool:
-    """Whether two cells draw from the same streams."""
+    """True if two cells draw from the same streams."""
     model = find_study(a.study).parameters
     streams = [
         Cell(c.study, model.model_construct(**c.parameters), c.seed).streams
@@ -428,7 +428,7 @@ def _judged(merits: Sequence[Merit], alpha: float) -> Iterator[Merit]:
 
 
 def _settings(cells: list[CellResult]) -> list[str]:
-    """What differs between the cells, in words; their noise where nothing does."""
+    """Parameters that differ between the cells, in words; their noise if none does."""
     asked = [{**question(cell.parameters), "seed": cell.seed} for cell in cells]
     keys = [
         key

@@ -35,7 +35,7 @@ UNREADABLE = (
 
 
 class Judged(NamedTuple):
-    """What a value is judged by."""
+    """A prediction that a value is judged by, and its remainder."""
 
     prediction: float
     remainder: float
@@ -57,7 +57,7 @@ class Entry(NamedTuple):
 
     @property
     def kept(self) -> tuple[Any, ...]:
-        """What a baseline keeps of it."""
+        """Its entry in the file of a baseline."""
         claims = {name: [j.prediction, j.remainder] for name, j in self.judged.items()}
         return self.value, self.error, self.n, claims
 
@@ -229,7 +229,7 @@ def environment_changes(
 
 
 def entries(rows: Sequence[Row]) -> dict[str, Entry]:
-    """What a baseline keeps of the rows of a cell, by statistic."""
+    """Entries of a baseline for the rows of a cell, by statistic."""
     groups: dict[Statistic, list[Row]] = {}
     for row in rows:
         groups.setdefault(row.statistic, []).append(row)

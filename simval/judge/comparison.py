@@ -192,11 +192,11 @@ class _Pair(NamedTuple):
     known: Change | None = None  # the change that shows without comparing the numbers
     same_noise: bool = False
     copied: bool = False
-    others: Mapping[str, Entry] = MappingProxyType({})  # what the baseline has beside
+    others: Mapping[str, Entry] = MappingProxyType({})  # all the baseline has
 
 
 def has_partners(run: Run, stored: Stored) -> bool:
-    """Whether a cell of the run has other noise than its partner in the baseline."""
+    """True if a cell of the run has other noise than its partner in the baseline."""
     return any(old != new for (old, _), (new, _) in _matched(run, stored)[0])
 
 
@@ -380,7 +380,7 @@ def _margin(pair: _Pair) -> float:
 
 
 def _predictions(pair: _Pair) -> tuple[float | None, float | None]:
-    """What the first theory that judges both predicts of them."""
+    """Predictions of the first theory that judges both."""
     if pair.old is None or pair.new is None:
         return None, None
     old, new = pair.old.judged, pair.new.judged

@@ -36,12 +36,12 @@ WORDS = {
     "copied": "equal to the baseline to the bit though the noise should differ",
     "precision": "other standard errors or samples than the baseline",
     "theory": "another prediction or remainder than the baseline",
-    "unresolved": "not resolved beside the baseline",
+    "unresolved": "neither equal to the baseline nor shown to differ",
 }
-"""What the findings of a kind have in common, by their check."""
+"""Description of a kind of findings, by their check."""
 
 OFF = ("too large", "too small", "times what is predicted")
-"""How a value is off from theory."""
+"""Directions in which a value can be off from theory."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -193,7 +193,7 @@ def _number(value: float | None) -> float | None:
 
 
 def details(finding: Finding) -> list[str]:
-    """What a person needs to know about a finding, a line each."""
+    """A finding in full: numbers, and the command that reproduces it, a line each."""
     lines = [finding.line]
     if finding.expected is not None and finding.seen is not None:
         words = f"expected {finding.expected:.9g}, seen {finding.seen:.9g}"
@@ -222,12 +222,12 @@ class Group:
 
     @property
     def weight(self) -> float:
-        """How far off that is, for sorting."""
+        """Its distance, for sorting."""
         return weight_of(self.worst)
 
     @property
     def line(self) -> str:
-        """All of it in one line."""
+        """One-line summary of the group."""
         first = self.worst
         if first.step is not None and first.check == "changed":
             return f"{first.answer}: {self._moved()}"
@@ -256,7 +256,7 @@ class Group:
         return f"{checks}{self._off() if bad else ''} {self._where}{self._sigmas}"
 
     def _off(self) -> str:
-        """How far values are from what was expected."""
+        """Distances of the values from what was expected, in words."""
         shares = [
             (each.seen - each.expected) / abs(each.expected)
             for each in self.findings
@@ -315,7 +315,7 @@ def _kind(finding: Finding) -> tuple[str, ...]:
 
 
 def _way(finding: Finding) -> tuple[str, ...]:
-    """What sets findings of one kind apart."""
+    """Key that separates findings of one kind."""
     check = "" if finding.tier == "theory" else finding.check
     way = "" if finding.step is None else finding.step.standing
     # a single thing about the run as a whole is never put together with another
@@ -329,7 +329,7 @@ def _rank(group: Group) -> tuple[int, int, float]:
 
 
 def weight_of(finding: Finding) -> float:
-    """How far off a finding is: standard errors, or times what is allowed."""
+    """Distance of a finding: in standard errors, or times what is allowed."""
     if finding.step is not None:
         return finding.step.weight
     if finding.sigmas is not None:
@@ -341,7 +341,7 @@ def weight_of(finding: Finding) -> float:
 
 
 def moved_kinds(result: GateResult) -> dict[str, list[Group]]:
-    """What failed beside the old baseline, by study and kind of statistic."""
+    """Failed comparisons with the old baseline, by study and kind of statistic."""
     kinds: dict[str, list[Group]] = {}
     for group in groups(result):
         if group.worst.tier == "baseline" and group.worst.answer == "fail":

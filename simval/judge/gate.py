@@ -47,7 +47,7 @@ class Gap:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GateResult:
-    """What the gate says of a run."""
+    """Result of the gate for a run."""
 
     verdicts: tuple[Verdict, ...]  # against theory
     comparisons: tuple[Comparison, ...]  # with the baseline
@@ -73,12 +73,12 @@ class GateResult:
 
     @property
     def endings(self) -> Counter[str]:
-        """How the unfinished cells ended."""
+        """Unfinished cells by their ending."""
         return Counter(cell.ending for cell in self.unfinished)
 
     @property
     def changes(self) -> Counter[Change]:
-        """How the comparisons ended."""
+        """Comparisons by the change found."""
         return Counter(c.change for c in self.comparisons)
 
     @property
@@ -92,7 +92,7 @@ class GateResult:
 
     @property
     def never_run(self) -> str:
-        """How many cells were never run, and what to do; empty if all were."""
+        """Number of cells that were never run, and what to do; empty if all were."""
         pending = [cell.name for cell in self.unfinished if cell.status == "pending"]
         count = self.endings["pending"]
         if not pending:
@@ -226,7 +226,7 @@ def headline(result: GateResult) -> str:
 
 
 def _judged(answers: Counter[Answer], what: str, beside: str) -> str:
-    """How many of a kind were judged, and how they ended."""
+    """Number of a kind that were judged, and how they ended."""
     total = answers.total()
     if not total:
         return ""

@@ -73,7 +73,7 @@ class Origin:
 
     @property
     def words(self) -> str:
-        """All of it in one line; of a date the day."""
+        """One-line summary, dates as days."""
         when = self.committed or self.started
         of = " of " if self.committed else ", run on "
         commit = f"commit {self.commit}" if self.commit else "commit unknown"
@@ -123,13 +123,13 @@ class Difference(Step):
 
     @property
     def prediction_changed(self) -> bool:
-        """Whether the prediction itself changed."""
+        """True if the prediction itself changed."""
         return prediction_changed(self.a, self.b)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunComparison:
-    """What two runs have in common and where they differ."""
+    """The statistics that two runs share, and where the runs differ."""
 
     differences: tuple[Difference, ...]  # changed ones first, each by how far it moved
     # names of finished cells, or cell and statistic, that only one run has
@@ -140,17 +140,17 @@ class RunComparison:
 
     @property
     def total(self) -> int:
-        """How many statistics both have."""
+        """Number of statistics that both have."""
         return len(self.differences)
 
     @property
     def predictions_changed(self) -> int:
-        """How many predictions changed."""
+        """Number of predictions that changed."""
         return sum(d.prediction_changed for d in self.differences)
 
     @property
     def moves(self) -> tuple[Move, ...]:
-        """What changed, by study, kind of statistic and direction, largest first."""
+        """Changes by study, kind of statistic and direction, largest first."""
         return moved(self.differences)
 
     def of(self, kind: Kind) -> tuple[Difference, ...]:
@@ -169,7 +169,7 @@ class RunComparison:
         return tuple(d for d in self.differences if d.kind == kind)
 
     def count(self, standing: Standing) -> int:
-        """How many changed this way.
+        """Number that changed this way.
 
         Parameters
         ----------
@@ -289,7 +289,7 @@ def _pairs_of(
 
 
 def prediction_changed(a: Row, b: Row) -> bool:
-    """Whether the prediction of a statistic changed."""
+    """True if the prediction of a statistic changed."""
     if a.prediction is None or b.prediction is None:
         return a.prediction is not b.prediction
     if a.prediction == b.prediction:
@@ -363,7 +363,7 @@ def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
 
 
 def _limits(a: Row, b: Row) -> tuple[bool, bool]:
-    """Whether a limit judges both, and whether one alone is below it."""
+    """True where a limit judges both; True where one alone is below it."""
     if not a.check == b.check == "limit" or a.prediction is None:
         return False, False
     return True, (a.value <= a.prediction) != (b.value <= (b.prediction or 0.0))

@@ -65,11 +65,11 @@ class Step:
 
     @property
     def weight(self) -> float:
-        """How far it moved, for sorting."""
+        """Size of the change, for sorting."""
         size = self.sigmas
         if self.after == self.before:
             return 0.0
-        # rounding is small beside the limit or the remainder that it is judged by
+        # rounding is small compared with the limit or remainder that judges it
         judged = [p for p in self.predictions if p is not None and isfinite(p)]
         room = max(
             self.statistic.family.margin * abs(self.before),
@@ -129,7 +129,7 @@ class Move:
 
     @property
     def sentence(self) -> str:
-        """What moved, by how much and where: all but the direction's word."""
+        """The change in words but for its direction: what, by how much and where."""
         sigmas = self.sigmas
         size = (
             "no chance involved"
@@ -203,7 +203,7 @@ def loss_change(
 
 
 def standing(change: float, least: float) -> Standing:
-    """Which way a loss moved, beyond what is none."""
+    """Direction in which a loss changed; neither if by no more than `least`."""
     if not abs(change) > least:  # nor of NaN
         return "neither"
     return "better" if change < 0.0 else "worse"

@@ -118,7 +118,7 @@ def read_runs(folder: str | Path) -> tuple[Run, ...]:
 
 
 def ordered_by(origins: Sequence[Origin]) -> str:
-    """What the order of the runs is by, in words."""
+    """Criterion by which the runs are ordered, in words."""
     known = all(origin.committed for origin in origins)
     return "the date of their commits" if known else "the date of their runs"
 
@@ -178,7 +178,7 @@ def lines_of(runs: Sequence[Run]) -> tuple[Line, ...]:
 
 
 def _rows(cell: CellResult) -> Iterator[tuple[str, Row]]:
-    """Each value once, whatever theories it is beside."""
+    """Each value once, however many theories judge it."""
     groups: dict[Statistic, list[Row]] = {}
     for row in cell.rows:
         groups.setdefault(row.statistic, []).append(row)
@@ -215,11 +215,11 @@ class Trend:
 
     @property
     def changed(self) -> int:
-        """How many lines have a step."""
+        """Number of lines that have a step."""
         return len({each.line for each in self.breaks})
 
     def count(self, run: int, way: Standing) -> int:
-        """How many lines have a step at a run, this way.
+        """Number of lines that have a step at a run, this way.
 
         Parameters
         ----------
@@ -237,7 +237,7 @@ class Trend:
 
     @property
     def moves(self) -> tuple[tuple[int, Move], ...]:
-        """What moved at which run, the largest first."""
+        """Moves with the place of their run, the largest first."""
         found = [
             (run, move)
             for run in sorted({each.run for each in self.breaks})

@@ -1,4 +1,4 @@
-"""What did not pass, and what changed between runs, in lines for people."""
+"""Failures of a gate and changes between runs, in lines for people."""
 
 from collections.abc import Iterator, Sequence
 
@@ -21,7 +21,7 @@ def every_line(result: GateResult) -> Iterator[str]:
 
 
 def short_lines(result: GateResult) -> Iterator[str]:
-    """What did not pass: one by one if that is short, else by study and kind."""
+    """Findings that did not pass: one by one if few, else by study and kind."""
     lines = list(every_line(result))
     found = groups(result)
     if len(lines) <= LINES:
@@ -36,7 +36,7 @@ def short_lines(result: GateResult) -> Iterator[str]:
 
 
 def _rest(hidden: Sequence[Group]) -> str:
-    """What is not shown, and how to see it."""
+    """Findings that are not shown, and how to see them."""
     if not hidden:
         return "--all prints every one"
     count = sum(len(group.findings) for group in hidden)
@@ -49,7 +49,7 @@ def _rest(hidden: Sequence[Group]) -> str:
 
 
 def _advice(found: Sequence[Group]) -> str:
-    """What to do where the only failures are changes from the baseline."""
+    """Advice where the only failures are changes from the baseline."""
     failed = [group.worst for group in found if group.worst.answer == "fail"]
     changed = failed and all(f.tier == "baseline" and f.step for f in failed)
     return "; if the change is intended, --update-baseline 'why'" if changed else ""
@@ -66,7 +66,7 @@ SHOWN = 12
 
 
 def changes_headline(found: RunComparison) -> str:
-    """How many values changed, and which way."""
+    """Number of values that changed, by direction."""
     changed, within = len(found.of("changed")), len(found.of("moved"))
     ways = [f"{found.count(way):,} {way}" for way in WAYS if found.count(way)]
     return (
@@ -78,7 +78,7 @@ def changes_headline(found: RunComparison) -> str:
 
 
 def move_lines(moves: Sequence[tuple[str, Move]], every: bool = False) -> Iterator[str]:
-    """What moved under its head, with the value that moved most, or with all."""
+    """Moves after their heads, each with the value that moved most, or with all."""
     for head, move in moves if every else moves[:SHOWN]:
         yield f"{head}: {move.sentence}"
         for step in move.steps if every else move.steps[:1]:
@@ -90,7 +90,7 @@ def move_lines(moves: Sequence[tuple[str, Move]], every: bool = False) -> Iterat
 
 
 def other_lines(found: RunComparison) -> Iterator[str]:
-    """What the runs depend on, what only one has, and changed predictions."""
+    """Differences of environment, cells that only one run has, changed predictions."""
     for line in found.environment:
         yield f"environment: {line}"
     for name, missing in (("A", found.only_a), ("B", found.only_b)):

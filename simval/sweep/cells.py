@@ -19,8 +19,8 @@ from simval.studies.study import Cell
 from simval.verdict import Answer
 
 REFUSED = "refused: "
-"""What the error of a cell begins with whose plug-in was refused; of one that crashed
-it begins with a traceback."""
+"""Beginning of a cell's error if its plug-in was refused; that of a crash begins with a
+traceback."""
 
 MAX_SAMPLES = 2**53
 """From here on a number of samples is not exact as a float."""
@@ -71,7 +71,7 @@ class CellResult:
 
     @property
     def refused(self) -> bool:
-        """Whether it has no result because its plug-in was refused, not by a crash."""
+        """True if its plug-in was refused, so that it has no result."""
         return self.status == "failed" and self.error.startswith(REFUSED)
 
     @property
@@ -116,7 +116,7 @@ def cell_entry(
     seconds: float = 0.0,
     times: Mapping[str, float] | None = None,
 ) -> Stored:
-    """What is stored of a cell, in the order of `CELL_FIELDS`."""
+    """Stored entry of a cell, in the order of `CELL_FIELDS`."""
     parameters = json.dumps(cell.parameters.named())
     head = (position, cell.name, cell.study, cell.seed, parameters)
     timed = json.dumps(dict(times)) if times else ""
@@ -124,7 +124,7 @@ def cell_entry(
 
 
 def row_entries(position: int, rows: Iterable[Row]) -> list[Stored]:
-    """What is stored of the rows of a cell: its place, the row's, then `ROW_FIELDS`.
+    """Stored entries of the rows of a cell: its place, the row's, then `ROW_FIELDS`.
 
     Raises
     ------

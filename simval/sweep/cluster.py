@@ -23,17 +23,17 @@ from simval.sweep.identity import Stated, StrangerError, refusal
 CONNECT_TIMEOUT = 10.0  # s
 
 WAIT = 60.0
-"""How long a sweep waits for a worker while there is none, s."""
+"""Time that a sweep waits for a worker while there is none, s."""
 
 ANSWER = 60.0
-"""How long a worker that is there may take to say what it is, s: it imports simval
-first, from a file system that may be slow."""
+"""Time that a worker may take to identify itself, s: it imports simval first,
+from a file system that may be slow."""
 
 PAUSE = 0.1
 """Between two looks for a worker while there is none, s."""
 
 AGE = 1.0
-"""How old the list of workers may be, s."""
+"""Greatest age of the list of workers, s."""
 
 AHEAD = 2
 """Batches in flight for each thread: one at work, one that waits for it."""
@@ -78,7 +78,7 @@ def clustered(
 
 
 def answering() -> Callable[[bytes, bytes], Any]:
-    """What a worker does with a batch, as code: without one it says whether it may.
+    """Function that a worker runs on a batch; an empty one asks whether it may compute.
 
     A worker that differs answers with its address and why: lines, or the words of an
     error.
@@ -140,7 +140,7 @@ class Cluster:
         return self._executor.submit(*errand, **fit)
 
     def window(self) -> int:
-        """How many batches to keep in flight: it follows workers that join and leave.
+        """Number of batches to keep in flight: it follows workers that join and leave.
 
         Raises
         ------

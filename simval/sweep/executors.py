@@ -6,8 +6,8 @@ gives its traceback as its result; what is handled here is a worker that dies.
 Cells travel in batches, as many as their stated costs fill. A task has a price of its
 own (a message there, one back, a transaction), some milliseconds on a cluster. Cells
 that cost seconds travel alone; of those that cost milliseconds a batch has so many that
-the price is small beside their work. What is lost with a worker is at most a batch, and
-so is what a stopped driver computes again.
+the price is small compared with their work. At most a batch is lost with a worker, or
+computed again after a stop.
 """
 
 import os
@@ -75,7 +75,7 @@ RETURNS = 3
 are computed by themselves: as many losses as dask allows a task."""
 
 Work = Callable[[Cell], Outcome]
-"""What computes a cell."""
+"""Function that computes a cell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,7 +273,7 @@ Flying = dict[Future[list[Done]], Batch]
 
 @runtime_checkable
 class Submits(Protocol):
-    """What takes batches: a pool, or a cluster."""
+    """A pool or a cluster, which takes batches."""
 
     def submit(
         self, function: Callable[[Batch], list[Done]], batch: Batch, /
@@ -331,7 +331,7 @@ def _is_lost(
 
 
 def _landed(future: Future[list[Done]], batch: Batch, queue: Queue) -> Sequence[Done]:
-    """What a batch has left; where it could not travel, its cells travel alone."""
+    """Result of a batch; if it could not travel, its cells are sent one by one."""
     error = future.exception() or refusal(future.result())
     if error is None:
         return future.result()

@@ -1,4 +1,4 @@
-"""What computes a cell: source, versions, models, processor; and whether it may.
+"""Identity of a process that computes cells: source, versions, models, processor.
 
 The driver states what its own numbers depend on, and each batch of cells carries the
 statement. A process that differs refuses the batch in words: its rows would be those
@@ -24,7 +24,7 @@ SHOWN = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identity:
-    """What the numbers of a process depend on, beside the cell."""
+    """What the numbers of a process depend on, apart from the cell."""
 
     code: Mapping[str, str]  # SHA-256 of source and models, versions, by their names
     machine: Mapping[str, Any]
@@ -32,7 +32,7 @@ class Identity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stated:
-    """What the driver states: who computes its cells must be the same."""
+    """Identity of the driver, which whoever computes its cells must share."""
 
     driver: Identity
     mixed: bool = False  # other processor kernels may compute
@@ -72,7 +72,7 @@ class StrangerError(InputError):
 
 
 def refusal(answer: object) -> StrangerError | None:
-    """The refusal of a worker, which may not even have the words for one."""
+    """Refusal in the answer of a worker, as an error; None if it computed."""
     if not isinstance(answer, tuple):
         return None
     worker, why = answer
@@ -149,7 +149,7 @@ def environments(kept: str | None) -> list[dict[str, Any]]:
 
 
 def other_machines(manifest: Mapping[str, Any]) -> list[Any]:
-    """Machines that computed cells of a run beside the driver's, in a fixed order."""
+    """Machines that computed cells of a run, without the driver's, in a fixed order."""
     own = manifest.get("machine")
     found = [each["machine"] for each in manifest.get("environments", ())]
     return sorted((each for each in found if each != own), key=json.dumps)

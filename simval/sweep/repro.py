@@ -32,7 +32,7 @@ class Repetition:
 
     @property
     def equal(self) -> bool:
-        """Whether the rows are the stored ones, to the bit."""
+        """True if the rows are the stored ones, to the bit."""
         if self.stored is None or self.different:
             return False
         return len(self.stored.rows) == len(self.outcome.rows)

@@ -7,7 +7,7 @@ in flight, a power cut the last ones stored at most, and `--resume` computes the
 Damage is found by SQLite's own check of its pages and by digests (SHA-256), each
 written in the transaction of what it covers: one of each cell with its rows, one of the
 entries that say what the run is, and, once the run is complete, one of all cells and
-one of each file beside the store. What fails its digest is never passed on.
+one of each other file of the run. What fails its digest is never passed on.
 
 Numbers are stored as they are: a column without a type keeps every bit.
 """
@@ -274,7 +274,7 @@ class _Grid(BaseModel):
 
 
 class _Manifest(BaseModel):
-    """What every reader of a run may rely upon; there may be more."""
+    """Fields of a manifest that every reader may rely upon; there may be more."""
 
     model_config = ConfigDict(strict=True, extra="allow")
     suite: str

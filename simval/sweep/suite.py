@@ -282,7 +282,7 @@ def validated(where: str, model: type[Model], content: Mapping[str, Any]) -> Mod
 
 
 def _other_arm(error: Any) -> bool:
-    """Whether an error belongs to the wrong alternative of `value | list`."""
+    """True if an error belongs to the wrong alternative of `value | list`."""
     listed = any("list[" in str(part) for part in error["loc"])
     if error["type"] == "list_type":
         return listed

@@ -17,7 +17,7 @@ VARIABLES: Final = (
     "MKL_NUM_THREADS",
     "BLIS_NUM_THREADS",
 )
-"""What a library of linear algebra reads when it is loaded."""
+"""Variables that a library of linear algebra reads when it is loaded."""
 
 
 class OneThread:

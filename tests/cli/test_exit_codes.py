@@ -54,6 +54,7 @@ INPUTS = ("gone", "dir", "empty", "binary")
 
 TABLE = {
     "a suite": [f"sweep {name} --out out" for name in INPUTS],
+    "a number of workers": ["sweep good.toml --out out --workers 0"],
     "a plug-in of a suite": [f"sweep {name}.toml --out out" for name in SUITES],
     "no plug-in": [
         f"sweep good.toml --out out --plugin {shlex.quote(plugin)}"
@@ -144,17 +145,23 @@ def test_a_start_that_fails_leaves_no_folder(
     assert simval(*words, "--workers", 1)[0] == 0  # nothing is in the way
 
 
-def test_a_cell_that_crashes_again_is_exit_code_4(simval, tiny_run, monkeypatch):
+def test_a_cell_that_crashes_is_exit_code_4(
+    simval, tiny_suite, tiny_run, tmp_path, monkeypatch
+):
     def broken(cell):
         msg = "on purpose"
         raise RuntimeError(msg)
 
     monkeypatch.setattr(executors, "execute", broken)
     name = load_run(tiny_run).cells[0].name
-    code, _, err = simval("repro", "--run", tiny_run, name)
-    assert code == 4
-    assert "RuntimeError: on purpose" in err
-    assert f"the cell crashed: {name}" in err
+    for words, said in (
+        (("repro", "--run", tiny_run, name), f"the cell crashed: {name}"),
+        (("sweep", tiny_suite, "--out", tmp_path / "r", "--workers", 1), "4 of 4"),
+    ):
+        code, _, err = simval(*words)
+        assert code == 4
+        assert "RuntimeError: on purpose" in err
+        assert said in err
 
 
 def commands_of(run):

@@ -160,9 +160,10 @@ def test_a_log_has_a_line_now_and_then(monkeypatch, capsys):
 
 @pytest.mark.ci
 def test_a_short_sweep_in_a_log(simval, tiny_suite, tmp_path):
-    code, _, err = simval("sweep", tiny_suite, "--out", tmp_path / "r", "--workers", 1)
+    words = ("--out", tmp_path / "r", "--workers", 1)
+    code, out, err = simval("sweep", tiny_suite, *words)
     lines = err.splitlines()
-    assert code == 0
+    assert (code, out.splitlines()[-1]) == (0, str(tmp_path / "r"))
     assert re.match(r"0/4 cells, .* left, worst: stored, at work: \w+", lines[0])
     assert re.match(r"4/4 cells, worst: \w+$", lines[-1])
     assert len(lines) <= 4

@@ -8,13 +8,17 @@ import subprocess
 import sys
 
 import pytest
+import side_by_side
+from rows_by_name import cell, row
 from stores import edited, rewritten
 
 from simval.errors import InputError
 from simval.judge import findings, judge_run, read_baseline, write_baseline
 from simval.judge.baseline import StoredCell
+from simval.judge.gate import gaps_of
 from simval.results import CellName
 from simval.sweep import load_run
+from simval.sweep.run import Run
 
 
 @pytest.mark.ci
@@ -152,8 +156,8 @@ def test_what_is_done_to_a_run_is_seen(tiny_run, tmp_path, edit):
     assert bool(said) == (code != 0)
     assert re.search(words, "\n".join(each.line for each in said))
     # of a cell that crashed this is said, and nothing else
-    for cell in result.unfinished:
-        assert [f.check for f in said if f.cell.name == cell.name] in ([], ["failed"])
+    for left in result.unfinished:
+        assert [f.check for f in said if f.cell.name == left.name] in ([], ["failed"])
 
 
 def test_a_cell_that_vanished_is_a_gap(tiny_run):
@@ -322,3 +326,23 @@ def test_a_run_that_fails_never_becomes_the_first_baseline(
     )
     assert simval("gate", tiny_run)[0] == 1
     assert not (tmp_path / "reports").exists()
+
+
+@pytest.mark.parametrize("effort", ["samples", "trials"])
+@pytest.mark.parametrize("stated", [1, 2, 3, 1000])
+def test_a_gap_is_one_sample_fewer_than_stated(tmp_path, effort, stated):
+    def gaps(*counts):
+        rows = [
+            row(f"bias[x{k}]", 0.0, n=n, standard_error=1.0, check="plain")
+            for k, n in enumerate(counts)
+        ]
+        some = (cell(rows, **{effort: stated}),)
+        manifest = {**side_by_side.MANIFEST, "cells": 1}
+        run = Run(folder=tmp_path, cells=some, manifest=manifest, timing={})
+        return [gap.reason for gap in gaps_of(run)]
+
+    for found in range(max(0, stated - 4), stated + 4):
+        said = f"its parameters say {effort}={stated}, its rows rest on {found}"
+        assert gaps(found) == ([said] if found < stated else [])
+        # of several rows the one that rests on most counts
+        assert gaps(0, found, max(0, found - 1)) == gaps(found)

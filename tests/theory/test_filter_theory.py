@@ -349,3 +349,16 @@ def test_what_cannot_be_predicted_is_refused():
     for make in BAD:
         with pytest.raises(InputError):
             make()
+
+
+@pytest.mark.parametrize("every", [1, 2, 3, 5, 8])
+@pytest.mark.parametrize("count", [1, 4, 5, 6, 16])
+def test_of_every_so_many_rows_the_last_one_measures(every, count):
+    sensor = VectorSensor(
+        name="x", reference=np.array([0.0, 0.0, 1.0]), std=1.0, rows=every
+    )
+    since, expected = 0, []
+    for _ in range(count):
+        since = (since + 1) % every
+        expected.append(since == 0)
+    assert sensor.active(count).tolist() == expected

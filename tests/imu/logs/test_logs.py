@@ -10,12 +10,14 @@ import scipy.io
 from log_formats import spelled
 from places import recording
 from rounding import EPS
+from scipy.spatial.transform import Rotation
 from written import written
 
 from simval.cli import run
 from simval.errors import InputError
 from simval.imu.logs import read_log
 from simval.imu.logs.clock import GAP
+from simval.imu.logs.truth import read_truth
 
 ROWS = np.arange(70.0).reshape(10, 7) / 7.0
 ROWS[:, 0] = 0.01 * np.arange(10)
@@ -479,3 +481,53 @@ def test_each_unit_of_a_header_is_its_size(tmp_path, unit, seconds):
     found = read_log(path)
     np.testing.assert_allclose(found.time, 0.01 * np.arange(CLOCK_ROWS), rtol=1e-10)
     assert found.rate == pytest.approx(100.0, rel=1e-10)
+
+
+def truth_file(tmp_path, q, time=None):
+    time = 0.01 * np.arange(len(q)) if time is None else time
+    return str(written(tmp_path / "truth.txt", "t[s],qw,qx,qy,qz", time, q))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("place", [0, 37, 59])
+def test_a_recorded_attitude_is_as_long_as_two_digits_round(tmp_path, side, place):
+    q = Rotation.random(60, rng=5).as_quat()[:, [3, 0, 1, 2]]
+    for length, good in ((0.01 - 1e-9, True), (0.01 + 1e-9, False)):
+        given = q.copy()
+        given[place] *= 1.0 + side * length
+        path = truth_file(tmp_path, given)
+        if good:
+            found = read_truth(path).components
+            np.testing.assert_allclose(found, q, rtol=0, atol=1e-15)
+        else:
+            with pytest.raises(InputError, match=r"1 such rows of 60\)"):
+                read_truth(path)
+
+
+def test_fifty_recorded_attitudes_are_enough_and_49_are_not(tmp_path):
+    q = Rotation.random(60, rng=5).as_quat()[:, [3, 0, 1, 2]]
+    for missing in (np.nan, 0.0):
+        q[::6] = missing
+        assert np.isnan(read_truth(truth_file(tmp_path, q)).components[::6]).all()
+        given = q.copy()
+        given[1] = missing
+        with pytest.raises(InputError, match="49 of 60 rows have"):
+            read_truth(truth_file(tmp_path, given))
+
+
+@pytest.mark.parametrize("tick", [1.0, 1e-3, 1e-4, 1e-6, 1e-9])
+@pytest.mark.parametrize("rate", [50.0, 100.0, 400.0])
+def test_a_stated_rate_tells_the_tick_of_a_counter(tmp_path, tick, rate):
+    """Seconds, milli-, micro-, nanoseconds, 0.1 ms of Xsens's SampleTimeFine."""
+    rows = 40
+    force = np.random.default_rng(1).standard_normal((rows, 3))
+    for off, good in ((0.0, True), (0.09, True), (-0.09, True), (0.12, False)):
+        time = np.arange(rows) / rate / tick
+        path = written(tmp_path / "log.txt", "t,ax,ay,az", time, force, form="{:.15g}")
+        if good:
+            log = read_log(str(path), rate=rate * (1.0 + off))
+            assert log.rate == pytest.approx(rate, rel=1e-9)
+            assert log.time[-1] - log.time[0] == pytest.approx((rows - 1) / rate)
+        else:
+            with pytest.raises(InputError):
+                read_log(str(path), rate=rate * (1.0 + off))

@@ -8,7 +8,14 @@ from hypothesis import strategies as st
 from rounding import EPS
 from true_sensor import PARAMETERS
 
-from simval.imu.sensor import MODELS, AccelerometerModel, convert, forms
+from simval.imu.sensor import (
+    MODELS,
+    AccelerometerModel,
+    Effects,
+    convert,
+    forms,
+    read_sensor,
+)
 
 COUNTS = np.array([-0.0036, 0.0092, -0.021, 2.4e-3, 2.43e-3, 2.41e-3, 33e3, 33e3, 32e3])
 
@@ -153,3 +160,23 @@ def test_the_symmetric_form_as_a_sensor():
     assert model.K.shape == (3, 3)
     # there and back through a square root of condition 1.1, numbers of size 1
     np.testing.assert_allclose(model.parameters, PARAMETERS, rtol=0, atol=8 * EPS)
+
+
+@pytest.mark.parametrize("quantum", [0.0, 0.5])
+def test_a_converter_stops_what_is_beyond_its_ends_and_nothing_at_them(quantum):
+    low, high = -10.0, 25.0
+    values = [-11.0, -10.5, low, -9.5, 0.0, 24.5, high, 25.5, 26.0]
+    if not quantum:
+        values += [np.nextafter(low, -np.inf), np.nextafter(high, np.inf)]
+        values += [np.nextafter(low, np.inf), np.nextafter(high, -np.inf)]
+    force = np.array(values)[:, None] * np.ones(3)
+    found = read_sensor(
+        AccelerometerModel(T=np.eye(3), K=np.eye(3), B=np.zeros(3)),
+        Effects(limits_raw=(low, high), quantum_raw=quantum),
+        0.01 * np.arange(len(force)),
+        force,
+        np.random.default_rng(1),
+    )
+    beyond = [x < low or x > high for x in values]
+    assert np.array_equal(found.saturated, np.array([beyond] * 3).T)
+    assert np.array_equal(found.raw, np.minimum(np.maximum(force, low), high))
