@@ -28,7 +28,7 @@ a stream of its own: switching one on leaves the others' numbers alone.
 """
 
 from dataclasses import dataclass, fields
-from typing import Any, Final, TypeVar
+from typing import Any, ClassVar, Final, TypeVar
 
 import numpy as np
 import scipy
@@ -218,6 +218,8 @@ class Electronics:
         If a value is negative, not finite, or the limits are not in order.
     """
 
+    RANGE: ClassVar[tuple[str, str, float]] = ("", "", 1.0)  # name, unit, in SI
+
     noise_std_raw: Array | float | None = None
     white_raw_per_sqrt_hz: Array | float | None = None
     flicker_raw: Array | float = 0.0
@@ -227,11 +229,13 @@ class Electronics:
     delay_s: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("noise_std_raw", "white_raw_per_sqrt_hz"):
-            if getattr(self, name) is not None:  # else the model's
-                object.__setattr__(
-                    self, name, levels_of_axes(name, getattr(self, name))
-                )
+        for name in (
+            "noise_std_raw", "white_raw_per_sqrt_hz", "flicker_raw",
+            "bias_walk_raw_per_sqrt_s",
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if value is not None:  # else the model's
+                object.__setattr__(self, name, levels_of_axes(name, value))
         if self.noise_std_raw is not None and self.white_raw_per_sqrt_hz is not None:
             msg = (
                 f"`noise_std_raw` is {shown(self.noise_std_raw)} and "
@@ -239,14 +243,27 @@ class Electronics:
                 "state the white noise, so give one of them"
             )
             raise InputError(msg)
-        for name in ("flicker_raw", "bias_walk_raw_per_sqrt_s"):
-            object.__setattr__(self, name, levels_of_axes(name, getattr(self, name)))
         for name, unit in (("quantum_raw", "raw units"), ("delay_s", "s")):
             number = nonnegative_number(name, getattr(self, name), unit)
             object.__setattr__(self, name, number)
         if self.limits_raw is not None:
-            low, high = _limits(self.limits_raw)
-            object.__setattr__(self, "limits_raw", (low, high))
+            limits = physical_array("limits_raw", self.limits_raw, (2,))
+            if limits.shape != (2,) or not limits[0] < limits[1]:
+                words = shown(self.limits_raw)
+                msg = f"`limits_raw` is {words}; give the least and the greatest"
+                raise InputError(msg)
+            object.__setattr__(self, "limits_raw", tuple(limits.tolist()))
+        name, unit, _ = self.RANGE
+        if name and getattr(self, name) is not None:
+            number = positive_number(name, getattr(self, name), unit)
+            object.__setattr__(self, name, number)
+
+    @property
+    def reach(self) -> float:
+        """Range of the sensing element, SI units; infinite without one."""
+        name, _, size = self.RANGE
+        value = getattr(self, name) if name else None
+        return np.inf if value is None else float(value * size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -263,6 +280,8 @@ class Effects(Electronics):
         The sensing element stops at plus and minus this, standard gravities.
     """
 
+    RANGE: ClassVar[tuple[str, str, float]] = ("range_g", "g", STANDARD_GRAVITY)
+
     vibration_m_s2: Array | float = 0.0
     vibration_hz: float = 0.0
     range_g: float | None = None
@@ -273,12 +292,6 @@ class Effects(Electronics):
         object.__setattr__(self, "vibration_m_s2", vibration)
         number = nonnegative_number("vibration_hz", self.vibration_hz, "Hz")
         object.__setattr__(self, "vibration_hz", number)
-        _keep_range(self, "range_g", "g")
-
-    @property
-    def reach(self) -> float:
-        """Range of the sensing element, m/s^2; infinite without one."""
-        return np.inf if self.range_g is None else self.range_g * STANDARD_GRAVITY
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -291,16 +304,9 @@ class GyroscopeEffects(Electronics):
         The sensing element stops at plus and minus this, rad/s.
     """
 
+    RANGE: ClassVar[tuple[str, str, float]] = ("range_rad_s", "rad/s", 1.0)
+
     range_rad_s: float | None = None
-
-    def __post_init__(self) -> None:
-        Electronics.__post_init__(self)
-        _keep_range(self, "range_rad_s", "rad/s")
-
-    @property
-    def reach(self) -> float:
-        """Range of the sensing element, rad/s; infinite without one."""
-        return np.inf if self.range_rad_s is None else self.range_rad_s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -313,16 +319,9 @@ class MagnetometerEffects(Electronics):
         The sensing element stops at plus and minus this, T.
     """
 
+    RANGE: ClassVar[tuple[str, str, float]] = ("range_t", "T", 1.0)
+
     range_t: float | None = None
-
-    def __post_init__(self) -> None:
-        Electronics.__post_init__(self)
-        _keep_range(self, "range_t", "T")
-
-    @property
-    def reach(self) -> float:
-        """Range of the sensing element, T; infinite without one."""
-        return np.inf if self.range_t is None else self.range_t
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -356,26 +355,10 @@ class Readings:
     saturated: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
-        for name in _KEPT:
+        for name in (
+            "raw", "vibration_m_s2", "bias_walk_raw", "flicker_raw", "noise_raw"
+        ):  # fmt: skip
             object.__setattr__(self, name, frozen(getattr(self, name)))
-
-
-_KEPT = ("raw", "vibration_m_s2", "bias_walk_raw", "flicker_raw", "noise_raw")
-
-
-@dataclass(frozen=True, slots=True)
-class EffectStreams:
-    """One stream of random numbers for each effect."""
-
-    noise: np.random.Generator
-    walk: np.random.Generator
-    phase: np.random.Generator
-    flicker: np.random.Generator
-
-
-def streams_of(rng: np.random.Generator) -> EffectStreams:
-    """Streams of one sensor; a new effect's comes last, so the others' stay."""
-    return EffectStreams(*rng.spawn(4))
 
 
 def delayed(
@@ -386,34 +369,6 @@ def delayed(
         return truth
     axes = [np.interp(time - delay, time, axis) for axis in truth.T]
     return np.stack(axes, axis=1)
-
-
-def converted(
-    ideal: Float[Array, "n 3"],
-    effects: Electronics,
-    std: Float[Array, "3"],
-    time: Float[Array, " n"],
-    streams: EffectStreams,
-) -> tuple[dict[str, Float[Array, "n 3"]], NDArray[np.bool_]]:
-    """Readings of what the model says, eq. (E3): their parts, and where they stop."""
-    noise = std * streams.noise.standard_normal(ideal.shape)
-    walk = _walk(effects, time, streams.walk)
-    flicker: Array = np.zeros(ideal.shape)
-    raw = ideal + walk + noise
-    if np.any(effects.flicker_raw):
-        model = NoiseModel(flicker_raw=effects.flicker_raw)
-        flicker = model.draw(len(time), even_rate(time), streams.flicker)
-        raw = raw + flicker
-    if effects.quantum_raw > 0.0:
-        raw = effects.quantum_raw * np.round(raw / effects.quantum_raw)
-    low, high = effects.limits_raw or (-np.inf, np.inf)
-    parts = {
-        "raw": np.clip(raw, low, high),
-        "bias_walk_raw": walk,
-        "flicker_raw": flicker,
-        "noise_raw": noise,
-    }
-    return parts, (raw < low) | (raw > high)
 
 
 def white_std(
@@ -443,29 +398,6 @@ def even_rate(time: Float[Array, " n"]) -> float:
         )
         raise InputError(msg)
     return len(steps) / float(time[-1] - time[0])
-
-
-def _walk(
-    effects: Electronics, time: Float[Array, " n"], rng: np.random.Generator
-) -> Float[Array, "n 3"]:
-    # a Wiener process from zero: increments of variance density^2 dt
-    steps = np.sqrt(np.diff(time, prepend=time[:1]))[:, None]
-    density = np.asarray(effects.bias_walk_raw_per_sqrt_s)
-    return np.cumsum(density * steps * rng.standard_normal((len(time), 3)), axis=0)
-
-
-def _limits(value: Any) -> tuple[float, float]:
-    array = physical_array("limits_raw", value, (2,))
-    if array.shape != (2,) or not array[0] < array[1]:
-        msg = f"`limits_raw` is {shown(value)}; give the least and the greatest"
-        raise InputError(msg)
-    return float(array[0]), float(array[1])
-
-
-def _keep_range(effects: Electronics, name: str, unit: str) -> None:
-    value = getattr(effects, name)
-    if value is not None:
-        object.__setattr__(effects, name, positive_number(name, value, unit))
 
 
 def effects_from(values: dict[str, Any], kind: type[E]) -> E:

@@ -112,42 +112,34 @@ def load_imu(path: str | PathLike[str]) -> ImuModel:
 
 
 def _imu(values: dict[str, Any]) -> ImuModel:
-    given = [name for name in TABLES if name in values]
-    tables = {name: _table(name, values.pop(name)) for name in given}
+    tables = {name: values.pop(name) for name in TABLES if name in values}
+    for name, table in tables.items():
+        if not isinstance(table, dict):
+            msg = f"`{name}` is {shown(table)}; it must be a table, [{name}]"
+            raise InputError(msg)
+        tables[name] = dict(table)
     T, K, B = _model("", values)
     parts: dict[str, Any] = {
         "accelerometer": AccelerometerModel(T=T, K=K, B=B),
         "accelerometer_effects": effects_from(values, Effects),
     }
     if "gyroscope" in tables:
-        parts |= _gyroscope(tables["gyroscope"])
+        own = tables["gyroscope"]
+        M, B = _matrix("gyroscope", own)
+        parts["gyroscope"] = GyroscopeModel(M=M, B=B, G=own.pop("G", None))
+        parts["gyroscope_effects"] = effects_from(own, GyroscopeEffects)
     if "magnetometer" in tables:
-        parts |= _magnetometer(tables["magnetometer"])
+        own = tables["magnetometer"]
+        M, b = _matrix("magnetometer", own)
+        parts["magnetometer"] = MagnetometerModel(M=M, b=b)
+        parts["magnetometer_effects"] = effects_from(own, MagnetometerEffects)
     if "clock" in tables:
-        parts["clock_jitter_s"] = _jitter(tables["clock"])
+        if list(tables["clock"]) != ["jitter_s"]:
+            has = ", ".join(tables["clock"]) or "nothing"
+            msg = f"the table `clock` has {has}; it takes `jitter_s` alone"
+            raise InputError(msg)
+        parts["clock_jitter_s"] = tables["clock"]["jitter_s"]
     return ImuModel(**parts)
-
-
-def _gyroscope(values: dict[str, Any]) -> dict[str, Any]:
-    T, K, B = _model("gyroscope", values)
-    model = GyroscopeModel(M=_matrix("gyroscope", T, K), B=B, G=values.pop("G", None))
-    effects = effects_from(values, GyroscopeEffects)
-    return {"gyroscope": model, "gyroscope_effects": effects}
-
-
-def _magnetometer(values: dict[str, Any]) -> dict[str, Any]:
-    T, K, b = _model("magnetometer", values)
-    model = MagnetometerModel(M=_matrix("magnetometer", T, K), b=b)
-    effects = effects_from(values, MagnetometerEffects)
-    return {"magnetometer": model, "magnetometer_effects": effects}
-
-
-def _jitter(values: dict[str, Any]) -> Any:
-    if list(values) != ["jitter_s"]:
-        has = ", ".join(values) or "nothing"
-        msg = f"the table `clock` has {has}; it takes `jitter_s` alone"
-        raise InputError(msg)
-    return values["jitter_s"]
 
 
 def _model(sensor: str, values: dict[str, Any]) -> list[Any]:
@@ -160,8 +152,9 @@ def _model(sensor: str, values: dict[str, Any]) -> list[Any]:
     return [values.pop(name) for name in MODEL]
 
 
-def _matrix(sensor: str, T: Any, K: Any) -> Float[Array, "3 3"]:
-    # M = T K of a table
+def _matrix(sensor: str, values: dict[str, Any]) -> tuple[Float[Array, "3 3"], Any]:
+    # M = T K and the bias of a table
+    T, K, bias = _model(sensor, values)
     misalignment, scale = physical_array("T", T, ()), physical_array("K", K, ())
     if misalignment.shape != (3, 3) or scale.shape not in ((3,), (3, 3)):
         msg = (
@@ -169,14 +162,7 @@ def _matrix(sensor: str, T: Any, K: Any) -> Float[Array, "3 3"]:
             f"{scale.shape}; T is (3, 3), K (3,) or (3, 3)"
         )
         raise InputError(msg)
-    return misalignment @ (np.diag(scale) if scale.ndim == 1 else scale)
-
-
-def _table(name: str, value: Any) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        msg = f"`{name}` is {shown(value)}; it must be a table, [{name}]"
-        raise InputError(msg)
-    return dict(value)
+    return misalignment @ (np.diag(scale) if scale.ndim == 1 else scale), bias
 
 
 def _parsed(path: Path) -> dict[str, Any]:

@@ -15,22 +15,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval.arguments import instance
 from simval.arrays import Array, frozen, nonnegative_number, physical_array
 from simval.errors import InputError
 from simval.imu.sensor.effects import (
     Effects,
-    EffectStreams,
     Electronics,
     GyroscopeEffects,
     MagnetometerEffects,
+    NoiseModel,
     Readings,
-    converted,
     delayed,
     even_rate,
-    streams_of,
     white_std,
 )
 from simval.imu.sensor.models import (
@@ -177,23 +174,30 @@ def read_imu(imu: ImuModel, motion: Motion, rng: np.random.Generator) -> ImuRead
     instance("motion", motion, Motion)
     instance("rng", rng, np.random.Generator)
     for_force, for_rate, for_field, for_clock = rng.spawn(4)
+    time, force = motion.time, motion.specific_force
+    accelerometer = read_sensor(
+        imu.accelerometer, imu.accelerometer_effects, time, force, for_force
+    )
+    gyroscope = magnetometer = None
+    if imu.gyroscope is not None:
+        turning, effects = imu.gyroscope, imu.gyroscope_effects
+        G = np.zeros((3, 3)) if turning.G is None else turning.G
+        offset = delayed(force, effects.delay_s, time) @ G.T
+        density = turning.angle_random_walk
+        own = density * np.sqrt(even_rate(time)) if density else 0.0
+        linear = turning.M, turning.B, offset
+        gyroscope = _read(linear, effects, own, time, motion.rate, for_rate)
+    if imu.magnetometer is not None:
+        compass = imu.magnetometer
+        magnetometer = _read(
+            (compass.M, compass.b, 0.0), imu.magnetometer_effects, compass.noise_std,
+            time, motion.field, for_field,
+        )  # fmt: skip
     return ImuReadings(
-        stamp=_stamped(motion.time, imu.clock_jitter_s, for_clock),
-        accelerometer=read_sensor(
-            imu.accelerometer,
-            imu.accelerometer_effects,
-            motion.time,
-            motion.specific_force,
-            for_force,
-        ),
-        gyroscope=None
-        if imu.gyroscope is None
-        else _read_gyroscope(imu.gyroscope, imu.gyroscope_effects, motion, for_rate),
-        magnetometer=None
-        if imu.magnetometer is None
-        else _read_magnetometer(
-            imu.magnetometer, imu.magnetometer_effects, motion, for_field
-        ),
+        stamp=_stamped(time, imu.clock_jitter_s, for_clock),
+        accelerometer=accelerometer,
+        gyroscope=gyroscope,
+        magnetometer=magnetometer,
     )
 
 
@@ -234,70 +238,50 @@ def read_sensor(
     instance("rng", rng, np.random.Generator)
     time = _clock(time)
     force = _rows("specific_force", specific_force, time)
-    streams = streams_of(rng)
-    phase = streams.phase.uniform(0.0, 2.0 * np.pi, 3)
-    swing = np.sin(2.0 * np.pi * effects.vibration_hz * time[:, None] + phase)
-    late = delayed(force, effects.delay_s, time)
-    shaken = late + np.asarray(effects.vibration_m_s2) * swing
-    felt = np.clip(shaken, -effects.reach, effects.reach)
-    ideal = unscaled(model.matrix, felt) + model.B
-    std = white_std(effects, model.noise_std, time)
-    return _readings(ideal, effects, std, time, streams, shaken - late, felt != shaken)
+    linear = model.matrix, model.B, 0.0
+    return _read(linear, effects, model.noise_std, time, force, rng)
 
 
-def _read_gyroscope(
-    model: GyroscopeModel,
-    effects: GyroscopeEffects,
-    motion: Motion,
-    rng: np.random.Generator,
-) -> Readings:
-    # the rate within the range, then the model with its g-sensitivity
-    time, streams = motion.time, streams_of(rng)
-    rate = delayed(motion.rate, effects.delay_s, time)
-    felt = np.clip(rate, -effects.reach, effects.reach)
-    force = delayed(motion.specific_force, effects.delay_s, time)
-    ideal = unscaled(model.M, felt) + model.B
-    if model.G is not None:
-        ideal = ideal + force @ model.G.T
-    density = model.angle_random_walk
-    own = density * np.sqrt(even_rate(time)) if density else 0.0
-    std = white_std(effects, own, time)
-    still = np.zeros(rate.shape)
-    return _readings(ideal, effects, std, time, streams, still, felt != rate)
-
-
-def _read_magnetometer(
-    model: MagnetometerModel,
-    effects: MagnetometerEffects,
-    motion: Motion,
-    rng: np.random.Generator,
-) -> Readings:
-    # the field within the range, then the model
-    time, streams = motion.time, streams_of(rng)
-    late = delayed(motion.field, effects.delay_s, time)
-    felt = np.clip(late, -effects.reach, effects.reach)
-    ideal = unscaled(model.M, felt) + model.b
-    std = white_std(effects, model.noise_std, time)
-    still = np.zeros(late.shape)
-    return _readings(ideal, effects, std, time, streams, still, felt != late)
-
-
-def _readings(
-    ideal: Float[Array, "n 3"],
+def _read(
+    linear: tuple[Float[Array, "3 3"], Float[Array, "3"], Any],
     effects: Electronics,
-    std: Float[Array, "3"],
+    own_std: float,
     time: Float[Array, " n"],
-    streams: EffectStreams,
-    vibration: Float[Array, "n 3"],
-    out_of_range: NDArray[np.bool_],
+    truth: Float[Array, "n 3"],
+    rng: np.random.Generator,
 ) -> Readings:
-    # the model's readings through the electronics, with the element's own truth
-    parts, saturated = converted(ideal, effects, std, time, streams)
+    # (E1) to (E3) of a sensor's matrix, bias, and what else its readings are off by; a
+    # new effect's stream comes last, so the others' stay
+    for_noise, for_walk, for_phase, for_flicker = rng.spawn(4)
+    late = shaken = delayed(truth, effects.delay_s, time)
+    if isinstance(effects, Effects):
+        phase = for_phase.uniform(0.0, 2.0 * np.pi, 3)
+        swing = np.sin(2.0 * np.pi * effects.vibration_hz * time[:, None] + phase)
+        shaken = late + np.asarray(effects.vibration_m_s2) * swing
+    felt = np.clip(shaken, -effects.reach, effects.reach)
+    std = white_std(effects, own_std, time)
+    noise = std * for_noise.standard_normal(truth.shape)
+    # a Wiener process from zero: increments of variance density^2 dt
+    steps = np.sqrt(np.diff(time, prepend=time[:1]))[:, None]
+    density = np.asarray(effects.bias_walk_raw_per_sqrt_s)
+    walk = np.cumsum(density * steps * for_walk.standard_normal(truth.shape), axis=0)
+    flicker: Array = np.zeros(truth.shape)
+    if np.any(effects.flicker_raw):
+        model = NoiseModel(flicker_raw=effects.flicker_raw)
+        flicker = model.draw(len(time), even_rate(time), for_flicker)
+    matrix, bias, offset = linear
+    raw = unscaled(matrix, felt) + bias + offset + walk + noise + flicker
+    if effects.quantum_raw > 0.0:
+        raw = effects.quantum_raw * np.round(raw / effects.quantum_raw)
+    low, high = effects.limits_raw or (-np.inf, np.inf)
     return Readings(
-        vibration_m_s2=vibration,
-        out_of_range=out_of_range,
-        saturated=saturated,
-        **parts,
+        raw=np.clip(raw, low, high),
+        vibration_m_s2=shaken - late,
+        bias_walk_raw=walk,
+        flicker_raw=flicker,
+        noise_raw=noise,
+        out_of_range=felt != shaken,
+        saturated=(raw < low) | (raw > high),
     )
 
 

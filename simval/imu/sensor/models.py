@@ -83,6 +83,24 @@ def _keep_arrays(model: Any, shapes: Mapping[str, tuple[int, ...]]) -> None:
         object.__setattr__(model, name, frozen(value))
 
 
+def _require_usable(name: str, matrix: Float[Array, "3 3"], unit: str = "") -> None:
+    # not singular, and of a size that can be worked with where a unit is named
+    values = np.linalg.svd(matrix, compute_uv=False)
+    if unit and not (values[0] == 0.0 or LEAST**2 <= values[0] <= GREATEST**2):
+        msg = (
+            f"{name} has size {values[0]:.1e}; from {LEAST**2:g} to {GREATEST**2:g} "
+            f"{unit} can be worked with, so check its unit"
+        )
+        raise InputError(msg)
+    condition = values[0] / values[2] if values[2] > 0.0 else np.inf
+    if not condition < 1.0 / np.finfo(float).eps:
+        msg = (
+            f"{name} is singular (condition {condition:.1e}); each axis needs a scale "
+            "other than 0 and the axes must not lie in a plane"
+        )
+        raise InputError(msg)
+
+
 def _with_noise(
     raw: Float[Array, "... 3"], std: float, rng: np.random.Generator
 ) -> Float[Array, "... 3"]:
@@ -125,20 +143,7 @@ class AccelerometerModel:
         _keep_arrays(self, shapes)
         noise = nonnegative_number("noise_std", self.noise_std, "raw units")
         object.__setattr__(self, "noise_std", noise)
-        values = np.linalg.svd(self.matrix, compute_uv=False)
-        if not (values[0] == 0.0 or LEAST**2 <= values[0] <= GREATEST**2):
-            msg = (
-                f"T K has size {values[0]:.1e}; from {LEAST**2:g} to {GREATEST**2:g} "
-                "m/s^2 per raw unit can be worked with, so check the unit of K"
-            )
-            raise InputError(msg)
-        condition = values[0] / values[2] if values[2] > 0.0 else np.inf
-        if not condition < 1.0 / np.finfo(float).eps:
-            msg = (
-                f"T K is singular (condition {condition:.1e}); each axis needs a scale "
-                "other than 0 and the axes must not lie in a plane"
-            )
-            raise InputError(msg)
+        _require_usable("T K", self.matrix, "m/s^2 per raw unit")
 
     @property
     def matrix(self) -> Float[Array, "3 3"]:
@@ -266,14 +271,7 @@ class GyroscopeModel:
         unit = "raw units per root hertz"
         walk = nonnegative_number("angle_random_walk", self.angle_random_walk, unit)
         object.__setattr__(self, "angle_random_walk", walk)
-        values = np.linalg.svd(self.M, compute_uv=False)
-        condition = values[0] / values[2] if values[2] > 0.0 else np.inf
-        if not condition < 1.0 / np.finfo(float).eps:
-            msg = (
-                f"`M` is singular (condition {condition:.1e}); each axis needs a scale "
-                "other than 0 and the axes must not lie in a plane"
-            )
-            raise InputError(msg)
+        _require_usable("`M`", self.M)
 
     def distort(
         self,
@@ -379,19 +377,7 @@ class MagnetometerModel:
         _keep_arrays(self, {"M": (3, 3), "b": (3,)})
         noise = nonnegative_number("noise_std", self.noise_std, "raw units")
         object.__setattr__(self, "noise_std", noise)
-        values = np.linalg.svd(self.M, compute_uv=False)
-        if not LEAST**2 <= values[0] <= GREATEST**2:
-            msg = (
-                f"M has size {values[0]:.1e}; from {LEAST**2:g} to {GREATEST**2:g} "
-                "units of field per raw unit can be worked with, so check the unit of M"
-            )
-            raise InputError(msg)
-        if not values[2] > np.finfo(float).eps * values[0]:
-            msg = (
-                "M is singular; each axis needs a scale other than 0 and the axes must "
-                "not lie in a plane"
-            )
-            raise InputError(msg)
+        _require_usable("`M`", self.M, "units of field per raw unit")
 
     @property
     def right_handed(self) -> bool:
