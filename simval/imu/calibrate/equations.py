@@ -477,6 +477,13 @@ class Local:
         return np.swapaxes(self.slopes, -1, -2) @ self.slopes
 
     @property
+    def information(self) -> Float[Array, "t n p p"]:
+        """That of each rest alone, where no turns join them: what a plan adds up."""
+        t, n, e, _ = self.white.shape
+        slopes = self.slopes[:, : n * e].reshape(t, n, e, -1)
+        return np.swapaxes(slopes, -1, -2) @ slopes
+
+    @property
     def chi_square(self) -> Float[Array, " t"]:
         """Weighted sum of squares."""
         return np.vecdot(self.rows, self.rows)

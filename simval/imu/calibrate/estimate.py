@@ -1,5 +1,6 @@
 """What every calibration is, and how it is printed."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Self
 
@@ -22,16 +23,17 @@ KNOWN_UNITS = (
 
 G_NAMES = tuple(f"G_{a}{b}" for a in "xyz" for b in "xyz")
 """Of the sensitivity of a gyroscope to specific force, row by row."""
-_NO_FORCE = np.zeros((3, 3)), np.zeros((3, 3))
+_NO_FORCE = np.zeros((3, 3))
+NORMAL_95 = 1.959963984540054
+"""Standard deviations from the middle to an end of a 95 % interval."""
 NEAR = 1.2  # ratio of a scale to a unit's within which the readings are in that unit
 
 
-def accelerometer_text(fit: Any) -> str:
+def accelerometer_lines(fit: Any) -> list[str]:
     """Describe the calibration of an accelerometer."""
-    if np.ndim(fit.status):
-        return batch_text("an accelerometer", fit)
     chi2 = float(fit.chi2_per_dof)
-    lines = [
+    told = f"chi2 per dof      {chi2:.3g} with {fit.dof} degrees of freedom"
+    return [
         status_line(fit),
         "",
         *parameter_lines(fit),
@@ -39,46 +41,20 @@ def accelerometer_text(fit: Any) -> str:
         *matrix_lines(fit),
         "",
         residual_line(fit),
+        *([told] if np.isfinite(chi2) else []),
     ]
-    if np.isfinite(chi2):
-        lines.append(f"chi2 per dof      {chi2:.3g} with {fit.dof} degrees of freedom")
-    return "\n".join(lines)
 
 
-def gyroscope_text(fit: Any) -> str:
-    """Describe the calibration of a gyroscope."""
-    if np.ndim(fit.status):
-        return batch_text("a gyroscope", fit)
-    return "\n".join(gyroscope_lines(fit, "accelerometer", *_NO_FORCE))
-
-
-def magnetometer_text(fit: Any) -> str:
-    """Describe the calibration of a magnetometer."""
-    if np.ndim(fit.status):
-        return batch_text("a magnetometer", fit)
-    return "\n".join(magnetometer_lines(fit, together=False))
-
-
-def nine_axis_text(fit: Any) -> str:
+def nine_axis_lines(fit: Any) -> list[str]:
     """Describe the calibration of three sensors in one fit."""
-    if np.ndim(fit.status):
-        return batch_text("three sensors", fit)
     others = "accelerometer and the magnetometer"
-    lines = [
+    return [
         *together_lines(fit),
         "",
-        *gyroscope_lines(fit.gyroscope, others, *_NO_FORCE),
+        *gyroscope_lines(fit.gyroscope, others),
         "",
         *magnetometer_lines(fit.magnetometer, together=True),
     ]
-    return "\n".join(lines)
-
-
-def batch_text(what: str, fit: Any) -> str:
-    """Say of a batch how many trials it has and how they ended."""
-    endings, counts = np.unique(np.asarray(fit.status), return_counts=True)
-    said = ", ".join(f"{n} {end}" for end, n in zip(endings, counts, strict=True))
-    return f"{int(counts.sum())} calibrations of {what}: {said}"
 
 
 def status_line(fit: Any) -> str:
@@ -154,7 +130,9 @@ def _kind(fit: Any) -> str:
     return fit.covariance_kind
 
 
-def gyroscope_lines(fit: Any, others: str, G: Array, G_sd: Array) -> list[str]:
+def gyroscope_lines(
+    fit: Any, others: str = "accelerometer", G: Array = _NO_FORCE, G_sd: Any = None
+) -> list[str]:
     """M, B and G with their error bars."""
     lines = [
         f"gyroscope         rate = M (reading - B{_force_term(G)}), axes of "
@@ -171,7 +149,7 @@ def gyroscope_lines(fit: Any, others: str, G: Array, G_sd: Array) -> list[str]:
     return lines + fit.noise.lines
 
 
-def magnetometer_lines(fit: Any, together: bool) -> list[str]:
+def magnetometer_lines(fit: Any, together: bool = False) -> list[str]:
     """M, b and the dip with their error bars, and the findings."""
     others, chi2 = "accelerometer", "chi2 per dof"
     if together:  # poses are judged without the moves
@@ -233,6 +211,8 @@ class Estimate(ShownFit):
         Steps of the solver, (...).
     """
 
+    what: ClassVar[str]  # was calibrated
+    lines: ClassVar[Callable[[Any], list[str]]]  # text of one fit
     advice: ClassVar[str]  # what to look for where a fit did not converge
     ample: ClassVar[int] = 0  # steps below which more of them may help
 
@@ -247,6 +227,13 @@ class Estimate(ShownFit):
             value = getattr(self, field.name)
             if isinstance(value, np.ndarray | np.floating) and value.dtype.kind == "f":
                 object.__setattr__(self, field.name, frozen(value))
+
+    def __str__(self) -> str:
+        if np.ndim(self.status) == 0:
+            return "\n".join(type(self).lines(self))
+        endings, counts = np.unique(np.asarray(self.status), return_counts=True)
+        said = ", ".join(f"{n} {end}" for end, n in zip(endings, counts, strict=True))
+        return f"{int(counts.sum())} calibrations of {self.what}: {said}"
 
     @property
     def sd(self) -> Float[Array, "... p"]:

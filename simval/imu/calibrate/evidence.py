@@ -62,6 +62,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import GeometryError, RefusedError
+from simval.imu.calibrate.estimate import NORMAL_95
 from simval.imu.calibrate.minimization import normalized
 from simval.imu.calibrate.residuals import (
     LOSSES,
@@ -277,7 +278,6 @@ def ambiguous(moments: Float[Array, "t 10 10"], limit: Float[Array, " t"]) -> An
 # poses one in a thousand came out wrong by 10 percent with 0.1, two with 0.2; of 12
 # even poses at 0.4 m/s^2, beyond any suite's noise, 0.1 would refuse a tenth.
 WIDEST = 0.15
-_NORMAL_95 = 1.96  # normal quantile of a 95 percent interval
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -322,7 +322,7 @@ def weigh(
     return Evidence(
         ambiguous=ambiguous(moments, limit),
         stretched=condition * level * NOISE_MARGIN > 1.0,
-        half_width=_NORMAL_95 * level * summary.steepness * np.sqrt(stretch),
+        half_width=NORMAL_95 * level * summary.steepness * np.sqrt(stretch),
     )
 
 

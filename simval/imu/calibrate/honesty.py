@@ -56,8 +56,6 @@ NO_ROOM: Final = 1e-9  # an item that the parameters follow leaves no residual
 LEFT: Final = (
     2  # degrees of freedom that outliers must leave: with one, any item will do
 )
-NORMAL_95: Final = 1.959963984540054
-"""Standard deviations from the middle to an end of a 95 % interval."""
 _MOST = 8  # outliers sought; (O1) holds for any choice
 _ALL_TRIPLES = 64  # items; 42 000 triples, some 10 ms
 # Share of the items that may be outliers, three at least. Measured at 24 poses, four of

@@ -30,7 +30,7 @@ from simval.arguments import instance
 from simval.arrays import Array, physical_array
 from simval.errors import InputError
 from simval.imu.calibrate.equations import Problem, Solution, minimize, weighed
-from simval.imu.calibrate.estimate import Estimate, nine_axis_text
+from simval.imu.calibrate.estimate import NORMAL_95, Estimate, nine_axis_lines
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors
 from simval.imu.calibrate.gyroscope.noise import checked_pose_std, noise_of
 from simval.imu.calibrate.gyroscope.path_statistics import Moves
@@ -77,6 +77,8 @@ class NineAxisFit(Estimate):
         `findings`, is of the fit beside the accelerometer alone.
     """
 
+    what: ClassVar[str] = "three sensors"
+    lines: ClassVar[Any] = staticmethod(nine_axis_lines)
     advice: ClassVar[str] = (
         "the fits of two sensors disagree by more than their noise; look for rests "
         "that moved, a disturbed field and the noise that is stated"
@@ -87,9 +89,6 @@ class NineAxisFit(Estimate):
     noise: NoiseFactors
     gyroscope: GyroscopeFit
     magnetometer: MagnetometerFit
-
-    def __str__(self) -> str:
-        return nine_axis_text(self)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -120,7 +119,6 @@ class NineAxisFit(Estimate):
 
 EACH = 3  # equations of a pose, and residuals of a rotation
 COUNT: Final = 34
-_NORMAL_95: Final = 1.959964
 MOST_STEPS: Final = 30
 _ORDER = np.r_[0:9, 22:34, 9:22]
 """Accelerometer, gyroscope, magnetometer; the fit has the gyroscope last."""
@@ -149,7 +147,7 @@ def _numbers(problem: Problem, found: Solution, scaled: Scaled) -> dict[str, Arr
     return {
         "parameters": parameters[:, _ORDER],
         "covariance": whole[:, _ORDER[:, None], _ORDER],
-        "half_width": _NORMAL_95 * natural.max(axis=1),
+        "half_width": NORMAL_95 * natural.max(axis=1),
         "gap_angles": turns.angles(here.at, theta[:, PARAMETERS:]),
         "chi2": np.array(here.chi_square),
         "step": np.array(found.step),

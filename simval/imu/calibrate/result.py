@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array
-from simval.imu.calibrate.estimate import Estimate, accelerometer_text
+from simval.imu.calibrate.estimate import Estimate, accelerometer_lines
 from simval.imu.sensor import AccelerometerModel, forms
 from simval.shapes import Float
 
@@ -63,6 +63,8 @@ class FitResult(Estimate):
     """
 
     ample: ClassVar[int] = 200  # the default: sets that can be fitted take 5 to 20
+    what: ClassVar[str] = "an accelerometer"
+    lines: ClassVar[Any] = staticmethod(accelerometer_lines)
     advice: ClassVar[str] = (
         "its poses hardly fix an ellipsoid, or some do not belong; add poses over more "
         "of the sphere, and look for outliers"
@@ -80,9 +82,6 @@ class FitResult(Estimate):
     chi2_per_dof: Float[Array, "..."]
     gradient_norm: Float[Array, "..."]
     raw_range: Float[Array, "... 3 2"]
-
-    def __str__(self) -> str:
-        return accelerometer_text(self)
 
     @property
     def names(self) -> tuple[str, ...]:

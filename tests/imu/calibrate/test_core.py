@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from magnetometer_sets import BODY, BODY_STD, FIELD, IRON, IRON_STD, G, random_set
 from nine_axes import DIP, fields_of
+from scipy import stats
 from tumbles import ACCELEROMETER, GYROSCOPE, WALK, M, tumble
 
 from simval.imu.calibrate import calibrate
@@ -18,12 +19,15 @@ from simval.imu.calibrate.equations import (
     minimize,
     weighed,
 )
+from simval.imu.calibrate.estimate import NORMAL_95
 from simval.imu.calibrate.gyroscope import moves_between
 from simval.imu.calibrate.gyroscope.noise import noise_of
 from simval.imu.calibrate.gyroscope.residuals import InterRest
 from simval.imu.sensor import MODELS, forms
+from simval.poses import fibonacci_sphere
 
 FORTY = random_set(40, 5)
+UP = BODY.correct(FORTY.body) / G
 
 
 def pair(model="triangular", trials=2, *, off=0.01):
@@ -192,16 +196,19 @@ class Inclinometer(Sensor):
 
 def inclined(trials, told=1.0):
     problem, theta = pair(trials=trials, off=0.0)
-    std, rng = 1e-4, np.random.default_rng(4)
+    sensor, own = inclinometer(UP, trials, 1e-4, told)
+    return Problem(sensors=(*problem.sensors, sensor)), np.r_[theta[0], own]
+
+
+def inclinometer(up, trials, std, told=1.0, noise=1.0):
+    rng = np.random.default_rng(4)
     A, b = rng.standard_normal((2, 3)), rng.standard_normal(2)
-    up = BODY.correct(FORTY.body) / G
-    z = up @ A.T + b + std * rng.standard_normal((trials, 40, 2))
+    z = up @ A.T + b + noise * std * rng.standard_normal((trials, len(up), 2))
     sensor = Inclinometer(readings=z, std=np.full(z.shape, std * told))
-    truth = np.r_[theta[0], A.ravel(), b]
-    return Problem(sensors=(*problem.sensors, sensor)), truth
+    return sensor, np.r_[A.ravel(), b]
 
 
-def test_a_fourth_sensor_gets_fit_and_covariance():
+def test_a_fourth_sensor_gets_fit_bound_and_coverage():
     problem, truth = inclined(300)
     start = truth * (1.0 + 0.01 * np.random.default_rng(5).standard_normal(30))
     found = minimize(problem, np.tile(start, (300, 1)), 30)
@@ -213,6 +220,48 @@ def test_a_fourth_sensor_gets_fit_and_covariance():
     # means of 300 chi-squares, 4.5 of their standard errors
     for squares, dof in ((nees, 30), (here.chi_square, 5 * 40 - 30)):
         assert abs(squares.mean() - dof) < 4.5 * np.sqrt(2 * dof / 300)
+    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    held = np.count_nonzero(np.abs(off) < NORMAL_95 * sd, axis=0)
+    low, high = stats.binom.ppf([1e-4 / 60, 1.0 - 1e-4 / 60], 300, 0.95)
+    assert np.all((low <= held) & (held <= high))
+    # the bound: no noise in the readings; 300 errors tell a deviation to a 24th
+    exact, _ = inclinometer(UP, 1, 1e-4, noise=0.0)
+    pairs = zip(inclined(1)[0].sensors, (FORTY.body, FORTY.iron), strict=False)
+    sensors = (*(replace(each, readings=y[None]) for each, y in pairs), exact)
+    bound = Problem(sensors=sensors).local(truth[None]).covariance()[0][0]
+    seen = np.sqrt(np.mean(off**2, axis=0) / np.diagonal(bound))
+    assert np.all(np.abs(seen - 1.0) < 4.5 / np.sqrt(600))
+
+
+def planned(up):
+    """Two sensors that read some directions without noise, and their parameters."""
+    sensor, own = inclinometer(up, 1, 1e-4, noise=0.0)
+    readings = BODY.distort(G * up, np.random.default_rng(0))[None]
+    body = Accelerometer(
+        readings=readings, std=np.full(readings.shape, BODY_STD), model="triangular"
+    )
+    return Problem(sensors=(body, sensor)), np.r_[pair(off=0.0)[1][0, :9], own][None]
+
+
+def test_a_fourth_sensor_gets_its_plan():
+    """The next best pose by the sum of information, and by every set tried whole."""
+
+    def sd(up):
+        problem, truth = planned(up)
+        return np.sqrt(np.diagonal(problem.local(truth).covariance()[0][0]))
+
+    few, more = fibonacci_sphere(10), fibonacci_sphere(60)
+    given, each = (
+        p.local(theta).information[0] for p, theta in map(planned, (few, more))
+    )
+    bars = np.sqrt(
+        np.diagonal(np.linalg.inv(given.sum(axis=0) + each), axis1=1, axis2=2)
+    )
+    best = int(np.argmin(np.sum(bars[:, 9:] ** 2, axis=1)))
+    whole = np.array([sd(np.vstack([few, u])) for u in more])
+    np.testing.assert_allclose(bars, whole, rtol=1e-9)
+    assert best == np.argmin(np.sum(whole[:, 9:] ** 2, axis=1))
+    assert np.all(whole[best] < sd(few))
 
 
 def test_a_fourth_sensor_gets_its_honesty():

@@ -7,7 +7,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.imu.calibrate.drift import Drift
-from simval.imu.calibrate.estimate import Estimate, gyroscope_text
+from simval.imu.calibrate.estimate import Estimate, gyroscope_lines
 from simval.imu.calibrate.factors import NoiseFactors
 from simval.imu.sensor import GyroscopeFactors, GyroscopeModel, forms, gyroscope_factors
 from simval.shapes import Float
@@ -50,6 +50,8 @@ class GyroscopeFit(Estimate):
         Whether its residuals follow the time; None where `noise` is empty.
     """
 
+    what: ClassVar[str] = "a gyroscope"
+    lines: ClassVar[Any] = staticmethod(gyroscope_lines)
     advice: ClassVar[str] = (
         f"look for rests that do not belong, for another order of the axes{START}"
     )
@@ -64,9 +66,6 @@ class GyroscopeFit(Estimate):
     step: Float[Array, "..."]
     noise: NoiseFactors
     drift: Drift | None
-
-    def __str__(self) -> str:
-        return gyroscope_text(self)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ from simval.imu.calibrate.equations import (
     Magnetometer,
     Problem,
 )
+from simval.imu.calibrate.estimate import NORMAL_95
 from simval.imu.calibrate.evidence import WIDEST
 from simval.imu.calibrate.magnetometer.result import (
     ACCELEROMETER,
@@ -40,7 +41,6 @@ good magnetometer. Up to 89 degrees all are alike (docs/magnetometer.md)."""
 _SDS = 5.0  # standard deviations that the dip must be from 90 degrees, or from 0
 _LEAST_PIVOT = 1e-14  # squared sine of a column on the others; rounding leaves 1e-16
 _TAIL = 1e-3  # of the chi-square, beyond which the scatter seen widens the bars judged
-_NORMAL_95 = 1.96
 
 
 class Code(IntEnum):
@@ -95,7 +95,7 @@ class Fitted:
             model = problem.accelerometer.model
             natural = natural_sd(model, theta, here.at, covariance)
             factor = seen_over_stated(here.chi_square, freedoms(problem))
-            half = _NORMAL_95 * natural * factor[:, None]
+            half = NORMAL_95 * natural * factor[:, None]
         half = np.where(np.isfinite(half), half, np.inf)
         return cls(
             problem=problem, theta=theta, here=here, covariance=covariance,

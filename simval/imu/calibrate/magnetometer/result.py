@@ -7,7 +7,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.imu.calibrate.equations import FIELD_NAMES
-from simval.imu.calibrate.estimate import Estimate, magnetometer_text
+from simval.imu.calibrate.estimate import Estimate, magnetometer_lines
 from simval.imu.calibrate.factors import NoiseFactors
 from simval.imu.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.shapes import Float
@@ -53,6 +53,8 @@ class MagnetometerFit(Estimate):
         What picked the fit from its exact twin (-M, -dip).
     """
 
+    what: ClassVar[str] = "a magnetometer"
+    lines: ClassVar[Any] = staticmethod(magnetometer_lines)
     advice: ClassVar[str] = (
         "turn and tilt the sensors to more sides, and look for poses that do not belong"
     )
@@ -68,9 +70,6 @@ class MagnetometerFit(Estimate):
     noise: NoiseFactors
     steady_p_value: float
     assumption: str
-
-    def __str__(self) -> str:
-        return magnetometer_text(self)
 
     @property
     def names(self) -> tuple[str, ...]:
