@@ -79,8 +79,10 @@ def physical_array(
     return array
 
 
-def noise_levels(name: str, value: Any, count: int) -> Float[Array, " count"]:
-    """Standard deviations of poses, one for all or one for each.
+def noise_levels(
+    name: str, value: Any, count: int, of: str = "poses"
+) -> Float[Array, " count"]:
+    """Standard deviations of poses or axes, one for all or one for each.
 
     Raises
     ------
@@ -94,7 +96,7 @@ def noise_levels(name: str, value: Any, count: int) -> Float[Array, " count"]:
         least = np.min(sigma, initial=np.inf)
         msg = (
             f"`{name}` has shape {sigma.shape} and least value {least:g}; give one "
-            f"number, or one for each of the {count} poses, 0 or {LEAST:g} and more"
+            f"number, or one for each of the {count} {of}, 0 or {LEAST:g} and more"
         )
         raise InputError(msg)
     if not np.all(sigma <= GREATEST):

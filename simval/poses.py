@@ -20,6 +20,7 @@ the least, and that ratio.
 """
 
 from dataclasses import dataclass
+from itertools import permutations, product
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,13 @@ def random_directions(count: int, rng: np.random.Generator) -> Float[Array, "cou
 def cube_faces() -> Float[Array, "6 3"]:
     """Six directions along the axes: the classical six-position set."""
     return np.concatenate([np.eye(3), -np.eye(3)])
+
+
+def axis_orders() -> Float[Array, "48 3 3"]:
+    """Matrices that put the axes in any order, with any signs."""
+    signs = np.array(list(product((1.0, -1.0), repeat=3)))
+    orders = np.eye(3)[list(permutations(range(3)))]
+    return (orders[:, None] * signs[:, :, None]).reshape(48, 3, 3)
 
 
 def cube_edges() -> Float[Array, "12 3"]:

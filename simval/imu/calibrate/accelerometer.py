@@ -122,31 +122,22 @@ def choices() -> dict[str, tuple[str, ...]]:
     }
 
 
-def checked_readings(poses: Any) -> Float[Array, "n 3"] | Float[Array, "trials n 3"]:
-    """Return the readings as an array of nine poses or more.
+def pose_means(name: str, value: Any) -> Float[Array, "... n 3"]:
+    """Require readings of one set, which must be finite, or of several.
 
     Raises
     ------
     InputError
-        If the shape is wrong, or one set is not finite.
-    GeometryError
-        If there are fewer than nine poses.
+        If the shape is wrong, one set is not finite, or no sensor reads as much.
     """
-    readings = shaped_array("poses", poses, (None, 3))
+    readings = shaped_array(name, value, (None, 3))
     if readings.ndim > 3 or readings.size == 0:
-        msg = f"`poses` has shape {readings.shape}; give (n, 3) or (trials, n, 3)"
+        msg = f"`{name}` has shape {readings.shape}; give (n, 3) or (trials, n, 3)"
         raise InputError(msg)
-    count = readings.shape[-2]
-    if count < PARAMETERS:
-        msg = (
-            f"{count} pose(s) given; nine parameters need {PARAMETERS} or more in "
-            "different directions, and error bars need 10 or more: add poses"
-        )
-        raise GeometryError(msg)
     if readings.ndim == 2 and not np.isfinite(readings).all():
         pose, axis = (int(i) for i in np.argwhere(~np.isfinite(readings))[0])
         msg = (
-            f"`poses` has {np.count_nonzero(~np.isfinite(readings))} non-finite "
+            f"`{name}` has {np.count_nonzero(~np.isfinite(readings))} non-finite "
             f"value(s), the first ({readings[pose, axis]}) in pose {pose}, axis "
             f"{'xyz'[axis]}; every reading must be finite, so remove that pose"
         )
@@ -157,10 +148,31 @@ def checked_readings(poses: Any) -> Float[Array, "n 3"] | Float[Array, "trials n
         )
     if not (greatest == 0.0 or 1.0 / _GREATEST <= greatest <= _GREATEST):
         msg = (
-            f"the greatest reading of `poses` is {greatest:g}, outside "
-            f"{1.0 / _GREATEST:g} to {_GREATEST:g}; give raw counts or m/s^2"
+            f"the greatest reading of `{name}` is {greatest:g}, outside "
+            f"{1.0 / _GREATEST:g} to {_GREATEST:g}; give raw counts or a usual unit"
         )
         raise InputError(msg)
+    return readings
+
+
+def checked_readings(poses: Any) -> Float[Array, "n 3"] | Float[Array, "trials n 3"]:
+    """Return the readings as an array of nine poses or more.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong, or one set is not finite.
+    GeometryError
+        If there are fewer than nine poses.
+    """
+    readings = pose_means("poses", poses)
+    count = readings.shape[-2]
+    if count < PARAMETERS:
+        msg = (
+            f"{count} pose(s) given; nine parameters need {PARAMETERS} or more in "
+            "different directions, and error bars need 10 or more: add poses"
+        )
+        raise GeometryError(msg)
     return readings
 
 

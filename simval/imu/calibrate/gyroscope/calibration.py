@@ -13,7 +13,6 @@ scales a tenth apart are tried. If axes are not those of the accelerometer, all 
 orders and signs are.
 """
 
-from itertools import permutations, product
 from typing import Any, Final
 
 import numpy as np
@@ -43,6 +42,7 @@ from simval.imu.calibrate.gyroscope.result import GyroscopeFit
 from simval.imu.calibrate.gyroscope.rotation import final_rotations, rotations
 from simval.imu.calibrate.residuals import WEIGHTED, noise_shares
 from simval.imu.calibrate.result import FitResult
+from simval.poses import axis_orders
 from simval.shapes import Float
 from simval.turns import MATRIX, TurnObservability, best_next_turn, judge, missing
 
@@ -362,15 +362,7 @@ def first_matrix(
     best = aligned[np.argmin(cost)]
     if cost.min() < GOOD:
         return best
-    orders = np.array(
-        [
-            np.eye(3)[list(order)] * np.array(signs)[:, None]
-            for order, signs in product(
-                permutations(range(3)), product((1, -1), repeat=3)
-            )
-        ]
-    )
-    every = (scales[:, None, None, None] * orders).reshape(-1, 3, 3)
+    every = (scales[:, None, None, None] * axis_orders()).reshape(-1, 3, 3)
     costs = _costs(statistics, u, E, every)
     # as it stands, unless another order is far better
     return every[np.argmin(costs)] if costs.min() < 0.5 * cost.min() else best

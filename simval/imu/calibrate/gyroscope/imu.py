@@ -21,13 +21,12 @@ import numpy as np
 import scipy
 
 from simval.arguments import choice, switch
-from simval.arrays import Array, ReadOnly, physical_array
+from simval.arrays import Array, ReadOnly, noise_levels, physical_array
 from simval.errors import InputError
 from simval.imu.calibrate.accelerometer import calibrate
 from simval.imu.calibrate.gyroscope.calibration import calibrate_gyroscope
 from simval.imu.calibrate.gyroscope.noise import (
     checked_pose_std,
-    checked_walk,
     walk_covariance,
 )
 from simval.imu.calibrate.gyroscope.path_statistics import Moves, moves_between
@@ -390,9 +389,8 @@ def calibrate_imu(
     poses = np.array([rows[a:b].mean(axis=0) for a, b in at])
     std = _white(rows, at) if pose_std is None else checked_pose_std(pose_std, len(at))
     acc = _accelerometer(poses, std, g, model)
-    walk = checked_walk(
-        moves.white[0] if angle_random_walk is None else angle_random_walk
-    )
+    walk = moves.white[0] if angle_random_walk is None else angle_random_walk
+    walk = noise_levels("angle_random_walk", walk, 3, "axes")
     rests = _rests(moves)
     found = choose_sensitivity(
         rests, acc.sensor().correct(poses), walk, bias_random_walk, asked=asked

@@ -54,24 +54,6 @@ class GyroscopeNoise:
         )
 
 
-def checked_walk(value: Any) -> Float[Array, "3"]:
-    """Require white noise of each axis.
-
-    Raises
-    ------
-    InputError
-        If it is not one number or three, 0 or more.
-    """
-    N = physical_array("angle_random_walk", value, ())
-    if N.shape not in ((), (3,)) or not np.all(N >= 0.0):
-        msg = (
-            f"`angle_random_walk` has shape {N.shape}, least {N.min(initial=0.0):g}; "
-            "give one number, or one of each axis (3,), 0 or more"
-        )
-        raise InputError(msg)
-    return np.array(np.broadcast_to(N, (3,)))
-
-
 def checked_pose_std(
     value: Any, count: int, name: str = "pose_std"
 ) -> Float[Array, "n 3"]:
@@ -124,7 +106,8 @@ def noise_of(
     walk = moves.white.mean(axis=0) if angle_random_walk is None else angle_random_walk
     way = np.sqrt((moves.statistics[:, :, :3] ** 2).sum(axis=2)).sum(axis=-1)
     typical = float(np.median(way)) / float(np.median(moves.seconds)) ** 0.5
-    N = np.maximum(checked_walk(walk), _FLOOR * typical)
+    N = noise_levels("angle_random_walk", walk, 3, "axes")
+    N = np.maximum(N, _FLOOR * typical)
     K = nonnegative_number("bias_random_walk", bias_random_walk, "raw units")
     jitter = nonnegative_number("clock_jitter", clock_jitter, "s")
     bias = choice("bias", bias, BIASES)
@@ -140,7 +123,7 @@ def noise_of(
         value = physical_array("known_bias", known_bias, (3,)) - moves.centre
     std = N * np.sqrt(float(np.sum(w * w / seconds)))
     if bias_std is not None:
-        std = np.maximum(noise_levels("bias_std", bias_std, 3), std)
+        std = np.maximum(noise_levels("bias_std", bias_std, 3, "axes"), std)
     known = bias == "first rest" or (bias == "constant" and kept)
     return GyroscopeNoise(
         angle_random_walk=N, bias_random_walk=K, clock_jitter=jitter,

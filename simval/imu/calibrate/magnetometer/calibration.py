@@ -17,12 +17,10 @@ from simval.arguments import choice, instance, whole_number
 from simval.arrays import (
     Array,
     noise_levels,
-    physical_array,
     positive_number,
-    shaped_array,
 )
 from simval.errors import GeometryError, InputError, RefusedError
-from simval.imu.calibrate.accelerometer import checked_time
+from simval.imu.calibrate.accelerometer import checked_time, pose_means
 from simval.imu.calibrate.equations import (
     Accelerometer,
     Magnetometer,
@@ -121,10 +119,8 @@ def checked_pair(
     GeometryError
         If there are too few poses.
     """
-    pair = [
-        _readings("accelerometer", accelerometer),
-        _readings("magnetometer", magnetometer),
-    ]
+    named = {"accelerometer": accelerometer, "magnetometer": magnetometer}
+    pair = [pose_means(name, value) for name, value in named.items()]
     shapes = [readings.shape for readings in pair]
     if shapes[0] != shapes[1]:
         msg = (
@@ -151,24 +147,6 @@ def checked_pair(
         )
         raise GeometryError(msg)
     return pair[0], pair[1]
-
-
-def _readings(name: str, value: Any) -> Array:
-    readings = shaped_array(name, value, (None, 3))
-    if readings.ndim > 3 or readings.size == 0:
-        msg = f"`{name}` has shape {readings.shape}; give (n, 3) or (trials, n, 3)"
-        raise InputError(msg)
-    if readings.ndim == 2 and not np.isfinite(readings).all():
-        pose, axis = (int(i) for i in np.argwhere(~np.isfinite(readings))[0])
-        msg = (
-            f"`{name}` has {np.count_nonzero(~np.isfinite(readings))} non-finite "
-            f"value(s), the first ({readings[pose, axis]}) in pose {pose}, axis "
-            f"{'xyz'[axis]}; every reading must be finite, so remove that pose from "
-            "both sensors"
-        )
-        raise InputError(msg)
-    physical_array(name, readings[np.isfinite(readings)], ())
-    return readings
 
 
 def checked_std(name: str, value: Any, count: int) -> Float[Array, " n"]:

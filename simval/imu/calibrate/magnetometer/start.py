@@ -33,14 +33,13 @@ vectors says of shape and hard iron.
 """
 
 from dataclasses import dataclass, replace
-from itertools import permutations, product
 from typing import Any
 
 import numpy as np
 
 from simval.arrays import Array
 from simval.errors import GeometryError, InputError
-from simval.imu.calibrate.accelerometer import checked_readings
+from simval.imu.calibrate.accelerometer import pose_means
 from simval.imu.calibrate.equations import Prior, Problem, Solution, minimize
 from simval.imu.calibrate.magnetometer.result import (
     ACCELEROMETER,
@@ -52,6 +51,7 @@ from simval.imu.calibrate.magnetometer.result import (
 from simval.imu.calibrate.minimization import fit_ellipsoid, normalized
 from simval.imu.calibrate.residuals import moment_matrix
 from simval.imu.sensor import forms
+from simval.poses import axis_orders
 from simval.shapes import Float
 
 _QUADRIC = 9  # coefficients
@@ -260,7 +260,8 @@ def _starts(problem: Problem) -> list[Float[Array, "t 22"]]:
     up, field = seen(problem, body, iron)
     count = len(up)
     turns, sines, costs = [], [], []
-    for turn in _cube_turns():
+    orders = axis_orders()
+    for turn in orders[np.linalg.det(orders) > 0.0]:
         here = np.broadcast_to(turn, (count, 3, 3))
         sine = -np.mean(np.vecdot(up, field @ turn.T), axis=1)
         here, sine = refined(up, field, here, sine)
@@ -294,16 +295,6 @@ def _distinct(turns: Float[Array, "k t 3 3"], order: Any) -> list[Any]:
     for place in range(_STARTS):
         picks.append(order[rank[place], trials])
     return picks
-
-
-def _cube_turns() -> list[Float[Array, "3 3"]]:
-    turns = []
-    for columns in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            turn = np.eye(3)[list(columns)] * np.array(signs)
-            if np.linalg.det(turn) > 0.0:
-                turns.append(turn)
-    return turns
 
 
 def _best(problem: Problem, found: list[_Ended]) -> tuple[Solution, Any]:
@@ -358,7 +349,8 @@ def ellipsoid_then_rotation(
     GeometryError
         If a set fixes no ellipsoid.
     """
-    pair = [checked_readings(accelerometer), checked_readings(magnetometer)]
+    named = {"accelerometer": accelerometer, "magnetometer": magnetometer}
+    pair = [pose_means(name, value) for name, value in named.items()]
     if pair[0].shape != pair[1].shape:
         msg = (
             f"`accelerometer` has shape {pair[0].shape} and `magnetometer` "
