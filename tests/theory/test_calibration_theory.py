@@ -1,8 +1,8 @@
 """Predicted bias, covariance and bound of a calibration, by routes of their own.
 
 The estimator itself, differentiated numerically in the noise, gives the coefficients
-that the theory derives by hand; the Fisher matrix with every direction as a nuisance
-parameter gives the bound; Monte Carlo gives both with sampling error.
+that the theory derives by hand; Monte Carlo gives both with sampling error. The bound
+has a test of its own, `test_bounds.py`.
 """
 
 import numpy as np
@@ -66,39 +66,6 @@ def test_against_the_estimator_differentiated_in_its_noise(form, residual):
     # the adjusted moments have a sigma^4 term of their own: (sigma/g)^2 = 1e-6
     size = np.abs(bias).max() + 0.01 * sigma**2
     np.testing.assert_allclose(predicted.bias, bias, rtol=0, atol=2e-5 * size)
-
-
-def test_bound_against_the_full_fisher_matrix():
-    """Nine parameters and two angles for each pose, inverted by brute force."""
-    n, sigma = 20, 0.02
-    directions = fibonacci_sphere(n)
-    theta = MODEL.parameters
-
-    def readings(parameters, angles):
-        m = forms.matrix("triangular", parameters)
-        polar, azimuth = angles.reshape(2, n)
-        u = np.stack(
-            [
-                np.sin(polar) * np.cos(azimuth),
-                np.sin(polar) * np.sin(azimuth),
-                np.cos(polar),
-            ]
-        )
-        return (np.linalg.solve(m, G * u).T + parameters[6:]).ravel()
-
-    x, y, z = directions.T
-    angles = np.concatenate([np.arccos(z), np.arctan2(y, x)]).astype(complex)
-    state = np.concatenate([theta.astype(complex), angles])
-    steps = [
-        readings(*np.split(state + 1e-30j * e, [9])).imag / 1e-30
-        for e in np.eye(state.size)
-    ]
-    jacobian = np.stack(steps, axis=1) / sigma
-    full = np.linalg.inv(jacobian.T @ jacobian)[:9, :9]
-    bound = calibration_moments(MODEL, directions, G, sigma).cramer_rao
-    # the inversion of the 49 x 49 matrix, condition 1e4, decides: 1e-11
-    scale = np.sqrt(np.outer(*[np.diag(full)] * 2))
-    np.testing.assert_allclose(bound / scale, full / scale, rtol=0, atol=1e-10)
 
 
 def test_efficiency():

@@ -1,4 +1,4 @@
-"""Theory of a magnetometer's calibration: bound, bias, the recipe, by other routes."""
+"""Theory of a magnetometer's calibration: bias and the recipe, by other routes."""
 
 import numpy as np
 import pytest
@@ -16,9 +16,9 @@ from magnetometer_sets import (
 )
 
 from simval.errors import GeometryError, InputError
-from simval.geometry import attitude_matrix, cross_matrix, random_quaternions
+from simval.geometry import random_quaternions
 from simval.imu.calibrate import calibrate_magnetometer, ellipsoid_then_rotation
-from simval.imu.sensor import MODELS, AccelerometerModel, MagnetometerModel, forms
+from simval.imu.sensor import MODELS, AccelerometerModel, MagnetometerModel
 from simval.theory import magnetometer as own
 from simval.theory import (
     magnetometer_moments,
@@ -31,69 +31,6 @@ UNITS = {"g": G, "field": FIELD}
 def predicted(case, dip_deg=60.0, body=BODY, iron=IRON, **options):
     given = {**NOISE, **UNITS, **options}
     return magnetometer_moments(body, iron, case.q, np.radians(dip_deg), **given)
-
-
-def brute_force_bound(case, dip_deg, body, iron, body_std, iron_std):
-    """Bound with every attitude unknown: readings as functions of all, no equations.
-
-    Independent: the model is differentiated forwards, from parameters and attitudes to
-    readings, and the attitudes are eliminated by a Schur complement of the Fisher
-    information; theory never writes a reading as a function of the parameters.
-    """
-    turn, dip = attitude_matrix(case.q), np.radians(dip_deg)
-    count = len(turn)
-    field = np.array([np.cos(dip), 0.0, -np.sin(dip)])
-    lean = np.array([-np.sin(dip), 0.0, -np.cos(dip)])  # d field / d dip
-    slopes = forms.matrix_derivatives("triangular", body.parameters[None])[0]
-    inverse_a, inverse_m = np.linalg.inv(body.matrix), np.linalg.inv(iron.M)
-    total, mixed = np.zeros((22, 22)), []
-    schur = np.zeros((22, 22))
-    for k in range(count):
-        up, along = G * turn[k, :, 2], FIELD * turn[k] @ field
-        by = np.zeros((6, 22))
-        by[:3, :6] = np.stack(
-            [-inverse_a @ slope @ inverse_a @ up for slope in slopes], axis=1
-        )
-        by[:3, 6:9], by[3:, 18:21] = np.eye(3), np.eye(3)
-        for i in range(3):
-            for j in range(3):
-                unit = np.zeros((3, 3))
-                unit[i, j] = 1.0
-                by[3:, 9 + 3 * i + j] = -inverse_m @ unit @ inverse_m @ along
-        by[3:, 21] = inverse_m @ (FIELD * turn[k] @ lean)
-        # a small turn f of the body moves a vector v of it by -f x v = [v x] f
-        by_turn = np.concatenate(
-            [inverse_a @ cross_matrix(up), inverse_m @ cross_matrix(along)]
-        )
-        weight = np.repeat([body_std**-2, iron_std**-2], 3)[:, None]
-        total += by.T @ (weight * by)
-        mixed = by.T @ (weight * by_turn)
-        schur += mixed @ np.linalg.solve(by_turn.T @ (weight * by_turn), mixed.T)
-    scale = np.sqrt(np.diagonal(total - schur))
-    scaled = (total - schur) / np.outer(scale, scale)
-    return np.linalg.inv(scaled) / np.outer(scale, scale)
-
-
-@pytest.mark.parametrize(
-    ("count", "dip_deg", "seed"),
-    [(8, 60.0, 1), (12, -35.0, 2), (40, 0.0, 3), (40, 85.0, 4)],
-)
-def test_bound_is_that_of_all_attitudes_unknown(count, dip_deg, seed):
-    body, iron = random_sensors(np.random.default_rng(seed))
-    case = random_set(count, seed, dip_deg=dip_deg, body=body, iron=iron)
-    found = predicted(case, dip_deg, body, iron)
-    brute = brute_force_bound(case, dip_deg, body, iron, BODY_STD, IRON_STD)
-    sd = np.sqrt(np.diagonal(brute))
-    # both inverses lose digits to the condition of the information, up to 1e8 after
-    # scaling for eight poses
-    limit = 1e-14 * np.linalg.cond(brute / np.outer(sd, sd))
-    np.testing.assert_allclose(
-        found.covariance / np.outer(sd, sd), brute / np.outer(sd, sd), atol=limit
-    )
-    # power: the accelerometer taken as known gives another bound
-    information = np.linalg.inv(brute / np.outer(sd, sd))
-    known = np.linalg.inv(information[9:, 9:])
-    assert np.abs(np.diagonal(known) - 1.0).max() > 100 * limit
 
 
 @pytest.mark.ci
