@@ -405,10 +405,10 @@ FACES = {
     ),
     "simulate_reduced": (
         montecarlo.simulate_reduced,
-        {"errors": errors, "streams": STREAMS, "dimension": 2, "method": "both",
-         "samples": 3000, "block": 1024},
+        {"errors": errors, "streams": STREAMS, "dimension": 2, "samples": 3000,
+         "block": 1024},
         {"errors": "object", "streams": "object", "dimension": "count",
-         "method": "choice", "samples": "count", "block": "count"},
+         "samples": "count", "block": "count"},
     ),
     "normalize": (geometry.normalize, {"v": DIRECTIONS}, {"v": "any length"}),
     "attitude_matrix": (geometry.attitude_matrix, {"q": Q}, {"q": "quaternion"}),

@@ -9,10 +9,9 @@ from simval.montecarlo.plain import (
     moments_of,
     simulate,
 )
-from simval.montecarlo.reduction import METHODS, Taylor, simulate_reduced, taylor
+from simval.montecarlo.reduction import Taylor, simulate_reduced, taylor
 
 __all__ = [
-    "METHODS",
     "Sampler",
     "Sums",
     "Taylor",

@@ -168,7 +168,6 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             lambda x: errors(sigma * x + truth),
             Streams(streams.seed, (*streams.key, CONTROL_STREAM)),
             dimension=12,
-            method="both",
             samples=max(parameters.samples // CONTROLLED, MIN_BATCHES * BATCH),
             block=BLOCK,
         )

@@ -10,7 +10,6 @@ from scipy import stats
 
 from simval.errors import InputError
 from simval.montecarlo import (
-    METHODS,
     along,
     mean_square,
     moments_of,
@@ -125,6 +124,8 @@ def test_bad_requests_are_refused_in_words():
 
     with pytest.raises(InputError, match="3 of 16 trials in block 0"):
         simulate(broken, Streams(1, (1,)), samples=16, block=16, batch=1)
+    with pytest.raises(InputError, match="non-finite"):
+        found(2**12, of=lambda x: np.where(x[:2] > 3.0, np.nan, x[:2]))
 
 
 def test_two_batches_have_a_standard_error():
@@ -237,62 +238,58 @@ def known():
     return np.zeros(2), covariance + 15.0 * np.outer(cubic, cubic)
 
 
-def found(method, samples=2**17, seed=3):
+def found(samples=2**17, seed=3, of=errors):
     streams = Streams(seed, cell_key("reduction"))
-    setting = {"dimension": 3, "method": method, "samples": samples}
-    return moments_of(simulate_reduced(errors, streams, **setting))
+    return moments_of(simulate_reduced(of, streams, dimension=3, samples=samples))
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_moments_are_unbiased_within_their_standard_errors(method):
-    moments = found(method)
+def far_from_zero(x):
+    """Errors with a value at zero noise and every second derivative."""
+    return errors(x) + np.array([[0.2], [-0.1]]) + 0.1 * x[0] * x[2]
+
+
+def test_moments_are_unbiased_within_their_standard_errors_and_sharp():
+    moments = found()
     bias, covariance = known()
-    # 5 comparisons, one false alarm in 1e4; Student's t for the 32 scramblings
-    dof = 31 if method == "sobol" else 500
-    limit = stats.t.isf(1e-4 / (2 * 5), dof)
-    upper = np.triu_indices(2)
-    # what is left after antithetic pairs can be rounding only, with no error to see
-    floor = 1e-13
-    z_bias = np.abs(moments.bias - bias) / (moments.bias_error + floor)
-    z_cov = np.abs(moments.covariance - covariance) / (moments.covariance_error + floor)
-    assert z_bias.max() < limit
-    assert z_cov[upper].max() < limit
-    # Power: a covariance off by 5 % is rejected.
+    # in pairs odd terms cancel, and the even ones are those of the polynomial
+    assert np.abs(moments.bias - bias).max() < 1e-9
+    assert moments.bias_error.max() < 1e-9
+    # 3 comparisons, one false alarm in 1e4
+    limit = stats.norm.isf(1e-4 / (2 * 3))
+    score = np.abs(moments.covariance - covariance) / moments.covariance_error
+    assert score.max() < limit
+    # Power: a covariance off by 5 % is rejected
     wrong = np.abs(moments.covariance - 1.05 * covariance)
     assert (wrong / moments.covariance_error).max() > limit
+    plain = moments_of(
+        simulate(
+            lambda rng, count: errors(rng.standard_normal((3, count))),
+            Streams(3, cell_key("plain")), samples=2**17, block=4096, batch=256,
+        )
+    )  # fmt: skip
+    assert moments.covariance_error[0, 0] < 0.7 * plain.covariance_error[0, 0]
+    off = found(of=far_from_zero)
+    assert off.bias == pytest.approx([0.2, -0.1], abs=1e-9)
+    extra = covariance + 0.01 * np.ones((2, 2))  # the variance of x z is 1
+    score = np.abs(off.covariance - extra) / off.covariance_error
+    assert score.max() < limit
 
 
 @pytest.mark.ci
 def test_standard_errors_are_those_of_repeated_runs():
-    for method in ("plain", "both", "sobol"):
-        runs = [found(method, 2**13, seed) for seed in range(60)]
-        spread = np.std([m.covariance[0, 0] for m in runs], ddof=1)
-        stated = np.sqrt(np.mean([m.covariance_error[0, 0] ** 2 for m in runs]))
-        # the spread of 60 runs is known to 1/sqrt(118) = 9 %, so 4 of them
-        assert 0.63 < spread / stated < 1.37, method
+    runs = [found(2**13, seed) for seed in range(60)]
+    spread = np.std([m.covariance[0, 0] for m in runs], ddof=1)
+    stated = np.sqrt(np.mean([m.covariance_error[0, 0] ** 2 for m in runs]))
+    # the spread of 60 runs is known to 1/sqrt(118) = 9 %, so 4 of them
+    assert 0.63 < spread / stated < 1.37
 
 
-def test_every_reduction_reduces_what_it_is_for():
-    plain = found("plain")
-    # In pairs only the even part is left, of variance 2 b.b = 0.1, in n/2 pairs.
-    even = np.sqrt(2.0 * BEND[0] @ BEND[0] / (plain.samples / 2))
-    assert found("antithetic").samples == plain.samples / 2
-    # 512 batches know the standard error to 1/sqrt(1022) = 3 %, 4 of them
-    assert found("antithetic").bias_error[0] == pytest.approx(even, rel=0.13)
-    assert found("control").covariance_error[0, 0] < 0.7 * plain.covariance_error[0, 0]
-    both = found("both")
-    assert both.bias_error[0] < 1e-9  # the odd cubic and the known polynomial are all
-    assert found("sobol").covariance_error[0, 0] < 0.3 * plain.covariance_error[0, 0]
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_the_same_streams_give_the_same_bits_of_each_method(method):
-    first, again, other = (found(method, 2**12, seed) for seed in (3, 3, 4))
+def test_the_same_streams_give_the_same_reduced_bits():
+    first, again, other = (found(2**12, seed) for seed in (3, 3, 4))
     for name in ("bias", "covariance", "covariance_error"):
         assert np.array_equal(getattr(first, name), getattr(again, name))
     assert not np.array_equal(first.covariance, other.covariance)
-    # a pair of evaluations is one sample; Sobol points are rounded up to 32 times 2^k
-    assert first.samples == 2**12 / (2 if method in ("antithetic", "both") else 1)
+    assert first.samples == 2**12 / 2  # a pair is one
 
 
 def test_taylor_polynomial_is_that_of_the_errors():
@@ -332,9 +329,7 @@ def test_covariance_is_unbiased_where_the_mean_is_known_better_than_its_samples(
     def nearly_linear(x):
         return SLOPE @ x + 1e-5 * x[0] ** 3
 
-    streams = Streams(1, cell_key("few"))
-    setting = {"dimension": 3, "method": "both", "samples": 4096}
-    moments = moments_of(simulate_reduced(nearly_linear, streams, **setting))
+    moments = found(4096, 1, nearly_linear)
     cubic = np.full(2, 1e-5)
     exact = SLOPE @ SLOPE.T + 15.0 * np.outer(cubic, cubic)
     exact += 3.0 * (np.outer(SLOPE[:, 0], cubic) + np.outer(cubic, SLOPE[:, 0]))
