@@ -33,7 +33,7 @@ from pydantic import model_validator
 
 from simval import statistics as stat
 from simval.arrays import Array
-from simval.consistency import rotation_error
+from simval.consistency import normalised_squares, rotation_error
 from simval.figures import Figure, Listing, entry
 from simval.geometry import attitude_matrix, normalize, random_quaternions
 from simval.imu.attitude import (
@@ -55,7 +55,7 @@ from simval.studies.response import (
     response,
 )
 from simval.studies.study import Cost, Geometry, StudyParameters, ranged, refusing
-from simval.studies.trials import correlation_row, noise_row, normalised_square, root
+from simval.studies.trials import correlation_row, noise_row, root
 from simval.theory import (
     attitude_moments,
     cubature_moments,
@@ -187,7 +187,9 @@ class Setting:
             np.sum(errors[name] ** 2, axis=1) / predicted
             for name, predicted in self.predicted.items()
         ]
-        own = [normalised_square(errors[k], self.stated(k, body)) for k in self.weights]
+        own = [
+            normalised_squares(errors[k], self.stated(k, body)) for k in self.weights
+        ]
         for name, frame in self.frames.items():
             given = attitudes[name], errors[name], self.references
             own.append(closed_form_square(*given, self.noise_std.reshape(-1), frame))
@@ -274,7 +276,7 @@ def closed_form_square(
     found = attitude_moments(q[kept], r1, r2, noise_std, 2, frame)
     # a turn is twice its sine
     covariance = 4.0 * multiplicative_moments(found).covariance[:, :3, :3]
-    square[kept] = normalised_square(error[kept], covariance)
+    square[kept] = normalised_squares(error[kept], covariance)
     return square
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from simval import statistics as stat
 from simval.arrays import Array
+from simval.consistency import normalised_squares
 from simval.figures import Figure, Headline, Quote, entry
 from simval.geometry import attitude_error, compose, conjugate, normalize
 from simval.imu.attitude import two_vector_quaternion
@@ -33,14 +34,7 @@ from simval.studies.calibration import true_sensor
 from simval.studies.detector import detect, known_rest_rows, logged, pure, thinned
 from simval.studies.magnetometer import true_magnetometer
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import (
-    Kept,
-    drawn_rows,
-    mean_of,
-    normalised_square,
-    root,
-    trials_of,
-)
+from simval.studies.trials import Kept, drawn_rows, mean_of, root, trials_of
 from simval.theory.magnetometer import Problem, problem_of
 from simval.theory.propagation import PARTS, UP, Wanted, calibration_parts, carrier
 
@@ -207,7 +201,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         kept = {
             "measured": np.mean(angles**2, axis=1),
             "predicted": np.trace(parts, axis1=2, axis2=3).mean(axis=0),
-            "square": np.mean(normalised_square(rotation, parts[:, -1])),
+            "square": np.mean(normalised_squares(rotation, parts[:, -1])),
             "impure": np.sum(~pure(intervals, scenario.tumble.still)),
         }
         drawn = {"samples": (raw - scenario.log[0]) / force_std}

@@ -78,7 +78,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from simval import statistics as stat
 from simval.arrays import Array
-from simval.consistency import rotation_error
+from simval.consistency import normalised_squares, rotation_error
 from simval.errors import InputError, PluginError
 from simval.geometry import attitude_matrix, normalize
 from simval.imu.attitude import wahba_quaternion
@@ -112,7 +112,7 @@ from simval.studies.plugin import (
     run,
 )
 from simval.studies.study import LEAST_NOISE, Geometry, ranged
-from simval.studies.trials import normalised_square, root
+from simval.studies.trials import root
 from simval.theory import wahba_bound
 from simval.theory.cubature import cubature_moments, smolyak_hermite
 from simval.theory.estimators import OF_TWO_VECTORS, class_moments
@@ -344,7 +344,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
         columns = [error]
         if self.claims:
             P = covariances_of(self.plugin, rows, noise)
-            columns.append(normalised_square(error, P)[:, None])
+            columns.append(normalised_squares(error, P)[:, None])
         k = len(self.references)
         best = wahba_quaternion(vectors[:, :k], vectors[:, k:], noise.weights)
         for other in (error, rotation_error(best, self.q)):

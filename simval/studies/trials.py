@@ -113,14 +113,6 @@ def stated_of(
     return (low <= truth) & (truth <= high), square
 
 
-def normalised_square(
-    error: Float[Array, "n 3"], covariance: Float[Array, "n 3 3"]
-) -> Float[Array, " n"]:
-    """Squares of some turns, each normalised by its covariance."""
-    solved = np.linalg.solve(covariance, error[..., None])[..., 0]
-    return np.asarray(np.sum(error * solved, axis=1))
-
-
 def root(square: Any, error: Any) -> tuple[Any, Any]:
     """Root of a mean square, and its standard error."""
     rms = np.sqrt(square)

@@ -304,7 +304,7 @@ def nees_rows():
 @pytest.mark.ci
 def test_a_covariance_that_is_wrong_is_not_its_own_remainder(monkeypatch):
     """Cubature sees the wrong one too, at any noise, so what falls is still small."""
-    for name in ("closed_form_square", "normalised_square"):
+    for name in ("closed_form_square", "normalised_squares"):
         right = getattr(attitude_vectors, name)
         monkeypatch.setattr(
             attitude_vectors, name, lambda *given, right=right: 1.2 * right(*given)
