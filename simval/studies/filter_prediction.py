@@ -3,10 +3,11 @@ r"""What theory says of a filter in a scenario: the bound, and the reference fil
 And what a filter's rows stand on: the noise drawn, and its covariance without noise.
 
 A filter is linear in small noise. All of it is told and drawn a thousand times smaller
-than usual, and given one unit at a time: each axis of each reading, each step of the
-gyroscope's bias and the walk within it, the start's attitude and bias. The sum of the
-squares of what the errors of attitude and bias are at the end is their covariance; it
-shares no line with the covariance that the filter states, nor with the bound.
+than usual, and a trial is drawn for each of its numbers, which has that one alone: each
+axis of each reading, each step of the gyroscope's bias and the walk within it, the
+start's attitude and bias. The sum of the squares of the errors of attitude and bias at
+the end is their covariance; it shares no line with the covariance that the filter
+states, nor with the bound.
 
 What the coning of eq. (F9) of `mekf` leaves out of a turn is of third order in
 the step; without it, or with a wrong factor, it is of second. Rates alone show which.
@@ -27,7 +28,7 @@ from simval.plugins import Filter
 from simval.plugins.runs import run_filter
 from simval.results import Row, exact
 from simval.shapes import Float
-from simval.studies.filter_scenarios import Course, Imperfect, course
+from simval.studies.filter_scenarios import Course, Imperfect, course, drawn
 from simval.studies.response import apart
 from simval.studies.trials import Drawn, drawn_rows
 from simval.theory import (
@@ -207,22 +208,35 @@ def lost(make: Make, scenario: str, rate: float, **more: Any) -> float:
     return float(np.linalg.norm(_turn(answer["attitude"], way)))
 
 
+class Units(np.random.Generator):
+    """A generator of one unit at a time: trial k has the k-th number alone."""
+
+    def __init__(self) -> None:
+        super().__init__(np.random.SFC64(0))
+        self.given = 0
+
+    def standard_normal(self, shape: tuple[int, ...]) -> Array:  # type: ignore[override]
+        """Numbers that many trials draw; the first trial has no noise at all."""
+        found = np.zeros(shape)
+        own = found.reshape(shape[0], -1)
+        np.fill_diagonal(own[1 + self.given :], 1.0)
+        self.given += own.shape[1]
+        return found
+
+
 def moved_and_stated(
     make: Make, way: Course
 ) -> tuple[Float[Array, "6 6"], Float[Array, "6 6"]]:
     """Covariance of attitude and bias by what each noise moves, and as it is stated."""
-    rates, forces, fields, start, bias = _units(way)
-    half = np.concatenate([-start / 2.0, np.ones((len(start), 1))], axis=1)
-    half /= np.linalg.norm(half, axis=1, keepdims=True)
-    attitude = compose(np.broadcast_to(way.attitude[0], half.shape), half)
-    model = make(start=attitude, **asdict(SENSORS.told(way)))
+    told = SENSORS.told(way)
+    # of the start, the first bias, and five of each axis of each row
+    given, bias = drawn(way, SENSORS, told, 1 + 6 + 15 * len(way.dt), Units())
+    model = make(start=given.start, **asdict(told))
+    sensors = given.gyroscope, given.accelerometer, given.magnetometer
     for k, dt in enumerate(way.dt):
-        answer = model.update(
-            dt, way.rate[k] + rates[:, k], way.up[k] + forces[:, k],
-            way.field[k] + fields[:, k],
-        )  # fmt: skip
+        answer = model.update(dt, *(rows[:, k] for rows in sensors))
     turn = _turn(answer["attitude"], way)
-    error = np.concatenate([turn, bias - answer["bias"]], axis=1)
+    error = np.concatenate([turn, bias[:, -1] - answer["bias"]], axis=1)
     by = error[1:] - error[0]
     return by.T @ by, answer["covariance"][0]
 
@@ -230,37 +244,3 @@ def moved_and_stated(
 def _turn(attitude: Float[Array, "... 4"], way: Course) -> Float[Array, "... 3"]:
     truth = np.broadcast_to(way.attitude[-1], attitude.shape)
     return rotation_vector(compose(conjugate(attitude), truth))
-
-
-def _units(way: Course) -> tuple[Array, ...]:
-    """Unit noises: of the start, the first bias and the rows; and the bias' at the end.
-
-    Rates, forces and fields, (n, T, 3) each, then start and last bias, (n, 3).
-    """
-    T, h = len(way.dt), float(way.dt.mean())
-    K, each = SENSORS.gyroscope_walk * np.sqrt(h), np.eye(T)
-    walks = np.tril(np.ones((T, T))).T - 0.5 * each  # a step's mean has half of it
-    rates = np.concatenate(
-        [
-            SENSORS.bias_std * np.ones((1, T)),
-            K * walks,
-            K / np.sqrt(12.0) * each,
-            SENSORS.gyroscope_noise / np.sqrt(h) * each,
-        ]
-    )
-    last = np.zeros(len(rates))
-    last[: 1 + T] = [SENSORS.bias_std, *[K] * T]
-    kinds = [rates, SENSORS.accelerometer_noise * each]
-    kinds.append(SENSORS.magnetometer_noise * each)
-    count = 3 * sum(map(len, kinds)) + 4
-    found, first = [], 1  # of which the first has no noise at all
-    for kind in kinds:
-        own = np.zeros((count, T, 3))
-        three = np.einsum("mt,ab->matb", kind, np.eye(3)).reshape(-1, T, 3)
-        own[first : first + len(three)] = three
-        first += len(three)
-        found.append(own)
-    bias, start = np.zeros((count, 3)), np.zeros((count, 3))
-    bias[1 : 1 + 3 * len(rates)] = (last[:, None, None] * np.eye(3)).reshape(-1, 3)
-    start[-3:] = SENSORS.start_std * np.eye(3)
-    return (*found, start, bias)
