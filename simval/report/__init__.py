@@ -3,8 +3,8 @@
 Computing and drawing are apart: a section reads the run and computes panels and
 tables (arrays and words); `paint` and the templates draw them; nothing simulates.
 What studies declare is drawn by `gallery`, `artifacts` and `declared`; a section that
-is more than that is a function in `page.OWN`, which returns it, or None where the run
-has nothing for it.
+is more than that has a function in `page.GROUPS`, which returns it, or None where the
+run has nothing for it.
 """
 
 from simval.report.calibration_page import render_calibration

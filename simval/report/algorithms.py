@@ -29,9 +29,9 @@ from simval.judge.algorithms import (
 )
 from simval.plugins.loading import BESIDE, BUILTIN
 from simval.report.answers import Line
-from simval.report.any_study import numbers
 from simval.report.curves import MAX_GROUPS, along_axis, grouped, simultaneous, upright
 from simval.report.curves import Measured as Said
+from simval.report.declared import numbers
 from simval.report.panels import DotPanel, Drawing, HeatPanel
 from simval.report.section import Context, Section, made
 from simval.report.table import Column, Kind, Table, tabulated

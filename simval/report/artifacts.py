@@ -113,7 +113,6 @@ def drawn_artifacts(
                 finding="" if i else said,
                 fold=said if i else "",
                 caption=picture.caption,
-                alternative=f"{picture.asked} {said}",
                 panels=panels,
                 columns=picture.columns,
             )

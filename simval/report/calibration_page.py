@@ -300,9 +300,6 @@ def _signals(log: Log, result: LogCalibration) -> Drawing:
             f"The readings with the {len(spans)} static intervals shaded, from which "
             "the poses are. The first rest sets the level of the noise."
         ),
-        alternative=(
-            f"Readings over time with {len(spans)} detected static intervals shaded"
-        ),
         panels=[
             linear(name, "time, s", "reading, raw", _lines(log, rows), spans=spans)
             for name, rows in sensors.items()
@@ -328,7 +325,6 @@ def _residuals(result: LogCalibration) -> Drawing:
             "How far each pose is from the ellipsoid of all of them, in standard "
             "deviations; of 100 sound poses 95 are between the lines."
         ),
-        alternative="Standardised residual of each pose, outliers marked",
         panels=[
             linear(
                 "residual of each pose",
@@ -376,10 +372,6 @@ def _coverage(log: Log, result: LogCalibration) -> Drawing:
             "Directions of the specific force in sensor axes, in equal-area maps of "
             "both half spheres; rings at 30, 60 and 90 degrees. The diamond is where "
             "a further pose would lower the total variance most."
-        ),
-        alternative=(
-            f"Directions of {len(directions)} poses on the sphere, and where a further "
-            "one would help most"
         ),
         panels=[
             SpherePanel(
@@ -431,7 +423,6 @@ def gyroscope_chapter(whole: ImuCalibration) -> Section | None:
             "gyroscope and gravity measured by the accelerometer in the next rest. "
             f"Chosen by evidence: {'; '.join(whole.reasons)}."
         ),
-        alternative=f"{panel.title}, {len(angles)} of them",
         panels=[panel],
         columns=1,
     )
@@ -468,7 +459,6 @@ def magnetometer_chapter(whole: ImuCalibration) -> Section | None:
             "Chi-square of each pose, three equations: 3 on average where the "
             "field is that of the other poses and the noise is right."
         ),
-        alternative=f"{panel.title}, {len(chi_square)} of them",
         panels=[panel],
         columns=1,
     )

@@ -102,10 +102,6 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
             f"{what}{against}, first failing in "
             f"{described(study, failed.parameters)}: {verdict.reason}."
         ),
-        alternative=(
-            f"{what} of the study {study}{against} over {axis}: measured values "
-            "beside the prediction, and their distance from it in standard errors"
-        ),
         panels=panels,
     )
     theory = predictor or "its prediction"

@@ -202,7 +202,6 @@ def _drawing(
             f"{difference.cell}). Bars: {z:.2f} standard errors, 95 % for all "
             "points together."
         ),
-        alternative=f"{name} of {where} over {axis} in both runs, with their bands",
         panels=[
             Panel(
                 title=f"{spelled(study)}, {name}",

@@ -22,10 +22,11 @@ import scipy
 from simval.arrays import Array
 from simval.change import EFFORT
 from simval.judge.findings import reproduce
-from simval.report.palette import BOUND, THEORY
 from simval.report.panels import (
+    BOUND,
     COLOURS,
     MARKERS,
+    THEORY,
     BarPanel,
     DotPanel,
     Panel,

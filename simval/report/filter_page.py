@@ -350,7 +350,6 @@ def _drawing(name: str, truth: WithTruth) -> Drawing:
         asked=f"When is the filter {name} wrong?",
         finding=_farthest(truth),
         caption=caption,
-        alternative=f"Total, heading and inclination error of {name} over time",
         panels=panels,
         columns=1,
     )

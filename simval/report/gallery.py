@@ -19,7 +19,7 @@ from simval.figures import (
     belongs,
     entries,
 )
-from simval.report import palette
+from simval.report import panels
 from simval.report.curves import (
     MAX_GROUPS,
     Curve,
@@ -37,9 +37,10 @@ from simval.report.curves import (
     varying,
 )
 from simval.report.findings import Claim, behind, claiming, limited
-from simval.report.palette import BOUND, GREY
 from simval.report.panels import (
+    BOUND,
     COLOURS,
+    GREY,
     MARKERS,
     AnyPanel,
     BarPanel,
@@ -68,11 +69,11 @@ from simval.sweep.run import CellResult
 from simval.units import Unit, of_row
 
 STYLES = {
-    ORDER_2: (palette.ORDER_2, "--"),
-    ORDER_4_SOURCE: (palette.ORDER_4_SOURCE, "-."),
-    ORDER_4: (palette.ORDER_4_COMPLETE, "-"),
-    EXACT: (palette.EXACT, ":"),
-    ORDER_2_PRINTED: (palette.ORDER_2_PRINTED, "-"),
+    ORDER_2: (panels.ORDER_2, "--"),
+    ORDER_4_SOURCE: (panels.ORDER_4_SOURCE, "-."),
+    ORDER_4: (panels.ORDER_4_COMPLETE, "-"),
+    EXACT: (panels.EXACT, ":"),
+    ORDER_2_PRINTED: (panels.ORDER_2_PRINTED, "-"),
 }
 """Colour and line of each formula, the same in all figures."""
 LINES = ("-", "--", ":", "-.")
@@ -123,9 +124,8 @@ def drawn(figure: Figure, cells: Cells) -> list[Drawing]:
         marks = BARS if figure.along == "" else POINTS if figure.compared else ""
         drawing = Drawing(
             name=slug(f"{figure.name} {label if figure.each else ''}"),
+            asked=figure.asked,
             caption=f"{begun(label)}{'. ' * bool(label)}{figure.caption}{marks}",
-            alternative=f"{figure.asked or figure.caption} Panels: "
-            f"{'; '.join(panel.title for panel in panels)}",
             panels=panels,
             columns=figure.columns,
         )

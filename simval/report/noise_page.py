@@ -260,7 +260,6 @@ def allan_drawing(name: str, sensors: Sequence[SensorNoise]) -> Drawing:
             "the closed-form covariance, lines the fitted N, B and K where they are "
             "fitted, dotted beyond."
         ),
-        alternative=f"Allan deviation over averaging time of each axis of {name}",
         panels=[_panel(s) for s in drawn],
         columns=1,
         left_out=[

@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 
 from simval.errors import InputError
 from simval.judge import compare_runs, judge_run
-from simval.report import algorithms, any_study, checks, pictures, record, summary
+from simval.report import algorithms, checks, declared, pictures, record, summary
 from simval.report.algorithms import has_user_code
 from simval.report.answers import comparable, linked
-from simval.report.declared import elsewhere, section_of
 from simval.report.panels import Drawing
 from simval.report.section import (
     Against,
@@ -73,11 +72,11 @@ GROUPS: Mapping[str, Mapping[str, Entry]] = {
         "scene": Entry("Scenes", pictures.scene_section),
         "statics": Entry("Static intervals"),
         "convergence": Entry("Convergence of the solvers"),
-        "other": Entry("Further studies", any_study.other_section),
+        "other": Entry("Further studies", declared.other_section),
     },
     "Checks and numbers": {
         "statistics": Entry(
-            "Efficiency, coverage and consistency", any_study.statistics_section
+            "Efficiency, coverage and consistency", declared.statistics_section
         ),
         "checks": Entry("Checks", checks.checks_section),
         "numbers": Entry("All numbers", record.numbers_section),
@@ -239,10 +238,12 @@ def _sections(context: Context) -> tuple[Section, ...]:
         entries |= group
     found = []
     for anchor, (title, make) in entries.items():
-        section = section_of(context, anchor) if make is None else make(context)
+        section = (
+            declared.section_of(context, anchor) if make is None else make(context)
+        )
         if section is not None:
-            also = any_study.SHOWN if anchor == "statistics" else ()
-            more = elsewhere(context, anchor, also)
+            also = declared.SHOWN if anchor == "statistics" else ()
+            more = declared.elsewhere(context, anchor, also)
             found.append(replace(section.under(anchor, title), elsewhere=more))
     anchors = {section.anchor for section in found}
     return tuple(_linked(section, anchors) for section in found)

@@ -27,9 +27,13 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLoc
 
 from simval.arrays import Array
 from simval.report import live
-from simval.report.palette import GREY, INK, SHARE, SIMULATED, THEORY
 from simval.report.panels import (
+    GREY,
+    INK,
     MANY,
+    SHARE,
+    SIMULATED,
+    THEORY,
     AnyPanel,
     BarPanel,
     DotPanel,
@@ -39,6 +43,7 @@ from simval.report.panels import (
     Series,
     SpherePanel,
     near,
+    told,
 )
 from simval.shapes import Float
 
@@ -164,13 +169,9 @@ def _parts(drawing: Drawing) -> list[Drawing]:
         return [drawing]
     parts = []
     for i, panel in enumerate(drawing.panels, 1):
-        x, y = getattr(panel, "x_label", ""), getattr(panel, "y_label", "")
-        labels = ", ".join(s.label for s in getattr(panel, "series", ()) if s.label)
-        words = (panel.title, f"{y} against {x}" if x and y else x, labels)
-        alternative = "; ".join(part for part in words if part)
         name = f"{drawing.name}-{i}"
         parts.append(
-            replace(drawing, name=name, alternative=alternative, panels=[panel])
+            replace(drawing, name=name, alternative=told(panel), panels=[panel])
         )
     return parts
 

@@ -1,6 +1,17 @@
 """What a figure shows, as data; `paint` turns it into SVG or PNG.
 
 No drawing here: a section computes panels, a panel is arrays and words.
+
+What a colour, a marker and a line mean, the same on the whole page.
+
+What was simulated or measured is blue, or of the cool colours beside it where several
+groups share axes, each with a marker of its own. Predictions are lines: theory red, the
+second order ochre, the source's fourth order pink, the complete fourth order green, the
+exact answer in the ink of the words, the Cramér-Rao bound grey and dotted.
+
+Every colour has a contrast of at least 3 to the paper, white and dark, and is told
+apart with every kind of colour vision, or by its marker or line
+(tests/report/test_report_figures.py).
 """
 
 from collections.abc import Sequence
@@ -10,13 +21,28 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.report import palette
 from simval.report.words import slug
 from simval.shapes import Float
 
-COLOURS = palette.GROUPS
-MARKERS = palette.MARKERS
-GREY = palette.GREY
+COLOURS = ("#0077bb", "#008877", "#6644ff", "#2277ee", "#885588", "#cc22bb")
+"""What was measured, by group: residuals, numbers of poses, algorithms, axes x y z."""
+
+MARKERS = ("o", "s", "^", "D", "v", "P")
+"""Of each group: not told apart by colour alone."""
+
+SIMULATED = COLOURS[0]
+THEORY = "#cc0022"
+ORDER_2 = "#bb8800"
+ORDER_4_SOURCE = "#ee3388"
+ORDER_4_COMPLETE = "#118844"
+ORDER_2_PRINTED = "#776666"  # equation (63) as the source prints it
+INK = "#010203"
+"""The colour of the words: it becomes ``currentColor``, so it is dark or light."""
+EXACT = INK
+GREY = "#8c8c8c"
+BOUND = GREY
+SHARE = "#d55e00"
+"""Of a map of shares that fail, more or less opaque."""
 MANY = 1500
 """Points of a series beyond which it is drawn as pixels: as vectors 20 000 with their
 bars take 8.8 MB of the page, as pixels 0.1 MB; the words stay text (measured)."""
@@ -120,6 +146,14 @@ class HeatPanel:
 AnyPanel = Panel | SpherePanel | BarPanel | DotPanel | HeatPanel
 
 
+def told(panel: AnyPanel) -> str:
+    """What a panel shows, for those who cannot see it: title, axes and legend."""
+    x, y = getattr(panel, "x_label", ""), getattr(panel, "y_label", "")
+    labels = ", ".join(s.label for s in getattr(panel, "series", ()) if s.label)
+    words = (panel.title, f"{y} against {x}" if x and y else x, labels)
+    return "; ".join(part for part in words if part)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drawing:
     """A figure: panels, a caption and a text for those who cannot see it."""
@@ -128,8 +162,9 @@ class Drawing:
     # (`simval.report.words.slug`)
     name: str
     caption: str  # what the reader sees below it
-    alternative: str  # what the figure shows, in words
     panels: Sequence[AnyPanel]
+    # what it shows, in words; without, its question and its panels
+    alternative: str = ""
     columns: int = 3  # panels side by side
     asked: str = ""  # the question that it answers, as a person would ask it
     finding: str = ""  # the answer in one sentence, made from the numbers
@@ -142,3 +177,7 @@ class Drawing:
 
     def __post_init__(self) -> None:
         assert self.name == slug(self.name), self.name
+        if not self.alternative:
+            titles = f"Panels: {'; '.join(panel.title for panel in self.panels)}"
+            words = told(self.panels[0]) if len(self.panels) == 1 else titles
+            object.__setattr__(self, "alternative", f"{self.asked} {words}".strip())

@@ -9,7 +9,7 @@ import small_runs
 from matplotlib.colors import to_rgb
 from rounding import EPS
 
-from simval.report import palette
+from simval.report import panels
 from simval.report.curves import (
     SEEN,
     Z95,
@@ -218,12 +218,12 @@ def luminance(colour):
 
 PAPERS = {"white": 1.0, "dark": luminance("#151618")[0]}
 ROLES = (
-    palette.SIMULATED,
-    palette.THEORY,
-    palette.ORDER_2,
-    palette.ORDER_4_SOURCE,
-    palette.ORDER_4_COMPLETE,
-    palette.ORDER_2_PRINTED,
+    panels.SIMULATED,
+    panels.THEORY,
+    panels.ORDER_2,
+    panels.ORDER_4_SOURCE,
+    panels.ORDER_4_COMPLETE,
+    panels.ORDER_2_PRINTED,
 )
 # Machado, Oliveira and Fernandes 2009, full deficiency, on linear RGB
 VISION = {
@@ -235,7 +235,7 @@ VISION = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("colour", sorted({*ROLES, *palette.GROUPS, palette.GREY}))
+@pytest.mark.parametrize("colour", sorted({*ROLES, *panels.COLOURS, panels.GREY}))
 def test_a_colour_is_seen_on_white_and_on_dark_paper(colour):
     y, _ = luminance(colour)
     for paper in PAPERS.values():
@@ -254,7 +254,7 @@ def lab(linear):
 @pytest.mark.parametrize("vision", VISION)
 @pytest.mark.parametrize(
     ("colours", "least"),
-    [(ROLES, 12.0), (palette.GROUPS, 10.0)],
+    [(ROLES, 12.0), (panels.COLOURS, 10.0)],
     ids=["roles", "groups"],
 )
 def test_colours_are_told_apart_with_every_vision(colours, least, vision):
@@ -262,4 +262,4 @@ def test_colours_are_told_apart_with_every_vision(colours, least, vision):
     seen = [lab(np.array(VISION[vision]) @ luminance(c)[1]) for c in colours]
     for a, b in itertools.combinations(range(len(seen)), 2):
         assert np.linalg.norm(seen[a] - seen[b]) > least, (colours[a], colours[b])
-    assert len(set(palette.MARKERS)) == len(palette.GROUPS)
+    assert len(set(panels.MARKERS)) == len(panels.COLOURS)
