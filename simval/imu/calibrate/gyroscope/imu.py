@@ -331,32 +331,17 @@ def calibrate_imu(
     pose_std : float or array_like, optional
         Noise of each axis of a pose mean, raw units, one number, (m,) or (m, 3); white
         noise from the scatter within rests if not given.
-    angle_random_walk : float or array_like, optional
-        White noise N of the gyroscope, raw units per root hertz, one number or (3,);
-        from the scatter within rests if not given.
+    angle_random_walk, clock_jitter, estimator, start : optional
+        As in `calibrate_gyroscope`.
     bias_random_walk : float, optional
         K of the gyroscope, raw units times root hertz; from the differences between
         rests if not given.
-    clock_jitter : float, default 0.0
-        Standard deviation of each time stamp, s, where the rows are even and their
-        stamps are not.
     bias : {"auto", "constant", "line"}
         Model of the bias; auto chooses by evidence.
     sensitivity : bool, optional
         Whether specific force acts on the gyroscope; by the F test if not given.
-    estimator : {"joint", "generalised", "unweighted"}
-        As in `calibrate_gyroscope`.
-    scheme : {"averages", "cubic", "linear"}
-        What a row is, and how it is integrated.
-    margin : int, default 10
-        Rows by which a rotation reaches into the rests before and after it.
-    chunk : {1, 2, 4, 8}
-        Steps that are merged into one.
-    full_scale : float, optional
-        Greatest reading of the gyroscope, raw units from the middle of its range; a
-        rotation that reaches it is refused.
-    start : array_like, optional
-        M to start from, (3, 3).
+    scheme, margin, chunk, full_scale : optional
+        As in `moves_between`.
 
     Returns
     -------
@@ -387,11 +372,19 @@ def calibrate_imu(
         raise InputError(msg)
     at = np.asarray(intervals, dtype=np.intp)
     poses = np.array([rows[a:b].mean(axis=0) for a, b in at])
-    std = _white(rows, at) if pose_std is None else checked_pose_std(pose_std, len(at))
-    acc = _accelerometer(poses, std, g, model)
+    # what white noise leaves in the mean of each rest
+    white = np.sqrt(variance_within(rows, at) / np.diff(at))
+    std = white if pose_std is None else checked_pose_std(pose_std, len(at))
+    level = np.sqrt((std**2).mean(axis=1))
+    stated = level if np.all(level > 0.0) else None
+    acc = calibrate(poses, g, model, residual="weighted", noise_std=stated)
+    acc.require_converged()
     walk = moves.white[0] if angle_random_walk is None else angle_random_walk
     walk = noise_levels("angle_random_walk", walk, 3, "axes")
-    rests = _rests(moves)
+    rests = Rests(
+        rates=moves.rest_rates[0], times=moves.rest_times, seconds=moves.rest_seconds,
+        moves=moves.seconds,
+    )  # fmt: skip
     found = choose_sensitivity(
         rests, acc.sensor().correct(poses), walk, bias_random_walk, asked=asked
     )
@@ -430,29 +423,6 @@ def variance_within(rows: Float[Array, "n 3"], rests: Any) -> Float[Array, "3"]:
     counts = np.diff(rests)[:, 0]
     squares = sum(rows[a:b].var(axis=0) * (b - a) for a, b in rests)
     return np.asarray(squares / (counts.sum() - len(counts)))
-
-
-def _white(rows: Float[Array, "n 3"], rests: Any) -> Float[Array, "m 3"]:
-    # what white noise leaves in the mean of each rest, by axis
-    return np.sqrt(variance_within(rows, rests) / np.diff(rests))
-
-
-def _accelerometer(
-    poses: Array, std: Float[Array, "m 3"], g: float, model: str
-) -> FitResult:
-    level = np.sqrt((std**2).mean(axis=1))
-    known = None if not np.all(level > 0.0) else level
-    fit = calibrate(poses, g, model, residual="weighted", noise_std=known)
-    return fit.require_converged()
-
-
-def _rests(moves: Moves) -> Rests:
-    return Rests(
-        rates=moves.rest_rates[0],
-        times=moves.rest_times,
-        seconds=moves.rest_seconds,
-        moves=moves.seconds,
-    )
 
 
 def _taken_out(
