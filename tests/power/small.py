@@ -16,7 +16,7 @@ from simval.imu.calibrate.gyroscope import rotation
 from simval.imu.calibrate.minimization import Leverage
 from simval.imu.filters import Mekf, mekf
 from simval.imu.sensor import AccelerometerModel, NoiseModel
-from simval.imu.statics import detector, intervals, variance
+from simval.imu.statics import detector
 from simval.montecarlo import plain
 from simval.streams import Streams
 from simval.studies import (
@@ -331,22 +331,22 @@ RESTS = (
         lambda o, raw, many, window, trim: o(raw, many, window, 0),
     ),
     found(
-        "detector's window a sample late", variance, "variance_magnitude",
+        "detector's window a sample late", detector, "variance_magnitude",
         then(lambda v: np.roll(v, 1)),
     ),
     found(
-        "a window's variance by n for n - 1", variance, "variance_magnitude",
+        "a window's variance by n for n - 1", detector, "variance_magnitude",
         lambda o, samples, window: o(samples, window) * ((window - 1) / window),
     ),
     found(
         "a rest's variance by n for n - 1", detector, "initial_rest", then(rest_by_n)
     ),
     found(
-        "means without the last sample", intervals, "interval_means",
+        "means without the last sample", detector, "interval_means",
         lambda o, samples, rests: o(samples, rests - np.array([0, 1])),
     ),
     found(
-        "a sample too many counted", intervals, "interval_counts",
+        "a sample too many counted", detector, "interval_counts",
         then(lambda counts: counts + 1),
     ),
 )  # fmt: skip

@@ -29,7 +29,7 @@ from simval.imu.logs import Log
 from simval.imu.multiposition.rests import find_rests
 from simval.imu.noise.fit import rows_to_a_reading
 from simval.imu.statics import Intervals, interval_means
-from simval.imu.statics.intervals import runs_of
+from simval.imu.statics.detector import runs_of
 from simval.poses import PARAMETERS
 from simval.shapes import Float
 

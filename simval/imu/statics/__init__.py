@@ -15,18 +15,16 @@ variance: raw counts and SI units give the same intervals.
 """
 
 from simval.imu.statics.detector import (
+    Intervals,
     Rest,
     initial_rest,
-    intervals_below,
-)
-from simval.imu.statics.even import SLOWEST_NOISE, WHITE, WINDOWS, evened
-from simval.imu.statics.intervals import (
-    Intervals,
     interval_counts,
     interval_means,
+    intervals_below,
+    variance_magnitude,
 )
+from simval.imu.statics.even import SLOWEST_NOISE, WHITE, WINDOWS, evened
 from simval.imu.statics.turns import Cut, still_parts
-from simval.imu.statics.variance import variance_magnitude
 
 __all__ = [
     "SLOWEST_NOISE",

@@ -1,17 +1,28 @@
-"""The initial rest and the static intervals of a log, see `simval.imu.statics`."""
+"""Windowed variance, the initial rest, and static intervals of a log.
+
+Equation (D1) is that of `simval.imu.statics`.
+"""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from simval.arguments import whole_number
-from simval.arrays import Array, real_number, shaped_array
+from simval.arguments import MOST, whole_number
+from simval.arrays import (
+    Array,
+    finite_array,
+    physical_array,
+    real_number,
+    shaped_array,
+)
 from simval.errors import InputError, RefusedError
-from simval.imu.statics.intervals import Intervals, runs_of
-from simval.imu.statics.variance import WINDOW, checked_samples, variance_magnitude
 from simval.shapes import Float
 from simval.text import shown
 
+Intervals = NDArray[np.intp]
+WINDOW = 101  # samples; one second at 100 Hz
 MINIMUM = 100  # samples
 FLOOR_QUANTILE = 0.1
 """Of the windowed variances: the noise floor of the log. The log needs rests in more of
@@ -23,6 +34,98 @@ FLOOR_MULTIPLE = 3.0
 """Floors above which a window has moved. Windows of white noise vary by 8 % at 101
 samples, sqrt(2/300). Any from 1.2 to 10 leaves the rests as they are (the same test),
 for it chooses the rest that scales the threshold, and not the threshold."""
+
+
+def variance_magnitude(
+    samples: Float[Array, "n 3"], window: int = WINDOW
+) -> Float[Array, " n"]:
+    """Variance magnitude of the window centred on each sample, eq. (D1).
+
+    Parameters
+    ----------
+    samples : Array
+        Readings, (n, 3), any unit.
+    window : int
+        Samples in a window, odd, 3 or more.
+
+    Returns
+    -------
+    Array
+        (n,), unit of the readings squared; infinite within half a window of either
+        end, where there is no full window, so that nothing there is static.
+
+    Raises
+    ------
+    InputError
+        If the window is not odd or does not fit into the log.
+
+    Notes
+    -----
+    Each window spans at most two blocks of `window` samples. Sums run from the blocks'
+    ends over data centred per block, and the two parts are merged (Chan, Golub and
+    LeVeque 1983): no sum is longer than a window, so a rest late in a long log of
+    large counts loses no digits.
+    """
+    samples = checked_samples(samples, window)
+    n, half = len(samples), window // 2
+    blocks = -(-n // window)
+    padded = np.concatenate([samples, np.repeat(samples[-1:], blocks * window - n, 0)])
+    cube = padded.reshape(blocks, window, 3)
+    centre = cube.mean(axis=1, keepdims=True)
+    cube = cube - centre
+    mean_before, spread_before = _running(cube)
+    mean_after, spread_after = _running(cube[:, ::-1])
+    # a window that starts at offset o > 0 has window - o samples in its first block
+    centres = centre[:, 0]
+    tail_mean = (mean_after[:, ::-1] + centres[:, None]).reshape(-1, 3)
+    tail_spread = spread_after[:, ::-1].reshape(-1, 3)
+    head_mean = (mean_before + centres[:, None]).reshape(-1, 3)
+    head_spread = spread_before.reshape(-1, 3)
+    start = np.arange(n - window + 1)
+    in_head = start % window  # samples in the second block
+    last = start + window - 1
+    merged = (
+        tail_spread[start]
+        + head_spread[last]
+        + (in_head * (window - in_head) / window)[:, None]
+        * (head_mean[last] - tail_mean[start]) ** 2
+    )
+    whole = in_head == 0
+    merged[whole] = tail_spread[start[whole]]
+    result = np.full(n, np.inf)
+    result[half : n - half] = np.linalg.norm(merged / (window - 1), axis=1)
+    return result
+
+
+def _running(
+    cube: Float[Array, "m k 3"],
+) -> tuple[Float[Array, "m k 3"], Float[Array, "m k 3"]]:
+    # running mean and sum of squared deviations along axis 1
+    count = np.arange(1, cube.shape[1] + 1)[:, None]
+    total = np.cumsum(cube, axis=1)
+    spread = np.cumsum(cube * cube, axis=1) - total * total / count
+    return total / count, np.maximum(spread, 0.0)
+
+
+def checked_samples(samples: Float[Array, "n 3"], window: int) -> Float[Array, "n 3"]:
+    """Check that a log is one of finite rows and longer than a window.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    samples = one_log(samples)
+    if whole_number("window", window, 3) % 2 == 0:
+        msg = f"`window` is {window}; it must be an odd number of samples, 3 or more"
+        raise InputError(msg)
+    if not len(samples) >= window:
+        msg = (
+            f"`samples` has shape {samples.shape}; one log of at least one window "
+            f"({window} rows of 3) is needed: record longer or shorten the window"
+        )
+        raise InputError(msg)
+    return samples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -172,3 +275,85 @@ def intervals_below(
     runs = runs_of(spread < threshold) + np.array([trim, -trim])
     kept: Intervals = runs[runs[:, 1] - runs[:, 0] >= minimum]
     return kept
+
+
+def one_log(samples: Any) -> Float[Array, "n 3"]:
+    """Require the readings of one log.
+
+    Raises
+    ------
+    InputError
+        If the shape is another, or a value is not finite.
+    """
+    array = physical_array("samples", samples, (None, 3))
+    if array.ndim != 2:
+        msg = f"`samples` has shape {array.shape}; give those of one log, (n, 3)"
+        raise InputError(msg)
+    return array
+
+
+def checked_intervals(intervals: Any, count: int | None = None) -> Intervals:
+    """Require intervals of whole samples that are not empty.
+
+    Raises
+    ------
+    InputError
+        If the shape is another, a number is not whole, or a row is empty or outside.
+    """
+    array = finite_array("intervals", intervals, (None, 2))
+    rows = np.where(np.abs(array) <= MOST, array, -1.0).astype(np.intp)
+    most = MOST if count is None else count
+    good = (rows == array).all() and array.ndim == 2
+    if not (good and np.all((rows[:, :1] >= 0) & (rows[:, :1] < rows[:, 1:]))):
+        msg = "`intervals` must be rows of two whole numbers, 0 <= start < stop, (m, 2)"
+        raise InputError(msg)
+    if not np.all(rows <= most):
+        msg = f"`intervals` reach sample {rows.max()}, and there are {count}"
+        raise InputError(msg)
+    return rows
+
+
+def interval_counts(intervals: Intervals) -> Intervals:
+    """Number of samples of each interval.
+
+    Parameters
+    ----------
+    intervals : Intervals
+        [start, stop) rows, (m, 2).
+
+    Returns
+    -------
+    Intervals
+        (m,).
+    """
+    intervals = checked_intervals(intervals)
+    return np.asarray(intervals[:, 1] - intervals[:, 0])
+
+
+def interval_means(
+    samples: Float[Array, "n 3"], intervals: Intervals
+) -> Float[Array, "m 3"]:
+    """Mean reading of each interval.
+
+    Parameters
+    ----------
+    samples : Array
+        Readings, (n, 3).
+    intervals : Intervals
+        [start, stop) rows, (m, 2).
+
+    Returns
+    -------
+    Array
+        (m, 3), unit of the readings.
+    """
+    samples = one_log(samples)
+    intervals = checked_intervals(intervals, len(samples))
+    means = [samples[start:stop].mean(axis=0) for start, stop in intervals]
+    return np.array(means).reshape(-1, 3)
+
+
+def runs_of(flag: NDArray[np.bool_]) -> Intervals:
+    """Runs of True as rows start <= k < stop, (m, 2)."""
+    edges = np.diff(np.concatenate([[False], flag, [False]]).astype(np.int8))
+    return np.stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)], axis=1)

@@ -14,9 +14,13 @@ import numpy as np
 
 from simval.arrays import Array, finite_array, frozen
 from simval.errors import InputError, RefusedError
-from simval.imu.statics.detector import Rest, initial_rest, intervals_below
-from simval.imu.statics.intervals import Intervals
-from simval.imu.statics.variance import variance_magnitude
+from simval.imu.statics.detector import (
+    Intervals,
+    Rest,
+    initial_rest,
+    intervals_below,
+    variance_magnitude,
+)
 from simval.shapes import Float
 
 RATE = 100.0  # Hz; rows that come faster are averaged to ticks of about this rate

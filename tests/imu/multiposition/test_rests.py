@@ -16,6 +16,7 @@ from written import written
 from simval.errors import InputError, RefusedError
 from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
+from simval.imu.multiposition.log_units import Scale
 from simval.imu.multiposition.rests import find_rests
 from simval.imu.recorded.settings import signals
 from simval.imu.statics import detector, evened, still_parts
@@ -252,7 +253,7 @@ def test_a_filter_needs_every_row():
     keep = np.r_[0:500, 512 : len(made.log.time)]
     rows = made.log.accelerometer[keep]
     log = log_of(made.log.time[keep], rows, made.log.gyro[keep], rows)
-    si = (1.0, "m/s^2")
+    si = Scale(1.0, "m/s^2")
     with pytest.raises(InputError, match="a filter needs what was turned there"):
         signals(log, made.holds, accelerometer=si, gyro=si, calibration=None)
 

@@ -9,8 +9,9 @@ from places import recording
 from written import written
 
 from simval.errors import InputError, RefusedError
-from simval.imu.logs import Log, read_log
+from simval.imu.logs import Column, Log, read_log
 from simval.imu.multiposition.faults import require_alive
+from simval.imu.multiposition.log_units import scale_of
 from simval.imu.multiposition.noise import log_noise, pose_noise, white_noise
 from simval.imu.multiposition.noise_description import FLOOR, PRINTED
 from simval.imu.noise import NoiseFile, load_noise, noise_of
@@ -232,6 +233,14 @@ def test_a_stated_unit(simval, tmp_path, unit, scale):
     code, out, err = simval("noise", path, "--magnetometer-unit", unit, "--json")
     assert code == 0, err
     assert json.loads(out)["sensors"]["magnetometer"]["si_per_raw"] == scale
+
+
+def test_a_g_in_the_header_is_a_gauss_of_a_magnetometer():
+    log, _, _ = tumble(4, 30, 1.0)
+    for name, size in (("mx [G]", 1e-4), ("mx (mG)", 1e-7), ("mx [uT]", 1e-6)):
+        columns = (Column(role="mx", place=0, name=name),)
+        found = scale_of(replace(log, columns=columns), "magnetometer", None)
+        assert found.si_per_raw == size
 
 
 def test_units_of_data_sheets():

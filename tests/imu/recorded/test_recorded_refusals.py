@@ -101,6 +101,8 @@ def test_columns_that_are_asked_for(log, tmp_path):
         found.components, np.roll(normalize(q), 1, axis=1), rtol=0, atol=1e-15
     )
     assert found.scalar == "first"
+    stamped = read_truth(path, columns="t[ms],qs,qx,qy,qz,-")
+    np.testing.assert_allclose(stamped.time, 1e-3 * found.time, rtol=1e-15)
     for columns in ("t,qs,qx,qy,qz", "t,qs,qx,qy,-,-", "t,qs,qx,qy,qz,ax", ""):
         with pytest.raises(InputError, match="truth-columns"):
             read_truth(path, columns=columns)

@@ -93,6 +93,7 @@ def test_kalibr_is_lower_triangular_and_a_rotation():
 def test_what_is_no_gyroscope_is_refused():
     for bad, words in (
         ({"M": np.zeros((3, 3))}, "singular"),
+        ({"M": np.arange(9.0).reshape(3, 3)}, "singular"),  # but for rounding
         ({"M": np.eye(2)}, "shape"),
         ({"B": [1.0, np.nan, 0.0]}, "finite"),
         ({"angle_random_walk": -1.0}, "0 raw units"),

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -181,6 +182,15 @@ def test_a_range_stops_a_sensor(name, effects, truth, reach):
     assert np.all((found.raw != clean.raw)[~whole].any(axis=1))
 
 
+def test_a_vibration_counts_for_the_range():
+    """A force within the range that is shaken out of it."""
+    shaken = Effects(vibration_m_s2=2.0, vibration_hz=12.5, range_g=9.0 / 9.80665)
+    found = read_force(shaken)
+    over = np.abs(FORCE + found.vibration_m_s2) > 9.0
+    assert over[:, 2].any()
+    np.testing.assert_array_equal(found.out_of_range, over)
+
+
 def test_limits_of_the_electronics_stop_the_reading():
     raw = read().magnetometer.raw
     limits = MagnetometerEffects(limits_raw=(-100.0, 200.0))
@@ -281,23 +291,27 @@ def test_a_bad_table_is_named(tmp_path, old, new, message):
 
 
 EFFECTS_KEY = cell_key("test realism")
-MODEL = AccelerometerModel(
-    T=[[1, 0, 0], [0.01, 1, 0], [-0.02, 0.03, 1]], K=[1.02, 0.97, 1.01], B=[0.3, 0, -1]
-)
 ROWS = 20_000
 CLOCK = 0.01 * np.arange(ROWS)
 FORCE = np.tile([3.0, -4.0, 8.0], (ROWS, 1))
 
 
-def read_force(effects, model=MODEL, force=FORCE, seed=1):
+def read_force(effects, model=ACCELEROMETER, force=FORCE, seed=1):
     return read_sensor(model, effects, CLOCK, force, stream(seed, EFFECTS_KEY, 0))
 
 
 def test_the_models_noise_is_taken_where_the_effects_state_none():
-    noisy = AccelerometerModel(T=MODEL.T, K=MODEL.K, B=MODEL.B, noise_std=0.1)
+    noisy = AccelerometerModel(
+        T=ACCELEROMETER.T, K=ACCELEROMETER.K, B=ACCELEROMETER.B, noise_std=0.1
+    )
     stated = read_force(Effects(noise_std_raw=0.1))
     np.testing.assert_array_equal(read_force(Effects(), model=noisy).raw, stated.raw)
     assert not read_force(Effects(noise_std_raw=0.0), model=noisy).noise_raw.any()
+    walking = GyroscopeModel(M=M_W, B=B_W, G=G_W, angle_random_walk=0.3)
+    own = read_imu(replace(imu(), gyroscope=walking), MOTION, stream(1, KEY, 0))
+    density = read(gyroscope_effects=GyroscopeEffects(white_raw_per_sqrt_hz=0.3))
+    # the rate is of 200 Hz, by the clock to a rounding
+    np.testing.assert_allclose(own.gyroscope.raw, density.gyroscope.raw, rtol=1e-12)
 
 
 def test_noise_has_its_level_and_is_white():
@@ -345,14 +359,19 @@ def test_vibration_is_one_line_of_the_spectrum():
     # the sine's argument reaches 2 pi 12.5 200 = 16 000 rad and is rounded to eps of it
     assert rest.max() < 16_000 * np.finfo(float).eps * amplitude.max()
     np.testing.assert_allclose(
-        MODEL.correct(readings.raw), FORCE + readings.vibration_m_s2, rtol=0, atol=1e-13
+        ACCELEROMETER.correct(readings.raw),
+        FORCE + readings.vibration_m_s2,
+        rtol=0,
+        atol=1e-13,
     )
 
 
 def test_a_recording_starts_at_any_phase_of_the_vibration():
     effects = Effects(vibration_m_s2=2.0, vibration_hz=12.5)
     starts = [
-        read_sensor(MODEL, effects, CLOCK[:1], FORCE[:1], stream(seed, EFFECTS_KEY, 0))
+        read_sensor(
+            ACCELEROMETER, effects, CLOCK[:1], FORCE[:1], stream(seed, EFFECTS_KEY, 0)
+        )
         for seed in range(120)
     ]
     values = np.concatenate([start.vibration_m_s2[0] for start in starts])
