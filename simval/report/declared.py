@@ -112,7 +112,7 @@ def slope_tables(anchor: str, lines: Sequence[tuple[Any, ...]]) -> list[Table]:
             Column("statistic"),
             Column("of"),
             Column("fitted"),
-            Column("of theory's line", "number"),
+            Column("of theory's own line", "number"),
             Column("leading order", "number"),
         ),
         rows=rows,
