@@ -16,6 +16,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import metadata
+from itertools import chain
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -72,20 +73,14 @@ def machine() -> dict[str, Any]:
 
 def git_state() -> dict[str, Any]:
     """Commit of the checkout that the package runs from, if there is one."""
-    root = Path(__file__).resolve().parents[2]
-    if not (root / ".git").exists():
-        return {"commit": None, "dirty": None}
-    commit = _git(root, "rev-parse", "HEAD")
-    status = _git(root, "status", "--porcelain", "--untracked-files=no")
-    return {"commit": commit, "dirty": None if status is None else bool(status)}
+    status = _git("status", "--porcelain", "--untracked-files=no")
+    dirty = None if status is None else bool(status)
+    return {"commit": _git("rev-parse", "HEAD"), "dirty": dirty}
 
 
 def commit_date() -> str | None:
     """When the commit of the checkout was made, ISO 8601, if there is one."""
-    root = Path(__file__).resolve().parents[2]
-    if not (root / ".git").exists():
-        return None
-    return _git(root, "show", "--no-patch", "--format=%cI", "HEAD")
+    return _git("show", "--no-patch", "--format=%cI", "HEAD")
 
 
 def model_hashes() -> dict[str, str]:
@@ -97,33 +92,27 @@ def model_hashes() -> dict[str, str]:
 def portable_grid(grid: Mapping[str, Any]) -> dict[str, Any]:
     """Grid of a suite, with file names instead of paths."""
     short = dict(grid)
-    for study, field, words in _named(grid):
-        listed = isinstance(words, list)
-        names = [portable(word) for word in words] if listed else portable(words)
-        short[study] = {**grid[study], field: names}
+    for study, field, texts in _plugins(grid):
+        names = [portable(text) for text in texts]
+        listed = isinstance(grid[study][field], list)
+        short[study] = {**grid[study], field: names if listed else names[0]}
     return short
 
 
-def named_files(grid: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Study, field and text of each plug-in that a suite names."""
-    for study, field, words in _named(grid):
-        for text in words if isinstance(words, list) else [words]:
-            if text:
-                yield study, field, text
-
-
-def _named(grid: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
+def _plugins(grid: Mapping[str, Any]) -> Iterator[tuple[str, str, list[str]]]:
+    """Studies that take a plug-in, with their field for it and what a suite names."""
     for study, table in grid.items():
         field = STUDIES[study].parameters.plugin if study in STUDIES else ""
         if isinstance(table, Mapping) and field in table:
-            yield study, field, table[field]
+            texts = table[field]
+            yield study, field, texts if isinstance(texts, list) else [texts]
 
 
 def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
     """SHA-256 of the files that a suite names, and of those that they name in turn."""
     named: dict[str, dict[str, set[str]]] = {}
-    for study, _, text in named_files(grid):
-        for path, digest in sources(text).items():
+    for study, _, texts in _plugins(grid):
+        for path, digest in chain.from_iterable(sources(t).items() for t in texts if t):
             if digest:
                 by_study = named.setdefault(portable(path), {})
                 by_study.setdefault(study, set()).add(digest)
@@ -138,11 +127,11 @@ def file_hashes(grid: Mapping[str, Any]) -> dict[str, str]:
 
 def places(grid: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     """Paths of the plug-ins of a suite on this machine."""
-    paths: dict[str, dict[str, str]] = {}
-    for study, key, text in named_files(grid):
-        if portable(text) != text:
-            paths.setdefault(f"{study}.{key}", {})[portable(text)] = text
-    return paths
+    paths = {
+        f"{study}.{field}": {portable(t): t for t in texts if portable(t) != t}
+        for study, field, texts in _plugins(grid)
+    }
+    return {key: known for key, known in paths.items() if known}
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
@@ -170,15 +159,15 @@ def _libc() -> str:
         return "unknown"
 
 
-def _git(root: Path, *words: str) -> str | None:
+def _git(*words: str) -> str | None:
+    root = PACKAGE.parent
+    if not (root / ".git").exists():  # an installed package
+        return None
     try:
         done = subprocess.run(
             ["git", "-C", str(root), *words],
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=10,
-        )
+            capture_output=True, text=True, check=True, timeout=10,
+        )  # fmt: skip
     except (OSError, subprocess.SubprocessError):
         return None  # git is not installed, or this is not a repository
     return done.stdout.strip()
