@@ -412,7 +412,8 @@ def effects_from(values: dict[str, Any], kind: type[E]) -> E:
     for name in values:
         if name not in known:
             near = did_you_mean(name, known)
-            msg = f"there is no effect `{name}`{near}; there are {', '.join(known)}"
+            listed = ", ".join(known)
+            msg = f"there is no effect `{name:.60}`{near}; there are {listed}"
             raise InputError(msg)
     try:
         return kind(**values)
