@@ -104,42 +104,24 @@ def carrier(
     problem: Problem, wanted: Wanted, k: int, force_std: float, field_std: float
 ) -> Carrier:
     """Linearise the way from the readings to the attitude at one pose, eq. (B1)."""
-    theta = problem.theta
     gains = _gains(wanted.q[k], wanted.field_world)
-    truth = wanted.force[k], wanted.field[k]
-    matrices = _matrices(problem, theta)
-    raw = [
-        np.linalg.solve(M, v) + theta[place]
-        for M, v, place in zip(matrices, truth, (_BIAS, _IRON), strict=True)
-    ]
-    across = [_across(v) for v in truth]
-    columns = [
-        [v.imag / STEP for v in corrected(problem, theta + 1j * STEP * e, raw)]
-        for e in np.eye(PARAMETERS)
-    ]
-    by_theta = np.moveaxis(np.array(columns), 0, -1)  # (2, 3, 22)
-    noise = [
-        std * A @ P @ M
-        for std, A, P, M in zip(
-            (force_std, field_std), gains, across, matrices, strict=True
-        )
-    ]
+    truth, count = (wanted.force[k], wanted.field[k]), PARAMETERS
+    at = np.concatenate([problem.theta, np.zeros(6)])  # and noise of both readings
+
+    def direction(i: int, at: Inexact[Array, " p"]) -> Inexact[Array, "3"]:
+        own, own_bias = _sensor(problem, problem.theta, i)
+        M, bias = _sensor(problem, at, i)
+        raw = np.linalg.solve(own, truth[i]) + own_bias
+        v = M @ (raw + at[count + 3 * i : count + 3 * i + 3] - bias)
+        return np.asarray(v / np.sqrt(v @ v))
+
+    ways = at + 1j * STEP * np.eye(len(at))
+    slopes = np.array([[direction(i, way) for i in (0, 1)] for way in ways])
+    turned = np.einsum("iab,pib->ap", gains, slopes.imag / STEP)
+    force, field = force_std * turned[:, count : count + 3], field_std * turned[:, -3:]
     return Carrier(
-        jacobian=sum(
-            A @ P @ each for A, P, each in zip(gains, across, by_theta, strict=True)
-        ),
-        force=noise[0] @ noise[0].T,
-        field=noise[1] @ noise[1].T,
+        jacobian=turned[:, :count], force=force @ force.T, field=field @ field.T
     )
-
-
-_BIAS, _IRON = slice(6, 9), slice(18, 21)
-
-
-def _across(v: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    # derivative of a vector's direction by the vector
-    length = np.linalg.norm(v)
-    return (np.eye(3) - np.outer(v, v) / length**2) / length
 
 
 def _gains(
@@ -159,16 +141,10 @@ def _gains(
     return rotation[0].T, rotation[1].T
 
 
-def _matrices(
-    problem: Problem, theta: Inexact[Array, "22"]
-) -> tuple[Inexact[Array, "3 3"], Inexact[Array, "3 3"]]:
-    # M of both sensors
-    return forms.matrix(problem.form, theta[:9]), theta[9:18].reshape(3, 3)
-
-
-def corrected(
-    problem: Problem, theta: Inexact[Array, "22"], raw: list[Float[Array, "3"]]
-) -> tuple[Inexact[Array, "3"], Inexact[Array, "3"]]:
-    """Specific force and field of readings, analytic in the parameters."""
-    M_a, M_m = _matrices(problem, theta)
-    return M_a @ (raw[0] - theta[_BIAS]), M_m @ (raw[1] - theta[_IRON])
+def _sensor(
+    problem: Problem, theta: Inexact[Array, " p"], i: int
+) -> tuple[Inexact[Array, "3 3"], Inexact[Array, "3"]]:
+    # M and bias of the accelerometer, then of the magnetometer
+    if i == 0:
+        return forms.matrix(problem.form, theta[:9]), theta[6:9]
+    return theta[9:18].reshape(3, 3), theta[18:21]

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cells import rows_of
-from rounding import EPS
 from scipy import stats
 
 from simval.errors import SimvalError
@@ -23,7 +22,7 @@ from simval.studies.detector import (
     thinned,
 )
 from simval.theory.magnetometer import magnetometer_moments
-from simval.theory.propagation import PARTS, UP, calibration_parts, carrier, corrected
+from simval.theory.propagation import PARTS, UP, calibration_parts, carrier
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -264,16 +263,6 @@ def test_the_calibrations_parts_are_what_moves_the_fit():
     off = (parts.sum(axis=0) - bound) / np.outer(size, size)
     # inverses of a matrix of condition 1e4 after scaling
     assert np.abs(off).max() < 1e-9
-
-
-def test_the_corrected_readings_are_the_models():
-    _, _, problem = case()
-    models = sensors_of(problem.theta)
-    raw = [np.array([1.0, -7.0, 4.0]), np.array([0.7, -0.2, 1.1])]
-    found = corrected(problem, problem.theta, raw)
-    for got, model, rows in zip(found, models, raw, strict=True):
-        # three by three, solved in two ways, condition 1.1
-        np.testing.assert_allclose(got, model.correct(rows), rtol=0, atol=100 * EPS)
 
 
 def test_the_true_attitude_is_what_the_true_vectors_give():
