@@ -22,7 +22,7 @@ from simval.arrays import (
     shaped_array,
 )
 from simval.errors import GeometryError, InputError
-from simval.imu.calibrate.evidence import refuse, screen, status_text, summarize, weigh
+from simval.imu.calibrate.evidence import refuse, screen, summarize, weigh
 from simval.imu.calibrate.minimization import (
     Leverage,
     direction_condition,
@@ -44,7 +44,14 @@ from simval.imu.calibrate.residuals import (
     unbiased_moment_matrix,
 )
 from simval.imu.calibrate.result import FitResult
-from simval.imu.calibrate.solver import METHODS, Code, Rules, Solution, minimize
+from simval.imu.calibrate.solver import (
+    METHODS,
+    STATUS_NAMES,
+    Code,
+    Rules,
+    Solution,
+    minimize,
+)
 from simval.imu.sensor import forms
 from simval.poses import PARAMETERS
 from simval.shapes import Float
@@ -57,18 +64,13 @@ _GREATEST = 1e60  # fourth powers stay finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Options:
+class Options(Rules):
     """What to fit and how; checked when it is made."""
 
-    # model, method, residual, loss: form, solver, residual and robust loss
-    model: str
-    method: str
+    model: str  # form
     residual: str
     loss: str
     g: float  # gravity, m/s^2
-    step: float  # fraction of each step taken
-    tolerance: float  # limit of the stop rule
-    max_iterations: int  # most steps for a trial
     full_scale: float | None  # greatest reading, raw units
     repeats: bool  # whether readings may repeat exactly
     condition_limit: float  # greatest condition of the poses
@@ -100,16 +102,6 @@ class Options:
             checked[name] = switch(name, getattr(self, name))
         for name, value in checked.items():
             object.__setattr__(self, name, value)
-
-    @property
-    def rules(self) -> Rules:
-        """What governs the solver."""
-        return Rules(
-            method=self.method,
-            step=self.step,
-            tolerance=self.tolerance,
-            max_iterations=self.max_iterations,
-        )
 
 
 def choices() -> dict[str, tuple[str, ...]]:
@@ -335,7 +327,7 @@ def calibrate(
             condition=float(numbers["condition"][0]), half_width=float(half_width[0]),
             suspects=_suspects(batch[0], sigma, options),
         )  # fmt: skip
-    numbers["status"] = status_text(code)
+    numbers["status"] = STATUS_NAMES[code]
     if single:
         numbers = {name: value[0] for name, value in numbers.items()}
     dof = count - PARAMETERS
@@ -380,7 +372,12 @@ def _fit_block(
 ) -> _Block:
     # Fit a block of trials, refused ones set aside.
     code = screen(poses, full_scale=options.full_scale, repeats=options.repeats)
-    block = _empty(code, len(poses))
+    block: _Block = {"code": code, "iterations": np.zeros(len(poses), int)}
+    block["parameters"] = np.full((len(poses), 9), np.nan)
+    block["covariance"] = np.full((len(poses), 9, 9), np.nan)
+    for field in ("cost", "half_width", "rms", "chi2_per_dof", "gradient_norm"):
+        block[field] = np.full(len(poses), np.nan)
+    block["condition"] = np.full(len(poses), np.inf)
     rows = in_lanes(poses)
     block["raw_range"] = np.stack([rows.min(axis=0), rows.max(axis=0)]).T
     # repeated poses are looked at as well: what they leave open says more
@@ -474,29 +471,20 @@ def _iterate(
     data: _Data, options: Options
 ) -> tuple[Solution, Float[Array, "t n"] | None]:
     # Run the solver that the residual and the loss call for.
-    model, residual, rules = options.model, options.residual, options.rules
+    model, residual = options.model, options.residual
     z, noise, theta, shares = data.z, data.noise, data.theta, data.shares
     if noise is not None and shares is not None:
         noise = noise * np.sqrt(shares)
     slack = _SLACK * float(np.finfo(float).eps) * z.shape[1]
     if options.loss != "linear" or residual == "weighted":
         return minimize_reweighted(
-            model, residual, options.loss, z, theta, noise, rules, slack, shares
+            model, residual, options.loss, z, theta, noise, options, slack, shares
         )
     if residual in SLOPES:
-        newton = rules.method == "newton"
+        newton = options.method == "newton"
         goal = pose_objective(model, residual, z, shares, newton=newton)
-        return minimize(goal, theta, rules, slack), None
+        return minimize(goal, theta, options, slack), None
     leverage = data.leverage
     if residual == "adjusted" and noise is not None:
         leverage = Leverage.of(unbiased_moment_matrix(z, noise))
-    return minimize_leverage(model, leverage, theta, rules, slack), None
-
-
-def _empty(code: Any, count: int) -> _Block:
-    shapes: dict[str, tuple[int, ...]] = {"parameters": (9,), "covariance": (9, 9)}
-    shapes |= dict.fromkeys(("cost", "half_width", "rms", "chi2_per_dof"), ())
-    shapes["gradient_norm"] = ()
-    block: _Block = {k: np.full((count, *v), np.nan) for k, v in shapes.items()}
-    block |= {"iterations": np.zeros(count, int), "condition": np.full(count, np.inf)}
-    return {"code": code, **block}
+    return minimize_leverage(model, leverage, theta, options, slack), None

@@ -76,7 +76,6 @@ from simval.imu.calibrate.residuals import (
     weighted_sum,
 )
 from simval.imu.calibrate.solver import (
-    STATUS_NAMES,
     Code,
     negative_pivots,
     solve_positive,
@@ -114,7 +113,9 @@ def summarize(
     """Covariance and statistics of each trial at its solution."""
     c, q = residual_values(model, theta, z)
     dof = z.shape[1] - 9
-    a = _weights(residual, q, shares)
+    a = None  # of eq. (U1); None for 1
+    if residual in WEIGHTED:
+        a = 0.25 / q if shares is None else 0.25 / q * shares
     squares = c * c if a is None else a * c * c
     total = squares.sum(axis=-1)
     distance2 = 0.25 * c * c / q
@@ -148,15 +149,6 @@ def summarize(
         distance_std=spread,
         steepness=2.0 * np.sqrt(q.mean(axis=-1)),
     )
-
-
-def _weights(
-    residual: str, q: Float[Array, "t n"], shares: Float[Array, " n"] | None
-) -> Float[Array, "t n"] | None:
-    # a of eq. (U1); None for 1
-    if residual not in WEIGHTED:
-        return None
-    return 0.25 / q if shares is None else 0.25 / q * shares
 
 
 def _least_scatter(
@@ -313,7 +305,10 @@ def weigh(
     """Weigh the poses and their noise."""
     level = summary.distance_std
     if noise is not None:  # a noise that is stated too low hides nothing
-        known, chi = _mean_noise(noise, shares), np.sqrt(summary.chi2_per_dof)
+        # root mean variance of the weighted readings over their mean weight
+        weights = np.ones(noise.shape[1]) if shares is None else shares
+        mean = np.vecdot(noise * noise, weights) / weights.sum()
+        known, chi = np.sqrt(mean), np.sqrt(summary.chi2_per_dof)
         level = np.fmax(known, np.where(np.isnan(chi), level, known * chi))
     if shares is not None:
         moments = moment_matrix(z, np.broadcast_to(shares, z.shape[:2]))
@@ -324,15 +319,6 @@ def weigh(
         stretched=condition * level * NOISE_MARGIN > 1.0,
         half_width=NORMAL_95 * level * summary.steepness * np.sqrt(stretch),
     )
-
-
-def _mean_noise(
-    noise: Float[Array, "t n"], shares: Float[Array, " n"] | None
-) -> Float[Array, " t"]:
-    # root mean variance of the weighted readings over their mean weight
-    weights = np.ones(noise.shape[1]) if shares is None else shares
-    mean = np.vecdot(noise * noise, weights) / np.vecdot(weights, np.ones(len(weights)))
-    return np.sqrt(mean)
 
 
 FEW = 3  # degrees of freedom; below, the factor of eq. (N2) exceeds 20
@@ -504,8 +490,3 @@ def _rounded(poses: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
     flat = ~(values > _RANK_TOLERANCE**2 * values[-1])
     root = 1.0 / np.sqrt(np.where(flat, 1.0, values))
     return np.asarray(offset @ (vectors * np.where(flat, 0.0, root)) @ vectors.T)
-
-
-def status_text(code: Any) -> Any:
-    """Status of each trial in words."""
-    return STATUS_NAMES[code]

@@ -432,12 +432,18 @@ def minimize_reweighted(
     rows = np.arange(count)
     for turn in range(_ROUNDS):
         x = z[rows]
-        weights, distance = _distances(model, residual, result[rows], x)
+        c, q = residual_values(model, result[rows], x)
+        distance = np.abs(c) / (2.0 * np.sqrt(q))
+        weights = 0.25 / q if residual == "weighted" else np.ones_like(q)
         if shares is not None:
             weights, distance = weights * shares, distance * np.sqrt(shares)
         if loss != "linear":
-            if turn < _SCALE_ROUNDS:
-                scale[rows] = _scale(distance, noise, rows)
+            if turn < _SCALE_ROUNDS and noise is not None:
+                scale[rows] = noise[rows].max(axis=-1)
+            elif turn < _SCALE_ROUNDS:  # nine of the distances are fitted
+                shrunk = np.sqrt(x.shape[1] / max(x.shape[1] - 9, 1))
+                median = _GAUSS_MAD * shrunk * np.median(distance, axis=-1)
+                scale[rows] = np.maximum(median, np.finfo(float).eps)
             ratios[rows] = distance / (LOSSES[loss].tuning * scale[rows])[:, None]
             weights = weights * LOSSES[loss].weight(ratios[rows])
         leverage = Leverage.of(moment_matrix(x, weights))
@@ -461,25 +467,3 @@ def minimize_reweighted(
         theta=result, code=code, iterations=iterations, gradient_norm=gradient
     )
     return solution, None if loss == "linear" else ratios
-
-
-def _distances(
-    model: str, residual: str, theta: Float[Array, "t 9"], x: Float[Array, "t n 3"]
-) -> tuple[Float[Array, "t n"], Float[Array, "t n"]]:
-    # Weight of the residual and distance to the ellipsoid of each pose.
-    c, q = residual_values(model, theta, x)
-    distance = np.abs(c) / (2.0 * np.sqrt(q))
-    weights = 0.25 / q if residual == "weighted" else np.ones_like(q)
-    return weights, distance
-
-
-def _scale(
-    distance: Float[Array, "t n"], noise: Float[Array, "batch n"] | None, rows: Any
-) -> Float[Array, " t"]:
-    # Scale of the distances: the known noise, else their median.
-    if noise is not None:
-        return noise[rows].max(axis=-1)
-    poses = distance.shape[-1]
-    shrunk = np.sqrt(poses / max(poses - 9, 1))  # nine of the distances are fitted
-    scale = _GAUSS_MAD * shrunk * np.median(distance, axis=-1)
-    return np.maximum(scale, np.finfo(float).eps)

@@ -95,18 +95,11 @@ def find_outliers(
         if chosen == before:
             break
     deletion = deletion_of(design, slope_of(p, z) * relative, floor)
-    return _result(deletion, chosen, known, relative * scale)
-
-
-def _result(
-    deletion: Deletion, chosen: list[int], known: float | None, scale: Array
-) -> Outliers:
     # distances from the ellipsoid of the poses that belong, each standardised by the
     # scatter of the others, or by a sigma that is believed; of a pose left out it is
     # its deletion residual, r / room, once put back
     along, space = deletion.room(chosen)
     residual, room = along[:, 0].copy(), space[:, 0, 0].copy()
-    count = len(residual)
     total, dof = float(residual @ residual), count - len(chosen) - 9
     flagged = np.zeros(count, dtype=bool)
     flagged[chosen] = True
@@ -125,7 +118,7 @@ def _result(
         variance = np.maximum(own, deletion.floor)
     return Outliers(
         flagged=flagged,
-        distance=-residual * scale,
+        distance=-residual * relative * scale,
         standardized=-ratio / np.sqrt(variance),
         chi2=float(chi2),
         dof=dof,
