@@ -23,6 +23,7 @@ from simval.theory import magnetometer as own
 from simval.theory import (
     magnetometer_moments,
 )
+from simval.theory.estimating import Block, Estimating
 
 NOISE = {"accelerometer_std": BODY_STD, "magnetometer_std": IRON_STD}
 UNITS = {"g": G, "field": FIELD}
@@ -192,3 +193,23 @@ def test_even_attitudes_are_the_scale_of_what_is_left_out():
         worst = np.sqrt(np.max(np.diagonal(carry @ covariance @ carry.T)))
         # the 2.4 of eq. (M9); 1000 random attitudes are even within some percent
         assert worst * np.sqrt(1000) / 1e-3 == pytest.approx(own.EVEN, rel=0.06)
+
+
+@pytest.mark.parametrize("dip_deg", [60.0, -35.0])
+def test_the_dip_is_as_biased_as_one_that_is_a_parameter(dip_deg):
+    """Rows in the dip itself: its bias needs no second derivative of an arcsine."""
+    case, dip = random_set(20, 5, dip_deg=dip_deg), np.radians(dip_deg)
+    problem = own.problem_of(
+        BODY, IRON, case.q, dip, BODY_STD, IRON_STD, form="triangular", **UNITS
+    )
+
+    def rows(theta, y):
+        sine = np.sin(theta[:, 21:])
+        return own.equations(problem, np.concatenate([theta[:, :21], sine], axis=1), y)
+
+    block = Block(rows=rows, y=problem.y, sigma=problem.sigma)
+    direct = Estimating(blocks=(block,), theta=np.append(problem.theta[:21], dip))
+    found = predicted(case, dip_deg)
+    np.testing.assert_allclose(direct.bias / found.sd, found.bias / found.sd, atol=1e-9)
+    # power: the arcsine's part, of the bias in standard deviations
+    assert abs(np.tan(dip) * found.sd[-1]) > 1e-5
