@@ -1,6 +1,5 @@
 """The three answers of the first screen, for small runs; each number computed anew."""
 
-import html
 import re
 from dataclasses import replace
 
@@ -29,19 +28,19 @@ DEGREES = 180.0 / np.pi
 
 
 def first_screen(run, **asked):
-    """Lines of each answer, in words, and the section."""
-    section = summary.summary_section(context_of(run, **asked)).under("summary", "")
-    groups = str(section.body).split('<div class="answer" role="group"')[1:]
-    groups[-1] = groups[-1].partition('<p class="ran">')[0].partition("<figure")[0]
-    lines = [
-        [_words(line) for line in re.findall(r"<li.*?</li>|<p class=.*?</p>", group)]
-        for group in groups
+    """Headline and lines of each answer, and the section."""
+    section = summary.summary_section(context_of(run, **asked))
+    answers = [
+        [
+            *filter(None, [block.headline]),
+            *(
+                f"{line.what} {line.said} {line.where}{line.command}"
+                for line in block.lines
+            ),
+        ]
+        for block in section.values["answers"]
     ]
-    return lines, section
-
-
-def _words(text):
-    return " ".join(html.unescape(re.sub(r"<[^>]*>", " ", text)).split())
+    return answers, section
 
 
 def value(run, study, name, predictor, **parameters):
