@@ -19,6 +19,7 @@ from simval.report.curves import (
     bar_width,
     curve,
     grouped,
+    spans,
 )
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Section, located, made, part_of, template
@@ -34,6 +35,9 @@ SHOWN = 400
 MAX_FIGURES = 12
 OPEN = 3
 """Figures that are seen at once; the others are behind a fold."""
+
+LITTLE = 3.0
+"""Least factor of the values on a logarithmic axis."""
 
 Key = tuple[str, str, Statistic, str]
 """Study, group of cells, statistic and predictor: what one figure shows."""
@@ -178,16 +182,15 @@ def _drawing(
 ) -> Drawing:
     study, label, name, predictor = key
     axis = axis_of(cells[0])
-    curves = [
-        (i, run.folder.name, c)
-        for i, (run, members) in enumerate(zip(runs, cells, strict=True))
-        if (c := curve("", members, axis, lambda cell: cell.row(name, predictor)))
-        is not None
+    found = [
+        curve(run.folder.name, members, axis, lambda cell: cell.row(name, predictor))
+        for run, members in zip(runs, cells, strict=True)
     ]
-    z = bar_width(c for _, _, c in curves)
+    curves = [c for c in found if c is not None]
+    z = bar_width(curves)
     series: list[Series] = []
-    for i, folder, c in curves:
-        series.append(c.points(z, i, folder))
+    for i, c in enumerate(curves):
+        series.append(c.points(z, i))
         line = "-" if i else "--"
         series.append(Series(label="", x=c.x, y=c.value, colour=COLOURS[i], line=line))
     sigmas = difference.sigmas
@@ -207,11 +210,11 @@ def _drawing(
                 title=f"{spelled(study)}, {name}",
                 x_label=axis_words(study, axis),
                 y_label=value_words(difference.a.unit),
-                series=tuple(series),
-                log_x=_positive([c for _, _, c in curves], "x"),
-                log_y=_positive([c for _, _, c in curves], "value"),
+                series=series,
+                log_x=bool(curves) and spans(LITTLE, [c.x for c in curves]),
+                log_y=bool(curves) and spans(LITTLE, [c.value for c in curves]),
             ),
-            *_apart([c for _, _, c in curves], axis_words(study, axis), name.better),
+            *_apart(curves, axis_words(study, axis), name.better),
         ],
     )
 
@@ -243,16 +246,11 @@ def _apart(curves: list[Curve], along: str, aim: str | None) -> list[Panel]:
             x_label=along,
             y_label=unit,
             series=(series,),
-            log_x=_positive([a], "x"),
+            log_x=spans(LITTLE, [a.x]),
             log_y=False,
             references=((0.0, ""),),
         )
     ]
-
-
-def _positive(curves: list[Curve], name: str) -> bool:
-    values = [v for c in curves for v in getattr(c, name)]
-    return bool(values) and min(values) > 0.0 and max(values) > 3.0 * min(values)
 
 
 def differences_table(comparison: RunComparison) -> Table:
