@@ -4,7 +4,7 @@ from copy import deepcopy
 
 import numpy as np
 
-from errata.claim import MISPRINTED, claim
+from errata.claim import MISPRINTED, add, claim
 from errata.geometry import AXES, Pair, directions, multiply, pair, qbar, turn, unit
 from errata.singular import vanishes
 
@@ -134,40 +134,17 @@ def put_right(first, plane, along):
     return first or (second_condition(*plane, 1.0) and along)
 
 
-@of("Table 2, B: AND between the conditions", MISPRINTED)
-def table_2_b_and(rng):
-    copy, other = deepcopy(rng), deepcopy(rng)
-    truth = table_2_b(rng, put_right)[0]
-    printed = table_2_b(copy, as_printed)[1]
-    right = table_2_b(other, put_right)[1]
-    return truth, printed, right
+def enter_table_2(name, place, form, second=False):
+    """The claim that a form of the conditions is misprinted."""
 
+    def evaluate(rng):
+        copy, other = deepcopy(rng), deepcopy(rng)
+        truth = table_2_b(rng, put_right, second)[0]
+        printed = table_2_b(copy, form, second)[1]
+        right = table_2_b(other, put_right, second)[1]
+        return truth, printed, right
 
-@of("Table 2, B: an arbitrary constant k", MISPRINTED)
-def table_2_b_constant(rng):
-    copy, other = deepcopy(rng), deepcopy(rng)
-    truth = table_2_b(rng, put_right)[0]
-    printed = table_2_b(copy, any_constant)[1]
-    right = table_2_b(other, put_right)[1]
-    return truth, printed, right
-
-
-@of("Table 2, C: AND between the conditions", MISPRINTED)
-def table_2_c_and(rng):
-    copy, other = deepcopy(rng), deepcopy(rng)
-    truth = table_2_b(rng, put_right, second=True)[0]
-    printed = table_2_b(copy, as_printed, second=True)[1]
-    right = table_2_b(other, put_right, second=True)[1]
-    return truth, printed, right
-
-
-@of("Table 2, C: an arbitrary constant k", MISPRINTED)
-def table_2_c_constant(rng):
-    copy, other = deepcopy(rng), deepcopy(rng)
-    truth = table_2_b(rng, put_right, second=True)[0]
-    printed = table_2_b(copy, any_constant, second=True)[1]
-    right = table_2_b(other, put_right, second=True)[1]
-    return truth, printed, right
+    add("quaternion", f"Table 2, {place}", MISPRINTED, evaluate, name)
 
 
 def without_along(first, plane, along):
@@ -175,14 +152,14 @@ def without_along(first, plane, along):
     return first or second_condition(*plane, 1.0)
 
 
-@of("Table 2, B and C: the conditions without b2x = r2x", MISPRINTED)
-def table_2_along(rng):
-    # after a half turn about r1 the sum b2 + r2 is along r1, and nothing is singular
-    copy, other = deepcopy(rng), deepcopy(rng)
-    truth = table_2_b(rng, put_right)[0]
-    printed = table_2_b(copy, without_along)[1]
-    right = table_2_b(other, put_right)[1]
-    return truth, printed, right
+enter_table_2("table_2_b_and", "B: AND between the conditions", as_printed)
+enter_table_2("table_2_b_constant", "B: an arbitrary constant k", any_constant)
+enter_table_2("table_2_c_and", "C: AND between the conditions", as_printed, second=True)
+enter_table_2("table_2_c_constant", "C: an arbitrary constant k", any_constant, True)
+# after a half turn about r1 the sum b2 + r2 is along r1, and nothing is singular
+enter_table_2(
+    "table_2_along", "B and C: the conditions without b2x = r2x", without_along
+)
 
 
 def case_d_pairs(axis, rng):
