@@ -36,7 +36,7 @@ LENGTHS: Final = (1e-50, 1e50)
 
 
 class Validity(IntEnum):
-    """Whether a sample can be used, and if not, why."""
+    """Status of a sample: usable, or the reason why not."""
 
     VALID = 0
     NOT_FINITE = 1

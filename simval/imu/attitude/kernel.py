@@ -100,7 +100,7 @@ def sums_and_differences(
 
 
 def places(frame: str) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Where [d1 x d2; s1'd2] goes in the quaternion, and with which signs."""
+    """Places and signs of [d1 x d2; s1'd2] in the quaternion."""
     vector, scalar = _PLACES[frame]
     rows = tuple(row for row, _ in vector)
     return (*rows, scalar), (*(float(sign) for _, sign in vector), 1.0)

@@ -38,7 +38,7 @@ _SPREAD: Final = 1e9  # of standard deviations; their fourth powers stay in rang
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Consistency:
-    """How well the pairs of each sample fit one attitude under the stated noise.
+    """Consistency of the pairs of each sample with one attitude and the stated noise.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What each column of a log is: by the caller, the header or the number of columns."""
+"""Role of each column of a log: by the caller, the header or the number of columns."""
 
 import re
 from collections.abc import Sequence
@@ -144,7 +144,7 @@ def _by_header(table: Table, names: tuple[str, ...]) -> tuple[Column, ...]:
 
 
 def several(table: Table) -> tuple[str, ...]:
-    """What is said of sensors that a header names, and of which none is taken."""
+    """Say which sensors a header names of which none is taken, and why."""
     if table.names is None:
         return ()
     channels = [channel(name) for name in table.names]

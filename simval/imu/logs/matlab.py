@@ -19,7 +19,7 @@ ROWS = 10  # an array with fewer is no column of a log, which has a rest in it
 
 
 def sniff(path: str, content: bytes) -> bool:
-    """Whether a file is MATLAB's."""
+    """Return whether a file is MATLAB's."""
     if content.startswith(b"MATLAB 5.0"):
         return True
     return path.lower().endswith(".mat") and b"\0" in content[:20]

@@ -1,4 +1,4 @@
-"""What the name of a column means: its quantity, axis and unit.
+"""Quantity, axis and unit of a column by its name.
 
 A name is split into words (at signs, blanks and capitals) and a unit (in brackets, or
 the last words). The words say the quantity and the axis; the unit may say the quantity
@@ -84,7 +84,7 @@ _ROS = re.compile(r"(^|[./])linear_acceleration[./][xyz]$")
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """What one column holds, according to its name."""
+    """Contents of one column, according to its name."""
 
     # ``force`` for an accelerometer, ``no gravity`` for an acceleration without it,
     # ``bare`` for an axis and no quantity

@@ -18,7 +18,7 @@ Table = ArrayTable | TextTable
 
 
 class Reader(Protocol):
-    """What reads the files of one kind."""
+    """Reader of the files of one kind."""
 
     def sniff(self, path: str, content: bytes) -> bool:
         """Return whether a file is of this kind."""

@@ -1,4 +1,4 @@
-"""The rests of a log: found by times in seconds, at any rate, and what they show.
+"""The rests of a log, found by times in seconds, at any rate.
 
 The accelerometer finds them; where the log has a gyroscope, what turns is cut off them
 or leaves them out (`simval.imu.statics.turns`). A magnetometer is not asked: a field

@@ -84,7 +84,7 @@ def _lost_digits(values: Float[Array, " n"], step: float) -> float:
 
 
 def is_dithered(variance: float, step: float) -> bool:
-    """Whether noise of a total variance in a row makes rounding to a step white."""
+    """Return whether noise of this variance in a row makes rounding to a step white."""
     return variance - step**2 / SHARE >= (LEAST_NOISE * step) ** 2
 
 

@@ -175,7 +175,7 @@ AXES: Final = ("x", "y", "z")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseFile:
-    """What a noise file says of an accelerometer, and of others that it has.
+    """Noise of an accelerometer, and of the other sensors in its file.
 
     Attributes
     ----------

@@ -342,7 +342,7 @@ a filter would be that of the alignment."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Alignment:
-    """What lies between a log and its truth.
+    """Clock, axes and world of a truth against its log.
 
     Attributes
     ----------
@@ -384,14 +384,14 @@ class Alignment:
 
     @property
     def offset(self) -> Measured:
-        """What the truth's clock shows minus the log's in the middle of the log, s."""
+        """Offset of the truth's clock from the log's in the middle of the log, s."""
         return Measured(
             value=self.fit.offset, sd=self.errors.offset, dof=self.errors.dof
         )
 
     @property
     def drift(self) -> Measured:
-        """What that grows by, s a second."""
+        """Growth of that offset, s a second."""
         return Measured(value=self.fit.drift, sd=self.errors.drift, dof=self.errors.dof)
 
     @property

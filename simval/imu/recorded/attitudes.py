@@ -37,7 +37,7 @@ NEIGHBOURS: Final = 6  # of a polynomial of the fifth degree
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """What four numbers of a recorded attitude mean."""
+    """Order and direction of a recorded quaternion."""
 
     scalar: Literal["first", "last"]
     # what the rotation of these numbers, as SciPy has it, takes to what

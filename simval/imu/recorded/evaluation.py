@@ -39,7 +39,7 @@ class FilterRun:
 
 
 def filter_input(found: Signals, start: Start) -> FilterInput:
-    """What a filter is given of a log, from the row after the start on."""
+    """Readings of a log for a filter, from the row after the start on."""
     rows = slice(start.row + 1, None)
     return FilterInput(
         dt=np.diff(found.time[start.row :]),
@@ -56,7 +56,7 @@ SHORTEST: Final = 2.0  # s; of a rest in which a drift is looked at
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AtRest:
-    """What rests show without truth.
+    """Measures of a filter at rest, which need no truth.
 
     Attributes
     ----------
@@ -230,7 +230,7 @@ def _turned(errors: Errors, turns: tuple[float, float]) -> tuple[float, float]:
 
 
 def turned_words(done: Sequence[Evaluation]) -> str:
-    """What another north would do to a comparison of filters; empty for nothing.
+    """Effect of another north on a comparison of filters; empty for none.
 
     The difference of two mean squares is linear in a small turn, so an order that both
     ends of an interval have is that of all between.

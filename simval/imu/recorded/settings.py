@@ -59,7 +59,7 @@ class Signals:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def described(self) -> list[str]:
-        """Where the units came from."""
+        """Describe the units and their origin in lines of text."""
         return [
             f"units             gyroscope {self.gyro_unit}",
             f"                  accelerometer {self.force_unit}",

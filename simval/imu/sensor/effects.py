@@ -364,7 +364,7 @@ class Readings:
 def delayed(
     truth: Float[Array, "n 3"], delay: float, time: Float[Array, " n"]
 ) -> Float[Array, "n 3"]:
-    """What a sensor sees that is late by some seconds; before, the first row holds."""
+    """Delay the truth by some seconds; before its first row, that one holds."""
     if delay == 0.0:
         return truth
     axes = [np.interp(time - delay, time, axis) for axis in truth.T]

@@ -41,7 +41,7 @@ from simval.shapes import Float
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Motion:
-    """What the sensors of an IMU are to measure, in their common axes.
+    """Motion that the sensors of an IMU measure, in their common axes.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class ImuModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImuReadings:
-    """What the three sensors put out, and when they say that they did.
+    """Readings of the three sensors, with their time stamps.
 
     Attributes
     ----------

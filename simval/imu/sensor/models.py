@@ -381,7 +381,7 @@ class MagnetometerModel:
 
     @property
     def right_handed(self) -> bool:
-        """Whether the axes of the sensor are right-handed: det M > 0."""
+        """True if the axes of the sensor are right-handed: det M > 0."""
         return bool(np.linalg.det(self.M / np.abs(self.M).max()) > 0.0)
 
     def distort(
@@ -428,10 +428,10 @@ ALL = ("misalignment", "scale", "bias")
 PLACES: Mapping[str, tuple[int, ...]] = MappingProxyType(
     {"misalignment": (0, 1, 2), "scale": (3, 4, 5), "bias": (6, 7, 8)}
 )
-"""Where each kind of parameter stands among the nine."""
+"""Places of each kind of parameter among the nine."""
 
 CLASSES = (("bias",), ("scale", "bias"), ALL)
-"""What a calibrator can estimate."""
+"""Sets of parameters that a calibrator can estimate."""
 
 FIXED = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 """The nine parameters of a reading that needs no calibration."""

@@ -18,7 +18,7 @@ from simval.imu.multiposition.noise import (
     require_even,
     white_noise,
 )
-from simval.imu.multiposition.noise_description import DEGREE, FLOOR, PRINTED
+from simval.imu.multiposition.noise_description import DEGREE, PRINTED
 from simval.imu.noise import load_noise, noise_of
 from simval.imu.sensor import NoiseModel
 from simval.poses import fibonacci_sphere
@@ -90,28 +90,41 @@ def test_the_figure(simval, still, tmp_path, kind, starts):
     assert simval("noise", still, "--figure", tmp_path / "a.pdf")[0] == 2
 
 
-def test_units_of_data_sheets():
-    """One of each, against numbers worked out by hand."""
-    further = {
-        (sensor, kind): {each.title: each.of for each in PRINTED[sensor, kind].further}
-        for sensor in ("accelerometer", "gyro")
-        for kind in "NBK"
-    }
-    # 1e-4 rad/s/sqrt(Hz) is 0.00573 deg/s/sqrt(Hz), 0.3438 deg/sqrt(h)
-    turn = further["gyro", "N"]
-    assert turn["deg/sqrt(h)"](1e-4, 100.0) == pytest.approx(0.343775, rel=1e-5)
-    assert turn["rad/s a row"](1e-4, 100.0) == pytest.approx(1e-3)
-    one_sided = turn["one-sided deg/s/sqrt(Hz)"](1e-4, 100.0)
-    assert one_sided == pytest.approx(0.0081028, rel=1e-4)
-    # 1 deg/h is 4.848e-6 rad/s
-    assert further["gyro", "B"]["deg/h"](4.8481368e-6, 1.0) == pytest.approx(1.0)
-    assert pytest.approx(0.6642824) == FLOOR
-    # 100 ug/sqrt(Hz) is 9.80665e-4 m/s^2/sqrt(Hz), 0.05884 m/s/sqrt(h)
-    force = further["accelerometer", "N"]
-    assert force["ug/sqrt(Hz)"](9.80665e-4, 1.0) == pytest.approx(100.0)
-    assert force["m/s/sqrt(h)"](9.80665e-4, 1.0) == pytest.approx(0.0588399)
-    walk = further["gyro", "K"]["deg/h/sqrt(h)"]
-    assert walk(4.8481368e-6 / 60.0, 1.0) == pytest.approx(1.0)
+@pytest.mark.parametrize(
+    ("sensor", "kind", "title", "value", "expected"),
+    [
+        ("gyro", "N", "deg/s/sqrt(Hz)", 1e-4, 0.0057296),
+        ("gyro", "N", "deg/sqrt(h)", 1e-4, 0.343775),
+        ("gyro", "N", "rad/s a row", 1e-4, 1e-3),
+        ("gyro", "N", "one-sided deg/s/sqrt(Hz)", 1e-4, 0.0081028),
+        ("gyro", "B", "deg/h", 4.8481368e-6, 1.0),
+        ("gyro", "B", "floor 0.664 B, deg/h", 4.8481368e-6, 0.6642824),
+        ("gyro", "K", "deg/s/sqrt(s)", 0.017453293, 1.0),
+        ("gyro", "K", "deg/h/sqrt(h)", 4.8481368e-6 / 60.0, 1.0),
+        ("gyro", "K", "rad/s a row", 1e-4, 1e-5),
+        ("accelerometer", "N", "ug/sqrt(Hz)", 9.80665e-4, 100.0),
+        ("accelerometer", "N", "m/s/sqrt(h)", 9.80665e-4, 0.0588399),
+        ("accelerometer", "N", "one-sided ug/sqrt(Hz)", 9.80665e-4, 141.42136),
+        ("accelerometer", "N", "m/s^2 a row", 9.80665e-4, 9.80665e-3),
+        ("accelerometer", "B", "ug", 9.80665e-6, 1.0),
+        ("accelerometer", "B", "floor 0.664 B, ug", 9.80665e-6, 0.6642824),
+        ("accelerometer", "K", "ug/sqrt(s)", 9.80665e-6, 1.0),
+        ("accelerometer", "K", "ug/sqrt(h)", 9.80665e-6, 60.0),
+        ("accelerometer", "K", "m/s^2 a row", 1e-3, 1e-4),
+        ("magnetometer", "N", "uT/sqrt(Hz)", 1e-8, 0.01),
+        ("magnetometer", "N", "one-sided nT/sqrt(Hz)", 1e-8, 14.142136),
+        ("magnetometer", "N", "uT a reading", 1e-8, 0.1),
+        ("magnetometer", "B", "nT", 2e-9, 2.0),
+        ("magnetometer", "B", "floor 0.664 B, nT", 2e-9, 1.3285648),
+        ("magnetometer", "K", "nT/sqrt(s)", 3e-9, 3.0),
+        ("magnetometer", "K", "nT/sqrt(h)", 3e-9, 180.0),
+        ("magnetometer", "K", "uT a reading", 3e-9, 3e-4),
+    ],
+)
+def test_units_of_data_sheets(sensor, kind, title, value, expected):
+    """Every one, against numbers worked out by hand, for 100 readings a second."""
+    units = {each.title: each for each in PRINTED[sensor, kind].further}
+    assert units[title].of(value, 100.0) == pytest.approx(expected, rel=1e-5)
 
 
 def counts_log(means, rows=600, seed=5):

@@ -13,7 +13,6 @@ from simval.imu.logs import Column, Log, read_log
 from simval.imu.multiposition.faults import require_alive
 from simval.imu.multiposition.log_units import scale_of
 from simval.imu.multiposition.noise import log_noise, pose_noise, white_noise
-from simval.imu.multiposition.noise_description import FLOOR, PRINTED
 from simval.imu.noise import NoiseFile, load_noise, noise_of
 from simval.imu.noise.fit import noise_of_readings, own_readings, rows_to_a_reading
 from simval.imu.sensor import NoiseModel
@@ -241,25 +240,6 @@ def test_a_g_in_the_header_is_a_gauss_of_a_magnetometer():
         columns = (Column(role="mx", place=0, name=name),)
         found = scale_of(replace(log, columns=columns), "magnetometer", None)
         assert found.si_per_raw == size
-
-
-def test_units_of_data_sheets():
-    """Against numbers worked out by hand, for 100 readings a second."""
-    further = {
-        k: {each.title: each.of for each in PRINTED["magnetometer", k].further}
-        for k in "NBK"
-    }
-    # 1e-8 T/sqrt(Hz) is 0.01 uT/sqrt(Hz); its one-sided density is 14.142 nT/sqrt(Hz)
-    assert further["N"]["uT/sqrt(Hz)"](1e-8, 100.0) == pytest.approx(0.01)
-    one_sided = further["N"]["one-sided nT/sqrt(Hz)"](1e-8, 100.0)
-    assert one_sided == pytest.approx(14.142135623730951)
-    assert further["N"]["uT a reading"](1e-8, 100.0) == pytest.approx(0.1)
-    assert further["B"]["nT"](2e-9, 100.0) == pytest.approx(2.0)
-    floor = further["B"]["floor 0.664 B, nT"](2e-9, 100.0)
-    assert floor == pytest.approx(2.0 * FLOOR)
-    assert further["K"]["nT/sqrt(s)"](3e-9, 100.0) == pytest.approx(3.0)
-    assert further["K"]["nT/sqrt(h)"](3e-9, 100.0) == pytest.approx(180.0)
-    assert further["K"]["uT a reading"](3e-9, 100.0) == pytest.approx(3e-4)
 
 
 # What it is for
