@@ -28,7 +28,7 @@ import re
 import select
 import shlex
 import subprocess
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -60,40 +60,6 @@ from simval.text import shown
 
 ANSWER_LIMIT = 1 << 20
 """Bytes that one answer may have: a calibration has some thousand."""
-
-
-def run(
-    words: Sequence[str], folder: Path, seconds: float, given: Path | None = None
-) -> Path:
-    """Run a program that prints into files of a folder; what it has printed.
-
-    It alone is waited for, not what it leaves behind.
-    """
-    program, printed = f"`{words[0]}`", folder / "stdout"
-    with (
-        printed.open("wb") as output,
-        (folder / "stderr").open("w+b") as errors,
-        Path(os.devnull if given is None else given).open("rb") as read,
-    ):
-        try:
-            code = subprocess.run(
-                words,
-                stdin=read,
-                stdout=output,
-                stderr=errors,
-                timeout=seconds,
-                check=False,
-            ).returncode
-        except subprocess.TimeoutExpired:
-            msg = f"{program} did not answer within {seconds:g} s"
-            raise CrashedPluginError(msg) from None
-        except OSError as error:
-            msg = f"{program} cannot be run: {error}"
-            raise CrashedPluginError(msg) from None
-        if code:
-            msg = f"{program} {ending(code)}: {tail_of(errors) or 'silent'}"
-            raise CrashedPluginError(msg)
-    return printed
 
 
 def tail_of(content: IO[bytes]) -> str:
@@ -258,17 +224,53 @@ def _without_redirection(algorithm: str, words: list[str]) -> tuple[list[str], b
     return kept, bool(redirected)
 
 
+Write = Callable[[Path], Mapping[str, str]]
+"""Writes to a folder what a program is given; gives the value of each placeholder."""
+
 MISSING = 3
 """Trials without an answer that a message names."""
 
 
+@contextmanager
+def run(
+    command: Invocation, write: Write, seconds: float, trials: int = 0
+) -> Iterator[IO[bytes]]:
+    """Run a program on what is written to a folder for it; what it has printed.
+
+    It alone is waited for, not what it leaves behind. How many of some trials it had
+    answered is said where it fails.
+    """
+    temporary = TemporaryDirectory(prefix="simval-command-", ignore_cleanup_errors=True)
+    with temporary as given, TemporaryFile() as output, TemporaryFile() as errors:
+        values = write(Path(given))
+        words = command.filled(values)
+        read = values["trials"] if command.standard_input else os.devnull
+        try:
+            with open(read, "rb") as content:
+                code = subprocess.run(
+                    words,
+                    stdin=content,
+                    stdout=output,
+                    stderr=errors,
+                    timeout=seconds,
+                    check=False,
+                ).returncode
+            said = f"{ending(code)}: {tail_of(errors) or 'silent'}" if code else ""
+        except subprocess.TimeoutExpired:
+            said = f"did not answer within {seconds:g} s"
+        except OSError as error:
+            said = f"cannot be run: {error}"
+        output.seek(0)
+        if said:
+            lines = sum(1 for line in output if line.strip())
+            progress = f"; it had printed {lines} of {trials} lines" * bool(trials)
+            msg = f"`{words[0]}` {said}{progress}"
+            raise CrashedPluginError(msg)
+        yield output
+
+
 def answers(
-    words: Sequence[str],
-    folder: Path,
-    seconds: float,
-    key: str,
-    names: Sequence[Any],
-    given: Path | None = None,
+    command: Invocation, write: Write, seconds: float, key: str, names: Sequence[Any]
 ) -> list[dict[str, Any]]:
     """Run a program and sort its answers by what they hold under a key.
 
@@ -279,16 +281,12 @@ def answers(
     PluginError
         If there is not exactly one answer of each name.
     """
-    program = words[0]
-    try:
-        printed = run(words, folder, seconds, given)
-    except CrashedPluginError as error:
-        count = sum(1 for _ in _lines(folder / "stdout"))
-        msg = f"{error}; it had printed {count} of {len(names)} lines"
-        raise CrashedPluginError(msg) from None
+    program = command.words[0]
+    with run(command, write, seconds, len(names)) as printed:
+        lines = [pair for pair in enumerate(printed, 1) if pair[1].strip()]
     found: dict[Any, dict[str, Any]] = {}
     known = set(names)
-    for number, line in _lines(printed):
+    for number, line in lines:
         who = f"line {number} of `{program}`:"
         answer = json_object(who, line)
         name = answer.pop(key, None)
@@ -312,14 +310,6 @@ def answers(
         )
         raise PluginError(msg)
     return [found[name] for name in names]
-
-
-def _lines(file: Path) -> Iterator[tuple[int, bytes]]:
-    """Lines that are not blank, with their numbers from 1."""
-    with file.open("rb") as content:
-        for number, line in enumerate(content, 1):
-            if line.strip():
-                yield number, line
 
 
 RATE = 100.0  # Hz
@@ -388,14 +378,14 @@ def command_calibrator(words: str, **declared: Any) -> Calibrator:
             same = {"g": g, "noise_std": noise_std}
             lines = [{"poses": poses, **same} for poses in sets.tolist()]
             return _lines_answered(command, lines, {"g": repr(g)}, seconds)
-        with _folder() as folder:
-            data = folder / "poses"
-            data.mkdir()
-            files = [f"{number:06d}.csv" for number in range(len(sets))]
+        files = [f"{number:06d}.csv" for number in range(len(sets))]
+
+        def write(folder: Path) -> dict[str, str]:
             for file, poses in zip(files, sets, strict=True):
-                _save(data / file, poses)
-            words = command.filled({"poses_folder": str(data), "g": repr(g)})
-            return answers(words, folder, seconds, "file", files)
+                _save(folder / file, poses)
+            return {"poses_folder": str(folder), "g": repr(g)}
+
+        return answers(command, write, seconds, "file", files)
 
     if not command.batch:
         return Calibrator(calibrate=calibrate, **given)
@@ -448,15 +438,17 @@ def _answer(
     command: Invocation, poses: Float[Array, "n 3"], g: float, noise_std: float
 ) -> Any:
     """Run a process for one trial."""
-    with _folder() as folder:
+
+    def write(folder: Path) -> dict[str, str]:
         files = {"poses": f"{folder}/poses.csv", "log": f"{folder}/log.csv"}
         if command.uses("poses"):
             _save(files["poses"], poses)
         if command.uses("log"):
             _save(files["log"], log_of(poses, noise_std))
-        words = command.filled({**files, "g": repr(g)})
-        with run(words, folder, CALL_LIMIT).open("rb") as printed:
-            return json_object(f"`{words[0]}`", printed.read(ANSWER_LIMIT + 1))
+        return {**files, "g": repr(g)}
+
+    with run(command, write, CALL_LIMIT) as printed:
+        return json_object(f"`{command.words[0]}`", printed.read(ANSWER_LIMIT + 1))
 
 
 def _lines_answered(
@@ -466,23 +458,15 @@ def _lines_answered(
     seconds: float,
 ) -> list[Any]:
     """Run one process for some trials, a line each."""
-    with _folder() as folder:
-        file = folder / "trials.jsonl"
-        with file.open("w", encoding="utf-8") as content:
-            for trial, line in enumerate(lines):
-                content.write(json.dumps({"trial": trial, **line}) + "\n")
-        words = command.filled({"trials": str(file), **values})
-        given = file if command.standard_input else None
-        names = list(range(len(lines)))
-        return answers(words, folder, seconds, "trial", names, given)
 
+    def write(folder: Path) -> dict[str, str]:
+        text = (
+            json.dumps({"trial": trial, **line}) for trial, line in enumerate(lines)
+        )
+        (folder / "trials.jsonl").write_text("\n".join(text) + "\n", encoding="utf-8")
+        return {"trials": str(folder / "trials.jsonl"), **values}
 
-@contextmanager
-def _folder() -> Iterator[Path]:
-    with TemporaryDirectory(
-        prefix="simval-command-", ignore_cleanup_errors=True
-    ) as name:
-        yield Path(name)
+    return answers(command, write, seconds, "trial", range(len(lines)))
 
 
 def _save(file: str | Path, rows: Float[Array, "n k"]) -> None:

@@ -11,17 +11,8 @@ A covariance is of the rotation vector of the error: on the ``body`` side
 (passive quaternions). ``claim`` says how good it is: ``"exact"``, or the highest order
 of the noise that it keeps.
 
-``fails_at`` names the classes of attitudes (`simval.plugins.attitudes`) at which
-an estimator is known to fail; there it is measured and not judged.
-
 With ``components="matrix"`` the answer is the matrix M itself, ``active`` if
 :math:`b = M r` and ``passive`` if :math:`b = M^T r`.
-
-``kind`` is the class of estimators that it belongs to: Wahba's optimum with equal
-weights, or with the inverse variances of the pairs, TRIAD with the first pair exact,
-the two-vector closed form in its best frame, or its four columns combined
-(`simval.theory.estimators`). Its leading bias and covariance are then those of
-its class.
 
 `make` is called anew for each trial with what the filter `reads`, by name, and makes an
 object that is stepped through the readings, one row after the other:
@@ -214,9 +205,11 @@ class Estimator(Algorithm):
     claim : {"exact", 2, 4}, default 2
         How good `covariance` is.
     fails_at : tuple of str, default ()
-        Classes of attitudes at which it fails and is not judged.
+        Classes of attitudes (`simval.plugins.attitudes`) at which it fails and is
+        measured, not judged.
     kind : {"wahba", "weighted wahba", "triad", "closed form", "combined"}, optional
-        Class of estimators whose bias and covariance it must have.
+        Class of estimators (`simval.theory.estimators`) whose leading bias and
+        covariance it must have.
     takes : {"pairs", "vectors"}, default "pairs"
         ``"vectors"`` calls ``estimate(body, references)`` with (n, k, 3) each, k >= 2.
     batch : bool, default True

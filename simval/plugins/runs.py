@@ -5,17 +5,6 @@ in its own conventions; its answers are converted afterwards, all at once. What 
 be believed is refused: answers that are no attitudes or covariances, input that is
 changed, state that outlives a run, a step that takes the longer the longer it runs.
 
-A world has z up or down and one of its other axes to the north:
-
-=======  =======================  ==========================
-north    z up                     z down
-=======  =======================  ==========================
-x        ``NWU`` (the scenes')    ``NED``
-y        ``ENU``                  ``WND``
--x       ``SEU``                  ``SWD``
--y       ``WSU``                  ``ESD``
-=======  =======================  ==========================
-
 With C the matrix from NWU to a world, :math:`r_W = C\, r`, an attitude that carries NWU
 to the body carries that world to it as :math:`A_W = A\, C^T`. An error on the reference
 side has the axes of the filter's own world: :math:`P_b = A_W P_W A_W^T`.
