@@ -355,16 +355,6 @@ def of_readings(change):
     return lambda poses, g: ellipsoid(change(poses), g)
 
 
-def of_bits(bits):
-    """The fit of readings with so many bits of a fraction; half precision has 10."""
-
-    def change(poses):
-        fraction, exponent = np.frexp(poses)
-        return np.ldexp(np.round(fraction * 2.0**bits), exponent - bits)
-
-    return of_readings(change)
-
-
 def another_meaning(x, rng):
     meanings = (
         lambda p, g, M, B: (M, -B),
@@ -385,17 +375,10 @@ family(
     stops_listening=lambda x, _: remembering(
         lambda count, last, now: now if count < at(x, 40, 900) else last
     ),
-    drifts=lambda x, _: remembering(
-        lambda count, last, now: now * (1.0 + 10.0 ** at(x, -5.9, -4) * (count > 4))
-    ),
-    every_so_many_the_last=lambda x, _: remembering(
-        lambda count, last, now: now if count % int(at(x, 3, 60)) else last
-    ),
 )
 family(
     Calibrator,
     PRECISION,
-    less_than_double_precision=lambda x, _: of_bits(int(at(x, 9, 14))),
     rounded_readings=lambda x, _: of_readings(
         lambda poses: rounded(poses, 10.0 ** at(x, -4.5, -2.5))
     ),
@@ -569,9 +552,6 @@ family(
     PRECISION,
     rounded_quaternion=lambda x, _: answers(
         lambda q: normalize(np.round(q, int(at(x, 3, 6))))
-    ),
-    rounded_vectors=lambda x, _: (
-        lambda *v: davenport(*(rounded(a, 10.0 ** at(x, -5.0, -2.5)) for a in v))
     ),
     always_turned=always_turned,
 )
