@@ -61,17 +61,15 @@ def _parameter(own: Parameter, hint: Any) -> click.Parameter:
     words = "".join(note for note in notes if isinstance(note, str))
     required = own.default is Parameter.empty
     default = None if required else own.default
+    # click takes a default of None for one that is given
+    settings |= {} if required else {"default": default}
     if not words:
-        return click.Argument(
-            [own.name], required=required, default=default, **settings
-        )
+        return click.Argument([own.name], required=required, **settings)
     title = settings.pop("name", f"--{own.name.replace('_', '-')}")
     if default not in (None, ()) and default is not False:
         settings = {"show_default": True} | settings
     names = [title, own.name]
-    return click.Option(
-        names, required=required, default=default, help=words, **settings
-    )
+    return click.Option(names, required=required, help=words, **settings)
 
 
 def _noted(hint: Any) -> tuple[Any, list[Any]]:
