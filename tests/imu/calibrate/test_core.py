@@ -273,4 +273,7 @@ def test_a_fourth_sensor_gets_its_honesty():
     np.testing.assert_array_equal(noise.factor[:2], 1.0)
     # a scatter of 72 degrees of freedom is known to a twelfth
     assert abs(noise.factor[2] / 5.0 - 1.0) < 4.0 / 12.0
+    # in stated deviations: of two rows a rest, chi-squares of two by what was found
+    squares = (noise.sensors[2].deviations / noise.factor[2]) ** 2
+    assert abs(squares.mean() - 2.0) < 4.5 * 2.0 / np.sqrt(40)
     assert noise.p_value < 1e-3
