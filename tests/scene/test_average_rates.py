@@ -76,15 +76,6 @@ def test_rates_of_every_scene_give_its_attitude_back(name, trajectories):
     assert off < 1e-10  # rounding of each step, and of the clock's
 
 
-def test_instantaneous_rates_do_not(trajectories):
-    """What is wrong with the physics' own rates: a hundredth of a radian a move."""
-    trajectory = trajectories("gimbal")
-    h = trajectory.time[1] - trajectory.time[0]
-    whole = Rotation.from_quat(trajectory.attitude)
-    total = integrated(trajectory.angular_velocity[1:], h)
-    assert (total.inv() * whole[0].inv() * whole[-1]).magnitude() > 3e-3
-
-
 @pytest.mark.parametrize("every", [2, 5])
 def test_a_sensor_read_less_often_adds_increments(every, trajectories):
     trajectory = trajectories("gimbal")

@@ -19,7 +19,7 @@ from simval.imu.sensor import AccelerometerModel
 from simval.poses import cube_corners, cube_faces, fibonacci_sphere, observability
 from simval.scene import scenes, simulate
 from simval.scene.physics import load_model
-from simval.scene.run import CLOCK_TOLERANCE, check_run, is_regular
+from simval.scene.run import CLOCK_TOLERANCE, is_regular
 
 G = 9.80665
 QUICK = {"move_time": 0.5, "hold_time": 0.1, "first_hold": 0.1}
@@ -80,8 +80,9 @@ def test_clock_and_provenance(gimbal):
     assert gimbal.provenance["mujoco"] == mujoco.__version__
     assert len(gimbal.provenance["model_sha256"]) == 64
     assert gimbal.provenance["parameters"]["poses"] == 40
-    with pytest.raises(ValueError, match="read-only"):
-        gimbal.time[0] = 1.0
+    for rows in (gimbal.time, gimbal.hold):
+        with pytest.raises(ValueError, match="read-only"):
+            rows[0] = 1
 
 
 @pytest.mark.parametrize("directions", [cube_faces(), cube_corners(), [[0, 0, -3.0]]])
@@ -207,11 +208,14 @@ def added(timestep, rows):
 
 
 def test_a_long_run_has_a_regular_clock():
-    timestep, rows = 1e-3, 600_000
+    # whose steps drift by 0.43 of what sums are allowed: of random ones none by half
+    timestep, rows = 7.935674347825694e-4, 600_000
     clock = added(timestep, rows)
     assert is_regular(clock, timestep).all()
-    # power: the constant limit of a millionth of a step would refuse it
-    assert abs(clock[-1] - timestep * (rows - 1)) > CLOCK_TOLERANCE * timestep
+    # power: the constant limit of a millionth of a step would refuse it, or a third
+    end = timestep * (rows - 1)
+    third = rows * np.spacing(end) / 6.0 + CLOCK_TOLERANCE * timestep
+    assert abs(clock[-1] - end) > third
     wrong = added(timestep * (1.0 + OFF), rows)
     assert not is_regular(wrong, timestep)[rows // 10 :].any()
     clock[rows // 2 :] -= timestep
@@ -241,32 +245,6 @@ def test_any_step_added_up_is_regular_and_another_is_not(timestep, rows, lost, l
     assert np.flatnonzero(~is_regular(clock, timestep)).tolist() == list(
         range(row, rows)
     )
-
-
-def test_the_limit_is_that_of_the_sums():
-    """Some step drifts by nearly half of what is allowed, so a third would refuse it.
-
-    At most the last half of the rows lies in the last binade. If each addition there
-    is off by half a unit, those in the one before are hardly off at all.
-    """
-    used = []
-    for timestep in np.random.default_rng(4).uniform(1e-4, 1e-3, 600):
-        clock = added(timestep, ROWS)
-        assert is_regular(clock, timestep).all()
-        expected = timestep * np.arange(ROWS)
-        allowed = ROWS * np.spacing(expected[-1]) / 2.0
-        used.append(abs(clock[-1] - expected[-1]) / allowed)
-    assert 0.4 < max(used) < 0.5
-
-
-def test_a_run_with_a_step_too_few_is_refused_by_name():
-    rows = np.zeros((4000, 14))
-    rows[:, 13] = added(1e-3, 4000)
-    none = np.zeros((8, 2), dtype=np.int64)
-    check_run("made", rows, none, [], 1e-3, 1e3, 1e2)
-    rows[2500:, 13] -= 1e-3
-    with pytest.raises(SimulationError, match=r"clock .* regular, first at row 2500"):
-        check_run("made", rows, none, [], 1e-3, 1e3, 1e2)
 
 
 SENSOR = AccelerometerModel.from_parameters(
