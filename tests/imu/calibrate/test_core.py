@@ -173,6 +173,34 @@ def test_the_accelerometer_alone_is_its_fit_by_moments(model):
     assert np.abs((covariance - fit.covariance) / size).max() < 1e-8
 
 
+def test_each_trial_is_handed_back_as_if_it_were_alone():
+    """The linearisation of trials that end after other numbers of steps."""
+    problem, theta = pair(trials=3, off=0.0)
+    off = np.array([0.1, 1e-9, 0.01])[:, None]
+    start = theta * (1.0 + off * np.random.default_rng(3).standard_normal((3, 22)))
+    found = minimize(problem, start, 30)
+    assert found.iterations[0] > found.iterations[1] < found.iterations[2]
+    for k in range(3):
+        alone = minimize(problem.take([k]), start[[k]], 30)
+        for name in ("rows", "slopes", "L", "white"):
+            both = (getattr(each.here, name) for each in (found, alone))
+            np.testing.assert_array_equal(next(both)[k], next(both)[0])
+
+
+@pytest.mark.ci
+def test_rows_that_are_handed_back_are_those_of_the_end():
+    """They are normal to their slopes, though these are of a point before."""
+    problem, theta = with_turns(walk=WALK)
+    start = theta * (1.0 + 1e-3 * np.random.default_rng(3).standard_normal((1, 34)))
+    found = minimize(problem, start, 30)
+    assert found.converged.all()
+    here = found.here
+    size = np.linalg.norm(here.slopes[0], axis=0)
+    # the last step is below 1e-8 standard deviations of any combination
+    assert np.abs(here.rows[0] @ here.slopes[0] / size).max() < 1e-7
+    assert np.abs(here.rows).max() > 1e-3  # power: of chunks at 100 Hz
+
+
 # a fourth sensor: an inclinometer of two axes, z = A u + b
 
 
