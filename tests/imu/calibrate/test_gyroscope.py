@@ -533,6 +533,7 @@ def test_trials_of_a_batch_are_refused_alone_though_they_are_all(estimator, bad)
     )  # fmt: skip
     assert [str(s)[:8] == "refused:" for s in fit.status] == [True, bad == 2]
     assert np.isnan(fit.parameters).any(axis=1).tolist() == [True, bad == 2]
+    assert np.isnan(fit.covariance).all(axis=(1, 2)).tolist() == [True, bad == 2]
 
 
 @pytest.mark.parametrize(
