@@ -298,6 +298,7 @@ def test_a_fourth_sensor_gets_its_honesty():
     found = minimize(problem, truth[None], 30)
     *_, noise = weighed(problem, found, 30)
     assert noise.sources == ("accelerometer", "magnetometer", "inclinometer")
+    assert problem.names[8:10] == ("B_z", "magnetometer M_xx")
     np.testing.assert_array_equal(noise.factor[:2], 1.0)
     # a scatter of 72 degrees of freedom is known to a twelfth
     assert abs(noise.factor[2] / 5.0 - 1.0) < 4.0 / 12.0

@@ -173,3 +173,7 @@ def test_a_fault_in_each_sensor_is_named(sensor):
         assert "told worst" in str(fit)
         if sensor in told:
             assert told[sensor].worst == 5
+        if sensor is None:  # the parts are the whole, with turns as well
+            whole = np.sum([(s.chi_square, s.dof) for s in told.values()], axis=0)
+            chi_square = fit.chi2_per_dof * fit.dof
+            np.testing.assert_allclose(whole, [chi_square, fit.dof], rtol=1e-6)
