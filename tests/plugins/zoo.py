@@ -935,17 +935,6 @@ wrong(
     lambda q, *_: {"attitude": q, "innovation_covariance": np.eye(6)},
 )
 wrong(
-    "another shape",
-    r"`?(covariance|innovation\w*|bias)`? (as|that|with) ?.*at row \d+",
-    lambda q, *_: all_words(q, covariance=P6),
-    lambda q, *_: all_words(q, covariance=np.ones(3)),
-    lambda q, *_: all_words(q, bias=0.0),
-    lambda q, *_: all_words(q, innovation=np.zeros(3)),
-    lambda q, *_: all_words(q, innovation_covariance=np.eye(3)),
-    sound=all_words,
-    first=1,
-)
-wrong(
     "no rotation",
     r"no rotation: (it is a reflection|its columns)",
     lambda *_: -np.eye(3),
