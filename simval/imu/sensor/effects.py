@@ -14,9 +14,7 @@ are :math:`N^2`, :math:`K^2/(2\pi f)^2` and :math:`B^2/(2\pi f)` far below the r
 rows. Flicker noise has no beginning: the filter runs over twice the rows, and the first
 half is thrown away.
 
-What a real sensor adds to its model: each effect optional, the truth recorded.
-
-The three readings of a row, :math:`y'` by the sensor's own model, leave it as
+Effects of a real sensor, each optional, with the truth recorded: the three readings of a row, :math:`y'` by the sensor's own model, leave it as
 
 .. math:: y = \mathrm{clip}\bigl(q\,\mathrm{round}
    ((y' + b(t) + c(t) + n)/q),\ y_{min}, y_{max}\bigr)  \tag{E3}
@@ -229,12 +227,10 @@ class Electronics:
     delay_s: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in (
-            "noise_std_raw", "white_raw_per_sqrt_hz", "flicker_raw",
-            "bias_walk_raw_per_sqrt_s",
-        ):  # fmt: skip
+        optional = ("noise_std_raw", "white_raw_per_sqrt_hz")  # None: the model's
+        for name in (*optional, "flicker_raw", "bias_walk_raw_per_sqrt_s"):
             value = getattr(self, name)
-            if value is not None:  # else the model's
+            if value is not None or name not in optional:
                 object.__setattr__(self, name, levels_of_axes(name, value))
         if self.noise_std_raw is not None and self.white_raw_per_sqrt_hz is not None:
             msg = (
