@@ -14,7 +14,8 @@ are :math:`N^2`, :math:`K^2/(2\pi f)^2` and :math:`B^2/(2\pi f)` far below the r
 rows. Flicker noise has no beginning: the filter runs over twice the rows, and the first
 half is thrown away.
 
-Effects of a real sensor, each optional, with the truth recorded: the three readings of a row, :math:`y'` by the sensor's own model, leave it as
+Effects of a real sensor, each optional, with the truth recorded: the three readings of
+a row, :math:`y'` by the sensor's own model, leave it as
 
 .. math:: y = \mathrm{clip}\bigl(q\,\mathrm{round}
    ((y' + b(t) + c(t) + n)/q),\ y_{min}, y_{max}\bigr)  \tag{E3}
