@@ -103,6 +103,8 @@ def test_standardised_residuals_are_standard(residual):
     values = standardized(batch, SIGMA, residual)
     # a chi-square below 1 % falls back to the scatter: it cuts the tail only
     assert np.all(np.abs(values.var(axis=0) - 1) < 5 * np.sqrt(2 / 500) + 0.05)
+    one = diagnose(calibrate(batch[0], G, residual=residual), batch[0], SIGMA)
+    assert one.p_value == pytest.approx(stats.chi2.sf(3 * one.chi2_per_dof, 3))
     leverage = diagnose(calibrate(batch[0], G, residual=residual), batch[0]).leverage
     np.testing.assert_allclose(leverage.sum(), 9.0, rtol=1e-10)
     # a diagonal of a projector is 1 at most, up to rounding of the sum of nine
