@@ -26,7 +26,7 @@ With the errors :math:`\theta` and :math:`\beta` as estimate minus truth,
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -409,7 +409,13 @@ def _misdeclared(
     if len(fits) > 2 and not any_north:  # two are the same, upside down
         after = [trial.judged(each.declared, LONGER[1]) for each in fits]
         fits = [each for each in after if each.judged <= STAYS] or fits
-    best = min(fits, key=lambda each: (_changes(each.declared, filter), each.judged))
+
+    def order(each: Stray) -> tuple[Any, ...]:
+        equal = round(each.judged, 9)  # but for rounding
+        place = PREFERRED.index(each.declared.world)
+        return _changes(each.declared, filter), equal, place
+
+    best = min(fits, key=order)
     msg = (
         f"{filter.name} {where}; declare {best.declared.spelled(filter)}: so it stays "
         f"within {np.degrees(best.judged):.2g} degrees"
