@@ -23,7 +23,7 @@ The noise of a pose mean follows from a noise density and a hold time.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 import scipy
@@ -166,16 +166,26 @@ class MagnetometerPlan(ReadOnly):
     sd_next: Float[Array, "22"]
 
 
+@runtime_checkable
+class Informed(Protocol):
+    """Equations of any sensors, of theory or of a fit where it is."""
+
+    @property
+    def information(self) -> Float[Array, "b p p"]:
+        """Of each pose or move that shares no noise with another."""
+
+
 def next_best(
-    given: Estimating, candidates: Estimating, wanted: slice = slice(None)
+    given: Informed, candidates: Informed, wanted: slice = slice(None)
 ) -> tuple[Float[Array, "p p"], Float[Array, "p p"], int]:
     """Information before and after the one that helps most, and which that is.
 
     Parameters
     ----------
-    given, candidates : Estimating
+    given, candidates : Estimating or Local
         Equations of the poses or moves that there are, and of those that there could
-        be, one to a row of their block, which shares no noise with another.
+        be, with the same parameters: of `Estimating` one to a row of its block, or
+        linearised by the solver, `simval.imu.calibrate.equations.Problem.local`.
     wanted : slice
         Parameters whose total variance is to be least.
 
@@ -186,8 +196,10 @@ def next_best(
         each), and the candidate's number.
     """
     whole, parts = given.information.sum(axis=0), candidates.information
-    floor = _FLOOR * np.trace(whole) * np.eye(len(whole))
-    traces = [np.trace(np.linalg.inv(whole + p + floor)[wanted, wanted]) for p in parts]
+    base = whole
+    if rank_of(whole) < len(whole):
+        base = whole + _FLOOR * np.trace(whole) * np.eye(len(whole))
+    traces = [np.trace(inverse_of(base + p)[wanted, wanted]) for p in parts]
     near_best = np.array(traces) <= min(traces) * (1.0 + 1e-9)
     best = int(np.flatnonzero(near_best)[0])
     return whole, whole + parts[best], best

@@ -477,11 +477,16 @@ class Local:
         return np.swapaxes(self.slopes, -1, -2) @ self.slopes
 
     @property
-    def information(self) -> Float[Array, "t n p p"]:
-        """That of each rest alone, where no turns join them: what a plan adds up."""
-        t, n, e, _ = self.white.shape
-        slopes = self.slopes[:, : n * e].reshape(t, n, e, -1)
+    def information(self) -> Float[Array, "n p p"]:
+        """That of each rest of the first trial: what a plan adds up, without turns."""
+        _, n, e, _ = self.white.shape
+        slopes = self.slopes[0, : n * e].reshape(n, e, -1)
         return np.swapaxes(slopes, -1, -2) @ slopes
+
+    @property
+    def sd(self) -> Float[Array, "t p"]:
+        """Error bar of each parameter; at the truth without noise the bound on it."""
+        return np.sqrt(np.diagonal(self.covariance()[0], axis1=1, axis2=2))
 
     @property
     def chi_square(self) -> Float[Array, " t"]:

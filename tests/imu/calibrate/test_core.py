@@ -24,16 +24,15 @@ from simval.imu.calibrate.gyroscope import moves_between
 from simval.imu.calibrate.gyroscope.noise import noise_of
 from simval.imu.calibrate.gyroscope.residuals import InterRest
 from simval.imu.sensor import MODELS, forms
-from simval.poses import fibonacci_sphere
+from simval.theory.plans import error_bars, next_best
 
 FORTY = random_set(40, 5)
-UP = BODY.correct(FORTY.body) / G
 
 
-def pair(model="triangular", trials=2, *, off=0.01):
+def pair(model="triangular", trials=2, *, off=0.01, poses=FORTY, noise=1.0):
     """Two sensors with noise, and parameters away from their solution."""
     rng = np.random.default_rng(2)
-    body, iron = FORTY.noisy(trials, rng)
+    body, iron = poses.noisy(trials, rng, noise * BODY_STD, noise * IRON_STD)
     std = [np.full(body.shape, each) for each in (BODY_STD, IRON_STD)]
     problem = Problem(
         sensors=(
@@ -211,7 +210,7 @@ class Inclinometer(Sensor):
     def equations(self, w, theta):
         u, (t, n, _) = w["accelerometer"], self.readings.shape
         A, b = theta[:, :6].reshape(-1, 2, 3), theta[:, None, 6:]
-        off = np.einsum("tij,tnj->tni", A, u) + b - self.readings
+        off = u @ np.swapaxes(A, 1, 2) + b - self.readings
         rows = []
         for i in range(2):
             own, noise = np.zeros((t, n, 8)), np.zeros((t, n, 2))
@@ -222,79 +221,60 @@ class Inclinometer(Sensor):
         return rows
 
 
-def inclined(trials, told=1.0):
-    problem, theta = pair(trials=trials, off=0.0)
-    sensor, own = inclinometer(UP, trials, 1e-4, told)
-    return Problem(sensors=(*problem.sensors, sensor)), np.r_[theta[0], own]
-
-
-def inclinometer(up, trials, std, told=1.0, noise=1.0):
+def inclined(poses=FORTY, trials=1, noise=1.0, told=1.0):
+    """All three sensors in these poses, and their parameters."""
+    problem, theta = pair(trials=trials, off=0.0, poses=poses, noise=noise)
     rng = np.random.default_rng(4)
     A, b = rng.standard_normal((2, 3)), rng.standard_normal(2)
-    z = up @ A.T + b + noise * std * rng.standard_normal((trials, len(up), 2))
-    sensor = Inclinometer(readings=z, std=np.full(z.shape, std * told))
-    return sensor, np.r_[A.ravel(), b]
+    z = BODY.correct(poses.body) / G @ A.T + b
+    z = z + noise * 1e-4 * rng.standard_normal((trials, *z.shape))
+    own = Inclinometer(readings=z, std=np.full(z.shape, 1e-4 * told))
+    return Problem(sensors=(*problem.sensors, own)), np.r_[theta[0], A.ravel(), b]
 
 
-def test_a_fourth_sensor_gets_fit_bound_and_coverage():
-    problem, truth = inclined(300)
-    start = truth * (1.0 + 0.01 * np.random.default_rng(5).standard_normal(30))
-    found = minimize(problem, np.tile(start, (300, 1)), 30)
+def test_a_fourth_sensor_gets_fit_bound_coverage_and_plan():
+    problem, truth = inclined(trials=300)
+    found = minimize(problem, np.tile(1.01 * truth, (300, 1)), 30)
+    at_truth, other_poses = (
+        inclined(poses, noise=0.0)[0].local(truth[None])
+        for poses in (FORTY, random_set(60, 8))
+    )
+    bound = error_bars(at_truth.information.sum(axis=0))
+    held = np.abs(found.theta - truth) < NORMAL_95 * found.here.sd
+    now, after, best = next_best(at_truth, other_poses, slice(22, None))
+
+    # the core gave all of that; what follows only judges it
     assert found.converged.all()
-    here = problem.local(found.theta)
-    covariance, _ = here.covariance()
-    off = found.theta - truth
-    nees = np.vecdot(off, np.linalg.solve(covariance, off[..., None])[..., 0])
+    off, here = found.theta - truth, found.here
+    squares = np.vecdot(off, np.matvec(here.normal, off))
     # means of 300 chi-squares, 4.5 of their standard errors
-    for squares, dof in ((nees, 30), (here.chi_square, 5 * 40 - 30)):
-        assert abs(squares.mean() - dof) < 4.5 * np.sqrt(2 * dof / 300)
-    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    held = np.count_nonzero(np.abs(off) < NORMAL_95 * sd, axis=0)
+    for each, dof in ((squares, 30), (here.chi_square, 5 * 40 - 30)):
+        assert abs(each.mean() - dof) < 4.5 * np.sqrt(2 * dof / 300)
     low, high = stats.binom.ppf([1e-4 / 60, 1.0 - 1e-4 / 60], 300, 0.95)
-    assert np.all((low <= held) & (held <= high))
-    # the bound: no noise in the readings; 300 errors tell a deviation to a 24th
-    exact, _ = inclinometer(UP, 1, 1e-4, noise=0.0)
-    pairs = zip(inclined(1)[0].sensors, (FORTY.body, FORTY.iron), strict=False)
-    sensors = (*(replace(each, readings=y[None]) for each, y in pairs), exact)
-    bound = Problem(sensors=sensors).local(truth[None]).covariance()[0][0]
-    seen = np.sqrt(np.mean(off**2, axis=0) / np.diagonal(bound))
+    count = np.count_nonzero(held, axis=0)
+    assert np.all((low <= count) & (count <= high))
+    # 300 errors tell a deviation to a 24th
+    seen = np.sqrt(np.mean(off**2, axis=0)) / bound
     assert np.all(np.abs(seen - 1.0) < 4.5 / np.sqrt(600))
-
-
-def planned(up):
-    """Two sensors that read some directions without noise, and their parameters."""
-    sensor, own = inclinometer(up, 1, 1e-4, noise=0.0)
-    readings = BODY.distort(G * up, np.random.default_rng(0))[None]
-    body = Accelerometer(
-        readings=readings, std=np.full(readings.shape, BODY_STD), model="triangular"
-    )
-    return Problem(sensors=(body, sensor)), np.r_[pair(off=0.0)[1][0, :9], own][None]
-
-
-def test_a_fourth_sensor_gets_its_plan():
-    """The next best pose by the sum of information, and by every set tried whole."""
-
-    def sd(up):
-        problem, truth = planned(up)
-        return np.sqrt(np.diagonal(problem.local(truth).covariance()[0][0]))
-
-    few, more = fibonacci_sphere(10), fibonacci_sphere(60)
-    given, each = (
-        p.local(theta).information[0] for p, theta in map(planned, (few, more))
-    )
-    bars = np.sqrt(
-        np.diagonal(np.linalg.inv(given.sum(axis=0) + each), axis1=1, axis2=2)
-    )
-    best = int(np.argmin(np.sum(bars[:, 9:] ** 2, axis=1)))
-    whole = np.array([sd(np.vstack([few, u])) for u in more])
-    np.testing.assert_allclose(bars, whole, rtol=1e-9)
-    assert best == np.argmin(np.sum(whole[:, 9:] ** 2, axis=1))
-    assert np.all(whole[best] < sd(few))
+    # no other pose would help more: each is tried whole, together with the forty
+    more, tried = random_set(60, 8), []
+    for k in range(60):
+        body = np.vstack([FORTY.body, more.body[k]])
+        iron = np.vstack([FORTY.iron, more.iron[k]])
+        whole, _ = inclined(replace(FORTY, body=body, iron=iron), noise=0.0)
+        tried.append(whole.local(truth[None]).sd[0])
+    np.testing.assert_allclose(error_bars(after), tried[best], rtol=1e-9)
+    # M is of a field over counts, so what is told of b in counts is little beside it
+    *_, of_M = next_best(at_truth, other_poses, slice(9, 18))
+    for number, wanted in ((best, slice(22, None)), (of_M, slice(9, 18))):
+        total = np.sum(np.square(tried)[:, wanted], axis=1)
+        assert total[number] <= total.min() * (1.0 + 1e-9)
+    np.testing.assert_allclose(error_bars(now), bound)
 
 
 def test_a_fourth_sensor_gets_its_honesty():
     """Its noise is stated five times too small: it is blamed, and it alone."""
-    problem, truth = inclined(1, told=0.2)
+    problem, truth = inclined(told=0.2)
     found = minimize(problem, truth[None], 30)
     *_, noise = weighed(problem, found, 30)
     assert noise.sources == ("accelerometer", "magnetometer", "inclinometer")
