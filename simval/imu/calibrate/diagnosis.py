@@ -34,7 +34,7 @@ from simval.imu.calibrate.honesty import (
     Combination,
     Deletion,
     chi_square_chance,
-    worst_combination,
+    least_determined_of,
 )
 from simval.imu.calibrate.outliers import Outliers, find_outliers
 from simval.imu.calibrate.residuals import WEIGHTED, noise_shares
@@ -74,8 +74,8 @@ class Diagnosis(ReadOnly):
         What limits the calibration, in words.
     drift : Drift
         Whether the poses that belong follow their time.
-    told_worst : Combination
-        The combination of parameters that the poses tell worst.
+    least_determined : Combination
+        The combination of parameters that the poses determine least.
     """
 
     distance: Float[Array, " n"]
@@ -86,7 +86,7 @@ class Diagnosis(ReadOnly):
     p_value: float
     verdict: str
     drift: Drift
-    told_worst: Combination
+    least_determined: Combination
 
 
 def diagnose(
@@ -145,7 +145,7 @@ def diagnose(
         p_value=p_value,
         verdict=_verdict(fit, readings, rest, judged, drift),
         drift=drift,
-        told_worst=worst_combination(rows / unit[:, None], fit.names),
+        least_determined=least_determined_of(rows / unit[:, None], fit.names),
     )
 
 

@@ -64,7 +64,7 @@ class NoiseFactors(ReadOnly):
     p_value : float
         Chance that noise as stated leaves as much, in all rows or in those of any
         sensor; below `CHANCE` a factor is asked for. NaN where none was judged.
-    told_worst : Combination or None
+    least_determined : Combination or None
         The combination of parameters that the fit tells worst.
     """
 
@@ -72,7 +72,7 @@ class NoiseFactors(ReadOnly):
     factor: Float[Array, " s"]
     widening: Float[Array, " s"]
     p_value: float
-    told_worst: Combination | None
+    least_determined: Combination | None
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -97,15 +97,15 @@ class NoiseFactors(ReadOnly):
 
     @property
     def lines(self) -> list[str]:
-        """Each sensor's residuals, and the combination that is told worst."""
-        if self.told_worst is None:
+        """Each sensor's residuals, and the combination that is least determined."""
+        if self.least_determined is None:
             return []
         return [
             *(
                 f"residuals         {each.name}: {each.sentence}"
                 for each in self.sensors
             ),
-            f"told worst        {self.told_worst.sentence}",
+            f"least determined  {self.least_determined.sentence}",
         ]
 
     @property
@@ -138,7 +138,7 @@ class NoiseFactors(ReadOnly):
 
 NOT_JUDGED: Final = NoiseFactors(
     sensors=(), factor=np.ones(0), widening=np.ones(0), p_value=float("nan"),
-    told_worst=None,
+    least_determined=None,
 )  # fmt: skip
 
 
@@ -183,7 +183,7 @@ def judged(
         factor=factor,
         widening=np.array([wider[s.parameters].max() for s in left.sources]),
         p_value=left.p_value(),
-        told_worst=left.combination(),
+        least_determined=left.combination(),
     )
 
 

@@ -7,7 +7,7 @@ one sensor, its source, of covariance :math:`V_s`; they are whitened by
 
 **Rank, and the worst combination.** Of J with columns of unit length the parameters are
 in units of the error bars that each would have if all others were known; its least
-singular value s belongs to the combination that is told worst, 1/s times as wide.
+singular value s belongs to the combination that is least determined, 1/s times as wide.
 
 **Chi-square by sensor.** :math:`r^T P V_s P r` has the mean :math:`\mathrm{tr}\,P V_s`
 and the variance :math:`2\,\mathrm{tr}\,P V_s P V_s`. Over the sensors these add up to
@@ -43,6 +43,7 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array, ReadOnly
+from simval.imu.sensor import forms
 from simval.shapes import Float
 from simval.text import chance_words
 
@@ -91,7 +92,7 @@ class Residuals:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Combination:
-    """The combination of parameters that a fit tells worst."""
+    """The combination of parameters that a fit determines least."""
 
     rank: int  # of the rows
     parameters: int
@@ -100,24 +101,29 @@ class Combination:
 
     @property
     def sentence(self) -> str:
-        """What is told worst, and how much worse than if the others were known."""
+        """The combination, and its error bar against that of parameters known alone."""
         if self.rank < self.parameters:
-            return f"rank {self.rank} of {self.parameters}: {self.words} is not told"
+            return (
+                f"rank {self.rank} of {self.parameters}: {self.words} is undetermined"
+            )
         return (
-            f"{self.words}, each in its error bar if all others were known: "
-            f"{self.widening:.3g} times as wide"
+            f"{self.words}: {self.widening:.3g} times as wide as with the other "
+            "parameters known"
         )
 
 
-def worst_combination(J: Float[Array, "r p"], names: tuple[str, ...]) -> Combination:
-    """The combination of parameters that whitened rows tell worst, and their rank."""
+def least_determined_of(J: Float[Array, "r p"], names: tuple[str, ...]) -> Combination:
+    """The combination that whitened rows determine least, and their rank."""
     size = np.linalg.norm(J, axis=0)
     _, s, v = np.linalg.svd(J / np.where(size > 0.0, size, 1.0), full_matrices=True)
     s = np.pad(s, (0, len(v) - len(s)))
     part = v[-1] * np.sign(v[-1][np.argmax(np.abs(v[-1]))])
     order = np.argsort(-np.abs(part))[:_MOST_NAMED]
     named = [k for k in order if abs(part[k]) >= _NAMED * part[order[0]]]
-    said = [f"{part[k]:+.2f} {names[k]}" for k in named]
+    said = []
+    for k in named:
+        entry, sign = forms.ENTRIES.get(names[k], (names[k], 1.0))
+        said.append(f"{sign * part[k]:+.2f} {entry}")
     return Combination(
         rank=int(np.count_nonzero(s > _RANK * s[0])),
         parameters=len(names),
@@ -466,8 +472,8 @@ class Left:
         return min(1.0, len(every) * min(map(sum_chance, every)))
 
     def combination(self) -> Combination:
-        """The combination of parameters that is told worst."""
-        return worst_combination(self.J, self.rows.names)
+        """The combination of parameters that is least determined."""
+        return least_determined_of(self.J, self.rows.names)
 
     def sensors(self) -> tuple[SensorResiduals, ...]:
         """Judge each sensor, rest and move; outliers by the noise of the fit."""

@@ -241,7 +241,7 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
         *by_white_lines,
         f"verdict           {diagnosis.verdict}",
         f"drift             {drift_words(diagnosis.drift)}",
-        f"told worst        {diagnosis.told_worst.sentence}",
+        f"least determined  {diagnosis.least_determined.sentence}",
         f"bound             least sd that {bounding} would allow with these "
         f"poses{', without the moves' * bool(joint)} (Cramer-Rao)",
         f"gravity           {fit.g:g} m/s^2 was assumed; a g wrong by 0.1 % makes "
@@ -331,7 +331,7 @@ def as_object(whole: Any) -> dict[str, Any]:
         "pose_noise_std": result.pose_noise.std.tolist(),
         "pose_noise_white_std": result.pose_noise.white.tolist(),
         "verdict": diagnosis.verdict,
-        "told_worst": diagnosis.told_worst.sentence,
+        "least_determined": diagnosis.least_determined.sentence,
         "outliers": list(diagnosis.outliers),
         "next_direction": result.next_direction.tolist(),
         "bound_sd": None if result.predicted is None else bound_sd(result).tolist(),

@@ -103,6 +103,14 @@ def entries(model: str) -> tuple[tuple[str, float], ...]:
     return off + known[3:]
 
 
+ENTRIES = {
+    name: entry
+    for model in MODELS
+    for name, entry in zip(_NAMES[model], entries(model), strict=True)
+}
+"""Entry of T, K or B, with its sign, that a parameter's name stands for."""
+
+
 def sign_notes(model: str) -> list[str]:
     """Say which parameters are minus the entry of T that is printed."""
     return [

@@ -26,7 +26,7 @@ from simval.imu.calibrate.honesty import (
     Left,
     Residuals,
     Source,
-    worst_combination,
+    least_determined_of,
 )
 
 
@@ -121,11 +121,11 @@ def test_residuals_without_several_items_are_those_of_a_new_fit():
     np.testing.assert_allclose(Deletion.of(J, r, items).leverage(), share)
 
 
-def test_the_worst_combination_is_named():
+def test_the_least_determined_combination_is_named():
     rng = np.random.default_rng(4)
     J = rng.standard_normal((30, 5)) * [1.0, 1e6, 1e-6, 3.0, 2.0]
     J[:, 3] = 7.0 * J[:, 1] + 1e4 * rng.standard_normal(30)  # 1e6 beside 1e4
-    found = worst_combination(J, tuple("abcde"))
+    found = least_determined_of(J, tuple("abcde"))
     assert (found.rank, found.parameters) == (5, 5)
     assert found.words in ("0.71 b -0.71 d", "0.71 d -0.71 b")
     # a hundredth of their size apart, by seven: their difference, normalised
@@ -134,9 +134,9 @@ def test_the_worst_combination_is_named():
     own = unit * np.linalg.norm(J, axis=0)
     assert found.widening == pytest.approx(np.sqrt(own @ whole @ own), rel=1e-2)
     J[:, 3] = 7.0 * J[:, 1]
-    found = worst_combination(J, tuple("abcde"))
+    found = least_determined_of(J, tuple("abcde"))
     assert found.rank == 4
-    assert "is not told" in found.sentence
+    assert "undetermined" in found.sentence
 
 
 FAULTS = {"accelerometer": 0.05, "magnetometer": 12 * IRON_STD, "gyroscope": 0.01}
@@ -170,7 +170,7 @@ def test_a_fault_in_each_sensor_is_named(sensor):
         expected = {name: (5,) if name == sensor else () for name in told}
         assert {name: each.outliers for name, each in told.items()} == expected
         assert str(fit).count("farthest off") >= len(told)
-        assert "told worst" in str(fit)
+        assert "least determined" in str(fit)
         if sensor in told:
             assert told[sensor].worst == 5
         if sensor is None:  # the parts are the whole, with turns as well
