@@ -1,4 +1,4 @@
-"""The package's own estimators and calibrators as plug-ins declare themselves.
+"""The package's own estimators and calibrators, declared like plug-ins.
 
 A user's algorithm is measured beside them by the same studies (`simval.plugins.loading`
 has their names). The estimators declare their class, so theory judges them too.

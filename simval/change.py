@@ -1,4 +1,4 @@
-r"""How a number changed: the one place that says same, close, moved or changed.
+r"""The change of a number: same, close, moved or changed.
 
 A baseline is a small run, so the gate (which compares with its baseline) and `simval
 compare` (which compares with another run) need the same: which cells belong together

@@ -1,4 +1,4 @@
-r"""Consistency of a filter: its errors over many trials against its covariance.
+r"""Consistency of a filter: its errors over many trials compared with its covariance.
 
 The attitude error is the rotation vector e of :math:`\hat q = q * \delta q`, body side,
 from the truth to the estimate; in the world it is a turn about the vertical, the

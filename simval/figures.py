@@ -1,4 +1,4 @@
-"""Figures and listings as data: what a study shows of its rows.
+"""Figures and tables of a study, declared as data.
 
 A study declares them beside its experiment and draws nothing: the report draws every
 figure the same way. Measured values have bars that hold for all of a figure together,

@@ -1,4 +1,4 @@
-"""Files that a user names: regular ones of a size that their kind can have.
+"""Files named by a user: read only if regular and of a plausible size.
 
 A device or a pipe has no size: it may never end, and who opens a pipe waits for its
 writer. What is too large is refused before a byte of it is read.

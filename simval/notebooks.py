@@ -1,4 +1,4 @@
-"""Fits and runs in a notebook: a table, and a figure when one is asked for.
+"""Fits and runs in a notebook: a table, and a figure on request.
 
 Only `simval.report` draws, and it stands above what it draws. So the class says that it
 can be shown, and the drawing is found by its name when it is used, as a face finds its

@@ -1,4 +1,4 @@
-r"""Pose sets: the directions in which gravity is seen.
+r"""Pose sets: directions of gravity in the sensor's axes.
 
 A direction is the unit vector of the specific force in sensor coordinates; a body
 at rest in a pose reads ``g`` times it.

@@ -1,4 +1,4 @@
-"""Plug-in of pytest: a test's own function, measured and judged as a plug-in is.
+"""Pytest plug-in: a test's own function, measured and judged like a simval plug-in.
 
     def test_my_estimator(simval_estimator):
         simval_estimator(my_function, components="sxyz", matrix="active")

@@ -1,4 +1,4 @@
-"""One measured number beside its prediction: the row of every results table.
+"""A measured number and its prediction: the row of every results table.
 
 A study returns an `Outcome`: rows, and artifacts for the report to draw from. The
 `check` of a row says how `verdict` judges it. Each check has its constructor, which

@@ -1,4 +1,4 @@
-"""The vocabulary: what can be measured, and the theories that it is compared with.
+"""The vocabulary: measurable statistics, and the theories they are compared with.
 
 A statistic is a member of a family: ``BIAS("K_x")`` is the bias of one entry,
 ``NEES()`` stands alone, and `controlled` says that it was sampled with control

@@ -1,4 +1,4 @@
-"""Words for people: values and messages fit for one printable line, whole numbers."""
+"""Text for people: values and messages on one printable line, whole numbers."""
 
 import math
 import traceback

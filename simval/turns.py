@@ -1,4 +1,4 @@
-r"""Sets of turns between rests: what they tell of a gyroscope's matrix.
+r"""Sets of rotations between rests: what they determine of a gyroscope's matrix.
 
 A turn by the angle :math:`\alpha` about a fixed axis a, in body axes, by a gyroscope
 whose matrix is off by the relative error :math:`D = \mathrm{d}M\,M^{-1}`, ends off by

@@ -1,4 +1,4 @@
-r"""Judging rows: pass, fail or inconclusive, at a stated false-alarm rate.
+r"""Judgement of rows: pass, fail or inconclusive, at a stated false-alarm rate.
 
 Sampling rows are tested against an interval, not a point, because a truncated
 formula is allowed its remainder :math:`\delta`. With :math:`d` the difference and

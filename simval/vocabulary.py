@@ -1,4 +1,4 @@
-"""Names and defaults that helps state, and that a shell completes.
+"""Names and defaults for help texts and shell completion.
 
 They stand here because a help must be quick: this module imports nothing but the
 standard library. The code below takes its own names from here, or a test compares them

@@ -1,4 +1,4 @@
-r"""A check in words and as JSON: what failed, why, and what to do.
+r"""The result of a check as text and as JSON: what failed, why, and what to do.
 
 Each sentence gives the number that it is made from. A cause is named only where one
 form of error (`simval.studies.filter`) or one reading stands out.

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: raised and also noted, so that neither is ever lost.
+"""Ctrl-C and SIGTERM: raised and also recorded, so that neither is lost.
 
 Where Python cannot raise it (a callback of a weak reference, `__del__`) a
 `KeyboardInterrupt` is dropped, and an extension module that is interrupted while it is

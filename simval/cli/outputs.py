@@ -1,4 +1,4 @@
-"""Outputs of commands: never over what is read, never over a file of a run.
+"""Output files of commands: never written over an input or over a file of a run.
 
 Each option that names a file or a folder to write has the type `Output`; the command
 looks at all of them before it does anything.

@@ -1,4 +1,4 @@
-"""Lines for people: folded where a terminal is narrow, lost where nobody reads them."""
+"""Lines for people: folded on a narrow terminal, discarded when the pipe is closed."""
 
 import os
 import re

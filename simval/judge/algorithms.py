@@ -1,4 +1,4 @@
-r"""Two algorithms of one run against each other: better, worse or the same.
+r"""Comparison of two algorithms of one run: better, worse or the same.
 
 What an algorithm is worth is read from the rows of its cells. Accuracy is the RMS error
 over the Cramer-Rao bound. Of an estimator that is

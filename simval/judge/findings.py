@@ -1,4 +1,4 @@
-"""Everything that the gate judged, one by one and put together by kind.
+"""Findings of the gate, one by one and grouped by kind.
 
 A `Finding` is one thing judged, in one form for every output. An intended change moves
 a whole kind of values at once: the RMS errors of all scale factors in all cells. A

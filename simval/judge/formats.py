@@ -1,4 +1,4 @@
-"""Judgements for machines: JSON, JUnit XML, Markdown, annotations of GitHub.
+"""Judgements for machines: JSON, JUnit XML, Markdown, GitHub annotations.
 
 Names of cells and reasons can come from data and plug-ins, so each format escapes them
 in its own way; characters that XML does not know are replaced.

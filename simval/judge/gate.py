@@ -1,4 +1,4 @@
-"""The gate: a run judged against theory and the stored baseline, as an exit code.
+"""The gate: a run judged against theory and the stored baseline, with an exit code.
 
 `judge_run` asks three questions: was everything measured that should have been
 (`gaps_of`), does it agree with theory (`simval.verdict`), and does it agree with the

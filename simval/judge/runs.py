@@ -1,4 +1,4 @@
-r"""Two runs side by side: what changed, with its uncertainty.
+r"""Comparison of two runs: what changed, with its uncertainty.
 
 A cell is matched by its study and parameters, without the seed and the number of
 samples. Several equal ones are matched by seed or, without a common seed, in order.

@@ -1,4 +1,4 @@
-r"""What moved, which way and by how much: steps of single values, and moves of groups.
+r"""Changes between runs: direction and size, of single values and of groups.
 
 A `Step` is one statistic of one cell, before and after. It is *better* or *worse* by
 the direction of its family (`simval.statistics.Family.better`), through the loss

@@ -1,4 +1,4 @@
-"""Failures of a gate and changes between runs, in lines for people."""
+"""Failures of a gate and changes between runs, as text."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,4 +1,4 @@
-"""User-supplied algorithms: what they must look like, how they are found and probed.
+"""User-supplied algorithms: their protocol, how they are loaded and probed.
 
 A plug-in is an `Estimator`, a `Calibrator`, a `Filter` or a scene
 (`simval.scene.Scene`), held by a Python file, offered as an entry point of the group

@@ -1,4 +1,4 @@
-"""A plug-in's process, as `simval.plugins.child` starts it."""
+"""Main program of a plug-in's process, started by `simval.plugins.child`."""
 
 import sys
 

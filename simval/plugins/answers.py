@@ -1,4 +1,4 @@
-r"""Asking an algorithm, and the checks of what it answers.
+r"""Calls of an algorithm, and the checks of its answers.
 
 Vectors are a list b1, ..., bk, r1, ..., rk of batches, whatever the form. Arrays that
 are one to the caller are one to the estimator, and it works on copies, which it must

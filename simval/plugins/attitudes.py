@@ -1,4 +1,4 @@
-r"""Attitudes as algorithms write them, fixed frames, and the cases at which they break.
+r"""Attitude conventions of algorithms, fixed frames, and singular cases.
 
 A matrix is brought to the quaternion of the nearest rotation: the eigenvector of the
 greatest eigenvalue of the symmetric matrix N with :math:`q^T N q = \mathrm{tr}(R(q)^T

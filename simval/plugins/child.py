@@ -1,4 +1,4 @@
-"""A user's algorithm in a process of its own: we measure, it answers.
+"""A user's algorithm in a process of its own: simval measures, the process answers.
 
 The parent keeps the measuring and has a function called where the plug-in is. It sends
 the function's name and its arguments, and gets what it returns: words as JSON, numbers

@@ -1,4 +1,4 @@
-r"""Load a plug-in from a file, a package or a command, and say what it is made of.
+r"""Load a plug-in from a file, a package or a command, and record its sources.
 
 Loading runs a user's code, so what a file or a package offers is asked in a child.
 

@@ -1,4 +1,4 @@
-r"""What the name of a plug-in stands for, and how it is spelled on any machine.
+r"""The name of a plug-in: the source it refers to, and its portable spelling.
 
 ========================== ==========================================================
 word                       what it names

@@ -1,4 +1,4 @@
-r"""Noise of each observed vector: what it is, and how it is handed to an estimator.
+r"""Noise of each observed vector, and the form in which an estimator receives it.
 
 A shape gives the covariance of each vector for a `noise_std` of 1, body vectors first,
 each in its own frame; the noise of a cell is the shape times :math:`\sigma^2`.

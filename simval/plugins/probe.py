@@ -1,4 +1,4 @@
-r"""Noise-free probes of what estimators and calibrators declare.
+r"""Noise-free probes of the conventions that estimators and calibrators declare.
 
 An estimator is given exact vectors of generic attitudes, a calibrator exact readings
 of a known sensor, which has the errors that it estimates and no others. What comes back

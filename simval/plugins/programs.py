@@ -1,4 +1,4 @@
-r"""Algorithms in any language: programs that are given data and answer with text.
+r"""Algorithms in any language: programs that receive data and answer with text.
 
 What a program is given and prints, placeholder by placeholder, is on the page of
 plug-ins (docs/plugins.md). A command is read where it is given, so that a misspelt one

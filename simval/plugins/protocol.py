@@ -1,4 +1,4 @@
-r"""What a user-supplied algorithm must look like: estimators, calibrators and filters.
+r"""Protocol of a user-supplied algorithm: estimators, calibrators and filters.
 
 Quaternions are declared by two words. ``components`` is the order: ``xyzs`` with the
 scalar last or ``sxyz`` with the scalar first. ``matrix`` is the direction: with

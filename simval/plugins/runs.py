@@ -1,4 +1,4 @@
-r"""Running a filter over readings, and running any algorithm again.
+r"""Run a filter over readings, and repeat a run of any algorithm.
 
 A fresh filter is made for each trial, or one for a batch of all, and stepped row by row
 in its own conventions; its answers are converted afterwards, all at once. What cannot

@@ -1,4 +1,4 @@
-r"""The world of a filter, found without noise, and the signs of its bias.
+r"""World frame of a filter, found without noise, and the signs of its bias.
 
 Without noise, at rest and over a slow turn, a filter that starts from the truth must
 stay there. One that was written for another world, another order or direction of the

@@ -1,4 +1,4 @@
-"""Algorithms side by side, the package's own and a user's: how wrong, where, how fast.
+"""Comparison of algorithms, the package's own and a user's: errors and speed.
 
 Where a run has a user's code this is what comes first after the verdict, which has a
 line for each: beside the best built-in one, both by the RMS error over the Cramer-Rao

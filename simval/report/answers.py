@@ -1,4 +1,4 @@
-r"""Two of the three answers of the first screen as data: lines with a number each.
+r"""The first screen's answers on accuracy and speed, as data.
 
 **As theory says**: how far the measured sizes of errors are from the predicted ones.
 A size is a standard deviation or an RMS error, and a variance or a normalised squared

@@ -1,4 +1,4 @@
-"""Artifacts of the studies: checked when they are read, and drawn as declared."""
+"""Artifacts of the studies: validated, then drawn as declared."""
 
 import zipfile
 import zlib

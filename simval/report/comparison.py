@@ -1,4 +1,4 @@
-"""The page of two runs side by side: what became better or worse, and by how much.
+"""The page that compares two runs: what became better or worse, and by how much.
 
 Numbers come first: what moved, by study and kind of statistic, the largest first; then
 a figure of each with both curves; then every common value.

@@ -1,4 +1,4 @@
-r"""Curves made of the rows of a run: grouped by what varies, sorted along an axis.
+r"""Curves from the rows of a run: grouped by parameters, sorted along an axis.
 
 With them: what the page says of a point on request; slopes on log-log axes and bands
 that hold together; and measured over predicted, on a linear axis where one percent is

@@ -1,4 +1,4 @@
-"""What studies declare: sections, tables of rows and slopes, and what is not shown.
+"""Sections that studies declare: figures, tables of rows and slopes, omissions.
 
 Of any study efficiency, coverage and NEES are drawn; one that declares no figure of its
 own is drawn along what varies most.

@@ -1,4 +1,4 @@
-"""The sentence above a figure, made from all rows that it is about, drawn or not.
+"""The sentence above a figure, from all its rows, including those not drawn.
 
 A `Claim` holds which rows these are and what they say as numbers; its words are made
 from them. The bands of a figure hold together with 95 %, so in one figure of twenty a

@@ -1,4 +1,4 @@
-"""Figures of declared data (`simval.figures`), all drawn the same way.
+"""Figures of declared data (`simval.figures`), all drawn in the same way.
 
 The bars of a figure hold for all of its points together (95 %); the sentence above it
 is about all rows of its families, drawn or not.

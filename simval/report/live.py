@@ -1,4 +1,4 @@
-"""What a reader can ask of a figure: its points, and its series from their legend.
+"""Interactive figures: data of their points, and legends that select series.
 
 The figure is one image for a screen reader. Over it lie its points, each an invisible
 disc with a title, which every browser shows where the pointer rests. The page's script

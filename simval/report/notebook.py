@@ -1,4 +1,4 @@
-"""What a notebook shows of fits and runs: tables in HTML, and axes of matplotlib."""
+"""Fits and runs in a notebook: tables in HTML, and axes of matplotlib."""
 
 from collections.abc import Iterable, Sequence
 from html import escape

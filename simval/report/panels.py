@@ -1,4 +1,4 @@
-"""What a figure shows, as data; `paint` turns it into SVG or PNG.
+"""Contents of a figure, as data; `paint` turns it into SVG or PNG.
 
 No drawing here: a section computes panels, a panel is arrays and words.
 

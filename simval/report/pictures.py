@@ -1,4 +1,4 @@
-"""Pictures of what was simulated: the scene with its poses, and a filter's trial.
+"""Pictures of the simulation: the scene with its poses, and a filter's trial.
 
 A trial turns as SVG with animations of its own: no script and no video.
 """

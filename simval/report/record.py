@@ -1,4 +1,4 @@
-"""What a run says of itself: what was not measured, every number, how to repeat it."""
+"""Record of a run: omissions, every number, and how to repeat it."""
 
 import json
 import shlex

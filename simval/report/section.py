@@ -1,4 +1,4 @@
-"""A section of the page: what it reads of a run, what it is made of, its template.
+"""A section of the page: the rows it reads, its contents, its template.
 
 Everything that comes from data is escaped in the templates.
 

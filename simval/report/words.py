@@ -1,4 +1,4 @@
-"""Words of the page: numbers with digits that mean something, parameters with units."""
+"""Text of the page: numbers with significant digits, parameters with units."""
 
 import re
 from collections.abc import Iterable

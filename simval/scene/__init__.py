@@ -1,4 +1,4 @@
-"""Simulated trajectories: MuJoCo scenes, and proof that their data is true."""
+"""Simulated trajectories: MuJoCo scenes, and checks that their data is consistent."""
 
 from simval.scene.cache import simulate_cached
 from simval.scene.catalogue import find_scene, scenes

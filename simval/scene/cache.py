@@ -1,4 +1,4 @@
-"""Trajectories cached on disk, under a hash of all that they depend on.
+"""Trajectories cached on disk, by a hash of everything they depend on.
 
 The key is the SHA-256 of everything a trajectory's bits depend on: the model file and
 the model compiled from it, the parameters, MuJoCo's and numpy's versions, the

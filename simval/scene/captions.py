@@ -1,4 +1,4 @@
-"""What is written on a picture: its arrows' names, the time, the directions visited.
+"""Captions of a picture: names of its arrows, the time, the directions visited.
 
 Sizes are for a picture 720 pixels high and follow its height. The directions are on a
 sphere, an inset in sensor axes, seen from a fixed side: the body turns and the sphere

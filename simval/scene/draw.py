@@ -1,4 +1,4 @@
-"""The child process that draws frames, so that no graphics failure ends the caller.
+"""The child process that draws frames: a graphics failure does not end the caller.
 
 It reads ``job.npz`` in a folder (positions and specific force of each frame) and
 ``model.mjb``, and writes each frame to its output as soon as it is drawn: where the

@@ -1,4 +1,4 @@
-r"""Drivers of the scenes: what moves the body, and where it means to rest.
+r"""Drivers of the scenes: they move the body, and state where it should rest.
 
 A motor or a hand moves it (gimbal, shaker, handheld), contacts decide where it comes to
 rest (die, cube), or nothing holds it: it spins, and never rests (pivot, freefall).

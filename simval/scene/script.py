@@ -1,4 +1,4 @@
-"""What a scene is: a model file, a driver, and the limits that its data must keep.
+"""A scene: a model file, a driver, and the limits that its data must keep.
 
 A driver is a function of the compiled model and of named parameters with defaults. It
 returns a `Script`: where the simulation starts, what is applied at each step, and

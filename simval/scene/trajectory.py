@@ -1,4 +1,4 @@
-r"""A trajectory: rows of one instant each, its average rates, and a log of it.
+r"""A trajectory: one row an instant, its average rates, and its conversion to a log.
 
 The rows are true values, with where they come from. As a test signal for any calibrator
 they are written beside an IMU's readings.

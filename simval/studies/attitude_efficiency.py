@@ -1,4 +1,4 @@
-r"""Efficiency: what the closed form costs in accuracy.
+r"""Efficiency: the loss of accuracy of the closed form against the bound.
 
 Over many geometries, drawn once for all, the RMS error of each estimator is set beside
 the Cramer-Rao bound of the two-vector problem, which the q-method reaches to first

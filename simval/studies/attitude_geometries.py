@@ -1,4 +1,4 @@
-r"""Leading errors over many geometries: which formula is nearer to the truth.
+r"""Leading errors over many geometries: which formula is more accurate.
 
 The covariance of each formula that is accurate to second order is off by a term in
 :math:`\sigma^4`: the linear one by :math:`C_4`, the source's fourth order by

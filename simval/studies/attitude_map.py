@@ -1,4 +1,4 @@
-r"""The map of the limits: where each attitude formula holds, over many geometries.
+r"""Map of the limits: where each attitude formula holds, over many geometries.
 
 In each numbered random geometry the isotropic noise is raised until the covariance and
 the bias of each formula are off by 1 % and by 10 % of the exact ones. Quantiles of

@@ -1,4 +1,4 @@
-r"""A user-supplied calibrator: its errors, set beside the Cramer-Rao bound.
+r"""A user-supplied calibrator: its errors compared with the Cramer-Rao bound.
 
 The plug-in's conventions are probed without noise first. Then each trial reads a known
 sensor in poses spread over the sphere, or in the six faces of a cube, with noise on

@@ -1,4 +1,4 @@
-r"""The static detector, scored against what the simulation knows to be at rest.
+r"""The static detector, scored against the true rests of the simulation.
 
 Each trial distorts a tumble with fresh noise, detects its initial rest and its static
 intervals as in a user's log, and compares them with the truth row by row. A row is

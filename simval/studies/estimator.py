@@ -1,4 +1,4 @@
-r"""A user-supplied attitude estimator: its errors, beside cubature and the bound.
+r"""A user-supplied attitude estimator: its errors against cubature and the bound.
 
 The plug-in's conventions are probed without noise first, at generic attitudes. At the
 classes of attitudes where estimators break (`simval.plugins.attitudes`) the share of

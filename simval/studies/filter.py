@@ -1,4 +1,4 @@
-r"""Attitude filter: its errors over many trials, what it says of them, and the bound.
+r"""Attitude filter: its errors over many trials against its covariance and the bound.
 
 A scenario is recorded once (`simval.studies.filter_scenarios`); over it each trial
 draws the noise of all sensors, a bias of the gyroscope that walks, and the attitude

@@ -1,4 +1,4 @@
-r"""What theory says of a filter in a scenario: the bound, and the reference filter.
+r"""Theory of a filter in a scenario: the bound, and the reference filter.
 
 And what a filter's rows stand on: the noise drawn, and its covariance without noise.
 

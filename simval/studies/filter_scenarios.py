@@ -1,4 +1,4 @@
-r"""Scenes that an attitude filter meets, recorded once, and the trials drawn over them.
+r"""Scenes for an attitude filter, recorded once, and the trials drawn over them.
 
 ================== ===============================================================
 scenario           what happens; the accelerometer reads gravity alone, unless it

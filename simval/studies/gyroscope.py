@@ -1,4 +1,4 @@
-r"""Gyroscope: error bars of a calibration between rests, beside the bound on them.
+r"""Gyroscope: error bars of a calibration between rests, compared with their bound.
 
 The gimbal visits poses; every sample of the gyroscope and every pose mean is drawn. The
 accelerometer is calibrated alone, then the gyroscope from the moves between the rests,

@@ -1,4 +1,4 @@
-r"""Bias ladder and efficiency: what each residual of a calibration costs.
+r"""Bias ladder and efficiency: the error of each residual of a calibration.
 
 Every residual is biased at second order in the noise, and the bias does not fall
 with more poses. For an ideal sensor and many poses the relative bias of the scale,

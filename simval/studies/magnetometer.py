@@ -1,4 +1,4 @@
-r"""Magnetometer: its calibration beside the bound, and whether its error bars hold.
+r"""Magnetometer: its calibration against the bound, and the coverage of its error bars.
 
 A set of random attitudes is drawn once for each number of poses, so that predictions
 involve no chance. Each trial adds fresh noise to the pose means of both sensors and

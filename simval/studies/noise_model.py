@@ -1,4 +1,4 @@
-"""Noise model: whether theory knows how well N, B and K of a sensor are measured.
+"""Noise model: does theory predict how well N, B and K of a sensor are measured?
 
 Each trial draws a signal at rest with white noise, flicker and a random walk, and fits
 them (`simval.imu.noise`). The Allan variances are set beside the diagonal of (V4); the

@@ -1,4 +1,4 @@
-r"""A user's code, measured: one way for estimators, calibrators and filters.
+r"""Measurement of a user's code: one way for estimators, calibrators and filters.
 
 A study of an algorithm states a `Problem`: how it is probed, what its trials are, and
 which rows its answers make. What all of them share is here:

@@ -1,4 +1,4 @@
-r"""How an estimate answers its readings, found by moving each of them a little.
+r"""Response of an estimate to its readings, by finite differences.
 
 Of an estimator :math:`\hat\theta(y)` whose readings have independent noise of
 deviation :math:`\sigma_k`, central differences at the truth give, with no derivative of

@@ -1,4 +1,4 @@
-r"""What every study's numbers stand on: independent streams, unbiased variances.
+r"""Assumptions of every study: independent streams, unbiased variances.
 
 Streams: blocks of neighbouring numbers, of this seed and of another, of this cell and
 of one that differs in a bit of its key, must be as independent as they are named. Their

@@ -1,4 +1,4 @@
-"""A scene by itself: what it calls rest is at rest, and its poses suffice.
+"""A scene by itself: its rests are at rest, and its poses suffice.
 
 The simulation's own checks have passed before anything is measured here. Its artifacts
 are the directions of the rests and, where the machine can draw, a picture.

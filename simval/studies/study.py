@@ -1,4 +1,4 @@
-"""What a study is: a name, its parameters, and a pure function of a cell.
+"""Definition of a study: a name, its parameters, and a pure function of a cell.
 
 Whether every trial of some noise and some poses has an answer shows only when they are
 drawn. Where one has none, what the others say is of a chosen few, so nothing is stated

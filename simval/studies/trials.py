@@ -1,4 +1,4 @@
-r"""The loop of every study that draws: trials in blocks, and the noise that is in them.
+r"""The loop of every study that draws: trials in blocks, and their realised noise.
 
 A study says what a block of trials draws and what is kept of it; `trials_of` runs the
 blocks, each with its own stream, and holds what was kept in their order.

@@ -1,4 +1,4 @@
-"""The cells of a run: how they end, what is stored of them, and how it is read back.
+"""The cells of a run: how they end, how they are stored and read back.
 
 A worker makes plain values of what a study left, with their digest, so that the driver
 only writes them down. Numbers are stored as they are, and NaN as NULL.

@@ -1,4 +1,4 @@
-"""Cells on a running dask.distributed cluster, whose workers may come and go.
+"""Cells on a running dask.distributed cluster, whose workers may join and leave.
 
 Each batch carries what the driver states of itself, and a worker that differs answers
 with the reason in words (`simval.sweep.identity`). It gets no further batch, and what

@@ -1,4 +1,4 @@
-"""Where cells are computed: in this process, in a local pool, or on a cluster.
+"""Executors of cells: this process, a local pool, or a cluster.
 
 All yield what they are done with in the order in which batches end. A cell that raises
 gives its traceback as its result; what is handled here is a worker that dies.

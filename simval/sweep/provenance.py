@@ -1,4 +1,4 @@
-"""What the numbers of a run depend on: the manifest.
+"""Provenance of a run's numbers: the manifest.
 
 It holds suite, seeds, versions, commit, model files and processor kernels. Times, host
 and dates are stored separately and never compared.

@@ -1,4 +1,4 @@
-"""Compute one cell again, by its name, and compare it with the run to the bit."""
+"""Recompute one cell by its name, and compare it with the run bit by bit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields

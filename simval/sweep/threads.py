@@ -1,4 +1,4 @@
-"""One thread in the linear algebra while cells are computed, whoever asks for them.
+"""One thread in the linear algebra while cells are computed.
 
 A product of matrices is summed in another order on two threads than on one, so its last
 bits would depend on the number of processors. Libraries that are loaded are set by

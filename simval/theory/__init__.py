@@ -1,4 +1,4 @@
-"""Predictions: what the errors must be. Imports nothing that it predicts."""
+"""Predictions of errors. Imports nothing that it predicts."""
 
 from simval.theory.attitude import (
     AttitudeMoments,

@@ -1,4 +1,4 @@
-r"""Bias and covariance of the two-vector quaternion estimate, and how far they hold.
+r"""Bias and covariance of the two-vector quaternion estimate, and their validity.
 
 Signs: an error is truth minus estimate, and the truth has the sign of the noise-free
 estimate of the frame, which `AttitudeMoments.q_true` states. A frame is one fixed

@@ -1,4 +1,4 @@
-r"""What calibrators of fewer than nine parameters can do, and what the best one leaves.
+r"""Bound and remaining error of calibrators of fewer than nine parameters.
 
 The parameters are those of the triangular form, some of them estimated and the others
 fixed (`simval.imu.sensor.models`). Of a sensor of the same class the errors are small;

@@ -1,4 +1,4 @@
-r"""Gaussian cubature of an estimator taken as a black box.
+r"""Gaussian cubature of an estimator treated as a black box.
 
 The Smolyak rule of level L combines Gauss-Hermite rules of :math:`2l - 1` nodes,
 

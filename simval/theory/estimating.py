@@ -1,4 +1,4 @@
-r"""Error of an estimate that solves equations, to second order, and the bound on it.
+r"""Second-order error of an estimate that solves equations, and the bound on it.
 
 Rows :math:`r(\theta, z)` are zero at the truth without noise; z are independent noises
 of unit variance. The estimate solves :math:`J^T W r = 0`, :math:`J = \partial

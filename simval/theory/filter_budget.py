@@ -1,4 +1,4 @@
-r"""Error of a filter, source by source, where it is told otherwise.
+r"""Error budget of a filter, source by source, with settings that may be wrong.
 
 The filter's gains are those of the model it is told, P by eq. (F2), and the errors are
 those of the true one. With :math:`U_i = P H_i^T R_i^{-1}` of the told noise and

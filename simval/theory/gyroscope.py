@@ -1,4 +1,4 @@
-r"""Bound and bias of a calibration of two or three sensors by rests and moves.
+r"""Bound and bias of a calibration of two or three sensors by rests and rotations.
 
 Unknown are the sensors (the accelerometer's nine parameters, the gyroscope's M row by
 row and B, the magnetometer's matrix, hard iron and the dip: 21 or 34) and the attitude

@@ -1,4 +1,4 @@
-r"""Error of a magnetometer's calibration to second order, and of the usual recipe.
+r"""Second-order error of a magnetometer's calibration, joint and in two steps.
 
 A pose of unknown attitude leaves of its six readings three equations,
 

@@ -1,4 +1,4 @@
-r"""Plans of a calibration: what poses will give, before any data is taken.
+r"""Plans of a calibration: the precision of poses, before any data is taken.
 
 =============  ===========================  ==========================================
 sensors        design                       predicted standard deviations

@@ -1,4 +1,4 @@
-r"""Geometry and noise of the two-vector problem, as its error theory needs them.
+r"""Geometry and noise of the two-vector problem, for its error theory.
 
 Everything is written for the formula :math:`\bar q = [d_1 \times d_2; s_1^T d_2]`.
 A frame other than ``plain`` turns the reference vectors by a half turn about an

@@ -1,4 +1,4 @@
-r"""Singular cases of the plain formula: direct solutions and sequential rotations.
+r"""Singular cases of the closed form: direct solutions and sequential rotations.
 
 Without noise :math:`\bar q = (e^T n) q`, :math:`n = r_1 \times r_2`, so the formula is
 singular exactly when the rotation axis lies in the plane of r1 and r2, or the angle is

@@ -1,4 +1,4 @@
-r"""A sensor that changes in the course of the poses: a drift, a step, or a break.
+r"""Sensor changes during the recording: a drift, a step, or a break.
 
 **Scatter that follows the time of the poses: a bias or a gain that drifts.**
 

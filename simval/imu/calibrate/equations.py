@@ -1,4 +1,4 @@
-r"""The calibration core: equations of sensors that share rests, and their solver.
+r"""The calibration core: residuals of sensors that share rests, and their solver.
 
 **Blocks.** A triad of axes that reads :math:`y_i` in rest i tells the vector
 

@@ -1,4 +1,4 @@
-"""What every calibration is, and how it is printed."""
+"""The common part of every calibration result, and its printed form."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields

@@ -1,4 +1,4 @@
-r"""Covariance of an accelerometer's fit, and whether its poses bear it out.
+r"""Covariance of an accelerometer's fit, and consistency of its poses with it.
 
 **Covariance and fit statistics at a solution, in the scaled units of the fit.**
 

@@ -1,4 +1,4 @@
-r"""Which sensors of a joint fit bear their stated noise, and what the others need.
+r"""Noise factors of a joint fit: which sensors agree with their stated noise.
 
 The rows of a joint fit are :math:`r = J\,\mathrm{d}\theta + \sum_s n_s`, each n_s the
 noise of one sensor, its source, of covariance :math:`\lambda_s V_s`; V_s is what was

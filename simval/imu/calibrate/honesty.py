@@ -1,4 +1,4 @@
-r"""Whether residuals bear a fit out: one judge of every linearised fit.
+r"""Goodness of fit: one chi-square judge of the residuals of every linearised fit.
 
 A fit leaves rows :math:`r = J\,\mathrm{d}\theta + \sum_s n_s`, each n_s the noise of
 one sensor, its source, of covariance :math:`V_s`; they are whitened by

@@ -1,4 +1,4 @@
-r"""From scaled readings to the ellipsoid of the least cost.
+r"""Least-cost ellipsoid of scaled readings.
 
 **The squared residual's ellipsoid by its centre alone: three unknowns for nine.**
 

@@ -1,4 +1,4 @@
-r"""Accelerometer, gyroscope and magnetometer of the same rests in one fit.
+r"""Joint calibration of accelerometer, gyroscope and magnetometer from the same rests.
 
 **The rows of three sensors that an unknown attitude leaves, and their noise.**
 

@@ -1,4 +1,4 @@
-r"""The residuals of an accelerometer's poses, and the moments they are made of.
+r"""Residuals of an accelerometer's poses, and the moments they are computed from.
 
 **Moments of the readings: one pass over the data, then none.**
 

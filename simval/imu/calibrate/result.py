@@ -1,4 +1,4 @@
-"""The result of a calibration."""
+"""The result of an accelerometer's calibration."""
 
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar

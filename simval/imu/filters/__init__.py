@@ -1,4 +1,4 @@
-"""Attitude filters of simval, to compare others with; theory imports none of them."""
+"""Attitude filters of simval, a reference for others; theory imports none of them."""
 
 from simval.imu.filters.mekf import Mekf
 

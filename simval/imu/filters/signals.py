@@ -1,4 +1,4 @@
-"""Readings that a filter is given, what it is told of them, and its answers."""
+"""Input of a filter (readings and settings) and its answers."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""A log and how one is read, see `simval.imu.logs`."""
+"""A log and the function that reads one, see `simval.imu.logs`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

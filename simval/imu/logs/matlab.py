@@ -1,4 +1,4 @@
-"""MATLAB files, of format 5 by their first bytes, of format 4 by their name."""
+"""MATLAB files: format 5 by their first bytes, format 4 by their name."""
 
 import io
 import subprocess

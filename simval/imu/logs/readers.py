@@ -1,4 +1,4 @@
-"""A log's file as a table: the names of its columns, and their numbers.
+"""A log's file as a table: column names and numbers.
 
 A reader is a module with two functions: ``sniff(path, content)`` returns whether a file
 is of its kind, and ``read(path, content)`` its table (`ArrayTable` where the columns

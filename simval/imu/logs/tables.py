@@ -1,4 +1,4 @@
-"""Columns of a log's file that are numbers already, as most readers return them."""
+"""Tables of numbers that are already parsed, as most readers return them."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Text files: rows of numbers, with the line that each came from.
+"""Text files: rows of numbers, each with its line number.
 
 First the dialect of its fields (separator and decimal mark), then the line of names
 above the rows, then the rows.

@@ -1,4 +1,4 @@
-"""Recorded attitudes: four columns of a quaternion, in a log or in a file of their own.
+"""Recorded attitudes: quaternions in four columns of a log or of a file of their own.
 
 Nothing here says what the numbers mean: their order and direction are found where they
 can be compared with a gyroscope (`simval.imu.recorded`). A row without a measurement,

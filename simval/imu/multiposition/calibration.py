@@ -1,4 +1,4 @@
-"""The calibration of a log: the accelerometer first, then the sensors beside it.
+"""Calibration of a log: the accelerometer first, then the other sensors.
 
 The rests that the accelerometer shows are the poses of all. Accelerometer and gyroscope
 are fitted together, and so are accelerometer and magnetometer; both fits take the noise

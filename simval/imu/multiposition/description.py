@@ -1,4 +1,4 @@
-r"""A log's calibration in text, as JSON, in Kalibr's file, and whether to trust it.
+r"""A log's calibration as text, as JSON and in Kalibr's format, with its verdict.
 
 **Judgements.** Every sentence that says yes or no of the error bars, in the terminal,
 in files and on the page, is a `Judgement`: no where the chance of what is seen is below

@@ -1,4 +1,4 @@
-"""Faults of a sensor, a cable or a logger: why the rests of a log are not believed.
+"""Faults of a sensor, a cable or a logger: reasons to reject the rests of a log.
 
 Each check looks for the mark of one fault, and returns nothing or a sentence that names
 the axis, the time and the remedy. Most faults still give nine numbers and error bars,

@@ -1,4 +1,4 @@
-"""The unit of a log's readings: as stated, as the header says, or as gravity shows."""
+"""Unit of a log's readings: as stated, as in the header, or as gravity shows."""
 
 from contextlib import suppress
 from dataclasses import dataclass

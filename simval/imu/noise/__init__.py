@@ -1,4 +1,4 @@
-r"""Noise model of a sensor at rest: what its readings do when nothing happens.
+r"""Noise model of a sensor at rest: white noise, bias instability, random walk.
 
 White noise N, flicker B and a random walk K of each axis, from the overlapping Allan
 variance and its covariance in closed form (`simval.imu.noise.allan`), by generalised

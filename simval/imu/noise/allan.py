@@ -1,4 +1,4 @@
-r"""Overlapping Allan variance of a rate signal, its law and its covariance.
+r"""Overlapping Allan variance of a rate signal: its expectation and its covariance.
 
 With :math:`x_k = y_1 + \dots + y_k` and averages over m of n rows,
 

@@ -1,4 +1,4 @@
-"""Noise model of a signal, what it was found from, and its JSON file."""
+"""Noise model of a signal, the data behind it, and its JSON file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

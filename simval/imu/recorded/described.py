@@ -1,4 +1,4 @@
-"""Filters over a log, in lines for people and as JSON values (SI units, radians)."""
+"""Results of filters over a log, as text and as JSON (SI units, radians)."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, fields

@@ -1,4 +1,4 @@
-"""The truth's world: stated, of its data set, the nearest, or by the log's own sensors.
+"""World frame of the truth: stated, of its data set, nearest, or from the sensors.
 
 The log's sensors show up, the mean specific force of each rest in the truth's world,
 and north, the horizontal part of the mean magnetic field of all rows there. That north

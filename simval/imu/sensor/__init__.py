@@ -1,4 +1,4 @@
-"""Sensor models: what a sensor does to a force, a rate or a field, and its inverse."""
+"""Sensor models: readings from a force, a rate or a field, and the inverse."""
 
 from simval.imu.sensor.effects import (
     Effects,

@@ -1,4 +1,4 @@
-r"""Coloured noise of a sensor with three axes: white, flicker and a random walk.
+r"""Coloured noise of a three-axis sensor: white, flicker and a random walk.
 
 Each axis adds to its readings, at steps of :math:`h` seconds, the sum of
 

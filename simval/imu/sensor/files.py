@@ -1,4 +1,4 @@
-"""An IMU described in a file, to distort a simulated recording with.
+"""An IMU described in a file, applied to a simulated recording.
 
 TOML (or JSON with the same names), for example::
 

@@ -1,4 +1,4 @@
-r"""Ways to write the matrix of a calibration, and the conversions between them.
+r"""Parametrisations of a calibration's matrix, and the conversions between them.
 
 A calibration maps a raw reading to specific force, :math:`f = M (y - B)`. Norms
 alone fix :math:`M` up to a rotation, that is they fix :math:`A = M^T M`  (F1); each

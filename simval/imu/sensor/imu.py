@@ -1,4 +1,4 @@
-r"""An inertial measurement unit: what each sensor of it reads of one motion.
+r"""An inertial measurement unit: the readings of its sensors for one motion.
 
 A row of specific force passes, in this order, through
 

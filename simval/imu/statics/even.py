@@ -1,4 +1,4 @@
-r"""A log on an even clock: the detector in seconds, at any rate.
+r"""A log resampled to an even clock: the detector in seconds, at any rate.
 
 Rows fall into ticks of equal length; a tick reads their mean, and one without a row
 (the log lost it) what the tick before it read. Down to `RATE` a tick is one row. Above,

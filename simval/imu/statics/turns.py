@@ -1,4 +1,4 @@
-r"""Rests of an accelerometer in which a gyroscope turns: cut, or left out.
+r"""Rests of an accelerometer during which the gyroscope turns: cut, or left out.
 
 A turn about the vertical leaves an accelerometer as it is. In a rest the mean of a
 gyroscope's readings over `WINDOW` is its bias and noise,

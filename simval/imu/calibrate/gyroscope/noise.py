@@ -1,4 +1,4 @@
-r"""Noise of a gyroscope, and what the rests say of its bias.
+r"""Noise of a gyroscope, and its bias as the rests show it.
 
 White noise N leaves the angle a random walk of variance :math:`N^2 t`, and the mean of
 a rest of :math:`T_r` seconds the variance :math:`N^2/T_r`; the bias walks by

@@ -1,4 +1,4 @@
-"""Calibration of a magnetometer on the axes of the accelerometer beside it."""
+"""Calibration of a magnetometer in the axes of the accelerometer mounted with it."""
 
 from simval.imu.calibrate.magnetometer.calibration import calibrate_magnetometer
 from simval.imu.calibrate.magnetometer.result import MagnetometerFit

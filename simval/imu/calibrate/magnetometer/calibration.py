@@ -1,4 +1,4 @@
-r"""Calibrate a magnetometer on the axes of the accelerometer beside it.
+r"""Calibrate a magnetometer in the axes of the accelerometer mounted with it.
 
 **The scaled units of the fit: middle and size of both sensors' readings.**
 

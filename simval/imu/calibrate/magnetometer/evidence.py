@@ -1,4 +1,4 @@
-r"""Whether poses bear a magnetometer's calibration out.
+r"""Covariance of a magnetometer's fit, and consistency of its poses with it.
 
 **Covariance, chi-square and the checks that decide whether a fit is a calibration.**
 

@@ -1,4 +1,4 @@
-r"""What is to be known before a magnetometer's calibration is used.
+r"""Findings to read before a magnetometer's calibration is used.
 
 **Poses that do not fit the others, and a field that varies with time.**
 

@@ -1,4 +1,4 @@
-r"""Starts of a magnetometer's fit, in closed form or several for few poses.
+r"""Starting points of a magnetometer's fit: closed form, or several for few poses.
 
 **The start in closed form: an ellipsoid for each sensor, then the turn between them.**
 
