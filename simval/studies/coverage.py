@@ -1,4 +1,4 @@
-r"""Coverage: do the reported error bars of a calibration hold?
+r"""Coverage of the reported error bars of a calibration.
 
 Each trial calibrates one noisy pose set and asks whether the reported 95 % interval
 of each parameter holds the truth, and whether the truth lies within the reported 95 %

@@ -1,4 +1,4 @@
-"""A user-supplied scene: is rest at rest, and do the poses suffice?
+"""A user-supplied scene: its rests are at rest, and its poses suffice.
 
 The scene is a Python file that holds one `simval.scene.Scene`, beside its MJCF file.
 It is simulated in a child process; the trajectory's own checks have passed there before

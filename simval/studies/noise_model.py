@@ -1,4 +1,4 @@
-"""Noise model: does theory predict how well N, B and K of a sensor are measured?
+r"""Noise model: accuracy of the measured N, B and K of a sensor against theory.
 
 Each trial draws a signal at rest with white noise, flicker and a random walk, and fits
 them (`simval.imu.noise`). The Allan variances are set beside the diagonal of (V4); the

@@ -1,4 +1,4 @@
-"""Solvers: do all methods of the calibration reach the same answer?
+"""Solvers: comparison of the methods of the calibration, which must agree.
 
 One noisy pose set, far enough from the closed-form start that there is a way to go.
 Each method is stopped after every number of steps, and its distance from where it ends
