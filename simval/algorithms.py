@@ -1,6 +1,6 @@
 """The package's own estimators and calibrators, declared like plug-ins.
 
-A user's algorithm is measured beside them by the same studies (`simval.plugins.loading`
+A user's algorithm is compared with them by the same studies (`simval.plugins.loading`
 has their names). The estimators declare their class, so theory judges them too.
 """
 

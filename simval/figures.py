@@ -37,7 +37,7 @@ def entry(place: int) -> Label:
 
 
 def predictor(row: Row) -> str:
-    """The theory that a row is set beside."""
+    """The theory that a row is compared with."""
     return row.predictor
 
 
@@ -195,7 +195,7 @@ class Figure(Picture):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Artifact(Picture):
-    """A figure of what cells leave in files beside their rows.
+    """A figure of the artifact files of cells.
 
     Attributes
     ----------

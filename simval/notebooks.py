@@ -45,7 +45,7 @@ class ShownRun:
     __slots__ = ()
 
     def plot(self, statistic: str, along: str = "", axes: Any = None) -> Any:
-        """Draw a statistic of all finished cells with 95 % intervals, beside theory.
+        """Draw a statistic of all finished cells with 95 % intervals, and theory.
 
         Parameters
         ----------

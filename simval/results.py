@@ -10,7 +10,7 @@ check    meaning
 plain    sampling against theory: the mean of plain samples, tested with its
          standard error against the interval prediction +- remainder
 control  the same, sampled with control variates (blind to a wrong noise
-         generator, so never without a plain row beside it)
+         generator, so never without a plain row as well)
 nees     the same, for a normalised squared error pooled over parameters
 exact    deterministic: |value - prediction| must not exceed the remainder
 limit    deterministic: the value must not exceed the prediction

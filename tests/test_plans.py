@@ -268,7 +268,7 @@ def test_command_plans_a_gyroscope_too(capsys):
     expected = of_moves(20, pose_std=got["noise_std"], angle_random_walk=1.75e-4)
     np.testing.assert_allclose(got["gyroscope"]["sd"], expected.sd, rtol=1e-12)
     assert run(["plan", *given, "--angle-random-walk", "1.75e-4"]) == 0
-    assert "next turn" in capsys.readouterr().out
+    assert "next rotation" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ here if it does not end.
 
 A limit names a family of statistics, or one member as tables spell it, ``bias[K_x]``;
 every value of that name must keep it, in every cell. The number is in the unit of the
-statistic, which may be said, or in bounds: the Cramer-Rao bound that stands beside it.
+statistic, which may be said, or in bounds: the Cramer-Rao bound of its row.
 """
 
 import re

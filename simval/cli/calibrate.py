@@ -47,8 +47,8 @@ def command(
     ] = "linear",
     sensors: Annotated[
         str | None,
-        "What to calibrate beside the accelerometer: gyroscope, magnetometer, both "
-        "with a comma between, or none.  [default: those of the log that can be]",
+        "What to calibrate besides the accelerometer: gyroscope, magnetometer, both "
+        "with a comma between, or none.  [default: all that the log allows]",
     ] = None,
     hemisphere: Annotated[
         Literal["unstated", "north", "south"],

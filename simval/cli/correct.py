@@ -31,7 +31,7 @@ def command(
     Writes comma-separated rows t,ax,ay,az with all digits: time in seconds and
     specific force in m/s^2. If the log has a gyroscope or a magnetometer, wx,wy,wz in
     rad/s and mx,my,mz in the unit of the calibration follow. A sensor that is not in
-    the calibration is written as it was read. Standard error says so, and which
+    the calibration is written unchanged. Standard error says so, and which
     columns of LOG were used.
 
     A log in another unit or of another sensor is refused, because the length of its

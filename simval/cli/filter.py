@@ -82,8 +82,8 @@ def command(
     ] = None,
     noise: Annotated[
         Path | None,
-        "Noise that the filters are told, a file made by `simval noise LOG --json`.  "
-        "[default: what the rests of the log show]",
+        "Noise given to the filters, a file made by `simval noise LOG --json`.  "
+        "[default: measured in the log's rests]",
     ] = None,
     rate: Rate = None,
     columns: Columns = None,

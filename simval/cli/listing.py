@@ -26,7 +26,7 @@ def command() -> int:
             lines.append(f"    {key} = {field.default}  {field.description}")
     lines.append("scenes")
     lines += [f"  {scene.name}: {scene.summary}" for scene in scenes().values()]
-    lines.append("built-in algorithms, measured beside plug-ins")
+    lines.append("built-in algorithms, measured with plug-ins")
     lines.append(f"  {', '.join(BUILTIN)}")
     lines.append("plug-ins (installed; for files see docs/plugins.md)")
     lines += [f"  {name}: {distribution}" for name, distribution in installed()]

@@ -208,7 +208,7 @@ Columns = Annotated[
     str | None,
     "The columns of LOG in their order, as t,ax,ay,az,wx,wy,wz,mx,my,mz, with - for "
     "one to ignore, and t[ms], t[us] or t[ns] for a clock that is not in seconds.  "
-    "[default: what the header says]",
+    "[default: from the header]",
 ]
 Rest = Annotated[
     Positive | None,

@@ -62,7 +62,7 @@ def command(
     ] = None,
     move: Annotated[
         float | None,
-        "Time of a move between two poses, for the gyroscope.  [default: 2]",
+        "Time of the rotation between two poses, for the gyroscope.  [default: 2]",
         dict(metavar="SECONDS"),
     ] = None,
     g: Annotated[Gravity, "Gravity, m/s^2."] = 9.80665,
@@ -78,8 +78,8 @@ def command(
     by --noise-std, or by --hold with a noise density or a measured noise model.
 
     With --angle-random-walk the command also predicts the error bars of a gyroscope's
-    matrix and bias, for the shortest moves between the poses in their order, and the
-    next turn that would help most.
+    matrix and bias, for the shortest rotations between the poses in their order,
+    and the next rotation that would help most.
     """
     from simval.poses import named_poses, read_directions
     from simval.theory.plans import (

@@ -137,7 +137,7 @@ def apart(row: Row) -> str:
 
 
 def beside_theory(rows: Iterable[Row]) -> Iterator[str]:
-    """Lines of a table: what was measured beside what was predicted."""
+    """Lines of a table: measured and predicted values."""
     table = [HEADS, *(_entries(row) for row in rows)]
     widths = [max(len(line[place]) for line in table) for place in range(len(HEADS))]
     for line in table:

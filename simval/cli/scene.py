@@ -64,8 +64,7 @@ def command(
 
     NAME is gimbal (default), die, shaker, pivot, handheld, cube, freefall, or the path
     of a Python file with a Scene. --out writes a test signal for any calibrator: a log
-    with the raw readings of accelerometer, gyroscope and magnetometer, and the truth
-    beside them.
+    with the raw readings of accelerometer, gyroscope and magnetometer, and their truth.
     """
     from simval.imu.sensor import load_imu
     from simval.scene import render_file, simulate

@@ -67,12 +67,12 @@ def command(
     ] = 60.0,
     mixed_kernels: Annotated[
         bool,
-        "Let workers compute whose processor kernels, linear algebra or C library are "
-        "not this machine's: the last bits then depend on which did.",
+        "Accept workers whose processor kernels, linear algebra or C library differ "
+        "from this machine's: the last bits then depend on the worker.",
     ] = False,
     plugins: Annotated[
         tuple[str, ...],
-        "Measure this algorithm or scene too, beside built-in ones: FILE.py, "
+        "Measure this algorithm or scene too, with built-in ones: FILE.py, "
         "FILE.py:NAME, the name of an installed plug-in, or "
         "'command: PROGRAM {poses}'; may be repeated.",
         dict(name="--plugin", metavar="PLUGIN"),

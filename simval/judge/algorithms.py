@@ -119,7 +119,7 @@ def unresolved(cell: CellResult) -> float:
 
 
 def size_row(cell: CellResult) -> Row | None:
-    """Row of the size of the whole error, beside its bound."""
+    """Row of the size of the whole error, and of its bound."""
     for row in cell.rows:
         known = row.statistic.family in SIZES and row.predictor in BOUNDS
         if known and not row.statistic.entries and (row.prediction or 0.0) > 0.0:
@@ -145,7 +145,7 @@ def _parameters_over_bound(cell: CellResult) -> Measured | None:
 
 
 def _parameters(cell: CellResult) -> list[tuple[Row, Row]]:
-    """Spread beside the bound, and bias, of each parameter that has both."""
+    """Spread against the bound, and bias, of each parameter that has both."""
     biases = {r.statistic.entries: r for r in of_family(cell, BIAS)}
     return [
         (row, biases[row.statistic.entries])

@@ -16,7 +16,7 @@ J and H are taken by central differences. Their error costs efficiency and never
 correctness, because the known mean is that of the polynomial that was subtracted.
 
 Such samples are blind to a fault of the noise generator: what is not sampled is not
-tested. A verdict that rests on them needs a plain row beside it.
+tested. A verdict that rests on them needs a plain row as well.
 """
 
 from collections.abc import Callable

@@ -442,7 +442,7 @@ def depends_on_noise(
 ) -> bool:
     """Whether its attitudes, or its covariances too, depend on the noise that it reads.
 
-    The second noise has the weights the other way round, and is nothing beside what the
+    The second noise has the weights the other way round, and is tiny against what the
     vectors have, so that whoever leaves out what is too far off does so.
     """
     k = len(vectors) // 2

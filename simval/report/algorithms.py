@@ -1,7 +1,7 @@
 """Comparison of algorithms, the package's own and a user's: errors and speed.
 
 Where a run has a user's code this is what comes first after the verdict, which has a
-line for each: beside the best built-in one, both by the RMS error over the Cramer-Rao
+line for each: against the best built-in one, both by the RMS error over the Cramer-Rao
 bound, its geometric mean over the settings in which both have a result. A ratio of two
 algorithms is then the same whichever is named first, and no setting that is hard for
 all of them stands for the rest.

@@ -372,7 +372,7 @@ def _apart(name: str, what: str, stored: str, own: str) -> tuple[str, list[Line]
 def _from_baseline(
     context: Context, baseline: Mapping[str, Any]
 ) -> tuple[str, list[Line]]:
-    """What the gate found beside the baseline, by direction."""
+    """Changes that the gate found against the baseline, by direction."""
     if not comparable(context.run, baseline):
         stored = str(baseline["environment"].get("suite"))
         own = context.run.manifest["suite"]

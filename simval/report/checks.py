@@ -113,7 +113,7 @@ def _drawing(context: Context, verdict: Verdict, name: str) -> Drawing | None:
 
 
 def _distances(cells: Sequence[CellResult], axis: str, row: Row) -> Panel:
-    """Distances from the prediction beside its remainder, in standard errors."""
+    """Distances from the prediction, and its remainder, in standard errors."""
 
     def measure(cell: CellResult) -> Measured | None:
         here = cell.row(row.statistic, row.predictor)

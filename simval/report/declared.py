@@ -298,7 +298,7 @@ FIGURES = (
         value="share that covers",
         level=0.95,
         caption=(
-            "Coverage: how often the stated intervals contain the truth, beside their "
+            "Coverage: how often the stated intervals contain the truth, against their "
             "stated level."
         ),
     ),

@@ -118,7 +118,7 @@ def _part(
 
 
 def plot_run(run: Run, statistic: str, along: str = "", axes: Any = None) -> Any:
-    """Draw a statistic of all finished cells with 95 % intervals, beside theory."""
+    """Draw a statistic of all finished cells with 95 % intervals, and theory."""
     rows = _rows(run, statistic)
     cells = [cell for cell in run.cells if cell.name in rows]
     along = along or axis_of(cells)

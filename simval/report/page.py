@@ -44,7 +44,7 @@ class Entry(NamedTuple):
 GROUPS: Mapping[str, Mapping[str, Entry]] = {
     "Algorithms": {
         "algorithms": Entry("Algorithms side by side", algorithms.algorithms_section),
-        "overview": Entry("Simulation beside theory", summary.overview_section),
+        "overview": Entry("Simulation and theory", summary.overview_section),
     },
     "Needs attention": {
         "failures": Entry("What was not measured", record.failures_section),
@@ -212,7 +212,7 @@ def context_of(
     baseline: Mapping[str, Any] | None = None,
     against: Run | None = None,
 ) -> Context:
-    """Judge a run once, beside all that it is to be compared with."""
+    """Judge a run once, with everything that it is compared with."""
     part = part_of(run)
     _require_parameters(part.run)
     stored = baseline if comparable(run, baseline) else None

@@ -104,7 +104,7 @@ class SpherePanel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BarPanel:
-    """Measured parts of a whole beside what was predicted for each."""
+    """Measured parts of a whole, each with its prediction."""
 
     # words, with the unit
     title: str

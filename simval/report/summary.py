@@ -5,9 +5,9 @@ the middle noise level (of two middle ones the smaller) and the most poses, and 
 algorithm that the suite names first; of several such cells the one with the greatest
 error. Noise-free cells have no error to tell. The other two answers are in `answers`.
 
-A suite with a question is one study over parameters beside noise and effort. Then the
-figure over the one that says most is on the first screen, a curve for each value of the
-others: "how many poses do I need, and how long?" Where a run has a user's code, its
+A suite with a question varies parameters of one study besides noise and effort. Then
+the figure over the one that says most is on the first screen, a curve for each value of
+the others: "how many poses do I need, and how long?" Where a run has a user's code, its
 algorithms come next and the figures after them.
 """
 
@@ -69,7 +69,7 @@ from simval.sweep.run import CellResult
 
 
 class Reading(NamedTuple):
-    """What a cell says, and how great its error is beside other cells of its study."""
+    """The message of a cell, and the rank of its error among the cells of its study."""
 
     said: str
     size: float

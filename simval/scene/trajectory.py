@@ -1,7 +1,7 @@
 r"""A trajectory: one row an instant, its average rates, and its conversion to a log.
 
 The rows are true values, with where they come from. As a test signal for any calibrator
-they are written beside an IMU's readings.
+they are written with an IMU's readings.
 
 Average body rates over each step, from attitudes, are what a rate gyroscope integrates.
 With :math:`d_k` the rotation vector of the turn of step k and :math:`S_k` the integral

@@ -2,7 +2,7 @@
 
 A study wires the layers below it into one experiment:
 
-    scene -> readings -> algorithm -> errors -> moments, beside theory's prediction
+    scene -> readings -> algorithm -> errors -> moments, against theory's prediction
 
 It is a module with four names:
 

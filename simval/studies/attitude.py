@@ -3,7 +3,7 @@ r"""Attitude moments: noise, estimate in a fixed frame, bias and covariance.
 Each trial adds noise to both body and both reference vectors and estimates the
 quaternion in the one frame that is greatest at the true geometry. The error is truth
 minus estimate, with the formula's own sign. Its empirical bias and covariance are set
-beside four predictions: second order, the source's fourth order, the complete fourth
+against four predictions: second order, the source's fourth order, the complete fourth
 order and the exact answer.
 
 A truncated formula is allowed the remainder that theory states for it
@@ -138,7 +138,7 @@ def noise_shapes(
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Simulate one cell and set it beside every prediction."""
+    """Simulate one cell and compare it with every prediction."""
     q, r1, r2 = random_geometry(parameters.geometry)
     sigma = parameters.noise_std
     predictions = {

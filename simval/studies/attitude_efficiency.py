@@ -1,6 +1,6 @@
 r"""Efficiency: the loss of accuracy of the closed form against the bound.
 
-Over many geometries, drawn once for all, the RMS error of each estimator is set beside
+Over many geometries, drawn once for all, the RMS error of each estimator is set against
 the Cramer-Rao bound of the two-vector problem, which the q-method reaches to first
 order. The median ratio of 500 random geometries has itself a standard error of 0.003.
 The first-order ratios involve no chance and are bounded; the simulation, with the same
@@ -29,7 +29,7 @@ from simval.theory.attitude import attitude_moments
 from simval.theory.estimators import attitude_bound
 from simval.theory.two_vector import true_vectors
 
-TITLE = "Efficiency: what the closed form costs beside the Cramer-Rao bound"
+TITLE = "Efficiency: cost of the closed form against the Cramer-Rao bound"
 SECTION = "estimators"
 
 MIN_SINE = 0.3
@@ -111,7 +111,7 @@ def geometries(count: int, rng: np.random.Generator) -> list[Truth]:
 def predicted_squares(problem: Truth) -> list[float]:
     """Mean squared angle of each estimator for unit noise.
 
-    TRIAD has no prediction here and is set beside the bound.
+    TRIAD has no prediction here and is compared with the bound.
     """
     bound = float(np.trace(attitude_bound(*problem, 1.0).rotation))
     combined, best = (

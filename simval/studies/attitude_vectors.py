@@ -410,7 +410,7 @@ def _test_rows(
 
 
 def _stated_rows(setting: Setting) -> tuple[Row, ...]:
-    """Covariances that the least squares state, beside how their answers move."""
+    """Covariances that the least squares state, against their answers' response."""
     moved = response(
         lambda y: setting.turns(y.reshape(len(y), -1, 3)), setting.body.ravel(),
         STATED_STEP,

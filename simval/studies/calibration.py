@@ -4,7 +4,7 @@ The scene is simulated once. Each trial distorts every sample of every hold with
 true misalignment, scale, bias and fresh noise, averages the holds and calibrates. The
 error is estimate minus truth, in the nine parameters of the model. Beside its bias
 and standard deviation stand the second-order bias and the first-order covariance of
-theory; beside both, the Cramer-Rao bound. The same trials are also averaged with their
+theory, and both with the Cramer-Rao bound. The same trials are also averaged with their
 first and second order as control variates (`simval.studies.response`): these rows see a
 bias of second order, far below the spread of a trial.
 
@@ -12,7 +12,7 @@ Both predictions are allowed the remainder that theory states for them
 (`simval.theory.calibration`). With ``noise_std = 0`` the cell is one noise-free
 trial that must recover the truth to `RECOVERED`, or to what the scene's rests allow.
 
-Formulas and error bars are also set beside how the estimate answers its readings
+Formulas and error bars are also compared with the estimate's response to its readings
 (`simval.studies.response`), at some of the cell's poses: theory's (E2) of
 `simval.theory.estimating` must meet (R2), and the covariance that the calibration
 states must meet theory's. A combination of parameters that the poses see k times worse
@@ -142,7 +142,7 @@ def simulated_rests(scene: str, poses: int, hold_time: float) -> Rests:
 
 @refusing("lower `noise_std` or give more `poses`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Simulate one cell and set it beside theory."""
+    """Simulate one cell and compare it with theory."""
     sensor = true_sensor(parameters.noise_std)
     rests = simulated_rests(parameters.scene, parameters.poses, parameters.hold_time)
     forces, g = rests.forces, rests.g
@@ -331,7 +331,7 @@ def response_rows(
     g: float,
     residual: Any = "squared",
 ) -> tuple[Row, ...]:
-    """Rows of theory beside the estimate, and of stated error bars beside theory.
+    """Rows of theory against the estimate, and of stated error bars against theory.
 
     None for poses or scales so uneven that differences are no match for them.
     """

@@ -4,7 +4,7 @@ The plug-in's conventions are probed without noise first. Then each trial reads 
 sensor in poses spread over the sphere, or in the six faces of a cube, with noise on
 each mean, and calibrates; the error is estimate minus truth in the nine parameters of
 the triangular form, to which every answer is brought: norms fix no more. What the
-calibration leaves of the specific force, over all directions, is set beside the least
+calibration leaves of the specific force, over all directions, is set against the least
 that an unbiased one leaves (`left`).
 
 A calibrator may estimate fewer parameters and is then measured by them. Of its own
@@ -14,7 +14,7 @@ without noise. `simval.theory.calibration_classes` knows it for each of the crit
 which one may fit, and the noise-free answer may be in the middle of these or off it by
 their range (`settled`); the mean of the trials must be the noise-free answer. Its
 covariance is not judged, for it says nothing of what is left out. What it leaves stands
-beside the least that its class can leave, and beside the bound of nine parameters.
+against the least that its class can leave, and the bound of nine parameters.
 
 The plug-in's bias is not predicted. Every residual of the theory is biased by at most
 3.5 :math:`\sigma^2/g^2` in scale, so a scale and a misalignment are each allowed
@@ -24,7 +24,7 @@ be 9, up to the square of that bias and the remainder that theory states for a v
 A covariance of ``type A``, from residuals with :math:`\nu` degrees of freedom (`dof`),
 makes it :math:`9 F(9, \nu)` instead of chi-square, with the mean
 :math:`9\nu/(\nu - 2)`; it is multiplied by :math:`(\nu - 2)/\nu` before it is judged,
-and `FREEDOM` more is allowed. The spread is set beside the bound and kept for the
+and `FREEDOM` more is allowed. The spread is set against the bound and kept for the
 baseline.
 
 A command is a process for each trial, so its time limit is for every `CALLS` of them;
@@ -412,7 +412,7 @@ def settled_rows(problem: Calibrations, settled: Float[Array, " p"]) -> tuple[Ro
 def parameter_rows(
     problem: Calibrations, measured: Moments, settled: Float[Array, " p"]
 ) -> tuple[Row, ...]:
-    """Rows of each parameter: bias, and spread beside the bound."""
+    """Rows of each parameter: bias, and spread against the bound."""
     n, (names, units) = measured.samples, problem.named
     p = len(names)
     sd = measured.sd[:p]
@@ -436,7 +436,7 @@ def parameter_rows(
 
 
 def left_rows(problem: Calibrations, measured: Moments) -> tuple[Row, ...]:
-    """RMS of what a calibration leaves, beside the least that one can leave, m/s^2."""
+    """RMS of what a calibration leaves, against the least possible, m/s^2."""
     p, places, sensor = len(problem.places), tuple(problem.places), problem.sensor
     rms, error = root(float(measured.bias[p]), float(measured.bias_error[p]))
     n = measured.samples

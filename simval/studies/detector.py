@@ -401,7 +401,7 @@ FIGURES = (
         ratio=False,
         log_y=False,
         caption=(
-            "The detector's intervals beside what the simulation knows to be at rest: "
+            "The detector's intervals against the true rests of the simulation: "
             "precision is the share of their samples that are at rest, recall the "
             "share of resting samples that they contain; impure intervals have a "
             "sample that is not at rest. Below, the normalised squared error of the "

@@ -172,7 +172,7 @@ class Scenario:
 
 @refusing("lower the noise, or give more `poses` or a larger `average`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Measure the error budget of one cell beside its prediction."""
+    """Measure the error budget of one cell against its prediction."""
     trajectory, wanted = tumbles(parameters.poses, parameters.attitudes)
     scenario = Scenario(trajectory, wanted)
     strength = float(np.linalg.norm(trajectory.magnetic))

@@ -5,7 +5,7 @@ classes of attitudes where estimators break (`simval.plugins.attitudes`) the sha
 exact cases that fail must be 0, unless the plug-in declares that class. Then each trial
 adds noise to the body vectors, or what `noise` says (`simval.plugins.noise`); the
 references are exact by default. The error is the rotation vector from the truth to the
-estimate, on the side that the plug-in declares. Its bias and covariance are set beside
+estimate, on the side that the plug-in declares. Its bias and covariance are set against
 Gaussian cubature of the plug-in itself: no theory of it is needed, and the two share
 nothing but its code. The remainder is twice the difference between cubature of degree 7
 and of degree 5.
@@ -519,7 +519,7 @@ def moment_rows(
     predictor: str,
     left: tuple[float, float],
 ) -> tuple[Row, ...]:
-    """Bias and covariance beside a prediction, and what each of them leaves out."""
+    """Bias and covariance against a prediction, and what each of them leaves out."""
     n, upper = measured.samples, np.triu_indices(3)
     pairs = [
         stat.COVARIANCE(AXES[i], AXES[j], unit="rad²")
@@ -537,7 +537,7 @@ def moment_rows(
 def series_rows(
     problem: Attitudes, measured: Moments, cubature: MeanAndCovariance
 ) -> tuple[Row, ...]:
-    """Rows of simulated moments beside theory of both orders."""
+    """Rows of simulated moments against theory of both orders."""
     second, fourth = (problem.series(problem.noise_std, k) for k in (2, 4))
     mean, covariance = cubature[0][:3], cubature[1][:3, :3]
     left = (
@@ -561,7 +561,7 @@ def size_rows(
     rounding: float,
     chosen: float,
 ) -> tuple[Row, ...]:
-    """Rows of sums, beside cubature and the next lower one; `rounding` in rad.
+    """Rows of sums, against cubature and the next lower one; `rounding` in rad.
 
     The choice of a frame adds so much to the second moments by cubature.
     """
@@ -613,7 +613,7 @@ def _difference_rows(
     rounding: float,
     weights: float,
 ) -> tuple[Row, ...]:
-    """RMS error beside that of least squares, by eq. (D1)."""
+    """RMS error against that of least squares, by eq. (D1)."""
 
     def difference(squares: Float[Array, "2"]) -> float:
         own, other = np.sqrt(squares)

@@ -12,7 +12,7 @@ not correlate; both sides are judged. Judged are means of whole trials with thei
 standard error, and the worst instant by the exact law over trials: rows of one trial
 are correlated and are never counted as samples (`simval.consistency`).
 
-The root mean square error stands beside the posterior Cramer-Rao bound
+The root mean square error is set against the posterior Cramer-Rao bound
 (`simval.theory.filter_recursion`). Where the filter is told otherwise, or a calibration
 left an error, or a sensor reads what it should not, theory predicts what the reference
 filter then does; another filter is only shown.
@@ -405,7 +405,7 @@ def measured_rows(
     predictions: tuple[FilterPrediction, FilterPrediction],
     rate: Float[Array, "k 3"],
 ) -> tuple[Row, ...]:
-    """Rows of a filter's answers, beside the bound and what theory predicts."""
+    """Rows of a filter's answers, against the bound and what theory predicts."""
     least, theory = predictions
     small = parameters.start_std <= SMALL and not parameters.anywhere
     first_order = small and not way.disturbed
@@ -431,7 +431,7 @@ def measured_rows(
 def error_rows(
     answers: Answers, bound: Float[Array, "i 3 3"], judged: bool
 ) -> tuple[Row, ...]:
-    """Errors beside the bound, heading and inclination apart, in all and at instants.
+    """Errors against the bound, heading and inclination apart, in all and at instants.
 
     Judged is that the error reaches the bound.
     """
@@ -470,7 +470,7 @@ def over_bound_rows(
     prediction: Float[Array, " i"],
     predictor: str,
 ) -> tuple[Row, ...]:
-    """Errors of the instants over the bound, beside a prediction of that."""
+    """Errors of the instants over the bound, against a prediction of that."""
     shown, _ = answers.shown()
     least = np.sqrt(np.trace(bound, axis1=-2, axis2=-1))[shown]
     rows = at_each_row(stat.RMS_OVER_BOUND_AT, answers, answers.angle, root_mean_square)
@@ -517,7 +517,7 @@ def consistency_rows(answers: Answers, judged: bool) -> tuple[Row, ...]:
 def predicted_rows(
     answers: Answers, theory: FilterPrediction, judged: bool
 ) -> tuple[Row, ...]:
-    """Errors of the reference filter beside what theory says that they are.
+    """Errors of the reference filter against what theory says that they are.
 
     Judged where the whole error stays small enough for the first order.
     """

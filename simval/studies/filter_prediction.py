@@ -141,7 +141,7 @@ def _noise(
 def stated_row(
     plugin: Filter, told: Told, world: str, scenario: tuple[str, float]
 ) -> tuple[Row, ...]:
-    """The covariance that is stated without noise, beside the bound's recursion."""
+    """The covariance that is stated without noise, against the bound's recursion."""
     way = course(*scenario, SECONDS)
     given = FilterInput(
         dt=way.dt,

@@ -271,7 +271,7 @@ def _judged(trials: Trials, bound: Float[Array, " p"]) -> tuple[Row, ...]:
 
 
 def _stated_row(clean: GyroscopeFit, data: Tumble) -> tuple[Row, ...]:
-    """The covariance that is stated at the truth, beside the bound of short pieces."""
+    """The covariance that is stated at the truth, against the bound of short pieces."""
     if data.parameters.estimator == "unweighted":  # which does not reach the bound
         return ()
     coarse, fine = (data.bound(pieces) for pieces in (FINE // 2, FINE))

@@ -78,7 +78,7 @@ def true_sensor(scale_spread: float) -> AccelerometerModel:
 
 @refusing("lower `noise_std` or give more `poses`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Simulate one cell and set it beside theory."""
+    """Simulate one cell and compare it with theory."""
     sensor = true_sensor(parameters.scale_spread)
     directions = fibonacci_sphere(parameters.poses)
     clean = sensor.distort(G * directions, np.random.default_rng(0))  # draws nothing
@@ -147,7 +147,7 @@ def _rung_rows(
     known: Expanded,
     predicted: CalibrationMoments,
 ) -> tuple[Row, ...]:
-    """Mean relative bias of the scales, with its standard error, beside theory."""
+    """Mean relative bias of the scales, with its standard error, against theory."""
     unit = (parameters.noise_std / G) ** 2
     left_out = float((predicted.bias_remainder[3:6] / sensor.K).mean() / unit)
     expected = float((predicted.bias[3:6] / sensor.K).mean() / unit)

@@ -2,9 +2,9 @@ r"""Magnetometer: its calibration against the bound, and the coverage of its err
 
 A set of random attitudes is drawn once for each number of poses, so that predictions
 involve no chance. Each trial adds fresh noise to the pose means of both sensors and
-calibrates twice: by the weighted fit of all 22 parameters, and by the usual recipe, an
+calibrates twice: by the weighted fit of all 22 parameters, and in two steps, an
 ellipsoid for each sensor and then the turn between them. Errors are estimate minus
-truth, beside the bound, the second-order bias, and the recipe's own covariance
+truth, against the bound, the second-order bias, and the two steps' own covariance
 (`simval.theory.magnetometer`).
 
 A relative error e of a standard deviation moves a 95 % interval's coverage by 0.23 e,
@@ -73,7 +73,7 @@ from simval.studies.trials import (
 from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
 from simval.units import PERCENT
 
-TITLE = "Magnetometer: all 22 parameters at the bound, and the usual recipe"
+TITLE = "Magnetometer: all 22 parameters at the bound, and the two-step calibration"
 SECTION = "magnetometer"
 
 BLOCK = 128  # trials; part of the promise of equal bits
@@ -192,7 +192,7 @@ class Scenario:
 
 @refusing("lower the noise or give more `poses`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
-    """Simulate one cell and set it beside theory."""
+    """Simulate one cell and compare it with theory."""
     noises = parameters.accelerometer_noise, parameters.field_noise
     case = Scenario(parameters.poses, parameters.dip_deg, *noises)
     predicted = case.predicted()
@@ -269,7 +269,7 @@ def _moments(seen: Trials, fit: Expanded, predicted: MagnetometerMoments) -> Mea
 def _over_bound(
     seen: Trials, fit: Expanded, recipe: Expanded, predicted: MagnetometerMoments
 ) -> Measured:
-    """Mean square errors over the bound, of the fit and of the usual recipe."""
+    """Mean square errors over the bound, of the fit and of the two steps."""
     bound, left = np.diagonal(predicted.covariance), predicted.variance_remainder
     squares, square_bias = seen["error"] ** 2 / bound, predicted.bias**2 / bound
 
@@ -284,7 +284,7 @@ def _over_bound(
             stat.VARIANCE_OVER_BOUND(name), *mean, expected, stat.CRAMER_RAO, left
         )
         yield rows, sharper(fit, seen["error"], part, bound)
-    # the recipe's bias is of second order as well, and not predicted: its variance is
+    # the two steps' bias is of second order as well, and not predicted: its variance is
     usual, bound = seen["recipe"], bound[9:]
     variance = np.diagonal(predicted.recipe)[9:] / bound
     centred = usual - recipe.mean(usual)[0]
@@ -369,7 +369,7 @@ def _recovery(case: Scenario) -> tuple[Row, ...]:
 
 
 def stated_row(case: Scenario, predicted: MagnetometerMoments) -> tuple[Row, ...]:
-    """The covariance that the fit states at the truth, beside the bound."""
+    """The covariance that the fit states at the truth, against the bound."""
     fit = case.fitted(*case.means)
     off = apart(fit.covariance, predicted.covariance)
     return exact(stat.COVARIANCE_OFF("stated"), off, 0.0, stat.CRAMER_RAO, MET)
@@ -378,7 +378,7 @@ def stated_row(case: Scenario, predicted: MagnetometerMoments) -> tuple[Row, ...
 def response_rows(
     poses: int, dip_deg: float, accelerometer_noise: float, field_noise: float
 ) -> tuple[Row, ...]:
-    """Rows of theory beside the estimate; none for noises too unlike."""
+    """Rows of theory against the estimate; none for noises too unlike."""
     noise = np.array([accelerometer_noise, field_noise]) / LOUD
     if noise.max() > UNLIKE * noise.min():
         return ()
@@ -399,18 +399,17 @@ def response_rows(
     )
 
 
-WORDS = {"M": "matrix M", "b": "hard iron b"}
+WORDS = {"M": "matrix M", "b": "hard iron b", "usual recipe": "two steps"}
 
 
 def _called(row: Row) -> str:
-    what, *recipe = row.statistic.entries
-    return ", ".join((WORDS.get(what, what), *recipe))
+    return ", ".join(WORDS.get(each, each) for each in row.statistic.entries)
 
 
 FIGURES = (
     Figure(
         name="magnetometer",
-        asked="Does the weighted fit reach the bound, and what does the recipe cost?",
+        asked="Does the weighted fit reach the bound, and what do two steps cost?",
         what="The variance",
         says="The variance is at most {most} times the bound ({most_of}).",
         rows=[stat.VARIANCE_OVER_BOUND],
@@ -420,7 +419,8 @@ FIGURES = (
         caption=(
             "Variance over the Cramér-Rao bound, mean over the entries of a matrix or "
             "vector: the weighted fit of all 22 parameters, which reaches 1, and the "
-            "usual recipe, an ellipsoid for each sensor and then the turn between them."
+            "usual two steps, an ellipsoid for each sensor and then the rotation "
+            "between them."
         ),
     ),
 )

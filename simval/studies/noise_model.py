@@ -1,10 +1,10 @@
 r"""Noise model: accuracy of the measured N, B and K of a sensor against theory.
 
 Each trial draws a signal at rest with white noise, flicker and a random walk, and fits
-them (`simval.imu.noise`). The Allan variances are set beside the diagonal of (V4); the
-estimates of the squares, before their signs are asked for, beside the covariance of
-generalised least squares with (V4) at the truth, and N squared beside Whittle's bound;
-the intervals beside their rate.
+them (`simval.imu.noise`). The Allan variances are set against the diagonal of (V4); the
+estimates of the squares, before their signs are asked for, against the covariance of
+generalised least squares with (V4) at the truth, and N squared against Whittle's bound;
+the intervals against their rate.
 
 The law of B and K in a fit, and (V4), are those of averages of a continuous signal. The
 signals drawn here are samples, whose Allan variances over a few rows are greater, eq.
@@ -124,7 +124,7 @@ class Theory:
     def errors(self, variances: Float[Array, " m"], estimate: str) -> Array:
         """What is averaged of one signal: squared errors over theirs by theory.
 
-        Of the estimates, of N beside Whittle's bound, of the Allan variances; then
+        Of the estimates, of N against Whittle's bound, of the Allan variances; then
         whether each interval holds the truth.
         """
         misfit = variances - self.law @ self.truth
@@ -224,7 +224,7 @@ def _mean_rows(misfits: Float[Array, "n m"], theory: Theory) -> tuple[Row, ...]:
 
 
 def _white_row() -> tuple[Row, ...]:
-    """The covariance (V4) of a few rows of white noise beside its quadratic forms.
+    """The covariance (V4) of a few rows of white noise against its quadratic forms.
 
     An Allan variance is y'Ay, and the covariance of two of white noise is 2 tr AB.
     """

@@ -219,7 +219,7 @@ def reduced_share(
 def stated(
     reduced: Reduced, prediction: Array | float, remainder: Array | float, n: int
 ) -> Reduced:
-    """Give the standard error that is stated beside a prediction and its remainder."""
+    """Give the standard error that belongs to a prediction and its remainder."""
     value, error = reduced
     least = WIDER * np.asarray(remainder) / np.sqrt(n)
     small = np.asarray(remainder) > 0.5 * np.abs(prediction)

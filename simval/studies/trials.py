@@ -143,7 +143,7 @@ def square_rows(blocks: Sequence[Mapping[str, Drawn]]) -> tuple[Row, ...]:
 
 
 def correlation_row(vectors: Iterable[Array]) -> tuple[Row, ...]:
-    """The strongest correlation of two vectors of noise, beside what chance reaches."""
+    """The strongest correlation of two vectors of noise, against chance."""
     given = [np.ravel(vector) for vector in vectors]
     m = min(len(vector) for vector in given)
     X = np.array([vector[:m] for vector in given])

@@ -26,7 +26,7 @@ the estimate too small: there an expansion should not be judged.
 
 **The lowest order that is good enough.** :math:`|\bar q|/\sigma` alone does not decide
 it: over random geometries the noise at which a formula is off by 1 % varies by a factor
-of two at the same ratio (study `attitude_map`). Every formula is therefore set beside
+of two at the same ratio (study `attitude_map`). Every formula is therefore set against
 the exact moments of the very case, in Frobenius norm relative to them.
 """
 

@@ -331,7 +331,7 @@ def loss_noncentrality(
     references : array_like
         True reference vectors, (n, 3).
     displacements : array_like
-        What is added to the body vectors before noise, (n, 3); small beside one.
+        What is added to the body vectors before noise, (n, 3); small against one.
     weights : array_like
         Inverse variances of the pairs, (n,).
 

@@ -404,7 +404,7 @@ def first_update(
     path : FilterPath
         The true motion, two steps or more.
     truth : FilterModel
-        The true noise and sensors; of the start, what is uncertain beside the turn.
+        The true noise and sensors; of the start, what is uncertain besides the turn.
     turn : array_like
         Truth against the start that is told, rotation vector, body side, rad, (3,).
     told : FilterModel, optional

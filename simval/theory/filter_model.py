@@ -168,7 +168,7 @@ class VectorSensor:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FilterModel:
-    """Noise of a gyroscope, vector sensors beside it, and a start: true, or told.
+    """Noise of a gyroscope and vector sensors, and a start: true, or assumed.
 
     Attributes
     ----------

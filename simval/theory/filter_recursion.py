@@ -38,7 +38,7 @@ problem. Along the true path, eq. (F1), it is
 
 and that is the posterior Cramer-Rao bound up to second order of the error: what the
 first order leaves out is the error's square over the standard deviation, which a start
-that is known to 0.05 rad beside sensors of 0.002 rad forgets in ten rows.
+that is known to 0.05 rad with sensors of 0.002 rad forgets in ten rows.
 """
 
 from collections.abc import Callable

@@ -13,9 +13,9 @@ and nothing else of the 22 parameters: with :math:`J = \partial c/\partial\theta
 
 The estimate that solves :math:`\sum_i J_i^T W_i c_i = 0` reaches it to first order; its
 bias is that of second order of `simval.theory.estimating`, left out is
-:math:`O(\sigma^4)`. The usual recipe, an unweighted ellipsoid for each
-sensor and then a turn, solves :math:`\sum_i \partial c_{i1}/\partial\theta_a\, c_{i1} =
-0`, the same of :math:`c_2` for the symmetric part of :math:`dM M^{-1}` and b, and of
+:math:`O(\sigma^4)`. The two-step calibration, an unweighted ellipsoid for each sensor
+and then a turn, solves :math:`\sum_i \partial c_{i1}/\partial\theta_a\, c_{i1} = 0`,
+the same of :math:`c_2` for the symmetric part of :math:`dM M^{-1}` and b, and of
 :math:`c_3` for its turn and the dip; :math:`H^{-1} B H^{-T}`, with H the derivative of
 these equations and B their covariance, is its covariance  (M8).
 
@@ -184,7 +184,7 @@ class MagnetometerMoments(ReadOnly):
     covariance : Array
         Its first-order covariance, which is the Cramer-Rao bound (M2), (22, 22).
     recipe : Array
-        First-order covariance of the usual recipe, eq. (M8), (22, 22).
+        First-order covariance of the two-step calibration, eq. (M8), (22, 22).
     bias_remainder : Array
         What the bias may be off by, eq. (M10), (22,).
     variance_remainder : float
@@ -205,7 +205,7 @@ class MagnetometerMoments(ReadOnly):
 
     @property
     def recipe_ratio(self) -> Float[Array, "22"]:
-        """Variance of the usual recipe over the bound, (22,)."""
+        """Variance of the two-step calibration over the bound, (22,)."""
         return np.diagonal(self.recipe) / np.diagonal(self.covariance)
 
 
@@ -241,7 +241,7 @@ def magnetometer_moments(
     Returns
     -------
     MagnetometerMoments
-        Bias, covariance (the bound), and the covariance of the usual recipe.
+        Bias, covariance (the bound), and the two-step covariance.
 
     Raises
     ------

@@ -304,7 +304,7 @@ def plan_gyroscope(
     Returns
     -------
     GyroscopePlan
-        Standard deviations, rank, condition, and the next turn that helps most.
+        Standard deviations, rank, condition, and the next rotation that helps most.
 
     Raises
     ------
@@ -552,14 +552,14 @@ def described(result: Plan, form: str, g: float, source: str = "") -> list[str]:
         lines += [
             "",
             f"not to be believed: this noise, {result.noise_std:.3g}, is so large "
-            f"beside gravity, {g:.3g} m/s^2, that a bias of second order is above the "
+            f"against gravity, {g:.3g} m/s^2, that a bias of second order is above the "
             "standard deviation; check the units of both",
         ]
     return lines
 
 
 def _rank(result: Plan | GyroscopePlan) -> str:
-    """How many of the nine combinations of parameters are told, and how evenly."""
+    """Number of the nine combinations that are determined, and their condition."""
     words = f"rank {result.rank} of 9"
     return words if result.rank < 9 else f"{words}, condition {result.condition:.3g}"
 
@@ -569,18 +569,19 @@ def gyroscope_described(result: GyroscopePlan) -> list[str]:
     helps = ", ".join(f"{x:.3f}" for x in result.next_axis)
     lines = [
         "",
-        f"moves           {result.moves}, {_rank(result)}",
-        f"next turn       {np.degrees(result.next_angle):.0f} degrees about ({helps}), "
+        f"rotations       {result.moves}, {_rank(result)}",
+        f"next rotation   {np.degrees(result.next_angle):.0f} degrees about ({helps}), "
         "sensor axes, from the last pose",
         "",
     ]
     if not np.isfinite(result.sd).all():
         return [
             *lines,
-            "nothing to predict: these poses and moves do not tell the gyroscope's "
-            "matrix, whatever the noise; add the next turn, or poses, and plan again",
+            "nothing to predict: these poses and rotations do not determine the "
+            "gyroscope's matrix, whatever the noise; add the next rotation, or poses, "
+            "and plan again",
         ]
-    lines.append("            predicted sd   with the next turn")
+    lines.append("            predicted sd   with the next rotation")
     for name, sd, after in zip(result.names, result.sd, result.sd_next, strict=True):
         lines.append(f"  {name:7s} {sd:14.4g} {after:20.4g}")
     lines.append("rad/s per rad/s, and rad/s; both sensors fitted together")

@@ -156,7 +156,7 @@ def consistency(b: Any, r: Any, noise_std: Any) -> Consistency:
 
     Notes
     -----
-    First order in the noise, which must be small beside one radian.
+    First order in the noise, which must be small against one radian.
     """
     body, reference = _pairs(b, r)
     n = body.shape[-2]

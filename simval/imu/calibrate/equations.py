@@ -17,13 +17,13 @@ the unit noises :math:`\xi` of each sensor s,
    V = \sum_s L_s L_s^T.  \tag{M4}
 
 A mean stands in all rows of its rest, and of the turns before and after it, with the
-same noise, so it is counted once. What is known beside the rests are rows of a prior.
+same noise, so it is counted once. Knowledge from elsewhere enters as rows of a prior.
 A sensor that is left out leaves its columns and its equations out; nothing else
 changes.
 
 **Solver.** Reweighted Gauss-Newton for a batch of trials: each step takes V at the
 parameters at hand, so it ends where :math:`J^T V^{-1} c = 0`. A step must lower the
-cost under the weights it was made with, or be short beside its error bars; else it is
+cost under the weights it was made with, or be short against its error bars; else it is
 damped. A trial ends when its next step is less than `TOLERANCE` of its own error bars,
 or changes no row by more than rounding; it leaves the batch then, with its last
 linearisation, so no trial depends on its neighbours.
@@ -259,7 +259,7 @@ class Between:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prior:
-    """What is known beside the rests: R (theta - theta_0) is standard normal."""
+    """Prior knowledge of the parameters: R (theta - theta_0) is standard normal."""
 
     theta: Float[Array, "t p"]  # theta_0
     root: Float[Array, "t k p"]  # R

@@ -66,7 +66,7 @@ def status_line(fit: Any) -> str:
 
 
 def parameter_lines(fit: Any, bound: Float[Array, "9"] | None = None) -> list[str]:
-    """T, K and B with their error bars, beside the bound where it is known."""
+    """T, K and B with their error bars, and the bound where it is known."""
     beside = "" if bound is None else f" {'bound':>12s}"
     return [
         f"{fit.model} form, 95 % intervals: {_kind(fit)}",

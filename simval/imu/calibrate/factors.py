@@ -12,7 +12,7 @@ and the factors of restricted maximum likelihood are those that make both sides 
 (1 where that would be less): each is multiplied by the ratio until none changes. At the
 stated noise the sum over the sources is chi-square of all rows. That and each source's
 own part are tested first; where all are what chance leaves, nothing is done. Sources
-that chance explains beside the factors of the others go back to 1, one by one.
+that chance explains given the factors of the others go back to 1, one by one.
 """
 
 from collections.abc import Callable

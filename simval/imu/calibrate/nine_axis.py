@@ -49,7 +49,7 @@ from simval.imu.sensor import forms
 from simval.shapes import Float
 
 GYROSCOPE, MAGNETOMETER = slice(9, 21), slice(21, 34)
-"""Where the parameters of the sensors beside the accelerometer stand."""
+"""Indices of the parameters of the sensors other than the accelerometer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,7 +74,7 @@ class NineAxisFit(Estimate):
     magnetometer : MagnetometerFit
         The magnetometer with the parameters and the covariance of this fit. What is
         said of single poses, `chi_square`, `dof`, `pose_chi_square`, `disturbed` and
-        `findings`, is of the fit beside the accelerometer alone.
+        `findings`, is of the fit with the accelerometer alone.
     """
 
     what: ClassVar[str] = "three sensors"

@@ -340,7 +340,7 @@ def as_object(whole: Any) -> dict[str, Any]:
 
 
 def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
-    """The sensors beside the accelerometer, and what is asked of all error bars."""
+    """The sensors after the accelerometer, and the conditions of all error bars."""
     values: dict[str, Any] = {"left_out": dict(whole.left_out)}
     if whole.gyroscope is not None:
         values["gyroscope"] = whole.gyroscope.as_object() | {

@@ -680,7 +680,7 @@ CAUSES = (
 """Checks of a log that was refused."""
 
 
-# The sensors beside the accelerometer
+# The sensors other than the accelerometer
 
 
 def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:

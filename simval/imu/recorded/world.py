@@ -4,7 +4,7 @@ The log's sensors show up, the mean specific force of each rest in the truth's w
 and north, the horizontal part of the mean magnetic field of all rows there. That north
 is the magnetometer's own: the place may turn the field, or a calibration, by as much as
 its direction scatters over the log, and no mean takes that out. So a world that is
-known is taken as it is, and what the log shows is said beside it; errors are turned to
+known is taken as it is, and what the log shows is stated too; errors are turned to
 the log's north only where a user asks for that.
 """
 
@@ -169,7 +169,7 @@ def find_world(
 def taken_world(
     shown: World, columns: Sequence[str], asked: TruthWorld | None
 ) -> World:
-    """The world that errors are measured in, beside what the log shows of it.
+    """The world that errors are measured in, and what the log shows of it.
 
     Raises
     ------

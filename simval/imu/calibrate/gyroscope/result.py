@@ -18,7 +18,7 @@ START = ", and give a `start` near the truth"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GyroscopeFit(Estimate):
-    """Calibration of a gyroscope beside an accelerometer, one or a batch of trials.
+    """Calibration of a gyroscope with its accelerometer, one or a batch of trials.
 
     Leading axes ``...`` are empty for one recording and (trials,) for a batch; a trial
     that was refused is NaN in every number. The gyroscope's axes are those of the
@@ -109,7 +109,7 @@ class GyroscopeFit(Estimate):
         return gyroscope_factors(self.M, self.own_covariance[:9, :9], form=form)
 
     def to_form(self, model: str) -> "GyroscopeFit":
-        """Return one fit beside another form of the accelerometer.
+        """Return one fit for another form of the accelerometer.
 
         The accelerometer's axes turn by Q and M becomes Q M, the gauge of
         `simval.imu.sensor.models`; Q depends on the accelerometer's parameters, so the
