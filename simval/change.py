@@ -141,7 +141,7 @@ def on_other_noise(
 
 
 def rounding_bound(value: Values, error: Values, remainder: Values) -> Values:
-    """By how much rounding may move values on the same noise.
+    """Bound on the change that rounding makes in values on the same noise.
 
     Processors sum in other orders, and what a value is judged to is its standard error
     and the least remainder that a theory allows it; 0 of one that has none.

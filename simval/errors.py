@@ -63,7 +63,7 @@ class CrashedPluginError(PluginError):
 
 
 class SilentPluginError(CrashedPluginError):
-    """A program that did not answer in time, whatever it was asked."""
+    """A program that did not answer in time."""
 
 
 class UnusablePluginError(PluginError, InputError):

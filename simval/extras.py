@@ -44,7 +44,7 @@ def installer() -> str:
 
 
 def requirements(extra: str) -> list[str]:
-    """Read what an extra asks for in the metadata; nothing if there are none."""
+    """Read the requirements of an extra from the metadata; empty without metadata."""
     from importlib.metadata import PackageNotFoundError, requires
 
     mark = re.compile(rf"(.+?)\s*;\s*extra == ['\"]{re.escape(extra)}['\"]")

@@ -58,7 +58,7 @@ def along_entry(row: Row) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """What a figure of rows and one of an artifact have in common.
+    """Common part of a figure of rows and a figure of an artifact.
 
     Attributes
     ----------
@@ -368,7 +368,7 @@ class Quote:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Headline:
-    """One sentence by which a study is told on the first screen.
+    """One-sentence summary of a study on the first screen.
 
     Attributes
     ----------
@@ -386,6 +386,6 @@ Shown = Figure | Distribution | Trace | Listing
 
 
 def belongs(row: Row, wanted: Sequence[Family | Statistic]) -> bool:
-    """Whether a row is of these families, without control variates, or statistics."""
+    """True if a row is of these families, without control variates, or statistics."""
     what = row.statistic
     return what in wanted or (what.family in wanted and not what.controlled)

@@ -89,7 +89,7 @@ def cube_corners() -> Float[Array, "8 3"]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Observability(ReadOnly):
-    """How well a pose set fixes the nine parameters of a calibration.
+    """Observability of the nine parameters of a calibration in a pose set.
 
     Attributes
     ----------

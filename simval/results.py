@@ -88,7 +88,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True, order=True)
 class CellName:
-    """Which cell of a run a row belongs to."""
+    """Name of the cell that a row belongs to."""
 
     study: str  # name of its study; empty for the run as a whole
     # its unique name in the run; empty for all cells of the study together

@@ -338,7 +338,7 @@ ONE_OF_MANY = frozenset((*AXES, "s", *QUANTILES, *RATES))
 
 @dataclass(frozen=True, slots=True)
 class Statistic:
-    """What a row measures: a family, which of its entries, and how it was sampled.
+    """Statistic of a row: its family, its entries, and its sampling.
 
     Attributes
     ----------
@@ -381,7 +381,7 @@ class Statistic:
 
     @property
     def better(self) -> Better | None:
-        """Which way is better; neither of a covariance of two axes."""
+        """Direction of improvement; neither for a covariance of two axes."""
         two_axes = self.family.scale == "variances" and len(set(self.entries)) > 1
         return None if two_axes else self.family.better
 

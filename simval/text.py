@@ -132,7 +132,7 @@ def as_whole(value: Any) -> Any:
 
 
 def read_whole(text: str) -> int | None:
-    """Read a whole number; None if the text is none."""
+    """Read a whole number; None if the text is not one."""
     try:
         number = Decimal(text.strip())
     except InvalidOperation:

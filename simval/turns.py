@@ -32,7 +32,7 @@ _ALIKE: Final = 0.95  # cosine from which a missing combination is called by a n
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TurnObservability(ReadOnly):
-    """How well a set of turns fixes the matrix of a gyroscope.
+    """Observability of a gyroscope's matrix in a set of rotations.
 
     Attributes
     ----------

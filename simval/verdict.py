@@ -164,7 +164,7 @@ class Verdict:
 
 
 def worst(answers: Iterable[Answer]) -> Answer:
-    """The worst of some answers; of none a pass.
+    """The worst of some answers; a pass if there are none.
 
     Parameters
     ----------

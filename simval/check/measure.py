@@ -80,7 +80,7 @@ OF_A_COMMAND: Final[Mapping[str, Any]] = MappingProxyType(
 
 
 def settings_of(plugin: Meant) -> dict[str, Any]:
-    """What differs from the default of its study."""
+    """Settings that differ from the study's defaults."""
     settings = dict(SETTINGS.get(plugin.field.partition(".")[0], {}))
     reads = plugin.declared.get("reads", "none") != "none"
     if reads and plugin.field == Estimator.taken_by:
@@ -107,7 +107,7 @@ _FORM = re.compile(r"\s*([^<>]*?)\s*([<>])\s*([-+.\deE]+)\s*(\S*)\s*")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limit:
-    """What a statistic must keep."""
+    """Limit that a statistic must keep."""
 
     text: str
     statistic: str
@@ -116,7 +116,7 @@ class Limit:
     unit: str  # of the number; `BOUNDS`, or empty where it is not said
 
     def of(self, row: Row) -> bool:
-        """Whether a row is what it limits."""
+        """True if the limit applies to this row."""
         named = self.statistic in (str(row.statistic), row.statistic.family.name)
         return named and (self.unit != BOUNDS or _has_bound(row))
 
@@ -133,7 +133,7 @@ class Limit:
 
 
 def _has_bound(row: Row) -> bool:
-    """Whether its prediction is a bound of its value."""
+    """True if the prediction is a bound on the value."""
     return row.predictor == CRAMER_RAO and row.statistic.family != BELOW_BOUND
 
 
@@ -200,7 +200,7 @@ class Checked:
 
     @property
     def good(self) -> bool:
-        """Whether all that was judged passes, and no limit is missed."""
+        """True if every judged row passes and every limit is kept."""
         return self.result.exit_code == 0 and not self.missed
 
     def of(self, plugin: Meant) -> tuple[CellResult, ...]:
@@ -232,7 +232,7 @@ def check_plugin(
     alpha: float = ALPHA,
     progress: Progress | None = None,
 ) -> Checked:
-    """Measure and judge the plug-ins that a word names.
+    """Measure and judge the plug-ins of a name.
 
     Parameters
     ----------
@@ -343,7 +343,7 @@ def check_function(
 def _sorted_out(
     kind: type[Held], study: str, words: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What is declared, and what is set."""
+    """Declarations, and settings."""
     own = {each.name for each in fields(kind)} - {kind.runs}
     parameters = STUDIES[study].parameters
     set_by = set(parameters.model_fields) - {parameters.plugin, "time_limit"}

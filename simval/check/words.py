@@ -109,7 +109,7 @@ UNSETTLED: Final = (
 
 
 def advice_on(finding: Finding) -> str:
-    """What to do about a failure; empty where its reason says it."""
+    """Advice on a failure; empty where its reason says it."""
     if finding.answer == "inconclusive" and finding.against == CUBATURE:
         return UNSETTLED if "a remainder of" in finding.reason else ""
     if finding.answer != "fail" or not finding.statistic:
@@ -178,7 +178,7 @@ def _off(rows: Rows) -> float:
 
 
 def _same(rows: Rows, cell: CellResult, least: float) -> str:
-    """What all trials share."""
+    """Error that all trials share."""
     share = _value(rows, SYSTEMATIC())
     first = f"{100.0 * share:.0f} % of its squared error is the same in every trial: "
     forms = {name: _value(rows, SYSTEMATIC(name)) for name in (*_FORMS, "delay")}
@@ -208,7 +208,7 @@ def _same(rows: Rows, cell: CellResult, least: float) -> str:
 
 
 def _random(rows: Rows) -> Iterator[str]:
-    """What differs from trial to trial: its size, what is stated, each reading's."""
+    """Scatter between trials: its size, the stated one, and each reading's part."""
     nees = rows.get(str(NEES()))
     if nees is None:
         return
@@ -277,7 +277,7 @@ def _without_reading(
 
 
 def _late(rows: Rows) -> bool:
-    """Whether what it states is right at first, and wrong in the second half."""
+    """True if the stated covariance is right at first, and wrong in the second half."""
     _, off = _along_time(rows)
     if len(off) < LEAST:
         return False
@@ -286,7 +286,7 @@ def _late(rows: Rows) -> bool:
 
 
 def _early(rows: Rows) -> str:
-    """Whether what it states is wrong at the start, and less so later."""
+    """True if the stated covariance is wrong at the start, and less so later."""
     time, off = _along_time(rows)
     if len(off) < LEAST:
         return ""
@@ -340,7 +340,7 @@ def _readings(rows: Rows) -> Iterator[str]:
 
 
 def unjudged(name: str, cells: Sequence[CellResult]) -> str:
-    """What was measured of a filter and not judged, since it states no covariance."""
+    """Measurements of a filter that are not judged, since it states no covariance."""
     done = [cell for cell in cells if cell.status == "done"]
     families: set[Family] = {row.statistic.family for c in done for row in c.rows}
     over = [row for c in done for row in c.rows if row.statistic == RMS_OVER_BOUND()]
@@ -372,7 +372,7 @@ class Line:
 
 
 def told(checked: Checked) -> str:
-    """Tell what was checked, and with what result.
+    """Describe what was checked, and the result.
 
     Parameters
     ----------
@@ -435,7 +435,7 @@ def _plugin(
 
 
 def _ending(cells: Sequence[CellResult], judged: Sequence[Finding]) -> str:
-    """How a plug-in ended: the worst of its cells and of what was judged in them."""
+    """Result of a plug-in: the worst of its cells and of their judgements."""
     found = {cell.ending for cell in cells} | {finding.answer for finding in judged}
     return next(word for word in (*ENDINGS, "done") if word in found).upper()
 
@@ -478,7 +478,7 @@ def _table(cells: Sequence[CellResult], judged: Sequence[Finding]) -> Iterator[s
 
 
 def _varied(cell: CellResult, cells: Sequence[CellResult]) -> str:
-    """What sets a cell apart from the others."""
+    """Parameters that distinguish a cell from the others."""
     differing = {
         key: value
         for key, value in cell.parameters.items()

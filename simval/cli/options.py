@@ -73,7 +73,7 @@ def _parameter(own: Parameter, hint: Any) -> click.Parameter:
 
 
 def _noted(hint: Any) -> tuple[Any, list[Any]]:
-    """The plain type of an annotation, and what is noted beside it."""
+    """The plain type of an annotation, and its notes."""
     if get_origin(hint) is Annotated:
         kind, *notes = get_args(hint)
         plain, inner = _noted(kind)
@@ -130,7 +130,7 @@ class _Positive(click.types.FloatParamType):
 
 
 class _Gravity(click.types.FloatParamType):
-    """Gravity in m/s^2; one that is nowhere on the Earth is said."""
+    """Gravity in m/s^2, with a warning if it occurs nowhere on Earth."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None

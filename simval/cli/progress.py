@@ -156,7 +156,7 @@ class Line:
 
 
 class _Words(ProgressColumn):
-    """Text behind the bar, asked for when it is drawn."""
+    """Text after the bar, made when it is drawn."""
 
     def __init__(self, words: Callable[[], str]) -> None:
         super().__init__(Column(ratio=1, no_wrap=True, overflow="ellipsis"))

@@ -136,7 +136,7 @@ def read(imu: ImuModel, trajectory: Trajectory, every: int, seed: int) -> ImuRea
 
 
 def stopped(readings: ImuReadings | None) -> list[str]:
-    """Lines on readings that stop at the end of a range, so that nobody trusts them."""
+    """Warnings about readings that saturate at the end of a range."""
     import numpy as np
 
     if readings is None:

@@ -16,7 +16,7 @@ LABEL = 24
 
 
 class Pipe(FileIO):
-    """An output whose reader may go, as ``head`` does: the rest is for nobody.
+    """An output whose reader may close it, as ``head`` does: the rest is dropped.
 
     So a command ends its work and its exit code is its own, not the reader's.
     """

@@ -221,7 +221,7 @@ def environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
 def environment_changes(
     kept: Mapping[str, Any], manifest: Mapping[str, Any]
 ) -> tuple[str, ...]:
-    """Where a run's environment is not the baseline's, as far as that one says."""
+    """Differences of a run's environment from the baseline's, as far as recorded."""
     own = environment(manifest)
     if isinstance(machine := kept.get("machine"), Mapping):
         own["machine"] = {k: v for k, v in own["machine"].items() if k in machine}

@@ -46,7 +46,7 @@ OFF = ("too large", "too small", "times what is predicted")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One thing that the gate judged."""
+    """One judgement of the gate."""
 
     tier: str  # ``complete`` (was it measured), ``theory`` or ``baseline``
     cell: CellName  # without a study for the run as a whole
@@ -94,7 +94,7 @@ def reproduce(cell: CellName, run: str = "") -> str:
 
 
 def findings(result: GateResult) -> tuple[Finding, ...]:
-    """Everything that was judged, failures first.
+    """All findings, failures first.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ from simval.verdict import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gap:
-    """Something that should have been measured and was not."""
+    """A measurement that is missing."""
 
     cell: CellName  # without a study for the run as a whole
     reason: str  # what is missing, in words

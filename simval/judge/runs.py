@@ -56,7 +56,7 @@ SHORT = 10
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Origin:
-    """Where a run comes from."""
+    """Origin of a run: folder, suite, seeds and commit."""
 
     name: str  # of its folder
     suite: str

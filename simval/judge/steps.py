@@ -89,7 +89,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """The values of one kind that moved one way."""
+    """The values of one kind that changed in one direction."""
 
     study: str
     what: str  # the kind of statistic in words
@@ -217,7 +217,7 @@ def kind_of(statistic: Statistic) -> str:
 
 
 def moved(steps: Iterable[Step]) -> tuple[Move, ...]:
-    """Group what moved by study, kind of statistic and direction.
+    """Group changes by study, kind of statistic and direction.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ def moved(steps: Iterable[Step]) -> tuple[Move, ...]:
 
 
 def rounding_of(rows: Sequence[Row], error: ArrayLike) -> Float[Array, " n"]:
-    """By how much rounding may move rows whose values have these standard errors."""
+    """Bound on the change that rounding makes in rows with these standard errors."""
     errors = np.broadcast_to(np.asarray(error, dtype=float), len(rows))
     remainder = np.array([row.remainder for row in rows], dtype=float)
     exact = np.array([row.check == "exact" for row in rows], dtype=bool)

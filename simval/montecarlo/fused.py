@@ -230,7 +230,7 @@ def _exact(name: str, value: Any, shape: tuple[int, ...]) -> Array:
 def _features(
     rows: NDArray[np.intp], signs: Float[Array, "4"]
 ) -> tuple[NDArray[np.intp], Float[Array, "14"]]:
-    """Where the features of turned components go, and with which sign."""
+    """Indices and signs of the features of rotated components."""
     upper = np.triu_indices(4)
     number = np.zeros((4, 4), dtype=np.intp)
     number[upper] = number.T[upper] = np.arange(4, FEATURES)
@@ -240,7 +240,7 @@ def _features(
 
 
 def compiled() -> bool:
-    """Whether the compiled block is there; no number depends on it."""
+    """True if the compiled block is available; no number depends on it."""
     return _compiled() is not None
 
 
@@ -263,7 +263,7 @@ def _compiled() -> Any:
 
 
 def reproduces(block: Any) -> bool:
-    """Whether a compiled block gives batches of the NumPy form, to the bit."""
+    """True if a compiled block gives the batches of the NumPy form, to the bit."""
     streams, mean, q = Streams(1, (1,)), np.linspace(-1.0, 1.0, NORMALS), np.ones(4)
     out, at = np.empty((TRIED, FEATURES)), [0, TRIED // 2, TRIED - 1]
     try:

@@ -169,5 +169,5 @@ def simulate_reduced(
 
 
 def _checked(errors: Errors, x: Float[Array, "d n"]) -> Array:
-    """What the callable returns, required to be (p, n) of real numbers."""
+    """Result of the callable, required to be (p, n) of real numbers."""
     return shaped_array("the errors", errors(x), (None, x.shape[1]))

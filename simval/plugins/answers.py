@@ -49,7 +49,7 @@ Shape = tuple[int, ...]
 
 
 def called(name: str, function: Any, *arguments: Any, **words: Any) -> Any:
-    """What a user's function answers; what it raises is told by `ended`."""
+    """Answer of a user's function; an exception is converted by `ended`."""
     try:
         return function(*arguments, **words)
     except PluginError:
@@ -59,7 +59,7 @@ def called(name: str, function: Any, *arguments: Any, **words: Any) -> Any:
 
 
 def ended(name: str, error: BaseException, where: str = "") -> PluginError:
-    """What is said of a plug-in that has raised: it has crashed.
+    """Error for a plug-in that has raised: it has crashed.
 
     But for one of our refusals: a plug-in that says that its data has no answer. What
     was found of it already stays what it is.
@@ -126,7 +126,7 @@ def handed(
     vectors: list[Float[Array, "n 3"]],
     noise: VectorNoise | None,
 ) -> dict[str, Array]:
-    """What an estimator asked to be handed, by name."""
+    """Extra arguments that an estimator asked for, by name."""
     noise = vector_noise("body", len(vectors) // 2) if noise is None else noise
     words = noise.read(estimator.reads, vectors)
     if estimator.takes == "pairs":
@@ -187,7 +187,7 @@ def raw_attitudes(
 
 
 def other_form(found: Shape, required: Shape) -> str:
-    """What to declare where the shape is that of another form of attitude."""
+    """Advice where the shape is that of another form of attitude."""
     forms = {
         (4,): ", or declare the order of the `components`",
         (3, 3): ', or declare components="matrix"',
@@ -258,7 +258,7 @@ NEGATIVE: Final = -1e-9
 
 
 def sound_covariances(each: Float[Array, "n p p"], definite: int) -> Bool[Mask, " n"]:
-    """Which are finite, symmetric and positive, the first rows definitely so.
+    """Mask of covariances that are finite, symmetric and positive (semi-)definite.
 
     What is known exactly has a row of zeros, as the bias of a gyroscope without one.
     """
@@ -441,7 +441,7 @@ KINDS: Final = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """What each answer of a filter is, as the first one was."""
+    """Form of a filter's answers, taken from the first one."""
 
     filter: Filter
     lead: Shape  # () or, of a batch, the number of trials

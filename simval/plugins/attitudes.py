@@ -52,13 +52,13 @@ def tail(components: str) -> tuple[int, ...]:
 
 
 def finite_rows(raw: Float[Array, "n ..."]) -> Bool[Mask, " n"]:
-    """Which answers are finite."""
+    """Mask of finite answers."""
     finite: Mask = np.isfinite(raw)
     return np.logical_and.reduce(finite, axis=tuple(range(1, raw.ndim)))
 
 
 def sound_rows(raw: Float[Array, "n ..."], components: str) -> Bool[Mask, " n"]:
-    """Which answers are attitudes: finite, and of unit length or proper rotations."""
+    """Mask of answers that are attitudes: finite, and unit quaternions or rotations."""
     with np.errstate(invalid="ignore", over="ignore"):  # rows that are not finite
         sound: Mask = np.logical_and(finite_rows(raw), defects(raw, components) <= UNIT)
     if components == "matrix":
@@ -68,7 +68,7 @@ def sound_rows(raw: Float[Array, "n ..."], components: str) -> Bool[Mask, " n"]:
 
 
 def defects(raw: Float[Array, "n ..."], components: str) -> Float[Array, " n"]:
-    """How far answers are from unit length, or from orthogonal columns of length 1."""
+    """Deviation of answers from unit length, or from orthonormal columns."""
     if components != "matrix":
         lengths: Array = np.abs(np.linalg.norm(raw, axis=1) - 1.0)
         return lengths
@@ -197,7 +197,7 @@ Draw = Callable[[int, np.random.Generator], Scene]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observed:
-    """What is observed: how many vectors, and whether their references are fixed."""
+    """Observed vectors: their number, and whether their references are fixed."""
 
     vectors: int = 2
     fixed: FixedReferences | None = None

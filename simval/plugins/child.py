@@ -70,7 +70,7 @@ AnyArray = NDArray[Any]
 
 
 class Lost(BaseException):
-    """No more can be asked; `started` makes it the error that it holds.
+    """The child is lost; `started` converts this to the error that it holds.
 
     It is no `Exception`, so that no probe takes it for an answer of the algorithm.
     """
@@ -168,7 +168,7 @@ class End:
         return spelled
 
     def _declared(self, plugin: Plugin) -> dict[str, Any]:
-        """What a plug-in declares, its functions by their names alone."""
+        """Declarations of a plug-in, its functions by their names alone."""
         kind = next(
             c for c in type(plugin).__mro__ if c.__module__.startswith("simval.")
         )
@@ -222,7 +222,7 @@ class Child(End):
         return monotonic() - self.begun
 
     def ask(self, function: Callable[..., T], *arguments: Any, **words: Any) -> T:
-        """What a function of a module returns in the child.
+        """Result of a module's function, called in the child.
 
         Raises
         ------
@@ -360,7 +360,7 @@ def ending(code: int) -> str:
 
 
 def as_plugin_error(error: BaseException) -> PluginError:
-    """What is said of a plug-in that has made an error, refused or raised."""
+    """Error for a plug-in that has failed, refused or raised."""
     if isinstance(error, SimvalError):
         refused = isinstance(error, RefusedError)
         crashed = isinstance(error, CrashedPluginError) or not refused
@@ -369,7 +369,7 @@ def as_plugin_error(error: BaseException) -> PluginError:
 
 
 def answer_all(connection: socket.socket) -> None:
-    """In the child: call what is asked for until the connection ends."""
+    """In the child: serve calls until the connection ends."""
     end = End(connection)
     while True:
         try:

@@ -72,7 +72,7 @@ def _distributions() -> Mapping[str, list[str]]:
 
 
 def _nodes(content: bytes) -> list[ast.AST]:
-    """All parts of a Python file; none where it cannot be read, which loading tells."""
+    """All syntax nodes of a Python file; none if unreadable, which loading reports."""
     try:
         return list(ast.walk(ast.parse(content)))
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -318,7 +318,7 @@ def spelled(words: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def chosen(plugins: tuple[str, ...]) -> dict[str, list[str]]:
-    """Some plug-ins, by the field that takes them."""
+    """Chosen plug-ins, by the field that takes them."""
     values: dict[str, list[str]] = {}
     for plugin in plugins:
         if "," in plugin:

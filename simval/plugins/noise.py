@@ -68,7 +68,7 @@ class VectorNoise:
 
     @property
     def noisy(self) -> list[int]:
-        """Which vectors have noise."""
+        """Mask of the vectors that have noise."""
         return [i for i, std in enumerate(self.relative) if std > 0.0]
 
     @property
@@ -79,18 +79,18 @@ class VectorNoise:
 
     @property
     def isotropic(self) -> bool:
-        """Whether the noise of each vector is the same in every direction."""
+        """True if the noise of each vector is isotropic."""
         sizes = self.relative[:, None, None] ** 2 * np.eye(3)
         return not self.tangent and np.array_equal(self.unit, sizes)
 
     @property
     def exact_references(self) -> bool:
-        """Whether no reference vector has noise."""
+        """True if no reference vector has noise."""
         return not self.unit[len(self.unit) // 2 :].any()
 
     @property
     def one_number(self) -> bool:
-        """Whether one number says it all: 1 per axis of each vector that has noise."""
+        """True if one number suffices: 1 per axis of each vector that has noise."""
         eye = np.eye(3)
         return all(np.array_equal(self.unit[i], eye) for i in self.noisy)
 
@@ -117,7 +117,7 @@ class VectorNoise:
     def read(
         self, reads: tuple[str, ...], vectors: list[Float[Array, "n 3"]]
     ) -> dict[str, Array]:
-        """What an estimator of pairs asked to be handed."""
+        """Noise in the form that an estimator of pairs asked for."""
         known = {"noise_std": self.std, "weights": self.weights}
         if "covariances" in reads:
             known["covariances"] = self.covariances(vectors).copy()

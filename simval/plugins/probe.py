@@ -101,14 +101,14 @@ Mask = NDArray[np.bool_]
 
 
 class Exact(NamedTuple):
-    """Exact cases of an estimator, and the noise that it is told of."""
+    """Exact cases of an estimator, and the noise stated to it."""
 
     truth: Float[Array, "n 4"]
     vectors: list[Float[Array, "n 3"]]
     noise: VectorNoise | None = None
 
     def rows(self, rows: slice) -> "Exact":
-        """Some cases; arrays that are one to the caller stay one to the estimator."""
+        """Select cases; arrays shared by the caller stay shared."""
         own = {id(v): v[rows] for v in self.vectors}
         return Exact(self.truth[rows], [own[id(v)] for v in self.vectors], self.noise)
 
@@ -121,18 +121,18 @@ class Exact(NamedTuple):
         return Exact(self.truth, noisy, self.noise)
 
     def attitudes(self, estimator: Estimator) -> Float[Array, "n 4"]:
-        """What an estimator answers."""
+        """Attitudes that an estimator answers."""
         return quaternions_of(estimator, self.vectors, self.noise)
 
     def covariances(self, estimator: Estimator) -> Float[Array, "n 3 3"]:
-        """What an estimator states of its answers; zeros where that is nothing."""
+        """Covariances that an estimator states; zeros if it states none."""
         if estimator.covariance is None:
             return np.zeros((len(self.truth), 3, 3))
         assert self.noise is not None
         return covariances_of(estimator, self.vectors, self.noise)
 
     def failing(self, estimator: Estimator) -> Bool[Mask, " n"]:
-        """Which of the answers are no estimate of the truth."""
+        """Mask of answers that are not an estimate of the truth."""
         try:
             raw = raw_attitudes(estimator, self.vectors, self.noise)
         except PluginError:
@@ -153,7 +153,7 @@ class Exact(NamedTuple):
 
 
 def allowed(vectors: list[Float[Array, "n 3"]]) -> Float[Array, " n"]:
-    """How far an exact case may be from the truth, rad."""
+    """Tolerance of an exact case, rad."""
     first, *others = vectors[len(vectors) // 2 :]
     sines = [np.linalg.norm(np.cross(first, r), axis=1) for r in others]
     tolerance: Array = TOLERANCE / np.max(sines, axis=0)
@@ -440,7 +440,7 @@ def _require_rows_alone(
 def depends_on_noise(
     estimator: Estimator, vectors: list[Float[Array, "n 3"]], *, covariance: bool
 ) -> bool:
-    """Whether its attitudes, or its covariances too, depend on the noise that it reads.
+    """True if its attitudes, or its covariances too, depend on the stated noise.
 
     The second noise has the weights the other way round, and is tiny against what the
     vectors have, so that whoever leaves out what is too far off does so.

@@ -685,7 +685,7 @@ class _Process:
         return bool(self.ready.poll(max(seconds, 0.0) * 1e3))
 
     def _more(self, seconds: float) -> bytes | None:
-        """Some of what it prints: nothing at its end, None if it prints nothing."""
+        """Next part of the output: empty at its end, None if there is none yet."""
         return os.read(self.printed, LINE_LIMIT) if self._readable(seconds) else None
 
     def _more_than_a_line(self) -> str:

@@ -265,7 +265,7 @@ class Estimator(Algorithm):
         )
 
     def observed(self, vectors: int = 2) -> Observed:
-        """What it observes.
+        """Observed vectors.
 
         Parameters
         ----------
@@ -341,7 +341,7 @@ def _check_frame(estimator: Estimator) -> None:
 
 
 def _estimates(names: Any, form: str) -> tuple[str, ...]:
-    """What a calibrator estimates, in the order of the parameters."""
+    """Parameters that a calibrator estimates, in their order."""
     words = tuple(names) if isinstance(names, tuple | list) else ()
     plain = all(type(word) is str for word in words)
     known = tuple(word for word in ALL if plain and word in words)

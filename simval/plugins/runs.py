@@ -158,7 +158,7 @@ STRETCHES: Final = 64
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Readings:
-    """What a filter is stepped through, in its own conventions."""
+    """Readings for the steps of a filter, in its own conventions."""
 
     where: str  # " of trial 3", or nothing
     lead: tuple[int, ...]  # of a batch, the number of trials

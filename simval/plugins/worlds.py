@@ -135,7 +135,7 @@ JUDGED: Final = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stray:
-    """How far one declaration strays."""
+    """Error of a filter under one declaration."""
 
     declared: Filter
     judged: float = np.inf  # greatest error of what it is judged by, rad
@@ -145,7 +145,7 @@ class Stray:
 
 @dataclass(slots=True)
 class Trial:
-    """What a filter answers, and how far it strays, in each declaration."""
+    """Answers of a filter, and their errors, under each declaration."""
 
     filter: Filter
     told: Told
@@ -154,11 +154,11 @@ class Trial:
     runs: dict[tuple[object, ...], Array | PluginError] = field(default_factory=dict)
 
     def all_of(self, filters: Iterable[Filter]) -> list[Stray]:
-        """How far each declaration strays."""
+        """Error under each declaration."""
         return [self.stray(each) for each in filters]
 
     def stray(self, declared: Filter) -> Stray:
-        """How far one declaration strays; at a glance first, if it starts at once."""
+        """Error under one declaration; by a short run first, if it starts at once."""
         if "start" in self.filter.reads:
             for rest, turn in ((0.0, GLANCE), (REST, 0.0)):
                 glance = self.judged(declared, rest, turn)
@@ -178,7 +178,7 @@ class Trial:
         return self.judged(declared, LONGER[-1])
 
     def judged(self, declared: Filter, rest: float, turn: float = TURN) -> Stray:
-        """How far it strays on one path."""
+        """Error on one path."""
         raw, path = self._raw(declared, rest, turn), self._path(rest, turn)
         if isinstance(raw, PluginError):
             return Stray(declared=declared, error=raw)
@@ -318,7 +318,7 @@ PREFERRED: Final = ("NWU", "NED", *(w for w in WORLDS if w not in ("NWU", "NED")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundWorld:
-    """Where a filter stays."""
+    """World in which a filter stays at the truth."""
 
     world: str
     alike: tuple[str, ...]  # other worlds in which it stays just as well
@@ -326,7 +326,7 @@ class FoundWorld:
 
     @property
     def words(self) -> str:
-        """What was found, for people."""
+        """Description of the found world."""
         more = f", and in {', '.join(self.alike)} alike" if self.alike else ""
         off = f"{np.degrees(self.stray):.2g}"
         return f"stays in {self.world} within {off} degrees{more}"
@@ -424,7 +424,7 @@ def _misdeclared(
 
 
 def _changes(other: Filter, filter: Filter) -> tuple[int, bool]:
-    """How many declarations differ, and whether one is the accelerometer's.
+    """Number of declarations that differ, and whether one is the accelerometer's.
 
     One that was left open is free. What is the same upside down is told by the world.
     """
@@ -437,7 +437,7 @@ def _changes(other: Filter, filter: Filter) -> tuple[int, bool]:
 
 
 def _what_was_tried(filter: Filter, tried: list[Stray]) -> str:
-    """How far it strays in each world, by the conventions that fit best there."""
+    """Error in each world, by the conventions that fit best there."""
     inclined = min(tried, key=lambda each: each.inclination)
     hint = ""
     if filter.magnetometer and inclined.inclination <= STAYS:

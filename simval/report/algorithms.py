@@ -426,7 +426,7 @@ def lines_of_algorithms(context: Context) -> list[Line]:
 
 
 def own(algorithm: str) -> bool:
-    """Whether an algorithm is a user's."""
+    """True if an algorithm is a user's."""
     return algorithm not in BUILTIN
 
 
@@ -518,7 +518,7 @@ CALL = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """What is shown of the algorithms of one kind."""
+    """Section on the algorithms of one kind."""
 
     title: str
     drawings: tuple[Drawing, ...]
@@ -559,5 +559,5 @@ def _part(context: Context, contest: Contest) -> Part:
 
 
 def has_user_code(run: Run) -> bool:
-    """Whether a run measures an algorithm that is not the package's own."""
+    """True if a run measures an algorithm that is not the package's own."""
     return any(cell.study in STUDIES and own(algorithm_of(cell)) for cell in run.cells)

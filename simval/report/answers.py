@@ -317,7 +317,7 @@ class Change(NamedTuple):
 
 
 def comparable(run: Run, baseline: Mapping[str, Any] | None) -> bool:
-    """Whether a baseline is of the run's suite, or the run holds all of its cells.
+    """True if a baseline is of the run's suite, or the run holds all of its cells.
 
     Cells are the same whatever their seed and effort. Of the same suite one is enough.
     """
@@ -403,7 +403,7 @@ def _of_step(step: Step) -> Change:
 
 
 def _from_run(context: Context, against: Against) -> tuple[str, list[Line]]:
-    """What the comparison with another run found, by direction."""
+    """Changes against another run, by direction."""
     found, name = against.changes, against.run.folder.name
     if not found.total:
         suites = [run.manifest["suite"] for run in (against.run, context.run)]
@@ -452,7 +452,7 @@ def _kind_line(kind: str, changes: Sequence[Change]) -> Line:
 
 
 def _size(old: float, new: float, sigmas: float | None) -> tuple[float, str]:
-    """How great a change is: to sort by, and in words."""
+    """Size of a change: to sort by, and as text."""
     share = (abs(new) - abs(old)) / abs(old) if old else inf
     step = f"from {rounded(old, 3)} to {rounded(new, 3)}"
     if isfinite(share):

@@ -40,7 +40,7 @@ def listed(run: Path, pattern: str) -> list[Path]:
 
 
 def is_left(file: Path) -> bool:
-    """Whether a study has left an artifact."""
+    """True if a study has left an artifact."""
     return file.exists()
 
 
@@ -129,7 +129,7 @@ Left = tuple[CellResult, Path, Mapping[str, Array]]
 
 
 def _said(picture: Artifact, group: Sequence[Left], cells: Cells) -> str:
-    """What the rows of a figure say, or the arrays of its last cell."""
+    """Finding of a figure, from its rows or the arrays of its last cell."""
     if not isinstance(picture, Trace) or picture.tells is None:
         return sentence(picture, [group[0][0]] if picture.each else cells)
     cell, _, content = group[-1]

@@ -166,7 +166,7 @@ def checks_section(context: Context) -> Section | None:
 
 
 def _counted(counts: Mapping[Answer, int]) -> str:
-    """How many checks ended how."""
+    """Numbers of checks by result."""
     told = [f"{counts[word]:,} {word}" for word in WORST_FIRST if counts.get(word)]
     return f"{', '.join(told)}." if told else ""
 

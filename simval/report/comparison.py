@@ -101,7 +101,7 @@ def comparison_sections(
 
 
 def told(move: Move) -> str:
-    """A move as a sentence."""
+    """A change as a sentence."""
     return f"{move.way.capitalize()}: {move.sentence}."
 
 

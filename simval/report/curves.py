@@ -44,7 +44,7 @@ from simval.units import COUNT, Unit
 
 
 class Measured(NamedTuple):
-    """What a measure finds in a cell."""
+    """Value of a measure in a cell."""
 
     value: float
     error: float  # standard
@@ -277,7 +277,7 @@ def bar_width(curves: Iterable[Curve | None]) -> float:
 
 
 def spans(factor: float, values: Sequence[Array]) -> bool:
-    """Whether values are positive and span more than a factor: for a logarithm."""
+    """True if values are positive and span more than a factor: for a logarithm."""
     every = np.concatenate(values)
     return bool(np.all(every > 0.0) and every.max() > factor * every.min())
 
@@ -313,7 +313,7 @@ def bars(
 
 
 def read(row: Row) -> Measured:
-    """What one row says."""
+    """Value of one row."""
     prediction = np.nan if row.prediction is None else row.prediction
     numbers = (row.value, row.standard_error, prediction, row.remainder)
     return Measured(*numbers, row.n, row.unit)

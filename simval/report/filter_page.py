@@ -189,7 +189,7 @@ def _honest(done: Sequence[Evaluation]) -> Reply:
 
 
 def _how_many(good: int, count: int) -> str:
-    """How many covariances are consistent, in words."""
+    """Number of consistent covariances, as text."""
     if not good:
         return "The one that is stated is not" if count == 1 else f"None of {count} is"
     return f"{good} of {count} {'is' if good == 1 else 'are'} consistent"
@@ -236,7 +236,7 @@ def _next(done: Sequence[Evaluation], failed: Mapping[str, str]) -> Reply:
 
 
 def _advice(name: str, nees: Consistency) -> tuple[str, str]:
-    """What to do about a filter, in short and in a sentence."""
+    """Advice on a filter, in short and in a sentence."""
     if nees.verdict == "overconfident":
         return (
             f"Give {name} more noise",

@@ -53,7 +53,7 @@ class Farthest(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
-    """How far measured values are from what was predicted of them."""
+    """Deviation of measured values from their predictions."""
 
     points: int  # measured
     compared: int  # that have a prediction
@@ -210,12 +210,12 @@ class Claim:
 
     @cached_property
     def found(self) -> Agreement:
-        """What they say."""
+        """The finding."""
         return agreement(self.curve)
 
     @property
     def said(self) -> str:
-        """What they say in words."""
+        """The finding as text."""
         return self.found.said(self.subject, self.theory)
 
 

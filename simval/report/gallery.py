@@ -531,6 +531,6 @@ def _gains(figure: Figure, own: Sequence[tuple[CellResult, Row]]) -> dict[str, s
 
 
 def where_of(cell: CellResult, cells: Cells, without: object = None) -> str:
-    """What sets a cell apart from the others of its study."""
+    """Parameters that distinguish a cell from the others of its study."""
     keys = [key for key in varying(cells) if key not in (*EFFORT, without)]
     return ", ".join(setting_words(cell.study, k, cell.parameters.get(k)) for k in keys)

@@ -128,7 +128,7 @@ def _keys(panel: AnyPanel) -> list[list[int]]:
 
 
 def _holds(entry: Series, s: Series, series: Sequence[Series]) -> bool:
-    """Whether an entry shows and hides a series.
+    """True if a legend entry shows and hides a series.
 
     Its own does. A line without one, and the line that stands in the legend for such
     lines of its style, belongs to the marks of its colour as well.

@@ -53,7 +53,7 @@ class Note:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogPage:
-    """What a page says of a log."""
+    """Contents of the page of a log."""
 
     title: str  # what was done, before the name of the log
     log: Log

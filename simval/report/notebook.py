@@ -167,7 +167,7 @@ def _rows(run: Run, statistic: str) -> dict[str, Row]:
 
 
 def run_html(run: Run) -> str:
-    """How many cells of each study a run has, and how they ended."""
+    """Numbers of cells of each study of a run, by result."""
     studies: dict[str, dict[str, int]] = {}
     for cell in run.cells:
         endings = studies.setdefault(cell.study, {})

@@ -50,7 +50,7 @@ FARTHEST = 1e290  # an axis multiplies its ends by some factors of ten
 
 
 def near(values: Array) -> Any:
-    """Whether values can be on an axis: finite, and not near overflow."""
+    """True if values can be on an axis: finite, and not near overflow."""
     return np.abs(values) < FARTHEST  # NaN is not
 
 
@@ -147,7 +147,7 @@ AnyPanel = Panel | SpherePanel | BarPanel | DotPanel | HeatPanel
 
 
 def told(panel: AnyPanel) -> str:
-    """What a panel shows, for those who cannot see it: title, axes and legend."""
+    """Text alternative of a panel: title, axes and legend."""
     x, y = getattr(panel, "x_label", ""), getattr(panel, "y_label", "")
     labels = ", ".join(s.label for s in getattr(panel, "series", ()) if s.label)
     words = (panel.title, f"{y} against {x}" if x and y else x, labels)

@@ -183,7 +183,7 @@ def _values(cell: CellResult) -> list[tuple[str, str]]:
 def _words(
     grids: Mapping[str, Axes], kept: Mapping[str, Mapping[str, frozenset[str]]]
 ) -> str:
-    """How many values of which parameters, study by study."""
+    """Numbers of values of each parameter, study by study."""
     parts = []
     for study, axes in grids.items():
         fewer = [
@@ -217,7 +217,7 @@ class Against:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Context:
-    """What every section may read."""
+    """Context of every section: the run, its judgement and its comparisons."""
 
     run: Run  # the run folder's content
     judged: GateResult  # what the gate says of it, or of all of it

@@ -233,7 +233,7 @@ def _line(context: Context, study: str) -> Line:
 def chosen(
     study: str, cells: Sequence[CellResult]
 ) -> tuple[CellResult, Reading] | None:
-    """The cell that a study is told by, and what it says."""
+    """The cell that represents a study, and its message."""
     own = STUDIES[study].headline if study in STUDIES else None
     readings = [
         (cell, reading)
@@ -261,7 +261,7 @@ def typical(cells: Sequence[CellResult], *, poses: bool = True) -> Sequence[Cell
 
 
 def where(cell: CellResult, cells: Sequence[CellResult], n: int) -> str:
-    """Which cell of its study this is, in words."""
+    """Text that identifies a cell in its study."""
     values = cell.parameters
     skipped = ("samples", "trials")
     shown = [key for key in (*NOISES, "poses") if values.get(key)]
@@ -349,7 +349,7 @@ def question_figure(context: Context) -> Drawing | None:
 
 
 def _of_any(cells: Sequence[CellResult]) -> Figure | None:
-    """The statistic that a study is told by."""
+    """The statistic that represents a study."""
     row = next((row for cell in cells if (row := headline_row(cell))), None)
     if row is None:
         return None

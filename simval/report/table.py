@@ -38,7 +38,7 @@ class Column:
 
     @property
     def numeric(self) -> bool:
-        """Whether its values are numbers."""
+        """True if its values are numbers."""
         return self.kind in ("number", "measured")
 
 
@@ -94,7 +94,7 @@ NUMBERS = (
 
 
 def numbers_of(row: Row) -> tuple[Any, ...]:
-    """What stands under `NUMBERS`."""
+    """Entries of the columns `NUMBERS`."""
     value = (row.value, row.standard_error)
     words = (str(row.statistic), value, row.unit)
     return (*words, row.n, row.prediction, row.predictor)

@@ -37,7 +37,7 @@ def cache_folder() -> Path:
 
 
 def simulate_cached(scene: str | Scene = "gimbal", **parameters: Any) -> Trajectory:
-    """Return what `simulate` does, cached on disk.
+    """Simulate a scene as `simulate`, cached on disk.
 
     Parameters
     ----------

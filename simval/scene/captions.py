@@ -115,7 +115,7 @@ Words = list[tuple[str, str]]  # and their colours
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Caption:
-    """What a frame says."""
+    """Text of a frame."""
 
     title: str  # of the scene
     time: float  # s

@@ -28,13 +28,13 @@ MOST_ROWS = 10_000_000  # 1.1 GB of sensor data
 
 
 def minimum_jerk(t: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Position of a minimum-jerk move, eq. (M1)."""
+    """Position on a minimum-jerk motion, eq. (M1)."""
     t = np.clip(t, 0.0, 1.0)
     return t * t * t * (10.0 + t * (6.0 * t - 15.0))
 
 
 def steps(seconds: float, timestep: float, name: str) -> int:
-    """Whole number of steps of a duration.
+    """Number of steps in a duration.
 
     Raises
     ------

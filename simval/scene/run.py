@@ -88,7 +88,7 @@ def check_run(
 def is_regular(
     clock: Float[Array, " n"], timestep: float
 ) -> Bool[NDArray[np.bool_], " n"]:
-    """Whether each row of a clock has the time that adding up its steps gives."""
+    """True where the time of a row is the sum of the steps before it."""
     steps = np.arange(len(clock))
     expected = timestep * steps
     # MuJoCo adds up steps: each addition is off by half a unit in the last place

@@ -36,7 +36,7 @@ from simval.shapes import Float
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trajectory(ReadOnly):
-    """What an ideal sensor at the IMU's site would read, row by row.
+    """Readings of an ideal sensor at the IMU's site, row by row.
 
     All columns of a row are from the same evaluation of the physics.
 
@@ -215,7 +215,7 @@ UNITS = (("a", "m/s^2"), ("w", "rad/s"), ("m", "T"))
 
 
 def motion_of(trajectory: Trajectory, every: int = 1) -> Motion:
-    """What the sensors of an IMU are to measure in a run, each of so many rows.
+    """Motion of a run for the sensors of an IMU, keeping every n-th row.
 
     The rate is the average over the step that ends at a row, and over all steps since
     the row before that is kept.

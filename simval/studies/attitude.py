@@ -224,7 +224,7 @@ def _rms_rows(sums: Sums, predictions: dict[str, AttitudeMoments]) -> Iterator[R
 
 
 def _unit_rows(sums: Sums, predictions: dict[str, AttitudeMoments]) -> Iterator[Row]:
-    """How well samples and predictions hold to the unit length of the estimate."""
+    """Defect of the unit length in samples and predictions."""
     q, square = predictions[stat.EXACT].q_true, mean_square(sums, np.eye(4))[0]
     off = abs(unit_length_defect(square, float(q @ moments_of(sums).bias)))
     most = unit_length_rounding(square)

@@ -196,7 +196,7 @@ class Setting:
         return np.stack([*squares, *own, self.losses(body)], axis=1)
 
     def displaced(self, shift: float) -> Float[Array, "n 3"]:
-        """What turns the second vector by so many standard deviations of its angle."""
+        """Displacement of the second vector by `shift` standard deviations."""
         normal = np.cross(self.body[0], self.body[1])
         displacement = np.zeros((self.n, 3))
         displacement[1] = normalize(np.cross(normal, self.body[1]))

@@ -115,7 +115,7 @@ def true_sensor(noise_std: float) -> AccelerometerModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rests:
-    """What a scene's sensor feels while it is at rest."""
+    """Specific forces of a scene's sensor at rest."""
 
     # specific force of every sample of every rest, sensor coordinates, m/s^2
     forces: Float[Array, "rests samples 3"]

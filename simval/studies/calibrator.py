@@ -219,7 +219,7 @@ class Calibrations(Problem[Calibrator, float, Trials]):
     def errors(
         self, blocks: list[int], order: Places | None = None
     ) -> Float[Array, "n p"]:
-        """Errors of all trials of some blocks, asked in their own or another order.
+        """Errors of all trials of some blocks, computed in their own or another order.
 
         Readings are handed over many blocks at once.
         """
@@ -269,7 +269,7 @@ class Calibrations(Problem[Calibrator, float, Trials]):
         return first, lambda order: self.errors(blocks, order), most
 
     def rows(self, probed: float, answers: Trials) -> tuple[Row, ...]:
-        """All that is asked of a calibrator."""
+        """All rows of a calibrator's cell."""
         sums, every, settled = answers
         measured = moments_of(sums)
         return (
@@ -335,7 +335,7 @@ class Parameters(AlgorithmParameters):
 
     @property
     def alone(self) -> bool:
-        """Whether each trial has a process of its own, which remembers nothing."""
+        """True if each trial has a process of its own, which remembers nothing."""
         return self.algorithm.startswith(COMMAND) and not in_batch(self.algorithm)
 
     @property

@@ -344,7 +344,7 @@ def _alternating(count: int, amplitude: float) -> Float[Array, "n 3"]:
 
 
 def _intervals(content: Mapping[str, Array]) -> str:
-    """How many intervals were found, and how many there are."""
+    """Number of detected intervals, and of true ones."""
     found, true = len(content["intervals"]), len(content["truth"])
     if not true:
         return f"{found} intervals, and the sensor is never truly at rest."

@@ -235,7 +235,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
         return first, lambda k: self.errors(vectors[k], self.noise_std), most
 
     def rows(self, probed: float, answers: Trials) -> tuple[Row, ...]:
-        """All that is asked of an estimator."""
+        """All rows of an estimator's cell."""
         plugin, noise, sums = self.plugin, self.noise_std, answers[0]
         measured, rounding = moments_of(sums), probed / self.sine
         cubatures = self.cubature(noise, DEGREE), self.cubature(noise, DEGREE - 2)
@@ -281,7 +281,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
 
     @property
     def weighs(self) -> bool:
-        """Whether its attitudes depend on what it reads of the noise."""
+        """True if its attitudes depend on the stated noise."""
         given = [np.repeat(v[None], HEEDED, axis=0) for v in self.truth]
         return bool(self.plugin.reads) and depends_on_noise(
             self.plugin, given, covariance=False
@@ -289,7 +289,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
 
     @property
     def claims(self) -> bool:
-        """Whether it gives a covariance, and can know the noise that this is of."""
+        """True if it gives a covariance, and is given the noise that this needs."""
         knows = bool(self.plugin.reads) or self.noise.one_number
         return self.plugin.covariance is not None and knows
 
@@ -389,7 +389,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
         return columns[best[0]].T[1:], columns[best, :, np.arange(len(best))][1:]
 
     def choice(self, noise_std: float, degree: int) -> Float[Array, "2"]:
-        """What the choice of a frame adds to the closed form's moments by cubature."""
+        """Effect of the choice of a frame on the closed form's moments, by cubature."""
         if self.plugin.kind != "closed form":
             return np.zeros(2)
         weights = smolyak_hermite(3 * len(self.noise.noisy), degree)[1]
@@ -637,7 +637,7 @@ def _difference_rows(
 
 
 def unit_rows(problem: Attitudes) -> tuple[Row, ...]:
-    """Whether mean and mean square of the first block are those of unit quaternions."""
+    """Test of the first block's mean and mean square against unit length."""
     truth, vectors = problem.q, list(np.moveaxis(problem.first_block(), 1, 0))
     noise = problem.noise.at(problem.noise_std)
     q = quaternions_of(problem.plugin, vectors, noise)
@@ -730,7 +730,7 @@ def leading_rows(problem: Attitudes, rounding: float) -> tuple[Row, ...]:
 
 
 def of_one_formula(problem: Attitudes, noise: float) -> bool:
-    """Whether no node of cubature has another best frame than the truth."""
+    """True if every node of cubature has the best frame of the truth."""
     if problem.plugin.kind != "closed form":
         return True
     return np.array_equal(*problem.frames(noise, DEGREE))

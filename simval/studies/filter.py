@@ -226,7 +226,7 @@ class Filtering(Problem[Filter, str, Answers]):
         return own or find_world(self.plugin, self.told, self.parameters.rate).world
 
     def trials(self, probed: str) -> Answers:
-        """Answers to all trials at the instants; some are asked again as they run."""
+        """Answers for all trials at the instants; some are repeated as they run."""
         kept, late = instants(len(self.way.dt))
         given = joined([readings for readings, _ in self.draws])
         answers = Answers(
@@ -274,7 +274,7 @@ class Filtering(Problem[Filter, str, Answers]):
 
 
 class Parameters(AlgorithmParameters):
-    """One cell: a filter, a scenario, its sensors, and what the filter is told."""
+    """One cell: a filter, a scenario, its sensors, and the filter's settings."""
 
     problem = Filtering
     no_noise = ("algorithm", "scenario", "time_limit")
@@ -334,22 +334,22 @@ class Parameters(AlgorithmParameters):
 
     @property
     def course(self) -> Course:
-        """What ideal sensors read of the scenario."""
+        """Readings of ideal sensors in the scenario."""
         return course(self.named_scenario, self.rate, self.seconds)
 
     @property
     def wrong(self) -> Wrong:
-        """What the filter is told wrongly, or a calibration left."""
+        """Wrong settings of the filter, or errors that a calibration left."""
         return scenario_of(self.scenario)[1]
 
     @property
     def anywhere(self) -> bool:
-        """Whether the start is not known at all."""
+        """True if the start is unknown."""
         return self.named_scenario == ANYWHERE
 
     @property
     def reference(self) -> bool:
-        """Whether it is the package's own filter, whose errors theory predicts."""
+        """True for the package's own filter, whose errors theory predicts."""
         return self.algorithm == REFERENCE
 
 
@@ -376,7 +376,7 @@ def sensors_of(parameters: Parameters, way: Course) -> Imperfect:
 
 
 def told_of(parameters: Parameters, way: Course) -> Told:
-    """What the filter is told."""
+    """Settings given to the filter."""
     return parameters.wrong.told(sensors_of(parameters, way).told(way))
 
 
@@ -550,7 +550,7 @@ def at_each_row(
 
 
 def lost_row(answers: Answers, judged: bool) -> tuple[Row, ...]:
-    """Share of trials that stray beyond thirty degrees in their second half."""
+    """Share of trials that diverge: beyond thirty degrees in their second half."""
     angle = answers.angle
     share, n = float(diverged(angle, since=angle.shape[1] // 2).mean()), len(angle)
     if judged:
@@ -566,7 +566,7 @@ def root_mean_square(values: Float[Array, "n k"]) -> tuple[float, float, int]:
 
 
 def budget_rows(answers: Answers, theory: FilterPrediction) -> tuple[Row, ...]:
-    """What each source adds to the predicted error, where it adds anything."""
+    """Contribution of each source to the predicted error, where there is one."""
     rows: list[Row] = []
     shown, at = answers.shown()
     variances = np.trace(theory.parts[:, :, :3, :3], axis1=2, axis2=3)
@@ -586,7 +586,7 @@ def diagnosis_rows(
     bound: Float[Array, "i 3 3"],
     judged: bool,
 ) -> tuple[Row, ...]:
-    """What all trials share of the error, by its form, and what is stated of parts.
+    """Common error of all trials, by its form, and the stated covariance of parts.
 
     Judged are an error below the bound and, without a covariance, a form that is most
     of the error.

@@ -74,7 +74,7 @@ def prediction(
 
 
 def model_of(told: Told, magnetometer: bool) -> FilterModel:
-    """What a filter knows, as theory has it."""
+    """Filter model of theory from a filter's settings."""
     field = VectorSensor(
         name=MAGNETOMETER, reference=told.field, std=told.magnetometer_noise
     )
@@ -95,7 +95,7 @@ def model_of(told: Told, magnetometer: bool) -> FilterModel:
 
 
 def undisturbed(way: Course) -> Course:
-    """The same without what no filter is told of, for the bound."""
+    """The same without disturbances unknown to every filter, for the bound."""
     nothing = np.zeros_like(way.iron)
     return replace(way, acceleration=nothing, iron=nothing)
 
@@ -179,7 +179,7 @@ were 3.03 and 3.00; of second order, 2.00."""
 
 
 def response_rows(make: Make, scenario: str) -> tuple[Row, ...]:
-    """Covariance by what each noise moves, and as stated; the order of the turns."""
+    """Covariance by the response to each noise, and as stated; order of the turns."""
     way = course(scenario, RATE, RESPONSE_SECONDS)
     model = model_of(SENSORS.told(way), True)
     path = FilterPath(dt=way.dt, attitude=way.attitude)
@@ -227,7 +227,7 @@ class Units(np.random.Generator):
 def moved_and_stated(
     make: Make, way: Course
 ) -> tuple[Float[Array, "6 6"], Float[Array, "6 6"]]:
-    """Covariance of attitude and bias by what each noise moves, and as it is stated."""
+    """Covariance of attitude and bias by the response to each noise, and as stated."""
     told = SENSORS.told(way)
     # of the start, the first bias, and five of each axis of each row
     given, bias = drawn(way, SENSORS, told, 1 + 6 + 15 * len(way.dt), Units())

@@ -73,7 +73,7 @@ MOST: Final = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Wrong:
-    """What is wrong; the defaults are right."""
+    """Deliberate errors of a scenario; the defaults have none."""
 
     gyroscope_noise: float = 1.0
     accelerometer_noise: float = 1.0
@@ -91,7 +91,7 @@ class Wrong:
         return (1.0 + self.scale) * attitude_matrix(q)
 
     def told(self, true: Told) -> Told:
-        """What the filter is told instead of the truth."""
+        """Settings given to the filter instead of the truth."""
         return replace(
             true,
             gyroscope_noise=self.gyroscope_noise * true.gyroscope_noise,
@@ -174,7 +174,7 @@ def scenario_of(text: str) -> tuple[str, Wrong]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Course(ReadOnly):
-    """What ideal sensors read of a scenario, row by row, and what they should.
+    """Motion of a scenario, and disturbances of its sensors, row by row.
 
     The first row of the attitude is before the first step.
     """
@@ -191,12 +191,12 @@ class Course(ReadOnly):
 
     @property
     def time(self) -> Float[Array, " T"]:
-        """Of the end of each step, s from the start."""
+        """Time at the end of each step, s from the start."""
         return np.cumsum(self.dt)
 
     @property
     def disturbed(self) -> bool:
-        """Whether a sensor reads what no filter is told of."""
+        """True if a sensor has a disturbance unknown to the filter."""
         return bool(np.any(self.acceleration) or np.any(self.iron))
 
 
@@ -281,7 +281,7 @@ class Imperfect:
     calibration_std: float  # of each entry of M about that, a trial's own
 
     def told(self, course: Course) -> Told:
-        """What a filter is told if it is told the truth."""
+        """True settings of a filter."""
         return Told(
             gyroscope_noise=self.gyroscope_noise,
             gyroscope_walk=self.gyroscope_walk,

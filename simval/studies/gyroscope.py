@@ -77,7 +77,7 @@ UNITS = ("1",) * 9 + ("rad/s",) * 3
 
 
 class Parameters(StudyParameters):
-    """One cell: an estimator, poses, moves, rate of the rows and noise."""
+    """One cell: an estimator, poses, rotations, rate of the rows and noise."""
 
     estimator: Literal["joint", "generalised", "unweighted"] = Field(
         default="joint", description="Both sensors together, one by one, or IMU-TK's."
@@ -180,7 +180,7 @@ class Tumble:
         ).require_converged()  # fmt: skip
 
     def bound(self, pieces: int = PIECES) -> Float[Array, "12 12"]:
-        """Cramer-Rao bound of the gyroscope's twelve, by moves of so many segments."""
+        """Cramer-Rao bound of the gyroscope's twelve; so many segments a rotation."""
         moves = moves_between(self.time, self.rates, self.rests, chunk=CHUNK)
         moments = gyroscope_moments(
             self.gyroscope, self.accelerometer, self.force, self._path(pieces),

@@ -159,18 +159,18 @@ class Scenario:
         return body + first * noise[:, 0], iron + second * noise[:, 1]
 
     def fitted(self, body: Array, iron: Array) -> MagnetometerFit:
-        """The calibration, with the noise that it is told."""
+        """The calibration, with the stated noise."""
         return calibrate_magnetometer(body, iron, G, **self.told)
 
     def predicted(self) -> MagnetometerMoments:
-        """What theory says of it."""
+        """Prediction of theory."""
         dip = float(self.truth[-1])
         return magnetometer_moments(
             *self.sensors, self.attitudes, dip, g=G, **self.told
         )
 
     def equations(self) -> Float[Array, "m d"]:
-        """What the noise makes of the poses' equations, as white numbers.
+        """Whitened noise of the poses' equations.
 
         Those of |u|^2 = 1, |v|^2 = 1 and u'v = -sin(dip), u and v the corrected
         readings over their lengths: differentiated at the truth, and whitened.
@@ -302,7 +302,7 @@ def _over_bound(
 def _stated(
     seen: Trials, fit: Expanded, equations: Array, predicted: MagnetometerMoments
 ) -> Measured:
-    """Whether the stated intervals, ellipsoid and residuals are what they say."""
+    """Rows on the stated intervals, ellipsoid and residuals."""
     n, inside, squares = len(seen["square"]), seen["inside"], seen["square"]
     quantile = float(2.0 * scipy.special.gammaincinv(ALL / 2.0, LEVEL))
     error = float(np.sqrt(LEVEL * (1.0 - LEVEL) / n))

@@ -91,7 +91,7 @@ class Parameters(StudyParameters):
 
 
 class Theory:
-    """What is known of a cell before a number is drawn, in units of rows."""
+    """Theory of a cell, computed before anything is drawn, in units of rows."""
 
     def __init__(self, parameters: Parameters) -> None:
         rows, flicker, walk = parameters.rows, parameters.flicker, parameters.walk
@@ -122,7 +122,7 @@ class Theory:
         self.bound = float(bound[0, 0]) * RATE**2  # Whittle's, of N squared
 
     def errors(self, variances: Float[Array, " m"], estimate: str) -> Array:
-        """What is averaged of one signal: squared errors over theirs by theory.
+        """Averaged quantities of one signal: squared errors over the predicted ones.
 
         Of the estimates, of N against Whittle's bound, of the Allan variances; then
         whether each interval holds the truth.

@@ -68,7 +68,7 @@ class PluginParameters(StudyParameters):
 
     @property
     def word(self) -> str:
-        """What the plug-in is named by, its files by absolute paths."""
+        """Name of the plug-in, with absolute paths of its files."""
         return str(getattr(self, self.plugin))
 
     @property
@@ -133,7 +133,7 @@ so many attitudes, calibrations or steps."""
 
 
 class Problem(ABC, Generic[Own, Probed, Answers]):
-    """What an algorithm is asked in a cell, and what is measured of its answers."""
+    """Input of an algorithm in a cell, and the measurement of its answers."""
 
     kind: ClassVar[type[Algorithm]]
 
@@ -150,7 +150,7 @@ class Problem(ABC, Generic[Own, Probed, Answers]):
         """Have it answer the trials."""
 
     def again(self, answers: Answers) -> Again | None:
-        """Trials to ask again; none of what is asked again where it is run."""
+        """Trials to repeat; none if they are repeated where they run."""
         return None
 
     @abstractmethod
@@ -178,7 +178,7 @@ class AlgorithmParameters(PluginParameters):
 
     @property
     def reference(self) -> bool:
-        """Whether it is the package's own, which needs no process of its own."""
+        """True for the package's own, which needs no process of its own."""
         return False
 
 

@@ -135,7 +135,7 @@ class Expanded:
     mean_second: Float[Array, " p"]
 
     def take(self, part: slice) -> "Expanded":
-        """Some of the errors."""
+        """Select errors."""
         return Expanded(
             first=self.first[:, part],
             second=self.second[:, part],

@@ -25,14 +25,14 @@ from simval.text import as_whole
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a cell is expected to cost, for planning only."""
+    """Expected cost of a cell, for planning only."""
 
     seconds: float  # CPU time on a processor of a few GHz, s
     rows: int  # rows that it leaves
 
 
 def _ends(field: FieldInfo) -> bool:
-    """Whether a field says itself how great it may be."""
+    """True if a field declares its own upper limit."""
     return any(hasattr(limit, "le") or hasattr(limit, "lt") for limit in field.metadata)
 
 
@@ -46,7 +46,7 @@ class StudyParameters(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _whole(cls, value: Any, info: ValidationInfo) -> Any:
-        """Take 1e5 for an integer where one is asked for."""
+        """Accept 1e5 where an integer is required."""
         field = cls.model_fields[info.field_name or ""]
         number = as_whole(value) if field.annotation is int else value
         if type(number) is int and number > MOST and not _ends(field):
@@ -73,7 +73,7 @@ class StudyParameters(BaseModel):
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Paths of the files that the study's code is made of, beside the package."""
+        """Paths of the files of the study's code outside the package."""
         return ()
 
 

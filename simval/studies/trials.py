@@ -43,7 +43,7 @@ FALSE_ALARM = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drawn:
-    """What is kept of the noise of a sensor in a block."""
+    """Statistics of the noise of a sensor in a block."""
 
     square: float  # sum of squares
     count: int
@@ -51,7 +51,7 @@ class Drawn:
 
     @classmethod
     def of(cls, noise: Array) -> "Drawn":
-        """Of noise in units of its deviation."""
+        """Statistics of noise that is in units of its standard deviation."""
         flat = np.ravel(noise)
         return cls(
             square=float(np.vdot(flat, flat)),
@@ -62,7 +62,7 @@ class Drawn:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trials:
-    """What some blocks of trials left."""
+    """Results of some blocks of trials."""
 
     block: int  # trials in a block
     kept: Mapping[str, Array]  # by name, (trials, ...)
@@ -102,7 +102,7 @@ def trials_of(streams: Streams, trials: int, block: int, trial: Trial) -> Trials
 def stated_of(
     fit: FitResult | MagnetometerFit, truth: Float[Array, " p"], level: float
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Whether each stated interval holds the truth, and the squared errors.
+    """Coverage of each stated interval, and the normalised squared errors.
 
     These are normalised by the stated covariance, (trials,).
     """
@@ -162,7 +162,7 @@ def strongest_by_chance(count: int, m: int) -> float:
 
 
 def noise_row(x: Float[Array, "t d"]) -> tuple[Row, ...]:
-    """Mean square of the noise that was drawn, in units of what was asked for.
+    """Mean square of the drawn noise, in units of the requested one.
 
     It needs no estimator, and rests on d numbers a trial: so it tells a wrong generator
     from a wrong estimator, and before the estimator's own rows see it.

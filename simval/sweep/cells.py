@@ -56,7 +56,7 @@ def worse(first: Ending, second: Ending) -> Ending:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellResult:
-    """One cell of a run: what it was and what it left."""
+    """One cell of a run: its parameters and its results."""
 
     position: int = 0
     name: str  # unique name in the run
@@ -76,7 +76,7 @@ class CellResult:
 
     @property
     def ending(self) -> str:
-        """Its status, ``refused`` and ``crashed`` told apart."""
+        """Its status, with ``refused`` and ``crashed`` distinguished."""
         crashed = "refused" if self.refused else "crashed"
         return crashed if self.status == "failed" else self.status
 
@@ -164,7 +164,7 @@ def _row_entry(position: int, ordinal: int, row: Row) -> Stored:
 
 
 def _impossible(row: Row) -> str:
-    """Name of the field that cannot be what it is; empty if there is none.
+    """Name of a field with an impossible value; empty if there is none.
 
     What was not measured is NaN, which never passes.
     """

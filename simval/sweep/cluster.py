@@ -121,7 +121,7 @@ class Cluster:
         self._refused: dict[str, tuple[str, ...]] = {}  # of those there, why not
 
     def begin(self) -> None:
-        """Wait for the first worker that may compute: each is asked what it is."""
+        """Wait for the first admissible worker: each is asked for its identity."""
         try:
             self._await(self._answered({}), at_start=True)
         except (OSError, CancelledError) as error:

@@ -24,7 +24,7 @@ SHOWN = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identity:
-    """What the numbers of a process depend on, apart from the cell."""
+    """Everything that the numbers of a process depend on, apart from the cell."""
 
     code: Mapping[str, str]  # SHA-256 of source and models, versions, by their names
     machine: Mapping[str, Any]
@@ -97,7 +97,7 @@ def require_as_read() -> None:
 
 @cache
 def here() -> Identity:
-    """The identity of this process, from when it was first asked for."""
+    """The identity of this process, as of the first call."""
     models = json.dumps(provenance.model_hashes(), sort_keys=True)
     return Identity(
         code={
@@ -156,7 +156,7 @@ def other_machines(manifest: Mapping[str, Any]) -> list[Any]:
 
 
 def mixture(manifest: Mapping[str, Any]) -> str:
-    """Which machines computed a run, in words; empty if only the driver's did."""
+    """Machines that computed a run, as text; empty for the driver's alone."""
     others = other_machines(manifest)
     if not others:
         return ""

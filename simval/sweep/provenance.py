@@ -60,7 +60,7 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> dict[str, Any]:
-    """What the last bits depend on: processor kernels, linear algebra, C library."""
+    """Environment of the last bits: processor kernels, linear algebra, C library."""
     return {
         "system": platform.system(),
         "processor": platform.machine(),
@@ -79,7 +79,7 @@ def git_state() -> dict[str, Any]:
 
 
 def commit_date() -> str | None:
-    """When the commit of the checkout was made, ISO 8601, if there is one."""
+    """Date of the checkout's commit, ISO 8601, if there is one."""
     return _git("show", "--no-patch", "--format=%cI", "HEAD")
 
 
@@ -204,7 +204,7 @@ def _whole(digests: Mapping[str, bytes]) -> str:
 
 
 class Loaded:
-    """The source as it was when this process first asked for it."""
+    """The source as of this process's first call."""
 
     def __init__(self) -> None:
         self._digests = _digests()

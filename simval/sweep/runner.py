@@ -69,7 +69,7 @@ def run_suite(
     wait: float = WAIT,
     mixed_kernels: bool = False,
 ) -> Run:
-    """Run a suite into a folder and return what it left.
+    """Run a suite into a folder and return the run.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ class Samples:
 
     @property
     def true_geometry(self) -> tuple[Array, Array, Array]:
-        """What the noise is added to."""
+        """Noise-free attitude and references."""
         return self.q, self.r1, self.r2
 
 
@@ -399,7 +399,7 @@ _ROUNDING: Final = 2e-15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SufficientOrder:
-    """The cheapest formula within a tolerance, and by how much each one is off.
+    """The cheapest formula within a tolerance, and the error of each one.
 
     Attributes
     ----------

@@ -92,7 +92,7 @@ class CalibrationMoments(ReadOnly):
 
     @property
     def sd_remainder(self) -> Float[Array, "9"]:
-        """What a standard deviation may be off by, half of eq. (K4), (9,)."""
+        """Remainder of each standard deviation, half of eq. (K4), (9,)."""
         return self.sd * (self.variance_remainder / 2.0)
 
     @property

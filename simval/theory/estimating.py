@@ -114,12 +114,12 @@ class Estimating:
 
     @cached_property
     def rank(self) -> int:
-        """How many combinations of the parameters the rows tell."""
+        """Number of parameter combinations that the rows determine."""
         return rank_of(self._squared(self._solve([at.J for at in self._slopes])))
 
     @cached_property
     def information(self) -> Float[Array, "b p p"]:
-        """Of each block of rows that share no noise, whose sum eq. (E3) inverts."""
+        """Information of blocks of rows that share no noise; eq. (E3) inverts it."""
         parts = zip(
             self._slopes, self._solve([at.J for at in self._slopes]), strict=True
         )
@@ -138,7 +138,7 @@ class Estimating:
 
     @cached_property
     def slope(self) -> Float[Array, "p z"]:
-        """What each noise of unit variance moves the estimate by, eq. (E1)."""
+        """Change of the estimate by each noise of unit variance, eq. (E1)."""
         return np.asarray((self._moved * (self._least * self._unit)).T)
 
     @cached_property
@@ -352,7 +352,7 @@ _RANK: Final = 1e-10  # of the greatest eigenvalue, columns of equal length
 
 
 def rank_of(information: Float[Array, "p p"]) -> int:
-    """How many combinations of the parameters it tells."""
+    """Number of parameter combinations that it determines."""
     scale = np.sqrt(np.diagonal(information))
     scale = np.where(scale > 0.0, scale, 1.0)
     values = np.linalg.eigvalsh(information / np.outer(scale, scale))

@@ -270,7 +270,7 @@ def _relative(a: Array, b: Array) -> float:
 
 
 def isotropic(noise: Float[Array, "4 3 3"]) -> bool:
-    """Whether every covariance is a multiple of the identity, but for rounding."""
+    """True if every covariance is a multiple of the identity, but for rounding."""
     multiples = noise[:, 0, 0, None, None] * np.eye(3)
     return np.allclose(noise, multiples, rtol=1e-12, atol=0)
 

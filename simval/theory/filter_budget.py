@@ -107,7 +107,7 @@ Answer = tuple[Array, Array, Array, Array, Array]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Part:
-    """Some rows, for the true model and for the told one."""
+    """A range of rows, for the true model and for the assumed one."""
 
     truth: Steps
     told: Steps
@@ -149,7 +149,7 @@ class Part:
         return P[:, None, :, :3] @ weighted
 
     def _maps(self, P: Float[Array, "t 6 6"]) -> tuple[Array, Array, Array]:
-        """A, N by source and D by column, eq. (F7), from the told P after each row."""
+        """A, N by source, D by column, eq. (F7), from the assumed P after each row."""
         truth, U = self.truth, self._gains(P)
         M = np.tile(np.eye(6), (len(P), 1, 1))
         M[:, :, :3] -= P[:, :, :3] @ self.told.informations.sum(axis=1)
@@ -375,7 +375,7 @@ def _told(told: FilterModel, truth: FilterModel) -> FilterModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FirstUpdate(ReadOnly):
-    """A filter after its first row; all that `filter_prediction` takes from there.
+    """A filter after its first row: the state that `filter_prediction` starts from.
 
     Attributes
     ----------

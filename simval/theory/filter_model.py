@@ -369,12 +369,12 @@ class CalibrationError:
 
     @property
     def parameters(self) -> int:
-        """How many parameters it has."""
+        """Number of its parameters."""
         return MATRIX if self.of in (GYROSCOPE, G_SENSITIVITY) else AFFINE
 
     @property
     def name(self) -> str:
-        """What it is called in a budget."""
+        """Name in a budget."""
         return "g-sensitivity" if self.of == G_SENSITIVITY else f"{self.of} calibration"
 
 
@@ -416,7 +416,7 @@ Error = CalibrationError | RowError
 
 
 def channel(error: Error) -> str:
-    """Whose readings are off."""
+    """Sensor whose readings are off."""
     return GYROSCOPE if error.of == G_SENSITIVITY else error.of
 
 

@@ -67,7 +67,7 @@ _IRON, _HARD, _DIP = slice(21, 30), slice(30, 33), 33
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MovePath:
-    """Moves between rests, each in segments of a fixed axis.
+    """Rotations between rests, each in segments of a fixed axis.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ def gyroscope_moments(
     angle_random_walk: float | None = None,
     form: str = "triangular",
 ) -> GyroscopeMoments:
-    """Bound the error of a calibration from the sensors, the rests and the moves.
+    """Bound the error of a calibration from the sensors, rests and rotations.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def nine_axis_moments(
     angle_random_walk: float | None = None,
     form: str = "triangular",
 ) -> NineAxisMoments:
-    """Bound the error of a calibration from the sensors, the rests and the moves.
+    """Bound the error of a calibration from the sensors, rests and rotations.
 
     Parameters
     ----------
@@ -482,7 +482,7 @@ def _bound(equations: Estimating) -> Float[Array, "p p"]:
 
 
 def _angle_root(M: Float[Array, "3 3"], path: MovePath) -> Float[Array, "k 3 3"]:
-    """Triangular root of the covariance (Y4) of each move's angle, N = 1."""
+    """Triangular root of the covariance (Y4) of each rotation's angle, N = 1."""
     rotation = scipy.spatial.transform.Rotation
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     covariance = np.zeros((len(path.turns), 3, 3))

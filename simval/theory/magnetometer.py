@@ -132,7 +132,7 @@ def problem_of(
 
 
 def dip_angle(value: Any) -> float:
-    """Require the angle of a field that tells a heading.
+    """Require the dip of a field that determines a heading.
 
     Raises
     ------

@@ -206,7 +206,7 @@ def next_best(
 
 
 def error_bars(information: Float[Array, "p p"]) -> Float[Array, " p"]:
-    """Bound on each standard deviation; infinite where not all are told."""
+    """Bound on each standard deviation; infinite where not all are determined."""
     if rank_of(information) < len(information):
         return np.full(len(information), np.inf)
     return np.sqrt(np.diagonal(inverse_of(information)))
@@ -220,7 +220,7 @@ def plan(
     g: float = 9.80665,
     form: str = "triangular",
 ) -> Plan:
-    """Predict what a set of poses will give.
+    """Predict the calibration by a set of poses.
 
     Parameters
     ----------
@@ -279,7 +279,7 @@ def plan_gyroscope(
     g: float = 9.80665,
     form: str = "triangular",
 ) -> GyroscopePlan:
-    """Predict what rests and the moves between them will give, for ideal sensors.
+    """Predict the calibration by rests and rotations between them, for ideal sensors.
 
     Parameters
     ----------
@@ -347,7 +347,7 @@ def plan_gyroscope(
 def plan_magnetometer(
     attitudes: Any, dip: float, *, accelerometer_noise: float, magnetometer_noise: float
 ) -> MagnetometerPlan:
-    """Predict what a set of attitudes will give.
+    """Predict the calibration by a set of attitudes.
 
     The next attitude is the one of some hundred candidates that lowers the total
     variance of the magnetometer's thirteen parameters most.

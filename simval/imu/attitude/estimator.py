@@ -134,7 +134,7 @@ def _codes(
 def singular_columns(
     vectors: Float[Array, "12 n"], squared: Float[Array, " n"]
 ) -> Mask | None:
-    """Which columns of a fixed frame are singular, or None where none is."""
+    """Singular columns of a fixed frame, or None."""
     r = vectors[6:].reshape(2, 3, -1)
     lengths = np.einsum("kjn,kjn->kn", r, r)
     if squared.min() >= MIN_NORM**2 * lengths.max() ** 2:
@@ -216,7 +216,7 @@ class AttitudeEstimate:
 
     @property
     def valid(self) -> Mask:
-        """Which samples are valid, (...)."""
+        """Mask of valid samples, (...)."""
         mask: Mask = self.validity == Validity.VALID
         return mask
 

@@ -75,7 +75,7 @@ class SingularSolution:
 
     @property
     def valid(self) -> Mask:
-        """Which samples are singular, so that the solution holds, (...)."""
+        """Mask of singular samples, for which the solution holds, (...)."""
         mask: Mask = self.case != Case.REGULAR
         return mask
 

@@ -65,7 +65,7 @@ _GREATEST = 1e60  # fourth powers stay finite
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Options(Rules):
-    """What to fit and how; checked when it is made."""
+    """Options of the fit; checked when made."""
 
     model: str  # form
     residual: str

@@ -69,7 +69,7 @@ _SEEN: Final = 1e-6  # relative: what the fit leaves of a column; rounding leave
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drift:
-    """What the residuals say of a drift over the poses.
+    """Test of the residuals for a drift over the poses.
 
     Attributes
     ----------
@@ -94,12 +94,12 @@ class Drift:
 
     @property
     def seen(self) -> bool:
-        """Whether there is a drift, by the level `DRIFT_FALSE_ALARM`."""
+        """True if there is a drift, at the level `DRIFT_FALSE_ALARM`."""
         return self.p_value < DRIFT_FALSE_ALARM
 
     @property
     def excluded(self) -> bool:
-        """Whether there is none, as far as poses in an order of chance would show."""
+        """True if a drift is excluded, as poses in random order would show one."""
         return self.p_value >= DRIFT_FALSE_ALARM and self.hidden <= HIDDEN
 
 
@@ -150,7 +150,7 @@ def find_drift(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Change:
-    """Where a series of poses changes, and how much of its scatter that explains."""
+    """Change point of a series of poses, and the scatter that it explains."""
 
     index: int  # first pose after the change
     what: str  # what changed; of a break the part that stays on its ellipsoid

@@ -59,7 +59,7 @@ FIELD_NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "b_x", "b_y", "b_z"
 
 
 class Equation(NamedTuple):
-    """What the vectors of each rest fulfil: zero but for errors."""
+    """Equations of the vectors of each rest: zero but for errors."""
 
     value: Array  # (t, n)
     by: dict[str, Array]  # slopes by the vector of each triad, (t, n, 3)
@@ -107,19 +107,19 @@ class Sensor:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """Names of the parameters."""
         return tuple(f"parameter {k}" for k in range(self.size))
 
     def corrected(self, theta: Array) -> "Corrected | None":
-        """The vector that a triad means; None of a sensor that is none."""
+        """The corrected vector of a triad; None for a sensor that is not a triad."""
         return None
 
     def equations(self, w: dict[str, Array], theta: Array) -> list[Equation]:
-        """What the vectors of a rest fulfil in any attitude."""
+        """Equations that the vectors of a rest fulfil in any attitude."""
         raise NotImplementedError
 
     def take(self, trials: Any, rests: Any = slice(None)) -> Self:
-        """Some of the trials, or of the rests."""
+        """Select trials, or rests."""
         readings, std = self.readings[trials][:, rests], self.std[trials][:, rests]
         return replace(self, readings=readings, std=std)
 
@@ -145,7 +145,7 @@ class Accelerometer(Sensor):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the form."""
+        """Names of the form's parameters."""
         return forms.names(self.model)
 
     def corrected(self, theta: Float[Array, "t 9"]) -> Corrected:
@@ -181,7 +181,7 @@ class HeldAccelerometer(Accelerometer):
         return []
 
     def take(self, trials: Any, rests: Any = slice(None)) -> Self:
-        """Some of the trials; of all rests, whose noise the parameters hold."""
+        """Select trials, with all rests, whose noise the parameters hold."""
         return replace(
             self, readings=self.readings[trials], std=self.std[trials],
             theta=self.theta[trials], error=self.error[trials],
@@ -222,7 +222,7 @@ class Turns(Protocol):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """Names of the parameters."""
 
     @property
     def size(self) -> int:
@@ -239,7 +239,7 @@ class Turns(Protocol):
         """Their values elsewhere, in the axes of a linearisation."""
 
     def take(self, trials: Any) -> Self:
-        """Some of the trials."""
+        """Select trials."""
 
     def noisier(self, factor: float) -> Self:
         """The same with so many times the noise."""
@@ -265,7 +265,7 @@ class Prior:
     root: Float[Array, "t k p"]  # R
 
     def take(self, trials: Any) -> "Prior":
-        """Some of the trials."""
+        """Select trials."""
         return Prior(theta=self.theta[trials], root=self.root[trials])
 
 
@@ -292,7 +292,7 @@ class Problem:
 
     @cached_property
     def columns(self) -> dict[str, slice]:
-        """Where the parameters of each sensor stand."""
+        """Indices of the parameters of each sensor."""
         sizes = {each.name: each.size for each in self.sensors}
         if self.turns is not None:
             sizes[self.turns.name] = self.turns.size
@@ -300,7 +300,7 @@ class Problem:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all parameters, the sensor before those of the second and later ones."""
+        """Names of all parameters, prefixed by the sensor from the second one on."""
         named = [(each.name, each.names) for each in self.sensors[1:]]
         if self.turns is not None:
             named.append((self.turns.name, self.turns.names))
@@ -309,11 +309,11 @@ class Problem:
 
     @cached_property
     def noises(self) -> dict[str, slice]:
-        """Where the unit noises of each sensor stand among those of a rest."""
+        """Indices of the unit noises of each sensor among those of a rest."""
         return _slices({each.name: each.std.shape[-1] for each in self.sensors})
 
     def take(self, trials: Any, rests: Any = slice(None)) -> "Problem":
-        """Some of the trials, or of the rests where there are no turns."""
+        """Select trials, or rests where there are no rotations."""
         return replace(
             self,
             sensors=tuple(each.take(trials, rests) for each in self.sensors),
@@ -628,7 +628,7 @@ def residuals(problem: Problem, here: Local) -> Residuals:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solution:
-    """Where the iteration of each trial ended."""
+    """End point of the iteration of each trial."""
 
     theta: Float[Array, "t p"]
     iterations: Any  # steps tried, (t,)

@@ -58,7 +58,7 @@ def nine_axis_lines(fit: Any) -> list[str]:
 
 
 def status_line(fit: Any) -> str:
-    """How the fit ended."""
+    """Status of the fit, in a line."""
     return (
         f"status            {fit.status} after {int(fit.iterations)} iterations, "
         f"condition of the poses {float(fit.condition):.3g}"
@@ -94,7 +94,7 @@ def entry_lines(
 
 
 def residual_line(fit: Any) -> str:
-    """What the fit leaves."""
+    """Residuals of the fit, in a line."""
     return f"residual RMS      {float(fit.rms):.4g} m/s^2 of | |TK(y - B)| - g |"
 
 
@@ -243,7 +243,7 @@ class Estimate(ShownFit):
 
     @property
     def converged(self) -> Any:
-        """Whether each trial converged, (...) of bool."""
+        """True where a trial converged, (...)."""
         return self.status == "converged"
 
     @property

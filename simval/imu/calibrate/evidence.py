@@ -256,7 +256,7 @@ def required_noise(
 
 
 def ambiguous(moments: Float[Array, "t 10 10"], limit: Float[Array, " t"]) -> Any:
-    """Whether a second quadric passes through the poses.
+    """True where a second quadric passes through the poses.
 
     By Sylvester's law of inertia the roots of (N1) below the limit are as many as the
     negative pivots of G_c - limit^2 C.
@@ -274,7 +274,7 @@ WIDEST = 0.15
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evidence:
-    """What decides whether a fit is a calibration, one row for each trial."""
+    """Criteria by which a fit is accepted as a calibration, one row for each trial."""
 
     # bool: whether a second quadric passes through the poses within their noise, (t,)
     ambiguous: Any

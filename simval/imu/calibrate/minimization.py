@@ -189,7 +189,7 @@ def minimize_leverage(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Leverage:
-    """What a leverage is made of, in lanes."""
+    """Parts of a leverage, in lanes."""
 
     factors: Factors  # of G_9
     start: Float[Array, "9 t"]  # p of eq. (E1)

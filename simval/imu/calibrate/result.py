@@ -117,7 +117,7 @@ class FitResult(Estimate):
 
     @property
     def raw_per_g(self) -> Float[Array, "... 3"]:
-        """What each axis reads for the gravity of the fit, raw units, (..., 3)."""
+        """Reading of each axis for the gravity of the fit, raw units, (..., 3)."""
         scale = self.sensor_scale
         if self.model == "symmetric":
             scale = np.diagonal(scale, axis1=-2, axis2=-1)

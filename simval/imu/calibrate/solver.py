@@ -103,7 +103,7 @@ def solve_positive(
 
 
 def negative_pivots(matrices: Float[Array, "t p p"]) -> Float[Array, " t"]:
-    """How many eigenvalues of each symmetric matrix are below zero."""
+    """Number of negative eigenvalues of each symmetric matrix."""
     n = np.moveaxis(matrices, 0, -1).copy()
     count = np.zeros(n.shape[-1])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -131,7 +131,7 @@ _ROUNDING_FLOOR = 1e-7  # below it a step that no longer shrinks is rounding
 
 
 class Code(IntEnum):
-    """How a trial ended."""
+    """Status of a trial."""
 
     CONVERGED = 0
     MAX_ITERATIONS = 1
@@ -176,7 +176,7 @@ class Local:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rules:
-    """What governs the iteration."""
+    """Limits and tolerances of the iteration."""
 
     method: str  # one of `METHODS`
     step: float  # fraction of each step that is taken
@@ -186,7 +186,7 @@ class Rules:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solution:
-    """Where the iteration of each trial ended."""
+    """End point of the iteration of each trial."""
 
     theta: Float[Array, "t p"]  # parameters
     code: Any  # a `Code` for each trial, (t,)

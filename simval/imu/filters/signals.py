@@ -11,7 +11,7 @@ from simval.shapes import Float
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Told:
-    """Noise, gravity, field and start that a filter is told, true or not."""
+    """Settings given to a filter, true or not: noise, gravity, field and start."""
 
     gyroscope_noise: float  # angle random walk N, rad/s/sqrt(Hz)
     gyroscope_walk: float  # rate random walk K, rad/s^2/sqrt(Hz)

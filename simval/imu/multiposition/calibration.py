@@ -52,7 +52,7 @@ from simval.shapes import Float
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LogCalibration:
-    """Calibration of the accelerometer of a log, with what it was made from.
+    """Calibration of the accelerometer of a log, with its rests and noise.
 
     Attributes
     ----------

@@ -207,7 +207,7 @@ def _first(case: Case, checks: Checks) -> str | None:
 
 
 def for_a_log(words: str) -> str:
-    """Turn advice to who has poses or moves into advice to who has a log."""
+    """Reword advice about poses and rotations as advice about a log."""
     for ours, theirs in {
         STATE_NOISE: "measure it in a long rest (simval noise LOG --json > noise.json) "
         "and give that file (--noise noise.json)",

@@ -311,7 +311,7 @@ def _array(
 
 
 def load_noise(path: str | PathLike[str]) -> NoiseFile:
-    """Read what ``simval noise LOG --json`` printed.
+    """Read the output of ``simval noise LOG --json``.
 
     Parameters
     ----------

@@ -305,7 +305,7 @@ def log_values(
     alignment: Alignment | None,
     recorded: Truth | None,
 ) -> dict[str, Any]:
-    """The log, what filters were told, and the truth, as plain JSON values."""
+    """The log, the filters' settings, and the truth, as plain JSON values."""
     return {
         "format": FORMAT,
         **log_object(log),

@@ -113,7 +113,7 @@ class WithTruth:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evaluation:
-    """All that is measured of one filter over one log.
+    """All measurements of one filter over one log.
 
     Attributes
     ----------

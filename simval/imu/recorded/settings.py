@@ -206,7 +206,7 @@ magnetometer off by as much of its field, are usual without a calibration."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Start:
-    """The first row that a filter is given, and the attitude it is told there."""
+    """First row given to a filter, and its starting attitude there."""
 
     row: int
     attitude: Float[Array, "4"]  # north-west-up to sensor
@@ -217,7 +217,7 @@ class Start:
 def start_of(
     found: Signals, known: NoiseFile | None = None, source: str = "the noise file"
 ) -> Start:
-    """Start at the first rest, by two vectors, and say what a filter is told.
+    """Start at the first rest, by two vectors, with the filter's settings.
 
     Without known noise the log's longest rest is measured.
 

@@ -99,7 +99,7 @@ class EvenLog:
 def evened(
     time: Float[Array, " n"], samples: Float[Array, "n 3"], window: float = WINDOWS[0]
 ) -> EvenLog:
-    """Put a log on an even clock.
+    """Resample a log to an even clock.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ class _Still:
 
 
 def still_parts(even: EvenLog, rests: Intervals) -> tuple[Intervals, list[Cut]]:
-    """Cut what turns off the rests of a log: four or more, which tell it from a bias.
+    """Cut rotating parts off the rests of a log, four or more of them.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ def worst_sd(
 def require_told(
     rows: Float[Array, "r 9"], u: Float[Array, "n 3"], sd: float | None = None
 ) -> TurnObservability:
-    """Require rotations that tell the nine entries of M.
+    """Require rotations that determine the nine entries of M.
 
     Raises
     ------
@@ -453,7 +453,7 @@ def influence(
 
 
 def drift(problem: Problem, found: Solution, noise: NoiseFactors) -> Drift:
-    """Whether a bias or a gain of the gyroscope of one joint fit drifts."""
+    """Test for a drift of the gyroscope's bias or gain in one joint fit."""
     turns, here = problem.turns, found.here
     assert isinstance(turns, InterRest)
     moves, own, white = turns.moves, here.whole[0], here.white[0]

@@ -44,7 +44,7 @@ _COPLANAR: Final = 1e-3  # least singular value of (1, f/g) over the greatest
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rests:
-    """What the rests say of a gyroscope."""
+    """Bias and noise of a gyroscope from its rests."""
 
     rates: Float[Array, "n 3"]  # mean readings, raw units
     times: Float[Array, " n"]  # s
@@ -138,7 +138,7 @@ def choose_sensitivity(
     *,
     asked: bool | None = None,
 ) -> Sensitivity:
-    """Whether forces act on the gyroscope, by the F test; or as it was asked.
+    """Choose to fit a g-sensitivity by the F test, or as the caller asked.
 
     Poses in a regular order and a bias that walks both change slowly: the rests are
     whitened by N and K first, or three of four walks would pass for a sensitivity.
@@ -215,7 +215,7 @@ def _none(reason: str) -> Sensitivity:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImuReadings:
-    """What a recording was reduced to, and what was taken for its noise."""
+    """Reduced readings of a recording, and the noise assumed for them."""
 
     moves: Moves
     poses: Float[Array, "n 3"]  # mean accelerometer readings

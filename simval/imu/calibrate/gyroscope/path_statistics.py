@@ -394,7 +394,7 @@ def _rest_means(
 
 
 def taken(moves: Moves, good: Any) -> Moves:
-    """Some of the trials."""
+    """Select trials."""
     return replace(
         moves,
         statistics=moves.statistics[good],

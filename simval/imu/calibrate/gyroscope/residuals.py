@@ -99,7 +99,7 @@ class InterRest:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """Names of the parameters."""
         return NAMES[: self.size]
 
     @property
@@ -115,7 +115,7 @@ class InterRest:
         return (way / seconds).mean(axis=1)[:, None]
 
     def take(self, trials: Any) -> Self:
-        """Some of the trials."""
+        """Select trials."""
         moves, noise = taken(self.moves, trials), self.noise.take(trials)
         return replace(self, moves=moves, noise=noise)
 

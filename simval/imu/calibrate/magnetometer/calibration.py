@@ -62,7 +62,7 @@ HEMISPHERES = ("unstated", "north", "south")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Options:
-    """What to fit and how; checked when it is made."""
+    """Options of the fit; checked when made."""
 
     g: float  # gravity, m/s^2
     field: float  # strength of the field, in the unit that is wanted

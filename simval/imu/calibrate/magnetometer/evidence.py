@@ -44,7 +44,7 @@ _TAIL = 1e-3  # of the chi-square, beyond which the scatter seen widens the bars
 
 
 class Code(IntEnum):
-    """How a trial ended."""
+    """Status of a trial."""
 
     CONVERGED = 0
     MAX_ITERATIONS = 1

@@ -40,7 +40,7 @@ _DEGREE = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trend:
-    """How the strength of the field varies with time, eq. (M6)."""
+    """Trend of the field's strength with time, eq. (M6)."""
 
     span: float  # greatest less least strength over the poses, relative
     chi_square: float  # what it takes off the total
@@ -66,7 +66,7 @@ def chance_limit(count: int) -> float:
 
 
 def trend(fit: Fitted, time: Float[Array, " n"]) -> Trend:
-    """How the strength of the field of one set varies with time, eq. (M6)."""
+    """Trend of the field's strength with time in one set, eq. (M6)."""
     here, covariance, dof = fit.here, fit.covariance[0], fit.dof
     count = here.white.shape[1]
     whole = np.zeros((len(here.rows[0]), _DEGREE))
@@ -108,7 +108,7 @@ _TILTS, _HEADINGS = 24, 5  # attitudes that stand for evenly spread ones
 
 
 def look(fit: Fitted, time: Float[Array, " n"], iron: float) -> dict[str, Any]:
-    """What was found in one set, its hard iron in strengths of the field."""
+    """Findings of one set, its hard iron in strengths of the field."""
     poses, varies = pose_chi_squares(fit), trend(fit, time)
     steady = not varies.p_value < FALSE_ALARM
     # a pose that is far off bends any curve, and a field that varies puts poses off:

@@ -73,7 +73,7 @@ class MagnetometerFit(Estimate):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the 22 parameters; b of the accelerometer is acc_b beside this b."""
+        """Names of the 22 parameters; the accelerometer's b is named acc_b."""
         first = forms.names(self.model)
         return (*(f"acc_{x}" if x in OWN_NAMES else x for x in first), *OWN_NAMES)
 
@@ -100,7 +100,7 @@ class MagnetometerFit(Estimate):
 
     @property
     def right_handed(self) -> Any:
-        """Whether the magnetometer's axes are right-handed, det M > 0, (...)."""
+        """True where the magnetometer's axes are right-handed, det M > 0, (...)."""
         return np.linalg.det(self.M) > 0.0
 
     def sensor(self) -> MagnetometerModel:
