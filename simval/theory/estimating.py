@@ -119,7 +119,7 @@ class Estimating:
 
     @cached_property
     def information(self) -> Float[Array, "b p p"]:
-        """Information of blocks of rows that share no noise; eq. (E3) inverts it."""
+        """Information of each block of rows; eq. (E3) inverts their sum."""
         parts = zip(
             self._slopes, self._solve([at.J for at in self._slopes]), strict=True
         )
