@@ -104,7 +104,7 @@ def suites_page() -> str:
         definitions(listed),
         "## Scenes",
         definitions(seen),
-        "## Algorithms of its own, measured beside yours",
+        "## Built-in algorithms, compared with yours",
         "[What each of them does](../plugins.md#side-by-side).",
         definitions(own),
     )
