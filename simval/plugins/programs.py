@@ -282,25 +282,26 @@ def answers(
         If there is not exactly one answer of each name.
     """
     program = command.words[0]
-    with run(command, write, seconds, len(names)) as printed:
-        lines = [pair for pair in enumerate(printed, 1) if pair[1].strip()]
     found: dict[Any, dict[str, Any]] = {}
     known = set(names)
-    for number, line in lines:
-        who = f"line {number} of `{program}`:"
-        answer = json_object(who, line)
-        name = answer.pop(key, None)
-        if type(name) is not type(names[0]) or name not in known:
-            some = dict.fromkeys((json.dumps(names[0]), json.dumps(names[-1])))
-            msg = (
-                f"{who} `{key}` is {json.dumps(name)}; each answer must repeat the "
-                f"`{key}` of its trial, {' to '.join(some)}"
-            )
-            raise PluginError(msg)
-        if name in found:
-            msg = f"{who} `{key}` {json.dumps(name)} is answered twice"
-            raise PluginError(msg)
-        found[name] = answer
+    with run(command, write, seconds, len(names)) as printed:
+        for number, line in enumerate(printed, 1):
+            if not line.strip():
+                continue
+            who = f"line {number} of `{program}`:"
+            answer = json_object(who, line)
+            name = answer.pop(key, None)
+            if type(name) is not type(names[0]) or name not in known:
+                some = dict.fromkeys((json.dumps(names[0]), json.dumps(names[-1])))
+                msg = (
+                    f"{who} `{key}` is {json.dumps(name)}; each answer must repeat the "
+                    f"`{key}` of its trial, {' to '.join(some)}"
+                )
+                raise PluginError(msg)
+            if name in found:
+                msg = f"{who} `{key}` {json.dumps(name)} is answered twice"
+                raise PluginError(msg)
+            found[name] = answer
     if left := [json.dumps(name) for name in names if name not in found]:
         more = ", ..." if len(left) > MISSING else ""
         msg = (

@@ -394,7 +394,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
             return np.zeros(2)
         weights = smolyak_hermite(3 * len(self.noise.noisy), degree)[1]
         fixed, chosen = (
-            rotation_error(self.q, normalize(each), "body")
+            rotation_error(normalize(each), self.q)
             for each in self.frames(noise_std, degree)
         )
         mean = weights @ (chosen - fixed)

@@ -12,6 +12,7 @@ import signal
 import sys
 import tempfile
 import time
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -93,6 +94,19 @@ def test_answers_belong_to_their_trials_in_any_order(tmp_path):
         text = "\n\n".join(lines()[k] for k in order)
         found = answered(printing(tmp_path, text))
         assert [each.bias[0] for each in found] == list(range(TRIALS))
+
+
+def test_what_is_printed_is_read_line_by_line(tmp_path):
+    """A program that prints without end is refused at its first line, not held."""
+    text = printing(tmp_path, "working\n" * 2**20)
+    tracemalloc.start()
+    try:
+        with pytest.raises(PluginError, match="line 1 of `sh`"):
+            answered(text)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert most < 2**20  # an eighth of it
 
 
 @pytest.mark.ci
