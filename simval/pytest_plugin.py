@@ -73,10 +73,10 @@ def _judging(kind: str, config: pytest.Config) -> Check:
         from simval.check import check_function, told
         from simval.errors import SimvalError
 
-        words["update_baseline"] = config.getoption(UPDATE)
-        checked = None
+        checked, why = None, config.getoption(UPDATE)
+        own = getattr(plugins, kind)
         try:
-            checked = check_function(function, getattr(plugins, kind), **words)
+            checked = check_function(function, own, **words, update_baseline=why)
             text = told(checked)
         except SimvalError as error:
             text = str(error).replace("--update-baseline", UPDATE)

@@ -13,6 +13,7 @@ from simval.cli.options import (
     AsJson,
     Columns,
     LogPath,
+    Number,
     OutFile,
     Page,
     Rate,
@@ -93,7 +94,7 @@ def command(
     gyro_unit: Annotated[str | None, unit_words("gyro"), dict(metavar="UNIT")] = None,
     time_limit: Annotated[
         float,
-        click.FloatRange(min=0.0, min_open=True),
+        Number(0.0, 86_400.0, min_open=True),
         "Time that each filter may take.",
         dict(metavar="SECONDS"),
     ] = FILTER_SECONDS,

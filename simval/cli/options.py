@@ -98,22 +98,17 @@ class Whole(click.IntRange):
         return int(super().convert(number, param, ctx))
 
 
-class _FalseAlarms(click.FloatRange):
-    """A false-alarm rate: a number from 1e-12 to a half."""
-
-    name = "rate"
-
-    def __init__(self) -> None:
-        super().__init__(1e-12, 0.5)
+class Number(click.FloatRange):
+    """A number within its limits, where NaN is not."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Convert, and refuse NaN."""
-        rate = float(super().convert(value, param, ctx))
-        if not rate >= 1e-12:
-            self.fail(f"{value!r} is not a rate; give a number from 1e-12 to 0.5.")
-        return rate
+        """Convert, and refuse NaN, which click does not compare."""
+        number = float(super().convert(value, param, ctx))
+        if number != number:
+            self.fail(f"{value} is not a number.", param, ctx)
+        return number
 
 
 class _Positive(click.types.FloatParamType):
@@ -221,7 +216,12 @@ Page = Annotated[
     dict(name="--report"),
 ]
 AsJson = Annotated[bool, "Print one JSON object.", dict(name="--json")]
-Alpha = Annotated[float, _FalseAlarms(), "False-alarm rate of all checks together."]
+Alpha = Annotated[
+    float,
+    Number(1e-12, 0.5),
+    "False-alarm rate of all checks together.",
+    dict(metavar="RATE"),
+]
 
 
 def unit_words(sensor: str) -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from simval.cli.options import (
+    Number,
     OutFolder,
     Whole,
     declared,
@@ -61,7 +62,7 @@ def command(
     ] = None,
     wait: Annotated[
         float,
-        click.FloatRange(min=0.0),
+        Number(min=0.0),
         "Time to wait for a worker while the scheduler has none.",
         dict(metavar="SECONDS"),
     ] = 60.0,

@@ -138,7 +138,7 @@ def agreement(c: Curve) -> Agreement:
     sigmas = np.where(sampled, np.maximum(distance - rest, 0.0) / size, 0.0)
     count = len(distance)
     band, sure = simultaneous(count), simultaneous(count, SURE)
-    seen = band * error <= SEEN
+    seen = (band * error <= SEEN) | (sigmas > band)
     allowed = seen & sampled & (sigmas <= band) & (distance > band * error)
 
     def greatest(size: Float[Array, " n"], which: Any) -> Farthest:

@@ -114,6 +114,19 @@ def test_what_cannot_be_used_is_exit_code_2(kind, here, simval):
         assert sorted(here.rglob("*")) == before, line
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(("filter", "log.csv", "--time-limit", t) for t in ("nan", "inf", "1e300")),
+        ("sweep", "smoke", "--wait", "nan"),
+    ],
+)
+def test_a_time_that_is_none_is_refused(words, simval):
+    code, _, err = simval(*words)
+    assert code == 2
+    assert f"Invalid value for '{words[2]}'" in err
+
+
 def refused(*arguments):
     msg = "there is no scheduler"
     raise InputError(msg)

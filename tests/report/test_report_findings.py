@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 import small_runs
 
+from simval.report.curves import Curve
+from simval.report.findings import agreement
 from simval.report.page import sections
 from simval.sweep import load_run
 
@@ -69,7 +71,7 @@ def recomputed(rows):
     sure = error > 0.0
     sigmas[sure] = np.maximum(off - room, 0.0)[sure] / error[sure]
     band = within_all(len(v), 0.95) * error
-    seen = band <= 1.0
+    seen = (band <= 1.0) | (sigmas * error > band)
     left = seen & sure & (sigmas * error <= band) & (off > band)
     near = seen & ~left
 
@@ -122,6 +124,15 @@ def checked(run, rows):
                     assert claim.said in said
                 count += 1
     return count
+
+
+def test_one_value_outside_a_wide_band_does_not_agree_within_nothing():
+    x, error, value = np.ones(1), np.ones(1), np.full(1, 4.0)
+    found = agreement(Curve(label="", x=x, value=value, error=error, prediction=x))
+    said = found.said("The bias")
+    assert said == (
+        "The bias agrees with theory within 300 % (3.0 standard errors): one value."
+    )
 
 
 def scattered(cell, rng):
