@@ -511,7 +511,7 @@ class Local:
         """
         V = _own_added(self.L, self.own)
         K = -self.covariance()[0] @ np.swapaxes(self.slopes, -1, -2) @ self.white
-        raw = _solved(self.white, self.rows)
+        raw = solved(self.white, self.rows)
         root = np.matvec(_inverse_root(V), raw)
         by_noise = K @ self.L.reshape(*self.L.shape[:2], -1)
         return K @ V @ np.swapaxes(K, -1, -2), by_noise, np.vecdot(root, root)
@@ -529,7 +529,7 @@ class Local:
         diagonal = np.einsum("tii->ti", normal)
         diagonal *= 1.0 + damping[:, None]
         gradient = np.vecmat(rows, self.slopes) / size
-        return -_solved(normal, gradient) / size
+        return -solved(normal, gradient) / size
 
     def _scaled(self) -> tuple[Float[Array, "t p p"], Float[Array, "t p"]]:
         # the information with columns of equal length, and these
@@ -574,17 +574,17 @@ def _inverse_root(matrices: Float[Array, "t r r"]) -> Float[Array, "t r r"]:
         return np.concatenate([_inverse_root(each[None]) for each in matrices])
 
 
-def _solved(
+def solved(
     matrices: Float[Array, "t p p"], right: Float[Array, "t p"]
 ) -> Float[Array, "t p"]:
-    # NaN where a matrix is singular
+    """Solutions of linear equations, NaN where a matrix is singular."""
     try:
         return np.linalg.solve(matrices, right[..., None])[..., 0]
     except np.linalg.LinAlgError:
         if len(matrices) == 1:
             return np.full(right.shape, np.nan)
         pairs = zip(matrices, right, strict=True)
-        return np.concatenate([_solved(N[None], g[None]) for N, g in pairs])
+        return np.concatenate([solved(N[None], g[None]) for N, g in pairs])
 
 
 def residuals(problem: Problem, here: Local) -> Residuals:

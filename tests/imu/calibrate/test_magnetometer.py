@@ -32,6 +32,7 @@ from simval.imu.calibrate import (
     ellipsoid_then_rotation,
 )
 from simval.imu.sensor import MagnetometerModel
+from simval.poses import fibonacci_sphere
 
 NOISE = {"accelerometer_std": BODY_STD, "magnetometer_std": IRON_STD}
 FORTY = random_set(40, 5)
@@ -47,6 +48,7 @@ def test_the_model_and_what_is_none():
     assert MagnetometerModel(M=1e-40 * np.eye(3), b=np.zeros(3)).right_handed
     for change, words in (
         ({"M": np.zeros((3, 3))}, "singular"),
+        ({"M": 1e-100 * np.eye(3)}, "has size 1.0e-100"),
         ({"M": np.ones((3, 3))}, "singular"),
         ({"b": np.zeros((4, 3))}, "shape"),
     ):
@@ -333,6 +335,10 @@ OPEN = {
     "still": ((BODY40, 0.0 * IRON40), "reads the same in all 40 poses"),
     "copied": (dead(1, 1, IRON40[:, 0]), "magnetometer lie in a plane"),
     "one sensor": ((BODY40, BODY40), "vertical"),
+    "one sensor, eight poses": (
+        (G * fibonacci_sphere(8),) * 2,
+        "8 poses leave some of the 22 parameters open",
+    ),
     "another sensor": ((IRON40, IRON40), "vertical"),
     "swapped": ((IRON40, BODY40), "check units, the order.*sensors are not swapped"),
     "rolled": ((BODY40, np.roll(IRON40, 1, axis=0)), "check units, the order of"),

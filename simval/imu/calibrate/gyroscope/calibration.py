@@ -178,7 +178,7 @@ def calibrate_gyroscope(
     -----
     IMU-TK's calibration is ``estimator="unweighted", bias="first rest"`` on moves of
     ``scheme="linear"``. The covariance is that of the stated noise, for each estimator
-    its own (`simval.imu.calibrate.gyroscope.fit`); where the residuals of one log do
+    its own (`simval.imu.calibrate.equations`); where the residuals of one log do
     not bear that, a joint fit takes what they show (`simval.imu.calibrate.factors`).
     """
     instance("moves", moves, Moves)

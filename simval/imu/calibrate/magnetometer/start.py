@@ -40,7 +40,13 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import GeometryError, InputError
 from simval.imu.calibrate.accelerometer import pose_means
-from simval.imu.calibrate.equations import Prior, Problem, Solution, minimize
+from simval.imu.calibrate.equations import (
+    Prior,
+    Problem,
+    Solution,
+    minimize,
+    solved,
+)
 from simval.imu.calibrate.magnetometer.result import (
     ACCELEROMETER,
     DIP,
@@ -169,7 +175,8 @@ def refined(
         rows = np.concatenate([rows, np.ones((*rows.shape[:-1], 1))], axis=-1)
         off = np.vecdot(up, turned) + sine[:, None]
         normal = np.swapaxes(rows, -1, -2) @ rows
-        step = -np.linalg.solve(normal, np.vecmat(off, rows)[..., None])[..., 0]
+        step = -solved(normal, np.vecmat(off, rows))
+        step = np.where(np.isnan(step), 0.0, step)  # singular: vectors are parallel
         turn, sine = _rotation(step[:, :3]) @ turn, sine + step[:, 3]
     return turn, sine
 
