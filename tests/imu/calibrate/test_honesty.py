@@ -121,6 +121,23 @@ def test_residuals_without_several_items_are_those_of_a_new_fit():
     np.testing.assert_allclose(Deletion.of(J, r, items).leverage(), share)
 
 
+@pytest.mark.parametrize(("size", "most"), [(1, 6), (2, 3)])
+def test_an_outlier_is_called_from_the_level_that_is_stated(size, most):
+    """One item of otherwise clean rows, its chance just below (O1) and just above."""
+    rng = np.random.default_rng(12)
+    J, r = rng.standard_normal((30, 5)), rng.standard_normal(30)
+    items = None if size == 1 else rng.standard_normal((8, 30, size))
+    U = np.eye(30)[:, [3]] if items is None else items[3]
+    told = Deletion.of(J, r, items)
+    clean, own = told.without([3])[0], U[:, 0] - J @ np.linalg.lstsq(J, U[:, 0])[0]
+    for share, named in ((0.95, [3]), (1.05, [])):
+        level = share * FALSE_ALARM / most / told.count
+        F = stats.f.isf(level, size, 25 - size)  # by the scatter of the others
+        drop = F * size * (clean @ clean) / (25 - size)
+        moved = clean + np.sqrt(drop / (own @ own)) * own
+        assert Deletion.of(J, moved, items).outliers(None) == named
+
+
 def test_the_least_determined_combination_is_named():
     rng = np.random.default_rng(4)
     J = rng.standard_normal((30, 5)) * [1.0, 1e6, 1e-6, 3.0, 2.0]
