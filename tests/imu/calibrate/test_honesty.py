@@ -138,6 +138,24 @@ def test_an_outlier_is_called_from_the_level_that_is_stated(size, most):
         assert Deletion.of(J, moved, items).outliers(None) == named
 
 
+def test_chances_are_those_of_chi_squares():
+    """Of one sensor, and of three whose rows together are the least likely."""
+    rng = np.random.default_rng(6)
+    rows = linear(rng)
+    one = replace(
+        rows, sources=(replace(rows.sources[0], covariance=4.0 * np.eye(40)),)
+    )
+    squares = Deletion.of(one.J, one.r / 2.0).squares([])
+    expected = stats.chi2.sf(squares, 32)
+    assert Left(one).sensors()[0].p_value == pytest.approx(expected)
+    assert Left(one).p_value() == pytest.approx(2.0 * expected)
+    more = Left(replace(rows, r=2.0 * rows.r))
+    told = more.sensors()
+    whole = stats.chi2.sf(sum(each.chi_square for each in told), 32)
+    assert whole < min(each.p_value for each in told)
+    assert more.p_value() == pytest.approx(4.0 * whole)
+
+
 def test_the_least_determined_combination_is_named():
     rng = np.random.default_rng(4)
     J = rng.standard_normal((30, 5)) * [1.0, 1e6, 1e-6, 3.0, 2.0]
