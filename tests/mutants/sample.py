@@ -41,7 +41,7 @@ Change = tuple[str, str, str]  # function, the line as it was, the line as it is
 
 def packages() -> dict[str, str]:
     """Name of each package that is mutated, and the pattern of its files."""
-    return {p.split("/")[1].removesuffix(".py"): p for p in config().only_mutate}
+    return {Path(p.removesuffix("/*")).stem: p for p in config().only_mutate}
 
 
 def generated(pattern: str) -> dict[str, Path]:
