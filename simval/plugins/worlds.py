@@ -391,7 +391,7 @@ def find_world(filter: Filter, told: Told, rate: float = 100.0) -> FoundWorld:
 def _misdeclared(
     trial: Trial, filter: Filter, off: Stray, any_north: bool
 ) -> PluginError:
-    """Say which declaration fits a filter that strays, or what was tried."""
+    """Name the declaration that fits a filter that strays, or list what was tried."""
     tried = trial.all_of(alternatives(filter))
     fits = [each for each in tried if each.judged <= STAYS]
     if not fits and off.error is not None:

@@ -289,7 +289,7 @@ def _signals(log: Log, result: LogCalibration) -> Drawing:
     }
     return Drawing(
         name="signals",
-        asked="Which stretches were taken for poses?",
+        asked="Which intervals were used as poses?",
         finding=(
             f"{len(spans)} static intervals, the shortest "
             f"{min(b - a for a, b in spans):.2g} s; the initial rest is "

@@ -122,8 +122,8 @@ def moves_table(moves: Sequence[Move], figures: Mapping[str, str]) -> Table:
         moves,
         fields,
         name="moves",
-        caption="What moved, largest first; standard errors, before and after are "
-        "those of the value that moved most",
+        caption="Changes, largest first; standard errors, before and after are those "
+        "of the value that changed most",
         shown=SHOWN,
     )
 
@@ -276,7 +276,7 @@ def differences_table(comparison: RunComparison) -> Table:
         comparison.differences,
         fields,
         name="differences",
-        caption="Every common statistic: changed ones first, by how far they moved",
+        caption="Every common statistic: changed ones first, by the size of the change",
         shown=SHOWN,
         fold=f"Every common statistic: {count:,}" if count else "",
     )

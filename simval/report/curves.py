@@ -401,7 +401,7 @@ def ratio(c: Curve) -> Curve:
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is not drawn
 def seen(c: Curve, z: float) -> Curve:
-    """The points of a ratio whose bands tell it from 0 and from 2."""
+    """The points of a ratio whose bands exclude 0 and 2."""
     return kept(c, np.less_equal(z * c.error, SEEN) & near(c.value))
 
 

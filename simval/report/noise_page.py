@@ -236,7 +236,7 @@ def _cells(each: Coefficient, unit: Unit) -> tuple[object, ...]:
 def _statements(sensors: Sequence[SensorNoise]) -> Table:
     return Table(
         name="statements",
-        caption="What a reader of the coefficients must know",
+        caption="Notes on the coefficients",
         columns=(Column("sensor"), Column("axis", "code"), Column("said")),
         rows=[
             (sensor.title, letter, words)

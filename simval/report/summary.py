@@ -120,11 +120,11 @@ ANY = (
     REST_FORCE,
     APART,
 )
-"""What a study without words of its own is told by: the first that it has."""
+"""Statistics that represent a study without a headline: the first that it has."""
 
 
 def any_reading(cell: CellResult) -> Reading | None:
-    """What a study without words of its own is told by."""
+    """Reading of a cell whose study has no headline."""
     row = headline_row(cell)
     return None if row is None else Reading(_told(row), _distance(row), row.n)
 

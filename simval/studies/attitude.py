@@ -386,8 +386,8 @@ FIGURES = (
         name="unit-length",
         caption=(
             "Unit length: tr C + |m|² = 2 q'm for bias m and covariance C. Relative "
-            "defect: rounding for samples and the exact answer, what it leaves out for "
-            "a truncated formula"
+            "defect: rounding for samples and the exact answer, the remainder for a "
+            "truncated formula"
         ),
         rows=[stat.UNIT_LENGTH],
         keys={},

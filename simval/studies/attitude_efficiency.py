@@ -183,7 +183,7 @@ KINDS = {stat.RMS_RATIO: "theory", stat.SIMULATED_RMS_RATIO: "simulated"}
 FIGURES = (
     Distribution(
         name="estimators",
-        asked="What does an estimator cost that is not optimal?",
+        asked="What does a suboptimal estimator cost?",
         says="RMS error over the q-method's, in the median: {each}.",
         about=[stat.SIMULATED_RMS_RATIO(name, "median") for name in ESTIMATORS],
         named=entry(0),

@@ -133,7 +133,7 @@ def _moment(row: Row) -> str:
 _COVARIANCE = Figure(
     name="orders",
     asked="How fast does each formula become exact?",
-    says="What is left out has the slope {each}.",
+    says="The error of each formula has the slope {each}.",
     about=[stat.COVARIANCE_ORDER, stat.BIAS_ORDER],
     rows=[stat.COVARIANCE_ERROR],
     along=along_entry,

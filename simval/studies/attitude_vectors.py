@@ -445,7 +445,7 @@ FIGURES = (
         ratio=False,
         caption=(
             "RMS error over the Cramér-Rao bound against how unequal the noise is: "
-            "the first vector's is fixed, the others have so many times as much."
+            "the first vector's is fixed, the others are the given multiple of it."
         ),
     ),
     Listing(
@@ -459,10 +459,10 @@ FIGURES = (
     Listing(
         name="vectors-test",
         caption=(
-            "Chi-square test of the loss: share of good samples that it refuses, and "
-            "of samples with a second vector turned by the shift that it finds"
+            "Chi-square test of the loss: share of good samples that it rejects, and "
+            "of samples with a displaced second vector that it detects"
         ),
-        claim="Chi-square test of the loss: the share that it refuses",
+        claim="Chi-square test of the loss: the share that it rejects",
         rows=[stat.INCONSISTENT_RATE],
         keys={},
         column=entry(0),

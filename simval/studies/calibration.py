@@ -470,7 +470,7 @@ FIGURES = (
     ),
     Listing(
         name="calibration-recovery",
-        caption="Without noise: relative error of what was recovered, and its limit",
+        caption="Without noise: relative error of the parameters, and its limit",
         rows=[stat.RECOVERY],
         keys={"of": entries},
         predicted=True,

@@ -55,7 +55,7 @@ from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, ref
 from simval.studies.trials import mean_of
 from simval.units import COUNT, PERCENT
 
-TITLE = "Static detector: scored against what the simulation knows to be at rest"
+TITLE = "Static detector: scored against the true rests of the simulation"
 SECTION = "statics"
 
 UNJUDGED = 128
@@ -354,7 +354,7 @@ def _intervals(content: Mapping[str, Array]) -> str:
 FIGURES = (
     Trace(
         name="static",
-        asked="What does the detector find to be at rest?",
+        asked="Which intervals does the detector take for rest?",
         file=artifact_of,
         along="time",
         axis="time, s",
@@ -386,7 +386,7 @@ FIGURES = (
     ),
     Figure(
         name="detector",
-        asked="Are the intervals pure, and is what is calibrated from them true?",
+        asked="Are the intervals pure, and calibrations from them right?",
         what="The squared error from pure intervals",
         claimed=[stat.NEES("pure")],
         rows=(

@@ -673,8 +673,7 @@ _OVER_TIME = Figure(
     columns=2,
     caption=(
         "Attitude error over time, root mean square of the trials. Dotted: the "
-        "posterior Cramér-Rao bound, which no filter is below that knows of the "
-        "sensors what they are."
+        "posterior Cramér-Rao bound, the least error of any filter with true settings."
     ),
 )
 FIGURES = (
@@ -694,14 +693,14 @@ FIGURES = (
         level=1.0,
         log_y=False,
         caption=(
-            "RMS error over the posterior Cramér-Rao bound. Dotted: what theory says "
-            "of the reference filter."
+            "RMS error over the posterior Cramér-Rao bound. Dotted: theory of the "
+            "reference filter."
         ),
     ),
     replace(
         _OVER_TIME,
         name="filter-nees",
-        asked="Is what a filter states of its errors true?",
+        asked="Is the covariance that a filter states true?",
         says="Normalised squared error, 3 if its covariance is true: {each}.",
         about=[stat.NEES()],
         rows=[stat.NEES_AT],
@@ -717,22 +716,23 @@ FIGURES = (
     replace(
         _OVER_TIME,
         name="filter-budget",
-        fold="What each source adds to the predicted error of the reference filter",
+        fold="Contribution of each source to the error of the reference filter",
         says="",
         rows=[stat.BUDGET_AT],
         lines=entry(0),
         floor=None,
         value="part of the RMS error",
         caption=(
-            "What each source adds to the predicted attitude error of the reference "
-            "filter over time. The squares of the parts add up to that of the whole."
+            "Contribution of each source to the predicted attitude error of the "
+            "reference filter over time. The squares of the parts add up to that of "
+            "the whole."
         ),
     ),
     Listing(
         name="filter-scenarios",
         caption=(
-            "Each filter in each scenario: its error, then the squares of errors (of "
-            "3) and of innovations by what it states of them, and when it settles"
+            "Each filter in each scenario: its error, the normalised squares of errors "
+            "(3 is right) and of innovations, and the time to settle"
         ),
         parameters=("algorithm", "scenario"),
         rows=[

@@ -20,7 +20,7 @@ from simval.streams import Streams
 from simval.studies.calibration import true_sensor
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 
-TITLE = "Solvers: how each method of the calibration comes to the same answer"
+TITLE = "Solvers: do all methods of the calibration reach the same answer?"
 SECTION = "convergence"
 
 G = 9.80665  # m/s^2, standard gravity
@@ -77,11 +77,11 @@ def artifact_of(named: Mapping[str, Any]) -> str:
 FIGURES = (
     Trace(
         name="convergence",
-        asked="How fast does each solver come to the answer?",
+        asked="How fast does each solver converge?",
         file=artifact_of,
         axis="iteration",
         strips=[Strip(value="distance to the solution")],
-        says="Steps to the answer: {each}.",
+        says="Steps to convergence: {each}.",
         about=[stat.STEPS],
         caption=(
             "Each point is one iteration. A straight line means linear convergence, a "

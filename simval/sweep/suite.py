@@ -49,7 +49,7 @@ WHOLE = BeforeValidator(as_whole)
 MOST_CELLS: Final = 200_000
 """All cells of a run are held in memory, with some 80 rows of 0.3 kB each."""
 MOST_FAULTS = 20
-"""Of a file that are told one by one; who sees so many reads no more."""
+"""Errors of a file that are listed, at most."""
 Seed = Annotated[int, Field(ge=0, lt=2**63), WHOLE]
 
 

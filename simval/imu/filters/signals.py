@@ -31,7 +31,7 @@ class FilterInput:
     gyroscope: Float[Array, "n T 3"]  # average over the step, rad/s
     accelerometer: Float[Array, "n T 3"]  # specific force at its end, m/s^2
     magnetometer: Float[Array, "n T 3"]  # field at its end, T
-    start: Float[Array, "n 4"]  # attitude that is told, before the first step
+    start: Float[Array, "n 4"]  # attitude given to the filter, before the first step
     told: Told
 
 

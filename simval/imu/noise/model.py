@@ -76,7 +76,7 @@ class AxisNoise:
     step : float
         Step of the converter, raw units; 0 where none is seen.
     statements : tuple of str
-        What a reader of the coefficients must know.
+        Notes on the coefficients.
     """
 
     rate_hz: float
