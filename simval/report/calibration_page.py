@@ -171,7 +171,7 @@ def _how_good(whole: ImuCalibration, bound: Float[Array, "9"]) -> Reply:
     ]
     ratio = np.max(fit.sd / bound) if known and np.all(bound > 0.0) else np.nan
     if np.isfinite(ratio):
-        alone = ", without the moves," if fit_of(whole) else ""
+        alone = ", without the rotations," if fit_of(whole) else ""
         lines.append(
             f"No error bar is more than {ratio:.2f} times the least that these poses "
             f"and their noise{alone} allow (Cramér-Rao)."
@@ -462,7 +462,7 @@ def magnetometer_chapter(whole: ImuCalibration) -> Section | None:
         panels=[panel],
         columns=1,
     )
-    alone = "" if whole.together is None else " of its poses, without the moves,"
+    alone = "" if whole.together is None else " of its poses, without rotations,"
     caption = (
         "Field = M (reading - b), in the accelerometer's axes, of a field of "
         f"{fit.field:g}; chi-square per degree of freedom{alone} "

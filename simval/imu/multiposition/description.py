@@ -243,7 +243,7 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
         f"drift             {drift_words(diagnosis.drift)}",
         f"least determined  {diagnosis.least_determined.sentence}",
         f"bound             least sd that {bounding} would allow with these "
-        f"poses{', without the moves' * bool(joint)} (Cramer-Rao)",
+        f"poses{', without rotations' * bool(joint)} (Cramer-Rao)",
         f"gravity           {fit.g:g} m/s^2 was assumed; a g wrong by 0.1 % makes "
         "every K wrong by 0.1 %, and leaves T and B",
     ]
@@ -276,9 +276,9 @@ def _noise_line(noise: Any) -> str:
 def fit_of(whole: Any) -> str:
     """The fit that the accelerometer's numbers are from, if not its own."""
     if whole.together is not None:
-        return "one fit of all three sensors, in which the moves help the others"
+        return "one fit of all three sensors, in which the rotations help the others"
     if whole.gyroscope is not None:
-        return "fit together with the gyroscope, whose moves help it"
+        return "fit together with the gyroscope, whose rotations help it"
     return ""
 
 
