@@ -46,7 +46,9 @@ INNER = beartype(
 def face(room):
     """The names in the `__all__` of a package's or a module's own text."""
     for statement in ast.parse(room.read_text()).body:
-        if isinstance(statement, ast.Assign) and statement.targets[0].id == "__all__":
+        if isinstance(statement, ast.Assign) and "__all__" in map(
+            ast.unparse, statement.targets
+        ):
             return set(ast.literal_eval(statement.value))
     return set()
 
