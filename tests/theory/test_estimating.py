@@ -100,6 +100,9 @@ def test_moments_are_those_of_the_solved_equations(weights):
     bias = 0.5 * np.sum(ends[0] + ends[1] - 2.0 * TRUTH, axis=0)
     np.testing.assert_allclose(bias / sd, theory.bias / sd, atol=1e-6)
     assert np.max(np.abs(theory.bias / sd)) > 1e-4
+    # of draws of one noise each, the second order of the draws adds up to the bias
+    each = theory.second(np.eye(3 * RESTS))
+    np.testing.assert_allclose(each.sum(axis=0) / sd, theory.bias / sd, atol=1e-10)
 
 
 def test_a_sensor_of_its_own_gets_its_plan():

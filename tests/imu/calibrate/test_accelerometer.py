@@ -368,6 +368,13 @@ def test_nine_poses_have_no_type_a_interval():
     assert np.isnan(known.chi2_per_dof)
 
 
+def test_ten_poses_give_error_bars_of_one_degree_of_freedom():
+    fit = calibrate(noisy(1, 10, 0.01, seed=2)[0], G)
+    assert (fit.covariance_kind, fit.dof) == ("type A", 1)
+    half = np.diff(fit.intervals, axis=1)[:, 0] / 2.0
+    np.testing.assert_allclose(half / fit.sd, 12.7062, rtol=1e-5)  # Student's t of 1
+
+
 @pytest.mark.parametrize("model", MODELS)
 def test_a_fit_in_another_form_is_that_of_the_form(model):
     """Parameters and covariance: first order is invariant."""
