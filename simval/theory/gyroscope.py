@@ -298,8 +298,8 @@ def _require_noise(path: MovePath, count: int, walk: float, *levels: Array) -> N
     least = min(float(each.min()) for each in levels)
     if len(path.turns) != count - 1 or not (walk > 0.0 and least > 0.0):
         msg = (
-            f"`path` has {len(path.turns)} moves for {count} rests, and the noise is "
-            f"{walk:g} of the moves and {least:g} at the least; there must be a move "
+            f"`path` has {len(path.turns)} rotations for {count} rests, and the noise "
+            f"is {walk:g} of the rotations and {least:g} at the least; give a rotation "
             "between any two rests, and noise above 0"
         )
         raise InputError(msg)

@@ -5,9 +5,9 @@ one sensor, its source, of covariance :math:`V_s`; they are whitened by
 :math:`V = \sum_s V_s`. With Q an orthonormal basis of the columns of J,
 :math:`P = I - QQ^T` takes away what the parameters explain.
 
-**Rank, and the worst combination.** Of J with columns of unit length the parameters are
-in units of the error bars that each would have if all others were known; its least
-singular value s belongs to the combination that is least determined, 1/s times as wide.
+**Rank, and the least determined combination.** Of J with columns of unit length the
+parameters are in units of the error bars that each would have if all others were known;
+its least singular value s belongs to that combination, 1/s times as wide.
 
 **Chi-square by sensor.** :math:`r^T P V_s P r` has the mean :math:`\mathrm{tr}\,P V_s`
 and the variance :math:`2\,\mathrm{tr}\,P V_s P V_s`. Over the sensors these add up to
@@ -54,9 +54,8 @@ BELIEVED: Final = 0.01
 BEYOND: Final = 1e-3
 """Of a chi-square, below which residuals are beyond the stated noise."""
 NO_ROOM: Final = 1e-9  # an item that the parameters follow leaves no residual
-LEFT: Final = (
-    2  # degrees of freedom that outliers must leave: with one, any item will do
-)
+LEFT: Final = 2
+"""Degrees of freedom that outliers must leave: with one, any item will do."""
 _MOST = 8  # outliers sought; (O1) holds for any choice
 _ALL_TRIPLES = 64  # items; 42 000 triples, some 10 ms
 # Share of the items that may be outliers, three at least. Measured at 24 poses, four of
@@ -66,7 +65,7 @@ _SHARE = 5
 _NAMED = 0.3  # of the greatest part of a combination: what is named of it
 _MOST_NAMED = 4
 _RANK = 1e-7  # of the greatest singular value
-_TOLD: Final = 1e-2  # degrees of freedom of a source below which nothing is told of it
+_LEAST_FREEDOM: Final = 1e-2  # of a source; below it its chi-square says nothing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -374,7 +373,7 @@ class SensorResiduals(ReadOnly):
     dof : float
         The mean of that, if the noise is as stated.
     p_value : float
-        Chance of as much; NaN where nothing is told.
+        Chance of as much; NaN where too few degrees of freedom are left.
     leverage : Array
         Share of each rest or move in its own fit, 0 to 1, (n,).
     deviations : Array
@@ -452,7 +451,9 @@ class Left:
         self.y = self.Z.T @ (self.white @ rows.r)
         self.V = [self.Z.T @ part @ self.Z for part in self.parts]
         self.stated = self.moments(np.ones(count))
-        self.free = [s for s, mean in enumerate(self.stated[:, 1]) if mean > _TOLD]
+        self.free = [
+            s for s, mean in enumerate(self.stated[:, 1]) if mean > _LEAST_FREEDOM
+        ]
 
     def moments(self, factor: Float[Array, " s"]) -> Float[Array, "s 3"]:
         """Of each source: its part of chi-square at these, mean, and variance."""
