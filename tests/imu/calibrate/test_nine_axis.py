@@ -228,7 +228,7 @@ ONE_AXIS = {
     [
         ({"dip": 1.5705}, InputError, "`dip`"),
         ({"field_std": 0.0}, InputError, "noise above 0"),
-        ({"attitudes": np.eye(4)}, InputError, "a move between any two rests"),
+        ({"attitudes": np.eye(4)}, InputError, "a rotation between any two rests"),
         ({"magnetometer": None}, InputError, "`magnetometer`"),
         ({"angle_random_walk": -1.0}, InputError, "`angle_random_walk`"),
         (ONE_AXIS, GeometryError, "of the 34 parameters open"),
