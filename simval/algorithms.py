@@ -11,7 +11,13 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.geometry import attitude_matrix, cross_matrix, normalize
-from simval.imu.attitude import two_vector_quaternion, wahba_quaternion
+from simval.imu.attitude import (
+    case_quaternion,
+    estimate_attitude,
+    sequential_quaternion,
+    two_vector_quaternion,
+    wahba_quaternion,
+)
 from simval.imu.attitude.comparators import triad as triad_quaternion
 from simval.imu.calibrate import calibrate
 from simval.imu.filters import Mekf
@@ -75,6 +81,24 @@ combined = _own(
     name="combined",
     estimate=partial(two_vector_quaternion, frame="combined"),
     kind="combined",
+)
+sequential = _own(
+    name="sequential",
+    estimate=lambda b1, b2, r1, r2: sequential_quaternion(b1, b2, r1, r2).q,
+)
+table_1 = _own(name="table-1", estimate=case_quaternion)
+plain = _own(
+    name="plain",
+    estimate=lambda b1, b2, r1, r2: estimate_attitude(b1, b2, r1, r2, "plain").q,
+    fails_at=(
+        "identity",
+        "reference as body",
+        "small angles",
+        "half turns about r1",
+        "half turns about r2",
+        "yaw only",
+        "axis in the plane",
+    ),
 )
 
 

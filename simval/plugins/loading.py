@@ -82,7 +82,8 @@ def _nodes(content: bytes) -> list[ast.AST]:
 GROUP: Final = "simval.plugins"
 PREFIX: Final = "simval:"
 
-_ESTIMATORS = ("wahba", "weighted-wahba", "triad", "closed-form", "combined")
+_CLOSED_FORMS = ("closed-form", "combined", "sequential", "table-1", "plain")
+_ESTIMATORS = ("wahba", "weighted-wahba", "triad", *_CLOSED_FORMS)
 _CALIBRATORS = ("squared", "norm", "weighted", "sampson", "adjusted")
 _FILTERS = ("mekf",)
 

@@ -96,7 +96,8 @@ def test_a_sound_estimator_is_right_to_rounding(plugin, most):
 @pytest.mark.ci
 @pytest.mark.parametrize("name", [n for n in BUILTIN if n != "simval:mekf"])
 def test_the_packages_own_pass(name):
-    kind = Estimator if re.search("wahba|triad|form|combined", name) else Calibrator
+    own = "wahba|triad|form|combined|sequential|table|plain"
+    kind = Estimator if re.search(own, name) else Calibrator
     probe = probe_estimator if kind is Estimator else probe_calibrator
     assert probe(find_plugin(name, kind)) <= 1e-9
 

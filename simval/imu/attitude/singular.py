@@ -37,7 +37,7 @@ from simval.arrays import Array, real_number
 from simval.errors import InputError
 from simval.geometry import normalize
 from simval.imu.attitude import kernel
-from simval.imu.attitude.estimator import Mask, valid_batch
+from simval.imu.attitude.estimator import MIN_NORM, Mask, valid_batch
 from simval.shapes import Bool, Float, Int
 from simval.text import shown
 
@@ -123,6 +123,47 @@ def singular_solution(
     q[case[:, 0] == Case.A] = [0.0, 0.0, 0.0, 1.0]
     q[case[:, 0] == Case.REGULAR] = np.nan
     return SingularSolution(q=q.reshape(*shape, 4), case=case.reshape(shape))
+
+
+def case_quaternion(
+    b1: Any, b2: Any, r1: Any, r2: Any, tolerance: float = MIN_NORM
+) -> Float[Array, "... 4"]:
+    r"""Attitude by the source's Table 1: direct where singular, else the plain formula.
+
+    Parameters
+    ----------
+    b1, b2 : array_like
+        Body vectors, (..., 3).
+    r1, r2 : array_like
+        Reference vectors, (..., 3).
+    tolerance : float, default 1e-8
+        Border of the singular cases, as in `singular_solution`: by default where what
+        the direct solution leaves out is as large as the rounding of the plain formula.
+
+    Returns
+    -------
+    Array
+        Unit quaternions, reference to body, vector first, (..., 4); the scalar is not
+        negative.
+
+    Raises
+    ------
+    InputError, GeometryError
+        As `two_vector_quaternion`; also if the tolerance is not in (0, 1).
+
+    Notes
+    -----
+    Not continuous: at the border the direct solution lacks the turn about
+    :math:`r_1 \times r_2`, whose half angle has the sine tolerance over the scalar of
+    the singular attitude. With noise it is no more accurate than the plain formula is
+    just beyond the border (study `attitude_singular`).
+    """
+    direct = singular_solution(b1, b2, r1, r2, tolerance)
+    vectors, shape = valid_batch(b1, b2, r1, r2)
+    raw = kernel.raw_quaternion(np.stack([v.T for v in vectors]), "plain")
+    length = np.sqrt(kernel.squared_norm(raw))
+    plain = (raw / np.copysign(np.where(length > 0.0, length, 1.0), raw[3])).T
+    return np.where(direct.valid[..., None], direct.q, plain.reshape(*shape, 4))
 
 
 def _require_tolerance(value: Any) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from rounding import EPS
+from scipy.spatial.transform import Rotation
 from strategies_attitude import Problem, problems
 
 from simval.errors import InputError
@@ -12,6 +13,7 @@ from simval.imu.attitude import estimate_attitude, two_vector_quaternion
 from simval.imu.attitude.kernel import FRAMES, raw_quaternion
 from simval.imu.attitude.singular import (
     Case,
+    case_quaternion,
     sequential_quaternion,
     singular_solution,
     turn_is_singular,
@@ -160,3 +162,36 @@ def test_rounding_level_noise_on_singular_attitudes():
             q = two_vector_quaternion(*noisy, frame)
             # error sigma * sqrt(12)/|qbar| per sample, 6 sigma, and rounding
             assert np.max(attitude_error(q, IDENTITY.q)) < 42 * sigma + 20 * EPS
+
+
+def test_the_table_is_the_smallest_turn_of_the_normals_within_its_border():
+    """SciPy's smallest rotation between two vectors; beyond the border, eq. (8)."""
+    rng = np.random.default_rng(7)
+    r = normalize(rng.standard_normal((2, 3)))
+    axis, n = normalize(r[0] + 0.4 * r[1]), np.cross(*r)
+    q = np.append(np.sin(0.5) * axis, np.cos(0.5))
+    vectors = np.stack([*(r @ attitude_matrix(q).T), *r])[:, None]
+    vectors = vectors + 0.01 * rng.standard_normal((4, 200, 3))
+    b1, b2, r1, r2 = vectors
+    qbar = np.concatenate(
+        [np.cross(b1 - r1, b2 - r2), np.vecdot(b1 + r1, b2 - r2)[:, None]], axis=1
+    )
+    far = np.linalg.norm(qbar / 4, axis=1) / np.linalg.norm(n)
+    inside = case_quaternion(*vectors, 0.2)
+    turns = [
+        Rotation.align_vectors(r3[None], b3[None])[0].as_quat()
+        for b3, r3 in zip(np.cross(b1, b2), np.cross(r1, r2), strict=True)
+    ]
+    assert far.max() < 0.15  # of vectors as they are; normalised ones differ by 5 %
+    # one vector leaves SciPy a turn about it, which it sets to zero: 1e-8 by its root
+    assert np.max(attitude_error(inside, np.array(turns))) < 1e-7
+    outside = case_quaternion(*vectors, 1e-9)
+    assert np.max(attitude_error(outside, normalize(qbar))) < 50 * EPS / far.min()
+    assert np.all(np.stack([inside, outside])[..., 3] >= 0.0)
+    # both are covariant: no axis of the frames is special, as it is to half turns
+    C = Rotation.from_rotvec([0.3, -2.0, 1.0])
+    turned = vectors @ C.as_matrix().T
+    for border, answer in ((0.2, inside), (1e-9, outside)):
+        found = case_quaternion(*turned, border)
+        known = np.concatenate([C.apply(answer[:, :3]), answer[:, 3:]], axis=1)
+        assert np.max(attitude_error(found, known)) < 200 * EPS / far.min()
