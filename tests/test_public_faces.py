@@ -263,6 +263,14 @@ FACES = {
         {"b": VECTORS[:2], "r": VECTORS[2:], "weights": [1.0, 2.0]},
         {"b": "batch", "r": "batch", "weights": "array"},
     ),
+    "wahba_estimate": (
+        attitude.wahba_estimate,
+        {
+            "b": VECTORS[:2], "r": VECTORS[2:], "weights": [1.0, 2.0],
+            "noise_std": 0.1, "false_alarm": 0.01,
+        },
+        {"weights": "array", "noise_std": "positive", "false_alarm": "positive"},
+    ),
     "consistency": (
         attitude.consistency,
         {"b": VECTORS[:2], "r": VECTORS[2:], "noise_std": 0.1},
@@ -445,6 +453,8 @@ ALLOWED = {
     ("estimate_attitude", "weights", "None"),
     ("estimate_attitude", "noise_std", "None"),
     ("wahba_quaternion", "weights", "None"),
+    ("wahba_estimate", "weights", "None"),
+    ("wahba_estimate", "noise_std", "None"),
     ("wahba_moments", "weights", "None"),
     ("wahba_moments", "weights", "huge"),  # their ratio counts
     ("loss_noncentrality", "weights", "None"),

@@ -384,6 +384,7 @@ def test_exact_moments_of_a_batch(monkeypatch):
         np.testing.assert_array_equal(many.bias[i], one.bias)
     # a rule that is too coarse for the second, whose noise is not isotropic
     monkeypatch.setattr(exact, "_NODES", (3, 4))
+    monkeypatch.setattr(exact, "_WHITENED", ())
     with pytest.raises(RefusedError, match=r"^sample \(1,\): the quadrature"):
         attitude_moments(q[:2], r1[:2], r2[:2], 25.0 * noise, "exact")
 

@@ -93,7 +93,7 @@ def test_two_quadratures_in_different_coordinates_agree():
     for g, std in problems():
         noise = noise_covariances(std)
         tau1, tau2 = exact._isotropic_halves(noise)
-        u, weights = exact._about_d1(g, tau1, tau2, (32, 1200))
+        u, weights = exact._about_d1(g.d1, g.d2, (tau1, tau2), (32, 1200))
         bias, covariance = exact.exact_moments(g, noise)
         fine_bias, fine = exact._moments_given_directions(g, tau1, u, weights)
         # weights of some 1e4 nodes
@@ -169,8 +169,44 @@ def test_noise_on_some_vectors_only(noisy, rank):
     assert np.allclose(exact.bias, fourth.bias, rtol=0, atol=1e-14)
 
 
+@pytest.mark.ci
+def test_near_a_singularity_any_covariance_is_answered():
+    # |qbar| is 1.9 sigma: rules about the direction of d2 alone, up to 108 azimuths,
+    # still changed by 8e-9. Twice as many nodes about d1, in other axes, agree.
+    noise, geometry = full(8, 0.1), two_vector_geometry(*random_geometry(8), "plain")
+    assert geometry.norm == pytest.approx(0.121, abs=1e-3)
+    bias, covariance = exact_moments_any(geometry, noise)
+    C1, C2 = half_noise(geometry, noise)
+    u, weights = sphere_rule(geometry.d1, geometry.d2, C2)
+    finer = exact._moments_any(geometry, C1, u, weights)
+    assert weights.sum() == pytest.approx(1.0, abs=1e-9)
+    assert relative(bias, finer[0]) < 1e-9
+    assert relative(covariance, finer[1]) < 1e-9
+
+
+def sphere_rule(pole, centre, covariance):
+    """Directions with the weights of their law N(centre, covariance), not whitened."""
+    edges = np.concatenate([[0.0], np.geomspace(0.02, 0.5 * np.pi, 7)])
+    edges = np.unique([*edges, *(np.pi - edges)])
+    x, w = np.polynomial.legendre.leggauss(20)
+    half = 0.5 * np.diff(edges)
+    theta = (edges[:-1, None] + half[:, None] * (x + 1.0)).ravel()
+    u, azimuth = exact._grid(pole / np.linalg.norm(pole), theta, 200)
+    inverse = np.linalg.inv(covariance)
+    a, t = np.einsum("ni,ij,nj->n", u, inverse, u), u @ inverse @ centre
+    t = t / np.sqrt(a)
+    tail = t * np.exp(-0.5 * t * t) + np.sqrt(2 * np.pi) * (1 + t * t) * special.ndtr(t)
+    size = centre @ inverse @ centre
+    density = np.exp(-0.5 * (size - t * t)) * a**-1.5 * tail
+    density /= np.sqrt((2.0 * np.pi) ** 3 * np.linalg.det(covariance))
+    polar = (half[:, None] * w).ravel() * np.sin(theta)
+    weights = np.repeat(polar * azimuth, 200) * density
+    return u[weights > 1e-16], weights[weights > 1e-16]
+
+
 def test_what_is_not_resolved_is_refused(monkeypatch):
     monkeypatch.setattr(exact, "_NODES", (6, 8))
+    monkeypatch.setattr(exact, "_WHITENED", ())
     with pytest.raises(RefusedError, match=r"needed 1e-09.*use another frame"):
         attitude_moments(*random_geometry(2), full(2, 0.1), "exact", "plain")
     with pytest.raises(InputError, match="order='exact'"):

@@ -21,8 +21,10 @@ from simval.imu.attitude.singular import (
 )
 from simval.imu.attitude.wahba import (
     Consistency,
+    WahbaEstimate,
     consistency,
     wahba_covariance,
+    wahba_estimate,
     wahba_quaternion,
 )
 
@@ -33,6 +35,7 @@ __all__ = [
     "SequentialEstimate",
     "SingularSolution",
     "Validity",
+    "WahbaEstimate",
     "case_quaternion",
     "consistency",
     "estimate_attitude",
@@ -41,5 +44,6 @@ __all__ = [
     "turn_is_singular",
     "two_vector_quaternion",
     "wahba_covariance",
+    "wahba_estimate",
     "wahba_quaternion",
 ]

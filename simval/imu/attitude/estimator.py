@@ -45,6 +45,7 @@ class Validity(IntEnum):
     COLLINEAR = 4
     SINGULAR = 5
     INCONSISTENT = 6
+    AMBIGUOUS = 7
 
 
 _MESSAGES: Final = {
@@ -58,16 +59,20 @@ _MESSAGES: Final = {
         "`length_tolerance`; give both in the same unit, or normalise both"
     ),
     Validity.COLLINEAR: (
-        f"the two vectors are parallel (sine below {MIN_SINE:g}): rotation about "
-        "them is not observable, so choose a second direction farther from the first"
+        f"the vectors are parallel (sine below {MIN_SINE:g}): rotation about "
+        "them is not observable, so choose another direction farther from the first"
     ),
     Validity.SINGULAR: (
         f"the chosen frame is singular there (|qbar| below {MIN_NORM:g}): use "
         'frame="best" or "combined", which never are'
     ),
     Validity.INCONSISTENT: (
-        "the angle between the body vectors differs from that of the references by "
+        "the angles between the body vectors differ from those of the references by "
         "more than `noise_std` explains; check which pair is wrong, and remove it"
+    ),
+    Validity.AMBIGUOUS: (
+        "two attitudes fit equally well, or the weights differ too much; give vectors "
+        "in other directions, or closer weights"
     ),
 }
 
@@ -151,10 +156,7 @@ def widest_difference(noise_std: Any, false_alarm: Any) -> float:
     InputError
         If the noise or the share is none.
     """
-    rate = real_number("false_alarm", false_alarm, "of the samples")
-    if not 0.0 < rate < 1.0:
-        msg = f"`false_alarm` is {shown(false_alarm)}; it must be between 0 and 1"
-        raise InputError(msg)
+    rate = share_of_samples(false_alarm)
     if noise_std is None:
         return np.inf
     std = finite_array("noise_std", noise_std, ())
@@ -169,15 +171,34 @@ def widest_difference(noise_std: Any, false_alarm: Any) -> float:
     return total * float(-scipy.special.ndtri(rate / 2.0))
 
 
-def refuse(codes: Codes, shape: Sequence[int]) -> None:
+def share_of_samples(false_alarm: Any) -> float:
+    """Share of good samples that a test may refuse, checked.
+
+    Raises
+    ------
+    InputError
+        If it is not between 0 and 1.
+    """
+    rate = real_number("false_alarm", false_alarm, "of the samples")
+    if not 0.0 < rate < 1.0:
+        msg = f"`false_alarm` is {shown(false_alarm)}; it must be between 0 and 1"
+        raise InputError(msg)
+    return rate
+
+
+def refuse(
+    codes: Codes, shape: Sequence[int], instead: str = "estimate_attitude"
+) -> None:
     """Raise the error of the first sample that is not valid, if there is one.
+
+    It names the function that gives a validity per sample instead.
 
     Raises
     ------
     InputError
         If a component is not finite, a vector zero, or lengths disagree.
     GeometryError
-        If the vectors are parallel or the fixed frame is singular.
+        If the vectors do not fix the attitude, or the fixed frame is singular.
     """
     bad = np.flatnonzero(codes)
     if bad.size == 0:
@@ -186,11 +207,11 @@ def refuse(codes: Codes, shape: Sequence[int]) -> None:
     index = tuple(int(i) for i in np.unravel_index(bad[0], tuple(shape)))
     where = f"sample {index}" if index else "the sample"
     kind: type[SimvalError] = InputError
-    if code in (Validity.COLLINEAR, Validity.SINGULAR):
+    if code in (Validity.COLLINEAR, Validity.SINGULAR, Validity.AMBIGUOUS):
         kind = GeometryError
     msg = (
         f"{bad.size} of {codes.size} sample(s) cannot be used; the first is {where}: "
-        f"{_MESSAGES[code]} (`estimate_attitude` gives a validity per sample instead)"
+        f"{_MESSAGES[code]} (`{instead}` gives a validity per sample instead)"
     )
     raise kind(msg)
 

@@ -24,15 +24,25 @@ from typing import Any, Final
 import numpy as np
 import scipy
 
-from simval.arrays import GREATEST, LEAST, Array, finite_array
-from simval.errors import GeometryError, InputError
+from simval.arrays import GREATEST, LEAST, Array, finite_array, shaped_array
+from simval.errors import InputError
 from simval.geometry import attitude_matrix, normalize
-from simval.imu.attitude.estimator import MIN_SINE
+from simval.imu.attitude.estimator import (
+    LENGTHS,
+    MIN_SINE,
+    AttitudeEstimate,
+    Codes,
+    Mask,
+    Validity,
+    refuse,
+    share_of_samples,
+)
 from simval.shapes import Float
 from simval.text import shown
 
 # Rounding turns q by eps times the sum of the weights over the gap of the eigenvalues.
 MIN_GAP: Final = 1e-12
+INSTEAD: Final = "wahba_estimate"
 _SPREAD: Final = 1e9  # of standard deviations; their fourth powers stay in range
 
 
@@ -53,6 +63,23 @@ class Consistency:
     statistic: Float[Array, "..."]
     freedom: int
     probability: Float[Array, "..."]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WahbaEstimate(AttitudeEstimate):
+    """Attitudes of a batch from n pairs, with the validity of each sample.
+
+    Attributes
+    ----------
+    covariance : Array or None
+        First-order covariance of the rotation error in body axes, rad^2, (..., 3, 3);
+        NaN where the sample is not valid, None without `noise_std`.
+    consistency : Consistency or None
+        Test of each sample; NaN where it cannot be made, None without `noise_std`.
+    """
+
+    covariance: Float[Array, "... 3 3"] | None
+    consistency: Consistency | None
 
 
 def wahba_quaternion(b: Any, r: Any, weights: Any = None) -> Float[Array, "... 4"]:
@@ -82,8 +109,67 @@ def wahba_quaternion(b: Any, r: Any, weights: Any = None) -> Float[Array, "... 4
     GeometryError
         If the vectors of a sample do not fix the attitude.
     """
-    body, reference = _pairs(b, r)
-    return _optimum(body, reference, _weights(weights, body))
+    estimate = wahba_estimate(b, r, weights)
+    refuse(estimate.validity.reshape(-1), estimate.validity.shape, INSTEAD)
+    return estimate.q
+
+
+def wahba_estimate(
+    b: Any,
+    r: Any,
+    weights: Any = None,
+    *,
+    noise_std: Any = None,
+    false_alarm: float = 1e-6,
+) -> WahbaEstimate:
+    """`wahba_quaternion` with a validity per sample instead of an error.
+
+    With the noise it is `wahba_covariance` and `consistency` of each sample too.
+
+    Parameters
+    ----------
+    b : array_like
+        Vectors in the body frame, (..., n, 3).
+    r : array_like
+        The same vectors in the reference frame, (..., n, 3).
+    weights : array_like, optional
+        As in `wahba_quaternion`; default the inverse variances if there is
+        `noise_std`, else equal.
+    noise_std : array_like, optional
+        As in `wahba_covariance`. With it, a sample whose pairs fit no common attitude
+        is not valid.
+    false_alarm : float, default 1e-6
+        Share of good samples that this test may refuse.
+
+    Returns
+    -------
+    WahbaEstimate
+        Attitudes and validity; one bad sample leaves the others alone.
+
+    Raises
+    ------
+    InputError
+        If a shape, a weight, the noise or the share is wrong.
+    """
+    rate = share_of_samples(false_alarm)
+    body, reference, codes = _pairs(b, r)
+    if noise_std is None:
+        q, close = _optimum(body, reference, _weights(weights, body))
+        covariance = tested = None
+    else:
+        variance = _variances(noise_std, body.shape[-2])
+        a = 1.0 / variance if weights is None else _weights(weights, body)
+        q, close = _optimum(body, reference, a)
+        covariance = _first_order(body, a, variance)
+        tested, ambiguous = _tested(body, reference, variance)
+        close |= ambiguous
+    codes[(codes == 0) & close] = Validity.AMBIGUOUS
+    if covariance is not None and tested is not None:
+        tested.statistic[codes != 0] = tested.probability[codes != 0] = np.nan
+        codes[tested.probability < rate] = Validity.INCONSISTENT
+        covariance[codes != 0] = np.nan
+    q[codes != 0] = np.nan
+    return WahbaEstimate(q=q, validity=codes, covariance=covariance, consistency=tested)
 
 
 def wahba_covariance(
@@ -115,16 +201,11 @@ def wahba_covariance(
     GeometryError
         If the vectors of a sample do not fix the attitude.
     """
-    body, _ = _pairs(b, r)
+    body, _, codes = _pairs(b, r)
+    refuse(codes.reshape(-1), codes.shape, INSTEAD)
     variance = _variances(noise_std, body.shape[-2])
     a = 1.0 / variance if weights is None else _weights(weights, body)
-    planes = np.eye(3) - body[..., :, None] * body[..., None, :]
-    M = np.sum(a[..., None, None] * planes, axis=-3)
-    spread = np.sum((a**2 * variance)[..., None, None] * planes, axis=-3)
-    inverse = np.linalg.inv(M)
-    covariance = inverse @ spread @ inverse
-    result: Array = (covariance + covariance.swapaxes(-1, -2)) / 2.0
-    return result
+    return _first_order(body, a, variance)
 
 
 def consistency(b: Any, r: Any, noise_std: Any) -> Consistency:
@@ -158,18 +239,11 @@ def consistency(b: Any, r: Any, noise_std: Any) -> Consistency:
     -----
     First order in the noise, which must be small against one radian.
     """
-    body, reference = _pairs(b, r)
-    n = body.shape[-2]
-    a = 1.0 / _variances(noise_std, n)
-    A = attitude_matrix(_optimum(body, reference, np.broadcast_to(a, body.shape[:-1])))
-    residual = body - np.matvec(A[..., None, :, :], reference)
-    # of unit vectors the residual has no part along b to first order
-    statistic = np.sum(a * np.sum(residual**2, axis=-1), axis=-1)
-    return Consistency(
-        statistic=statistic,
-        freedom=2 * n - 3,
-        probability=scipy.special.chdtrc(2 * n - 3, statistic),
-    )
+    body, reference, codes = _pairs(b, r)
+    tested, close = _tested(body, reference, _variances(noise_std, body.shape[-2]))
+    codes[(codes == 0) & close] = Validity.AMBIGUOUS
+    refuse(codes.reshape(-1), codes.shape, INSTEAD)
+    return tested
 
 
 def profile_matrix(
@@ -189,25 +263,44 @@ def profile_matrix(
     return K
 
 
-def _optimum(body: Array, reference: Array, weights: Array) -> Array:
-    # the top eigenvector, where the next eigenvalue is far enough
+def _optimum(
+    body: Array, reference: Array, weights: Array
+) -> tuple[Float[Array, "... 4"], Mask]:
+    # the top eigenvector, and where the next eigenvalue is too close
     values, vectors = np.linalg.eigh(profile_matrix(body, reference, weights))
     gap = (values[..., 3] - values[..., 2]) / np.sum(weights, axis=-1)
-    close = np.argwhere(~(gap >= MIN_GAP))
-    if len(close):
-        msg = (
-            f"{len(close)} sample(s) do not fix the attitude, the first is "
-            f"{_place(close[0])}: two attitudes fit equally well, or the weights "
-            "differ too much; give vectors in other directions, or closer weights"
-        )
-        raise GeometryError(msg)
     q = vectors[..., 3]
-    signed: Array = np.where(q[..., 3:] < 0.0, -q, q)
-    return signed
+    return np.where(q[..., 3:] < 0.0, -q, q), np.asarray(~(gap >= MIN_GAP))
 
 
-def _pairs(b: Any, r: Any) -> tuple[Array, Array]:
-    body, reference = finite_array("b", b, (None, 3)), finite_array("r", r, (None, 3))
+def _first_order(body: Array, a: Array, variance: Array) -> Float[Array, "... 3 3"]:
+    # covariance (W2) for weights a
+    planes = np.eye(3) - body[..., :, None] * body[..., None, :]
+    M = np.sum(a[..., None, None] * planes, axis=-3)
+    spread = np.sum((a**2 * variance)[..., None, None] * planes, axis=-3)
+    inverse = np.linalg.inv(M)
+    covariance = inverse @ spread @ inverse
+    result: Array = (covariance + covariance.swapaxes(-1, -2)) / 2.0
+    return result
+
+
+def _tested(body: Array, reference: Array, variance: Array) -> tuple[Consistency, Mask]:
+    # the test of each sample, and where it cannot be made
+    n, a = body.shape[-2], 1.0 / variance
+    q, close = _optimum(body, reference, np.broadcast_to(a, body.shape[:-1]))
+    residual = body - np.matvec(attitude_matrix(q)[..., None, :, :], reference)
+    # of unit vectors the residual has no part along b to first order
+    statistic = np.asarray(np.sum(a * np.sum(residual**2, axis=-1), axis=-1))
+    probability = np.asarray(scipy.special.chdtrc(2 * n - 3, statistic))
+    tested = Consistency(
+        statistic=statistic, freedom=2 * n - 3, probability=probability
+    )
+    return tested, close
+
+
+def _pairs(b: Any, r: Any) -> tuple[Array, Array, Codes]:
+    # unit vectors, harmless ones in a sample that cannot be used, and validities
+    body, reference = shaped_array("b", b, (None, 3)), shaped_array("r", r, (None, 3))
     n = body.shape[-2]
     if reference.shape[-2] != n or n < 2:
         msg = (
@@ -216,39 +309,24 @@ def _pairs(b: Any, r: Any) -> tuple[Array, Array]:
         )
         raise InputError(msg)
     try:
-        body, reference = np.broadcast_arrays(body, reference)
+        vectors = np.stack(np.broadcast_arrays(body, reference))
     except ValueError:
         msg = (
             f"`b` has shape {body.shape} and `r` {reference.shape}, whose leading axes "
             "do not match; give one set per sample, or one for all"
         )
         raise InputError(msg) from None
-    for name, vectors in (("b", body), ("r", reference)):
-        _require_spread(name, vectors)
-    return normalize(body), normalize(reference)
-
-
-def _require_spread(name: str, vectors: Array) -> None:
-    # refuse zero vectors and samples whose vectors are all parallel to their first
-    with np.errstate(over="ignore"):  # infinite is too long
+    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
         lengths = np.linalg.norm(vectors, axis=-1)
-    wrong = np.argwhere(~((lengths >= LEAST) & (lengths <= GREATEST)))
-    if len(wrong):
-        msg = (
-            f"`{name}` has a vector of length {lengths[tuple(wrong[0])]:g} at "
-            f"{_place(wrong[0])}; a direction needs one from {LEAST:g} to {GREATEST:g}"
-        )
-        raise InputError(msg)
-    unit = normalize(vectors)
+    inside = (lengths > LENGTHS[0]) & (lengths < LENGTHS[1])
+    unit = normalize(np.where(inside[..., None], vectors, 1.0))
     sines = np.linalg.norm(np.cross(unit[..., :1, :], unit), axis=-1).max(axis=-1)
-    parallel = np.argwhere(~(sines >= MIN_SINE))
-    if len(parallel):
-        msg = (
-            f"{len(parallel)} sample(s) of `{name}` have parallel vectors only, the "
-            f"first is {_place(parallel[0])}: rotation about them is not observable, "
-            "so add a vector in another direction"
-        )
-        raise GeometryError(msg)
+    codes: Codes = np.zeros(vectors.shape[1:-2], dtype=np.int8)
+    codes[~(sines >= MIN_SINE).all(axis=0)] = Validity.COLLINEAR
+    codes[~inside.all(axis=(0, -1))] = Validity.LENGTH
+    codes[~np.isfinite(vectors).all(axis=(0, -1, -2))] = Validity.NOT_FINITE
+    unit[:, codes != 0] = np.eye(3)[np.arange(n) % 3]
+    return unit[0], unit[1], codes
 
 
 def _weights(weights: Any, body: Array) -> Array:
@@ -290,8 +368,3 @@ def _variances(noise_std: Any, n: int) -> Float[Array, " n"]:
         raise InputError(msg)
     variances: Array = total**2
     return variances
-
-
-def _place(index: Any) -> str:
-    where = tuple(int(i) for i in index)
-    return f"sample {where}" if where else "the sample"

@@ -20,6 +20,7 @@ from simval.imu.attitude import (
     estimate_attitude,
     two_vector_quaternion,
     wahba_covariance,
+    wahba_estimate,
     wahba_quaternion,
 )
 from simval.streams import Streams
@@ -167,7 +168,7 @@ def test_a_body_angle_that_disagrees_is_found():
 BAD = {
     "one vector": ([[1.0, 0, 0]], [[1.0, 0, 0]], InputError, "two or more"),
     "other number": (np.eye(3), np.eye(3)[:2], InputError, "same number"),
-    "zero": ([[1.0, 0, 0], [0, 0, 0]], np.eye(3)[:2], InputError, "length 0"),
+    "zero": ([[1.0, 0, 0], [0, 0, 0]], np.eye(3)[:2], InputError, "is zero or"),
     "NaN": ([[1.0, 0, 0], [0, np.nan, 0]], np.eye(3)[:2], InputError, "finite"),
     "parallel": ([[1.0, 0, 0], [-2.0, 0, 0]], np.eye(3)[:2], GeometryError, "parallel"),
     "flat": (np.eye(3)[:2, :2], np.eye(3)[:2], InputError, "last axes"),
@@ -191,6 +192,45 @@ def test_refusals():
             estimate_attitude(*pairs[0], *pairs[1], weights=weights)
     with pytest.raises(InputError, match="false_alarm"):
         estimate_attitude(*pairs[0], *pairs[1], false_alarm=1.0)
+
+
+def test_one_bad_sample_leaves_the_others_alone():
+    rng, _, b, r = problem(80, 3)
+    body = b + 1e-3 * rng.standard_normal((2, 4, 3, 3))
+    reference = np.broadcast_to(r, body.shape).copy()
+    whole = wahba_estimate(body, reference, noise_std=1e-3)
+    assert whole.validity.shape == (2, 4)
+    assert whole.valid.all()
+    std = np.full((2, 3), 1e-3)
+    weights = 1.0 / np.hypot(*std) ** 2
+    assert np.array_equal(whole.q, wahba_quaternion(body, reference, weights))
+    assert np.array_equal(whole.covariance, wahba_covariance(body, reference, std))
+    tested = consistency(body, reference, std)
+    assert np.array_equal(whole.consistency.probability, tested.probability)
+    body[0, 0, 1, 2] = np.nan
+    body[0, 1, 2] = 0.0
+    reference[0, 2] = reference[0, 2, :1]
+    body[1, 0], reference[1, 0] = np.eye(3), -np.eye(3)
+    body[1, 1, 0] = -body[1, 1, 0]
+    found = wahba_estimate(body, reference, noise_std=1e-3)
+    bad = Validity
+    expected = [[bad.NOT_FINITE, bad.LENGTH, bad.COLLINEAR, bad.VALID],
+                [bad.AMBIGUOUS, bad.INCONSISTENT, bad.VALID, bad.VALID]]  # fmt: skip
+    assert found.validity.tolist() == expected
+    for array, before in (
+        (found.q, whole.q), (found.covariance, whole.covariance),
+    ):  # fmt: skip
+        assert np.array_equal(array[found.valid], before[found.valid])
+        assert np.isnan(array[~found.valid]).all()
+    # what the test was made of says so, where it was made
+    assert found.consistency.probability[1, 1] < 1e-300
+    assert np.isnan(found.consistency.statistic).sum() == 4
+    alone = wahba_estimate(body, reference)
+    assert alone.validity[1, 1] == Validity.VALID  # cannot be judged without the noise
+    assert alone.covariance is alone.consistency is None
+    for refusing in (wahba_quaternion, lambda *given: consistency(*given, std)):
+        with pytest.raises(InputError, match=r"^[45] of 8 .* \(0, 0\).*`wahba_estim"):
+            refusing(body, reference)
 
 
 @pytest.mark.parametrize("frame", ["best", "combined", "plain"])
