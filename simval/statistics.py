@@ -147,6 +147,8 @@ NOISE_OF_MEAN = _size("noise_of_mean", "noise of a pose mean", unit="m/s²")
 SCALE_BIAS = _offset("scale_bias", "mean relative bias of the scales", unit="σ²/g²")
 STEPS = _size("steps", "steps of the solver")
 APART = _size("apart", "distance from the first solver's answer")
+STEP_LEAVES = _size("step_leaves", "share of the distance that a step leaves")
+STEP_OFF = _size("step_off", "that share less 1 - α")
 BUDGET = _size("budget", "contribution to the attitude error", unit="rad")
 
 NORM = _size("norm", "|q̄|", better=None)

@@ -1,12 +1,22 @@
-"""Solvers: comparison of the methods of the calibration, which must agree.
+r"""Solvers: comparison of the methods of the calibration, which must agree.
 
 One noisy pose set, far enough from the closed-form start that there is a way to go.
 Each method is stopped after every number of steps, and its distance from where it ends
 is kept for the report. All must end at the same parameters.
+
+`SOURCES` are the sources' own methods on the same set: nine unknowns, no closed-form
+start but :math:`M = I, b = 0`, the residual :math:`e_k = |M(a_k - b)|^2 - g^2`. The
+first is Levenberg-Marquardt in T, K, B; the others are Gauss-Newton in a symmetric K,
+with full steps and with half of each, the derivation's fixed :math:`\alpha`. Near the
+end a step multiplies the error by :math:`I - \alpha (J^TJ)^{-1} H`, H the Hessian of
+half the cost. With :math:`\rho` the greatest eigenvalue of this for :math:`\alpha = 1`,
+a damped step leaves of the distance
+
+.. math:: 1 - \alpha + \alpha r, \quad |r| \le \rho.  \tag{S1}
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -14,8 +24,11 @@ from simval import statistics as stat
 from simval.arrays import Array
 from simval.figures import Listing, Strip, Trace, entries
 from simval.imu.calibrate import calibrate
+from simval.imu.calibrate.solver import Local, Objective, Rules, minimize
+from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, Row, limit, unjudged
+from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
@@ -26,8 +39,31 @@ SECTION = "convergence"
 G = 9.80665  # m/s^2, standard gravity
 METHODS = (stat.FIRST_SOLVER, "gauss-newton", "newton")
 SHOWN = 30  # steps that the report draws
+STOP: Final = 1e-11
+"""Of the sources' methods, by (L1); half steps then end 1e-11 from the answer."""
+MOST_STEPS: Final = 200
+ROUNDING: Final = 64.0 * np.finfo(float).eps  # of a squared residual of size 1
+FAR: Final = 1e-7
+"""Of a distance that still falls by one factor, undisturbed by rounding."""
 AGREEMENT = 1e-9
 """Relative; each method stops at 1e-12 of its own step, some digits are the data's."""
+HALF: Final = 0.5  # alpha
+
+
+class Source(NamedTuple):
+    """Method of a source."""
+
+    model: str
+    method: str
+    step: float = 1.0
+
+
+FULL_STEPS, HALF_STEPS = "symmetric full steps", "symmetric half steps"
+SOURCES: Final = {
+    "triangular lm": Source("triangular", "lm"),
+    FULL_STEPS: Source("symmetric", "gauss-newton"),
+    HALF_STEPS: Source("symmetric", "gauss-newton", HALF),
+}
 
 
 class Parameters(StudyParameters):
@@ -40,7 +76,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        return Cost(0.1, 6)
+        return Cost(0.3, 14)
 
 
 @refusing("lower `noise_std` or give more `poses`")
@@ -64,9 +100,63 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         ]
         distance = np.abs(np.array(way) - fit.parameters).max(axis=1) / size
         ways[method] = distance[(distance > 0.0) | (np.arange(len(way)) == 0)]
+    left: dict[str, float] = {}
+    for name, source in SOURCES.items():
+        path, steps = source_way(source, raw)
+        apart = np.abs(path - first).max(axis=1) / np.abs(first).max()
+        rows += unjudged(stat.STEPS(name), steps)
+        rows += limit(stat.APART(name), apart[-1], AGREEMENT, stat.FIRST_SOLVER)
+        distance = np.abs(path[:-1] - path[-1]).max(axis=1) / np.abs(first).max()
+        ways[name] = distance[distance > 0.0][:SHOWN]
+        last = max(1, int(np.flatnonzero(distance > FAR)[-1]))
+        left[name] = float(distance[last] / distance[last - 1])
+    rows += unjudged(stat.STEP_LEAVES(FULL_STEPS), left[FULL_STEPS])
+    off = abs(left[HALF_STEPS] - (1.0 - HALF))
+    # (S1), and a hundredth for what is left of the other directions and second order
+    most = HALF * left[FULL_STEPS] + 0.01
+    rows += limit(stat.STEP_OFF(HALF_STEPS), off, most, "1 - α")
     return Outcome(
         rows=tuple(rows), artifacts={artifact_of(parameters.model_dump()): ways}
     )
+
+
+def source_way(
+    source: Source, raw: Float[Array, "n 3"]
+) -> tuple[Float[Array, "k 9"], int]:
+    """Triangular parameters at each step of a source's method, and its steps."""
+    objective, start = nine_unknowns(source.model, raw / G), np.zeros((1, 9))
+    start[0] = forms.from_gram(source.model, np.eye(3), np.zeros(3))
+
+    def stopped(most: int) -> tuple[Float[Array, "9"], int]:
+        rules = Rules(
+            method=source.method, step=source.step, tolerance=STOP, max_iterations=most
+        )
+        # the source does not look at the cost: a step that rounding raises is taken
+        found = minimize(objective, start, rules, slack=len(raw) * ROUNDING)
+        M = forms.matrix(source.model, found.theta)
+        same = forms.from_gram("triangular", M.swapaxes(1, 2) @ M, found.theta[:, 6:])
+        return same[0] * np.repeat([1.0, G], [6, 3]), int(found.iterations[0])
+
+    _, steps = stopped(MOST_STEPS)
+    return np.array([stopped(k)[0] for k in range(1, steps + 1)]), steps
+
+
+def nine_unknowns(model: str, readings: Float[Array, "n 3"]) -> Objective:
+    """Half the sum of squares of e_k = |M(a_k - b)|^2 - 1, a in units of g."""
+
+    def objective(theta: Float[Array, "1 9"], rows: Any) -> Local:
+        M, x = forms.matrix(model, theta)[0], readings - theta[0, 6:]
+        h, slopes = x @ M.T, forms.matrix_derivatives(model, theta)[0]
+        J = np.empty((len(readings), 9))
+        J[:, :6] = 2.0 * np.einsum("ni,kij,nj->nk", h, slopes, x)
+        J[:, 6:] = -2.0 * h @ M
+        e, normal = np.sum(h * h, axis=1) - 1.0, (J.T @ J)[None]
+        return Local(
+            cost=np.array([0.5 * e @ e]), gradient=(J.T @ e)[None],
+            normal=normal, hessian=normal,
+        )  # fmt: skip
+
+    return objective
 
 
 def artifact_of(named: Mapping[str, Any]) -> str:
@@ -92,7 +182,7 @@ FIGURES = (
     Listing(
         name="study-solvers",
         caption="Steps of each solver, and how far apart the answers are",
-        rows=[stat.STEPS, stat.APART],
+        rows=[stat.STEPS, stat.APART, stat.STEP_LEAVES, stat.STEP_OFF],
         keys={"solver": entries},
         column=lambda row: row.statistic.family.words,
     ),

@@ -21,6 +21,7 @@ from simval.report.paint import svg
 from simval.report.words import FORMULAS
 from simval.statistics import EXACT, FIRST_ORDER, SECOND_ORDER
 from simval.studies import STUDIES
+from simval.studies.solvers import METHODS, SOURCES
 from simval.sweep import load_run, run_suite
 
 pytestmark = pytest.mark.ci
@@ -328,7 +329,7 @@ def test_a_trace_without_an_axis_counts_its_values(others):
     trace = next(s for s in STUDIES["solvers"].shown if isinstance(s, Trace))
     (drawing,) = drawn_artifacts(trace, context, context.cells("solvers"))
     (panel,) = drawing.panels
-    assert {s.label for s in panel.series} == {"", "lm", "gauss-newton", "newton"}
+    assert {s.label for s in panel.series} == {"", *METHODS, *SOURCES}
     assert panel.series[0].x[:2] == pytest.approx([0.0, 1.0])
     file = (
         others.folder / "artifacts" / trace.file(context.cells("solvers")[0].parameters)

@@ -7,7 +7,9 @@ import pytest
 from cells import answers, of_family, outcome, rows_of
 from scipy import stats
 
+from simval.geometry import normalize
 from simval.imu.calibrate.gyroscope import residuals as residuals_module
+from simval.imu.sensor import forms
 from simval.statistics import (
     CRAMER_RAO,
     EFFICIENCY,
@@ -17,7 +19,7 @@ from simval.statistics import (
     VARIANCE_OVER_BOUND,
 )
 from simval.streams import Streams, cell_key
-from simval.studies import coverage, gyroscope, ladder
+from simval.studies import coverage, gyroscope, ladder, solvers
 from simval.studies.magnetometer import UNLIKE, Scenario, response_rows
 
 
@@ -244,6 +246,27 @@ def test_the_joint_fit_states_the_bound_of_short_pieces(every):
     data.walk *= 1.01  # of the bound alone
     (row,) = gyroscope._stated_row(clean, data)
     assert row.value > row.remainder
+
+
+def test_a_source_s_step_is_that_of_its_derivatives():
+    """Jacobian by complex step, and the fixed fraction of a step by hand."""
+    rng = np.random.default_rng(5)
+    readings = normalize(rng.standard_normal((12, 3)))
+    for model in ("triangular", "symmetric"):
+        start = forms.from_gram(model, np.eye(3), np.zeros(3))
+        theta = start + 0.1 * rng.standard_normal(9)
+
+        def residuals(theta, model=model):
+            h = (readings - theta[6:]) @ forms.matrix(model, theta).T
+            return np.sum(h * h, axis=1) - 1.0
+
+        steps = 1e-30j * np.eye(9)
+        J = np.stack([residuals(theta + h).imag / 1e-30 for h in steps], axis=1)
+        local = solvers.nine_unknowns(model, readings)(theta[None], np.arange(1))
+        np.testing.assert_allclose(local.normal[0], J.T @ J, rtol=1e-12, atol=1e-13)
+        np.testing.assert_allclose(
+            local.gradient[0], J.T @ residuals(theta), rtol=1e-12, atol=1e-13
+        )
 
 
 def test_newton_is_quadratic_and_the_others_are_linear():

@@ -56,7 +56,7 @@ SMALL = {  # study, parameters, and how many of its rows are judged
     "type A": ("coverage", {"poses": 12, "trials": 4096}, 16, ()),
     "known": ("coverage", {"sigma": "known", "poses": 12, "trials": 4096}, 16, ()),
     "gyroscope": ("gyroscope", {"poses": 14, "trials": 256}, 9, CI),
-    "solvers": ("solvers", {}, 3, ()),
+    "solvers": ("solvers", {}, 7, ()),
     "magnetometer": ("magnetometer", {"trials": 1024}, 161, CI),
     "attitude": ("attitude", {"noise_std": 0.02, "samples": 400_000}, 59, ()),
     "attitude_order": ("attitude_order", {"noise": "full"}, 6, ()),
