@@ -48,8 +48,8 @@ def test_figures_of_the_page():
     ratios = [c.error(c.with_square) / c.error(c.second) for c in gaussian.sample()]
     farther = sum(c.error(c.paper) > c.error(c.second) for c in gaussian.sample())
     text = " ".join(PAGE.split())
-    stated = f"median ratio of the errors {np.median(ratios):.2f}, "
-    assert f"{stated}at worst {max(ratios):.3f} (`eq_63_nearer`)" in text
+    stated = f"median ratio of the errors of {np.median(ratios):.2f}, "
+    assert f"{stated}at worst {max(ratios):.3f}." in text
     assert f"in {farther} of {len(ratios)} random geometries" in text
 
 

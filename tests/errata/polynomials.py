@@ -1,7 +1,8 @@
 """Exact polynomial algebra: the printed element tables, products, Isserlis' theorem."""
 
 import re
-from collections import Counter
+from collections import Counter, defaultdict
+from functools import cache
 from pathlib import Path
 
 DATA = Path(__file__).parents[1] / "data" / "peng_choukroun_terms.txt"
@@ -9,17 +10,18 @@ INDICES = [(i, j) for i in range(1, 5) for j in range(1, 5)]
 
 
 def printed():
-    """The tables as printed, by name, a list of items each."""
+    """The tables as printed, by name, a list of items "12: ..." each."""
     tables, name = {}, ""
     for line in DATA.read_text(encoding="utf-8").splitlines():
         if line.startswith("["):
-            name = line[1:-1]
+            name = line[1:-1].removesuffix(" of x")
             tables[name] = []
         elif not line.startswith("#"):
-            tables[name].append(line)
+            tables[name].append(line if line[2:4] == ": " else f"00: {line}")
     return tables
 
 
+@cache
 def parse(text):
     """A sum of products as {sorted factors: coefficient}; s1^2 is the variance s11."""
     total, depth, start = Counter(), 0, 0
@@ -76,21 +78,8 @@ R = Counter({(f"x{i}", f"x{i}"): 1 for i in range(1, 5)})  # x'x
 
 
 def elements(items):
-    """Items "12: ..." by their indices."""
-    return {(int(i[0]), int(i[1])): parse(i[4:]) for i in items}
-
-
-def corrected(items, corrections):
-    """The sum of the items, each wrong one replaced as often as stated."""
-    items = list(items)
-    for wrong, (right, count) in corrections.items():
-        for _ in range(count):
-            if wrong:
-                items.remove(wrong)
-            items.append(right)
-    return sum((parse(item) for item in items if item), Counter())
-
-
-def total(polynomials):
-    """Sum of polynomials."""
-    return sum(polynomials, Counter())
+    """Items "12: ..." summed by their indices; 00 where a term has one element."""
+    found = defaultdict(Counter)
+    for item in items:
+        found[int(item[0]), int(item[1])].update(parse(item[4:]))
+    return found

@@ -170,10 +170,10 @@ def misread(node: ast.AST) -> list[ast.AST]:
 def table_faults() -> Iterator[tuple[str, str, list[str]]]:
     """(claim, table, its items with one of them wrong)."""
     for key, items in tables.TABLES.items():
-        name = key.removesuffix(" of x").replace(", ", "_").replace(" ", "_")
+        name = key.replace(", ", "_").replace(" ", "_")
         for i, item in enumerate(items):
-            wrong_already = item[2:3] == ":" and f"{name}_{item[:2]}" in CLAIMS
-            if not wrong_already:
+            ij = int(item[0]), int(item[1])
+            if ij not in tables.ELEMENTS.get(key, ()):
                 yield name, key, [*items[:i], f"{item}+q1", *items[i + 1 :]]
 
 
