@@ -81,9 +81,9 @@ def tilted(count, most_deg, seed):
     return compose(level, tip)
 
 
-def normalised_squares(error, covariance):
+def squares(error, covariance):
     """Squared errors, normalised by the covariance that is stated for each."""
     sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    ratio = error / sd
-    scaled = covariance / (sd[:, :, None] * sd[:, None, :])
-    return np.vecdot(ratio, np.linalg.solve(scaled, ratio[..., None])[..., 0])
+    scaled = covariance / (sd[..., :, None] * sd[..., None, :])
+    off = np.linalg.solve(scaled, (error / sd)[..., None])[..., 0]
+    return np.vecdot(error / sd, off)

@@ -95,7 +95,7 @@ def cases():
     r1, r2 = normalize(np.array([[1.0, 2, -1], [0.5, -1, 2]]))
     plane = normalize(r1 + 0.3 * r2)
     for name, axis in (("B", r1), ("C", r2), ("D", plane)):
-        for angle in (1e-3, 0.3, 2.0, np.pi - 1e-6, np.pi, -0.3, -2.5, np.pi + 1e-6):
+        for angle in (1e-3, 2.0, np.pi - 1e-6, np.pi, -0.3, np.pi + 1e-6):
             yield Case[name], axis, angle, r1, r2
     yield Case.A, r1, 0.0, r1, r2
     yield Case.REGULAR, np.cross(r1, r2), 1.0, r1, r2
@@ -124,19 +124,6 @@ def test_the_tolerance_is_a_share_of_the_lengths(share, case, sine):
     assert Case(int(found.case)) is (case if case is Case.REGULAR else Case.A)
 
 
-@pytest.mark.parametrize("near", [0, 1])
-def test_an_axis_close_to_a_vector_is_taken_from_the_other(near):
-    """Case D with one half difference of 1e-8, so known to 1e-8 of itself only."""
-    r = np.stack([X, normalize(X + Y)])
-    axis = normalize(r[near] + 1e-8 * r[1 - near])
-    q = np.append(axis, 0.0)
-    A = attitude_matrix(q)
-    found = singular_solution(A @ r[0], A @ r[1], *r)
-    assert Case(int(found.case)) is Case.D
-    # rounding of the vectors over the longer difference, sine 0.7
-    assert attitude_error(q, found.q) < 40 * EPS
-
-
 def test_batches_and_bad_options():
     r1, r2 = np.tile(X, (2, 3, 1)), np.tile(Y, (2, 3, 1))
     assert singular_solution(r1, r2, X, Y).case.tolist() == [[1, 1, 1]] * 2
@@ -150,18 +137,6 @@ def test_batches_and_bad_options():
         sequential_quaternion(X, Y, X, Y, threshold=0.6)
     with pytest.raises(InputError, match="`axis`"):
         turn_is_singular(X, Y, X, Y, 3)
-
-
-def test_rounding_level_noise_on_singular_attitudes():
-    rng = np.random.default_rng(3)
-    for sigma in (1e-16, 1e-14, 1e-10):
-        noisy = np.stack([X, Y, X, Y])[:, None] + sigma * rng.standard_normal(
-            (4, 500, 3)
-        )
-        for frame in ("best", "combined"):
-            q = two_vector_quaternion(*noisy, frame)
-            # error sigma * sqrt(12)/|qbar| per sample, 6 sigma, and rounding
-            assert np.max(attitude_error(q, IDENTITY.q)) < 42 * sigma + 20 * EPS
 
 
 def test_the_table_is_the_smallest_turn_of_the_normals_within_its_border():

@@ -191,12 +191,3 @@ def parameters(fit):
 def sd(fit):
     """Error bars of all of them."""
     return np.sqrt(np.diagonal(fit.covariance, axis1=-2, axis2=-1))
-
-
-def squares(error, covariance):
-    """Squared errors, normalised by the covariance that is stated for each."""
-    size = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    scaled = covariance / (size[..., :, None] * size[..., None, :])
-    return np.vecdot(
-        error / size, np.linalg.solve(scaled, (error / size)[..., None])[..., 0]
-    )

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from magnetometer_sets import BODY, BODY_STD, FIELD, IRON, IRON_STD, G, random_set
-from nine_axes import DIP, fields_of
+from nine_axes import DIP
 from scipy import stats
-from tumbles import ACCELEROMETER, GYROSCOPE, WALK, M, tumble
 
 from simval.imu.calibrate import calibrate
 from simval.imu.calibrate.equations import (
@@ -20,9 +19,6 @@ from simval.imu.calibrate.equations import (
     weighed,
 )
 from simval.imu.calibrate.estimate import NORMAL_95
-from simval.imu.calibrate.gyroscope import moves_between
-from simval.imu.calibrate.gyroscope.noise import noise_of
-from simval.imu.calibrate.gyroscope.residuals import InterRest
 from simval.imu.sensor import MODELS, forms
 from simval.theory.plans import error_bars, next_best
 
@@ -74,85 +70,6 @@ def test_rows_are_differentiated_by_parameters_and_readings(model, unchecked):
     np.testing.assert_allclose(one, np.broadcast_to(np.eye(3), one.shape), atol=1e-12)
 
 
-def with_turns(*, walk, bias_std=None):
-    """Three sensors without noise, and the truth."""
-    truth = tumble(12, move_time=1.5, first_hold=1.0, hold_time=0.5)
-    quiet = np.random.default_rng(0)  # draws nothing
-    poses = ACCELEROMETER.distort(truth.directions, quiet)[None]
-    rows = GYROSCOPE.distort(truth.rate, quiet)[None]
-    moves = moves_between(truth.time, rows, truth.intervals, chunk=1)
-    noise = noise_of(moves, bias="constant", angle_random_walk=walk, bias_std=bias_std)
-    fields = fields_of(truth)[None]
-    problem = Problem(
-        sensors=(
-            Accelerometer(
-                readings=poses, std=np.full(poses.shape, 1e-3), model="triangular"
-            ),
-            Magnetometer(readings=fields, std=np.full(fields.shape, IRON_STD)),
-        ),
-        turns=InterRest(moves=moves, noise=noise, each=3),
-    )
-    own = np.array(ACCELEROMETER.parameters)
-    own[3:6] /= truth.g
-    iron = [*(IRON.M / FIELD).ravel(), *IRON.b, np.sin(DIP)]
-    gyroscope = [*M.ravel(), *(GYROSCOPE.B - moves.centre[0])]
-    return problem, np.array([[*own, *iron, *gyroscope]])
-
-
-def raw(problem, theta):
-    """Rows, not whitened."""
-    here = problem.local(theta)
-    return np.linalg.solve(here.white[0], here.rows[0])
-
-
-@pytest.mark.ci
-def test_rows_of_the_turns_are_differentiated():
-    """Central differences at the truth, where the rows are zero and E drops out."""
-    problem, theta = with_turns(walk=WALK)
-    here = problem.local(theta)
-    J = np.linalg.solve(here.white[0], here.slopes[0])
-    h, rng = 1e-5, np.random.default_rng(2)
-    size = np.r_[np.ones(9), np.full(9, 1e-3), np.full(3, 100.0), np.ones(13)]
-    for unit in rng.standard_normal((4, 34)) * size:  # any column that is wrong shows
-        ends = [raw(problem, theta + s * h * unit) for s in (1, -1)]
-        slope = (ends[0] - ends[1]) / (2 * h)
-        # h^2 over 6 of a third derivative of some tens; moves turn by radians, and at
-        # 100 Hz the rows are not zero but 1e-6, by which E counts
-        scale = max(1.0, np.abs(slope).max())
-        np.testing.assert_allclose(J @ unit, slope, rtol=0, atol=1e-5 * scale)
-
-
-@pytest.mark.ci
-def test_covariance_of_the_rows_counts_each_pose_once():
-    """V is what unit noise of each reading does to all rows, by differences."""
-    problem, theta = with_turns(walk=1e-9, bias_std=1e-7)
-    white = problem.local(theta).white[0]
-    V = np.linalg.inv(white) @ np.linalg.inv(white).T
-    columns = []
-    for s, (sensor, h) in enumerate(zip(problem.sensors, (1e-5, 1e-3), strict=True)):
-        for at in np.ndindex(sensor.readings.shape):
-            ends = []
-            for sign in (1.0, -1.0):
-                other = sensor.readings.copy()
-                other[at] += sign * h
-                sensors = list(problem.sensors)
-                sensors[s] = replace(sensor, readings=other)
-                moved = replace(problem, sensors=tuple(sensors))
-                ends.append(raw(moved, theta))
-            columns.append((ends[0] - ends[1]) / (2 * h) * sensor.std[at])
-    L = np.array(columns).T
-    inter_rest = 3 * problem.turns.item[0]
-    every = np.r_[0:inter_rest, inter_rest + 3 : len(V)]  # all but the rows of the bias
-    sd = np.sqrt(np.diagonal(V))[every]
-    shown = V[np.ix_(every, every)] / np.outer(sd, sd)
-    off = shown - (L @ L.T)[np.ix_(every, every)] / np.outer(sd, sd)
-    # the rows at 100 Hz are not zero but 1e-6, by which their axes turn with a reading
-    assert np.abs(off).max() < 3e-6
-    # power: neighbouring rotations share the field of a pose, and with poses readings
-    assert np.diagonal(shown[2:inter_rest:3, 5:inter_rest:3]).max() < -0.4
-    assert np.abs(shown[:inter_rest, inter_rest:]).max() > 0.05
-
-
 @pytest.mark.parametrize("model", MODELS)
 def test_the_accelerometer_alone_is_its_fit_by_moments(model):
     """All other blocks left out: the same as the fast case, and its covariance."""
@@ -170,34 +87,6 @@ def test_the_accelerometer_alone_is_its_fit_by_moments(model):
     size = fit.sd[:, :, None] * fit.sd[:, None]
     # (U1) is the same at the minimum of the weighted residual
     assert np.abs((covariance - fit.covariance) / size).max() < 1e-8
-
-
-def test_each_trial_is_handed_back_as_if_it_were_alone():
-    """The linearisation of trials that end after other numbers of steps."""
-    problem, theta = pair(trials=3, off=0.0)
-    off = np.array([0.1, 1e-9, 0.01])[:, None]
-    start = theta * (1.0 + off * np.random.default_rng(3).standard_normal((3, 22)))
-    found = minimize(problem, start, 30)
-    assert found.iterations[0] > found.iterations[1] < found.iterations[2]
-    for k in range(3):
-        alone = minimize(problem.take([k]), start[[k]], 30)
-        for name in ("rows", "slopes", "L", "white"):
-            both = (getattr(each.here, name) for each in (found, alone))
-            np.testing.assert_array_equal(next(both)[k], next(both)[0])
-
-
-@pytest.mark.ci
-def test_rows_that_are_handed_back_are_those_of_the_end():
-    """They are normal to their slopes, though these are of a point before."""
-    problem, theta = with_turns(walk=WALK)
-    start = theta * (1.0 + 1e-3 * np.random.default_rng(3).standard_normal((1, 34)))
-    found = minimize(problem, start, 30)
-    assert found.converged.all()
-    here = found.here
-    size = np.linalg.norm(here.slopes[0], axis=0)
-    # the last step is below 1e-8 standard deviations of any combination
-    assert np.abs(here.rows[0] @ here.slopes[0] / size).max() < 1e-7
-    assert np.abs(here.rows).max() > 1e-3  # power: of chunks at 100 Hz
 
 
 # a fourth sensor: an inclinometer of two axes, z = A u + b

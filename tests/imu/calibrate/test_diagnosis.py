@@ -12,7 +12,7 @@ import pytest
 from rounding import EPS
 from scipy import stats
 
-from simval.errors import ConvergenceError, InputError, SimvalError
+from simval.errors import InputError, SimvalError
 from simval.geometry import normalize
 from simval.imu.calibrate import calibrate, diagnose
 from simval.imu.calibrate.diagnosis import geometry_loss, verdict
@@ -70,13 +70,6 @@ def spoiled(seed, count, bad, size, sigma=SIGMA):
 # residuals
 
 
-def standardized(batch, sigma, residual):
-    """Standardised residuals of each set."""
-    fits = [calibrate(y, G, residual=residual) for y in batch]
-    found = [diagnose(fit, y, sigma) for fit, y in zip(fits, batch, strict=True)]
-    return np.array([each.standardized for each in found])
-
-
 def test_distances_are_the_shortest_way_to_the_ellipsoid():
     """Newton's method on the foot of the perpendicular, from the fit's own M and B."""
     y = poses(15)[0]
@@ -94,29 +87,10 @@ def test_distances_are_the_shortest_way_to_the_ellipsoid():
         assert abs(abs(distance) - exact) < 2 * exact**2 / G
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("residual", ["squared", "norm", "weighted", "sampson"])
-def test_standardised_residuals_are_standard(residual):
-    """Known sigma: each pose's has variance 1, whatever its leverage (12 poses); of
-    unknown noise they follow Student's t."""
-    batch = poses(12, 500, seed=1)
-    values = standardized(batch, SIGMA, residual)
-    # a chi-square below 1 % falls back to the scatter: it cuts the tail only
-    assert np.all(np.abs(values.var(axis=0) - 1) < 5 * np.sqrt(2 / 500) + 0.05)
-    one = diagnose(calibrate(batch[0], G, residual=residual), batch[0], SIGMA)
-    assert one.p_value == pytest.approx(stats.chi2.sf(3 * one.chi2_per_dof, 3))
-    leverage = diagnose(calibrate(batch[0], G, residual=residual), batch[0]).leverage
-    np.testing.assert_allclose(leverage.sum(), 9.0, rtol=1e-10)
-    # a diagonal of a projector is 1 at most, up to rounding of the sum of nine
-    assert leverage.max() < 1.0 + 100 * EPS
-    if residual == "squared":
-        values = standardized(poses(12, 1200, seed=2), None, residual)[:, 3]
-        assert stats.kstest(values, stats.t(2).cdf).pvalue > 1e-4
-        assert stats.kstest(values, stats.norm.cdf).pvalue < 1e-4  # power
-
-
-@pytest.mark.parametrize("residual", ["squared", "norm", "weighted", "sampson"])
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize(
+    ("residual", "known"),
+    [("squared", False), ("norm", True), ("weighted", True), ("sampson", False)],
+)
 def test_leverage_is_what_a_pose_pulls_its_own_fit_by(residual, known):
     """A reading moved by e along its normal changes its distance by (1 - h) e."""
     y = poses(14, seed=8)[0]
@@ -138,6 +112,28 @@ def test_leverage_is_what_a_pose_pulls_its_own_fit_by(residual, known):
         assert abs(pulled - leverage[k]) < 0.02
 
 
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("residual", "sigma", "law"),
+    [("squared", None, stats.t(2)), ("norm", SIGMA, stats.norm())],
+)
+def test_standardised_residuals_are_standard(residual, sigma, law):
+    """Of 12 poses whatever their leverage; of unknown noise by Student's t."""
+    batch = poses(12, 500 if sigma is None else 150, seed=2)
+    found = [diagnose(calibrate(y, G, residual=residual), y, sigma) for y in batch]
+    values = np.array([each.standardized for each in found])
+    p = [stats.kstest(each, law.cdf).pvalue for each in values.T]
+    assert min(p) > 1e-4 / (2 * 12)
+    other = stats.norm() if sigma is None else stats.norm(scale=2.0)
+    assert stats.kstest(values[:, 3], other.cdf).pvalue < 1e-4  # power
+    one = found[0]
+    np.testing.assert_allclose(one.leverage.sum(), 9.0, rtol=1e-10)
+    # a diagonal of a projector is 1 at most, up to rounding of the sum of nine
+    assert one.leverage.max() < 1.0 + 100 * EPS
+    if sigma:
+        assert one.p_value == pytest.approx(stats.chi2.sf(3 * one.chi2_per_dof, 3))
+
+
 def test_bad_arguments():
     y = poses(12)[0]
     fit, batch = calibrate(y, G), calibrate(np.stack([y, y]), G)
@@ -153,34 +149,35 @@ def test_bad_arguments():
 
 # outliers
 
+SETS = [
+    *((20, count) for count in (10, 14, 20)),
+    *(pytest.param(1000, count, marks=MANY) for count in (10, 11, 12, 14, 18, 24)),
+    *(pytest.param(250, count, marks=MANY) for count in (40, 64, 100)),
+]
 
-@pytest.mark.parametrize("known", [False, True])
-@pytest.mark.parametrize("place", [even, half])
-@pytest.mark.parametrize(
-    ("count", "sets"),
-    [
-        *((n, 40) for n in (10, 14, 20)),
-        *(pytest.param(n, 1000, marks=MANY) for n in (10, 11, 12, 14, 18, 24)),
-        *(pytest.param(n, 250, marks=MANY) for n in (40, 64, 100)),
-    ],
-)
-def test_clean_sets_have_no_outliers(count, sets, place, known):
+
+@pytest.mark.parametrize(("sets", "count"), SETS)
+def test_clean_sets_have_no_outliers_and_no_step(sets, count):
     """1 % for any number of poses. The best of all pairs and triples of a clean set is
-    always good: without the binomial of (O1) one set of eight has an outlier."""
-    called = 0
+    always good: without the binomial of (O1) one set of eight has an outlier. A step's
+    chance is a bound; without counting places and changes 14 of 20 have one."""
+    called, steps = 0, 0
     for seed in range(sets):
-        rng = np.random.default_rng([7, count, known, seed])
+        rng = np.random.default_rng([7, count, seed])
         sigma = 10 ** rng.uniform(-3.5, -1.6)
-        y = reading(place(rng, count), rng, sigma)
-        noise = np.full(count, sigma) if known else None
-        called += find_outliers(y, noise).flagged.any()
-    assert called <= stats.binom.isf(1e-4 / 12, sets, FALSE_ALARM)
+        y = reading((even, half)[seed % 2](rng, count), rng, sigma)
+        for noise in (np.full(count, sigma), None):
+            called += find_outliers(y, noise).flagged.any()
+        if 10 < count < 40:
+            steps += find_step(reading(even(rng, count), rng)).chance <= 0.05
+    assert called <= 2 * stats.binom.isf(1e-4 / 12, sets, FALSE_ALARM)
+    assert steps <= stats.binom.isf(1e-4 / 5, sets, 0.05)
 
 
 @pytest.mark.parametrize(
     ("count", "bad", "size", "least", "sets"),
     [
-        *((24, bad, 5.0, 0.8, 20) for bad in (1, 2, 3)),
+        (24, 1, 5.0, 0.8, 20),
         (16, 3, 5.0, 0.85, 20),
         *(pytest.param(24, n, 5.0, 0.9, 300, marks=MANY) for n in (1, 2, 3)),
         pytest.param(24, 3, 0.5, 0.8, 300, marks=MANY),
@@ -256,8 +253,7 @@ def test_a_robust_loss_lets_go_of_outliers_and_names_no_other(loss):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("known", [None, SIGMA])
-@pytest.mark.parametrize("bad", [1, 3])
+@pytest.mark.parametrize(("bad", "known"), [(1, None), (3, SIGMA)])
 def test_a_set_that_outliers_spoil_is_never_told_to_add_poses(bad, known):
     """Accepted or refused, the words name the pose: 20 sets of 24 poses."""
     named = refused = 0
@@ -290,24 +286,7 @@ def test_a_break_is_found_where_it_is():
     assert find_break(y[:10]) is None
 
 
-@pytest.mark.parametrize(
-    ("count", "sets"),
-    [
-        *(pytest.param(n, 20, marks=pytest.mark.ci) for n in (12, 16)),
-        *(pytest.param(n, 300, marks=MANY) for n in (12, 14, 18, 24, 32)),
-    ],
-)
-def test_clean_series_have_no_step(count, sets):
-    """The chance is a bound. Without counting places and changes 14 and 19 of 20 have
-    one."""
-    called = 0
-    for seed in range(sets):
-        rng = np.random.default_rng([61, count, seed])
-        called += find_step(reading(even(rng, count), rng)).chance <= 0.05
-    assert called <= stats.binom.isf(1e-4 / 5, sets, 0.05)
-
-
-@pytest.mark.parametrize("count", [13, 15, 20])
+@pytest.mark.parametrize("count", [13, 20])
 def test_a_step_is_found_where_it_is(count):
     """0.5 m/s^2 in thirteen poses: one parameter, and three degrees of freedom left."""
     rng = np.random.default_rng(67)
@@ -352,7 +331,7 @@ def drifting(order, size, rng):
 def test_a_drift_is_called_at_its_level(stated):
     """Exact in white noise, with a Bonferroni factor of 18: 1 in 1000 at the most."""
     p = []
-    for seed in range(150):
+    for seed in range(75):
         y = drifting("mixed", 0.0, np.random.default_rng([90, seed]))
         p.append(diagnose(calibrate(y, G), y, stated).drift.p_value)
     p = np.array(p)
@@ -457,25 +436,6 @@ def test_the_first_words_are_the_cause(family, sets):
     assert len(wrong) <= stats.binom.isf(1e-4 / len(FAMILIES), sets, 0.05), wrong[:3]
 
 
-@pytest.mark.ci
-def test_ten_poses_of_a_bad_geometry_and_scales_hardly_known():
-    """Random directions, condition 15 to some 100: noise was blamed."""
-    seen = 0
-    for seed in range(60):
-        rng = np.random.default_rng([41, seed])
-        y = reading(random_directions(10, rng), rng, 1e-3)
-        fit = calibrate(y, G, condition_limit=1e6, noise_std=1e-3)
-        if fit.status == "converged" and fit.condition > 15:
-            said = diagnose(fit, y, 1e-3).verdict
-            assert "noise is the limit" not in said
-            assert "geometry" in said
-            seen += 1
-    assert seen >= 2
-    y = reading(fibonacci_sphere(20), np.random.default_rng(43), 0.6)
-    said = diagnose(calibrate(y, G, noise_std=0.6), y, 0.6).verdict
-    assert re.search("a scale is known to.*not yet a calibration", said)
-
-
 def test_geometry_loss_is_one_for_the_whole_sphere():
     """Monte Carlo moments of the sphere, 2e5 directions: their error is 3e-3."""
     rng = np.random.default_rng(47)
@@ -488,19 +448,3 @@ def test_geometry_loss_is_one_for_the_whole_sphere():
     # sixty points of a spiral are the whole sphere to 1/60
     assert geometry_loss(fibonacci_sphere(60)) < 1.02
     assert geometry_loss(np.tile(np.eye(3), (4, 1))) == np.inf
-
-
-def test_no_option_is_advised_that_the_caller_has_not():
-    """`max_iterations` is named where it was set low, never in a log's refusal."""
-    y = reading(fibonacci_sphere(20), np.random.default_rng(53))
-    with pytest.raises(ConvergenceError, match=r"raise `max_iterations`"):
-        calibrate(y, G, residual="norm", max_iterations=1).require_converged()
-    # a cap of 60 degrees and much noise: the first that the solver does not end on
-    rng = np.random.default_rng([59, 87])
-    u = random_directions(200, rng)
-    y = reading(u[u[:, 2] > 0.5][:12], rng, 0.3)
-    fit = calibrate(y, G, method="gauss-newton")
-    assert fit.status == "max iterations"
-    with pytest.raises(ConvergenceError, match="more of the sphere") as caught:
-        fit.require_converged()
-    assert "iterations`" not in str(caught.value)

@@ -77,12 +77,6 @@ def test_wrong_values(data, words):
         from_json(data)
 
 
-def test_a_batch_is_not_one_calibration():
-    y = MODEL.distort(G * fibonacci_sphere(12), np.random.default_rng(0))
-    with pytest.raises(InputError, match="batch of 2"):
-        to_json(calibrate(np.stack([y, 1.01 * y]), G))
-
-
 def leaves(value, path=()):
     if not isinstance(value, list):
         yield path
@@ -131,16 +125,6 @@ def test_no_edit_is_ignored(count):
     assert ignored_edits(np.random.default_rng(11), count) == []
 
 
-@pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("name", ["B", "K", "T", "matrix", "sd", "covariance", "g"])
-def test_a_hand_edit_in_one_place_is_refused(model, name):
-    data = to_json(fit(model))
-    value = np.array(data[name])
-    value[(-1,) * value.ndim] += 1e-4 * np.abs(value).max()
-    with pytest.raises(InputError, match=r"`\w+(\[\d\])*`.* is .*(makes it|leave)"):
-        from_json(data | {name: value.tolist()})
-
-
 def test_statements_may_be_left_out():
     data = to_json(fit())
     whole = from_json(data)
@@ -173,9 +157,9 @@ def test_a_damaged_block_of_another_sensor_is_refused(tmp_path, name, block):
 # the command that applies a calibration
 
 
-@pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize(
-    ("time", "extra"), [(True, False), (False, True), (True, True)]
+    ("model", "time", "extra"),
+    [("triangular", True, False), ("upper", False, True), ("symmetric", True, True)],
 )
 def test_correct_applies_the_calibration(simval, tmp_path, model, time, extra):
     """The command's output is M (y - B) to the last printed digit."""
@@ -310,19 +294,3 @@ def test_a_log_of_another_unit_is_refused_and_no_other(count):
             if bool(said) != (log_unit != unit) and not counts:
                 wrong.append((str(kind), str(unit), str(log_unit), rate))
     assert wrong == []
-
-
-def test_raw_counts_are_not_corrected_with_a_calibration_in_si(simval, tmp_path):
-    """They became 32 983 m/s^2 without a word."""
-    rng = np.random.default_rng(4)
-    poses = unit_sensor("SI", rng).distort(9.80665 * fibonacci_sphere(20), rng)
-    made = calibrate(poses + 0.003 * rng.standard_normal((20, 3)), 9.80665)
-    raw = unit_sensor("counts", rng).distort(recorded_force("rests", 100, rng), rng)
-    np.savetxt(tmp_path / "log.txt", raw)
-    words = ["correct", tmp_path / "log.txt", "--calibration", tmp_path / "c.json"]
-    bare = {name: to_json(made)[name] for name in ("T", "K", "B")}
-    for data, say in ((to_json(made), "made from"), (bare, "is for readings of")):
-        (tmp_path / "c.json").write_text(json.dumps(data))
-        code, _, said = simval(*words, "--rate", "100")
-        assert (code, say in " ".join(said.split())) == (RefusedError.exit_code, True)
-    assert simval(*words, "--rate", "100", "--unchecked")[0] == 0

@@ -4,7 +4,6 @@ False alarms: one in 1e4 for all cases of a test together, unless said otherwise
 """
 
 import json
-import re
 
 import numpy as np
 import pytest
@@ -24,16 +23,15 @@ from fits import (
     drawn,
     parameters,
     sd,
-    squares,
     taken,
 )
+from magnetometer_sets import squares
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from simval.errors import ConvergenceError, InputError, SimvalError
 from simval.imu.calibrate import load_calibration, save_calibration
 from simval.imu.calibrate.files import load_others
-from simval.imu.sensor import forms
 
 EVERY = pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 SINGLE = [name for name, case in CASES.items() if case.estimator == "joint"]
@@ -215,7 +213,9 @@ def unit_noises(case):
     return readings
 
 
-BARS = {k: v for k, v in (CASES | WALKING).items() if v.known}
+SLOW = ("nine axes, upper", "gyroscope, symmetric")  # whose forms others have
+FEW = {k: v for k, v in CASES.items() if k not in SLOW}
+BARS = {k: v for k, v in (FEW | WALKING).items() if v.known}
 
 
 @pytest.mark.ci
@@ -241,7 +241,7 @@ def test_the_stated_covariance_is_what_each_noise_moves(case):
 
 
 @pytest.mark.ci
-@EVERY
+@pytest.mark.parametrize("case", FEW.values(), ids=FEW)
 def test_error_bars_hold(case):
     """NEES, coverage and chi-square of many trials, each by its law."""
     trials = {"poses": 4000, "fields": 1500, "rates": 150}[case.sources[-1]]
@@ -270,35 +270,6 @@ def test_error_bars_hold(case):
 
 
 # what is said of a fit
-
-ROW = re.compile(r"^  ([A-Za-z]\S*) +(-?[\d.e+-]+) +([\d.e+-]+)\b", re.MULTILINE)
-
-
-@ONE
-def test_the_text_of_a_fit_holds_what_its_result_holds(case):
-    fit = case.fit(taken(drawn(case, 1, np.random.default_rng(8)), 0))
-    text, rows = str(fit), ROW.findall(str(fit))
-    # beside one other sensor the accelerometer has a text of its own
-    own = slice(9 if len(case.sources) == 2 else 0, None)
-    values, bars = parameters(fit)[own].copy(), sd(fit)[own].copy()
-    if "fields" in case.sources:
-        values[-1], bars[-1] = np.degrees(values[-1]), np.degrees(bars[-1])
-    signs = [sign for _, sign in forms.entries(case.form)]  # the entries of T
-    values[:9] *= signs if len(case.sources) != 2 else 1.0
-    assert len(rows) == len(values)
-    for (_, value, bar), own, error in zip(rows, values, bars, strict=True):
-        # eight digits and three, as the table prints them
-        assert float(value) == pytest.approx(own, rel=5e-8)
-        assert float(bar) == pytest.approx(error, rel=5e-3)
-    if case.sources == ("poses",):
-        ends = re.findall(r"(-?\d\S*) to +(-?\d\S*)", text)
-        for sign, own, printed in zip(signs, fit.intervals, ends, strict=True):
-            low, high = map(float, printed)
-            assert (low, high) == pytest.approx(sorted(sign * own), rel=5e-8)
-    assert "converged after" in text or "chi2 per dof" in text
-    assert len(fit.names) == len(set(fit.names)) == fit.parameters.shape[-1]
-    many = str(case.fit(drawn(case, 3, np.random.default_rng(9))))
-    assert re.fullmatch("3 calibrations of .*: 3 converged", many)
 
 
 @ONE

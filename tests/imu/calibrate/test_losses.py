@@ -79,7 +79,7 @@ def norms(parameters, y):
     return np.sum(((y - sensor.B) @ sensor.matrix.T) ** 2, axis=1)
 
 
-def noisy(count, seed, sigma=SIGMA):
+def noisy(count, seed, sigma):
     clean = SENSOR.distort(G * fibonacci_sphere(count), np.random.default_rng(0))
     noise = np.random.default_rng(seed).standard_normal((count, 3))
     y = clean + np.asarray(sigma).reshape(-1, 1) * noise
@@ -94,70 +94,47 @@ def scale_of(distance):
     return median * np.sqrt(n / (n - 9))
 
 
-def huber_variance(loss, distance, scale):
-    """Huber's variance of a residual, kappa and all."""
+def huber_variance(loss, standard):
+    """Huber's variance of a standardised residual, kappa and all."""
     psi, slope, tuning = LAWS[loss]
-    n = len(distance)
-    pull = tuning * scale * psi(distance / (tuning * scale))
-    each = slope(distance / (tuning * scale))
+    n, each = len(standard), slope(standard / tuning)
     kappa = 1 + 9 / n * each.var() / each.mean() ** 2
+    pull = tuning * psi(standard / tuning)
     return kappa**2 * np.sum(pull**2) / (n - 9) / each.mean() ** 2
 
 
-@pytest.mark.parametrize("residual", ["squared", "weighted"])
-@pytest.mark.parametrize("known", [False, True], ids=["scale found", "noise known"])
-@pytest.mark.parametrize("loss", LAWS)
-def test_the_fit_and_its_covariance_are_those_of_the_formula(loss, known, residual):
-    y = noisy(24, seed=7)
-    given = {"noise_std": SIGMA} if known else {}
-    fit = calibrate(y, G, loss=loss, residual=residual, **given)
+UNEVEN = np.where(np.arange(24) % 3, 0.01, 0.04)
+TOLD = {  # noise of the readings, and of each residual by what is told
+    "found": (SIGMA, None, lambda d: scale_of(d)),
+    "known": (SIGMA, SIGMA, lambda d: SIGMA),
+    "of each pose": (UNEVEN, UNEVEN, lambda d: UNEVEN),
+    "the greatest": (UNEVEN, UNEVEN, lambda d: 0.04),
+}
+FITS = [
+    *((loss, residual, told) for loss in LAWS for residual in ("squared", "weighted")
+      for told in ("found", "known")),
+    ("huber", "weighted", "of each pose"), ("soft_l1", "squared", "the greatest"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("loss", "residual", "told"), FITS)
+def test_the_fit_and_its_covariance_are_those_of_the_formula(loss, residual, told):
+    sigma, given, scale_by = TOLD[told]
+    y = noisy(24, 7, sigma)
+    fit = calibrate(y, G, loss=loss, residual=residual, noise_std=given)
     assert fit.status == "converged"
     distance = distances(fit.parameters, y)
-    scale = SIGMA if known else scale_of(distance)
+    scale = scale_by(distance) * np.ones(24)
     psi, _, tuning = LAWS[loss]
-    r = distance / (tuning * scale)
     slopes = derivatives(lambda p: norms(p, y), fit.parameters)
     steep = (norms(fit.parameters, y) - G**2) / distance  # of |f|^2 along the reading
-    share = 1.0 / steep**2 if residual == "weighted" else np.ones(24)
+    share = 1.0 / (steep * scale) ** 2 if residual == "weighted" else np.ones(24)
     # the estimate solves sum w(r) a c dc = 0: its value is a step of at most 1e-4 of a
     # standard deviation. A scale held after ten rounds is that of the end within 1e-4.
-    pull = share * steep * psi(r) * tuning * scale
-    normal = slopes.T @ (share[:, None] * slopes)
-    step = np.linalg.solve(normal, slopes.T @ pull)
-    assert np.all(abs(step) < 1e-3 * fit.sd)
+    pull = share * steep * psi(distance / (tuning * scale)) * tuning * scale
+    inverse = np.linalg.inv(slopes.T @ (share[:, None] * slopes))
+    assert np.all(abs(inverse @ slopes.T @ pull) < 1e-3 * fit.sd)
     # stated covariance (U1) with (U3)
-    middle = slopes.T @ ((share * steep)[:, None] ** 2 * slopes)
-    inverse = np.linalg.inv(normal)
-    expected = huber_variance(loss, distance, scale) * inverse @ middle @ inverse
+    middle = slopes.T @ ((share * steep * scale)[:, None] ** 2 * slopes)
+    expected = huber_variance(loss, distance / scale) * inverse @ middle @ inverse
     np.testing.assert_allclose(fit.sd, np.sqrt(np.diagonal(expected)), rtol=1e-3)
-
-
-def test_known_noise_of_each_pose_is_the_scale_of_each():
-    sigma = np.where(np.arange(24) % 3, 0.01, 0.04)
-    y = noisy(24, seed=8, sigma=sigma)
-    fit = calibrate(y, G, loss="huber", residual="weighted", noise_std=sigma)
-    assert fit.status == "converged"
-    psi, _, tuning = LAWS["huber"]
-    standard = distances(fit.parameters, y) / sigma
-    slopes = derivatives(lambda p: distances(p, y) / sigma, fit.parameters)
-    normal = slopes.T @ slopes
-    step = np.linalg.solve(normal, slopes.T @ (tuning * psi(standard / tuning)))
-    # the distance's derivative, not that of the norm alone: noise over g is left
-    assert np.all(abs(step) < 0.02 * fit.sd)
-    expected = huber_variance("huber", standard, 1.0) * np.linalg.inv(normal)
-    np.testing.assert_allclose(fit.sd, np.sqrt(np.diagonal(expected)), rtol=0.01)
-
-
-@pytest.mark.parametrize("order", [1, -1])
-def test_unweighted_poses_of_unequal_noise_share_the_greatest(order):
-    sigma = np.linspace(0.01, 0.04, 24)[::order]
-    y = noisy(24, seed=9, sigma=sigma)
-    fit = calibrate(y, G, loss="soft_l1", noise_std=sigma)
-    assert fit.status == "converged"
-    slopes = derivatives(lambda p: norms(p, y), fit.parameters)
-    distance = distances(fit.parameters, y)
-    steep = (norms(fit.parameters, y) - G**2) / distance
-    inverse = np.linalg.inv(slopes.T @ slopes)
-    middle = slopes.T @ (steep[:, None] ** 2 * slopes)
-    expected = huber_variance("soft_l1", distance, 0.04) * inverse @ middle @ inverse
-    np.testing.assert_allclose(fit.sd, np.sqrt(np.diagonal(expected)), rtol=1e-6)

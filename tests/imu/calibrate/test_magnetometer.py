@@ -3,7 +3,6 @@
 What it shares with the other fits is in `test_fits`.
 """
 
-import itertools
 import re
 
 import numpy as np
@@ -15,16 +14,16 @@ from magnetometer_sets import (
     IRON_STD,
     G,
     made,
-    normalised_squares,
     random_sensors,
     random_set,
+    squares,
     tilted,
 )
 from places import recording
 from scipy import stats
 from scipy.io import loadmat
 
-from simval.errors import GeometryError, InputError, RefusedError, SimvalError
+from simval.errors import GeometryError, InputError, RefusedError
 from simval.geometry import random_quaternions
 from simval.imu.calibrate import (
     calibrate,
@@ -65,20 +64,6 @@ def noisy(case, seed=1):
     return body[0], iron[0]
 
 
-@pytest.mark.ci
-def test_any_order_of_the_axes_is_found():
-    body, iron = noisy(FORTY)
-    plain = fit_of(body, iron)
-    signs = itertools.product((1.0, -1.0), repeat=3)
-    orders = itertools.product(itertools.permutations(range(3)), signs)
-    turns = [np.eye(3)[list(order)] * sign for order, sign in orders]
-    for turn in (each for each in turns if np.linalg.det(each) > 0.0):
-        found = fit_of(body, iron @ turn.T)
-        np.testing.assert_allclose(found.M @ turn, plain.M, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(found.b, turn @ plain.b, rtol=0, atol=1e-7)
-        assert found.dip == pytest.approx(plain.dip, abs=1e-9)
-
-
 def test_the_twin_is_exact_and_the_hemisphere_picks_one():
     body, iron = noisy(FORTY)
     unstated = fit_of(body, iron)
@@ -112,9 +97,9 @@ def test_a_known_accelerometer_joins_with_its_covariance():
     assert found.dof == 3 * 12 + 9 - 22
     assert found.model == own.model
     assert found.converged.all()
-    squares = normalised_squares(found.parameters - twelve.truth, found.covariance)
+    nees = squares(found.parameters - twelve.truth, found.covariance)
     # mean of chi-square(22) over 200: sd 0.47; one alarm in 1e4 is 3.9 of them
-    assert abs(squares.mean() - 22.0) < 3.9 * np.sqrt(44.0 / trials)
+    assert abs(nees.mean() - 22.0) < 3.9 * np.sqrt(44.0 / trials)
     # it knows more than either alone
     assert np.all(found.sd[:, :9] <= own.sd * (1.0 + 1e-9))
     single = calibrate(other.noisy(1, rng)[0][0], G, noise_std=BODY_STD)
@@ -132,34 +117,6 @@ def test_an_accelerometer_without_covariance_is_not_known(unchecked):
 
 
 # one trial, looked at
-
-
-def test_the_weights_of_poses_are_used():
-    rng = np.random.default_rng(11)
-    sd = np.where(np.arange(40) < 20, 1.0, 10.0)
-    body = FORTY.body + BODY_STD * rng.standard_normal((100, 40, 3))
-    iron = FORTY.iron + sd[:, None] * rng.standard_normal((100, 40, 3))
-    own = fit_of(body, iron, magnetometer_std=sd)
-    flat = fit_of(body, iron)
-    square = [
-        np.mean((found.parameters - FORTY.truth)[:, 9:21] ** 2, axis=0)
-        for found in (own, flat)
-    ]
-    # half the poses are ten times as good: weighed alike they cost (1 + 100)/2 / 1.98,
-    # 25 times the variance; 5 times is told from 1 in 100 trials beyond doubt
-    assert np.median(square[1] / square[0]) > 5.0
-
-
-def test_pose_chi_squares_are_what_leaving_out_takes_off():
-    body, iron = noisy(FORTY)
-    whole = fit_of(body, iron)
-    for k in (0, 13, 39):
-        keep = np.arange(40) != k
-        less = fit_of(body[keep], iron[keep])
-        # exact for linear equations: the rest is of the order of the noise
-        assert whole.chi_square - less.chi_square == pytest.approx(
-            whole.pose_chi_square[k], rel=0.03, abs=0.02
-        )
 
 
 def test_a_field_that_is_disturbed_everywhere_is_said():
@@ -204,7 +161,7 @@ def test_a_field_that_varies_with_time_is_said():
 @pytest.mark.ci
 def test_a_disturbed_pose_is_named_and_a_clean_set_is_left_alone():
     named = clean = varying = 0
-    for seed in range(60):
+    for seed in range(30):
         body, iron = noisy(FORTY, seed)
         alone = fit_of(body, iron)
         clean += bool(alone.disturbed)
@@ -214,9 +171,9 @@ def test_a_disturbed_pose_is_named_and_a_clean_set_is_left_alone():
         named += set(found.disturbed) == {3, 17}
         assert re.search("poses? .*(3|17) ", found.findings[0])
         assert found.pose_chi_square[3] > 30.0
-    # each false in 1 of 100 clean sets: 5 or more of 60 has chance 4e-4
-    assert max(clean, varying) < 5
-    assert named >= 54  # the others name one more by chance
+    # each false in 1 of 100 clean sets: 4 or more of 30 has chance 2e-4
+    assert max(clean, varying) < 4
+    assert named >= 27  # the others name one more by chance
     rest = float(re.findall(r"without, .* is (\S+):", found.findings[0])[0])
     low, high = stats.chi2.ppf([5e-5, 1.0 - 5e-5], 92) / 92  # one alarm in 1e4
     assert low < rest < high
@@ -265,7 +222,7 @@ def windows():
 @pytest.mark.ci
 def test_axes_and_dip_of_a_real_sensor_are_found(windows):
     body, iron, moved, _ = windows
-    pick = np.flatnonzero(moved)[::5]
+    pick = np.flatnonzero(moved)[::15]
     given = {"accelerometer_std": HAND, "magnetometer_std": FIELD_STD, **BERLIN}
     found = calibrate_magnetometer(body[pick], iron[pick], hemisphere="north", **given)
     assert found.status == "converged"
@@ -374,19 +331,6 @@ def test_what_is_near_a_refusal_is_fitted():
     assert "another unit" in found.findings[0]
 
 
-@pytest.mark.ci
-def test_seven_poses_are_enough_beside_a_known_accelerometer():
-    own = calibrate(noisy(random_set(20, 2))[0], G, noise_std=BODY_STD)
-    said = refused(*noisy(random_set(6, 1)), known=own)
-    assert re.search("two equations for the magnetometer.*7 poses or more", said)
-    case = random_set(8, 7)
-    found = fit_of(*noisy(case), known=own)
-    assert (found.status, found.dof) == ("converged", 11)
-    # one set: of 22 numbers the greatest is within 4.6 error bars in all but 1 of 1e4
-    assert np.abs((found.parameters - case.truth) / found.sd).max() < 4.6
-    assert "8 poses leave 11 degrees of freedom" in found.findings[0]
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -404,57 +348,7 @@ def test_options_that_do_not_fit_the_poses(change, words):
     assert words in refused(BODY40, IRON40, (InputError, RefusedError), **change)
 
 
-@pytest.mark.parametrize("which", [0, 1])
-def test_sensors_of_other_poses_are_refused(which):
-    pair = [BODY40, IRON40]
-    for bad in (pair[which][:-1], pair[which][None], np.tile(pair[which][:1], (40, 1))):
-        given = [bad if k == which else x for k, x in enumerate(pair)]
-        for function in (fit_of, ellipsoid_then_rotation):
-            with pytest.raises(SimvalError):
-                function(*given)
-
-
 # many of them
-
-
-def garbage(rng):
-    """A pair of arrays of the right shape that are no calibration's poses."""
-    count = int(rng.integers(8, 40))
-    body, iron = rng.standard_normal((2, count, 3))
-    kind = rng.integers(6)
-    if kind == 1:
-        iron = body @ rng.standard_normal((3, 3)) + 0.01 * iron
-    elif kind == 2:
-        body[:, rng.integers(3)] *= 1e-9
-    elif kind == 3:
-        body = np.round(body)
-    elif kind == 4:
-        iron = np.cumsum(iron, axis=0)
-    elif kind == 5:
-        body = body / np.linalg.norm(body, axis=1, keepdims=True)
-    return body * 10.0 ** rng.uniform(-6, 6), iron * 10.0 ** rng.uniform(-6, 6)
-
-
-def outcome(body, iron, std):
-    """What is said of a set: the words of a refusal, or the findings of a fit."""
-    try:
-        found = calibrate_magnetometer(
-            body, iron, accelerometer_std=std[0], magnetometer_std=std[1]
-        )
-    except SimvalError as error:
-        return str(error)
-    assert np.isfinite(found.parameters).all()
-    return " ".join(found.findings)
-
-
-@pytest.mark.slow
-def test_garbage_never_passes_in_silence():
-    """Random numbers: refused, or a fit that says what is wrong with it."""
-    rng = np.random.default_rng(12)
-    for _ in range(30):
-        pair = garbage(rng)
-        std = [float(np.abs(x).max()) * 10.0 ** rng.uniform(-6, -2) for x in pair]
-        assert len(outcome(*pair, std)) > 30
 
 
 def good_sets(count, trials, rng, dip_deg=80.0):
@@ -481,12 +375,10 @@ def test_thousands_of_random_sets_are_fitted(count):
     refusals = np.mean(~np.asarray(found.converged))
     assert refusals <= (0.01 if count == 12 else 0.0)  # error bars above 15 %
     good = np.asarray(found.converged)
-    squares = normalised_squares(
-        (found.parameters - truth)[good], found.covariance[good]
-    )
+    nees = squares((found.parameters - truth)[good], found.covariance[good])
     # a wrong answer is hundreds of standard deviations off; by chance one set of all
     # exceeds the limit in 1e4 runs, and bars of first order are allowed a third more
-    assert squares.max() < 4.0 / 3.0 * stats.chi2.isf(1e-4 / trials, 22)
+    assert nees.max() < 4.0 / 3.0 * stats.chi2.isf(1e-4 / trials, 22)
     # chi-square of the residuals: the mean over trials, one alarm in 1e4
     mean = found.chi_square[good].mean() / found.dof
     assert abs(mean - 1.0) < 3.9 * np.sqrt(2.0 / found.dof / good.sum()) + 0.01

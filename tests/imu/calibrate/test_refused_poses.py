@@ -13,7 +13,6 @@ from true_sensor import MODEL, G
 from simval.errors import GeometryError, InputError, RefusedError
 from simval.geometry import normalize
 from simval.imu.calibrate import calibrate
-from simval.imu.calibrate.evidence import required_noise
 from simval.imu.sensor import AccelerometerModel
 from simval.poses import (
     cube_corners,
@@ -85,16 +84,6 @@ def test_a_set_that_is_no_calibration_is_refused_in_words(name):
         calibrate(poses, G, **options)
 
 
-@pytest.mark.parametrize("sigma", [1e-6, 1e-4, 1e-2, 0.1])
-@pytest.mark.parametrize("seed", range(4))
-def test_six_faces_hidden_by_noise_are_still_refused(sigma, seed):
-    """Noise makes the rank nine; what it would report is made of noise."""
-    tripled = np.tile(cube_faces(), (3, 1))
-    for noise_std in (None, sigma):
-        with pytest.raises(RefusedError, match="the six faces of a cube"):
-            calibrate(poses_of(tripled, sigma, seed), G, noise_std=noise_std)
-
-
 @pytest.mark.parametrize(
     ("directions", "rank"),
     [
@@ -117,13 +106,6 @@ def test_ranks_are_right_in_any_unit(directions, rank, counts):
     assert np.isinf(fit.condition).all()
 
 
-@pytest.mark.parametrize("directions", [cube_edges(), cap(90), fibonacci_sphere(9)])
-def test_sets_that_are_enough(directions):
-    fit = calibrate(poses_of(directions), G)
-    # without noise: eps times the condition, 1e2, over g
-    np.testing.assert_allclose(fit.parameters, MODEL.parameters, rtol=0, atol=1e3 * EPS)
-
-
 def test_what_the_caller_may_allow():
     fit = calibrate(poses_of(cap(20)), G, condition_limit=1e6)
     assert fit.condition > 1e3
@@ -136,15 +118,6 @@ def test_what_the_caller_may_allow():
     assert list(batch.status) == ["converged", "refused: duplicate poses"]
 
 
-@pytest.mark.ci
-def test_a_cap_that_noise_fills_is_never_a_success():
-    """Tilts under 40 degrees at 20 mm/s^2: noise bends the cap as much as its shape."""
-    clean = poses_of(cap(40))
-    noise = np.random.default_rng(1).standard_normal((300, *clean.shape))
-    assert not calibrate(clean + 0.02 * noise, G).converged.any()
-    assert calibrate(clean + 0.002 * noise, G).converged.all()  # that can be done
-
-
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_saturation_says_where(sign):
     poses = sign * TWELVE
@@ -154,33 +127,6 @@ def test_saturation_says_where(sign):
     with pytest.raises(RefusedError, match=words):
         calibrate(poses, G, full_scale=limit)
     assert calibrate(poses, G, full_scale=limit * 1.001).status == "converged"
-
-
-def test_random_numbers_are_not_a_calibration():
-    """Never success with garbage: uniform noise in a cube is refused or poor, and
-    its residual says so; points of a spiral are no ellipsoid."""
-    fit = calibrate(np.random.default_rng(0).uniform(-1, 1, (300, 12, 3)), G)
-    assert fit.converged.mean() < 0.2  # seen: not one of the 300 is taken
-    assert np.all(fit.rms[fit.converged] > 0.05 * G)
-    t = np.linspace(0.5, 6.0, 40)
-    poses = np.stack([np.cosh(t / 3) * np.cos(t), np.cosh(t / 3) * np.sin(t), t**2], -1)
-    with pytest.raises(RefusedError):
-        calibrate(poses, G)
-
-
-@pytest.mark.parametrize("unit", [1e-320, 1e-58, 1e-20, 1e20, 1e58, 1e70, 1e308])
-def test_units_that_floats_can_square_and_others(unit):
-    """Others are refused without a warning."""
-    poses = poses_of(fibonacci_sphere(12), 1e-3) / 20 * unit
-    if not 1e-70 < unit < 1e60:
-        with pytest.raises((InputError, RefusedError)):
-            calibrate(poses, G)
-        return
-    fit = calibrate(poses, G)
-    assert fit.status == "converged"
-    assert np.isfinite(fit.covariance).all()
-    # the fit works in scaled numbers: only the scaling itself rounds
-    np.testing.assert_allclose(fit.K * unit, calibrate(poses / unit, G).K, rtol=8 * EPS)
 
 
 # families
@@ -204,22 +150,9 @@ def two_circles(count, rng, turn):
     return np.concatenate([circle(half, a, rng), circle(count - half, b, rng) @ turn])
 
 
-def circle_and_poles(count, rng):
-    poles = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])[: rng.integers(1, 3)]
-    return np.concatenate([circle(count - len(poles), 0.0, rng), poles])
-
-
 def repeated(count, rng):
     some = random_directions(int(rng.integers(3, 9)), rng)
     return some[np.arange(count) % len(some)]
-
-
-def half_planes(count, rng):
-    polar = rng.uniform(0.0, np.pi, count)
-    azimuth = rng.uniform(0.3, 2.8) * (rng.random(count) < 0.5)
-    across = np.sin(polar)
-    columns = [across * np.cos(azimuth), across * np.sin(azimuth), np.cos(polar)]
-    return np.stack(columns, axis=-1)
 
 
 def on_quadric(count, rng):
@@ -253,8 +186,7 @@ DEFICIENT = {
     "one circle": lambda n, rng: circle(n, rng.uniform(-0.9, 0.9), rng),
     "parallel circles": lambda n, rng: two_circles(n, rng, np.eye(3)),
     "crossing circles": lambda n, rng: two_circles(n, rng, rotation(rng)),
-    "circle and poles": circle_and_poles, "repeated": repeated,
-    "half planes": half_planes, "on a quadric": on_quadric,
+    "repeated": repeated, "on a quadric": on_quadric,
 }  # fmt: skip
 GOOD = {
     "even": lambda n, rng: fibonacci_sphere(n),
@@ -341,28 +273,6 @@ def test_good_sets_are_kept(family, sets):
     assert refused <= (2 if family == "scattered" and sets > 100 else 0)
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("noise_std", [None, 0.01])
-def test_one_set_and_a_batch_are_judged_alike(noise_std):
-    """Circles with a little height: some pass, some do not, and each as by itself."""
-    rng = np.random.default_rng(3)
-    lifted = np.stack([DEFICIENT["parallel circles"](14, rng) for _ in range(24)])
-    lifted = normalize(lifted + 0.05 * rng.standard_normal(lifted.shape))
-    poses = G * lifted + 0.01 * rng.standard_normal(lifted.shape)
-    batch = calibrate(poses, G, noise_std=noise_std)
-    assert 0 < batch.converged.sum() < len(batch.converged)
-    quick = calibrate(poses, G, noise_std=noise_std, covariance=False)
-    np.testing.assert_array_equal(quick.status, batch.status)
-    for row, one in enumerate(poses):
-        if batch.status[row].startswith("refused"):
-            with pytest.raises(RefusedError):
-                calibrate(one, G, noise_std=noise_std)
-        else:
-            alone = calibrate(one, G, noise_std=noise_std)
-            assert alone.status == batch.status[row]
-            np.testing.assert_array_equal(alone.parameters, batch.parameters[row])
-
-
 def test_a_noise_stated_too_low_hides_nothing():
     rng = np.random.default_rng(4)
     poses = G * circle(16, 0.3, rng) + 0.01 * rng.standard_normal((200, 16, 3))
@@ -395,15 +305,3 @@ def test_error_bars_that_are_too_wide():
     assert wide.any()
     with pytest.raises(RefusedError, match=r"uncertain by .* percent along some"):
         calibrate(sets[np.flatnonzero(wide)[0]], G, noise_std=0.6)
-
-
-@pytest.mark.parametrize("dof", [1, 2, 3, 5])
-def test_the_law_of_the_ratio(dof):
-    """(N2): of 100 000 pairs of singular values, 1e-3 exceed the factor; 100 with a
-    standard deviation of 10, so 50 to 150 with a false alarm under 1e-6."""
-    rng = np.random.default_rng(dof)
-    pairs = np.linalg.svd(rng.standard_normal((100_000, dof + 1, 2)), compute_uv=False)
-    low = 1e-6  # so that the greatest noise is no limit
-    factor = required_noise(np.array([low]), dof, known=False)[0] / low
-    assert factor > 7.0
-    assert 50 < np.sum(pairs[:, 0] > factor * pairs[:, 1]) < 150

@@ -27,16 +27,6 @@ def write(folder, rows, separator=" ", header=""):
     return written(folder / "log.txt", header.rstrip("\n"), rows, mark=separator)
 
 
-@pytest.mark.parametrize("separator", [" ", "\t", ",", ", ", ";"])
-@pytest.mark.parametrize("header", ["", "# made by hand\n", "acc_x{0}acc_y{0}acc_z\n"])
-def test_separators_and_headers_give_the_same_numbers(tmp_path, separator, header):
-    path = write(tmp_path, ROWS[:, 1:4], separator, header.format(separator))
-    log = read_log(path, rate=100.0)
-    np.testing.assert_array_equal(log.accelerometer, ROWS[:, 1:4])  # repr is exact
-    np.testing.assert_array_equal(log.time, np.arange(10) / 100.0)
-    assert log.gyro is None
-
-
 @pytest.mark.parametrize(
     ("columns", "rate", "has_gyro"),
     [
@@ -65,13 +55,6 @@ def test_columns_are_named_by_the_caller_or_by_the_header(tmp_path):
     for log in (given, named):
         np.testing.assert_array_equal(log.accelerometer, ROWS[:, 1:4])
         np.testing.assert_array_equal(log.time, ROWS[:, 0])
-
-
-def test_ignored_columns_may_hold_what_they_like(tmp_path):
-    rows = ROWS[:, :5].copy()
-    rows[3, 4] = np.nan
-    log = read_log(write(tmp_path, rows), columns="t,ax,ay,az,-")
-    np.testing.assert_array_equal(log.accelerometer, ROWS[:, 1:4])
 
 
 def test_rows_within_counts_by_time(tmp_path):
@@ -154,7 +137,8 @@ def test_real_logs_read_whole():
     np.testing.assert_array_equal(other.gyro[0], [0.03515, 0.00213, 0.04155])
 
 
-def check_read(tmp_path, seed):
+@pytest.mark.parametrize("seed", range(25))
+def test_a_log_in_any_spelling_reads_the_same(tmp_path, seed):
     case = spelled(np.random.default_rng([12, seed]))
     path = tmp_path / "log.csv"
     path.write_bytes(case.content)
@@ -167,22 +151,13 @@ def check_read(tmp_path, seed):
     assert [each.role for each in log.columns][:4] == ["t", "ax", "ay", "az"]
 
 
-def check_asked(tmp_path, seed):
+@pytest.mark.parametrize("seed", range(8))
+def test_a_log_that_names_no_accelerometer_is_a_question(tmp_path, seed):
     case = spelled(np.random.default_rng([13, seed]), accelerometer=False)
     path = tmp_path / "log.csv"
     path.write_bytes(case.content)
     with pytest.raises(InputError):
         read_log(path)
-
-
-@pytest.mark.parametrize("seed", range(40))
-def test_a_log_in_any_spelling_reads_the_same(tmp_path, seed):
-    check_read(tmp_path, seed)
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_a_log_that_names_no_accelerometer_is_a_question(tmp_path, seed):
-    check_asked(tmp_path, seed)
 
 
 def write_named(tmp_path, header, columns=7, name="log.csv", rate=100.0):
@@ -472,24 +447,12 @@ def test_the_limits_of_a_clock(tmp_path, header, time, rate, found):
         assert read_log(path, rate=rate).rate == pytest.approx(found, rel=close)
 
 
-@pytest.mark.parametrize(
-    ("unit", "seconds"), [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)]
-)
-def test_each_unit_of_a_header_is_its_size(tmp_path, unit, seconds):
-    time = np.arange(CLOCK_ROWS) * 0.01 / seconds
-    path = log_of(tmp_path, time, header=f"t[{unit}] ax ay az")
-    found = read_log(path)
-    np.testing.assert_allclose(found.time, 0.01 * np.arange(CLOCK_ROWS), rtol=1e-10)
-    assert found.rate == pytest.approx(100.0, rel=1e-10)
-
-
 def truth_file(tmp_path, q, time=None):
     time = 0.01 * np.arange(len(q)) if time is None else time
     return str(written(tmp_path / "truth.txt", "t[s],qw,qx,qy,qz", time, q))
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
-@pytest.mark.parametrize("place", [0, 37, 59])
+@pytest.mark.parametrize(("side", "place"), [(1.0, 0), (-1.0, 59)])
 def test_a_recorded_attitude_is_as_long_as_two_digits_round(tmp_path, side, place):
     q = Rotation.random(60, rng=5).as_quat()[:, [3, 0, 1, 2]]
     for length, good in ((0.01 - 1e-9, True), (0.01 + 1e-9, False)):
@@ -515,8 +478,10 @@ def test_fifty_recorded_attitudes_are_enough_and_49_are_not(tmp_path):
             read_truth(truth_file(tmp_path, given))
 
 
-@pytest.mark.parametrize("tick", [1.0, 1e-3, 1e-4, 1e-6, 1e-9])
-@pytest.mark.parametrize("rate", [50.0, 100.0, 400.0])
+@pytest.mark.parametrize(
+    ("tick", "rate"),
+    [(1.0, 50.0), (1e-3, 400.0), (1e-4, 100.0), (1e-6, 50.0), (1e-9, 400.0)],
+)
 def test_a_stated_rate_tells_the_tick_of_a_counter(tmp_path, tick, rate):
     """Seconds, milli-, micro-, nanoseconds, 0.1 ms of Xsens's SampleTimeFine."""
     rows = 40

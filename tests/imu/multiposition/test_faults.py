@@ -21,7 +21,7 @@ WORDS = {
     "dead_axis": "check its wire|check the wiring|every row",
     "same_channel": "two columns are one channel, or .*; check the wiring",
     "wrap": "wrap around a range of .* unwrap them",
-    "frozen_sensor": "froze; cut that stretch out",
+    "frozen": "froze; cut that stretch out",
     "repeated_block": "again, bit for bit: .* cut the second out",
     "units": "times the gravity of the others, .* one unit",
     "sign_flip": "changed sign between the rest .* turn it back, or cut",
@@ -69,7 +69,7 @@ def test_a_fault_is_refused_and_named(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAULTS)
 def test_no_bad_log_is_accepted_with_a_wrong_answer(name):
-    """60 of each of 19 kinds, 1140 in all: at most one of a kind, whatever it says."""
+    """60 of each of 17 kinds, 1020 in all: at most one of a kind, whatever it says."""
     assert sum(misled(recording(name, seed)) for seed in range(60)) <= 1
 
 
@@ -83,36 +83,12 @@ def test_no_good_log_is_lost(logs):
         assert not made_logs.wrong(rec, result.fit)
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("logs", [5, pytest.param(200, marks=pytest.mark.slow)])
-def test_a_flipped_sign_is_told(logs):
-    """However small the bias and the misalignment, by which alone a flip is told."""
-    told = 0
-    for seed in range(logs):
-        rng = np.random.default_rng([57, seed])
-        rec = good(rng, size=10 ** rng.uniform(-2.0, 0.0))
-        flipped = FAULTS["sign_flip"](rec, rng)
-        result, words = outcome(flipped)
-        if result is not None:  # near the noise, and so is what it does
-            assert not made_logs.wrong(rec, result.fit), seed
-        assert outcome(rec)[0] is not None, seed
-        told += "changed sign between the rest" in words
-    assert told >= 0.8 * logs
-
-
 def test_a_log_without_noise_is_refused_in_words():
     """Rests of one value each: nothing tells a rest from a stuck sensor."""
     for seed in range(2):
         result, words = outcome(good(np.random.default_rng([83, seed]), sigma=0.02))
         assert result is None
         assert re.search("do(es)? not vary at all.* (finer|coarse)", words)
-
-
-@pytest.mark.slow
-def test_coarse_logs_are_right_or_refused():
-    """Noise of 0.05 to 0.3 counts: 150 logs, not one wrong beyond its error bars."""
-    rngs = [np.random.default_rng([85, seed]) for seed in range(150)]
-    assert not any(misled(good(rng, sigma=rng.uniform(0.05, 0.3))) for rng in rngs)
 
 
 @pytest.mark.parametrize(

@@ -7,19 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_logs import G, Motion, far, log_of, noise, three
-from places import recording
 from scipy.signal import lfilter
 from true_sensor import MODEL
 from tumbles import tumble
 from written import written
 
 from simval.errors import InputError, RefusedError
-from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
 from simval.imu.multiposition.log_units import Scale
 from simval.imu.multiposition.rests import find_rests
 from simval.imu.recorded.settings import signals
-from simval.imu.statics import detector, evened, still_parts
+from simval.imu.statics import evened, still_parts
 from simval.imu.statics.turns import FALSE_ALARM, WINDOW
 
 
@@ -53,67 +51,20 @@ def motion_of(seed, **how):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("rate", [5.0, 10.0, 25.0, 50.0, 142.0, 400.0, 800.0, 2000.0])
+@pytest.mark.parametrize("rate", [5.0, 25.0, 142.0, 2000.0])
 def test_the_same_motion_at_any_rate_gives_the_same_rests(rate):
     motion = motion_of(31)
     require_right(motion, recorded(motion, rate, np.random.default_rng(32)))
 
 
 @pytest.mark.parametrize(
-    "how",
-    [{"jitter": 0.4}, {"lost": 0.15}, {"band": 5.0}, {"band": 1.0}, {"sigma": 0.05}],
-)
-@pytest.mark.parametrize("rate", [25.0, 400.0])
+    ("rate", "how"),
+    [(25.0, {"jitter": 0.4}), (400.0, {"lost": 0.15}), (400.0, {"band": 5.0}),
+     (25.0, {"band": 1.0}), (25.0, {"sigma": 0.05})],
+)  # fmt: skip
 def test_jitter_lost_rows_and_coloured_noise_change_nothing(rate, how):
     motion = motion_of(33)
     require_right(motion, recorded(motion, rate, np.random.default_rng(34), **how))
-
-
-@pytest.mark.slow
-def test_a_thousand_motions_at_random_rates():
-    """None lost, no false rest; the t values of 9000 parameters stay below ten."""
-    for seed in range(1000):
-        rng = np.random.default_rng([41, seed])
-        motion = Motion(rng)
-        rate = float(np.exp(rng.uniform(np.log(10.0), np.log(2000.0))))
-        how = [{}, {"jitter": 0.4}, {"lost": 0.1}, {"band": 10.0}][seed % 4]
-        require_right(motion, recorded(motion, rate, rng, **how))
-
-
-@pytest.mark.parametrize(
-    ("name", "values"),
-    [("FLOOR_MULTIPLE", (1.2, 10.0)), ("FLOOR_QUANTILE", (0.01, 0.2))],
-)
-def test_the_noise_floor_decides_little(monkeypatch, name, values):
-    motion = motion_of(41, turn=(4.0, 7.0))  # two fifths at rest
-    log = recorded(motion, 25.0, np.random.default_rng(42), band=5.0)
-    rests = require_right(motion, log).intervals
-    for value in values:
-        monkeypatch.setattr(detector, name, value)
-        found = require_right(motion, log).intervals
-        # the ends move where the motion is as small as the noise: half a window
-        assert abs(found - rests).max() <= 13
-
-
-@pytest.mark.parametrize("quantile", [0.5, 0.7])
-def test_a_log_needs_rests_in_more_than_the_noise_floor_s_share(monkeypatch, quantile):
-    motion = motion_of(41, turn=(8.0, 14.0))  # a fifth at rest
-    log = recorded(motion, 25.0, np.random.default_rng(42))
-    require_right(motion, log)
-    monkeypatch.setattr(detector, "FLOOR_QUANTILE", quantile)
-    with pytest.raises(RefusedError):
-        calibrate_log(log, g=G)
-
-
-def test_a_clock_that_changes_its_rate_and_holds_of_a_second():
-    """100 Hz, then 50 Hz: windows of rows would last two seconds there."""
-    motion = motion_of(35)
-    log = recorded(motion, 100.0, np.random.default_rng(36))
-    keep = (log.time < 40.0) | (np.arange(len(log.time)) % 2 == 0)
-    require_right(motion, log_of(log.time[keep], log.accelerometer[keep]))
-    for rate in (25.0, 500.0):  # where the noise is white
-        motion = motion_of(37, hold=(1.1, 1.6), turn=(0.5, 1.2), first=2.0)
-        require_right(motion, recorded(motion, rate, np.random.default_rng(38)))
 
 
 def restless(rng, rate, seconds=90.0):
@@ -180,24 +131,6 @@ def test_the_detector_at_100_hz_is_that_of_its_authors():
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("step", [2, 4, 8])
-def test_decimated_recordings_give_the_same_answer(step):
-    """The real log at 50, 25 and 12.5 Hz, within two of its own standard deviations.
-
-    Poses and their errors are the same, and the rows left are a part of the others; the
-    two answers differ by the noise of the means, a fifth of what limits them at 100 Hz.
-    """
-    log = read_log(recording("xsens/xsens_acc.mat"))
-    few = log_of(log.time[::step], log.accelerometer[::step])
-    whole, part = (calibrate_log(each, g=9.81744) for each in (log, few))
-    assert abs(len(part.intervals) - 38) <= 2
-    # a rest is found to a row or some at either end: 0.08 s each at 12.5 Hz
-    assert abs(part.rest_seconds - whole.rest_seconds) < 1.0
-    off = (part.fit.parameters - whole.fit.parameters) / whole.fit.sd
-    assert np.abs(off).max() < 2.0
-
-
-@pytest.mark.ci
 def test_the_command_takes_the_accelerometer_and_says_so(simval, tmp_path):
     """A magnetometer in the first three columns, a clock in milliseconds."""
     rng, motion = np.random.default_rng(39), motion_of(39)
@@ -226,7 +159,7 @@ HOW = [
 
 @pytest.mark.ci
 @pytest.mark.parametrize("how", HOW)
-@pytest.mark.parametrize("logs", [2, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("logs", [1, pytest.param(200, marks=pytest.mark.slow)])
 def test_a_log_with_lost_rows_is_calibrated(how, logs):
     """Without 1 to 20 % of its rows; stamped bursts last up to 2 s."""
     for seed in range(logs):
@@ -329,10 +262,10 @@ def gyroscope(seed):
 
 @pytest.mark.ci
 def test_false_alarms_and_power():
-    """150 gyroscopes at rest: with 1e-3 a log, three alarms have a chance of 5e-4."""
+    """60 gyroscopes at rest: with 1e-3 a log, two alarms have a chance of 2e-3."""
     alarms = missed = 0
     cut = [0, 0, 0]
-    for seed in range(150):
+    for seed in range(60):
         time, rows, rests = gyroscope(seed)
         alarms += bool(still_parts(evened(time, rows), rests)[1])
         k, turned = len(rests) // 2, rows.copy()
@@ -350,11 +283,11 @@ def test_false_alarms_and_power():
             assert min(b, ends[1]) - max(a, ends[0]) <= most
             cut[seed % 3] += 1
     assert FALSE_ALARM == 1e-3
-    assert alarms <= 2
+    assert alarms <= 1
     assert missed == 0
-    # of 50 that turn at either end; of a short rest too little is left
+    # of 20 that turn at either end; of a short rest too little is left
     assert cut[0] == 0
-    assert min(cut[1:]) > 12, cut
+    assert min(cut[1:]) > 4, cut
 
 
 def test_a_gyroscope_without_noise_is_still():
@@ -383,18 +316,3 @@ def test_too_few_still_rests_leave_the_gyroscope_out():
     assert re.search("turns in 3 of the 11 rests .* and 9 in which both", left)
     with pytest.raises(RefusedError, match="turns in 3 of the 11"):
         calibrate_sensors(log, result, sensors=["gyroscope"])
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize("name", ["imu0", "imu1"])
-def test_the_recorded_hand_turns(name):
-    """Two of 23 rests turn by 28 degrees/s, others at an end: each is a line."""
-    log = read_log(recording(f"mpu9150/{name}.log"), 100.0)
-    result = calibrate_log(log, g=9.81)
-    whole = calibrate_sensors(log, result)
-    said = re.findall(r"rest from (\S+) s to .* (?:cut|left out): the gyro", str(whole))
-    assert len(said) == len(result.cuts) >= 8
-    assert len(result.intervals) == len(alone(log).intervals) == 23
-    # degrees of a move; 0.246 and 0.217 with the rests as the accelerometer has them
-    gaps = np.degrees(whole.gyroscope.gap_angles)
-    assert np.sqrt(np.mean(gaps**2)) < 0.16

@@ -10,16 +10,12 @@ from written import written
 
 from simval.errors import RefusedError
 from simval.imu.logs import Log
-from simval.imu.multiposition import calibrate_log
 from simval.imu.multiposition.noise import (
     log_noise,
     mean_noise,
-    pose_noise,
-    require_even,
-    white_noise,
 )
 from simval.imu.multiposition.noise_description import DEGREE, PRINTED
-from simval.imu.noise import load_noise, noise_of
+from simval.imu.noise import load_noise
 from simval.imu.sensor import NoiseModel
 from simval.poses import fibonacci_sphere
 from simval.streams import cell_key, stream
@@ -216,46 +212,6 @@ def test_axes_without_a_model_end_in_exit_code_3(simval, tmp_path):
     assert "stuck sensor" in out
 
 
-@pytest.mark.parametrize("lost", [0, 10, 200])
-def test_lost_rows(lost):
-    keep = np.ones(3000, dtype=bool)
-    keep[stream(5, KEY, 0).choice(2999, lost, replace=False)] = False
-    time = (np.arange(3000) / RATE)[keep]
-    force = np.zeros((len(time), 3))
-    log = Log(path="lost", time=time, accelerometer=force, gyro=None, rate=RATE)
-    if lost == 200:
-        with pytest.raises(RefusedError, match="of the rows are missing"):
-            require_even(log, 0, int(keep.sum()))
-    else:
-        require_even(log, 0, int(keep.sum()))
-
-
-@pytest.mark.ci
-def test_pose_noise_by_the_log_by_a_file_and_by_white_noise(
-    long_first, simval, tmp_path
-):
-    result = calibrate_log(long_first, g=G)
-    noise = result.pose_noise
-    assert noise.source == "log"
-    assert result.white_chi2_per_dof > result.diagnosis.chi2_per_dof
-    assert np.all(noise.std > 0.0)
-    short = calibrate_log(tumble(300, 900), g=G)
-    assert short.pose_noise.source == "white"
-    np.testing.assert_array_equal(short.pose_noise.std, short.pose_noise.white)
-    assert short.white_chi2_per_dof == short.diagnosis.chi2_per_dof
-    force, _ = static(6000, 3)
-    path = written(tmp_path / "still.csv", "ax,ay,az", force)
-    code, out, _ = simval("noise", path, "--rate", RATE, "--json")
-    assert code == 0
-    (tmp_path / "noise.json").write_text(out)
-    file = load_noise(tmp_path / "noise.json")
-    by_file = calibrate_log(tumble(300, 900), g=G, noise=file)
-    assert by_file.pose_noise.source == "file"
-    # one model seen in 60 s and in 30 s: the floor of z is known to 20 and 30 %
-    ratio = np.median(by_file.pose_noise.std) / np.median(noise.std)
-    assert 0.4 < ratio < 2.5
-
-
 @pytest.mark.ci
 def test_calibrate_says_which_noise_it_took(simval, still, tmp_path):
     noise = tmp_path / "noise.json"
@@ -278,24 +234,6 @@ def test_calibrate_says_which_noise_it_took(simval, still, tmp_path):
     code, _, err = simval("calibrate", path, "--rate", RATE, "--noise", path)
     assert code == 2
     assert "is not JSON" in err
-
-
-def test_the_noise_of_a_pose_is_at_the_length_of_its_rest(long_first):
-    intervals = np.array([[0, 2900], [3150, 3350], [3550, 3950]])
-    found = pose_noise(long_first, intervals)
-    axes = noise_of(long_first.accelerometer[:2900], RATE)
-    # 29, 2 and 4 seconds at 100 Hz, the model's own variance of each
-    expected = [np.mean([a.law(np.array([t]))[0] for a in axes]) for t in (29, 2, 4)]
-    np.testing.assert_allclose(found.std**2, expected, rtol=1e-12)
-    white = white_noise(long_first.accelerometer, intervals)
-    np.testing.assert_array_equal(found.white, white)
-
-
-def test_too_short_a_rest_says_how_long_it_must_be(long_first):
-    short = np.array([[0, 900], [1000, 1300], [1400, 1700]])
-    found = pose_noise(long_first, short)
-    assert found.source == "white"
-    assert "is shorter than" in found.words
 
 
 def test_plan_takes_the_noise_of_a_file(simval, still, tmp_path):
@@ -340,14 +278,6 @@ def test_a_log_without_a_model_is_refused(simval, tmp_path, case):
     assert (code, said in err) == (expected, True), err
 
 
-def test_a_huge_offset_costs_digits_and_nothing_else(simval, tmp_path):
-    force, _ = static(1200, 9)
-    path = written(tmp_path / "log.csv", "ax,ay,az", np.round(1e3 * force) + 1e12)
-    found = answer(simval, path, "--rate", RATE, "--json")
-    white = found["sensors"]["accelerometer"]["axes"]["x"]["coefficients"]["N"]
-    assert abs(white["value"] - 2.0) < 5.0 * white["sd"]
-
-
 # Real recordings
 
 
@@ -367,38 +297,3 @@ def test_mpu6050_at_rest(simval):
             for kind in "BK":
                 assert axis["coefficients"][kind]["value"] is None
                 assert axis["coefficients"][kind]["high"] is not None
-
-
-@pytest.mark.ci
-def test_xsens_first_49_seconds(simval):
-    """Not white at short times, and said; z shows flicker."""
-    path = recording("xsens/xsens_acc.mat")
-    found = answer(simval, path, "--rest", 49, "--json")
-    sensor = found["sensors"]["accelerometer"]
-    assert abs(sensor["si_per_raw"] / 0.002414 - 1.0) < 0.01
-    for axis in sensor["axes"].values():
-        assert axis["fitted_lengths"][0] > 0
-        assert "not white" in axis["statements"][0]
-    assert sensor["axes"]["z"]["coefficients"]["B"]["value"] is not None
-
-
-def test_a_page_of_readings_that_do_not_vary_has_no_empty_panel(simval, tmp_path):
-    force, _ = static(1200, 9)
-    time = np.arange(1200) / RATE
-    rates = np.zeros((1200, 3))
-    for name, accelerometer in (
-        ("stuck", np.tile(force[0], (1200, 1))),
-        ("one", force),
-    ):
-        path = written(
-            tmp_path / f"{name}.csv", "t,ax,ay,az,wx,wy,wz", time, accelerometer, rates
-        )
-        page = tmp_path / f"{name}.html"
-        code, _, _ = simval("noise", path, "--rest", 11, "--report", page)
-        text = page.read_text()
-        assert code == (3 if name == "stuck" else 0)
-        assert "gyroscope, Allan deviation" not in text
-        assert ("accelerometer, Allan deviation" in text) == (name == "one")
-        assert ("no reading varies" in text) == (name == "stuck")
-        # nothing is wrong with a model where nothing varies
-        assert 'class="headline fail' not in text

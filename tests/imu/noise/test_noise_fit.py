@@ -6,7 +6,6 @@ from scipy import stats
 
 from simval.errors import RefusedError
 from simval.imu.noise import (
-    allan_covariance,
     allan_law,
     allan_variance,
     averaging_counts,
@@ -37,62 +36,23 @@ def fits(signals):
     return [fitted(Problem(column, law, forms)) for column in variances.T], variances
 
 
-def at_the_bound(rows, signals, seed):
-    """Variances of N^2 over the Whittle bound: ours, that of one length, stated."""
-    white = 0.02
-    found, _ = fits(drawn(signals, rows, seed, white_raw_per_sqrt_hz=white))
-    bound = noise_bound(rows, RATE, white=white)[0, 0] * RATE**2
-    ours = np.array([each.free[0] for each in found])
-    # N read off the curve at one averaging time, as usual
-    usual = allan_variance(
-        drawn(signals, rows, seed, white_raw_per_sqrt_hz=white), [10]
-    )
-    usual = usual[0] * 10
-    stated = np.array([each.sd[0] for each in found])
-    return (
-        ours.var(ddof=1) / bound,
-        usual.var(ddof=1) / bound,
-        np.mean(stated**2) / bound,
-    )
-
-
 @pytest.mark.ci
 def test_white_noise_is_found_at_the_whittle_bound():
-    rows, signals = 2048, 45
-    ours, usual, stated = at_the_bound(rows, signals, 1)
-    se = np.sqrt(2.0 / (signals - 1))  # of a variance of normal numbers
-    limit = 1.0 + stats.norm.isf(1e-4) * se
-    assert ours < limit
-    assert usual > limit  # power
-    assert ours > 1.0 - stats.norm.isf(1e-4) * se  # nobody is better than the bound
-    # the stated variance, (V4) at the estimate, goes with its square: its standard
-    # deviation is twice the estimate's, and its mean that of fits to normal numbers
-    draws = 60
-    expected, relative = stated_by_its_law(rows, draws)
-    allowed = 2.0 * relative * np.sqrt(1.0 / signals + 1.0 / draws)
-    assert abs(stated / expected - 1.0) < stats.norm.isf(1e-4) * allowed
-
-
-def stated_by_its_law(rows, draws):
-    """Mean stated variance of N^2 over the bound, relative sd of N^2.
-
-    No signal is drawn: Allan variances are, normal with the covariance (V4).
-    """
-    white = 0.02
-    counts = averaging_counts(rows)
-    law = allan_law(counts)[:, :3]
-    forms = covariance_forms(counts, rows)[..., :3, :3]
-    truth = np.array([white**2 * RATE, 0.0, 0.0])
-    covariance = allan_covariance(forms, truth)
-    root = np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance)))
-    rng = stream(1, KEY, 1)
-    sd = [
-        fitted(Problem(law @ truth + root @ rng.standard_normal(len(law)), law, forms))
-        .sd[0] for _ in range(draws)
-    ]  # fmt: skip
+    white, rows, signals = 0.02, 2048, 45
+    data = drawn(signals, rows, 1, white_raw_per_sqrt_hz=white)
+    found, _ = fits(data)
     bound = noise_bound(rows, RATE, white=white)[0, 0] * RATE**2
-    mean = float(np.mean(np.square(sd)))
-    return mean / bound, np.sqrt(mean) / truth[0]
+    ours = np.array([each.free[0] for each in found])
+    usual = 10 * allan_variance(data, [10])[0]  # N read off at one averaging time
+    se = np.sqrt(2.0 / (signals - 1))  # of a variance of normal numbers
+    limit = stats.norm.isf(1e-4) * se
+    assert abs(ours.var(ddof=1) / bound - 1.0) < limit  # nobody is better
+    assert usual.var(ddof=1) / bound > 1.0 + limit  # power
+    # the stated variance, (V4) at the estimate, goes with its square
+    stated = np.square([each.sd[0] for each in found])
+    spread = stats.norm.isf(1e-4) * stated.std() / stated.mean() / np.sqrt(signals)
+    # what (V4) leaves of the bound at the lengths that are fitted: 1 to 3 %
+    assert abs(stated.mean() / bound - 1.0) < spread + 0.05
 
 
 @pytest.mark.slow
@@ -262,16 +222,6 @@ def test_odd_signals_get_no_coefficients_but_words():
             assert each.value is None or np.isfinite(each.value), name
 
 
-def test_noise_far_from_zero_and_tiny_or_huge_units():
-    signal = drawn(1, 1024, 14, white_raw_per_sqrt_hz=0.02)[:, 0]
-    (plain,) = noise_of(signal, RATE)
-    for scale, offset in ((1e-30, 0.0), (1e30, 0.0), (1.0, 1e6)):
-        (found,) = noise_of(scale * signal + offset, RATE)
-        assert found.step == 0.0
-        ratio = found.coefficients[0].value / plain.coefficients[0].value / scale
-        assert abs(ratio - 1.0) < 1e-6
-
-
 def test_variance_of_a_mean_is_read_off_the_curve():
     (found,) = noise_of(drawn(1, 4096, 15, white_raw_per_sqrt_hz=0.02), RATE)
     for place in (0, 7, -1):
@@ -286,21 +236,3 @@ def test_variance_of_a_mean_is_read_off_the_curve():
     np.testing.assert_allclose(
         found.law(found.seconds)[0], found.squares @ allan_law([1.0])[0], rtol=1e-12
     )
-
-
-def widths(seeds):
-    """Ends of every interval of short white signals of any size and unit."""
-    for seed in seeds:
-        rng = np.random.default_rng([60, seed])
-        rows = int(rng.integers(500, 1500))
-        model = NoiseModel(white_raw_per_sqrt_hz=10.0 ** rng.uniform(-6.0, 3.0))
-        for axis in noise_of(model.draw(rows, RATE, rng), RATE):
-            yield from ((c.low, c.high) for c in axis.coefficients)
-
-
-@pytest.mark.slow
-def test_no_interval_is_from_zero_to_zero():
-    """Estimates far below zero, 1 in 100, gave bounds of zero: 19 of these 1800."""
-    found = np.array(list(widths(range(200))))
-    assert len(found) == 9 * 200
-    assert np.all(found[:, 0] < found[:, 1])

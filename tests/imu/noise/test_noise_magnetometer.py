@@ -5,14 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from places import recording
 from written import written
 
 from simval.errors import InputError, RefusedError
-from simval.imu.logs import Column, Log, read_log
-from simval.imu.multiposition.faults import require_alive
+from simval.imu.logs import Column, Log
 from simval.imu.multiposition.log_units import scale_of
-from simval.imu.multiposition.noise import log_noise, pose_noise, white_noise
+from simval.imu.multiposition.noise import pose_noise, white_noise
 from simval.imu.noise import NoiseFile, load_noise, noise_of
 from simval.imu.noise.fit import noise_of_readings, own_readings, rows_to_a_reading
 from simval.imu.sensor import NoiseModel
@@ -20,7 +18,7 @@ from simval.streams import cell_key, stream
 
 KEY = cell_key("test noise of a magnetometer")
 RATE = 100.0
-SEEDS = range(12)
+SEEDS = range(6)
 
 
 def stood(readings, each, phase=0.5):
@@ -39,8 +37,10 @@ def drawn(count, seed, step=0.0, sd=1.0):
 # The readings themselves
 
 
-@pytest.mark.parametrize("each", [2.0, 2.857, 3.0, 4.3, 10.0, 28.6, 100.0])
-@pytest.mark.parametrize("step", [0.0, 0.5, 1.9])
+@pytest.mark.parametrize(
+    ("each", "step"),
+    [(2.0, 0.0), (2.0, 1.9), (2.857, 0.5), (4.3, 1.9), (28.6, 0.0), (100.0, 1.9)],
+)
 def test_each_reading_is_taken_once(each, step):
     """Those that were made, by construction; steps up to noise of 0.53 of them."""
     for seed in SEEDS:
@@ -68,10 +68,9 @@ def test_readings_of_less_than_two_rows(each):
             own_readings(stood(drawn(700, seed, 1.9), each))
 
 
-@pytest.mark.parametrize("step", [0.0, 0.3, 1.0, 1.9])
-@pytest.mark.parametrize("dead", [0, 1, 2])
+@pytest.mark.parametrize(("step", "dead"), [(0.0, 0), (0.3, 2), (1.0, 1), (1.9, 0)])
 def test_rows_that_are_readings_are_left_alone(step, dead):
-    """5 standard deviations each: one false alarm in 1e5 runs of these 36 logs."""
+    """5 standard deviations each: one false alarm in 1e5 runs of these logs."""
     for seed in SEEDS:
         rows = drawn(900, 100 + seed, step)
         rows[:, :dead] = 7.0
@@ -129,7 +128,7 @@ def test_steps_far_above_the_noise_are_said_in_their_own_words(step):
         noise_of_readings(rows, RATE)
 
 
-@pytest.mark.parametrize("count", [0, 1, 2, 6, 60, 480])
+@pytest.mark.parametrize("count", [0, 1, 6, 480])
 def test_too_few_readings_are_refused(count):
     rows = np.repeat(drawn(count + 1, 3), 1200 // (count + 1), axis=0)
     if count == 0:  # nothing ever changes: that is said of each axis
@@ -141,17 +140,6 @@ def test_too_few_readings_are_refused(count):
         RefusedError, match=r"stands in .* rows, and .* too few|too few"
     ):
         noise_of_readings(rows, RATE)
-
-
-def test_a_dead_axis_leaves_the_others():
-    readings = drawn(900, 4)
-    readings[:, 1] = -5.0
-    x, y, z = noise_of_readings(stood(readings, 3.5), 3.5 * RATE)
-    assert not y.coefficients
-    assert "do not vary" in y.statements[-1]
-    for axis in (x, z):
-        assert axis.statements[0].startswith("each reading stands in 3.5 rows")
-        assert axis.coefficients
 
 
 @pytest.mark.parametrize("each", [1.0, 2.857, 8.0])
@@ -222,7 +210,7 @@ def test_the_numbers_of_a_log(simval, logs, each):
 @pytest.mark.ci
 @pytest.mark.parametrize(
     ("unit", "scale"),
-    [("gauss", 1e-4), ("nT", 1e-9), ("1.5e-7", 1.5e-7), ("mgauss", 1e-7)],
+    [("mgauss", 1e-7), ("1.5e-7", 1.5e-7)],
 )
 def test_a_stated_unit(simval, tmp_path, unit, scale):
     path = log_with(tmp_path / "log.csv", field(700), header="mx,my,mz")
@@ -310,24 +298,3 @@ def test_a_noise_file_is_taken_and_one_of_another_unit_refused():
         pose_noise(
             replace(log, magnetometer=1e3 * rows), intervals, sensor=of, file=file
         )
-
-
-def test_a_slow_magnetometer_is_not_saturated():
-    """Its greatest reading stands in some rows, and is no end of its range."""
-    log, _, _ = tumble(12, 300, 5.0)
-    require_alive(log, "magnetometer", log.magnetometer)
-    rail = np.minimum(log.magnetometer, [10.0, np.inf, np.inf])
-    with pytest.raises(RefusedError, match="the end of its range"):
-        require_alive(log, "magnetometer", rail)
-
-
-@pytest.mark.ci
-def test_broad_is_left_out_with_the_reason():
-    """Its rows are interpolated from 100 Hz: 29 % repeat, one or three in a row."""
-    path = recording("broad/05_undisturbed_slow_rotation_with_breaks_B.mat")
-    found = log_noise(read_log(path, 285.714))
-    assert found.magnetometer == ()
-    assert "29 % of its rows repeat" in found.left_out["magnetometer"]
-    for axis in found.accelerometer:
-        assert axis.coefficients
-        assert axis.step == 0.0  # its steps of 7e-18 are last digits

@@ -100,13 +100,6 @@ def test_what_fails_is_said_and_the_others_are_measured(folder, capsys):
     assert "consistent" in printed
 
 
-@pytest.mark.slow
-def test_a_filter_that_hangs_is_stopped(folder, capsys):
-    code = called(folder, "bare.csv", "--time-limit", "3", "--plugin", "hangs.py")
-    assert code == 4
-    assert "did not end within 3 s" in capsys.readouterr().out
-
-
 @pytest.mark.ci
 @pytest.mark.parametrize(
     ("words", "said"),

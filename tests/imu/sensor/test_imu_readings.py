@@ -47,6 +47,14 @@ M_M = 1.5e-7 * np.array([[1, 0.02, 0], [0.1, 1.1, -0.03], [0, 0.05, 0.9]])
 B_M = np.array([120.0, -40.0, 60.0])
 
 
+SENSORS = {  # effects, an option of range, the truth, and the size of readings
+    "accelerometer": (Effects, {"range_g": 0.5}, "specific_force", 12.0),
+    "gyroscope": (GyroscopeEffects, {"range_rad_s": 2.0}, "rate", 2e3),
+    "magnetometer": (MagnetometerEffects, {"range_t": 3e-5}, "field", 7e2),
+}
+EACH = pytest.mark.parametrize("name", SENSORS)
+
+
 def imu(**parts):
     """All three sensors, without noise but for what is given."""
     return ImuModel(
@@ -59,6 +67,12 @@ def imu(**parts):
 
 def read(seed=1, **parts):
     return read_imu(imu(**parts), MOTION, stream(seed, KEY, 0))
+
+
+def with_effects(name, **effects):
+    """Readings of one sensor, which has some effects."""
+    own = SENSORS[name][0](**effects)
+    return getattr(read(**{f"{name}_effects": own} if effects else {}), name)
 
 
 def test_without_effects_each_is_its_model():
@@ -99,82 +113,43 @@ def test_one_sensor_leaves_the_others_numbers_alone():
         assert abs(r) < stats.norm.isf(1e-4 / 6) / np.sqrt(len(numbers[a]))
 
 
-def test_what_is_added_is_recorded():
-    effects = {
-        "white_raw_per_sqrt_hz": [0.3, 0.1, 0.0],
-        "flicker_raw": [0.2, 0.0, 0.5],
-        "bias_walk_raw_per_sqrt_s": [0.1, 0.4, 0.0],
-    }
-    clean = read()
-    dirty = read(
-        accelerometer_effects=Effects(**effects),
-        gyroscope_effects=GyroscopeEffects(**effects),
-        magnetometer_effects=MagnetometerEffects(**effects),
-    )
-    for name, size in (
-        ("accelerometer", 12.0),
-        ("gyroscope", 2000.0),
-        ("magnetometer", 700.0),
-    ):
-        sensor = getattr(dirty, name)
-        parts = sensor.noise_raw + sensor.flicker_raw + sensor.bias_walk_raw
-        added = sensor.raw - getattr(clean, name).raw
-        # sums of readings of this size
-        np.testing.assert_allclose(added, parts, rtol=0, atol=4 * EPS * size)
-        assert not sensor.flicker_raw[:, 1].any()
-        assert not sensor.bias_walk_raw[:, 2].any()
-        # a density of N is a sample of N sqrt(rate): chi-square, 6 of these limits
-        spread = np.sum(sensor.noise_raw[:, :2] ** 2, axis=0) / RATE
-        low, high = stats.chi2.ppf([1e-4 / 12, 1 - 1e-4 / 12], N)
-        assert np.all((low < spread / [0.09, 0.01]) & (spread / [0.09, 0.01] < high))
-        assert np.all(1.25 * spread / [0.09, 0.01] > high)  # power: 12 % more noise
+@EACH
+def test_what_is_added_is_recorded(name):
+    sensor = with_effects(
+        name, white_raw_per_sqrt_hz=[0.3, 0.1, 0.0], flicker_raw=[0.2, 0.0, 0.5],
+        bias_walk_raw_per_sqrt_s=[0.1, 0.4, 0.0],
+    )  # fmt: skip
+    parts = sensor.noise_raw + sensor.flicker_raw + sensor.bias_walk_raw
+    added = sensor.raw - with_effects(name).raw
+    # sums of readings of this size
+    np.testing.assert_allclose(added, parts, rtol=0, atol=4 * EPS * SENSORS[name][3])
+    assert not sensor.flicker_raw[:, 1].any()
+    assert not sensor.bias_walk_raw[:, 2].any()
+    # a density of N is a sample of N sqrt(rate): chi-square, 6 of these limits
+    spread = np.sum(sensor.noise_raw[:, :2] ** 2, axis=0) / RATE / [0.09, 0.01]
+    low, high = stats.chi2.ppf([1e-4 / 12, 1 - 1e-4 / 12], N)
+    assert np.all((low < spread) & (spread < high))
+    assert np.all(1.25 * spread > high)  # power: 12 % more noise
 
 
-def test_a_delay_of_whole_rows_is_a_shift():
-    late = read(
-        accelerometer_effects=Effects(delay_s=3 / RATE),
-        gyroscope_effects=GyroscopeEffects(delay_s=3 / RATE),
-        magnetometer_effects=MagnetometerEffects(delay_s=3 / RATE),
-    )
-    prompt = read()
-    for name, size in (
-        ("accelerometer", 12.0),
-        ("gyroscope", 2e3),
-        ("magnetometer", 7e2),
-    ):
-        raw, before = getattr(late, name).raw, getattr(prompt, name).raw
-        # time - delay is rounded: eps of 20 s at the greatest slope, 7 a second
-        atol = size * (20.0 * 7.0 + 8.0) * EPS
-        np.testing.assert_allclose(raw[3:], before[:-3], rtol=0, atol=atol)
-        np.testing.assert_allclose(raw[:3], before[[0, 0, 0]], rtol=0, atol=atol)
-        half = read(**{f"{name}_effects": _late(name, 0.5 / RATE)})
-        between = (before[1:] + before[:-1]) / 2.0
-        np.testing.assert_allclose(
-            getattr(half, name).raw[1:], between, rtol=0, atol=2 * atol * RATE / 10
-        )
+@EACH
+def test_a_delay_of_whole_rows_is_a_shift(name):
+    raw, before = (with_effects(name, delay_s=rows / RATE).raw for rows in (3, 0))
+    # time - delay is rounded: eps of 20 s at the greatest slope, 7 a second
+    atol = SENSORS[name][3] * (20.0 * 7.0 + 8.0) * EPS
+    np.testing.assert_allclose(raw[3:], before[:-3], rtol=0, atol=atol)
+    np.testing.assert_allclose(raw[:3], before[[0, 0, 0]], rtol=0, atol=atol)
+    half = with_effects(name, delay_s=0.5 / RATE).raw[1:]
+    between = (before[1:] + before[:-1]) / 2.0
+    np.testing.assert_allclose(half, between, rtol=0, atol=2 * atol * RATE / 10)
 
 
-def _late(name, delay):
-    kinds = {
-        "accelerometer": Effects,
-        "gyroscope": GyroscopeEffects,
-        "magnetometer": MagnetometerEffects,
-    }
-    return kinds[name](delay_s=delay)
-
-
-@pytest.mark.parametrize(
-    ("name", "effects", "truth", "reach"),
-    [
-        ("accelerometer", Effects(range_g=0.5), "specific_force", 0.5 * 9.80665),
-        ("gyroscope", GyroscopeEffects(range_rad_s=2.0), "rate", 2.0),
-        ("magnetometer", MagnetometerEffects(range_t=3e-5), "field", 3e-5),
-    ],
-)
-def test_a_range_stops_a_sensor(name, effects, truth, reach):
-    found, clean = (
-        getattr(read(**given), name) for given in ({f"{name}_effects": effects}, {})
-    )
+@EACH
+def test_a_range_stops_a_sensor(name):
+    _, option, truth, _ = SENSORS[name]
+    found, clean = with_effects(name, **option), with_effects(name)
+    (reach,) = option.values()
+    reach *= 9.80665 if "range_g" in option else 1.0
     over = np.abs(getattr(MOTION, truth)) > reach
     np.testing.assert_array_equal(found.out_of_range, over)
     whole = ~over.any(axis=1)
@@ -182,34 +157,10 @@ def test_a_range_stops_a_sensor(name, effects, truth, reach):
     assert np.all((found.raw != clean.raw)[~whole].any(axis=1))
 
 
-def test_a_vibration_counts_for_the_range():
-    """A force within the range that is shaken out of it."""
-    shaken = Effects(vibration_m_s2=2.0, vibration_hz=12.5, range_g=9.0 / 9.80665)
-    found = read_force(shaken)
-    over = np.abs(FORCE + found.vibration_m_s2) > 9.0
-    assert over[:, 2].any()
-    np.testing.assert_array_equal(found.out_of_range, over)
-
-
-def test_limits_of_the_electronics_stop_the_reading():
-    raw = read().magnetometer.raw
-    limits = MagnetometerEffects(limits_raw=(-100.0, 200.0))
-    found = read(magnetometer_effects=limits).magnetometer
-    np.testing.assert_array_equal(found.saturated, (raw < -100) | (raw > 200))
-    np.testing.assert_array_equal(found.raw, np.clip(raw, -100, 200))
-
-
 def test_the_g_sensitivity_is_of_the_force_of_the_row():
-    with_g, plain = (
-        read_imu(
-            ImuModel(
-                accelerometer=ACCELEROMETER, gyroscope=GyroscopeModel(M=M_W, B=B_W, G=G)
-            ),
-            MOTION,
-            stream(1, KEY, 0),
-        ).gyroscope.raw
-        for G in (G_W, np.zeros((3, 3)))
-    )
+    without = replace(imu(), gyroscope=GyroscopeModel(M=M_W, B=B_W))
+    plain = read_imu(without, MOTION, stream(1, KEY, 0)).gyroscope.raw
+    with_g = read().gyroscope.raw
     seen = np.linalg.lstsq(MOTION.specific_force, with_g - plain, rcond=None)[0].T
     np.testing.assert_allclose(seen, G_W, rtol=0, atol=1e4 * EPS)  # readings of 2e3
 
@@ -227,12 +178,7 @@ def test_time_stamps_jitter_and_stay_in_order():
 
 def test_a_density_needs_even_steps():
     uneven = np.sort(np.random.default_rng(0).uniform(0.0, 1.0, N))
-    motion = Motion(
-        time=uneven,
-        specific_force=MOTION.specific_force,
-        rate=MOTION.rate,
-        field=MOTION.field,
-    )
+    motion = replace(MOTION, time=uneven)
     for effects in (Effects(white_raw_per_sqrt_hz=1.0), Effects(flicker_raw=1.0)):
         with pytest.raises(InputError, match="so give rows at even steps"):
             read_imu(imu(accelerometer_effects=effects), motion, stream(1, KEY, 0))
@@ -327,25 +273,6 @@ def test_noise_has_its_level_and_is_white():
     for one, other in pairs:  # means of 60 000 products of variance 1
         limit = stats.norm.isf(1e-4 / 6) / np.sqrt(one.size)
         assert abs(np.mean(one * other)) < limit
-
-
-def test_the_bias_walk_has_independent_increments_of_the_stated_density():
-    density = np.array([0.01, 0.1, 0.03])
-    readings = read_force(Effects(bias_walk_raw_per_sqrt_s=density))
-    walk = readings.bias_walk_raw
-    assert not walk[0].any()
-    np.testing.assert_allclose(
-        # a difference of readings of up to 10: eps of that
-        readings.raw - read_force(Effects()).raw,
-        walk,
-        rtol=0,
-        atol=16 * EPS,
-    )
-    for stride in (1, 100):  # sums of increments are as independent as these are
-        steps = np.diff(walk[::stride], axis=0)
-        spread = np.sum(steps**2, axis=0) / (density**2 * 0.01 * stride)
-        low, high = stats.chi2.ppf([1e-4 / 12, 1 - 1e-4 / 12], len(steps))
-        assert np.all((low < spread) & (spread < high))
 
 
 def test_vibration_is_one_line_of_the_spectrum():

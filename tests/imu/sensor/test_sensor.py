@@ -1,4 +1,4 @@
-"""Sensor model, the three forms and the conversions between them."""
+"""The sensors' models, their forms and factors, and conversions between these."""
 
 import numpy as np
 import pytest
@@ -6,16 +6,21 @@ import scipy.linalg
 from hypothesis import example, given
 from hypothesis import strategies as st
 from rounding import EPS
+from scipy.spatial.transform import Rotation
 from true_sensor import PARAMETERS
 
+from simval.errors import InputError
 from simval.imu.sensor import (
     MODELS,
     AccelerometerModel,
     Effects,
+    GyroscopeModel,
     convert,
     forms,
+    gyroscope_factors,
     read_sensor,
 )
+from simval.imu.sensor.forms import FACTORS
 
 COUNTS = np.array([-0.0036, 0.0092, -0.021, 2.4e-3, 2.43e-3, 2.41e-3, 33e3, 33e3, 32e3])
 
@@ -46,21 +51,6 @@ def test_the_model_is_the_one_of_the_source():
     assert -model.T[2, 0] == s_zx
     np.testing.assert_array_equal(model.matrix, model.T @ np.diag(PARAMETERS[3:6]))
     np.testing.assert_array_equal(model.parameters, PARAMETERS)
-
-
-def test_distort_adds_noise_of_the_stated_size():
-    model = AccelerometerModel.from_parameters(PARAMETERS, noise_std=0.25)
-    n = 200_000
-    raw = model.distort(np.zeros((n, 3)), np.random.default_rng(5)) - model.B
-    # sd of a sample standard deviation: sigma / sqrt(2 * 3n); 4.5 of them, 7e-6
-    assert abs(raw.std() / 0.25 - 1) < 4.5 / np.sqrt(6 * n)
-    assert abs(raw.std() / 0.251 - 1) > 2.5 / np.sqrt(6 * n)  # power: 0.4 % is seen
-
-
-def test_distort_leaves_the_stream_alone_without_noise():
-    rng = np.random.default_rng(1)
-    AccelerometerModel.from_parameters(PARAMETERS).distort(np.ones((4, 3)), rng)
-    assert rng.random() == np.random.default_rng(1).random()
 
 
 def test_forms_against_scipy_factorisations():
@@ -138,28 +128,10 @@ def test_conversion_carries_the_covariance(source, target):
     )
 
 
-def test_a_batch_converts_like_its_rows():
-    batch = PARAMETERS + 0.01 * np.random.default_rng(4).normal(size=(7, 9))
-    covariance = np.broadcast_to(np.eye(9), (7, 9, 9))
-    both = convert(batch, covariance, source="triangular", target="symmetric")
-    one = convert(batch[3], np.eye(9), source="triangular", target="symmetric")
-    np.testing.assert_array_equal(both[0][3], one[0])
-    np.testing.assert_array_equal(both[1][3], one[1])
-
-
 def test_no_form_for_a_matrix_that_is_not_positive():
     gram = np.diag([1.0, -1.0, 1.0])
     for model in MODELS:
         assert np.isnan(forms.from_gram(model, gram, np.zeros(3))[:6]).any()
-
-
-def test_the_symmetric_form_as_a_sensor():
-    symmetric, _ = convert(PARAMETERS, None, source="triangular", target="symmetric")
-    model = AccelerometerModel.from_parameters(symmetric, model="symmetric")
-    assert np.array_equal(model.T, np.eye(3))
-    assert model.K.shape == (3, 3)
-    # there and back through a square root of condition 1.1, numbers of size 1
-    np.testing.assert_allclose(model.parameters, PARAMETERS, rtol=0, atol=8 * EPS)
 
 
 @pytest.mark.parametrize("quantum", [0.0, 0.5])
@@ -180,3 +152,95 @@ def test_a_converter_stops_what_is_beyond_its_ends_and_nothing_at_them(quantum):
     beyond = [x < low or x > high for x in values]
     assert np.array_equal(found.saturated, np.array([beyond] * 3).T)
     assert np.array_equal(found.raw, np.minimum(np.maximum(force, low), high))
+
+
+# the gyroscope
+
+M = 2.1e-4 * (
+    np.eye(3)
+    + np.array([[0.01, 0.02, -0.03], [0.04, -0.02, 0.01], [0.03, 0.02, 0.005]])
+)
+B = np.array([32771.0, 32458.0, 32513.0])
+G = np.array([[1.0, 2.0, -0.5], [0.2, -0.7, 0.1], [0.3, 0.4, 0.9]])
+SEED = np.random.default_rng(0)
+
+
+def sensor(**more):
+    return GyroscopeModel(**{"M": M, "B": B, **more})
+
+
+def test_a_gyroscope_that_feels_force_corrects_what_it_distorts():
+    rate, force = SEED.normal(size=(2, 50, 3))
+    model = sensor(G=G)
+    raw = model.distort(rate, SEED, specific_force=force)
+    back = model.correct(raw, specific_force=force)
+    # a solve and a product of 3 x 3, on numbers of 32768
+    atol = 16 * np.finfo(float).eps * np.linalg.cond(M) * 4e4 * 2.1e-4
+    np.testing.assert_allclose(back, rate, rtol=0, atol=atol)
+    np.testing.assert_allclose(
+        raw - sensor().distort(rate, SEED), force @ G.T, atol=1e-9
+    )
+
+
+def rebuilt(form, found):
+    if form == "kalibr":
+        return np.linalg.inv(found.shape @ found.rest)
+    return found.shape @ found.rest if form != "polar" else found.rest @ found.shape
+
+
+@pytest.mark.parametrize("form", FACTORS)
+def test_factors_give_the_matrix_back(form):
+    found = gyroscope_factors(M, form=form)
+    np.testing.assert_allclose(rebuilt(form, found), M, rtol=1e-12, atol=1e-18)
+    if form == "kalibr":
+        assert np.array_equal(found.shape, np.tril(found.shape))
+        assert np.all(np.diagonal(found.shape) > 0)
+        assert np.linalg.det(found.rest) > 0
+    if form != "misalignment-scale":
+        np.testing.assert_allclose(found.rest @ found.rest.T, np.eye(3), atol=1e-14)
+
+
+@pytest.mark.parametrize("form", FACTORS)
+def test_covariance_of_factors_is_that_of_the_values(form):
+    """Against central differences of the factors themselves; angles by SciPy's log."""
+    step = 1e-6 * M[0, 0]
+    base = gyroscope_factors(M, form=form)
+    slopes = []
+    for k in range(9):
+        two = []
+        for sign in (1.0, -1.0):
+            moved = M.copy()
+            moved.flat[k] += sign * step
+            got = gyroscope_factors(moved, form=form)
+            values = got.values.copy()
+            if form != "misalignment-scale":
+                values[6:] = Rotation.from_matrix(got.rest @ base.rest.T).as_rotvec()
+            two.append(values)
+        slopes.append((two[0] - two[1]) / (2 * step))
+    J = np.array(slopes).T
+    root = np.random.default_rng(3).normal(size=(9, 9)) * 1e-8
+    cov = root @ root.T
+    expected = J @ cov @ J.T
+    got = gyroscope_factors(M, cov, form=form).covariance
+    # differences: h^2 of 1e-12, rounding 1e-16/1e-6 of the values
+    scale = np.sqrt(np.outer(np.diagonal(expected), np.diagonal(expected)))
+    np.testing.assert_allclose(got / scale, expected / scale, atol=1e-7)
+
+
+def test_what_is_no_gyroscope_is_refused():
+    for bad, words in (
+        ({"M": np.zeros((3, 3))}, "singular"),
+        ({"M": np.arange(9.0).reshape(3, 3)}, "singular"),  # but for rounding
+        ({"M": np.eye(2)}, "shape"),
+        ({"B": [1.0, np.nan, 0.0]}, "finite"),
+        ({"angle_random_walk": -1.0}, "0 raw units"),
+        ({"G": np.ones(3)}, "shape"),
+    ):
+        with pytest.raises(InputError, match=words):
+            sensor(**bad)
+    with pytest.raises(InputError, match="timestep"):
+        sensor(angle_random_walk=1.0).distort(np.zeros((2, 3)), SEED)
+    with pytest.raises(InputError, match="specific_force"):
+        sensor(G=G).correct(np.zeros((2, 3)))
+    with pytest.raises(InputError, match="right-handed"):
+        gyroscope_factors(M[[1, 0, 2]], form="kalibr")

@@ -106,14 +106,3 @@ def test_one_effect_leaves_the_others_numbers_alone():
         assert not any(alone[i].any() for i in range(3) if i != place)
     assert not parts[2][0].any()  # the walk starts from zero
     assert one.draw(1, 50.0, stream(3, KEY, 0)).shape == (1, 3)
-
-
-def test_axes_are_independent():
-    model = NoiseModel(white_raw_per_sqrt_hz=1.0, flicker_raw=1.0)
-    for part in model.parts(20_000, 1.0, stream(4, KEY, 0))[:2]:
-        steps = np.diff(part, axis=0)  # nearly white for flicker, too
-        correlation = np.corrcoef(steps.T)[np.triu_indices(3, 1)]
-        # differences correlate by a half with their neighbours: (1 + 2/4)/n at most
-        assert np.abs(correlation).max() < stats.norm.isf(1e-4 / 12) * np.sqrt(
-            1.5 / 20_000
-        )

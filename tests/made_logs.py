@@ -14,8 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from simval.geometry import normalize
 from simval.imu.logs import Log
-from simval.imu.sensor import AccelerometerModel, GyroscopeModel
+from simval.imu.sensor import AccelerometerModel, GyroscopeModel, load_imu, read_imu
 from simval.poses import fibonacci_sphere, random_directions
+from simval.scene import simulate
+from simval.scene.trajectory import motion_of, write_signal
 
 G = 9.80665
 RATE = 100.0
@@ -146,29 +148,39 @@ FAULTS = {}
 """By name: what damages a recording; it is given a copy of the rows."""
 
 
-def _fault(damage):
-    def damaged(rec, rng):
-        found = damage(rec, rng, rec.samples.copy())
-        return found if isinstance(found, Recorded) else replace(rec, samples=found)
+def _whole(rec, rng, x):
+    return x
 
-    FAULTS[damage.__name__] = damaged
-    return damaged
+
+def _late(rec, rng, x):
+    """The rows from somewhere between a third and two thirds of the holds."""
+    k = int(rng.integers(len(rec.holds) // 3, 2 * len(rec.holds) // 3))
+    return x[int(rec.holds[k, 0]) - 20 :]
+
+
+def _holds(rec, rng):
+    """One to three holds, but the first."""
+    count = int(rng.integers(1, 4))
+    return rec.holds[1 + rng.choice(len(rec.holds) - 1, count, replace=False)]
+
+
+def _fault(where):
+    """A fault of some rows, which it changes in place, or gives others instead."""
+
+    def named(damage):
+        def damaged(rec, rng):
+            samples = rec.samples.copy()
+            found = damage(rec, rng, where(rec, rng, samples), _gain(rec))
+            return replace(rec, samples=samples if found is None else found)
+
+        FAULTS[damage.__name__] = damaged
+        return damage
+
+    return named
 
 
 def _gain(rec):
     return 1.0 / float(np.mean(np.abs(rec.sensor.K)))  # raw units per m/s^2
-
-
-def _middle(rec, rng):
-    # a row somewhere between a third and two thirds of the holds
-    k = int(rng.integers(len(rec.holds) // 3, 2 * len(rec.holds) // 3))
-    return int(rec.holds[k, 0]) - 20
-
-
-def _some(rec, rng):
-    """One to three holds, but the first."""
-    count = int(rng.integers(1, 4))
-    return rec.holds[1 + rng.choice(len(rec.holds) - 1, count, replace=False)]
 
 
 def _axes(rng, one=0.5):
@@ -176,205 +188,149 @@ def _axes(rng, one=0.5):
     return [int(rng.integers(3))] if rng.random() < one else [0, 1, 2]
 
 
-@_fault
-def dead_axis(rec, rng, x):
+@_fault(_whole)
+def dead_axis(rec, rng, x, unit):
     """One axis shows electrical noise about a constant, white or wandering."""
-    axis = rng.integers(3)
-    n, unit = len(x), _gain(rec)
+    axis, n = rng.integers(3), len(x)
     noise = 10 ** rng.uniform(-3, 0) * unit * rng.standard_normal(n)
     kind = rng.integers(3)
     if kind == 1:
-        noise += (
-            10 ** rng.uniform(-3, -1)
-            * unit
-            * np.cumsum(rng.standard_normal(n))
-            / np.sqrt(RATE)
-        )
+        walk = np.cumsum(rng.standard_normal(n)) / np.sqrt(RATE)
+        noise += 10 ** rng.uniform(-3, -1) * unit * walk
     if kind == 2:
-        leak = 10 ** rng.uniform(-3, -1)
-        noise += leak * (x[:, (axis + 1) % 3] - x[:, (axis + 1) % 3].mean())
+        other = x[:, (axis + 1) % 3]
+        noise += 10 ** rng.uniform(-3, -1) * (other - other.mean())
     x[:, axis] = rng.uniform(-10, 10) * unit + noise
-    return x
 
 
-@_fault
-def stuck_axis(rec, rng, x):
+@_fault(_whole)
+def stuck_axis(rec, rng, x, unit):
     """One axis shows one value for ever."""
-    x[:, rng.integers(3)] = rng.choice([0.0, 1.0, -32768.0, 5.3 * _gain(rec)])
-    return x
+    x[:, rng.integers(3)] = rng.choice([0.0, 1.0, -32768.0, 5.3 * unit])
 
 
-@_fault
-def stuck_from(rec, rng, x):
-    """One axis stops at a value half-way."""
-    row, axis = _middle(rec, rng), rng.integers(3)
-    x[row:, axis] = x[row, axis]
-    return x
+@_fault(_late)
+def stuck_from(rec, rng, x, unit):
+    """One axis stops at a value."""
+    axis = rng.integers(3)
+    x[:, axis] = x[0, axis]
 
 
-@_fault
-def wrap(rec, rng, x):
+@_fault(_whole)
+def wrap(rec, rng, x, unit):
     """Some axes wrap around at a span from 0.6 of the sphere's to eight times it."""
     axes = rng.choice(3, int(rng.integers(1, 4)), replace=False)
-    if _gain(rec) < 10:  # m/s^2: any span
-        span = 2 * G * rng.uniform(0.6, 8)
-    else:
-        span = 2.0 ** np.ceil(np.log2(2 * G * _gain(rec) * rng.uniform(0.6, 8)))
+    span = 2 * G * unit * rng.uniform(0.6, 8)
+    counts = unit >= 10
+    span = 2.0 ** np.ceil(np.log2(span)) if counts else span
     for axis in axes:
-        low, high = np.quantile(x[:, axis], [0.02, 0.98])
-        start = rng.uniform(low, high)
-        if _gain(rec) >= 10:
-            start = np.round(start)
+        start = rng.uniform(*np.quantile(x[:, axis], [0.02, 0.98]))
+        start = np.round(start) if counts else start
         x[:, axis] = (x[:, axis] - start) % span + rng.choice([start, -span / 2, 0.0])
-    return x
 
 
-@_fault
-def wrap_signed(rec, rng, x):
-    """Unsigned counts of 8, 12 or 16 bits read as signed ones."""
-    bits = int(rng.choice([8, 12, 16]))
-    full = 2.0**bits
-    reach = rng.choice([1.5, 2.0, 4.0]) * G  # m/s^2 at full scale
-    counts = np.round((rec.samples - rec.sensor.B) / _gain(rec) / reach * full / 2)
-    counts += np.round(rng.normal(0, 0.02, 3) * full)
-    scale = rec.sensor.K * _gain(rec) * reach / full * 2
-    sensor = AccelerometerModel(T=rec.sensor.T, K=scale, B=np.zeros(3))
-    wrapped = counts % full - rng.choice([0.0, full / 2])
-    return replace(rec, samples=wrapped, sensor=sensor)
-
-
-@_fault
-def clipped(rec, rng, x):
+@_fault(_whole)
+def clipped(rec, rng, x, unit):
     """One axis, or all, cut at 0.7 to 0.97 of g, in numbers or before the noise."""
-    x -= rec.sensor.B
     axes = _axes(rng)
-    level = rng.uniform(0.7, 0.97) * G * _gain(rec)
+    level = rng.uniform(0.7, 0.97) * G * unit
     for axis in axes:
-        x[:, axis] = np.clip(x[:, axis], -level, level)
+        b = rec.sensor.B[axis]
+        x[:, axis] = np.clip(x[:, axis], b - level, b + level)
         if rng.random() < 0.5:
             x[:, axis] += rec.sigma * rng.standard_normal(len(x))
-    return x + rec.sensor.B
 
 
-@_fault
-def units(rec, rng, x):
-    """m/s^2 become g, mg, ft/s^2 or the reverse half-way."""
-    row = _middle(rec, rng)
-    x[row:] = x[row:] * rng.choice([1 / G, 1000 / G, 3.28084, G, 1 / 16.0])
-    return x
+@_fault(_late)
+def units(rec, rng, x, unit):
+    """m/s^2 become g, mg, ft/s^2 or the reverse."""
+    x *= rng.choice([1 / G, 1000 / G, 3.28084, G, 1 / 16.0])
 
 
-@_fault
-def gain_change(rec, rng, x):
-    """The gain of one axis, or of all, changes half-way by 2 % to a factor of 4."""
-    row = _middle(rec, rng)
-    axes = _axes(rng)
-    x[row:, axes] *= np.exp(rng.choice([-1, 1]) * 10 ** rng.uniform(-1.7, 0.14))
-    return x
+@_fault(_late)
+def gain_change(rec, rng, x, unit):
+    """The gain of one axis, or of all, changes by 2 % to a factor of 4."""
+    x[:, _axes(rng)] *= np.exp(rng.choice([-1, 1]) * 10 ** rng.uniform(-1.7, 0.14))
 
 
-@_fault
-def bias_jump(rec, rng, x):
-    """The bias of one axis jumps half-way by 0.2 to 5 m/s^2."""
-    row = _middle(rec, rng)
-    x[row:, rng.integers(3)] += (
-        rng.choice([-1, 1]) * 10 ** rng.uniform(-0.7, 0.7) * (_gain(rec))
-    )
-    return x
+@_fault(_late)
+def bias_jump(rec, rng, x, unit):
+    """The bias of one axis jumps by 0.2 to 5 m/s^2."""
+    x[:, rng.integers(3)] += rng.choice([-1, 1]) * 10 ** rng.uniform(-0.7, 0.7) * unit
 
 
-@_fault
-def sign_flip(rec, rng, x):
-    """One axis, or all, change sign half-way."""
-    row = _middle(rec, rng)
-    x[row:, _axes(rng, 0.7)] *= -1
-    return x
+@_fault(_late)
+def sign_flip(rec, rng, x, unit):
+    """One axis, or all, change sign."""
+    x[:, _axes(rng, 0.7)] *= -1
 
 
-@_fault
-def same_channel(rec, rng, x):
+@_fault(_whole)
+def same_channel(rec, rng, x, unit):
     """Two axes are the same wire, with a gain and noise of their own."""
     one, two = rng.choice(3, 2, replace=False)
     x[:, two] = x[:, one]
     if rng.random() < 0.6:
         x[:, two] = rng.choice([1.0, -1.0, 0.9]) * x[:, one]
         x[:, two] += 2 * rec.sigma * rng.standard_normal(len(x))
-    return x
 
 
-@_fault
-def swapped_axes(rec, rng, x):
-    """Two axes change places half-way."""
-    row = _middle(rec, rng)
+@_fault(_late)
+def swapped_axes(rec, rng, x, unit):
+    """Two axes change places."""
     one, two = rng.choice(3, 2, replace=False)
-    x[row:, [one, two]] = x[row:, [two, one]]
-    return x
+    x[:, [one, two]] = x[:, [two, one]]
 
 
-@_fault
-def repeated_block(rec, rng, x):
+@_fault(_whole)
+def repeated_block(rec, rng, x, unit):
     """A buffer of 1 to 20 s is written twice, over what came later."""
     size = int(rng.integers(100, 2000))
     a, b = rng.integers(0, len(x) - size, 2)
     x[b : b + size] = rec.samples[a : a + size]
-    return x
 
 
-@_fault
-def frozen_sensor(rec, rng, x):
-    """The sensor stops in a turn and stays there for some seconds."""
-    for start, stop in _some(rec, rng):
+@_fault(_whole)
+def frozen(rec, rng, x, unit):
+    """The sensor, or one axis, stops in a turn and stays there for some seconds."""
+    axes = _axes(rng)
+    for start, stop in _holds(rec, rng):
         row = int(start - rng.integers(10, 30))
-        x[row:stop] = x[row]
-    return x
+        x[row:stop, axes] = x[row, axes]
 
 
-@_fault
-def frozen_axis(rec, rng, x):
-    """One axis stops in a turn and stays there for some seconds."""
-    axis = rng.integers(3)
-    for start, stop in _some(rec, rng):
-        row = int(start - rng.integers(10, 30))
-        x[row:stop, axis] = x[row, axis]
-    return x
-
-
-@_fault
-def zero_rows(rec, rng, x):
+@_fault(_whole)
+def zero_rows(rec, rng, x, unit):
     """Lost packets are written as zeros: single rows, or seconds of them."""
     if rng.random() < 0.5:
         x[rng.random(len(x)) < 10 ** rng.uniform(-4, -1)] = 0.0
     else:
-        for start, stop in _some(rec, rng):
+        for start, stop in _holds(rec, rng):
             x[start - 10 : stop + 10] = 0.0
-    return x
 
 
-@_fault
-def spikes(rec, rng, x):
+@_fault(_whole)
+def spikes(rec, rng, x, unit):
     """Single rows far off, on one axis."""
-    axis = rng.integers(3)
-    hit = rng.random(len(x)) < 10 ** rng.uniform(-4, -1.5)
-    x[hit, axis] += 10 ** rng.uniform(-1, 2) * _gain(rec) * rng.choice([-1, 1])
-    return x
+    axis, hit = rng.integers(3), rng.random(len(x)) < 10 ** rng.uniform(-4, -1.5)
+    x[hit, axis] += 10 ** rng.uniform(-1, 2) * unit * rng.choice([-1, 1])
 
 
-@_fault
-def lost_packets(rec, rng, x):
+@_fault(_whole)
+def lost_packets(rec, rng, x, unit):
     """Rows are missing, and nobody counted them."""
-    keep = rng.random(len(rec.samples)) > 0.1
-    for start, stop in _some(rec, rng):
+    keep = rng.random(len(x)) > 0.1
+    for start, stop in _holds(rec, rng):
         keep[start - 40 : stop - 120] = False
     return x[keep]
 
 
-@_fault
-def pushed(rec, rng, x):
+@_fault(_whole)
+def pushed(rec, rng, x, unit):
     """One to three holds pushed, dropped or on a shaking table: 0.5 to 5 m/s^2 off."""
-    for start, stop in _some(rec, rng):
-        push = normalize(rng.standard_normal(3)) * rng.uniform(0.5, 5) * _gain(rec)
-        x[start:stop] += np.round(push) if _gain(rec) > 10 else push
-    return x
+    for start, stop in _holds(rec, rng):
+        push = normalize(rng.standard_normal(3)) * rng.uniform(0.5, 5) * unit
+        x[start:stop] += np.round(push) if unit > 10 else push
 
 
 def wrong(rec, fit):
@@ -466,3 +422,34 @@ def _read(rng, hz, time, path, rate, holds, turning):
 def far(fit, truth):
     """The greatest error of a fit, in its standard deviations."""
     return np.abs((fit.parameters - truth) / fit.sd).max()
+
+
+# a tumble of the scene
+
+SENSORS = """
+T = [[1, 0, 0], [0.01, 1, 0], [-0.02, 0.03, 1]]
+K = [0.0024, 0.0025, 0.0023]
+B = [100, -50, 30]
+noise_std_raw = 4.0
+[gyroscope]
+T = [[1, 0.01, 0], [0, 1, 0.02], [-0.01, 0, 1]]
+K = [1.1e-3, 1.12e-3, 1.05e-3]
+B = [12, -30, 5]
+white_raw_per_sqrt_hz = 0.15
+[magnetometer]
+T = [[1, 0, 0], [0.02, 1, 0], [0.01, -0.03, 1]]
+K = [1.5e-7, 1.5e-7, 1.6e-7]
+B = [120, -40, 60]
+noise_std_raw = 3.0
+"""
+"""Of a log in counts, as `load_imu` takes them."""
+
+
+def of_scene(folder):
+    """Path of a log of nine axes at 100 Hz, with the truth and `imu.toml` beside it."""
+    (folder / "imu.toml").write_text(SENSORS)
+    run = simulate("gimbal", poses=16, first_hold=12.0, hold_time=1.6, move_time=1.5)
+    imu = load_imu(folder / "imu.toml")
+    readings = read_imu(imu, motion_of(run, 5), np.random.default_rng(8))
+    write_signal(folder / "log.csv", run, readings, 5)
+    return folder / "log.csv"
