@@ -7,10 +7,8 @@ A refusal is an `OSError` whose ``strerror`` says what the path is and what is r
 so that each reader says it in its own words for files that cannot be read.
 """
 
-import json
 import os
 import stat
-import tomllib
 from collections.abc import Callable
 from errno import EISDIR
 from os import PathLike
@@ -97,8 +95,8 @@ def require_regular(
         raise _too_large(path, _size(status.st_size), most)
 
 
-def parsed_json(text: str, pairs: Callable[[list[tuple[str, Any]]], Any] = dict) -> Any:
-    """Value of a JSON text.
+def parsed(read: Callable[..., Any], text: str, **settings: Any) -> Any:
+    """Value of a text, by `json.loads` or `tomllib.loads`.
 
     Raises
     ------
@@ -106,26 +104,10 @@ def parsed_json(text: str, pairs: Callable[[list[tuple[str, Any]]], Any] = dict)
         If the text is not valid, or nested too deeply.
     """
     try:
-        return json.loads(text, object_pairs_hook=pairs)
+        return read(text, **settings)
     except RecursionError:
-        raise ValueError(_DEEP) from None
-
-
-def parsed_toml(text: str) -> dict[str, Any]:
-    """Table of a TOML text.
-
-    Raises
-    ------
-    ValueError
-        If the text is not valid, or nested too deeply.
-    """
-    try:
-        return tomllib.loads(text)
-    except RecursionError:
-        raise ValueError(_DEEP) from None
-
-
-_DEEP: Final = "it is nested too deeply; none of ours has more than a few levels"
+        msg = "it is nested too deeply; none of ours has more than a few levels"
+        raise ValueError(msg) from None
 
 
 def _too_large(path: str | PathLike[str], size: str, most: int) -> UnreadableError:

@@ -2,7 +2,7 @@
 
 They stand here because a help must be quick: this module imports nothing but the
 standard library. The code below takes its own names from here, or a test compares them
-(`tests/cli/test_quick_help.py`).
+(`tests/cli/test_help.py`).
 """
 
 from pathlib import Path

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from simval import vocabulary
 from simval.change import question
 from simval.errors import InputError
-from simval.files import MOST_BASELINE, parsed_json, read_text
+from simval.files import MOST_BASELINE, parsed, read_text
 from simval.plugins.names import is_file
 from simval.results import Check, Row
 from simval.statistics import Statistic
@@ -104,7 +104,7 @@ def read_baseline(path: Path) -> dict[str, Any]:
         raise InputError(msg)
     try:
         text = read_text(path, MOST_BASELINE)
-        content = parsed_json(text, _without_repeats)
+        content = parsed(json.loads, text, object_pairs_hook=_without_repeats)
         schema = content["schema"]
         if type(schema) is not int or schema != SCHEMA:
             msg = (

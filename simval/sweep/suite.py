@@ -15,6 +15,7 @@ run any program, so its words need not lie in the folder; words that are files i
 resolved.
 """
 
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -35,7 +36,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 
 from simval.errors import InputError
-from simval.files import MOST_DOCUMENT, parsed_toml, read_text
+from simval.files import MOST_DOCUMENT, parsed, read_text
 from simval.plugins.names import file_of, located
 from simval.studies import STUDIES
 from simval.studies.plugin import PluginParameters
@@ -137,7 +138,7 @@ def load_suite(
     """
     stem, text = _read(name)
     try:
-        content = parsed_toml(text)
+        content = parsed(tomllib.loads, text)
     except ValueError as error:
         msg = f"suite {name} is not valid TOML: {error}"
         raise InputError(msg) from None
@@ -263,7 +264,7 @@ def _override(content: dict[str, Any], override: str) -> None:
 def literal(text: str) -> Any:
     """Value of a text: a TOML literal, else the text itself."""
     try:
-        content = parsed_toml(f"value = {text}")
+        content = parsed(tomllib.loads, f"value = {text}")
     except ValueError:
         return text
     return content["value"] if len(content) == 1 else text

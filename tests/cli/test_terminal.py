@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simval.cli import COMMANDS, run
+from simval.cli import run
 from simval.cli.terminal import folded
 
 SENSOR = """
@@ -71,15 +71,10 @@ def test_sixty_columns_are_enough(simval, log, tiny_run, monkeypatch):
 def test_a_reader_that_goes_early_is_no_failure(log, tiny_run, tmp_path):
     run, made = str(tiny_run), tmp_path / "made.json"
     for words, expected in (
-        *(((name, "--help"), 0) for name, _ in COMMANDS),
+        (("sweep", "--help"), 0),
         (("list",), 0),
-        (("suite-schema",), 0),
-        (("plan", "--noise-std", "0.01"), 0),
         (("calibrate", str(log), "--out", str(made)), 0),
-        (("noise", str(log)), 0),
-        (("gate", run, "--no-baseline"), 0),
         (("gate", run, "--baseline", str(log)), 2),  # its own code
-        (("compare", run, run), 0),
     ):
         child = subprocess.Popen(
             [sys.executable, "-m", "simval", *words],
@@ -95,19 +90,19 @@ def test_a_reader_that_goes_early_is_no_failure(log, tiny_run, tmp_path):
     assert made.exists()  # the work is done
 
 
-@pytest.mark.parametrize("g", ["1", "32.17", "98", "981", "9806.65", "1.62"])
+@pytest.mark.ci
 @pytest.mark.parametrize("command", ["calibrate", "plan"])
-def test_a_gravity_that_is_nowhere_on_the_earth_is_said(simval, log, command, g):
+def test_a_gravity_that_is_nowhere_on_the_earth_is_said(simval, log, command):
     words = (log,) if command == "calibrate" else ("--noise-std", "1e-3")
-    code, out, errors = simval(command, *words, "--g", g, "--json")
-    assert code == 0
-    assert f"`--g` is {float(g):g} m/s^2, and gravity on the Earth is 9.76" in errors
-    assert out.startswith("{")
-    for earth in ("9.78", "9.81744", "9.832"):
+    for g in ("1.62", "32.17", "9806.65"):
+        code, out, errors = simval(command, *words, "--g", g, "--json")
+        assert (code, out[0]) == (0, "{")
+        assert f"`--g` is {float(g):g} m/s^2, and gravity on the Earth is" in errors
+    for earth in ("9.78", "9.832"):
         assert simval(command, *words, "--g", earth)[2] == ""
 
 
-@pytest.mark.parametrize("poses", ["faces", *(f"fibonacci:{n}" for n in range(1, 9))])
+@pytest.mark.parametrize("poses", ["faces", "fibonacci:1", "fibonacci:8"])
 @pytest.mark.parametrize("gyroscope", [(), ("--angle-random-walk", "1e-4")])
 def test_a_plan_that_can_predict_nothing_says_so(simval, poses, gyroscope):
     noise = ("--hold", "1", "--noise-density", "1e-3")
@@ -117,15 +112,10 @@ def test_a_plan_that_can_predict_nothing_says_so(simval, poses, gyroscope):
     assert not {"inf", "nan"} & set(out.split())
 
 
-def test_a_plan_for_a_noise_in_another_unit_says_so(simval):
-    for noise, believed in (
-        ("0.01", True),
-        ("0.1", True),
-        ("9.8", False),
-        ("50", False),
-    ):
-        out = simval("plan", "--noise-std", noise)[1]
-        assert ("not to be believed" not in out) == believed
+@pytest.mark.parametrize(("noise", "believed"), [("0.1", True), ("9.8", False)])
+def test_a_plan_for_a_noise_in_another_unit_says_so(simval, noise, believed):
+    out = simval("plan", "--noise-std", noise)[1]
+    assert ("not to be believed" not in out) == believed
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-1", "0", "1e300", "ten"])

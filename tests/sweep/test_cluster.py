@@ -78,18 +78,6 @@ def slow(tmp_path, seconds=0.3):
 
 
 @pytest.mark.ci
-def test_a_worker_of_other_source_computes_nothing(suite, alone, stranger, tmp_path):
-    with Cluster(tmp_path) as cluster:
-        cluster.join(**slow(tmp_path))
-        cluster.join(source=stranger)
-        cluster.await_workers(2)
-        code, _, err = ended(cluster.sweep(suite, tmp_path / "run"))
-    assert code == 0, err
-    assert err.count("computes nothing: its source code is") == 1
-    assert digest(tmp_path / "run") == alone
-
-
-@pytest.mark.ci
 def test_a_stranger_that_joins_late_computes_nothing_though_it_is_alone(
     suite, alone, stranger, tmp_path
 ):
@@ -111,38 +99,6 @@ def test_a_stranger_that_joins_late_computes_nothing_though_it_is_alone(
     assert 0 < len(finished(folder)) < 12
     run_suite(str(suite), folder, resume=True)
     assert digest(folder) == alone
-
-
-class Joins(Progress):
-    """After the first cell a worker without simval joins; what is said is kept."""
-
-    def __init__(self, cluster, source):
-        self.cluster, self.source, self.said = cluster, source, []
-
-    def advance(self, name, ending):
-        if len(self.cluster.workers) == 1:
-            self.cluster.join(source=self.source)
-            self.cluster.await_workers(2)
-
-    def tell(self, words):
-        self.said.append(words)
-
-
-@pytest.mark.ci
-def test_one_without_this_version_says_so_of_its_first_batch(suite, alone, tmp_path):
-    with Cluster(tmp_path) as cluster:
-        cluster.join(**slow(tmp_path, 0.4))
-        cluster.await_workers(1)
-        progress = Joins(cluster, without_simval(tmp_path))
-        words = {"scheduler": cluster.address, "progress": progress}
-        run = run_suite(str(suite), tmp_path / "run", **words)
-        ends = [worker.poll() for worker in cluster.workers]
-    assert ends == [None, None]  # its connection did not break
-    (line,) = progress.said
-    assert line.startswith("worker tcp://127.0.0.1:")
-    assert line.endswith(UNABLE)
-    assert run.timing["told"] == progress.said
-    assert digest(tmp_path / "run") == alone
 
 
 @pytest.mark.slow
@@ -257,6 +213,7 @@ class Comings(Progress):
 
     def __init__(self, cluster, tmp_path):
         self.cluster, self.ended, self.words = cluster, 0, slow(tmp_path)
+        self.nothing, self.said = without_simval(tmp_path), []
 
     def advance(self, name, ending):
         self.ended += 1
@@ -264,28 +221,42 @@ class Comings(Progress):
         match self.ended:
             case 1:
                 workers[0].kill()  # with a batch at work
+                self.cluster.join(source=self.nothing)
+                self.cluster.await_workers(3)
             case 3:
                 self.cluster.join(**self.words)
-                self.cluster.await_workers(2)
+                self.cluster.await_workers(4)
             case 5:
                 workers[1].send_signal(signal.SIGTERM)  # says goodbye
             case 7:
-                workers[2].kill()  # now there is none
-                workers[2].wait()
+                workers[4].kill()  # now there is none that may compute
+                workers[4].wait()
                 self.cluster.join(**self.words)
+
+    def tell(self, words):
+        self.said.append(words)
 
 
 @pytest.mark.ci
-def test_workers_come_and_go_and_the_bytes_stay(suite, alone, tmp_path):
+def test_workers_come_and_go_beside_strangers_and_the_bytes_stay(
+    suite, alone, stranger, tmp_path
+):
+    """One of other source, and one without this version, compute nothing."""
     with Cluster(tmp_path) as cluster:
-        for _ in range(2):
-            cluster.join(**slow(tmp_path))
-        cluster.await_workers(2)
+        for words in (slow(tmp_path), slow(tmp_path), {"source": stranger}):
+            cluster.join(**words)
+        cluster.await_workers(3)
         progress = Comings(cluster, tmp_path)
         words = {"scheduler": cluster.address, "progress": progress}
         run = run_suite(str(suite), tmp_path / "run", **words)
+        # the connection of neither broke
+        assert [cluster.workers[place].poll() for place in (2, 3)] == [None, None]
     assert {cell.status for cell in run.cells} == {"done"}
     assert digest(tmp_path / "run") == alone
+    for words in ("computes nothing: its source code is", UNABLE):
+        (line,) = [line for line in progress.said if words in line]
+        assert line.startswith("worker tcp://127.0.0.1:")
+    assert run.timing["told"] == progress.said
 
 
 ADAPTIVE = """

@@ -32,7 +32,7 @@ import numpy as np
 from simval.arguments import file_path, instance, whole_number
 from simval.arrays import Array, positive_number, shaped_array
 from simval.errors import InputError, RefusedError
-from simval.files import MOST_DOCUMENT, parsed_json, read_text
+from simval.files import MOST_DOCUMENT, parsed, read_text
 from simval.imu.calibrate.result import STANDARD_GRAVITY, FitResult, raw_unit
 from simval.imu.sensor import GyroscopeModel, MagnetometerModel, forms
 from simval.shapes import Float
@@ -321,7 +321,7 @@ def load_calibration(path: str | PathLike[str]) -> FitResult:
     path = file_path("path", path)
     try:
         text = read_text(path, MOST_DOCUMENT)
-        data = parsed_json(text, _once)
+        data = parsed(json.loads, text, object_pairs_hook=_once)
     except OSError as error:
         msg = f"cannot read {path}: {error.strerror}; give the path of a calibration"
         raise InputError(msg) from None
@@ -371,7 +371,7 @@ def load_others(
     InputError
         If a sensor is there and its numbers cannot be used.
     """
-    data = parsed_json(read_text(file_path("path", path), MOST_DOCUMENT))
+    data = parsed(json.loads, read_text(file_path("path", path), MOST_DOCUMENT))
     gyroscope, magnetometer = (_block(path, data, name) for name in BLOCKS)
     try:
         return (

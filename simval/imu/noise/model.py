@@ -1,5 +1,6 @@
 """Noise model of a signal, the data behind it, and its JSON file."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -10,7 +11,7 @@ import numpy as np
 from simval.arguments import file_path, whole_number
 from simval.arrays import Array, finite_array, frozen, positive_number
 from simval.errors import InputError, RefusedError
-from simval.files import MOST_DOCUMENT, parsed_json, read_text
+from simval.files import MOST_DOCUMENT, parsed, read_text
 from simval.imu.noise.allan import allan_law
 from simval.shapes import Float, Int
 from simval.text import shown
@@ -331,7 +332,7 @@ def load_noise(path: str | PathLike[str]) -> NoiseFile:
     file = file_path("path", path)
     how = "write one with `simval noise LOG --json > FILE`"
     try:
-        data = parsed_json(read_text(file, MOST_DOCUMENT))
+        data = parsed(json.loads, read_text(file, MOST_DOCUMENT))
     except OSError as error:
         msg = f"cannot read the noise file {file}: {error.strerror}; {how}"
         raise InputError(msg) from None

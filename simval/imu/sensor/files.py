@@ -29,6 +29,8 @@ TOML (or JSON with the same names), for example::
 A calibration that ``simval calibrate --out`` wrote is one, too: its T, K and B.
 """
 
+import json
+import tomllib
 from os import PathLike
 from pathlib import Path
 from typing import Any, Final
@@ -38,7 +40,7 @@ import numpy as np
 from simval.arguments import file_path
 from simval.arrays import Array, physical_array
 from simval.errors import InputError
-from simval.files import MOST_DOCUMENT, parsed_json, parsed_toml, read_text
+from simval.files import MOST_DOCUMENT, parsed, read_text
 from simval.imu.sensor.effects import (
     Effects,
     GyroscopeEffects,
@@ -176,7 +178,7 @@ def _parsed(path: Path) -> dict[str, Any]:
         raise InputError(msg) from None
     try:
         json_file = path.suffix.lower() == ".json"
-        values = parsed_json(text) if json_file else parsed_toml(text)
+        values = parsed(json.loads if json_file else tomllib.loads, text)
     except ValueError as error:
         msg = f"the sensor file {path} cannot be parsed: {error}"
         raise InputError(msg) from None
