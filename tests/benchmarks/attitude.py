@@ -5,12 +5,15 @@ its own, so every estimator, whatever it weighs, must find the same attitude; th
 depends on neither.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 import scipy
 
+from benchmarks.flops import optimal, problems
 from benchmarks.race import Answers, Contender, race
 from simval.arrays import Array
 from simval.geometry import attitude_matrix, compose, from_rotation_vector
@@ -77,6 +80,29 @@ def estimators() -> list[Contender]:
     return [
         *(Contender(n, len(few[0]), partial(f, few), seen) for n, f in peers.items()),
         *(Contender(name, len(many[0]), run, seen) for name, run in ours.items()),
+    ]
+
+
+@race("one_attitude", "One attitude from two pairs, in Python's numbers", "estimates")
+def one_attitude() -> list[Contender]:
+    """List the methods whose operations `flops` counts; the reference is SciPy's."""
+    each = np.array([v for _, v in problems(FEW, noise=0.0)])
+    vectors, given = list(each.swapaxes(0, 1)), [(*v, 0.5, 0.5) for v in each.tolist()]
+
+    def seen(found: Sequence[Any]) -> Answers:
+        answers = np.array(found)
+        if answers.ndim == 3:
+            return {"attitudes": (answers, ROUNDING)}
+        return {"attitudes": (attitude_matrix(answers), ROUNDING)}
+
+    return [
+        Contender("scipy align_vectors", FEW, partial(_scipy, vectors), seen),
+        *(
+            Contender(
+                name, FEW, lambda method=method: [method(*g) for g in given], seen
+            )
+            for name, method in optimal.METHODS.items()
+        ),
     ]
 
 
