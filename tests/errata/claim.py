@@ -3,8 +3,11 @@
 An evaluation computes a truth by a route of its own, then `printed`, what the source
 prints, and, where that is not right, `right`, each in one assignment, so that
 `tests/mutants/claims.py` can exchange or damage them. It returns them in this order.
+A group evaluates several claims of one setting, each in one assignment of these two or
+three: `eq_34 = truth, printed`.
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -31,6 +34,7 @@ class Claim:
     verdict: str
     evaluate: Evaluation | None = None
     name: str = ""
+    group: Callable[[np.random.Generator], dict[str, Any]] | None = None
     tol: float = 1e-9
     seeds: int = len(SEEDS)
 
@@ -49,6 +53,31 @@ def claim(source: str) -> Callable[..., Any]:
         return enter
 
     return of_source
+
+
+def claims(source: str, **entries: Any) -> Callable[..., Any]:
+    """Give a decorator that enters each claim of a group, in the order of its lines.
+
+    `entries` has the place of a claim, or its place, verdict and perhaps tolerance; a
+    name `eq_34` that is not there is the equation (34), and right.
+    """
+
+    def enter(group: Any) -> Any:
+        for name in group.__code__.co_varnames[1:]:
+            number = re.fullmatch(r"eq_(\d+)", name)
+            if name not in entries and not number:
+                continue
+            entry = entries.get(name, f"({number[1]})" if number else "")
+            place, verdict, *tol = (entry, RIGHT) if isinstance(entry, str) else entry
+            options = {"tol": tol[0]} if tol else {}
+
+            def evaluate(rng: np.random.Generator, name: str = name) -> Any:
+                return group(rng)[name]
+
+            add(source, place, verdict, evaluate, name, group=group, **options)
+        return group
+
+    return enter
 
 
 def add(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from errata.claim import WORDING, add, claim
+from errata.claim import WORDING, add, claims
 from errata.geometry import (
     Pair,
     attitude,
@@ -16,11 +16,15 @@ from errata.geometry import (
 )
 
 SOURCE = "quaternion"
-of = claim(SOURCE)
 
 
-@of("section 1: a quaternion is free of singularities, and minimal among such")
-def singularity_free(rng):
+@claims(
+    SOURCE,
+    singularity_free=(
+        "section 1: a quaternion is free of singularities, and minimal among such"
+    ),
+)
+def representation(rng):
     # a step of the quaternion turns by twice its length, in any direction and anywhere
     q = [*np.eye(4), *unit(rng.standard_normal((4, 4)))]
     steps = [unit(v - x * (x @ v)) for x in q for v in [rng.standard_normal(4)]]
@@ -28,8 +32,8 @@ def singularity_free(rng):
         np.linalg.norm(attitude(x + 1e-6 * v) @ attitude(x).T - np.eye(3)) / np.sqrt(2)
         for x, v in zip(q, steps, strict=True)
     ]
-    printed = 2e-6
-    return np.array(turned) * 1e6, [printed * 1e6] * 8
+    singularity_free = np.array(turned) / 1e-6, [2] * 8
+    return locals()
 
 
 add(
@@ -62,197 +66,105 @@ add(
 )
 
 
-def plane_of_attitudes(b, r, q):
+def plane_of_attitudes(r, q):
     """Projector onto all quaternions that take r to b: two of them and their span."""
-    two = np.stack([q, multiply(turn(r, 1.0), q)], axis=1)
-    basis = np.linalg.qr(two)[0]
+    basis = np.linalg.qr(np.stack([q, multiply(turn(r, 1.0), q)], axis=1))[0]
     return basis @ basis.T
 
 
+@claims(
+    SOURCE,
+    kernel="after (5): q1 and q2 are an orthonormal basis of the kernel",
+    angles_of_the_basis="after (7): q1 turns by 180 degrees, q2 by the least angle",
+)
 def one_vector(rng):
-    """A vector in both frames, with s and d, and the plane of its attitudes."""
     q, r = quaternion(rng), directions(1, rng)[0]
     b = attitude(q) @ r
-    return (b + r) / 2, (b - r) / 2, b, r, plane_of_attitudes(b, r, q)
-
-
-@of("(1)")
-def eq_1(rng):
-    s, d, _, _, plane = one_vector(rng)
-    printed = np.block([[-skew(s), d[:, None]], [-d[None], np.zeros((1, 1))]]) @ plane
-    return np.zeros((4, 4)), printed
-
-
-@of("(2)")
-def eq_2(rng):
-    q, r = quaternion(rng), directions(1, rng)[0]
-    b = attitude(q) @ r
-    # the half turn about s takes r to b, and |s| is the cosine of half the angle
-    truth = np.append(b, np.cos(np.arccos(b @ r) / 2))
-    printed = (b + r) / 2
-    return truth, np.append(attitude([*printed, 0]) @ r, np.linalg.norm(printed))
-
-
-@of("(3)")
-def eq_3(rng):
-    q, r = quaternion(rng), directions(1, rng)[0]
-    b = attitude(q) @ r
-    truth = np.append(b, np.sin(np.arccos(b @ r) / 2))
-    printed = (b - r) / 2
-    return truth, np.append(r + 2 * printed, np.linalg.norm(printed))
-
-
-@of("(4)")
-def eq_4(rng):
-    s, _, b, r, _ = one_vector(rng)
-    truth = np.append(b, 1.0)
-    printed = np.append(s, 0) / np.linalg.norm(s)
-    return truth, np.append(attitude(printed) @ r, np.linalg.norm(printed))
-
-
-@of("(5)")
-def eq_5(rng):
-    s, d, b, r, _ = one_vector(rng)
-    truth = np.append(b, 1.0)
-    printed = np.append(-np.cross(s, d), s @ s) / np.linalg.norm(s)
-    return truth, np.append(attitude(printed) @ r, np.linalg.norm(printed))
-
-
-@of("after (5): q1 and q2 are an orthonormal basis of the kernel")
-def kernel(rng):
-    s, d, _, _, plane = one_vector(rng)
+    s, d, plane = (b + r) / 2, (b - r) / 2, plane_of_attitudes(r, q)
+    # the attitudes solve (1), which is antisymmetric but for the sign of s
+    H = np.block([[-skew(s), d[:, None]], [-d[None], np.zeros((1, 1))]])
+    eq_1 = np.zeros((4, 4)), H @ plane
+    # r turned towards b by half of their angle, and by a right angle more
+    half, axis = np.arccos(b @ r) / 2, np.cross(b, r)
+    eq_2 = np.cos(half) * attitude(turn(axis, half)) @ r, (b + r) / 2
+    eq_3 = np.sin(half) * attitude(turn(axis, half + np.pi / 2)) @ r, (b - r) / 2
+    # in the plane, of unit length; the half turn, and what is normal to it
+    q1 = unit(plane @ np.append(b, 0))
+    eq_4 = q1, np.append(s, 0) / np.linalg.norm(s)
+    eq_5 = (
+        unit(plane[3]),
+        np.append(-np.cross(s, d), s @ s) / np.linalg.norm(s),
+    )
     basis = np.stack([np.append(s, 0), np.append(-np.cross(s, d), s @ s)])
-    printed = basis.T @ basis / (s @ s)
-    return plane, printed
+    kernel = plane, basis.T @ basis / (s @ s)
+    rest = np.eye(4) - plane
+    eq_6 = unit(rest @ np.append(b, 0)), np.append(d, 0) / np.linalg.norm(d)
+    eq_7 = (
+        unit(rest[3]),
+        np.append(np.cross(s, d), d @ d) / np.linalg.norm(d),
+    )
+    # the trace of a half turn, and the greatest scalar part in the plane
+    least = np.linalg.norm(plane[3])
+    angles_of_the_basis = (
+        [attitude([*s, 0]).trace() + 1, least],
+        [0.0, s @ s / np.linalg.norm(s)],
+    )
+    return locals()
 
 
-@of("(6)")
-def eq_6(rng):
-    s, d, _, _, plane = one_vector(rng)
-    printed = np.append(d, 0) / np.linalg.norm(d)
-    q4 = unit(np.append(np.cross(s, d), d @ d))
-    return np.eye(4) - plane, np.outer(printed, printed) + np.outer(q4, q4)
-
-
-@of("(7)")
-def eq_7(rng):
-    s, d, _, _, plane = one_vector(rng)
-    printed = np.append(np.cross(s, d), d @ d) / np.linalg.norm(d)
-    q3 = unit(np.append(d, 0))
-    return np.eye(4) - plane, np.outer(printed, printed) + np.outer(q3, q3)
-
-
-@of("after (7): q1 turns by 180 degrees, q2 by the least angle")
-def angles_of_the_basis(rng):
-    s, *_, plane = one_vector(rng)
-    least = np.linalg.norm(plane[3])  # the greatest scalar part in the plane
-    printed = [0.0, s @ s / np.linalg.norm(s)]
-    return [attitude([*s, 0]).trace() + 1, least], printed  # the trace of a half turn
-
-
-@of("(8)")
-def eq_8(rng):
+@claims(
+    SOURCE,
+    dependent="after (14): linearly dependent, and q unique up to its length",
+    eq_15_lines="after (15), the second and third line",
+    eq_15_last_lines=(
+        "after (15), the fourth and fifth line, without noise: alpha = s1'd2"
+    ),
+    scalar_identity="after (15): s1'd2 = -s2'd1",
+    other_condition="after (15): (14) in place of (13) gives the same",
+)
+def two_vectors(rng):
     g = pair(rng)
+    q, alpha = g.q, g.q[3]
+    e_n = q[:3] @ np.cross(g.r1, g.r2)
     length = np.sqrt(np.sum(np.cross(g.d1, g.d2) ** 2) + (g.s1 @ g.d2) ** 2)
-    printed = np.append(np.cross(g.d1, g.d2), g.s1 @ g.d2) / length
-    return g.q, printed
-
-
-@of("(9)")
-def eq_9(rng):
-    g = pair(rng)
-    printed = (g.b1 + g.r1) / 2
-    return g.q, unit(np.append(np.cross(g.d1, g.d2), printed @ g.d2))
-
-
-@of("(10)")
-def eq_10(rng):
-    g = pair(rng)
-    printed = [(b - r) / 2 for b, r in ((g.b1, g.r1), (g.b2, g.r2))]
-    return g.q, unit(np.append(np.cross(*printed), g.s1 @ printed[1]))
-
-
-def conditions(rng):
-    """The true quaternion, up to its length, as vector part and scalar part."""
-    g = pair(rng)
-    return g, 1.7 * g.q[:3], 1.7 * g.q[3]
-
-
-@of("(11)")
-def eq_11(rng):
-    g, a, _ = conditions(rng)
-    printed = g.d1
-    return [0.0, *(g.b1 - g.r1) / 2], [printed @ a, *printed]
-
-
-@of("(12)")
-def eq_12(rng):
-    g, a, _ = conditions(rng)
-    printed = g.d2
-    return [0.0, *(g.b2 - g.r2) / 2], [printed @ a, *printed]
-
-
-@of("(13)")
-def eq_13(rng):
-    g, a, alpha = conditions(rng)
-    printed = np.cross(g.s1, g.d1) @ a + g.d1 @ g.d1 * alpha
-    return 0.0, printed
-
-
-@of("(14)")
-def eq_14(rng):
-    g, a, alpha = conditions(rng)
-    printed = np.cross(g.s2, g.d2) @ a + g.d2 @ g.d2 * alpha
-    return 0.0, printed
-
-
-@of("after (14): linearly dependent, and q unique up to its length")
-def dependent(rng):
-    g = pair(rng)
-    rows = [np.append(g.d1, 0), np.append(g.d2, 0)]
-    rows += [np.append(np.cross(s, d), d @ d) for s, d in ((g.s1, g.d1), (g.s2, g.d2))]
-    printed = np.array(rows)
-    return 3, np.linalg.matrix_rank(printed, tol=1e-9)
-
-
-@of("(15)")
-def eq_15(rng):
-    g, a, _ = conditions(rng)
-    printed = np.cross(g.d1, g.d2)
-    return np.outer(unit(a), unit(a)), np.outer(unit(printed), unit(printed))
-
-
-@of("after (15), the second and third line")
-def eq_15_lines(rng):
-    alpha = rng.standard_normal()
-    g = Pair(quaternion(rng), *directions(2, rng), 0.3 * rng.standard_normal((4, 3)))
-    truth = np.cross(g.s1, g.d1) @ np.cross(g.d1, g.d2) + g.d1 @ g.d1 * alpha
-    printed = [
-        g.s1 @ skew(g.d1) @ skew(g.d1) @ g.d2 + g.d1 @ g.d1 * alpha,
-        g.s1 @ g.d1 * (g.d1 @ g.d2) - g.d1 @ g.d1 * (g.s1 @ g.d2) + g.d1 @ g.d1 * alpha,
-    ]
-    return [truth] * 2, printed
-
-
-@of("after (15), the fourth and fifth line, without noise: alpha = s1'd2")
-def eq_15_last_lines(rng):
-    g, alpha = pair(rng), rng.standard_normal()
-    first = np.cross(g.s1, g.d1) @ np.cross(g.d1, g.d2) + g.d1 @ g.d1 * alpha
-    scalar = g.q[:3] @ np.cross(g.r1, g.r2) * g.q[3]
-    printed = [g.d1 @ g.d1 * (alpha - g.s1 @ g.d2), g.s1 @ g.d2]
-    return [first, scalar], printed
-
-
-@of("after (15): s1'd2 = -s2'd1")
-def scalar_identity(rng):
-    g = pair(rng)
-    printed = -g.s2 @ g.d1
-    return g.q[:3] @ np.cross(g.r1, g.r2) * g.q[3], printed
-
-
-@of("after (15): (14) in place of (13) gives the same")
-def other_condition(rng):
-    g = pair(rng)
-    a = np.cross(g.d1, g.d2)
-    printed = np.append(a, -np.cross(g.s2, g.d2) @ a / (g.d2 @ g.d2))
-    return g.q, unit(printed)
+    eq_8 = q, np.append(np.cross(g.d1, g.d2), g.s1 @ g.d2) / length
+    # b and r are the sum and the difference of s and d
+    eq_9 = g.b1 - g.d1, (g.b1 + g.r1) / 2
+    eq_10 = [g.s1 - g.r1, g.s2 - g.r2], [(g.b1 - g.r1) / 2, (g.b2 - g.r2) / 2]
+    # what is normal to all solutions q1, q2 of one vector is normal to q
+    planes = [np.eye(4) - plane_of_attitudes(r, q) for r in (g.r1, g.r2)]
+    first, second = (
+        unit(plane @ np.append(b, 0))
+        for plane, b in zip(planes, (g.b1, g.b2), strict=True)
+    )
+    eq_11 = [*first * np.linalg.norm(g.d1), 0.0], [*np.append(g.d1, 0), g.d1 @ q[:3]]
+    eq_12 = [*second * np.linalg.norm(g.d2), 0.0], [*np.append(g.d2, 0), g.d2 @ q[:3]]
+    a = q[:3]
+    eq_13 = 0.0, np.cross(g.s1, g.d1) @ a + g.d1 @ g.d1 * alpha
+    eq_14 = 0.0, np.cross(g.s2, g.d2) @ a + g.d2 @ g.d2 * alpha
+    rows = [np.append(np.cross(s, d), d @ d) for s, d in ((g.s1, g.d1), (g.s2, g.d2))]
+    rows += [np.append(g.d1, 0), np.append(g.d2, 0)]
+    dependent = 3, np.linalg.matrix_rank(np.array(rows), tol=1e-9)
+    eq_15 = e_n * a, np.cross(g.d1, g.d2)
+    v = Pair(q, g.r1, g.r2, 0.3 * rng.standard_normal((4, 3)))
+    eq_15_lines = (
+        [np.cross(v.s1, v.d1) @ np.cross(v.d1, v.d2) + v.d1 @ v.d1 * alpha] * 2,
+        [
+            v.s1 @ skew(v.d1) @ skew(v.d1) @ v.d2 + v.d1 @ v.d1 * alpha,
+            v.s1 @ v.d1 * (v.d1 @ v.d2)
+            - v.d1 @ v.d1 * (v.s1 @ v.d2)
+            + v.d1 @ v.d1 * alpha,
+        ],
+    )
+    any_alpha = rng.standard_normal()
+    eq_15_last_lines = (
+        [
+            np.cross(g.s1, g.d1) @ np.cross(g.d1, g.d2) + g.d1 @ g.d1 * any_alpha,
+            e_n * alpha,
+        ],
+        [g.d1 @ g.d1 * (any_alpha - g.s1 @ g.d2), g.s1 @ g.d2],
+    )
+    scalar_identity = e_n * alpha, -g.s2 @ g.d1
+    c = np.cross(g.d1, g.d2)
+    other_condition = e_n * alpha, -np.cross(g.s2, g.d2) @ c / (g.d2 @ g.d2)
+    return locals()

@@ -2,12 +2,11 @@
 
 import numpy as np
 
-from errata.claim import FALSE, MISPRINTED, WORDING, add, claim
+from errata.claim import FALSE, MISPRINTED, WORDING, add, claims
 from errata.errors import ONE
-from errata.geometry import directions, inverse, multiply, quaternion, taylor, unit
+from errata.geometry import inverse, multiply, quaternion, taylor, unit
 
 SOURCE = "quaternion"
-of = claim(SOURCE)
 add(
     SOURCE,
     "(48), (49), (51) to (54): equalities that hold to second order, (54) to first",
@@ -21,10 +20,28 @@ def exact_error(q, x):
     return q - v / np.sqrt(np.sum(v * v))
 
 
-@of("section 4.2.2: the multiplicative error is linear in the scaled one", FALSE)
-def linear_in_the_scaled_error(rng):
-    q, x = quaternion(rng), 0.2 * rng.standard_normal(4)
-    error = exact_error(q, x)
+@claims(
+    SOURCE,
+    linear_in_the_scaled_error=(
+        "section 4.2.2: the multiplicative error is linear in the scaled one",
+        FALSE,
+    ),
+    tangent_term="after (50): the first-order term lies in the tangent plane",
+    second_order_directions=(
+        "after (50): the second-order term is one along the error and one along q"
+    ),
+    any_estimator="after (50): the formulas hold for any estimator",
+    development_48="the development of (48): nu in powers of epsilon",
+    expansion_yields=('the development of (48): "yields Eq. (43)"', MISPRINTED),
+)
+def approximations(rng):
+    q, x = quaternion(rng), unit(rng.standard_normal(4))
+    nus = taylor(lambda t: np.sum((q - t * x) ** 2) ** -0.5, 2)
+    _, first, second = taylor(lambda t: exact_error(q, t * x), 2)
+
+    def twice(of, d):
+        # f(2 d) - 2 f(d), zero for a linear f
+        return of(2 * d) - 2 * of(d) + ONE
 
     def of_scaled(d):
         return multiply(inverse(q), q - exact_error(q, d))
@@ -32,87 +49,50 @@ def linear_in_the_scaled_error(rng):
     def of_normalised(d):
         return multiply(inverse(q), q - d)
 
-    truth = np.zeros(4)
-    printed = of_scaled(2 * x) - 2 * of_scaled(x) + ONE
-    right = of_normalised(2 * error) - 2 * of_normalised(error) + ONE
-    return truth, printed, right
-
-
-@of("(48)")
-def eq_48(rng):
-    q, x = quaternion(rng), unit(rng.standard_normal(4))
+    step = 0.2 * x
+    linear_in_the_scaled_error = (
+        np.zeros(4),
+        twice(of_scaled, step),
+        twice(of_normalised, exact_error(q, step)),
+    )
     Q = np.eye(4) - 3 * np.outer(q, q)
-    truth = taylor(lambda t: np.sum((q - t * x) ** 2) ** -0.5, 2)
-    printed = [1, q @ x, -0.5 * x @ Q @ x]
-    return truth, printed
-
-
-@of("(49)")
-def eq_49(rng):
-    q, x = quaternion(rng), unit(rng.standard_normal(4))
-    Q = np.eye(4) - 3 * np.outer(q, q)
-    truth = taylor(lambda t: exact_error(q, t * x), 2)[1:]
-    printed = [
-        (np.eye(4) - np.outer(q, q)) @ x,
-        (np.outer(x, x) + 0.5 * x @ Q @ x * np.eye(4)) @ q,
-    ]
-    return truth, printed
-
-
-@of("(50)")
-def eq_50(rng):
-    q, x = quaternion(rng), unit(rng.standard_normal(4))
-    printed = np.eye(4) - 3 * np.outer(q, q)
-    truth = taylor(lambda t: np.sum((q - t * x) ** 2) ** -0.5, 2)[2]
-    return truth, -0.5 * x @ printed @ x
-
-
-@of("after (50): the first-order term lies in the tangent plane")
-def tangent_term(rng):
-    q, x = quaternion(rng), unit(rng.standard_normal(4))
-    term = taylor(lambda t: exact_error(q, t * x), 1)[1]
-    printed = q @ term
-    return 0.0, printed
-
-
-@of("after (50): the second-order term is one along the error and one along q")
-def second_order_directions(rng):
-    q, x = quaternion(rng), unit(rng.standard_normal(4))
-    term = taylor(lambda t: exact_error(q, t * x), 2)[2]
-    printed = np.linalg.matrix_rank(np.stack([q, x, term]), tol=1e-9)
-    return 2, printed
-
-
-@of("after (50): the formulas hold for any estimator")
-def any_estimator(rng):
+    eq_48 = nus, [1, q @ x, -0.5 * x @ Q @ x]
+    eq_49 = (
+        [first, second],
+        [
+            (np.eye(4) - np.outer(q, q)) @ x,
+            (np.outer(x, x) + 0.5 * x @ Q @ x * np.eye(4)) @ q,
+        ],
+    )
+    # the symmetric matrix of nu's second-order term, by polarisation
+    by_two = [[taylor(lambda t, v=u + w: np.sum((q - t * v) ** 2) ** -0.5, 2)[2]
+               for u in np.eye(4)] for w in np.eye(4)]  # fmt: skip
+    own = np.diag(by_two) / 4
+    eq_50 = own[:, None] + own - np.array(by_two), np.eye(4) - 3 * np.outer(q, q)
+    tangent_term = 0.0, q @ first
+    second_order_directions = (
+        2,
+        np.linalg.matrix_rank(np.stack([q, x, second]), tol=1e-9),
+    )
     # an estimate that has nothing to do with two vectors
-    q, v = quaternion(rng), directions(1, rng)[0]
-    estimate = q + 0.02 * np.append(v, 0.5)
-    truth, x = q - unit(estimate), q - estimate
-    nu = (1 - 2 * q @ x + x @ x) ** -0.5
-    printed = nu * x + (1 - nu) * q
-    return truth, printed
-
-
-@of("the development of (48): nu in powers of epsilon")
-def development_48(rng):
-    q, x = quaternion(rng), unit(rng.standard_normal(4))
+    estimate = q + 0.02 * np.append(x[:3], 0.5)
+    d = q - estimate
+    nu = (1 - 2 * q @ d + d @ d) ** -0.5
+    any_estimator = q - unit(estimate), nu * d + (1 - nu) * q
     eps = [0.0, -2 * q @ x, x @ x]  # of t, t^2
-    truth = taylor(lambda t: np.sum((q - t * x) ** 2) ** -0.5, 2)
-    printed = [
-        [1, -0.5 * eps[1], -0.5 * eps[2] + 3 / 8 * eps[1] ** 2],
-        [1, q @ x, -0.5 * x @ x + 1.5 * (q @ x) ** 2],
-    ]
-    return [truth, truth], printed
-
-
-@of('the development of (48): "yields Eq. (43)"', MISPRINTED)
-def expansion_yields(rng):
-    q, x = quaternion(rng), 0.5 * unit(rng.standard_normal(4))
-    Q = np.eye(4) - 3 * np.outer(q, q)
-    eps = -2 * q @ x + x @ x
-    # to second order in x, the expansion is (48) and not the exact (43)
-    truth = 1 - 0.5 * eps + 3 / 8 * (2 * q @ x) ** 2
-    printed = (1 - 2 * q @ x + x @ x) ** -0.5
-    right = 1 + q @ x - 0.5 * x @ Q @ x
-    return truth, printed, right
+    development_48 = (
+        [nus, nus],
+        [
+            [1, -0.5 * eps[1], -0.5 * eps[2] + 3 / 8 * eps[1] ** 2],
+            [1, q @ x, -0.5 * x @ x + 1.5 * (q @ x) ** 2],
+        ],
+    )
+    # to second order in d, the expansion is (48) and not the exact (43)
+    d = x / 2
+    half = -2 * q @ d + d @ d
+    expansion_yields = (
+        1 - 0.5 * half + 3 / 8 * (2 * q @ d) ** 2,
+        (1 - 2 * q @ d + d @ d) ** -0.5,
+        1 + q @ d - 0.5 * d @ Q @ d,
+    )
+    return locals()

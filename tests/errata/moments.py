@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 
-from errata.claim import FALSE, WORDING, add, claim
+from errata.claim import FALSE, RIGHT, WORDING, add, claim, claims
 from errata.errors import ONE
 from errata.expansions import exact_error
 from errata.geometry import (
@@ -22,8 +22,9 @@ from errata.geometry import (
     taylor,
 )
 
-of = claim("quaternion")
-add("quaternion", "(53) is a mean; the bias is that less the identity 1_q", WORDING)
+SOURCE = "quaternion"
+of = claim(SOURCE)
+add(SOURCE, "(53) is a mean; the bias is that less the identity 1_q", WORDING)
 SMALL = 1e-6  # the extrapolated mean leaves s^6 and rounding of 1e-16 / s^2
 
 
@@ -70,20 +71,39 @@ def uncorrelated_pairs(rng):
     return truth, printed
 
 
-@of("(51)", tol=SMALL)
-def eq_51(rng):
+@claims(
+    SOURCE,
+    eq_51=("(51)", RIGHT, SMALL),
+    eq_52=("(52)", RIGHT, SMALL),
+    eq_53=("(53)", RIGHT, SMALL),
+    development_51="the developments of (51) and (52)",
+    q_indefinite="after (53): Q is indefinite",
+)
+def means(rng):
     q, P = q_and_p(rng)
-    truth = second_order_mean(lambda x: 1 / np.linalg.norm(q - x), 0.1 * P)
-    printed = -0.5 * np.trace(normal_matrix(q) @ (0.1 * P))
-    return truth, printed
+    Q, one, (*e, s) = normal_matrix(q), np.eye(4), q
 
+    def nu_and_error(x):
+        return np.append(1 / np.linalg.norm(q - x), exact_error(q, x))
 
-@of("(52)", tol=SMALL)
-def eq_52(rng):
-    q, P = q_and_p(rng)
-    truth = second_order_mean(lambda x: exact_error(q, x), 0.1 * P) * 10
-    printed = (P + 0.5 * np.trace(normal_matrix(q) @ P) * np.eye(4)) @ q
-    return truth, printed
+    nu, *error = second_order_mean(nu_and_error, 0.1 * P) * 10
+    eq_51 = nu, -0.5 * np.trace(Q @ P)
+    eq_52 = error, (P + 0.5 * np.trace(Q @ P) * one) @ q
+    M = np.block([[skew(e) - s * one[:3, :3], q[:3, None]], [-q[None, :3], -s]])
+    eq_53 = (
+        ONE - multiply(inverse(q), np.array(error)),
+        ONE + M @ (P + 0.5 * np.trace(Q @ P) * one) @ q,
+    )
+    development_51 = (
+        [
+            gaussian_mean(lambda x: -0.5 * x @ Q @ x, P),
+            gaussian_mean(lambda x: x * (x @ q), P) @ q,
+        ],
+        [0.5 * np.trace((3 * np.outer(q, q) - one) @ P), q @ P @ q],
+    )
+    values = np.linalg.eigvalsh(Q)
+    q_indefinite = [True, True], [bool(values[0] < 0), bool(values[-1] > 0)]
+    return locals()
 
 
 @of("abstract: the covariance to second order for any distribution", tol=SMALL)
@@ -102,32 +122,6 @@ def any_distribution(rng):
     printed = projector @ F @ F.T @ projector
     near, far = (2 * covariance_over(s) - covariance_over(2 * s) for s in (1e-3, 2e-3))
     return (4 * near - far) / 3, printed  # without the terms in s and s^2
-
-
-@of("(53)", tol=SMALL)
-def eq_53(rng):
-    q, P = q_and_p(rng)
-    e, s = q[:3], q[3]
-    M = np.block([[skew(e) - s * np.eye(3), e[:, None]], [-e[None], -s * np.eye(1)]])
-    mean = second_order_mean(
-        lambda x: multiply(inverse(q), q - exact_error(q, x)), 0.1 * P
-    )
-    printed = ONE + M @ (P + 0.5 * np.trace(normal_matrix(q) @ P) * np.eye(4)) @ q
-    return ONE + mean * 10, printed
-
-
-@of("the developments of (51) and (52)")
-def development_51(rng):
-    q, P = q_and_p(rng)
-    truth = [
-        gaussian_mean(lambda x: -0.5 * x @ normal_matrix(q) @ x, P),
-        gaussian_mean(lambda x: x * (x @ q), P) @ q,
-    ]
-    printed = [
-        0.5 * np.trace((3 * np.outer(q, q) - np.eye(4)) @ P),
-        q @ P @ q,
-    ]
-    return truth, printed
 
 
 def linear_map(rng):
@@ -201,10 +195,3 @@ def p_q_small(rng):
     # longer than the bias, but for tangent noise in the greatest frame
     right = bool(min(middle[:3]) > 1.0 and 0.5 < middle[3] < 1.0)
     return True, printed, right
-
-
-@of("after (53): Q is indefinite")
-def q_indefinite(rng):
-    values = np.linalg.eigvalsh(normal_matrix(quaternion(rng)))
-    printed = [bool(values[0] < 0), bool(values[-1] > 0)]
-    return [True, True], printed

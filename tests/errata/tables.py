@@ -50,12 +50,6 @@ FORMS = {
 }
 
 
-@cache
-def truths(table):
-    """Every element of a table as it should be, in order."""
-    return [FORMS[table](*ij) for ij in sorted(elements(TABLES[table]))]
-
-
 BELOW = [(i, j) for i, j in INDICES if i > j]
 
 # table: misprinted elements, † where the extraction may be to blame
@@ -127,7 +121,7 @@ MISSING = {
 def put_right(table, *without):
     """The items of a table, the misprinted and missing ones put right but some."""
     items = list(TABLES[table])
-    for wrong, (right, where) in ITEMS[table].items():
+    for wrong, (right, where) in ITEMS.get(table, {}).items():
         for ij in () if wrong in without else where.split():
             items[items.index(f"{ij}: {wrong}")] = f"{ij}: {right}"
     item, ij, *_ = MISSING.get(table, ("", ""))
@@ -140,12 +134,18 @@ def sums(table, places, *without):
     return [found[ij] for ij in places]
 
 
+@cache
+def truths(table, places):
+    """These elements of a table as they should be."""
+    return [FORMS[table](*ij) for ij in places]
+
+
 def without_claim(table, wrong):
     """The claim that a table is wrong with this item as printed, or not printed."""
+    places = tuple(sorted(elements(TABLES[table])))
 
     def evaluate(rng):
-        places = sorted(elements(TABLES[table]))
-        truth = truths(table)
+        truth = truths(table, places)
         printed = sums(table, places, wrong)
         right = sums(table, places)
         return truth, printed, right
@@ -153,93 +153,66 @@ def without_claim(table, wrong):
     return evaluate
 
 
-def items_claim(table):
-    """The claim that all items but the misprinted ones are right."""
+def right_claim(table, places):
+    """The claim that these elements are right, but for the misprinted items."""
 
     def evaluate(rng):
-        places = sorted(elements(TABLES[table]))
         printed = sums(table, places)
-        return truths(table), printed
+        return truths(table, places), printed
 
     return evaluate
 
 
-def repeated_claim(ij):
-    """The claim that an element of Term 2 is another's, as in its products."""
+def element_claim(table, form, ij):
+    """The claim that an element is not of its form, all of its items put right."""
 
     def evaluate(rng):
-        truth = isserlis(term_2(*ij))
-        printed = sums("term 2, moments", [ij])[0]
-        right = isserlis(times(U, U, U, X[ij[0]], Q[ij[1]]))
+        truth = form(*ij)
+        printed = sums(table, [ij])[0]
+        right = form(*ij)
         return truth, printed, right
 
     return evaluate
 
 
-def element_claim(table, ij):
-    """The claim of a misprinted element of a table with one item an element."""
-
-    def evaluate(rng):
-        truth = FORMS[table](*ij)
-        printed = elements(TABLES[table])[ij]
-        right = FORMS[table](*ij)
-        return truth, printed, right
-
-    return evaluate
-
-
-def elements_claim(table, places):
-    """The claim that these elements are right."""
-
-    def evaluate(rng):
-        found = elements(TABLES[table])
-        printed = [found[ij] for ij in places]
-        return [FORMS[table](*ij) for ij in places], printed
-
-    return evaluate
-
-
-def enter(table, place, verdict, evaluate, name):
+def enter(table, place, verdict, evaluate, name=""):
     """Enter a claim of a table; nothing in it is random."""
     place = f"section 5, T{table[1:]}{place}"
+    name = name or table.replace(", ", "_").replace(" ", "_")
     add(SOURCE, place, verdict, evaluate, name, seeds=1)
 
 
-for _table, _items in ITEMS.items():
-    _name = _table.replace(", ", "_").replace(" ", "_")
-    _wrong = sum(len(where.split()) for _, where in _items.values())
-    for _k, (_item, (_, _where)) in enumerate(_items.items(), 1):
-        _in = "" if _where == "00" else f" in {_where.replace(' ', ' and ')}"
-        _place = f": `{_item}`{_in}"
-        enter(
-            _table, _place, MISPRINTED, without_claim(_table, _item), f"{_name}_i{_k}"
-        )
-    if _table in MISSING:
-        _item, _, _own, _place = MISSING[_table]
-        enter(_table, f": {_place}", MISPRINTED, without_claim(_table, _item), _own)
-    if _table == "term 2, moments":
-        for _i, _j in BELOW:
-            _place = f": element {_i}{_j}, a copy of {_j}{_i}"
-            enter(
-                _table,
-                _place,
-                MISPRINTED,
-                repeated_claim((_i, _j)),
-                f"{_name}_{_i}{_j}",
-            )
-    _rest = f": {len(TABLES[_table]) - _wrong} other items"
-    enter(_table, _rest, RIGHT, items_claim(_table), _name)
-for _table, _elements in ELEMENTS.items():
-    _name = _table.replace(", ", "_").replace(" ", "_")
-    for (_i, _j), _mark in _elements.items():
-        _place = f": element {_i}{_j}{_mark}"
-        enter(
-            _table,
-            _place,
-            MISPRINTED,
-            element_claim(_table, (_i, _j)),
-            f"{_name}_{_i}{_j}",
-        )
-    _others = sorted(set(elements(TABLES[_table])) - set(_elements))
-    _rest = f": {len(_others)} other elements" if len(_others) > 1 else ""
-    enter(_table, _rest, RIGHT, elements_claim(_table, _others), _name)
+def enter_items(table):
+    """Each misprinted item, what is missing or repeated, and all other items."""
+    name, wrong = table.replace(", ", "_").replace(" ", "_"), 0
+    for k, (item, (_, where)) in enumerate(ITEMS[table].items(), 1):
+        wrong += len(where.split())
+        place = f": `{item}`" + f" in {where.replace(' ', ' and ')}" * (where != "00")
+        enter(table, place, MISPRINTED, without_claim(table, item), f"{name}_i{k}")
+    if table in MISSING:
+        item, _, own, place = MISSING[table]
+        enter(table, f": {place}", MISPRINTED, without_claim(table, item), own)
+    for i, j in BELOW if table == "term 2, moments" else ():
+        evaluate = element_claim(table, lambda *ij: isserlis(term_2(*ij)), (i, j))
+        place = f": element {i}{j}, a copy of {j}{i}"
+        enter(table, place, MISPRINTED, evaluate, f"{name}_{i}{j}")
+    places = tuple(sorted(elements(TABLES[table])))
+    rest = f": {len(TABLES[table]) - wrong} other items"
+    enter(table, rest, RIGHT, right_claim(table, places))
+
+
+def enter_elements(table):
+    """Each misprinted element of a table, and all others."""
+    name = table.replace(", ", "_").replace(" ", "_")
+    for (i, j), mark in ELEMENTS[table].items():
+        evaluate = element_claim(table, FORMS[table], (i, j))
+        enter(table, f": element {i}{j}{mark}", MISPRINTED, evaluate, f"{name}_{i}{j}")
+    others = tuple(sorted(set(elements(TABLES[table])) - set(ELEMENTS[table])))
+    rest = f": {len(others)} other elements" if len(others) > 1 else ""
+    enter(table, rest, RIGHT, right_claim(table, others))
+
+
+for _table in ITEMS:
+    enter_items(_table)
+for _table in ELEMENTS:
+    enter_elements(_table)

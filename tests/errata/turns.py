@@ -1,37 +1,12 @@
 """Peng and Choukroun, section 3.1: sequential rotations, Table 2."""
 
-from copy import deepcopy
-
 import numpy as np
 
-from errata.claim import MISPRINTED, add, claim
+from errata.claim import MISPRINTED, claims
 from errata.geometry import AXES, Pair, directions, multiply, pair, qbar, turn, unit
 from errata.singular import vanishes
 
-of = claim("quaternion")
-
-
-@of("section 3.1, half turn about x")
-def half_turn_x(rng):
-    q1, q2, q3, q4 = q = pair(rng).q
-    printed = [q4, -q3, q2, -q1]
-    return multiply([1, 0, 0, 0], q), printed
-
-
-@of("section 3.1, half turn about y")
-def half_turn_y(rng):
-    q1, q2, q3, q4 = q = pair(rng).q
-    printed = [q3, q4, -q1, -q2]
-    return multiply([0, 1, 0, 0], q), printed
-
-
-@of("section 3.1, third half turn, labelled x †", MISPRINTED)
-def half_turn_z(rng):
-    q1, q2, q3, q4 = q = pair(rng).q
-    truth = [-q2, q1, q4, -q3]
-    printed = multiply([1, 0, 0, 0], q)
-    right = multiply([0, 0, 1, 0], q)
-    return truth, printed, right
+SOURCE = "quaternion"
 
 
 def turned(g, axis):
@@ -40,14 +15,29 @@ def turned(g, axis):
     return np.stack([g.b1, g.b2, R @ g.r1, R @ g.r2])
 
 
-@of("section 3.1: R to C, then C to B, composed, is R to B")
-def composed(rng):
+@claims(
+    SOURCE,
+    half_turn_x="section 3.1, half turn about x",
+    half_turn_y="section 3.1, half turn about y",
+    half_turn_z=("section 3.1, third half turn, labelled x †", MISPRINTED),
+    composed="section 3.1: R to C, then C to B, composed, is R to B",
+)
+def half_turns(rng):
+    q1, q2, q3, q4 = q = pair(rng).q
+    half_turn_x = multiply([1, 0, 0, 0], q), [q4, -q3, q2, -q1]
+    half_turn_y = multiply([0, 1, 0, 0], q), [q3, q4, -q1, -q2]
+    half_turn_z = (
+        [-q2, q1, q4, -q3],
+        multiply([1, 0, 0, 0], q),
+        multiply([0, 0, 1, 0], q),
+    )
     r1, r2 = directions(2, rng)
     g = Pair(turn(r1, 1.0), r1, r2)  # singular as it is
     from_c = [(np.append(axis, 0), turned(g, axis)) for axis in AXES.values()]
     e, vectors = max(from_c, key=lambda x: np.linalg.norm(qbar(x[1])))
-    printed = multiply(e, unit(qbar(vectors)))
-    return np.outer(g.q, g.q), np.outer(printed, printed)
+    both = multiply(e, unit(qbar(vectors)))
+    composed = np.outer(g.q, g.q), np.outer(both, multiply(e, unit(qbar(vectors))))
+    return locals()
 
 
 def parallel(u, v):
@@ -82,17 +72,19 @@ def singular_when_turned(g, axis):
     return vanishes(qbar(turned(g, axis)))
 
 
-@of("Table 2, A, and its differences")
-def table_2_a(rng):
+@claims(SOURCE, table_2_a="Table 2, A, and its differences")
+def identities(rng):
     pairs = [(axis, g) for axis in AXES.values() for g in case_a_pairs(axis, rng)]
-    truth = [singular_when_turned(g, axis) for axis, g in pairs]
-    printed = [
-        parallel(g.b1, axis)
-        or parallel(g.b2, axis)
-        or parallel(across(g.r1, axis), across(g.r2, axis))
-        for axis, g in pairs
-    ]
-    return truth, printed
+    table_2_a = (
+        [singular_when_turned(g, axis) for axis, g in pairs],
+        [
+            parallel(g.b1, axis)
+            or parallel(g.b2, axis)
+            or parallel(across(g.r1, axis), across(g.r2, axis))
+            for axis, g in pairs
+        ],
+    )
+    return locals()
 
 
 def second_condition(sum2, r1, k):
@@ -105,61 +97,63 @@ def in_plane(v, axis):
     return [c for c, a in zip(v, axis, strict=True) if a == 0]
 
 
-def table_2_b(rng, form, second=False):
-    """Truth and a form of Table 2, B or C, over all axes and pairs."""
+def conditions(rng, second):
+    """What Table 2, B or C, is about, over all axes and pairs, and the truth."""
     truth, found = [], []
     for axis in AXES.values():
         for g in case_b_pairs(axis, rng, second):
             truth.append(singular_when_turned(g, axis))
             one, b, r = (g.b2, g.b1, g.r1) if second else (g.b1, g.b2, g.r2)
             plane = in_plane(b + r, axis), in_plane(one, axis)
+            (p, q), (s, t) = plane
+            free = p * t / (q * s) if q * s else 1.0  # a k that makes it true
+            known = parallel(one, axis), second_condition(*plane, 1.0)
             along = vanishes([(b - r) @ axis])
-            found.append(form(parallel(one, axis), plane, along))
+            found.append((*known, second_condition(*plane, free), along))
     return truth, found
 
 
-def as_printed(first, plane, along):
-    """First AND second condition, k = 1."""
-    return first and second_condition(*plane, 1.0)
-
-
-def any_constant(first, plane, along):
-    """First OR second condition, with some k that makes it true."""
-    (a, b), (c, d) = plane
-    return first or second_condition(*plane, a * d / (b * c))
-
-
-def put_right(first, plane, along):
-    """First OR second condition, k = 1, and no difference along the axis."""
-    return first or (second_condition(*plane, 1.0) and along)
-
-
-def enter_table_2(name, place, form, second=False):
-    """The claim that a form of the conditions is misprinted."""
-
-    def evaluate(rng):
-        copy, other = deepcopy(rng), deepcopy(rng)
-        truth = table_2_b(rng, put_right, second)[0]
-        printed = table_2_b(copy, form, second)[1]
-        right = table_2_b(other, put_right, second)[1]
-        return truth, printed, right
-
-    add("quaternion", f"Table 2, {place}", MISPRINTED, evaluate, name)
-
-
-def without_along(first, plane, along):
-    """As put right, but for the component along the axis."""
-    return first or second_condition(*plane, 1.0)
-
-
-enter_table_2("table_2_b_and", "B: AND between the conditions", as_printed)
-enter_table_2("table_2_b_constant", "B: an arbitrary constant k", any_constant)
-enter_table_2("table_2_c_and", "C: AND between the conditions", as_printed, second=True)
-enter_table_2("table_2_c_constant", "C: an arbitrary constant k", any_constant, True)
-# after a half turn about r1 the sum b2 + r2 is along r1, and nothing is singular
-enter_table_2(
-    "table_2_along", "B and C: the conditions without b2x = r2x", without_along
+@claims(
+    SOURCE,
+    table_2_b_and=("Table 2, B: AND between the conditions", MISPRINTED),
+    table_2_b_constant=("Table 2, B: an arbitrary constant k", MISPRINTED),
+    table_2_c_and=("Table 2, C: AND between the conditions", MISPRINTED),
+    table_2_c_constant=("Table 2, C: an arbitrary constant k", MISPRINTED),
+    # after a half turn about r1 the sum b2 + r2 is along r1, and nothing is singular
+    table_2_along=(
+        "Table 2, B and C: the conditions without b2x = r2x",
+        MISPRINTED,
+    ),
 )
+def turns_about_a_vector(rng):
+    (b, B), (c, C) = conditions(rng, False), conditions(rng, True)
+    # x: b1 || axis; y, k: the second condition with 1 or with a free k; z: along
+    table_2_b_and = (
+        b,
+        [x and y for x, y, _, _ in B],
+        [x or (y and z) for x, y, _, z in B],
+    )
+    table_2_b_constant = (
+        b,
+        [x or k for x, _, k, _ in B],
+        [x or (y and z) for x, y, _, z in B],
+    )
+    table_2_c_and = (
+        c,
+        [x and y for x, y, _, _ in C],
+        [x or (y and z) for x, y, _, z in C],
+    )
+    table_2_c_constant = (
+        c,
+        [x or k for x, _, k, _ in C],
+        [x or (y and z) for x, y, _, z in C],
+    )
+    table_2_along = (
+        b + c,
+        [x or y for x, y, _, _ in B + C],
+        [x or (y and z) for x, y, _, z in B + C],
+    )
+    return locals()
 
 
 def case_d_pairs(axis, rng):
@@ -172,38 +166,37 @@ def case_d_pairs(axis, rng):
         yield Pair(turn(u, a), r1, r2)
 
 
-@of("Table 2, D")
-def table_2_d(rng):
+@claims(
+    SOURCE,
+    table_2_d="Table 2, D",
+    turned_differences="section 3.1, the differences d1C, d2C in the four cases",
+    turned_difference_of_none="section 3.1, d1C = [0, r1y, r1z] where d1 = 0",
+)
+def turns_in_the_plane(rng):
     pairs = [
         (axis, g)
         for axis in AXES.values()
         for g in [*case_d_pairs(axis, rng), *case_b_pairs(axis, rng)]
     ]
-    truth = [singular_when_turned(g, axis) for axis, g in pairs]
-    printed = [
-        parallel(g.d1 + across(g.r1, axis), g.d2 + across(g.r2, axis))
-        for axis, g in pairs
-    ]
-    return truth, printed
-
-
-@of("section 3.1, the differences d1C, d2C in the four cases")
-def turned_differences(rng):
+    table_2_d = (
+        [singular_when_turned(g, axis) for axis, g in pairs],
+        [
+            parallel(g.d1 + across(g.r1, axis), g.d2 + across(g.r2, axis))
+            for axis, g in pairs
+        ],
+    )
     g = pair(rng)
     b1, b2, r1, r2 = turned(g, AXES["x"])
-    truth = [(b1 - r1) / 2, (b2 - r2) / 2]
     (bx, by, bz), (rx, ry, rz) = g.b1, g.r1
     (cx, cy, cz), (sx, sy, sz) = g.b2, g.r2
-    printed = [
-        [(bx - rx) / 2, (by + ry) / 2, (bz + rz) / 2],
-        [(cx - sx) / 2, (cy + sy) / 2, (cz + sz) / 2],
-    ]
-    return truth, printed
-
-
-@of("section 3.1, d1C = [0, r1y, r1z] where d1 = 0")
-def turned_difference_of_none(rng):
-    r1, r2 = directions(2, rng)
-    b1, _, r1_c, _ = turned(Pair(turn(r1, 1.0), r1, r2), AXES["x"])
-    printed = [0, r1[1], r1[2]]
-    return (b1 - r1_c) / 2, printed
+    turned_differences = (
+        [(b1 - r1) / 2, (b2 - r2) / 2],
+        [
+            [(bx - rx) / 2, (by + ry) / 2, (bz + rz) / 2],
+            [(cx - sx) / 2, (cy + sy) / 2, (cz + sz) / 2],
+        ],
+    )
+    same = Pair(turn(g.r1, 1.0), g.r1, g.r2)
+    b1, _, r1, _ = turned(same, AXES["x"])
+    turned_difference_of_none = (b1 - r1) / 2, [0, g.r1[1], g.r1[2]]
+    return locals()

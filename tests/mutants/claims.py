@@ -47,15 +47,18 @@ def source_of(evaluate: Any) -> str:
 
 
 def function_of(claim: Claim) -> ast.FunctionDef:
-    """The source of a claim's evaluation, without decorators."""
-    function = ast.parse(source_of(claim.evaluate)).body[0]
+    """The source of a claim's evaluation, or of its group's, without decorators."""
+    function = ast.parse(source_of(claim.group or claim.evaluate)).body[0]
     assert isinstance(function, ast.FunctionDef)
     function.decorator_list = []
     return function
 
 
+Place = tuple[str, int | None]  # a field, and where in it if it is a list
+
+
 def assigned(function: ast.FunctionDef, name: str) -> ast.Assign:
-    """The one assignment to `printed` or to `right`."""
+    """The one assignment to a name."""
     found = [
         node
         for node in ast.walk(function)
@@ -65,9 +68,18 @@ def assigned(function: ast.FunctionDef, name: str) -> ast.Assign:
     return found[0]
 
 
+def form(claim: Claim, function: ast.FunctionDef, name: str) -> tuple[ast.AST, Place]:
+    """Where a claim's `printed` or `right` stands in its function."""
+    if claim.group is None:
+        return assigned(function, name), ("value", None)
+    value = assigned(function, claim.name).value
+    assert isinstance(value, ast.Tuple)
+    return value, ("elts", 1 if name == "printed" else 2)
+
+
 def compiled(claim: Claim, function: ast.FunctionDef) -> Any:
     """A damaged evaluation, in the place of the one in the claim."""
-    original: Any = claim.evaluate
+    original: Any = claim.group or claim.evaluate
     free = original.__code__.co_freevars
     cells = [cell.cell_contents for cell in original.__closure__ or ()]
     body = ast.unparse(function)
@@ -75,45 +87,54 @@ def compiled(claim: Claim, function: ast.FunctionDef) -> Any:
     outer += f"    return {function.name}\n"
     names = dict(original.__globals__)
     exec(outer, names)
-    return names["outer"](*cells)
+    damaged = names["outer"](*cells)
+    return damaged if claim.group is None else lambda rng: damaged(rng)[claim.name]
 
 
-def exchanged(claim: Claim) -> Iterator[tuple[ast.Assign, ast.FunctionDef]]:
+Damaged = tuple[str, ast.FunctionDef]  # the form with its fault, and its function
+
+
+def exchanged(claim: Claim) -> Iterator[Damaged]:
     """The printed form for the right one, and the right one for the printed."""
     for taken, given in (("printed", "right"), ("right", "printed")):
         function = function_of(claim)
-        changed = assigned(function, taken)
-        changed.value = copy.deepcopy(assigned(function, given).value)
-        yield changed, function
+        node = copy.deepcopy(at(*form(claim, function, given)))
+        put(*form(claim, function, taken), node)
+        yield ast.unparse(node), function
 
 
-def damaged(claim: Claim) -> Iterator[tuple[ast.Assign, ast.FunctionDef]]:
+def damaged(claim: Claim) -> Iterator[Damaged]:
     """The right form with one fault each, taken out again before the next."""
     assert claim.evaluate is not None
-    if claim.verdict == RIGHT and claim.evaluate.__code__.co_freevars:
+    read = claim.group is None and claim.evaluate.__code__.co_freevars
+    if claim.verdict == RIGHT and read:
         return  # its form is read from a table: see `data_survivors`
     function = function_of(claim)
-    changed = assigned(function, "printed" if claim.verdict == RIGHT else "right")
-    spared = {id(node) for node in harmless(changed.value)}
-    for owner, place, node in list(nodes(changed)):
+    where = form(claim, function, "printed" if claim.verdict == RIGHT else "right")
+    spared = {id(node) for node in harmless(at(*where))}
+    for owner, place, node in [(*where, at(*where)), *nodes(at(*where))]:
         for fault in () if id(node) in spared else faults(node):
             put(owner, place, fault)
-            yield changed, function
+            yield ast.unparse(at(*where)), function
         put(owner, place, node)
-
-
-Place = tuple[str, int | None]  # a field, and where in it if it is a list
 
 
 def nodes(tree: ast.AST) -> Iterator[tuple[ast.AST, Place, ast.AST]]:
     """Every node below a tree with its owner and its place there."""
-    for owner in ast.walk(tree):
+    for owner in list(ast.walk(tree)):
         for field, value in ast.iter_fields(owner):
             if isinstance(value, ast.AST):
                 yield owner, (field, None), value
             elif isinstance(value, list):
                 for i, one in enumerate(value):
                     yield owner, (field, i), one
+
+
+def at(owner: ast.AST, place: Place) -> Any:
+    """The node at a place of its owner."""
+    field, index = place
+    value = getattr(owner, field)
+    return value if index is None else value[index]
 
 
 def put(owner: ast.AST, place: Place, node: ast.AST) -> None:
@@ -208,7 +229,7 @@ def survivors(names: list[str], every: int) -> Iterator[tuple[str, str]]:
             number += 1
             tried = number % every == 0
             if tried and not killed(claim, compiled(claim, function)):
-                yield name, ast.unparse(changed.value)
+                yield name, changed
 
 
 def data_survivors(every: int) -> Iterator[tuple[str, str]]:
