@@ -293,10 +293,11 @@ FACES = {
     ),
     "attitude_moments": (
         theory.attitude_moments,
-        {**TRUTH, "order": 2, "frame": "plain", "normalized": False},
+        {**TRUTH, "order": 2, "frame": "plain", "normalized": False,
+         "third_moments": np.zeros((4, 3, 3, 3))},
         {**dict.fromkeys(TRUTHS, "any length, batch"),
          "noise_std": "noise of samples", "order": "choice", "frame": "choice",
-         "normalized": "switch"},
+         "normalized": "switch", "third_moments": "array"},
     ),
     "multiplicative_moments": (
         theory.multiplicative_moments,
@@ -305,9 +306,17 @@ FACES = {
     ),
     "wahba_moments": (
         theory.wahba_moments,
-        {"q": Q, "references": VECTORS[2:], "noise_std": 0.01, "weights": [1.0, 2.0]},
+        {"q": Q, "references": VECTORS[2:], "noise_std": 0.01, "weights": [1.0, 2.0],
+         "order": 3, "third_moments": np.zeros((4, 3, 3, 3))},
         {"q": "any length", "references": "any length", "noise_std": "noise",
-         "weights": "array"},
+         "weights": "array", "order": "choice", "third_moments": "array"},
+    ),
+    "wahba_order": (
+        theory.wahba_order,
+        {"q": Q, "references": VECTORS[2:], "noise_std": 0.01, "weights": [1.0, 2.0],
+         "tolerance": 0.01},
+        {"q": "any length", "references": "any length", "noise_std": "noise",
+         "weights": "array", "tolerance": "positive"},
     ),
     "loss_noncentrality": (
         theory.loss_noncentrality,
@@ -341,9 +350,10 @@ FACES = {
     ),
     "series_moments": (
         theory.series_moments,
-        {"estimator": products, "inputs": VECTORS, "covariances": NOISE, "order": 2},
+        {"estimator": products, "inputs": VECTORS, "covariances": NOISE, "order": 2,
+         "third_moments": np.zeros((4, 3, 3, 3))},
         {"estimator": "object", "inputs": "array", "covariances": "array",
-         "order": "count"},
+         "order": "count", "third_moments": "array"},
     ),
     "sufficient_order": (
         theory.sufficient_order,
@@ -449,6 +459,11 @@ ALLOWED = {
     ("Effects", "range_g", "None"),
     ("Effects", "limits_raw", "None"),
     ("attitude_moments", "frame", "None"),
+    ("attitude_moments", "third_moments", "None"),
+    ("wahba_moments", "third_moments", "None"),
+    ("series_moments", "third_moments", "None"),
+    ("wahba_order", "weights", "None"),
+    ("wahba_order", "weights", "huge"),
     ("sufficient_order", "frame", "None"),
     ("estimate_attitude", "weights", "None"),
     ("estimate_attitude", "noise_std", "None"),

@@ -15,6 +15,7 @@ from simval.theory.estimators import (
     loss_noncentrality,
     wahba_bound,
     wahba_moments,
+    wahba_order,
 )
 from simval.theory.filter_budget import (
     FilterPrediction,
@@ -93,4 +94,5 @@ __all__ = [
     "sufficient_order",
     "wahba_bound",
     "wahba_moments",
+    "wahba_order",
 ]

@@ -30,8 +30,10 @@ of two at the same ratio (study `attitude_map`). Every formula is therefore set 
 the exact moments of the very case, in Frobenius norm relative to them.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -44,6 +46,7 @@ from simval.errors import InputError, RefusedError
 from simval.geometry import compose, conjugate
 from simval.moments import Moments
 from simval.shapes import Float, Shaped
+from simval.theory.cubature import REFINED, refined_moments
 from simval.theory.exact import exact_moments, exact_moments_any, isotropic
 from simval.theory.expansion import (
     combined_moments,
@@ -55,15 +58,19 @@ from simval.theory.expansion import (
     second_order_bias,
     second_order_covariance,
     tangent_projector,
+    two_vector_direction,
 )
+from simval.theory.series import series_moments
 from simval.theory.two_vector import (
     FRAMES,
     Columns,
     TwoVectorGeometry,
     chosen_columns,
-    noise_covariances,
+    column_norms,
     noise_of_samples,
+    noise_of_vectors,
     normalized_noise,
+    own_axes,
     place,
     require_apart,
     require_one,
@@ -86,7 +93,7 @@ class Samples:
     q: Float[Array, "n 4"]
     r1: Float[Array, "n 3"]
     r2: Float[Array, "n 3"]
-    noise: Float[Array, "n 4 3 3"]
+    noise: Float[Array, "n 4 3 3"] | Float[Array, "n 12 12"]
 
     def __getitem__(self, rows: slice) -> "Samples":
         return Samples(self.q[rows], self.r1[rows], self.r2[rows], self.noise[rows])
@@ -101,15 +108,16 @@ def flat_samples(
     q: Float[Array, "... 4"],
     r1: Float[Array, "... 3"],
     r2: Float[Array, "... 3"],
-    noise: Float[Array, "... 4 3 3"],
+    noise: Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"],
 ) -> Samples:
     """Samples of a batch, its axes made one."""
     batch = q.shape[:-1]
     count = int(np.prod(batch))
-    if noise.ndim == 3:  # a view
-        each = np.broadcast_to(noise, (count, 4, 3, 3))
+    own = own_axes(noise)
+    if noise.shape == own:  # a view
+        each = np.broadcast_to(noise, (count, *own))
     else:
-        each = np.broadcast_to(noise, (*batch, 4, 3, 3)).reshape(count, 4, 3, 3)
+        each = np.broadcast_to(noise, (*batch, *own)).reshape(count, *own)
     return Samples(
         q.reshape(count, 4), r1.reshape(count, 3), r2.reshape(count, 3), each
     )
@@ -135,6 +143,15 @@ def series_of_columns(
     return _by_blocks(of, len(samples.q))
 
 
+def _truth(samples: Samples, columns: Columns, combined: bool) -> tuple[Array, Array]:
+    # true quaternion, with the sign of the noise-free estimate, and length of qbar
+    if combined:
+        q = np.copysign(1.0, samples.q[:, 3:]) * samples.q
+        return q, np.linalg.norm(np.cross(samples.r1, samples.r2), axis=-1)
+    geometry = turned_geometry(columns, *samples.true_geometry)
+    return geometry.q_true, geometry.norm
+
+
 def combined_of(samples: Samples, normalized: bool) -> Found:
     """Moments of the combined estimator, to second order."""
 
@@ -144,10 +161,8 @@ def combined_of(samples: Samples, normalized: bool) -> Found:
         means: Array = np.zeros((len(noise), 4, 3))
         if normalized:
             means, noise = normalized_noise(vectors, noise)
-        q = np.copysign(1.0, some.q[:, 3:]) * some.q
-        moments = combined_moments(vectors, q, noise, means)
-        norm = np.linalg.norm(np.cross(some.r1, some.r2), axis=-1)
-        return *moments, q, norm
+        q, norm = _truth(some, np.zeros(0, dtype=int), True)
+        return *combined_moments(vectors, q, noise, means), q, norm
 
     return _by_blocks(of, len(samples.q))
 
@@ -167,21 +182,66 @@ def exact_of_columns(
         geometry = turned_geometry(
             columns[i, ...], samples.q[i], samples.r1[i], samples.r2[i]
         )
-        exact = exact_moments if isotropic(noise) else exact_moments_any
-        try:
-            moments = exact(geometry, noise)
-        except RefusedError as error:
-            if not batch:
-                raise
-            msg = f"{place(i, batch)}: {error}"
-            raise RefusedError(msg) from error
-        found.append(_mapped_back(geometry, *moments))
+        alike = noise.shape == (4, 3, 3) and isotropic(noise)
+        exact = exact_moments if alike else exact_moments_any
+        with _named(i, batch):
+            found.append(_mapped_back(geometry, *exact(geometry, noise)))
     if not found:
         return series_of_columns(samples, columns, 2, False)
     bias, covariance, q_true, norm = (
         np.stack(part) for part in zip(*found, strict=True)
     )
     return bias, covariance, q_true, norm
+
+
+def arithmetic_of(
+    samples: Samples,
+    columns: Columns,
+    batch: tuple[int, ...],
+    made: Callable[..., Callable[..., Any]],
+    moments_of: Callable[..., Moments],
+    truth: Float[Array, "n 4"],
+) -> tuple[Array, Array]:
+    """Bias and covariance of the arithmetic of each sample's estimator.
+
+    Raises
+    ------
+    RefusedError
+        If there are none at one; the message names it.
+    """
+    bias, covariance = np.zeros((len(samples.q), 4)), np.zeros((len(samples.q), 4, 4))
+    for i, noise in enumerate(samples.noise):
+        vectors = vectors_of(samples.q[i], samples.r1[i], samples.r2[i])
+        sign = np.sign(made(columns[i])(*vectors) @ truth[i])
+        estimator = made(columns[i], sign=sign)
+        with _named(i, batch):
+            found = moments_of(estimator, vectors, noise, truth[i])
+        bias[i], covariance[i] = found.bias, found.covariance
+    return bias, covariance
+
+
+def _series_of(
+    order: Any,
+    third_moments: Any,
+    estimator: Callable[..., Any],
+    vectors: Array,
+    noise: Array,
+    truth: Array,
+) -> Moments:
+    # what `refined_moments` takes; the series finds the truth by itself
+    return series_moments(estimator, vectors, noise, order, third_moments)
+
+
+@contextmanager
+def _named(number: int, batch: tuple[int, ...]) -> Iterator[None]:
+    # a refusal of one sample of a batch by its index
+    try:
+        yield
+    except RefusedError as error:
+        if not batch:
+            raise
+        msg = f"{place(number, batch)}: {error}"
+        raise RefusedError(msg) from error
 
 
 def _by_blocks(of: Callable[[slice], Found], count: int) -> Found:
@@ -198,7 +258,9 @@ def _mapped_back(geometry: TwoVectorGeometry, bias: Array, covariance: Array) ->
 
 
 def _series_moments(
-    geometry: TwoVectorGeometry, noise: Float[Array, "n 4 3 3"], order: int | str
+    geometry: TwoVectorGeometry,
+    noise: Float[Array, "n 4 3 3"] | Float[Array, "n 12 12"],
+    order: int | str,
 ) -> tuple[Float[Array, "n 4"], Float[Array, "n 4 4"]]:
     # bias and covariance in the turned frame
     moments = scaled_error_moments(geometry, noise)
@@ -208,7 +270,7 @@ def _series_moments(
             complete_fourth_bias(moments),
             complete_fourth_covariance(moments),
         )
-    bias = second_order_bias(q, P)
+    bias = second_order_bias(q, P) + np.matvec(tangent_projector(q), moments.mean)
     if order == "4-paper":
         return bias, paper_fourth_covariance(q, P)
     return bias, second_order_covariance(q, P)
@@ -260,6 +322,7 @@ def attitude_moments(
     frame: str | None = None,
     *,
     normalized: bool = False,
+    third_moments: Any = None,
 ) -> AttitudeMoments:
     """Bias and covariance of the normalised additive error q - qhat.
 
@@ -271,19 +334,23 @@ def attitude_moments(
         True reference vectors, (..., 3); unit lengths are assumed, so normalised here.
     noise_std : array_like
         Noise of the unit vectors: one standard deviation per axis for all four, or
-        (4,) for b1, b2, r1, r2, or (4, 3, 3) covariances, each in its own frame. For
-        each sample (..., 1), (..., 4) or (..., 4, 3, 3): the last axes alone tell the
-        form, so n standard deviations for n samples are (n, 1).
-    order : {2, "4-paper", 4, "exact"}, default 2
-        Highest power of the noise kept; ``"4-paper"`` is the source's section 5,
-        which keeps part of the fourth order; ``"exact"`` keeps all: 2.5 ms for
-        isotropic noise, from a sixth of a second up for any other, sample by sample.
+        (4,) for b1, b2, r1, r2, (4, 3, 3) covariances, each in its own frame, or
+        (12, 12) of the stacked vectors where these are correlated with each other. For
+        each sample (..., 1), (..., 4), (..., 4, 3, 3) or (..., 12, 12): the last axes
+        alone tell the form, so n standard deviations for n samples are (n, 1).
+    order : {2, 3, "4-paper", 4, "exact"}, default 2
+        Highest power of the noise kept; 3 is 2 for Gaussian noise; ``"4-paper"`` is
+        the source's section 5, which keeps part of the fourth order; ``"exact"`` keeps
+        all: 2.5 ms for isotropic noise, from a sixth of a second up for any other,
+        sample by sample.
     frame : {"plain", "x", "y", "z", "combined"}, optional
         The estimator's fixed frame; default, the greatest column of each truth.
-        ``"combined"`` is the four-column estimator, order 2 only.
+        ``"combined"`` is the four-column estimator that starts from that column.
     normalized : bool, default False
-        The four vectors are normalised after the noise, order 2 only; for higher
-        orders pass such an estimator to `simval.theory.series.series_moments`.
+        The four vectors are normalised after the noise.
+    third_moments : array_like, optional
+        Third moments of noise that is not Gaussian, (4, 3, 3, 3) or (12, 12, 12), for
+        orders 3 and 4, as in `simval.theory.series_moments`.
 
     Returns
     -------
@@ -303,34 +370,52 @@ def attitude_moments(
 
     Notes
     -----
-    Order 2 is source eqs. (52) and (63) without the squared bias; Gaussian noise,
-    independent from vector to vector, is assumed beyond it. See
-    `simval.theory.expansion`, `simval.theory.exact` and `simval.theory.exact`.
+    Order 2 is source eqs. (52) and (63) without the squared bias; Gaussian noise is
+    assumed beyond it, but for what `third_moments` say. With ``"combined"`` or
+    `normalized`, orders above 2 and correlated vectors are worked out sample by sample,
+    by power series in 0.1 s, and ``"exact"`` by cubature through the estimator: to 1e-4
+    at small noise and 2e-3 at any (`simval.theory.cubature`). See
+    `simval.theory.expansion`, `simval.theory.exact` and `simval.theory.series`.
     """
-    order = choice("order", order, ORDERS)
+    order = choice("order", order, (*ORDERS, 3))
     normalized = switch("normalized", normalized)
     if frame is not None:
         frame = choice("frame", frame, ("combined", *FRAMES))
-    if order != 2 and (normalized or frame == "combined"):
-        what = "frame='combined'" if frame == "combined" else "normalized=True"
-        msg = f"`order` is {order!r}; with {what} there is theory of order 2 only"
-        raise InputError(msg)
+    combined = frame == "combined"
+    special = combined or normalized
+    _require_theory(order, special, third_moments is not None)
     noise = noise_of_samples(noise_std)
-    unit = unit_arguments(q, r1, r2, noise.shape[:-3])
+    own = own_axes(noise)
+    unit = unit_arguments(q, r1, r2, noise.shape[: -len(own)])
     batch = unit[0].shape[:-1]
     samples = flat_samples(*unit, noise)
-    if normalized or frame == "combined":
+    if special:
         require_apart(*unit[1:])
-    if frame == "combined":
-        names: Any = np.full(batch, frame)
-        found = combined_of(samples, normalized)
-    else:
+    columns = np.asarray(np.argmax(np.abs(column_norms(*unit)), axis=-1))
+    names: Any = np.full(batch, frame)
+    if not combined:
         columns = chosen_columns(*unit, frame)
         names = np.array(FRAMES)[columns]
-        if order == "exact":
-            found = exact_of_columns(samples, columns.reshape(-1), batch)
-        else:
-            found = series_of_columns(samples, columns.reshape(-1), order, normalized)
+    flat = columns.reshape(-1)
+    second = order in (2, 3) and own == (4, 3, 3)
+    if third_moments is not None or (special and not second):
+        made = partial(two_vector_direction, combined=combined, normalized=normalized)
+        moments_of = (
+            refined_moments
+            if order == "exact"
+            else partial(_series_of, order, third_moments)
+        )
+        truth = _truth(samples, flat, combined)
+        found = (
+            *arithmetic_of(samples, flat, batch, made, moments_of, truth[0]),
+            *truth,
+        )
+    elif combined:
+        found = combined_of(samples, normalized)
+    elif order == "exact":
+        found = exact_of_columns(samples, flat, batch)
+    else:
+        found = series_of_columns(samples, flat, 2 if second else order, normalized)
     bias, covariance, q_true, norm = found
     return AttitudeMoments(
         bias=bias.reshape(*batch, 4),
@@ -339,6 +424,22 @@ def attitude_moments(
         frame=names if batch else str(names),
         norm=norm.reshape(batch) if batch else float(norm[0]),
     )
+
+
+def _require_theory(order: int | str, special: bool, skewed: bool) -> None:
+    # whether there is theory of an order
+    if order == "4-paper" and (special or skewed):
+        msg = (
+            "`order` is '4-paper'; the source has it for a fixed frame without "
+            "`normalized` or `third_moments`, so give 2, 3 or 4"
+        )
+        raise InputError(msg)
+    if order == "exact" and skewed:
+        msg = (
+            "`order` is 'exact'; third moments do not determine a distribution, so "
+            "give order 3 with `third_moments`"
+        )
+        raise InputError(msg)
 
 
 def multiplicative_moments(additive: AttitudeMoments) -> Moments:
@@ -440,7 +541,7 @@ def sufficient_order(
         Noise of the unit vectors, as `attitude_moments` takes it.
     tolerance : float, default 0.01
         Relative error allowed of the bias and of the covariance, above 0.
-    frame : {"plain", "x", "y", "z"}, optional
+    frame : {"plain", "x", "y", "z", "combined"}, optional
         The estimator's fixed frame; default, the greatest column of the truth.
 
     Returns
@@ -458,27 +559,46 @@ def sufficient_order(
     RefusedError
         If the exact answer is not resolved; then no expansion holds to a few percent.
     """
-    tolerance = positive_number("tolerance", tolerance, "")
     if frame is not None:
-        frame = choice("frame", frame, FRAMES)
+        frame = choice("frame", frame, ("combined", *FRAMES))
     require_one(q, r1, r2)
-    widest = np.linalg.eigvalsh(noise_covariances(noise_std))[:, -1].max()
-    found = {o: attitude_moments(q, r1, r2, noise_std, o, frame) for o in ORDERS}
+    widest = np.linalg.eigvalsh(noise_of_vectors(noise_std))[..., -1].max()
+    orders = (2, 4, "exact") if frame == "combined" else ORDERS
+    found = {o: attitude_moments(q, r1, r2, noise_std, o, frame) for o in orders}
     sigma = float(np.sqrt(widest))
-    bias = {o: _off(found, "bias", o) for o in ORDERS}
-    covariance = {o: _off(found, "covariance", o) for o in ORDERS}
+    ratio = float(found["exact"].norm) / sigma if sigma > 0.0 else np.inf
+    return lowest_order(found, tolerance, ratio)
+
+
+def lowest_order(
+    found: Mapping[int | str, Moments], tolerance: float, ratio: float
+) -> SufficientOrder:
+    """The lowest of some orders within a tolerance of the exact moments.
+
+    Raises
+    ------
+    InputError
+        If the tolerance is none, or less than the exact moments are known to.
+    """
+    tolerance = positive_number("tolerance", tolerance, "")
+    if "4-paper" not in found and not tolerance >= 2.0 * REFINED:
+        msg = (
+            f"`tolerance` is {tolerance:g}; moments of this estimator are known to "
+            f"{REFINED:g} where the noise is large, so give {2.0 * REFINED:g} or more"
+        )
+        raise InputError(msg)
+    bias = {order: _off(found, "bias", order) for order in found}
+    covariance = {order: _off(found, "covariance", order) for order in found}
     within = (o for o in (2, 4, "exact") if max(bias[o], covariance[o]) <= tolerance)
     return SufficientOrder(
         order=next(within),
         bias_off=MappingProxyType(bias),
         covariance_off=MappingProxyType(covariance),
-        norm_over_noise=float(found["exact"].norm) / sigma if sigma > 0.0 else np.inf,
+        norm_over_noise=ratio,
     )
 
 
-def _off(
-    found: Mapping[int | str, AttitudeMoments], part: str, order: int | str
-) -> float:
+def _off(found: Mapping[int | str, Moments], part: str, order: int | str) -> float:
     # less what the exact answer's own rounding makes of it, which is all there is at
     # noise below 1e-7: 1e-16 in each mean, that times a standard deviation in a square
     exact = getattr(found["exact"], part)

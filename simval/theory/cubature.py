@@ -17,12 +17,19 @@ from collections.abc import Callable, Iterator
 from functools import lru_cache
 from itertools import product
 from math import comb, fsum
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
+import scipy
 
 from simval.arguments import function, whole_number
-from simval.arrays import Array, physical_array, shaped_array
+from simval.arrays import (
+    LEAST,
+    Array,
+    finite_array,
+    physical_array,
+    shaped_array,
+)
 from simval.errors import InputError, RefusedError
 from simval.moments import Moments
 from simval.shapes import Float
@@ -141,7 +148,7 @@ def cubature_moments(
         True values of the k vectors, (k, 3).
     covariances : array_like
         Covariance of the Gaussian noise on each, independent from vector to vector,
-        (k, 3, 3).
+        (k, 3, 3), or of all of them together, (3k, 3k).
     truth : array_like
         What the estimate is compared with, (p,).
     degree : int, default 9
@@ -163,22 +170,107 @@ def cubature_moments(
     degree = whole_number("degree", degree, 1, 15)
     centre = physical_array("inputs", inputs, (None, 3))
     target = physical_array("truth", truth, (None,))
-    roots = covariance_roots(checked_covariances("covariances", covariances))
+    root = joint_root("covariances", covariances, centre)
     if target.ndim != 1:
         msg = f"`truth` has shape {target.shape}; give what is estimated, (p,)"
         raise InputError(msg)
-    if centre.ndim != 2 or roots.shape != (*centre.shape, 3):
-        msg = (
-            f"`inputs` has shape {centre.shape} and `covariances` {roots.shape}; give "
-            "(k, 3) and (k, 3, 3)"
+    rule = smolyak_hermite(centre.size, degree)
+    return _moments(estimator, centre, root, target, rule)
+
+
+_DEGREES: Final = (5, 7, 9)
+_MOST_REFINED: Final = 150_000
+"""Nodes of the finest rule: seconds to make, once."""
+_AGREEMENT: Final = 1e-3
+"""Relative, of the last two rules; the finer one is ten times nearer."""
+_SCRAMBLES: Final = 8
+_SOBOL: Final = 15
+"""Powers of two of points, each also with the other sign: 524 288 in all."""
+REFINED: Final = 2e-3
+"""Relative standard error of all scrambles together, at most."""
+
+
+def refined_moments(
+    estimator: Estimator, inputs: Array, covariances: Array, truth: Array
+) -> Moments:
+    """Moments of any estimator under noise of any size.
+
+    By rules of rising degree until two agree within 1e-3, and where the noise is too
+    large for that by scrambled Sobol points, whose scrambles tell their error.
+
+    Raises
+    ------
+    RefusedError
+        If that is more than 2e-3.
+    """
+    root = joint_root("covariances", covariances, inputs)
+    root = root[:, np.abs(root).max(axis=0) > 0.0]
+    if not root.size:
+        return Moments(
+            bias=np.zeros(len(truth)), covariance=np.zeros((len(truth),) * 2)
         )
-        raise InputError(msg)
-    points, weights = smolyak_hermite(centre.size, degree)
-    noise = points.reshape(-1, *centre.shape)
-    batches = [
-        mean + noise[:, i] @ root.T
-        for i, (mean, root) in enumerate(zip(centre, roots, strict=True))
-    ]
+    previous = None
+    for degree in _DEGREES:
+        half = degree // 2
+        if comb(root.shape[1] + half, half) * 2**half > _MOST_REFINED:
+            break
+        rule = smolyak_hermite(root.shape[1], degree)
+        found = _moments(estimator, inputs, root, truth, rule)
+        if previous is not None and _apart(previous, found) <= _AGREEMENT:
+            return found
+        previous = found
+    rules = (_scrambled(root.shape[1], number) for number in range(_SCRAMBLES))
+    each = [_moments(estimator, inputs, root, truth, rule) for rule in rules]
+    halves = each[::2], each[1::2], each
+    first, second, every = (_mean_of(some) for some in halves)
+    # half of the difference of two halves is the standard error of the whole
+    error = 0.5 * _apart(first, second)
+    if not error <= REFINED:
+        msg = (
+            f"the moments have a standard error of {error:.1e} relative, needed "
+            f"{REFINED:g}: the noise is too large; simulate instead"
+        )
+        raise RefusedError(msg)
+    return every
+
+
+def _scrambled(dimension: int, seed: int) -> tuple[Array, Array]:
+    # standard normals from scrambled Sobol points, each with its negative
+    sobol = scipy.stats.qmc.Sobol(dimension, rng=np.random.default_rng(seed))
+    uniform = np.clip(sobol.random_base2(_SOBOL), 1e-12, 1.0 - 1e-12)
+    points = scipy.special.ndtri(uniform)
+    both = np.concatenate([np.zeros((1, dimension)), points, -points])
+    weights = np.full(len(both), 1.0 / (len(both) - 1))
+    weights[0] = 0.0  # the centre, which errors are counted from
+    return both, weights
+
+
+def _mean_of(parts: list[Moments]) -> Moments:
+    bias = np.mean([part.bias for part in parts], axis=0)
+    second = np.mean([part.second_moment for part in parts], axis=0)
+    return Moments(bias=bias, covariance=second - np.outer(bias, bias))
+
+
+def _apart(one: Moments, other: Moments) -> float:
+    # greatest relative difference of bias and covariance
+    pairs = (one.bias, other.bias), (one.covariance, other.covariance)
+    return max(
+        float(np.linalg.norm(a - b)) / max(float(np.linalg.norm(b)), LEAST)
+        for a, b in pairs
+    )
+
+
+def _moments(
+    estimator: Estimator,
+    centre: Array,
+    root: Array,
+    target: Array,
+    rule: tuple[Array, Array],
+) -> Moments:
+    # by a rule in as many variables as the root has columns
+    points, weights = rule
+    noise = (points @ root.T).reshape(-1, *centre.shape)
+    batches = [mean + noise[:, i] for i, mean in enumerate(centre)]
     estimate = shaped_array("the estimate", estimator(*batches), (target.size,))
     if estimate.shape != (len(points), target.size):
         msg = (
@@ -204,6 +296,28 @@ def cubature_moments(
 
 def _centre(points: Float[Array, "n dimension"]) -> int:
     return int(np.argmin(np.abs(points).max(axis=1)))
+
+
+def joint_root(name: str, covariances: Any, vectors: Array) -> Float[Array, "m m"]:
+    """Root of the covariance of k stacked vectors, given of each or of all together.
+
+    Raises
+    ------
+    InputError
+        If it is neither (k, 3, 3) nor (3k, 3k), or no covariance.
+    """
+    size = vectors.size
+    if finite_array(name, covariances, ()).shape == (size, size):
+        return covariance_roots(checked_covariances(name, [covariances], size))[0]
+    roots = covariance_roots(checked_covariances(name, covariances))
+    if vectors.ndim != 2 or roots.shape != (*vectors.shape, 3):
+        msg = (
+            f"`inputs` has shape {vectors.shape} and `{name}` {roots.shape}; give "
+            "(k, 3) and (k, 3, 3), or (3k, 3k) where vectors are correlated"
+        )
+        raise InputError(msg)
+    root: Array = scipy.linalg.block_diag(*roots)
+    return root
 
 
 def covariance_roots(covariances: Float[Array, "k n n"]) -> Float[Array, "k n n"]:

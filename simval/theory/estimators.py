@@ -51,7 +51,13 @@ over independent directions j of the noise and with :math:`\bar n` its mean,
 .. math:: C = \sum_j (R\,dK_j q)(R\,dK_j q)^T, \quad
    m = -R\,dK[\bar n] q - \sum_j \big(\dots\big),  \tag{W5}
 
-the bracket being the second and the last term of (W4). When weights are inverse
+the bracket being the second and the last term of (W4). To any order, with :math:`q + y`
+the eigenvector that has :math:`q^T y = 0`,
+
+.. math:: y = R\,[dK - (q^T dK (q + y))]\,(q + y),  \tag{W7}
+
+whose iteration is right to one order more each time: it is worked out on power series
+in the noise. When weights are inverse
 variances and the noise is isotropic, twice the smallest loss is chi-square with 2n - 3
 degrees of freedom; body vectors displaced by :math:`c_i` make it non-central,
 
@@ -72,6 +78,7 @@ A quaternion's error :math:`e = q - \hat q` is the rotation vector
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -81,12 +88,15 @@ from simval.arrays import Array, ReadOnly, finite_array, physical_array
 from simval.errors import GeometryError, InputError
 from simval.geometry import attitude_matrix, compose, conjugate, cross_matrix, normalize
 from simval.moments import Moments
-from simval.shapes import Float
-from simval.theory.attitude import attitude_moments
-from simval.theory.cubature import covariance_roots
+from simval.shapes import Float, Shaped
+from simval.theory.attitude import SufficientOrder, attitude_moments, lowest_order
+from simval.theory.cubature import covariance_roots, refined_moments
+from simval.theory.expansion import unit
+from simval.theory.series import series_moments
 from simval.theory.two_vector import (
     MIN_NORM,
     noise_covariances,
+    noise_of_vectors,
     normalized_noise,
     require_one,
     true_vectors,
@@ -241,9 +251,15 @@ def _mean_turn(v: Float[Array, "2 3"], noise: Float[Array, "2 3 3"]) -> Array:
 
 
 def wahba_moments(
-    q: Any, references: Any, noise_std: Any, weights: Any = None
+    q: Any,
+    references: Any,
+    noise_std: Any,
+    weights: Any = None,
+    order: int | str = 2,
+    *,
+    third_moments: Any = None,
 ) -> Moments:
-    """Bias and covariance of q - qhat of the weighted least-squares attitude, (W5).
+    """Bias and covariance of q - qhat of the weighted least-squares attitude.
 
     Parameters
     ----------
@@ -253,14 +269,22 @@ def wahba_moments(
         True reference vectors, (n, 3), n >= 2; normalised here.
     noise_std : array_like
         Noise of the unit vectors: one standard deviation for each axis, (2n,) for
-        b1 ... bn, r1 ... rn, or (2n, 3, 3) covariances, each in its own frame.
+        b1 ... bn, r1 ... rn, (2n, 3, 3) covariances, each in its own frame, or
+        (6n, 6n) of the stacked vectors where these are correlated with each other.
     weights : array_like, optional
         Weight of each pair, (n,), above zero; default equal.
+    order : {2, 3, 4, "exact"}, default 2
+        Highest power of the noise kept: 2 is (W5) where no vectors are correlated;
+        every other is worked out by power series (W7), in up to 36 noisy components.
+        ``"exact"`` keeps all, by cubature, as `attitude_moments` of ``"combined"``.
+    third_moments : array_like, optional
+        Third moments of noise that is not Gaussian, (2n, 3, 3, 3) or (6n, 6n, 6n), for
+        orders 3 and 4, as in `simval.theory.series_moments`.
 
     Returns
     -------
     Moments
-        Prediction to second order; no samples.
+        Prediction; no samples.
 
     Raises
     ------
@@ -268,11 +292,28 @@ def wahba_moments(
         If an argument has a wrong shape or value.
     GeometryError
         If the vectors are parallel.
+    RefusedError
+        If the cubature does not resolve the noise.
     """
     unit_q, vectors = _true_pairs(q, references)
     n = len(vectors) // 2
     a = _weights(weights, n)
-    means, noise = normalized_noise(vectors, noise_covariances(noise_std, 2 * n))
+    order = choice("order", order, (2, 3, 4, "exact"))
+    noise = noise_of_vectors(noise_std, 2 * n)
+    if order == "exact":
+        if third_moments is not None:
+            msg = (
+                "`order` is 'exact'; third moments do not determine a distribution, so "
+                "give order 3 with `third_moments`"
+            )
+            raise InputError(msg)
+        numbers = partial(_optimum, unit_q, a)
+        return refined_moments(numbers, vectors, noise, unit_q)
+    if third_moments is not None or order == 4 or noise.ndim == 2:
+        _require_few(noise)
+        series = partial(_optimum_series, unit_q, a, vectors)
+        return series_moments(series, vectors, noise, int(order), third_moments)
+    means, noise = normalized_noise(vectors, noise)
     K = np.einsum("n,nij->ij", a, _gain(vectors[:n], vectors[n:]))
     R = _resolvent(K, unit_q, float(np.sum(a)))
     roots = covariance_roots(noise).swapaxes(1, 2)  # rows are the noise directions
@@ -289,6 +330,46 @@ def wahba_moments(
     drift = drift + np.einsum("n,nij->ij", a, _gain(vectors[:n], means[n:]))
     bias = 0.5 * np.sum(moved**2) * unit_q - second - R @ drift @ unit_q
     return Moments(bias=bias, covariance=moved.T @ moved)
+
+
+def wahba_order(
+    q: Any,
+    references: Any,
+    noise_std: Any,
+    weights: Any = None,
+    tolerance: float = 0.01,
+) -> SufficientOrder:
+    """Find which order of `wahba_moments` may be used, by the exact answer.
+
+    Parameters
+    ----------
+    q : array_like
+        True quaternion, (4,).
+    references : array_like
+        True reference vectors, (n, 3), n >= 2.
+    noise_std : array_like
+        As in `wahba_moments`.
+    weights : array_like, optional
+        As in `wahba_moments`.
+    tolerance : float, default 0.01
+        Relative error allowed of the bias and of the covariance, 0.004 or more.
+
+    Returns
+    -------
+    SufficientOrder
+        The lowest order within the tolerance; `norm_over_noise` is one over twice the
+        greatest standard deviation of the estimate.
+
+    Raises
+    ------
+    InputError, GeometryError, RefusedError
+        As `wahba_moments`.
+    """
+    orders: tuple[int | str, ...] = (2, 4, "exact")
+    found = {o: wahba_moments(q, references, noise_std, weights, o) for o in orders}
+    widest = float(np.linalg.eigvalsh(found[2].covariance)[-1])
+    ratio = 0.5 / np.sqrt(widest) if widest > 0.0 else np.inf
+    return lowest_order(found, tolerance, float(ratio))
 
 
 def wahba_bound(q: Any, references: Any, noise_std: Any) -> AttitudeBound:
@@ -359,16 +440,60 @@ def loss_noncentrality(
     return float(np.sum((across.reshape(-1) - design @ turn) ** 2))
 
 
-def _gain(b: Array, r: Array) -> Array:
+def _gain(b: Shaped[Array, "... 3"], r: Shaped[Array, "... 3"]) -> Any:
     # the symmetric matrix with q' K q = b' A(q) r, bilinear in b and r
     outer = b[..., :, None] * r[..., None, :]
     turn = np.cross(b, r)
-    trace = np.trace(outer, axis1=-2, axis2=-1)[..., None, None]
+    trace = np.asarray(np.trace(outer, axis1=-2, axis2=-1))[..., None, None]
     top = np.concatenate(
         [outer + outer.swapaxes(-1, -2) - trace * np.eye(3), turn[..., None]], axis=-1
     )
     bottom = np.concatenate([turn[..., None, :], trace], axis=-1)
     return np.concatenate([top, bottom], axis=-2)
+
+
+def _optimum(q: Array, a: Array, *vectors: Array) -> Array:
+    # the eigenvector of each sample of 2n noisy vectors (m, 3), with the sign of q
+    n = len(a)
+    directions = [unit(v) for v in vectors]
+    pairs = zip(a, directions[:n], directions[n:], strict=True)
+    K = sum(weight * _gain(b, r) for weight, b, r in pairs)
+    top = np.linalg.eigh(K)[1][..., -1]
+    found: Array = top * np.copysign(1.0, top @ q)[..., None]
+    return found
+
+
+def _optimum_series(
+    q: Array, a: Array, truth: Array, *vectors: Shaped[Array, "3"]
+) -> Shaped[Array, "4"]:
+    # the same of power series, by (W7)
+    n = len(a)
+    directions = [unit(v) for v in vectors]
+    pairs = zip(a, directions[:n], directions[n:], strict=True)
+    noise_free = np.tensordot(a, _gain(truth[:n], truth[n:]), 1)
+    R = _resolvent(noise_free, q, float(np.sum(a)))
+    change = sum(weight * _gain(b, r) for weight, b, r in pairs) - noise_free
+    x = q + R @ (change @ q)
+    for _ in range(vectors[0][0].algebra.degree - 1):
+        moved = change @ x
+        x = q + R @ (moved - x * (q @ moved))
+    return unit(x)
+
+
+_MOST_VARIABLES: Final = 36
+"""Noisy components: power series of fourth order then have 91 000 terms."""
+
+
+def _require_few(noise: Array) -> None:
+    # so many noisy components as power series take
+    count = int(np.sum(np.any(noise != 0.0, axis=-1)))
+    if count > _MOST_VARIABLES:
+        msg = (
+            f"`noise_std` gives noise to {count} components of the vectors, and power "
+            f"series take {_MOST_VARIABLES} at the most; use order 2 or 'exact', or "
+            "references without noise"
+        )
+        raise InputError(msg)
 
 
 def _resolvent(K: Array, q: Array, top: float) -> Array:

@@ -51,7 +51,10 @@ integrated is the difference, :math:`\delta = E[w - \hat q]` and
 .. math:: E[(q - \hat q)(q - \hat q)^T|d_2] = (q - w)(q - w)^T
    + q \delta^T + \delta q^T - D  \tag{E4}
 
-keeps its digits at small noise. The trapezoidal rule in :math:`\log s` converges
+keeps its digits at small noise. Where the pairs are correlated, the mean of z1 given d2
+is :math:`z_1^t + C_{12} C_2^{-1} (d_2 - d_2^t)` and its covariance :math:`C_1 - C_{12}
+C_2^{-1} C_{12}^T`; then the length of d2 counts too, and what is left is a
+Gauss-Hermite rule over d2 itself. The trapezoidal rule in :math:`\log s` converges
 geometrically. Only the direction of d2 counts; what is left is an average over it, by
 the rules above. For isotropic noise (E1) is the integral over s in closed form, and
 shares nothing with this but (E4).
@@ -374,7 +377,7 @@ _HERMITE: Final = (8, 12, 18, 27)
 
 
 def exact_moments_any(
-    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"]
+    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"] | Float[Array, "12 12"]
 ) -> tuple[Array, Array]:
     """Exact bias and covariance of q - qhat in the turned frame, any covariances.
 
@@ -383,24 +386,27 @@ def exact_moments_any(
     RefusedError
         If the finest two rules do not agree within 1e-9.
     """
-    C1, C2 = half_noise(geometry, noise)
-    rules = _rules_any(geometry, C1, C2)
+    C1, C2, C12 = half_noise(geometry, noise)
+    slope = None if C12 is None else C12 @ np.linalg.pinv(C2, hermitian=True)
+    if slope is not None:
+        C1 = C1 - slope @ C2 @ slope.T
+    rules = _rules_any(geometry, C1, C2, slope is None)
     spread = float(np.sqrt(np.trace(C1) / 6.0)), float(np.sqrt(np.trace(C2) / 3.0))
     found = converged(
-        rules, partial(_moments_any, geometry, C1), float(geometry.norm), spread
+        rules, partial(_moments_any, geometry, C1, slope), float(geometry.norm), spread
     )
     return found[0], found[1]
 
 
 def _rules_any(
-    geometry: TwoVectorGeometry, C1: Array, C2: Array
+    geometry: TwoVectorGeometry, C1: Array, C2: Array, alone: bool
 ) -> Iterator[tuple[Array, Array]]:
-    # directions of d2 + R x for standard normal x, R R' = C2
+    # d2 + R x for standard normal x, R R' = C2; directions alone where they suffice
     d2 = geometry.d2
     variances, axes = np.linalg.eigh(C2)
     if not variances[-1] > 0.0:
-        yield from [(d2[None] / np.linalg.norm(d2), np.ones(1))] * 2
-    elif variances[0] > _FLAT * variances[-1]:
+        yield from [(d2[None], np.ones(1))] * 2
+    elif alone and variances[0] > _FLAT * variances[-1]:
         # d2 = R v, and v is isotropic about R^-1 d2
         root = covariance_roots(C2[None])[0]
         centre = np.linalg.solve(root, d2)
@@ -446,7 +452,7 @@ def _hermite_rule(
     weights = (w[:, None, None] * w[:, None] * w).ravel() / w.sum() ** 3
     kept = weights > 1e-22
     scaled = grid[kept] * np.sqrt(variances)
-    return _normalized(d2 + scaled @ axes.T), weights[kept]
+    return d2 + scaled @ axes.T, weights[kept]
 
 
 def _normalized(vectors: Array) -> Array:
@@ -455,11 +461,18 @@ def _normalized(vectors: Array) -> Array:
 
 
 def _moments_any(
-    geometry: TwoVectorGeometry, C1: Array, directions: Array, weights: Array
+    geometry: TwoVectorGeometry,
+    C1: Array,
+    slope: Array | None,
+    points: Array,
+    weights: Array,
 ) -> tuple[Array, ...]:
-    # bias and covariance from (E4), averaged over the directions of d2
-    maps, basis = _maps(directions)
-    m = maps @ np.concatenate([geometry.d1, geometry.s1])
+    # bias and covariance from (E4), averaged over d2 or its directions
+    maps, basis = _maps(_normalized(points))
+    z1 = np.concatenate([geometry.d1, geometry.s1])
+    m = maps @ z1
+    if slope is not None:
+        m = m + np.matvec(maps, (points - geometry.d2) @ slope.T)
     variances, axes = np.linalg.eigh(maps @ C1 @ maps.swapaxes(1, 2))
     variances = np.maximum(variances, 0.0)
     means = (m[:, None, :] @ axes)[:, 0]
@@ -548,7 +561,7 @@ _LAST: Final = 25.0
 
 
 def flip_probability(
-    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"]
+    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"] | Float[Array, "12 12"]
 ) -> float:
     """Probability (F1) that the raw sign is the other one, any covariances.
 
@@ -578,16 +591,20 @@ def flip_probability(
 
 def _normal_form(geometry: TwoVectorGeometry, noise: Array) -> tuple[Array, Array]:
     # c and lambda of (F1)
-    C1, C2 = half_noise(geometry, noise)
+    C1, C2, C12 = half_noise(geometry, noise)
     e, s = geometry.q[:3], geometry.q[3]
     turn = np.hstack([cross_matrix(e), s * np.eye(3)])
     v = turn @ np.concatenate([geometry.d1, geometry.s1])
-    roots = covariance_roots(np.stack([C2, turn @ C1 @ turn.T]))
-    product = np.zeros((6, 6))
-    product[:3, 3:] = 0.5 * roots[0] @ roots[1]
-    product[3:, :3] = product[:3, 3:].T
-    square, axes = np.linalg.eigh(product)
-    linear = axes.T @ np.concatenate([roots[0] @ v, roots[1] @ geometry.d2])
+    root = scipy.linalg.block_diag(
+        *covariance_roots(np.stack([C2, turn @ C1 @ turn.T]))
+    )
+    if C12 is not None:
+        across = turn @ C12
+        joint = np.block([[C2, across.T], [across, turn @ C1 @ turn.T]])
+        root = covariance_roots(joint[None])[0]
+    product = root[:, :3] @ root[3:] / 2.0
+    square, axes = np.linalg.eigh(product + product.T)
+    linear = axes.T @ (root @ np.concatenate([v, geometry.d2]))
     return linear, square
 
 

@@ -14,6 +14,14 @@ All that the expansions to fourth order need of x are
 
 the mean of x and every odd moment vanish.
 
+Where the two pairs are correlated, :math:`z_1` and :math:`z_2` are, with a covariance
+:math:`C_{12}`, and x has a mean :math:`\bar x_a = \mathrm{tr}(B_a^T C_{12})`. With
+:math:`A_1, A_2` the covariances of :math:`z_1, z_2` with :math:`x_1`, V and G about
+that mean are
+
+.. math:: V_{ab} = \mathrm{tr}\big((C_1 B_a C_2 + C_{12} B_a^T C_{12})^T B_b\big),
+   \quad G_a = A_1^T B_a A_2 + (A_1^T B_a A_2)^T.  \tag{X3}
+
 **Bias and covariance of the normalised error, order by order.**
 The estimate is :math:`\hat q = (q - x)/|q - x|`, and the Legendre series of
 :math:`1/|q - x|` gives the terms of the error :math:`q - \hat q`, with
@@ -32,10 +40,10 @@ Polarised forms of degree n are written :math:`Q_n`. With :math:`x = x_1 + x_2`
    e_2 = \Pi x_2 + Q_2(x_1, x_1),\quad e_3 = 2 Q_2(x_1, x_2) + Q_3(x_1, x_1, x_1),
    \\ C = \Pi P \Pi + \mathrm{cov}(e_2) + E[e_1 e_3^T] + E[e_3 e_1^T].  \tag{O2}
 
-To second order the bias is :math:`P q + \tfrac12\mathrm{tr}(Q P) q` with
+To second order the bias is :math:`\Pi \bar x + P q + \tfrac12\mathrm{tr}(Q P) q` with
 :math:`Q = I - 3 q q^T` and the covariance :math:`\Pi P \Pi`, P the covariance of x;
-nothing there is special to the estimator but P itself, and no distribution is assumed,
-only an error of mean zero.
+nothing there is special to the estimator but P itself and the mean, and no distribution
+is assumed, only noise of mean zero.
 
 Source: Peng and Choukroun, sections 4 and 5. Its fourth-order covariance keeps
 :math:`Q_2(x_1, x_1)` only; the other terms of (O2) are of the same order, so it is
@@ -78,6 +86,7 @@ hold for it too. Which column is the greatest matters from the third order on: n
 tie of two columns the fourth-order remainder is not smooth in the noise.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -111,12 +120,16 @@ class ScaledErrorMoments:
         Covariance of the bilinear part.
     G : Array
         Mean of the bilinear part times the linear part twice.
+    mean : Array
+        Mean of the bilinear part, 0 for pairs that are not correlated; V and G are
+        about it.
     """
 
     q: Float[Array, "... 4"]
     P: Float[Array, "... 4 4"]
     V: Float[Array, "... 4 4"]
     G: Float[Array, "... 4 4 4"]
+    mean: Float[Array, "... 4"]
 
 
 def linear_maps(
@@ -139,14 +152,29 @@ def bilinear_map(geometry: TwoVectorGeometry) -> Float[Array, "... 4 6 3"]:
 
 
 def half_noise(
-    geometry: TwoVectorGeometry, noise: Float[Array, "... 4 3 3"]
-) -> tuple[Float[Array, "... 6 6"], Float[Array, "... 3 3"]]:
-    """Covariances of (dd1, ds1) and of dd2 in the turned frame."""
+    geometry: TwoVectorGeometry,
+    noise: Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"],
+) -> tuple[
+    Float[Array, "... 6 6"], Float[Array, "... 3 3"], Float[Array, "... 6 3"] | None
+]:
+    """Covariances of (dd1, ds1), of dd2 and of one with the other, or None for 0."""
+    if noise.shape[-1] == 12:
+        half = 0.5 * np.eye(3)
+        turned = half * geometry.turn[..., None, :]
+        none = np.zeros_like(turned)
+        rows = [
+            [half + none, none, -turned, none],
+            [half + none, none, turned, none],
+            [none, half + none, none, -turned],
+        ]
+        halves = np.block(rows)
+        C = halves @ noise @ halves.swapaxes(-1, -2)
+        return C[..., :6, :6], C[..., 6:, 6:], C[..., :6, 6:]
     turn = geometry.turn[..., :, None] * geometry.turn[..., None, :]
     b1, b2 = noise[..., 0, :, :], noise[..., 1, :, :]
     r1, r2 = turn * noise[..., 2, :, :], turn * noise[..., 3, :, :]
     own, cross = (b1 + r1) / 4.0, (b1 - r1) / 4.0
-    return np.block([[own, cross], [cross, own]]), (b2 + r2) / 4.0
+    return np.block([[own, cross], [cross, own]]), (b2 + r2) / 4.0, None
 
 
 def mean_linear_error(
@@ -161,19 +189,30 @@ def mean_linear_error(
 
 
 def scaled_error_moments(
-    geometry: TwoVectorGeometry, noise: Float[Array, "... 4 3 3"]
+    geometry: TwoVectorGeometry,
+    noise: Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"],
 ) -> ScaledErrorMoments:
-    """Moments P, V and G of eq. (X2)."""
+    """Moments P, V and G of eqs. (X2) and (X3)."""
     J1, J2 = linear_maps(geometry)
     B = bilinear_map(geometry)
-    C1, C2 = half_noise(geometry, noise)
+    C1, C2, C12 = half_noise(geometry, noise)
     batch = geometry.q.shape[:-1]
     P = J1 @ C1 @ J1.swapaxes(-1, -2) + J2 @ C2 @ J2.swapaxes(-1, -2)
     spread = C1[..., None, :, :] @ B @ C2[..., None, :, :]  # (4, 6, 3)
-    flat = (*batch, 4, 18)
-    V = spread.reshape(flat) @ B.reshape(flat).swapaxes(-1, -2)
+    flat, mean = (*batch, 4, 18), np.zeros((*batch, 4))
     half = J1[..., None, :, :] @ spread @ J2[..., None, :, :].swapaxes(-1, -2)
-    return ScaledErrorMoments(q=geometry.q, P=P, V=V, G=half + half.swapaxes(-1, -2))
+    if C12 is not None:
+        across = J1 @ C12 @ J2.swapaxes(-1, -2)
+        P = P + across + across.swapaxes(-1, -2)
+        mean = np.sum(B * C12[..., None, :, :], axis=(-2, -1))
+        A1 = J1 @ C1 + J2 @ C12.swapaxes(-1, -2)
+        A2 = C2 @ J2.swapaxes(-1, -2) + C12.swapaxes(-1, -2) @ J1.swapaxes(-1, -2)
+        half = A1[..., None, :, :] @ B @ A2[..., None, :, :]
+        mixed = C12[..., None, :, :]
+        spread = spread + mixed @ B.swapaxes(-1, -2) @ mixed
+    V = spread.reshape(flat) @ B.reshape(flat).swapaxes(-1, -2)
+    G = half + half.swapaxes(-1, -2)
+    return ScaledErrorMoments(q=geometry.q, P=P, V=V, G=G, mean=mean)
 
 
 def tangent_projector(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4"]:
@@ -189,7 +228,7 @@ def normalization_matrix(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4"]:
 def second_order_bias(
     q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
 ) -> Float[Array, "... 4"]:
-    """Mean of q - qhat, source eq. (52)."""
+    """Mean of q - qhat where x has none, source eq. (52)."""
     half_trace = 0.5 * _trace(normalization_matrix(q) @ P)
     return np.matvec(P, q) + half_trace[..., None] * q
 
@@ -236,7 +275,7 @@ def complete_fourth_covariance(moments: ScaledErrorMoments) -> Float[Array, "...
     # E[Pi x2 Q2'], E[x1 2 Q2(x1, x2)'] and E[x1 Q3']
     mixed = projector @ _flat(G) @ _flat(T).swapaxes(-1, -2)
     # sum over c and d of G[d, a, c] T[b, c, d]
-    by_a = _flat(np.moveaxis(G, -3, -1))
+    by_a = _flat(np.moveaxis(_about_zero(moments), -3, -1))
     second_third = 2.0 * by_a @ _flat(T).swapaxes(-1, -2)
     third = P @ _mean_cubic_gradient(q, P)
     half = mixed + projector @ (second_third + third)
@@ -246,15 +285,20 @@ def complete_fourth_covariance(moments: ScaledErrorMoments) -> Float[Array, "...
 def complete_fourth_bias(moments: ScaledErrorMoments) -> Float[Array, "... 4"]:
     """Mean of q - qhat through fourth order."""
     q, P = moments.q, moments.P
-    from_bilinear = np.sum(
-        quadratic_form(q) * moments.V[..., None, :, :], axis=(-2, -1)
-    )
+    V = moments.V + _outer(moments.mean, moments.mean)
+    from_bilinear = np.sum(quadratic_form(q) * V[..., None, :, :], axis=(-2, -1))
     return (
         second_order_bias(q, P)
+        + np.matvec(tangent_projector(q), moments.mean)
         + from_bilinear
-        + _cubic_bias(q, moments.G)
+        + _cubic_bias(q, _about_zero(moments))
         + _quartic_bias(q, P)
     )
+
+
+def _about_zero(moments: ScaledErrorMoments) -> Float[Array, "... 4 4 4"]:
+    # G with the mean of the bilinear part in it
+    return moments.G + moments.mean[..., None, None] * moments.P[..., None, :, :]
 
 
 def _mean_cubic_gradient(
@@ -346,6 +390,27 @@ def unit_length_rounding(mean_square: float, off: float = 0.0) -> float:
     return (8.0 * EPS + 64.0 * EPS * rms + off) / max(mean_square, _LEAST)
 
 
+def mapped_column(
+    b1: Shaped[Array, "... 3"],
+    b2: Shaped[Array, "... 3"],
+    r1: Shaped[Array, "... 3"],
+    r2: Shaped[Array, "... 3"],
+    place: int,
+    *,
+    symmetric: bool,
+) -> Shaped[Array, "... 4"]:
+    """One column, mapped back, from any vectors: of numbers or of power series."""
+    turn, back = column_maps()[place]
+    d1, s1 = (b1 - turn * r1) / 2, (b1 + turn * r1) / 2
+    d2, s2 = (b2 - turn * r2) / 2, (b2 + turn * r2) / 2
+    scalar = np.sum(s1 * d2, axis=-1, keepdims=True)
+    if symmetric:
+        scalar = np.sum(s1 * d2 - s2 * d1, axis=-1, keepdims=True) / 2
+    qbar = np.concatenate([np.cross(d1, d2), scalar], axis=-1)
+    column: Array = qbar @ back.T
+    return column
+
+
 def column_matrix(
     b1: Shaped[Array, "... 3"],
     b2: Shaped[Array, "... 3"],
@@ -353,14 +418,30 @@ def column_matrix(
     r2: Shaped[Array, "... 3"],
 ) -> Shaped[Array, "... 4 4"]:
     """Four columns with the symmetric scalar, mapped back, from any vectors."""
-    columns = []
-    for turn, back in column_maps():
-        d1, s1 = (b1 - turn * r1) / 2, (b1 + turn * r1) / 2
-        d2, s2 = (b2 - turn * r2) / 2, (b2 + turn * r2) / 2
-        scalar = np.sum(s1 * d2 - s2 * d1, axis=-1, keepdims=True) / 2
-        qbar = np.concatenate([np.cross(d1, d2), scalar], axis=-1)
-        columns.append(qbar @ back.T)
+    columns = [mapped_column(b1, b2, r1, r2, k, symmetric=True) for k in range(4)]
     return np.stack(columns, axis=-1)
+
+
+def two_vector_direction(
+    place: int, *, combined: bool, normalized: bool, sign: float = 1.0
+) -> Callable[..., Shaped[Array, "... 4"]]:
+    """Arithmetic of an estimator: a fixed column, or all from the one at that place."""
+
+    def estimate(*vectors: Shaped[Array, "... 3"]) -> Shaped[Array, "... 4"]:
+        b1, b2, r1, r2 = (unit(v) for v in vectors) if normalized else vectors
+        if not combined:
+            return sign * unit(mapped_column(b1, b2, r1, r2, place, symmetric=False))
+        M = column_matrix(b1, b2, r1, r2)
+        step = M @ (M.swapaxes(-1, -2) @ M[..., place, None])
+        return sign * unit(step[..., 0])
+
+    return estimate
+
+
+def unit(v: Shaped[Array, "... m"]) -> Shaped[Array, "... m"]:
+    """Direction of vectors, of numbers or of power series."""
+    direction: Array = v / np.sqrt(np.sum(v * v, axis=-1, keepdims=True))
+    return direction
 
 
 def combined_moments(

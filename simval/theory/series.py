@@ -6,14 +6,26 @@ variables :math:`\xi`, cut off beyond the degree. The moments of the result foll
 from :math:`E[\xi^{2k}] = (2k-1)!!`. There is no formula of the estimator's own in
 here, so this is both a service (second- and fourth-order theory of a user's
 estimator) and an independent route to the closed forms.
+
+The noise n of all vectors together enters by its moments alone. With R the symmetric
+root of its covariance, :math:`n = R\xi`, vectors may be correlated with each other, and
+third moments :math:`S_{ijk} = E[n_i n_j n_k]` add
+
+.. math:: E[\xi_a \xi_b \xi_c] = \sum_{ijk} R^+_{ai} R^+_{bj} R^+_{ck} S_{ijk}
+   \tag{T1}
+
+to the moments of degree three, and nothing to those of degree four: fourth cumulants
+are taken as zero. In the error :math:`e_1 + e_2 + \dots`, one term for each degree,
+the covariance gains :math:`E[e_1 e_2^T] + E[e_2 e_1^T]` and the bias :math:`E[e_3]`,
+both in :math:`\sigma^3`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations_with_replacement
 from math import prod
-from typing import Any, Union
+from typing import Any, Final, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +35,8 @@ from simval.arrays import Array, physical_array
 from simval.errors import InputError, RefusedError
 from simval.moments import Moments
 from simval.shapes import Float
-from simval.theory.cubature import covariance_roots
-from simval.theory.two_vector import checked_covariances
+from simval.theory.cubature import joint_root
+from simval.theory.two_vector import joint_third
 
 Scalar = Union["Series", float]
 
@@ -136,8 +148,13 @@ class Series:
         if not isinstance(other, Series):
             return self._new(self.coefficients * float(other))
         tables, size = self.algebra, self.coefficients.size
-        terms = self.coefficients[tables.left] * other.coefficients[tables.right]
-        total = np.bincount(tables.target, weights=terms, minlength=size)
+        one, two = self.coefficients != 0.0, other.coefficients != 0.0
+        left, right, target = tables.left, tables.right, tables.target
+        if 10 * np.count_nonzero(one) * np.count_nonzero(two) < size**2:
+            kept = np.flatnonzero(one[left] & two[right])
+            left, right, target = left[kept], right[kept], target[kept]
+        terms = self.coefficients[left] * other.coefficients[right]
+        total = np.bincount(target, weights=terms, minlength=size)
         return self._new(np.asarray(total, dtype=np.float64))
 
     __rmul__ = __mul__
@@ -207,7 +224,11 @@ class Series:
 
 
 def series_moments(
-    estimator: Callable[..., Any], inputs: Any, covariances: Any, order: int = 4
+    estimator: Callable[..., Any],
+    inputs: Any,
+    covariances: Any,
+    order: int = 4,
+    third_moments: Any = None,
 ) -> Moments:
     """Bias and covariance of an arithmetic estimator, truth minus estimate.
 
@@ -220,10 +241,15 @@ def series_moments(
     inputs : array_like
         True values of the k vectors, (k, 3).
     covariances : array_like
-        Covariance of the Gaussian noise on each, independent from vector to vector,
-        (k, 3, 3).
-    order : int, default 4
-        Highest power of the noise kept, even, 2 to 6.
+        Covariance of the noise on each, independent from vector to vector, (k, 3, 3),
+        or of all of them together, (3k, 3k).
+    order : {2, 3, 4, 6}, default 4
+        Highest power of the noise kept.
+    third_moments : array_like, optional
+        Means of the products of three components of the noise of mean zero,
+        (k, 3, 3, 3) or (3k, 3k, 3k); they count from order 3 on. Default, Gaussian
+        noise; with them the fourth cumulants are still taken as zero, and there is no
+        order 6.
 
     Returns
     -------
@@ -233,21 +259,25 @@ def series_moments(
     Raises
     ------
     InputError
-        If a shape or the order is wrong.
+        If a shape or the order is wrong, or third moments are none.
     RefusedError
         If the estimator has no power series at the truth.
     """
     function("estimator", estimator)
-    order = choice("order", order, (2, 4, 6))
+    order = choice("order", order, (2, 3, 4, 6))
     centre = physical_array("inputs", inputs, (None, 3))
-    roots = covariance_roots(checked_covariances("covariances", covariances))
-    if roots.shape != (*centre.shape, 3):
-        msg = (
-            f"`inputs` has shape {centre.shape} and `covariances` {roots.shape}; give "
-            "(k, 3) and (k, 3, 3)"
-        )
-        raise InputError(msg)
-    estimate = _estimated(estimator, _noisy(centre, roots, order))
+    root = joint_root("covariances", covariances, centre)
+    root = root[:, np.abs(root).max(axis=0) > 0.0]  # columns that carry noise
+    tables = algebra(max(1, root.shape[1]), order)
+    if third_moments is not None:
+        if order == 6:
+            msg = (
+                "`order` is 6; with `third_moments` the highest is 4, because sixth "
+                "order takes moments of the noise up to the sixth"
+            )
+            raise InputError(msg)
+        tables = _skewed(tables, root, third_moments, len(centre))
+    estimate = _estimated(estimator, _noisy(centre, root, tables))
     errors = [_without_constant(-1.0 * number) for number in estimate]
     bias = np.array([error.mean() for error in errors])
     second = np.array([[(a * b).mean() for b in errors] for a in errors])
@@ -287,20 +317,56 @@ def _estimated(
 
 
 def _noisy(
-    centre: Float[Array, "k 3"], roots: Float[Array, "k 3 3"], order: int
+    centre: Float[Array, "k 3"], root: Float[Array, "m d"], tables: Algebra
 ) -> list[NDArray[np.object_]]:
-    used = np.abs(roots).max(axis=1) > 0.0  # (k, 3): columns that carry noise
-    tables = algebra(max(1, int(used.sum())), order)
-    zero = tables.variable(0) * 0.0
-    vectors, variable = [], 0
-    for mean, root, columns in zip(centre, roots, used, strict=True):
-        vector = np.array([zero + float(value) for value in mean], dtype=object)
-        for column in np.flatnonzero(columns):
-            xi = tables.variable(variable)
-            variable += 1
-            vector = vector + np.array([xi * float(c) for c in root[:, column]])
-        vectors.append(vector)
-    return vectors
+    coefficients = np.zeros((centre.size, tables.means.size))
+    coefficients[:, 0] = centre.ravel()
+    coefficients[:, 1 : 1 + root.shape[1]] = root
+    numbers = np.array([Series(row, tables) for row in coefficients], dtype=object)
+    return list(numbers.reshape(centre.shape))
+
+
+# A direction without variance is rounded to 1e-16 of it, whose root is 1e-8.
+_NO_NOISE: Final = 1e-6
+_OUTSIDE: Final = 1e-9
+"""Of the greatest standard deviation cubed; 1e-15 of it is rounding."""
+
+_MOST_SKEWED: Final = 100.0
+"""That of an exponential law is 2; this one has its mass within 1e-4 of the samples."""
+
+
+def _skewed(
+    tables: Algebra, root: Float[Array, "m d"], third_moments: Any, count: int
+) -> Algebra:
+    # the tables with (T1) as the means of degree three
+    S = joint_third("third_moments", third_moments, count)
+    inverse = np.linalg.pinv(root, rcond=_NO_NOISE)
+    whitened = _turned(inverse, S)
+    widest = np.linalg.norm(root, axis=1).max(initial=0.0)
+    if not np.abs(_turned(root, whitened) - S).max() <= _OUTSIDE * widest**3:
+        msg = (
+            "`third_moments` are not 0 along a direction in which the noise has no "
+            "variance; give noise there, or no third moment"
+        )
+        raise InputError(msg)
+    if not np.abs(whitened).max(initial=0.0) <= _MOST_SKEWED:
+        msg = (
+            f"`third_moments` make a skewness of {np.abs(whitened).max():.1e}; no "
+            f"expansion follows one above {_MOST_SKEWED:g}, so check their unit"
+        )
+        raise InputError(msg)
+    means, cubic = tables.means.copy(), np.flatnonzero(tables.degrees == 3)
+    triples = combinations_with_replacement(range(root.shape[1]), 3)
+    for place, triple in zip(cubic, triples, strict=False):  # order 2 has no place
+        means[place] = whitened[triple]
+    return replace(tables, means=means)
+
+
+def _turned(matrix: Array, tensor: Array) -> Array:
+    # a tensor of three axes in other coordinates
+    for _ in range(3):
+        tensor = np.tensordot(tensor, matrix, axes=(0, 1))
+    return tensor
 
 
 def _without_constant(number: Series) -> Series:

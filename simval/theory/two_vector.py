@@ -14,7 +14,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arrays import GREATEST, LEAST, Array, ReadOnly, finite_array
+from simval.arrays import (
+    GREATEST,
+    LEAST,
+    Array,
+    ReadOnly,
+    finite_array,
+    physical_array,
+)
 from simval.errors import GeometryError, InputError, SimvalError
 from simval.geometry import attitude_matrix, compose, normalize
 from simval.shapes import Float, Int
@@ -73,12 +80,10 @@ def noise_covariances(noise_std: Any, count: int = 4) -> Float[Array, "count 3 3
     return _covariances(noise_std, value, count, value.ndim == 3)
 
 
-def noise_of_samples(noise_std: Any) -> Float[Array, "... 4 3 3"]:
-    """Covariances of the noise on b1, b2, r1, r2 of each sample.
-
-    The form is told by the last axes alone: no axis is one number for everything, a
-    last axis of 1 is one for all four vectors, of 4 is one for each, and (4, 3, 3) are
-    covariances. Axes before these are of the batch.
+def noise_of_vectors(
+    noise_std: Any, count: int = 4
+) -> Float[Array, "count 3 3"] | Float[Array, "m m"]:
+    """`noise_covariances`, or the covariance of all the stacked vectors together.
 
     Raises
     ------
@@ -86,15 +91,43 @@ def noise_of_samples(noise_std: Any) -> Float[Array, "... 4 3 3"]:
         As `noise_covariances`.
     """
     value = _plausible(noise_std)
+    if value.shape == (3 * count, 3 * count):
+        return _checked("noise_std", value[None])[0]
+    return noise_covariances(noise_std, count)
+
+
+def noise_of_samples(
+    noise_std: Any,
+) -> Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"]:
+    """Covariances of the noise on b1, b2, r1, r2 of each sample.
+
+    The form is told by the last axes alone: no axis is one number for everything, a
+    last axis of 1 is one for all four vectors, of 4 is one for each, (4, 3, 3) are
+    covariances, and (12, 12) is that of the stacked vectors, which are then correlated.
+    Axes before these are of the batch.
+
+    Raises
+    ------
+    InputError
+        As `noise_covariances`.
+    """
+    value = _plausible(noise_std)
+    if value.shape[-2:] == (12, 12):
+        return _checked("noise_std", value[..., None, :, :])[..., 0, :, :]
     full = value.shape[-3:] == (4, 3, 3)
     if not (full or value.ndim == 0 or value.shape[-1] in (1, 4)):
         msg = (
             f"`noise_std` has shape {value.shape}; give one number, (..., 1) for one "
-            "of each sample, (..., 4) for one of b1, b2, r1, r2 each, or (..., 4, 3, "
-            "3) covariances in that order"
+            "of each sample, (..., 4) for one of b1, b2, r1, r2 each, (..., 4, 3, 3) "
+            "covariances in that order, or (..., 12, 12) of all of them together"
         )
         raise InputError(msg)
     return _covariances(noise_std, value, 4, full)
+
+
+def own_axes(noise: Array) -> tuple[int, ...]:
+    """Axes of the covariances of one sample."""
+    return noise.shape[-2:] if noise.shape[-1] == 12 else noise.shape[-3:]
 
 
 def _plausible(noise_std: Any) -> Array:
@@ -124,7 +157,9 @@ def _covariances(
     return each[..., None, None] ** 2 * np.eye(3)
 
 
-def checked_covariances(name: str, matrices: Any) -> Float[Array, "k 3 3"]:
+def checked_covariances(
+    name: str, matrices: Any, size: int = 3
+) -> Float[Array, "k size size"]:
     """Require symmetric positive semidefinite matrices.
 
     Raises
@@ -132,7 +167,7 @@ def checked_covariances(name: str, matrices: Any) -> Float[Array, "k 3 3"]:
     InputError
         If a shape is wrong, or a matrix is no covariance.
     """
-    value = finite_array(name, matrices, (None, 3, 3))
+    value = finite_array(name, matrices, (None, size, size))
     if value.ndim != 3:
         msg = (
             f"`{name}` has shape {value.shape}; give one covariance for each vector, "
@@ -142,7 +177,7 @@ def checked_covariances(name: str, matrices: Any) -> Float[Array, "k 3 3"]:
     return _checked(name, value)
 
 
-def _checked(name: str, value: Array) -> Float[Array, "... k 3 3"]:
+def _checked(name: str, value: Array) -> Float[Array, "... k n n"]:
     # the vectors of a sample share one scale
     entries = (-3, -2, -1)
     scale = np.max(np.abs(value), axis=entries, initial=0.0)
@@ -166,6 +201,39 @@ def _checked(name: str, value: Array) -> Float[Array, "... k 3 3"]:
         ),
         InputError,
     )
+    return value
+
+
+def joint_third(name: str, moments: Any, count: int) -> Float[Array, "m m m"]:
+    """Third moments of stacked vectors, given of each or of all together.
+
+    Raises
+    ------
+    InputError
+        If the shape is neither (count, 3, 3, 3) nor (3 count, 3 count, 3 count), or
+        the order of the three components counts.
+    """
+    value = physical_array(name, moments, (), MAX_NOISE**3)
+    size = 3 * count
+    if value.shape == (count, 3, 3, 3):
+        S = np.zeros((count, 3, count, 3, count, 3))
+        every = np.arange(count)
+        S[every, :, every, :, every, :] = value
+        value = S.reshape(size, size, size)
+    if value.shape != (size, size, size):
+        msg = (
+            f"`{name}` has shape {value.shape}; give ({count}, 3, 3, 3), one tensor "
+            f"for each vector, or ({size}, {size}, {size}) of all together"
+        )
+        raise InputError(msg)
+    scale = float(np.abs(value).max(initial=0.0))
+    turned = value.transpose(1, 0, 2), value.transpose(0, 2, 1)
+    if not max(np.abs(value - other).max() for other in turned) <= 1e-12 * scale:
+        msg = (
+            f"`{name}` changes where two components are exchanged; a mean of products "
+            "does not, so give it symmetric in all three axes"
+        )
+        raise InputError(msg)
     return value
 
 

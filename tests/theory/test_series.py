@@ -53,7 +53,7 @@ def test_moments_of_the_length_of_a_vector():
 def test_bad_input_is_refused():
     one, cov = np.ones((1, 3)), np.eye(3)[None]
     with pytest.raises(InputError, match="`order`"):
-        series_moments(lambda v: v, one, cov, order=3)
+        series_moments(lambda v: v, one, cov, order=5)
     with pytest.raises(InputError, match="covariances"):
         series_moments(lambda v: v, one, np.ones((2, 3, 3)))
     with pytest.raises(RefusedError, match="no power series"):
@@ -122,7 +122,19 @@ INPUTS = np.array([[0.5, 1.0, -0.5], [1.0, 0.25, 0.5]])
 ROOTS = np.zeros((2, 3, 3))  # of the covariances, at noise 1: three normals
 ROOTS[0, :2, :2] = [[1.0, 0.0], [-0.5, 0.75]]
 ROOTS[1, 2, 2] = 0.5
-NODES = 40  # a normal; 60 change no digit
+APART = np.zeros((6, 3))  # the same, all vectors stacked
+APART[:2, :2], APART[5, 2] = ROOTS[0, :2, :2], 0.5
+TOGETHER = APART.copy()  # b moves with a
+TOGETHER[3:] = [[0.2, 0.1, 0.0], [0.0, 0.3, 0.1], [0.5, -0.2, 0.4]]
+NORMAL = np.polynomial.hermite_e.hermegauss(40)  # 60 nodes change no digit
+SKEWNESS = np.array([1.0, -2.0, 0.5])
+
+
+def two_points(skewness):
+    """The law of mean 0, variance 1 and that third moment on two points."""
+    root = np.sqrt(skewness**2 + 4.0)
+    x = (skewness + np.array([-root, root])) / 2.0  # the roots of x^2 = 1 + skewness x
+    return x, np.array([x[1], -x[0]]) / (x[1] - x[0])
 
 
 def estimator(a, b):
@@ -138,36 +150,79 @@ def estimator(a, b):
     ]
 
 
-def quadrature(noise):
-    """Mean and covariance of truth minus estimate."""
-    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
-    x = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij")).reshape(3, -1)
-    w = np.prod(np.meshgrid(weights, weights, weights, indexing="ij"), axis=0).ravel()
+def quadrature(noise, root, laws):
+    """Mean and covariance of truth minus estimate, each variable with its own law."""
+    nodes, weights = zip(*laws, strict=True)
+    x = np.stack(np.meshgrid(*nodes, indexing="ij")).reshape(3, -1)
+    w = np.prod(np.meshgrid(*weights, indexing="ij"), axis=0).ravel()
     w /= w.sum()
-    a = INPUTS[0][:, None] + noise * ROOTS[0][:, :2] @ x[:2]
-    b = INPUTS[1][:, None] + noise * ROOTS[1][:, 2:] @ x[2:]
-    error = np.array(estimator(*INPUTS))[:, None] - np.array(estimator(a, b))
+    moved = INPUTS.reshape(6, 1) + noise * root @ x
+    error = np.array(estimator(*INPUTS))[:, None] - np.array(
+        estimator(moved[:3], moved[3:])
+    )
     mean = error @ w
     off = error - mean[:, None]
     return mean, (off * w) @ off.T
 
 
-def left_out(noise, order):
+def left_out(noise, order, root=APART, laws=(NORMAL,) * 3, third_moments=None):
     """Bias and covariance that the series of an order leaves out, entry by entry."""
     covariances = noise**2 * ROOTS @ ROOTS.transpose(0, 2, 1)
-    found = series_moments(estimator, INPUTS, covariances, order=order)
-    mean, covariance = quadrature(noise)
+    if root is not APART:
+        covariances = noise**2 * root @ root.T
+    if third_moments is not None:
+        third_moments = noise**3 * third_moments
+    found = series_moments(estimator, INPUTS, covariances, order, third_moments)
+    mean, covariance = quadrature(noise, root, laws)
     upper = np.triu_indices(3)
     return np.concatenate([found.bias - mean, (found.covariance - covariance)[upper]])
 
 
+@pytest.mark.parametrize("root", [APART, TOGETHER], ids=["apart", "together"])
 @pytest.mark.parametrize("order", [2, 4, 6])
-def test_what_an_order_leaves_out_is_two_orders_higher(order):
+def test_what_an_order_leaves_out_is_two_orders_higher(order, root):
     # between noise s and s/2 the next term falls by 2^(k+2), and the one after it, at
     # s = 0.2 up to a quarter of it, by 2^(k+4): the slope is k + 2 within 0.4. At s/2
     # and order 6 at least 2e-11 is left out, and rounding is 1e-15.
-    coarse, fine = left_out(0.2, order), left_out(0.1, order)
+    coarse, fine = left_out(0.2, order, root), left_out(0.1, order, root)
     seen = np.abs(coarse) > 1e-9  # of one product the next two terms nearly cancel
     slope = np.log2(np.abs(coarse[seen] / fine[seen]))
     assert seen.sum() >= 8
     np.testing.assert_allclose(slope, order + 2.0, rtol=0, atol=0.4)
+
+
+@pytest.mark.parametrize("root", [APART, TOGETHER], ids=["apart", "together"])
+def test_third_moments_leave_the_fourth_order(root):
+    laws = [two_points(skewness) for skewness in SKEWNESS]
+    S = np.einsum("ia,ja,ka,a", root, root, root, SKEWNESS)
+    if root is APART:  # as the moments of each vector
+        each = S.reshape(2, 3, 2, 3, 2, 3)
+        S = np.stack([each[k, :, k, :, k, :] for k in (0, 1)])
+    sizes = (0.01, 0.005)
+    for order, given, power in ((3, S, 4.0), (3, None, 3.0), (2, S, 3.0)):
+        found = np.array([left_out(s, order, root, laws, given) for s in sizes])
+        # of bias and covariance: an entry's own terms may cancel
+        parts = np.split(found, [3], axis=1)
+        slope = [np.log2(np.divide(*np.linalg.norm(part, axis=1))) for part in parts]
+        # the next order bends a slope by its relative size: 0.01 times some ten
+        np.testing.assert_allclose(slope, power, rtol=0, atol=0.2)
+
+
+def test_third_moments_that_are_none_are_refused():
+    root, S = TOGETHER, np.einsum("ia,ja,ka->ijk", TOGETHER, TOGETHER, TOGETHER)
+    skew = S.copy()
+    skew[0, 1, 2] += 1e-6
+    outside = S.copy()
+    outside[0, 0, 0] += 1e-3
+    for given, order, said in (
+        (skew, 3, "exchanged"),
+        (outside, 3, "no *variance"),
+        (S[:3], 3, "has shape"),
+        (S * np.nan, 3, "finite"),
+        (S, 6, "highest is 4"),
+        (1e4 * S, 3, "skewness of"),
+    ):
+        with pytest.raises(InputError, match=said):
+            series_moments(estimator, INPUTS, root @ root.T, order, given)
+    with pytest.raises(InputError, match="`covariances`"):
+        series_moments(estimator, INPUTS, np.eye(5))

@@ -15,7 +15,12 @@ from simval.plugins import Estimator
 from simval.streams import Streams
 from simval.studies import attitude, attitude_map, estimator
 from simval.studies.attitude import random_geometry
-from simval.theory import attitude_moments, sufficient_order
+from simval.theory import (
+    attitude_moments,
+    sufficient_order,
+    wahba_moments,
+    wahba_order,
+)
 from simval.theory.attitude import RANGE, expansion_remainders
 from simval.theory.expansion import (
     predicted_defect,
@@ -81,9 +86,43 @@ def test_any_covariances_are_answered():
     assert 0.01 < found.covariance_off[2] < 0.1
 
 
+def weighted(q, r1, r2, noise_std, order, third_moments=None):
+    """The least-squares attitude, of two pairs."""
+    return wahba_moments(
+        q, [r1, r2], noise_std, None, order, third_moments=third_moments
+    )
+
+
+# |p| is 0.44; each order's own error is that of docs/attitude.md
+@pytest.mark.parametrize(
+    ("sigma", "order"),
+    [(0.0, 2), (0.01, 2), (0.05, 4),
+     pytest.param(0.12, "exact", marks=pytest.mark.ci)],
+)  # fmt: skip
+def test_the_lowest_order_of_other_estimators(sigma, order):
+    found = sufficient_order(*GEOMETRY, sigma, 0.01, "combined")
+    assert (found.order, set(found.bias_off)) == (order, {2, 4, "exact"})
+    q, r1, r2 = GEOMETRY
+    same = wahba_order(q, [r1, r2], sigma)
+    assert same.order == order
+    # an optimum of two pairs and the combination of their columns are nearly alike
+    if sigma > 0.0:
+        assert 0.5 < same.covariance_off[2] / found.covariance_off[2] < 2.0
+
+
 def test_what_cannot_be_answered_says_why():
     with pytest.raises(InputError, match="`frame`"):
-        sufficient_order(*GEOMETRY, 0.01, frame="combined")
+        sufficient_order(*GEOMETRY, 0.01, frame="best")
+    with pytest.raises(InputError, match=r"`tolerance` is 0\.001"):
+        sufficient_order(*GEOMETRY, 0.01, 0.001, frame="combined")
+    with pytest.raises(InputError, match="'4-paper'"):
+        attitude_moments(*GEOMETRY, 0.01, "4-paper", "combined")
+    for moments in (attitude_moments, weighted):
+        with pytest.raises(InputError, match="do not determine"):
+            moments(*GEOMETRY, 0.01, "exact", third_moments=np.zeros((12, 12, 12)))
+    with pytest.raises(InputError, match="42 components"):
+        wahba_moments(GEOMETRY[0], np.random.default_rng(1).normal(size=(7, 3)), 1e-3,
+                      order=4)  # fmt: skip
     with pytest.raises(InputError, match="`tolerance`"):
         sufficient_order(*GEOMETRY, 0.01, 0.0)
     with pytest.raises(GeometryError, match="farther apart"):
