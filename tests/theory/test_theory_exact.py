@@ -176,9 +176,9 @@ def test_near_a_singularity_any_covariance_is_answered():
     noise, geometry = full(8, 0.1), two_vector_geometry(*random_geometry(8), "plain")
     assert geometry.norm == pytest.approx(0.121, abs=1e-3)
     bias, covariance = exact_moments_any(geometry, noise)
-    C1, C2 = half_noise(geometry, noise)
+    C1, C2, _ = half_noise(geometry, noise)
     u, weights = sphere_rule(geometry.d1, geometry.d2, C2)
-    finer = exact._moments_any(geometry, C1, u, weights)
+    finer = exact._moments_any(geometry, C1, None, u, weights)
     assert weights.sum() == pytest.approx(1.0, abs=1e-9)
     assert relative(bias, finer[0]) < 1e-9
     assert relative(covariance, finer[1]) < 1e-9
