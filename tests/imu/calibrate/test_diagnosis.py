@@ -119,13 +119,14 @@ def test_leverage_is_what_a_pose_pulls_its_own_fit_by(residual, known):
 )
 def test_standardised_residuals_are_standard(residual, sigma, law):
     """Of 12 poses whatever their leverage; of unknown noise by Student's t."""
-    batch = poses(12, 500 if sigma is None else 150, seed=2)
+    batch = poses(12, 150, seed=2)
     found = [diagnose(calibrate(y, G, residual=residual), y, sigma) for y in batch]
     values = np.array([each.standardized for each in found])
     p = [stats.kstest(each, law.cdf).pvalue for each in values.T]
     assert min(p) > 1e-4 / (2 * 12)
-    other = stats.norm() if sigma is None else stats.norm(scale=2.0)
-    assert stats.kstest(values[:, 3], other.cdf).pvalue < 1e-4  # power
+    far = np.mean(np.abs(values) > 3.0)  # power: by Student's t 0.095, else 0.0027
+    assert (far > 0.05) == (sigma is None)
+    assert far < 0.15
     one = found[0]
     np.testing.assert_allclose(one.leverage.sum(), 9.0, rtol=1e-10)
     # a diagonal of a projector is 1 at most, up to rounding of the sum of nine
@@ -210,24 +211,6 @@ def test_the_worst_three_are_those_of_all_triples():
 
     best = min(itertools.combinations(range(15), 3), key=left)
     assert set(best) == which == set(np.flatnonzero(find_outliers(y).flagged))
-
-
-def test_a_deletion_residual_is_the_distance_to_the_fit_of_the_others():
-    rng = np.random.default_rng(19)
-    y = reading(even(rng, 20), rng)
-    y[6] += 0.2 * normalize(y[6])
-    found = find_outliers(y)
-    assert found.flagged.nonzero()[0].tolist() == [6]
-    others = calibrate(np.delete(y, 6, axis=0), G, residual="sampson")
-    steep = others.matrix.T @ others.matrix @ (y[6] - others.B)
-    length = np.linalg.norm(others.matrix @ (y[6] - others.B))
-    expected = (length**2 - G**2) / (2.0 * np.linalg.norm(steep))
-    # the two fits differ by 2 % of their noise at most
-    np.testing.assert_allclose(found.distance[6], expected, rtol=0, atol=2e-3)
-    # rounding is no outlier, in any unit, nor are nine or ten exact readings
-    for count in (9, 10, 24):
-        y = reading(even(rng, count), rng, 0.0) * 400.0 + 32768.0
-        assert not find_outliers(y).flagged.any()
 
 
 @pytest.mark.parametrize("loss", ["linear", "huber", "soft_l1", "cauchy"])

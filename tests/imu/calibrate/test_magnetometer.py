@@ -119,17 +119,6 @@ def test_an_accelerometer_without_covariance_is_not_known(unchecked):
 # one trial, looked at
 
 
-def test_a_field_that_is_disturbed_everywhere_is_said():
-    rng = np.random.default_rng(5)
-    body, iron = noisy(FORTY)
-    found = fit_of(body, iron + 15.0 * rng.standard_normal((40, 3)))
-    assert found.status == "converged"
-    assert not found.disturbed
-    said = next(text for text in found.findings if "the field is disturbed" in text)
-    assert "error bars would be" in said
-    assert found.chi2_per_dof > 10.0
-
-
 def varies_by(found):
     return float(
         re.findall(r"varies with time, by (\S+) percent", found.findings[0])[0]
@@ -177,20 +166,6 @@ def test_a_disturbed_pose_is_named_and_a_clean_set_is_left_alone():
     rest = float(re.findall(r"without, .* is (\S+):", found.findings[0])[0])
     low, high = stats.chi2.ppf([5e-5, 1.0 - 5e-5], 92) / 92  # one alarm in 1e4
     assert low < rest < high
-
-
-@pytest.mark.ci
-def test_strong_iron_and_poor_geometry_and_few_poses_are_said():
-    body, iron = noisy(FORTY)
-    shifted = fit_of(body, iron + 400.0 * np.eye(3)[0])
-    assert "hard iron is" in shifted.findings[0]
-    near = made(tilted(40, 45.0, 1))
-    flat = fit_of(*noisy(near))
-    assert "the geometry is the limit" in flat.findings[0]
-    few_poses = fit_of(*noisy(random_set(9, 3)))
-    assert "9 poses leave 5 degrees of freedom" in few_poses.findings[0]
-    high = fit_of(body, iron, magnetometer_std=25.0)
-    assert "overstated" in high.findings[0]
 
 
 def test_the_recipe_is_exact_without_noise_and_has_the_same_axes():
@@ -253,13 +228,6 @@ def test_real_rests_on_a_table_are_refused(windows):
 # what leaves something open, and what is no pair of sensors
 
 
-def refused(body, iron, kind=(GeometryError, RefusedError), **options):
-    """The words with which a set is refused."""
-    with pytest.raises(kind) as caught:
-        fit_of(body, iron, **options)
-    return str(caught.value)
-
-
 def dead(which, axis, value):
     """Readings of forty poses, one axis of one sensor of which shows one value."""
     pair = [x.copy() for x in noisy(FORTY)]
@@ -306,46 +274,61 @@ OPEN = {
 }
 
 
+OPEN = {name: (pair, {}, words) for name, (pair, words) in OPEN.items()} | {
+    "a zenith": (
+        noisy(random_set(40, 5, dip_deg=0.0)), {"hemisphere": "north"},
+        "leave `hemisphere` out",
+    ),
+    "no noise": ((BODY40, IRON40), {"magnetometer_std": 0.0}, "0 for 40 of 40 poses"),
+    "39 of it": (
+        (BODY40, IRON40), {"magnetometer_std": np.ones(39)}, "one for each of the 40"
+    ),
+    "one time": ((BODY40, IRON40), {"time": np.zeros(40)}, "spans 0.0 s"),
+    "39 times": ((BODY40, IRON40), {"time": np.arange(39)}, "last axes must be"),
+    "too little noise": (
+        (BODY40, IRON40), {"accelerometer_std": 1e-9, "magnetometer_std": 1e-9},
+        "as much as the stated noise explains",
+    ),
+}  # fmt: skip
+
+
 @pytest.mark.parametrize("name", OPEN)
 def test_a_set_that_is_no_calibration_is_refused_in_words(name):
-    pair, words = OPEN[name]
-    assert re.search(words, refused(*pair))
+    pair, options, words = OPEN[name]
+    with pytest.raises((GeometryError, InputError, RefusedError), match=words):
+        fit_of(*pair, **options)
 
 
-def test_what_is_near_a_refusal_is_fitted():
-    for dip_deg in (0.0, 60.0, -85.0, 88.5):
-        found = fit_of(*noisy(random_set(40, 5, dip_deg=dip_deg)))
-        assert found.status == "converged"
-        assert abs(found.dip - np.radians(dip_deg)) < 5.0 * found.sd[-1]
-    level = noisy(random_set(40, 5, dip_deg=0.0))
-    said = refused(*level, hemisphere="north")
-    assert "leave `hemisphere` out" in said
+MIXED = np.where(np.arange(40) == 5, 1e-3, 1.0)[:, None] * IRON40
+LOUD = IRON40 + 15.0 * np.random.default_rng(5).standard_normal((40, 3))
+SAID = {
+    "hard iron": ((BODY40, IRON40 + 400.0 * np.eye(3)[0]), {}, "hard iron is"),
+    "geometry": (noisy(made(tilted(40, 45.0, 1))), {}, "the geometry is the limit"),
+    "nine poses": (noisy(random_set(9, 3)), {}, "9 poses leave 5 degrees of freedom"),
+    "overstated": ((BODY40, IRON40), {"magnetometer_std": 25.0}, "overstated"),
+    "another unit": ((BODY40, MIXED), {}, "pose 5 .*another unit"),
+    "everywhere": ((BODY40, LOUD), {}, "the field is disturbed.*error bars would be"),
+}
+
+
+@pytest.mark.parametrize("name", SAID)
+def test_what_is_near_a_refusal_is_fitted_and_said(name):
+    pair, options, words = SAID[name]
+    found = fit_of(*pair, **options)
+    assert found.status == "converged"
+    assert re.search(words, " ".join(found.findings))
+    assert found.disturbed == ((5,) if name == "another unit" else ())
+
+
+@pytest.mark.parametrize("dip_deg", [0.0, 60.0, -85.0, 88.5])
+def test_any_dip_but_the_vertical_is_found(dip_deg):
+    found = fit_of(*noisy(random_set(40, 5, dip_deg=dip_deg)))
+    assert found.status == "converged"
+    assert abs(found.dip - np.radians(dip_deg)) < 5.0 * found.sd[-1]
     # repeated for one sensor alone: a turn about the vertical leaves gravity
     body, iron = (x.copy() for x in TWICE)
     iron[40] += 1.0
-    fit_of(body, iron)
-    mixed = IRON40.copy()
-    mixed[5] /= 1000.0
-    found = fit_of(BODY40, mixed)
-    assert found.disturbed[0] == 5
-    assert "another unit" in found.findings[0]
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"magnetometer_std": 0.0}, "is 0 for 40 of 40 poses"),
-        ({"magnetometer_std": np.ones(39)}, "one for each of the 40"),
-        ({"time": np.zeros(40)}, "spans 0.0 s"),
-        ({"time": np.arange(39)}, "last axes must be"),
-        (
-            {"accelerometer_std": 1e-9, "magnetometer_std": 1e-9},
-            "as much as the stated noise explains",
-        ),
-    ],
-)
-def test_options_that_do_not_fit_the_poses(change, words):
-    assert words in refused(BODY40, IRON40, (InputError, RefusedError), **change)
+    assert fit_of(body, iron).status == "converged"
 
 
 # many of them
@@ -400,4 +383,5 @@ def test_eight_poses_are_fitted_refused_or_warned_of():
     assert "another calibration may fit as well" in single.findings[0]
     np.testing.assert_array_equal(single.parameters, found.parameters[one])
     alike = np.flatnonzero(found.status == "refused: two calibrations fit alike")[0]
-    assert "add poses, twelve or more" in refused(body[alike], iron[alike])
+    with pytest.raises(RefusedError, match="add poses, twelve or more"):
+        fit_of(body[alike], iron[alike])

@@ -145,16 +145,6 @@ def test_what_follows_no_model_has_no_coefficients():
     assert "no coefficients" in found.statements[0]
 
 
-def test_a_drift_of_the_longest_averages_is_said():
-    rows = 8192
-    noise = drawn(1, rows, 16, white_raw_per_sqrt_hz=0.02)[:, 0]
-    settling = 2.0 * np.exp(-np.arange(rows) / RATE / 15.0)
-    (found,) = noise_of(noise + settling, RATE)
-    white = found.coefficients[0]
-    assert abs(white.value - 0.02) < 4.0 * white.sd
-    assert "drift" in found.statements[0] or found.coefficients[2].value is not None
-
-
 def test_rounding_of_counts_is_white_noise_of_its_own():
     fine = drawn(3, 20_000, 9, white_raw_per_sqrt_hz=0.2)  # 2 in a row
     found = noise_of(np.round(fine) + 32768.0, RATE)

@@ -15,7 +15,6 @@ from simval.imu.multiposition.rests import find_rests
 from simval.imu.noise import noise_of
 from simval.imu.noise.model import NoiseFile
 from simval.imu.recorded.attitudes import Attitudes, stretches
-from simval.imu.recorded.evaluation import filter_input
 from simval.imu.recorded.settings import (
     signals,
     start_of,
@@ -103,17 +102,6 @@ def test_what_is_told_is_what_was_put_in(log, read):
     np.testing.assert_allclose(told.field, FIELD, atol=1e-7)
     # two vectors of 500 rows: 3e-7 / 48e-6 / cos(dip) / sqrt(500) is 6e-4 rad
     assert attitude_error(start.attitude, log.attitude[start.row]) < 5e-3
-
-
-def test_a_filter_starts_behind_the_row_that_it_is_told(log, read):
-    found = brought(read)
-    start = start_of(found)
-    given = filter_input(found, start)
-    assert given.dt.shape == (len(read.time) - start.row - 1,)
-    np.testing.assert_allclose(given.dt, 0.01, rtol=1e-6)
-    np.testing.assert_array_equal(given.gyroscope[0, 0], found.gyro[start.row + 1])
-    np.testing.assert_array_equal(given.accelerometer[0, -1], found.force[-1])
-    np.testing.assert_array_equal(given.start[0], start.attitude)
 
 
 def test_noise_of_a_file(read):
