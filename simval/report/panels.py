@@ -11,7 +11,7 @@ exact answer in the ink of the words, the Cramér-Rao bound grey and dotted.
 
 Every colour has a contrast of at least 3 to the paper, white and dark, and is told
 apart with every kind of colour vision, or by its marker or line
-(tests/report/test_report_figures.py).
+(tests/report/test_curves.py).
 """
 
 from collections.abc import Sequence

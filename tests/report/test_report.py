@@ -4,6 +4,7 @@ import csv
 import html
 import json
 import re
+import shlex
 from dataclasses import replace
 from math import inf
 from xml.etree import ElementTree
@@ -15,8 +16,10 @@ from stores import edited, edited_run
 
 from simval.judge import judge_run
 from simval.report import drawings, png, render, svg_file, tables
+from simval.report.page import sections
 from simval.report.paint import svg
 from simval.report.record import command, suite_text
+from simval.report.section import folder_of, located
 from simval.sweep import load_run, load_suite
 
 
@@ -359,3 +362,44 @@ def test_the_sample_can_be_made_again():
         told = re.findall(r"<(?:title|text)\b[^>]*>([^<]+)<", figure)
         assert len(told) > 10
         assert [words for words in told if f">{words}<" not in page] == []
+
+
+@pytest.mark.ci
+def test_every_note_of_a_run_names_a_cell_of_it(tiny_run, simval, monkeypatch):
+    monkeypatch.chdir(tiny_run.parent)
+    run = load_run(tiny_run)
+    assert {c.run for c in run.cells} == {""}
+    assert {c.run for c in located(run).cells} == {folder_of(run)} == {"tiny"}
+    names = {c.name for c in run.cells}
+    notes = [
+        text
+        for section in sections(run)
+        for drawing in section.drawings
+        for panel in drawing.panels
+        for series in getattr(panel, "series", ())
+        for text in series.notes
+    ]
+    assert len(notes) > 20
+    for text in notes:
+        program, verb, option, folder, name = shlex.split(text.splitlines()[-1])
+        assert [program, verb, option, folder] == ["simval", "repro", "--run", "tiny"]
+        assert name in names
+
+
+def test_the_checks_name_noise_poses_and_what_else_varies(tiny_run):
+    run = load_run(tiny_run)
+    table = next(t for t in tables(run) if t.name == "verdicts")
+    titles = [column.title for column in table.columns]
+    cells = {c.name: c for c in run.cells}
+    seen = set()
+    for row in table.rows:
+        said = dict(zip(titles, row, strict=True))
+        if said["command"] is None:  # a study's cells together
+            assert "all cells" in said["what else varies"]
+            continue
+        here = cells[shlex.split(said["command"])[-1]]
+        seen.add(here.name)
+        assert said["study"] == here.study.replace("_", " ")
+        assert said["noise"] == here.parameters.get("noise_std")
+        assert said["poses"] == here.parameters.get("poses")
+    assert seen == set(cells)

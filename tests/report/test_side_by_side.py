@@ -5,9 +5,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import small_runs
 from side_by_side import cell, estimator_rows, league, run_of
 
-from simval.judge import judge_run
+from simval.judge import compare_algorithms, judge_run
+from simval.judge.algorithms import ACCURACY
 from simval.plugins.attitudes import CLASSES
 from simval.plugins.loading import BUILTIN
 from simval.report import algorithms, declared, page, render, summary
@@ -245,3 +247,67 @@ def test_no_row_of_garbage_breaks_the_page_or_is_a_number_there(tmp_path, bad):
             words = text(value, column)
             assert not {"nan", "inf"} & set(words.split()), row
     assert csv_text(table)
+
+
+def test_dots_and_their_best_name_the_same_numbers(tmp_path):
+    run = small_runs.own_estimator(tmp_path)
+    contest = contest_of(run.of("estimator"))
+    drawing = dots("estimators", contest)
+    (panel,) = drawing.panels
+    for series in panel.series:
+        for x, note in zip(series.x, series.notes, strict=True):
+            assert float(note.split()[0]) == pytest.approx(x, abs=1e-4)
+            assert "× the bound" in note
+            assert "simval repro" in note
+    # geometric means of 1.01 and 1.111, of 1.2 and 1.32 (tests/report/small_runs.py)
+    assert "simval:wahba is nearest to the bound, with 1.06 times" in drawing.finding
+    assert "mine.py farthest, with 1.26 times" in drawing.finding
+
+
+def test_the_best_is_of_settings_in_which_all_have_a_result(tmp_path):
+    """One whose worse setting was refused is not the best by that, nor of two."""
+    cells = small_runs.own_estimator(tmp_path).of("estimator")
+    noises = sorted({cell.parameters["noise_std"] for cell in cells})
+
+    def found(*kept):
+        """What is said if the user's own has a result at these noises alone."""
+        given = [
+            cell
+            if cell.parameters["algorithm"] != "mine.py"
+            or cell.parameters["noise_std"] in kept
+            else replace(cell, status="failed", error="refused: x", rows=())
+            for cell in cells
+        ]
+        return dots("estimators", contest_of(given)).finding
+
+    one = found(noises[0])
+    assert "with 1.01 times its error, and mine.py farthest, with 1.2 times" in one
+    assert one.endswith("(in 1 of 2 settings).")
+    # what is measured nowhere takes no setting from the others
+    none = found()
+    assert "with 1.06 times its error, and simval:triad farthest" in none
+    assert none.endswith("(geometric mean over 2 settings).")
+
+
+@pytest.mark.parametrize(
+    ("ratios", "said"),
+    [
+        ((1.1, 1.1, 1.1), "No difference is seen between mine.py, with 1.1 times"),
+        ((1.1, 1.1, 1.5), "mine.py (no difference seen to simval:wahba) is nearest"),
+        ((1.1, 1.5, 1.5), "simval:wahba (no difference seen to simval:triad) farthest"),
+        ((1.1, 1.2, 1.5), "mine.py is nearest to the bound, with 1.1 times its error,"),
+    ],
+)
+def test_what_compare_does_not_tell_apart_is_not_ranked(tmp_path, ratios, said):
+    names = ("mine.py", "simval:wahba", "simval:triad")
+    cells = [
+        cell(name, estimator_rows(ratio, 2e-3, 0.01))
+        for name, ratio in zip(names, ratios, strict=True)
+    ]
+    run = run_of(tmp_path, cells)
+    finding = dots("estimators", contest_of(run.of("estimator"))).finding
+    assert said in finding
+    # as the command says of the same pair
+    merits = compare_algorithms(run, names[0], names[1]).merits
+    tied = all(m.standing == "same" for m in merits if m.what == ACCURACY)
+    assert tied == (ratios[0] == ratios[1])

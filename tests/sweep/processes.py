@@ -78,9 +78,9 @@ class Cluster:
         self.workers.append(self._start("dask_worker", *words, **options))
         return self.workers[-1]
 
-    def sweep(self, suite, folder, *words, address=None, **options):
+    def sweep(self, suite, folder, *words, **options):
         """Have a driver sweep on it, as a process."""
-        where = ("--scheduler", address or self.address)
+        where = ("--scheduler", self.address)
         self.drivers.append(sweep(suite, folder, *where, *words, **options))
         return self.drivers[-1]
 
