@@ -75,7 +75,7 @@ def test_large_rho_keeps_its_digits():
 def problems():
     """Geometries, some nearly singular, and four different noises each."""
     rng = np.random.default_rng(1)
-    for k in range(8):
+    for k in range(4):
         q = random_quaternions(1, rng)[0]
         r1, r2 = normalize(rng.standard_normal((2, 3)))
         if abs(column_norms(q, r1, r2)[k % 4]) > 0.02:
@@ -102,12 +102,6 @@ def test_two_quadratures_in_different_coordinates_agree():
         assert relative(bias, fine_bias) < 1e-9
 
 
-def test_rules_agree_relative_to_what_they_find():
-    bias = np.array([1e-4, 0.0, 0.0, 0.0])
-    # 1 % apart, and 1 % of the 1e-6 below which rounding has no such digits to give
-    assert exact._relative(1.01 * bias, bias) == pytest.approx(0.01, rel=0.02)
-
-
 @pytest.mark.parametrize("k", [0.3, 2.0, 3.5, 5.0, 8.0, 11.9, 12.1, 100.0, 1e4])
 def test_density_integrates_to_one(k):
     # the polar range may be cut only where the density has fallen below rounding
@@ -127,17 +121,16 @@ def tangent(number, size):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("size", [1e-3, 0.03, 0.3])
-def test_isotropic_noise_agrees_with_the_closed_form(size):
+@pytest.mark.parametrize(("size", "number"), [(1e-3, 1), (0.03, 3), (0.3, 1)])
+def test_isotropic_noise_agrees_with_the_closed_form(size, number):
     # the integral over s and the directions are other ones; a bias of size^2 is formed
     # from numbers rounded to 1e-16 each
     noise = noise_covariances(size * np.array([1.0, 0.5, 0.3, 0.8]))
-    for number in (1, 3):
-        geometry = two_vector_geometry(*random_geometry(number))
-        known = exact_moments(geometry, noise)
-        found = exact_moments_any(geometry, noise)
-        assert relative(found[1], known[1]) < 1e-10
-        assert relative(found[0], known[0]) < 1e-10 + 1e-15 / np.linalg.norm(known[0])
+    geometry = two_vector_geometry(*random_geometry(number))
+    known = exact_moments(geometry, noise)
+    found = exact_moments_any(geometry, noise)
+    assert relative(found[1], known[1]) < 1e-10
+    assert relative(found[0], known[0]) < 1e-10 + 1e-15 / np.linalg.norm(known[0])
 
 
 def test_a_flat_noise_of_the_second_vector():
