@@ -520,10 +520,12 @@ def probe_calibrator(
                 f"{OTHERWISE}: it must answer the same each time, so keep nothing from "
                 "one call to the next"
             )
+        elif meaning := _other_meaning(answer, sensor):
+            why = meaning
         elif error <= NEAR:
             why = f"{imprecision(first[None], of_moved)}; {_worst(answer, sensor)}"
         else:
-            why = _other_meaning(answer, sensor, calibrator.estimates)
+            why = _no_meaning(answer, sensor, calibrator.estimates)
         msg = (
             f"{calibrator.name} is {error:.3g} from the true parameters without noise, "
             f"{TOLERANCE:g} is allowed; {why}"
@@ -550,9 +552,8 @@ def _errors(answer: Calibration, sensor: AccelerometerModel) -> Float[Array, "9"
     return off
 
 
-def _other_meaning(
-    answer: Calibration, sensor: AccelerometerModel, estimates: tuple[str, ...]
-) -> str:
+def _other_meaning(answer: Calibration, sensor: AccelerometerModel) -> str:
+    """Say which other meaning of an answer is the truth; empty where none is."""
     M, B = answer.matrix, answer.bias
     invertible = np.linalg.cond(M) < 1.0 / np.finfo(float).eps
     inverse = np.linalg.inv(M) if invertible else M
@@ -569,6 +570,13 @@ def _other_meaning(
         other = Calibration(matrix=matrix, bias=bias)
         if float(_errors(other, sensor).max()) <= TOLERANCE:
             return words
+    return ""
+
+
+def _no_meaning(
+    answer: Calibration, sensor: AccelerometerModel, estimates: tuple[str, ...]
+) -> str:
+    """Name the worst parameter of an answer that is far off, and what is needed."""
     needed = (
         f"It declares that it estimates {' and '.join(estimates)}, and the sensor of "
         "the probe has no other error"

@@ -616,7 +616,8 @@ def _difference_rows(
     """RMS error against that of least squares, by eq. (D1)."""
 
     def difference(squares: Float[Array, "2"]) -> float:
-        own, other = np.sqrt(squares)
+        # a cubature has negative weights: of what jumps its sum may be negative, too
+        own, other = np.sqrt(np.maximum(squares, 0.0))
         return float(own - other)
 
     measured = moments_of(sums)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from places import EXAMPLES
 from scipy.spatial.transform import Rotation
-from zoo import leading
+from sound import leading
 
 from simval import algorithms
 from simval.check import check_function
@@ -23,7 +23,6 @@ from simval.imu.attitude import (
 from simval.imu.attitude.comparators import ESTIMATORS, davenport, triad
 from simval.imu.calibrate import calibrate
 from simval.plugins import Calibrator, Estimator, find_plugin, probe_calibrator
-from simval.plugins.noise import NAMED
 from simval.plugins.probe import G, probe_sensor
 from simval.poses import cube_faces
 from simval.streams import Streams
@@ -95,7 +94,7 @@ KINDS = {
 @pytest.mark.parametrize("side", ["body", "reference"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_class_of_estimators_is_what_theory_says(kind, side):
-    noises = ("body",) if kind == "combined" else (*NAMED[::2], "0.2 1 0.5 0.1", SKEW)
+    noises = ("body",) if kind == "combined" else ("tangent", "0.2 1 0.5 0.1", SKEW)
     for noise in noises if side == "body" else ("body",):
         rows, failed = measured(of(KINDS[kind], side=side), noise=noise)
         assert not failed
@@ -137,16 +136,9 @@ WRONG = {
 @pytest.mark.parametrize(("geometry", "noise"), [*TIES, (11, "body")])
 def test_leading_terms_near_a_tie_of_frames(geometry, noise):
     given = {"geometry": geometry, "noise": noise, "noise_std": 1e-3}
-    assert not measured(CLOSED, **given)[1] & LEADING
+    assert not measured(CLOSED, samples=16_384, **given)[1]
     for name in WRONG if noise == "body" else WRONG.keys() - {"late"}:
         assert measured(turned(WRONG[name]), **given)[1] & LEADING, name
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize(("geometry", "noise"), TIES)
-def test_a_sound_closed_form_passes_at_a_tie(geometry, noise):
-    words = {"geometry": geometry, "noise": noise, "noise_std": 1e-3}
-    assert not measured(CLOSED, samples=16_384, **words)[1]
 
 
 def tied(seed, rng):
@@ -179,7 +171,7 @@ def tied(seed, rng):
 @pytest.mark.ci
 def test_a_sound_closed_form_is_not_accused_for_any_geometry():
     rng = np.random.default_rng(34)
-    for seed in range(2000):
+    for seed in range(500):
         problem = tied(seed, rng)
         degrees = estimator.DEGREE, estimator.DEGREE - 2
         fine, coarse = (problem.cubature(problem.noise_std, d) for d in degrees)
@@ -189,26 +181,22 @@ def test_a_sound_closed_form_is_not_accused_for_any_geometry():
         assert all(value <= most for _, value, most in off), (seed, off)
 
 
-@pytest.mark.parametrize(
-    ("geometry", "noise_std"), [(245_024, 0.0051), (152_751, 0.00246), (7, 0.003)]
-)
-def test_equal_weights_under_general_noise_are_of_second_order(geometry, noise_std):
+@pytest.mark.ci
+@pytest.mark.parametrize(("geometry", "noise_std", "noise"), [
+    (0, 0.001, "body"), (2, 0.05, "body"),
     # seen among 600 random settings: 1.2 times the trace of the covariance
-    given = {"geometry": geometry, "noise_std": noise_std, "noise": "general"}
-    rows, failed = measured(of(PLAIN, kind="wahba"), **given)
+    (245_024, 0.0051, "general"), (152_751, 0.00246, "general"),
+])  # fmt: skip
+def test_a_sound_bias_is_of_second_order(geometry, noise_std, noise):
+    plugin = of(PLAIN, estimate=two_vector_quaternion)
+    if noise == "general":
+        plugin = of(PLAIN, kind="wahba")
+    given = {"geometry": geometry, "noise_std": noise_std, "noise": noise}
+    rows, failed = measured(plugin, **given)
     assert not failed
     # power: a bias of a twentieth of the least deviation would be beyond it
-    assert rows["cubature_bias"].prediction < 0.05 * noise_std
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize("geometry", range(3))
-@pytest.mark.parametrize("noise_std", [0.001, 0.05])
-def test_a_sound_bias_is_of_second_order(geometry, noise_std):
-    two = of(PLAIN, estimate=two_vector_quaternion)
-    rows, failed = measured(two, noise_std=noise_std, geometry=geometry)
-    assert not failed
-    assert rows["cubature_bias_at_small_noise"].prediction < 3e-6  # no blank cheque
+    small = rows["cubature_bias_at_small_noise"].prediction < 3e-6
+    assert small or rows["cubature_bias"].prediction < 0.05 * noise_std
 
 
 @pytest.mark.ci
@@ -250,8 +238,10 @@ def test_a_textbook_covariance_passes_by_default():
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("noise", ["body", "unequal", "general"])
-@pytest.mark.parametrize("name", ["wahba", "weighted-wahba"])
+@pytest.mark.parametrize(
+    ("name", "noise"),
+    [("wahba", "body"), ("wahba", "general"), ("weighted-wahba", "unequal")],
+)
 def test_least_squares_of_three_vectors_states_a_covariance_that_is_right(name, noise):
     """A false alarm of 1e-3 for all rows together; NEES of a claim of order two."""
     plugin = find_plugin(f"simval:{name}", Estimator)
@@ -301,7 +291,7 @@ def test_efficiency_is_without_chance():
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("vectors", [2, 3, 5])
+@pytest.mark.parametrize("vectors", [2, 5])
 def test_weighted_vectors_reach_the_bound(vectors):
     rows, failed = measured(WEIGHTED, vectors=vectors, noise="unequal")
     assert not failed

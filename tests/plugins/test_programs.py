@@ -20,8 +20,7 @@ import numpy as np
 import pytest
 from places import EXAMPLES
 from rounding import EPS
-from sound_filters import tumbling
-from zoo import Rate, filtering
+from sound import Rate, filtering, tumbling
 
 from simval.errors import (
     CrashedPluginError,
