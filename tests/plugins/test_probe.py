@@ -84,9 +84,36 @@ FRACTIONS = np.vectorize(Fraction, otypes=[object])
     (changed(MATRIX, lambda M: (1 + 9e-7) * M), 1e-13),
     (changed(MATRIX, lambda M: M.astype(np.float32)), 1e-6),
     (changed(GOOD, lambda q: (1 - 9e-7) * q), 1e-13),
+    (of(STACKED, estimate=lambda b, r, weights: wahba_quaternion(b, r, 3 * weights),
+        reads=("weights",)), 1e-13),
 ])  # fmt: skip
 def test_a_sound_estimator_is_right_to_rounding(plugin, most):
     assert probe_estimator(plugin) < most
+
+
+@pytest.mark.parametrize("share", [1 - 1e-3, 1 + 1e-3])
+def test_an_attitude_without_noise_is_right_to_a_millionth_over_the_sine(share):
+    def near(q, b1, b2, r1, r2):
+        return turn(q, 1e-6 * share / np.linalg.norm(np.cross(r1, r2), axis=1))
+
+    if share < 1.0:
+        assert probe_estimator(spoilt(near)) <= 1e-6
+    else:
+        with pytest.raises(PluginError, match="rad from the truth without noise"):
+            probe_estimator(spoilt(near))
+
+
+def test_what_fails_alone_is_what_fails():
+    """A batch that raises is tried in halves."""
+
+    def estimate(*v):
+        if (v[0][:, 0] > 0.5).any():
+            raise ValueError
+        return davenport(*v)
+
+    shares = failure_shares(of(GOOD, estimate=estimate), 64)
+    _, (b1, *_) = Observed().cases("generic", 64)
+    assert shares["generic"] == np.mean(b1[:, 0] > 0.5) > 0.1
 
 
 @pytest.mark.ci
@@ -296,6 +323,9 @@ def test_the_cases_of_a_class_are_exact(name):
     assert half.all() == name.startswith("half turns")
     assert none.all() == (name in ("identity", "reference as body", "small angles"))
     assert not (name == "orthogonal" and angle.any())
+    if name == "nearly parallel":
+        sine = np.linalg.norm(np.cross(r1, r2), axis=1)
+        assert (sine.min(), sine.max()) == pytest.approx((1e-3, 0.1), rel=0.01)
     assert (b1 is r1) == (name == "reference as body")
     for axis in "xyz":
         if name == f"half turns about {axis}":
