@@ -179,25 +179,6 @@ def test_quaternions_are_those_of_scipy(league):
             np.testing.assert_allclose(value, wanted, rtol=0.0, atol=ROUNDING)
 
 
-def test_each_tuned_filter_has_a_default_beside_it(league):
-    table = league("filter_facts")
-    study = {
-        "a.py:X": {"s": {"ended": "measured", "over_bound": 3.0}},
-        "a.py:X tuned": {"s": {"ended": "measured", "over_bound": 2.0, "nees": 3.0}},
-        "a.py:Y told": {"s": {"ended": "refused", "words": "Y strays"}},
-    }
-    own = {
-        "a.py:X": {"world": "NED", "lacks": ["bias"], "microseconds": 9.0},
-        "a.py:X tuned": {"world": "NED", "lacks": ["bias"], "microseconds": 8.0},
-        "a.py:Y told": {"world": "ENU", "lacks": []},
-    }
-    lines = table.filter_table(study, own, lambda found: str(found.get("over_bound")))
-    assert lines.splitlines()[2:] == [
-        "| `a.py:X` | NED | 3.0 | 2.0 | 9 / 8 | bias |",
-        "| `a.py:Y` | ENU |  | None |  |  |",
-    ]
-
-
 # with the packages of the league
 
 

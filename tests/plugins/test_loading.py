@@ -545,23 +545,6 @@ def test_a_long_message_keeps_head_and_tail():
 # in a run
 
 
-@pytest.mark.ci
-def test_a_plugin_is_gated_beside_the_built_in_ones(simval, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("align.py").write_text(ALIGN)
-    Path("suite.toml").write_text("[attitude]\nsamples = 65536\n")
-    words = ("sweep", "suite.toml", "--plugin", "align.py", "--workers", 1, "--quiet")
-    fewer = ("--set", "estimator.samples=4096")
-    assert simval(*words, *fewer, "--out", "first")[0] == 0
-    assert [simval("gate", "first")[0] for _ in range(2)] == [1, 0]
-    # beside it, unasked, what stands in its table
-    assert [c.parameters["algorithm"] for c in load_run("first").of("estimator")] == [
-        "align.py:align",
-        "simval:wahba",
-        "simval:triad",
-    ]
-
-
 REFUSED = """
 import numpy as np
 from simval.plugins import Estimator

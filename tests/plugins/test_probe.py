@@ -432,6 +432,12 @@ def test_a_fixed_frame_is_measured_in_its_classes():
     assert 0.9e-3 < sine.min() < sine.max() < 0.11
 
 
+def test_a_frame_of_any_dip_is_told_where_one_is_declared():
+    wrong = of(in_frame("NED", "down"), reference="ENU", vertical="up", dip=0.5)
+    with pytest.raises(PluginError, match='declare reference="NED", vertical="down"'):
+        probe_estimator(wrong)
+
+
 @pytest.mark.parametrize("declared", [-1.1, 0.3, 1.0, None])
 def test_a_wrong_dip_is_told(declared):
     wrong = of(in_frame("ENU", "up", 1.1), dip=declared)
@@ -498,6 +504,7 @@ def test_words_of_noise(text):
     noise = vector_noise(text, 2, 0.02)
     assert noise.unit.shape == (4, 3, 3)
     assert np.linalg.eigvalsh(noise.unit).min() >= 0.0
+    assert text != "unequal" or np.allclose(noise.std, [0.002, 0.02, 0.0, 0.0])
     assert np.allclose(noise.at(0.04).std, 2.0 * noise.std, rtol=1e-15, atol=0)
     cell = estimator.Parameters(algorithm="any", noise=text, noise_std=0.02)
     assert cell.noise == " ".join(text.split())
