@@ -246,8 +246,12 @@ class Strip:
     value : str
         Words of the other axis.
     array : str
-        What is drawn, (n,), or (n, 3) of the axes x, y, z; empty draws every array of
-        the artifact with a mark for each value.
+        What is drawn, (n,), or (n, k) of a column for each of `names`; empty draws
+        every array of the artifact with a mark for each value.
+    names : sequence of str
+        Of the columns, where there are several.
+    along : str
+        Array of the axis, where it is not that of the trace.
     title : str
         Words above; empty is the cell's.
     shaded : str
@@ -260,6 +264,8 @@ class Strip:
 
     value: str
     array: str = ""
+    names: Sequence[str] = ("x", "y", "z")
+    along: str = ""
     title: str = ""
     shaded: str = ""
     level: str = ""

@@ -173,6 +173,8 @@ FLIP_RATE = _share("flip_rate", "share of flipped signs")
 OTHER_SELECTION_RATE = _share(
     "other_selection_rate", "share of other frames selected", better=None
 )
+STEP = _size("step", "step of the answer across a border", unit="rad", better=None)
+LENGTH_RATIO = _ratio("length_ratio", "mean of the true over the estimated |q̄|")
 RMS_RATIO = _size("rms_ratio", "predicted RMS error over the q-method's")
 SIMULATED_RMS_RATIO = _size(
     "simulated_rms_ratio", "simulated RMS error over the q-method's"
@@ -239,6 +241,12 @@ LEADING_ERROR_RATIO = _size(
 LEADING_TERM_OFF = _size("leading_term_off", "relative error of the leading term")
 NEARER = _share(
     "nearer", "share of geometries nearer than the linear one", better="more"
+)
+NEARER_AT = _share(
+    "nearer_at",
+    "share of geometries nearer to the exact covariance than the second order",
+    better="more",
+    along=True,
 )
 NEXT_ORDER = _size(
     "next_order",

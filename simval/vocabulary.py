@@ -42,6 +42,7 @@ STUDIES: Final = (
     "attitude_order",
     "attitude_efficiency",
     "attitude_limits",
+    "attitude_singular",
     "attitude_vectors",
     "attitude_geometries",
     "attitude_map",

@@ -205,11 +205,11 @@ def _strip(trace: Trace, strip: Strip, left: Left, where: str) -> Panel:
     read = partial(shaped, file, content)
     series: list[Series] = []
     if strip.array:
-        x = read(trace.along, None)
+        x = read(strip.along or trace.along, None)
         flat = np.ndim(content.get(strip.array, x)) == 1
-        values = read(strip.array, len(x), *([] if flat else [3]))
+        values = read(strip.array, len(x), *([] if flat else [len(strip.names)]))
         columns = [values] if flat else [*values.T]
-        names = [""] if flat else "xyz"
+        names = [""] if flat else strip.names
         for name, column, colour in zip(names, columns, COLOURS, strict=False):
             series.append(Series(label=name, x=x, y=column, colour=colour, line="-"))
     for i, name in enumerate([] if strip.array else sorted(content)):

@@ -62,6 +62,7 @@ GROUPS: Mapping[str, Mapping[str, Entry]] = {
         "orders": Entry("Order of the attitude formulas"),
         "geometries": Entry("Attitude formulas over many geometries"),
         "closeness": Entry("Closeness to singularity"),
+        "singular": Entry("Singular cases and their remedies"),
         "ranges": Entry("Range of each attitude formula"),
         "vectors": Entry("Weighted vectors"),
         "estimators": Entry("What an estimator costs"),

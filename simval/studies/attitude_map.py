@@ -6,6 +6,10 @@ the bias of each formula are off by 1 % and by 10 % of the exact ones. Quantiles
 is the geometry itself, through the ratio of one order to the one before,
 :math:`\rho = |C_4 - C_2|/|C_2|` (`simval.theory.attitude`), in closed form; its
 quantiles at the same noise are there too.
+
+The share of geometries in which a formula's covariance is nearer to the exact one than
+the second order's, at each ratio down to half a deviation, says whether a higher order
+helps near a singularity.
 """
 
 from collections.abc import Mapping
@@ -13,13 +17,14 @@ from itertools import islice
 from typing import Any, Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from simval.arrays import Array
-from simval.figures import Distribution, Listing, entry, predictor
+from simval.figures import Distribution, Figure, Listing, along_entry, entry, predictor
 from simval.results import Outcome, Row, unjudged
-from simval.shapes import Float
-from simval.statistics import LIMIT_RATIO, NEXT_ORDER
+from simval.shapes import Bool, Float
+from simval.statistics import LIMIT_RATIO, NEARER_AT, NEXT_ORDER
 from simval.streams import Streams
 from simval.studies.attitude import FORMULAS, PREDICTORS, Truth
 from simval.studies.attitude_geometries import QUANTILES, regular_geometries
@@ -35,7 +40,11 @@ RATIOS: Final = np.geomspace(30.0, 1.2, 26)
 """|qbar|/sigma. Between two of them the log of an error is linear in that of the ratio
 but for its curvature, which moves a limit by less than 1 %."""
 
+NEAR: Final = np.array([6.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5])
+"""|qbar|/sigma at which it is counted which formula is nearer."""
+
 PARTS: Final = ("bias", "covariance")
+HIGHER: Final = {order: label for order, label in FORMULAS.items() if order != 2}
 Limit = tuple[int | str, str, str]
 """A formula, a moment, and the share by which it is off."""
 
@@ -55,20 +64,25 @@ class Parameters(StudyParameters):
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Find the quantiles of one cell."""
-    drawn = islice(regular_geometries(parameters.frame), parameters.geometries)
+    numbered = regular_geometries(parameters.frame)
+    drawn = [*islice(numbered, parameters.geometries)]
     limits = [limits_of(truth, RATIOS, geometry.frame) for _, truth, geometry in drawn]
     rows: list[Row] = []
     artifact = {"searched": RATIOS[[0, -1]]}
     for order, part, share in limits[0]:
-        found = np.array([limit[order, part, share] for limit in limits])
+        at = np.array([limit[order, part, share] for limit in limits])
         label = FORMULAS[order]
-        artifact[f"{label}, {part}, {share}"] = found[:, 0]
+        artifact[f"{label}, {part}, {share}"] = at[:, 0]
         # over the geometries of the ratio, and of rho where it is reached
-        values = np.quantile(found, list(QUANTILES.values()), axis=0)
+        values = np.quantile(at, list(QUANTILES.values()), axis=0)
         for name, (ratio, rho) in zip(QUANTILES, values, strict=True):
             entries = part, share, name
             rows += unjudged(LIMIT_RATIO(*entries), ratio, predictor=label)
             rows += unjudged(NEXT_ORDER(*entries), rho, predictor=label)
+    found = [nearer(truth, geometry.frame) for _, truth, geometry in drawn]
+    entries_of = [f"{ratio:g}" for ratio in NEAR]
+    for label, shares in zip(HIGHER.values(), np.mean(found, axis=0), strict=True):
+        rows += unjudged(NEARER_AT.each(entries_of), shares, predictor=label)
     name = artifact_of(parameters.model_dump())
     return Outcome(rows=tuple(rows), artifacts={name: artifact})
 
@@ -98,6 +112,15 @@ def limits_of(
                 at = np.exp(np.interp(-np.log(ratio), -np.log(ratios), np.log(rho)))
                 limits[order, part, share] = (ratio, float(at))
     return limits
+
+
+def nearer(truth: Truth, frame: str) -> Bool[NDArray[np.bool_], "2 n"]:
+    """True at each of `NEAR` where a formula is nearer than the second order."""
+    noise = (attitude_moments(*truth, 1e-3, 2, frame).norm / NEAR)[:, None]
+    found = {o: attitude_moments(*truth, noise, o, frame) for o in PREDICTORS}
+    exact = found["exact"]
+    off = {o: _relative(found[o], exact, exact, "covariance") for o in FORMULAS}
+    return np.stack([off[order] < off[2] for order in HIGHER])
 
 
 def _relative(
@@ -147,6 +170,22 @@ FIGURES = (
             "units of the noise; singular is to the left. Between the two dashed lines "
             "are 80 % of the geometries. The source's fourth order has the bias of "
             "the second order, so these two are one line. No chance is involved."
+        ),
+    ),
+    Figure(
+        name="nearer",
+        asked="Does a higher order help near a singularity?",
+        rows=[NEARER_AT],
+        along=along_entry,
+        axis="|q̄| / σ",
+        lines=predictor,
+        value="share of geometries",
+        compared=False,
+        log_y=False,
+        caption=(
+            "Share of the geometries in which a formula's covariance is nearer to the "
+            "exact one than the second order's. Nearness helps neither: both shares "
+            "fall towards the singular set, to none at half a deviation."
         ),
     ),
     *(

@@ -35,6 +35,14 @@ The frame of noisy vectors v1, v2 is turned by a rotation vector whose mean is, 
 It is the expansion of :math:`v_1/|v_1|` and of the normal to second order; body and
 reference frames have the same mean, and the estimate none, where their noise is equal.
 
+**The direct solution of a singular attitude, to first order.** The source's Table 1
+takes the smallest rotation from the normal :math:`r_3` of the references to that of
+the body vectors, :math:`b_3`. Noise moves that by :math:`db_3 = -B^+ w_b`, rows of B
+being the :math:`b_i`, :math:`w_{bi} = b_3^T n_{bi}` and :math:`w_{ri} = r_3^T n_{ri}`.
+The smallest rotation has no part along :math:`r_3`, so with :math:`q = [e; s]`
+
+.. math:: \theta = b_3 \times B^+ (w_b - w_r) + b_3\, e^T B^+ (w_b + w_r) / s. \tag{DS1}
+
 **The weighted least-squares attitude, to second order.** Davenport's K is bilinear in
 the body and the reference vectors, and the estimate is the eigenvector of its greatest
 eigenvalue. With R the pseudo-inverse of :math:`\lambda - K`, and dK the change of K,
@@ -214,6 +222,35 @@ def triad_covariance(q: Any, r1: Any, r2: Any, noise_std: Any) -> Float[Array, "
     noise = noise_covariances(noise_std)
     pairs = (noise[i] + A @ noise[2 + i] @ A.T for i in range(2))
     return np.sum([L @ pair @ L.T for L, pair in zip(maps, pairs, strict=True)], axis=0)
+
+
+def direct_covariance(q: Any, r1: Any, r2: Any, noise_std: Any) -> Float[Array, "3 3"]:
+    """Covariance of the body-frame rotation error of Table 1 by (DS1), rad^2.
+
+    Raises
+    ------
+    InputError
+        If an argument has a wrong shape or value.
+    GeometryError
+        If the vectors are parallel, or the attitude is not singular.
+    """
+    unit_q, (b1, b2, u1, u2), _ = true_vectors(q, r1, r2)
+    normal, r3 = normalize(np.cross([b1, u1], [b2, u2]))
+    if not abs(unit_q[:3] @ r3) <= MIN_NORM * abs(unit_q[3]):
+        msg = (
+            f"the axis of `q` leaves the plane of `r1` and `r2` by "
+            f"{abs(unit_q[:3] @ r3):.2e}; the direct solution is for singular "
+            "attitudes, no half turns, so give one"
+        )
+        raise GeometryError(msg)
+    noise = noise_covariances(noise_std)
+    plane = np.linalg.pinv(np.stack([b1, b2]))
+    across = cross_matrix(normal) @ plane
+    about = np.outer(normal, plane.T @ unit_q[:3] / unit_q[3])
+    variances = np.vecdot(noise @ r3, r3)
+    variances[:2] = np.vecdot(noise[:2] @ normal, normal)
+    maps = np.concatenate([across + about, about - across], axis=1)
+    return (maps * variances) @ maps.T
 
 
 def triad_bias(q: Any, r1: Any, r2: Any, noise_std: Any) -> Float[Array, "3"]:

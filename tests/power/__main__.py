@@ -39,6 +39,7 @@ TAIL_RUNS = {
     "attitude": 1000,
     "attitude_efficiency": 300,
     "attitude_limits": 300,
+    "attitude_singular": 300,
     "attitude_vectors": 500,
     "noise_model": 50,
     "detector": 150,

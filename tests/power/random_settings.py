@@ -18,6 +18,7 @@ from simval.studies import (
     attitude,
     attitude_efficiency,
     attitude_limits,
+    attitude_singular,
     attitude_vectors,
     calibration,
     calibrator,
@@ -203,6 +204,11 @@ SETTINGS: Final[Mapping] = MappingProxyType(
         ),
         "attitude_limits": sampled(
             attitude_limits, ratio=(1.5, 2.5), norm=(0.1, 0.7), samples=16_384
+        ),
+        "attitude_singular": sampled(
+            attitude_singular,
+            case=either("A", "B", "C", "D"), distance=(8.0, 24.0),
+            geometry=(0, NUMBERS), noise_std=power_of_ten(-5.0, -2.0),
         ),
         "attitude_vectors": sampled(
             attitude_vectors,

@@ -41,6 +41,10 @@ norm = [0.3, 0.6]
 samples = 4096
 [attitude_map]
 geometries = 5
+[attitude_singular]
+distance = [0.0, 10.0]
+noise_std = [1e-3, 1e-2]
+samples = 1024
 [solvers]
 poses = 12
 [detector]

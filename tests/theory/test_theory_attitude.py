@@ -25,7 +25,11 @@ from simval.geometry import (
     normalize,
     random_quaternions,
 )
-from simval.imu.attitude import two_vector_quaternion, wahba_quaternion
+from simval.imu.attitude import (
+    case_quaternion,
+    two_vector_quaternion,
+    wahba_quaternion,
+)
 from simval.imu.attitude.kernel import (
     column_matrix,
     normalize_columns,
@@ -42,6 +46,7 @@ from simval.theory import (
     wahba_moments,
 )
 from simval.theory.attitude import BLOCK
+from simval.theory.estimators import direct_covariance
 from simval.theory.exact import flip_probability
 from simval.theory.expansion import column_matrix as theory_columns
 from simval.theory.series import series_moments
@@ -614,3 +619,33 @@ def test_bound_equals_the_full_fisher_matrix():
     found = attitude_bound(q, *vectors[2:], noise).quaternion
     # central differences: h^2 = 1e-10, amplified by the conditioning of the weights
     assert relative(found, expected) < 1e-6
+
+
+@pytest.mark.parametrize("which", ["first", "second", "plane"])
+@pytest.mark.parametrize("shape", NOISES)
+def test_the_direct_solution_has_its_covariance(which, shape):
+    """By cubature of the public function, at a noise and at half of it."""
+    rng = np.random.default_rng(11)
+    r1, r2 = normalize(rng.standard_normal((2, 3)))
+    axis = {"first": r1, "second": r2, "plane": normalize(r1 - 0.6 * r2)}[which]
+    q = np.append(np.sin(0.6) * axis, np.cos(0.6))
+    _, vectors, _ = true_vectors(q, r1, r2)
+
+    def turns(*v):
+        error = compose(conjugate(q), case_quaternion(*v, 0.1))
+        return 2.0 * error[:, :3] * np.sign(error[:, 3:])
+
+    covariances = NOISES[shape](vectors, rng)
+    found = [
+        cubature_moments(turns, vectors, s**2 * covariances, np.zeros(3), 5).covariance
+        / s**2
+        for s in (1e-3, 5e-4)
+    ]
+    # free of the next order, whose square is left: 1e-12, and rounding over s squared
+    leading = (4.0 * found[1] - found[0]) / 3.0
+    known = direct_covariance(q, r1, r2, covariances)
+    assert relative(known, leading) < 1e-8
+    # sizes of the terms: without the turn about the normal it is another one
+    assert relative(known, leading - np.diag(np.diag(known))) > 0.1
+    with pytest.raises(GeometryError, match="leaves the plane"):
+        direct_covariance(compose(np.append(0.1 * np.cross(r1, r2), 1.0), q), r1, r2, 1)

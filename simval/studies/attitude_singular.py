@@ -1,0 +1,517 @@
+r"""Singular cases: every remedy near the set where the plain formula fails.
+
+Without noise :math:`\bar q = (e^T n) q`, :math:`n = r_1 \times r_2`, so the formula is
+singular where the axis lies in the plane of the references: the source's cases A to D
+(`simval.imu.attitude.singular`). A cell is an attitude of one case, with the scalar
+part :math:`s_0`, turned about n until :math:`|\bar q|` is `distance` times the noise,
+
+.. math:: \varphi = 2 \arcsin \frac{|\bar q|}{|n|\, s_0}.  \tag{SC1}
+
+Every remedy estimates from the same noisy vectors. The error is the chord
+:math:`2 \sin(\theta/2)` of its angle, blind to the sign of a quaternion, with the mean
+square :math:`4 (1 - q^T E[\hat q \hat q^T] q)`. Of a fixed frame this is exact
+(`simval.theory.exact`), however near the singular set; best of four and sequential
+rotations have a fixed frame where it leads by `MARGIN` deviations. The others are
+predicted to first order, Table 1 on the singular set alone, and cubature at the noise
+and at half of it says what that leaves out.
+
+Table 1's answer steps by :math:`\varphi` where it gives way to the plain formula,
+because the direct solution has no turn about n, and at the border of case A by the
+angle at which neither d1 nor d2 counts; B, C and D share one formula up to right
+angles. The mean of :math:`\nu = |\bar q^t|/|\bar q|` and the multiplicative error are
+held to eqs. (51) and (53). Of :math:`1/|q - x| = \sum_k |x|^k P_k` the fourth order is
+at most :math:`E|x|^4 \le 3 (\mathrm{tr} P)^2`; one more is for the bilinear part.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any, Final, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from simval import statistics as stat
+from simval.arrays import Array
+from simval.errors import RefusedError
+from simval.figures import Figure, Listing, Strip, Trace, entry
+from simval.geometry import (
+    attitude_error,
+    attitude_matrix,
+    compose,
+    conjugate,
+    normalize,
+)
+from simval.imu.attitude import (
+    case_quaternion,
+    sequential_quaternion,
+    turn_is_singular,
+    two_vector_quaternion,
+)
+from simval.imu.attitude.comparators import davenport, triad
+from simval.imu.attitude.kernel import raw_quaternion
+from simval.results import Outcome, Row, exact, limit, plain, unjudged
+from simval.shapes import Float
+from simval.streams import Streams
+from simval.studies.attitude import Truth
+from simval.studies.study import Cost, Geometry, StudyParameters, ranged
+from simval.studies.trials import Kept, Trials, drawn_rows, mean_of, root, trials_of
+from simval.theory.attitude import (
+    RANGE,
+    attitude_moments,
+    expansion_remainders,
+    multiplicative_moments,
+)
+from simval.theory.cubature import cubature_moments
+from simval.theory.estimators import attitude_bound, class_moments, direct_covariance
+from simval.theory.exact import exact_moments
+from simval.theory.expansion import scaled_error_moments, second_order_covariance
+from simval.theory.two_vector import (
+    FRAMES,
+    TwoVectorGeometry,
+    column_norms,
+    noise_covariances,
+    turned_geometry,
+    vectors_of,
+)
+from simval.units import DEGREE
+
+TITLE = "Singular cases: cost of every remedy near the singular set"
+SECTION = "singular"
+
+BLOCK = 1024  # trials; part of the promise of equal bits
+MARGIN: Final = 8.0
+"""Of the noise, by which a frame must lead: a length deviates by at most 1."""
+QUICK: Final = 8.0
+"""Distance from which the exact answer of cases A and B takes 2 ms, not 1 s."""
+FARTHEST: Final = {"distance": 0.25, "border": 0.1}
+"""Of |qbar|: every case reaches 0.36, and has one of d1 and d2 above 0.19."""
+LEAST_SINE, ANGLES = 0.5, (0.8, 1.5)
+"""Of the angle between the references; angles of the singular attitudes, rad."""
+GEOMETRIES: Final = 100
+"""Attitudes of a case over which costs are predicted."""
+SAME: Final = 1e-9
+"""Rad, of answers without noise."""
+NEVER: Final = 1e-200
+"""Border within which no noisy sample is: the plain formula refuses none either."""
+SEQUENCE: Final = [3, 0, 1, 2]
+"""Frames of the sequential rotations, by their places: plain, x, y, z."""
+
+
+class Parameters(StudyParameters):
+    """One cell: a case, a distance from it, and a noise level."""
+
+    case: Literal["A", "B", "C", "D"] = Field(
+        default="D", description="Singular case of the source's Table 1."
+    )
+    distance: float = ranged(
+        0.0, "|qbar| of the plain formula over the noise; 0 is singular.", 0.0, 1e6
+    )
+    noise_std: float = ranged(0.01, "Noise per axis of each unit vector.", 1e-6, 0.01)
+    border: float = ranged(10.0, "Distance up to which Table 1 is direct.", 1.0, 1e6)
+    geometry: Geometry = 0
+    samples: int = ranged(2048, "Trials; rounded up to whole blocks of 1024.", BLOCK)
+
+    @model_validator(mode="after")
+    def _require_near(self) -> Self:
+        """Check that the distance and the border can be reached."""
+        for name, farthest in FARTHEST.items():
+            most = farthest / self.noise_std * (1.0 + SAME)
+            if not getattr(self, name) <= most:
+                msg = (
+                    f"`{name}` is {getattr(self, name):g} times the noise of "
+                    f"{self.noise_std:g}; at most {most:.4g} is near the singular set, "
+                    "so lower one of them"
+                )
+                raise ValueError(msg)
+        return self
+
+    def cost(self) -> Cost:
+        """Cost of a cell."""
+        return Cost(0.1 + 2e-5 * self.samples, 50)
+
+
+def turn(axis: Float[Array, "3"], half_sine: float) -> Float[Array, "4"]:
+    """Turn about an axis by the sine of half of its angle."""
+    return np.append(half_sine * normalize(axis), np.sqrt(1.0 - half_sine**2))
+
+
+def singular_attitude(case: str, rng: np.random.Generator) -> Truth:
+    """A random attitude of a case; the references of a draw are those of all cases."""
+    angle = rng.uniform(np.arcsin(LEAST_SINE), np.pi - np.arcsin(LEAST_SINE))
+    r1, other = np.linalg.qr(rng.standard_normal((3, 2)))[0].T
+    r2 = np.cos(angle) * r1 + np.sin(angle) * other
+    # near a bisector, so that neither d1 nor d2 vanishes
+    share = rng.choice([-1.0, 1.0]) * rng.uniform(0.7, 1.4)
+    axis = {"B": r1, "C": r2}.get(case, r1 + share * r2)
+    half = np.sin(rng.uniform(*ANGLES) / 2.0)
+    return turn(axis, 0.0 if case == "A" else half), r1, r2
+
+
+class Setting:
+    """One attitude near the singular set: its remedies, and their predicted errors."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        p = self.parameters = parameters
+        rng = np.random.default_rng([p.geometry, 35])
+        self.singular, self.r1, self.r2 = singular_attitude(p.case, rng)
+        self.n = np.cross(self.r1, self.r2)
+        self.sigma, self.border = p.noise_std, p.border * p.noise_std
+        self.share = p.distance * self.sigma / float(np.linalg.norm(self.n))
+        self.q = self.beside(self.share)
+        self.truth = vectors_of(self.q, self.r1, self.r2)
+        self.norms = np.abs(column_norms(self.q, self.r1, self.r2))
+        self.best = FRAMES[int(np.argmax(self.norms))]
+        bound = attitude_bound(self.q, self.r1, self.r2, self.sigma)
+        self.bound = float(np.sqrt(np.trace(bound.rotation)))
+        self.remedies: dict[str, Callable[..., Array]] = {
+            "best of four": two_vector_quaternion,
+            "sequential": lambda *v: sequential_quaternion(*v).q,
+            "Table 1": partial(case_quaternion, tolerance=self.border),
+            "combined": partial(two_vector_quaternion, frame="combined"),
+            "TRIAD": triad,
+            "q-method": davenport,
+            "plain": partial(case_quaternion, tolerance=NEVER),
+        }
+
+    def beside(self, share: float) -> Float[Array, "4"]:
+        """The singular attitude turned about n by (SC1), of |qbar| over |n|."""
+        return compose(turn(self.n, share / float(self.singular[3])), self.singular)
+
+    def chords(self, name: str, *vectors: Array) -> Float[Array, " n"]:
+        """Errors of a remedy."""
+        angles = attitude_error(self.remedies[name](*vectors), self.q)
+        return np.asarray(2.0 * np.sin(angles / 2.0))
+
+    def turned(self, frame: str, share: float) -> TwoVectorGeometry:
+        """Noise-free vectors of a frame."""
+        column = np.array(FRAMES.index(frame))
+        return turned_geometry(column, self.beside(share), self.r1, self.r2)
+
+    def exact_square(self, frame: str) -> float:
+        """Exact mean square of a fixed frame."""
+        # a qbar of 0 has no sign; the square is even and smooth in it
+        geometry = self.turned(frame, max(self.share, 1e-3 * self.sigma))
+        bias, C = exact_moments(geometry, noise_covariances(self.sigma))
+        second = C + np.outer(bias, bias)
+        return 4.0 * float(np.trace(second) - geometry.q @ second @ geometry.q)
+
+    def frames(self) -> dict[str, str]:
+        """Frame of each remedy that has a fixed one here."""
+        found, p = {}, self.parameters
+        lengths = np.sort(self.norms)
+        if lengths[3] - lengths[2] >= MARGIN * self.sigma:
+            found["best of four"] = self.best
+        over = self.norms[SEQUENCE] - 0.5 * np.linalg.norm(self.n)
+        first = int(np.argmax(over >= 0.0))
+        if np.all(np.abs(over[: first + 1]) >= MARGIN * self.sigma):
+            found["sequential"] = FRAMES[SEQUENCE[first]]
+        if p.case in "CD" or p.distance >= QUICK:
+            found["plain"] = "plain"
+            if p.distance >= p.border + MARGIN:
+                found["Table 1"] = "plain"
+        return found
+
+    def predicted(self) -> dict[str, tuple[float, str, float]]:
+        """Mean squares, their theory, and what this leaves out of them."""
+        found: dict[str, tuple[float, str, float]] = {}
+        frames = self.frames()
+        for frame in dict.fromkeys(frames.values()):
+            try:
+                square = self.exact_square(frame)
+            except RefusedError:  # not resolved so near: reported, not judged
+                continue
+            same = (name for name, own in frames.items() if own == frame)
+            found |= dict.fromkeys(same, (square, stat.EXACT, 0.0))
+        given = self.q, np.stack([self.r1, self.r2]), self.sigma
+        kinds = {"q-method": "wahba", "TRIAD": "triad", "combined": "combined"}
+        first = {name: class_moments(kind, *given)[1] for name, kind in kinds.items()}
+        if self.parameters.distance == 0.0 and self.parameters.case != "A":
+            first["Table 1"] = direct_covariance(self.q, self.r1, self.r2, self.sigma)
+        # twice what is of higher order, found by halving the noise
+        whole, half = (self.by_cubature(first, s) for s in (self.sigma, self.sigma / 2))
+        left = 2.0 * np.abs(whole - 4.0 * half) / 0.75
+        for (name, C), rest in zip(first.items(), left, strict=True):
+            found[name] = float(np.trace(C)), stat.FIRST_ORDER, float(rest)
+        return found
+
+    def by_cubature(self, names: Mapping[str, Array], sigma: float) -> Array:
+        """Mean squares of some remedies at a noise."""
+        return -cubature_moments(
+            lambda *v: np.stack([self.chords(k, *v) ** 2 for k in names], axis=1),
+            self.truth, noise_covariances(sigma), np.zeros(len(names)), 5,
+        ).bias  # fmt: skip
+
+    def trial(self, rng: np.random.Generator) -> tuple[Kept, Kept]:
+        """A block of trials: errors of all, and unnormalised quaternions of frames."""
+        x = rng.standard_normal((4, BLOCK, 3))
+        vectors = self.truth[:, None] + self.sigma * x
+        kept = {name: self.chords(name, *vectors) for name in self.remedies}
+        block = vectors.swapaxes(1, 2).reshape(12, -1)
+        for name, frame in (("raw best", self.best), ("raw plain", "plain")):
+            kept[name] = raw_quaternion(block, frame).T
+        return kept, {"vectors": x}
+
+
+def run(parameters: Parameters, streams: Streams) -> Outcome:
+    """Simulate and predict one cell."""
+    setting = Setting(parameters)
+    trials = trials_of(streams, parameters.samples, BLOCK, setting.trial)
+    rows = [*drawn_rows(trials.noise)]
+    theory = setting.predicted()
+    for name in setting.remedies:
+        rows += _remedy_rows(setting, name, trials[name], theory.get(name))
+    rows += [*_normalisation_rows(setting, trials), *_border_rows(setting)]
+    if parameters.distance == 0.0:
+        rows += [*_cost_rows(parameters.case), *_table_rows()]
+    file = artifact_of(parameters.model_dump())
+    return Outcome(rows=tuple(rows), artifacts={file: drawings(parameters.noise_std)})
+
+
+def _remedy_rows(
+    setting: Setting, name: str, chords: Array, theory: tuple[float, str, float] | None
+) -> Iterator[Row]:
+    """RMS error, that over the bound, and the mean square over theory's."""
+    square, label, left = theory or (np.nan, "", 0.0)
+    rms, error = root(*mean_of(chords**2)[:2]) if chords.any() else (0.0, 0.0)
+    for family, unit in ((stat.RMS(name, unit="rad"), 1.0),
+                         (stat.RMS_OVER_BOUND(name), setting.bound)):  # fmt: skip
+        known = None if theory is None else np.sqrt(square) / unit
+        yield from unjudged(family, rms / unit, error / unit, len(chords), known, label)
+    if theory is not None:
+        yield from plain(
+            stat.SQUARED_ERROR(name), *mean_of(chords**2 / square), 1.0, label,
+            left / square,
+        )  # fmt: skip
+
+
+def _normalisation_rows(setting: Setting, trials: Trials) -> Iterator[Row]:
+    """Mean length by (51) of two frames, mean turn by (53) of the best."""
+    for name, frame in (("best", setting.best), ("plain", "plain")):
+        if frame == "plain" and setting.parameters.distance < 2.0 * RANGE:
+            continue
+        geometry = setting.turned(frame, setting.share)
+        moments = scaled_error_moments(geometry, noise_covariances(setting.sigma))
+        size, along = float(np.trace(moments.P)), moments.q @ moments.P @ moments.q
+        ratios = geometry.norm / np.linalg.norm(trials[f"raw {name}"], axis=1)
+        yield from plain(
+            stat.LENGTH_RATIO(name), *mean_of(ratios), 1.0 - 0.5 * (size - 3.0 * along),
+            stat.ORDER_2, 4.0 * size**2,
+        )  # fmt: skip
+    given = setting.q, setting.r1, setting.r2, setting.sigma
+    orders: tuple[int | str, ...] = (2, 4)
+    found = {k: attitude_moments(*given, k, setting.best) for k in orders}
+    turns = compose(conjugate(found[2].q_true), normalize(trials["raw best"]))
+    bias, left = multiplicative_moments(found[2]).bias, expansion_remainders(found)[2]
+    for name, values, known in zip("xyzs", turns.T, bias, strict=True):
+        mean, error, n = mean_of(values)
+        found_bias = mean - float(name == "s")
+        yield from plain(
+            stat.BIAS(name), found_bias, error, n, known, stat.ORDER_2, 2.0 * left.bias
+        )
+
+
+def _border_rows(setting: Setting) -> Iterator[Row]:
+    """Step of Table 1's answer across the borders of the case, without noise."""
+    tau, r1, r2 = setting.border, setting.r1, setting.r2
+    direct = partial(case_quaternion, tolerance=tau)
+    sines = {"to regular": tau / float(setting.singular[3])}
+    if setting.parameters.case == "A":
+        # the longer difference is the half angle's sine times the sine to the axis
+        axis = normalize(r1 + r2)
+        sines["to D"] = tau / float(np.linalg.norm(np.cross(axis, [r1, r2]), axis=1)[0])
+    for name, sine in sines.items():
+        sides = (
+            turn(axis, k * sine) if name == "to D" else setting.beside(k * tau)
+            for k in (1.0 - 1e-6, 1.0 + 1e-6)
+        )
+        answers = [direct(*vectors_of(q, r1, r2)) for q in sides]
+        yield from exact(
+            stat.STEP(name), float(attitude_error(*answers)), 2.0 * np.arcsin(sine),
+            stat.EXACT, 1e-5 * sine + SAME,
+        )  # fmt: skip
+
+
+def _cost_rows(case: str) -> Iterator[Row]:
+    """RMS errors over the bound to first order, over many attitudes of the case."""
+    rng = np.random.default_rng(GEOMETRIES)
+    truths = [singular_attitude(case, rng) for _ in range(GEOMETRIES)]
+    q, r1, r2 = (np.stack(each) for each in zip(*truths, strict=True))
+    bound = np.array([np.trace(attitude_bound(*t, 1.0).rotation) for t in truths])
+    norms = np.abs(column_norms(q, r1, r2))
+    least = 0.5 * np.linalg.norm(norms, axis=1, keepdims=True)
+    first = np.argmax(norms[:, SEQUENCE] >= least, axis=1)
+    columns = {"best of four": np.argmax(norms, axis=1),
+               "sequential": np.array(SEQUENCE)[first]}  # fmt: skip
+    squares = {}
+    for name, column in columns.items():
+        geometry = turned_geometry(column, q, r1, r2)
+        moments = scaled_error_moments(geometry, noise_covariances(1.0)[None])
+        squares[name] = 4.0 * second_order_covariance(moments.q, moments.P)
+    combined = attitude_moments(q, r1, r2, 1.0, 2, "combined")
+    squares["combined"] = 4.0 * combined.covariance
+    if case != "A":
+        squares["Table 1"] = np.stack([direct_covariance(*t, 1.0) for t in truths])
+    for name, C in squares.items():
+        ratios = np.sqrt(np.trace(C, axis1=1, axis2=2) / bound)
+        values = np.quantile(ratios, [0.0, 0.5, 1.0])
+        statistics = [stat.RMS_RATIO(name, k) for k in ("least", "median", "most")]
+        yield from unjudged(
+            statistics, values, n=GEOMETRIES, predictor=stat.FIRST_ORDER
+        )
+
+
+def _table_rows() -> Iterator[Row]:
+    """Share of lattice problems that each table gets wrong without noise.
+
+    The 24 attitudes of the cube with all pairs of 13 directions: most are singular,
+    many of them in turned frames too.
+    """
+    grid = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 4, indexing="ij"), -1)
+    grid = grid.reshape(-1, 4)[41:]  # one of each sign
+    attitudes = normalize(grid[np.isin(np.abs(grid).sum(axis=1), (1, 2, 4))])
+    directions = normalize(grid[grid[:, 0] == 0.0][:, 1:])
+    pairs = directions[np.argwhere(~np.eye(13, dtype=bool))]
+    q = np.repeat(attitudes, len(pairs), axis=0)
+    r1, r2 = np.tile(pairs, (len(attitudes), 1, 1)).swapaxes(0, 1)
+    vectors = [*np.moveaxis(vectors_of(q, r1, r2), 1, 0)]
+    singular = np.abs(column_norms(q, r1, r2)) <= SAME
+    turned: Any = partial(turn_is_singular, tolerance=SAME)
+    by_table = [partial(turned, axis=k)(*vectors) for k in range(3)]
+    wrong = {
+        "Table 1": attitude_error(case_quaternion(*vectors), q) > SAME,
+        "Table 2": np.stack(by_table, axis=1) != singular[:, :3],
+        "sequential": attitude_error(sequential_quaternion(*vectors).q, q) > SAME,
+    }
+    for name, each in wrong.items():
+        share = float(np.mean(each))
+        yield from limit(stat.FAILURES(name), share, 0.0, stat.TRUTH, n=each.size)
+
+
+X, Y, Z = np.eye(3)
+LEFT, RIGHT = (np.array([np.cos(1.2), s * np.sin(1.2), 0.0]) for s in (1.0, -1.0))
+DRAWN: Final = {
+    "Fig. 1: case B, turn about r1": (Z, Z, X, X + 0.3 * Y, Z + 0.3 * Y),
+    "Fig. 2: case B from above": (Z, Z, X, X, Y),
+    "Fig. 3: axis r1 + r2, d1 = -d2": (X, LEFT, RIGHT, Y, Z),
+    "Fig. 3: axis r1 - r2, d1 = d2": (Y, LEFT, RIGHT, X, Z),
+    "Fig. 4: turn about the normal": (Z, LEFT, RIGHT, X, Y),
+}
+"""Axis, references, and the directions across and up, of the source's figures."""
+LINES: Final = ("2d", "r", "b", "path of b2")
+
+
+def artifact_of(named: Mapping[str, Any]) -> str:
+    """File of the drawings of a cell with these parameters."""
+    return f"attitude-singular-{named['noise_std']:g}.npz"
+
+
+def drawings(noise_std: float) -> dict[str, Array]:
+    """Lines of the source's figures 1 to 4, each of five measurements."""
+    rng, found = np.random.default_rng(4), {}
+    for name, (axis, r1, r2, across, up) in DRAWN.items():
+        angles = np.linspace(0.0, 1.2, 25)
+        path = [attitude_matrix(turn(axis, np.sin(a / 2.0))) @ r2 for a in angles]
+        body = [attitude_matrix(turn(axis, np.sin(0.6))) @ r for r in (r1, r2)]
+        kinds: list[list[Array]] = [[], [], [], path]
+        for noise in noise_std * rng.standard_normal((5, 4, 3)):
+            b1, b2, u1, u2 = np.stack([*body, r1, r2]) + noise
+            kinds[0] += [0 * X, b1, u1, b1, 0 * X, b2, u2, b2, 0 * X]
+            kinds[1] += [0 * X, u1, 0 * X, u2, 0 * X]
+            kinds[2] += [0 * X, b1, 0 * X, b2, 0 * X]
+        places = np.concatenate(kinds)
+        column = np.repeat(np.arange(4), [len(kind) for kind in kinds])
+        mine = column[:, None] == np.arange(4)
+        found[f"{name}, across"] = places @ across
+        found[f"{name}, up"] = np.where(mine, (places @ up)[:, None], np.nan)
+    return found
+
+
+_NEAR = Figure(
+    name="singular",
+    asked="What does each remedy cost near the singular set?",
+    what="The simulated error",
+    claimed=[stat.SQUARED_ERROR],
+    rows=[stat.RMS_OVER_BOUND],
+    along="distance",
+    axis="|q̄| / σ",
+    lines=entry(0),
+    value="RMS error / bound",
+    level=1.0,
+    where=lambda parameters: parameters["distance"] > 0.0,
+    least="noise_std",
+    ratio=False,
+    columns=2,
+    caption=(
+        "RMS error over the Cramér-Rao bound against the distance from the singular "
+        "set, cases A to D. The plain formula is lost within some deviations. Table 1 "
+        "holds on the set, leaves out a turn beside it, and is the plain formula past "
+        "its border. Half turns cost a fixed share, all frames combined hardly any."
+    ),
+)
+FIGURES = (
+    _NEAR,
+    replace(
+        _NEAR,
+        name="singular-noise",
+        asked="How do the errors follow the noise on the singular set?",
+        rows=[stat.RMS],
+        along="noise_std",
+        axis="noise of each unit vector, relative",
+        value="RMS error",
+        unit=DEGREE,
+        level=None,
+        where=lambda parameters: parameters["distance"] == 0.0,
+        least="",
+        caption=(
+            "RMS error on the singular set. In cases B to D the plain formula is wrong "
+            "by as much whatever the noise, in case A by its root; remedies follow it."
+        ),
+    ),
+    Trace(
+        name="singular-vectors",
+        asked="What do the source's figures 1 to 4 show?",
+        file=artifact_of,
+        axis="across",
+        most=1,
+        strips=[
+            Strip(
+                title=name,
+                along=f"{name}, across",
+                array=f"{name}, up",
+                names=LINES,
+                value="up",
+                log_y=False,
+            )
+            for name in DRAWN
+        ],
+        caption=(
+            "The source's figures 1 to 4 from five simulated measurements each. About "
+            "r1 the difference of the second pair is normal to the axis; about an axis "
+            "in the plane of both vectors the differences stay parallel (figure 3, "
+            "seen along the axis), about its normal they do not."
+        ),
+    ),
+    Listing(
+        name="singular",
+        caption="Error of each remedy, over the bound, and its square over theory's",
+        rows=[stat.RMS, stat.RMS_OVER_BOUND, stat.SQUARED_ERROR],
+        keys={"remedy": entry(0)},
+        column=lambda row: row.statistic.family.words,
+    ),
+    Listing(
+        name="singular-costs",
+        caption=f"RMS error over the bound, {GEOMETRIES} attitudes of the case, theory",
+        rows=[stat.RMS_RATIO],
+        keys={"remedy": entry(0)},
+        column=entry(1),
+    ),
+    Listing(
+        name="singular-borders",
+        caption="Steps of Table 1, mean length by (51), failures without noise",
+        rows=[stat.STEP, stat.LENGTH_RATIO, stat.FAILURES],
+        keys={"of": entry(0)},
+        column=lambda row: row.statistic.family.words,
+        predicted=True,
+    ),
+)
