@@ -34,7 +34,7 @@ from pydantic import Field, model_validator
 from simval import statistics as stat
 from simval.arrays import Array
 from simval.errors import RefusedError
-from simval.figures import Figure, Listing, Strip, Trace, entry
+from simval.figures import Figure, Headline, Listing, Quote, Strip, Trace, entry
 from simval.geometry import (
     attitude_error,
     attitude_matrix,
@@ -264,8 +264,10 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     rows += [*_normalisation_rows(setting, trials), *_border_rows(setting)]
     if parameters.distance == 0.0:
         rows += [*_cost_rows(parameters.case), *_table_rows()]
-    file = artifact_of(parameters.model_dump())
-    return Outcome(rows=tuple(rows), artifacts={file: drawings(parameters.noise_std)})
+    file, artifacts = artifact_of(parameters.model_dump()), {}
+    if (parameters.case, parameters.distance) == ("D", 0.0):
+        artifacts[file] = drawings(parameters.noise_std)
+    return Outcome(rows=tuple(rows), artifacts=artifacts)
 
 
 def _remedy_rows(
@@ -403,7 +405,8 @@ LINES: Final = ("2d", "r", "b", "path of b2")
 
 def artifact_of(named: Mapping[str, Any]) -> str:
     """File of the drawings of a cell with these parameters."""
-    return f"attitude-singular-{named['noise_std']:g}.npz"
+    case, distance, noise = (named[key] for key in ("case", "distance", "noise_std"))
+    return f"attitude-singular-{case}-{distance:g}-{noise:g}.npz"
 
 
 def drawings(noise_std: float) -> dict[str, Array]:
@@ -514,4 +517,8 @@ FIGURES = (
         column=lambda row: row.statistic.family.words,
         predicted=True,
     ),
+)
+HEADLINE = Headline(
+    says="all frames combined {over} × the bound",
+    quotes={"over": Quote(of=stat.RMS_OVER_BOUND("combined"), by=stat.FIRST_ORDER)},
 )
