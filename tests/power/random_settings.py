@@ -207,7 +207,7 @@ SETTINGS: Final[Mapping] = MappingProxyType(
         ),
         "attitude_singular": sampled(
             attitude_singular,
-            case=either("A", "B", "C", "D"), distance=(8.0, 24.0),
+            case=lambda rng: "ABCD"[rng.integers(4)], distance=(8.0, 24.0),
             geometry=(0, NUMBERS), noise_std=power_of_ten(-5.0, -2.0),
         ),
         "attitude_vectors": sampled(
