@@ -242,10 +242,11 @@ def test_a_step_among_many_lines_is_found_where_it_is():
 
 
 def test_what_some_runs_lack_is_no_step():
-    # all found: no spread to tell an error from, so it takes that of the others
-    shares = ((0.99, 0.01), (1.0, 0.0), (0.98, 0.014), (1.0, 0.0))
-    runs = [run({"recall": v}, k, error) for k, (v, error) in enumerate(shares)]
-    assert trend_of(runs).breaks == ()
+    # all found: no spread to tell an error from, so it takes the greatest of the others
+    for errors in ((0.01, 0.0, 0.014, 0.0), (1e-4, 0.0, 0.02, 0.0)):
+        pairs = zip((0.99, 1.0, 0.98, 1.0), errors, strict=True)
+        runs = [run({"recall": v}, k, error) for k, (v, error) in enumerate(pairs)]
+        assert trend_of(runs).breaks == ()
     tables = ({"x": 1.0, "y": 1.0}, {"x": 1.0}, {"x": 90.0, "y": 90.0})
     trend = trend_of([run(each, k, 1.0) for k, each in enumerate(tables)])
     runs = {str(line.statistic): [p.run for p in line.points] for line in trend.lines}
