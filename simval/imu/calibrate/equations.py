@@ -49,9 +49,7 @@ _ROUNDING = 1e-14  # of a row: all are of size one
 # Of a standard deviation: a shorter step is taken whatever the cost says, as it gains
 # less than the cost's rounding, which noise of 1e-5 of a reading makes 1e-10.
 _NEAR = 1e-4
-FAR = 1e-3
-"""Standard deviations that a linearisation of turns, which are dear, may be from the
-end: weights are off by that times the relative noise of the readings."""
+_MARGIN = 0.1  # a rate of convergence may be ten times what two steps show
 _SHORT = 4  # further steps by a linearisation
 _FIRST_DAMPING, _LAST_DAMPING = 1e-4, 1e12  # of the diagonal
 FIELD_NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "b_x", "b_y", "b_z", "dip")
@@ -638,15 +636,19 @@ class Solution:
 
 
 def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> Solution:
-    """Solve the equations of each trial from its own start; of one that is NaN, none.
+    r"""Solve the equations of each trial from its own start; of one that is NaN, none.
 
-    With turns a linearisation is kept while steps shrink tenfold, and serves for the
-    last time where it is within `FAR` of the end.
+    With turns a linearisation is kept while steps shrink tenfold. Its weights and
+    slopes are those of its own place, so each linearisation lowers the error by a rate
+    :math:`\rho` of the size of the relative noise, which two of them show as the ratio
+    of their steps; it is the last where :math:`\rho` times its step is below
+    `TOLERANCE`, as of a simplified Newton method (Hairer and Wanner, Solving Ordinary
+    Differential Equations II, section IV.8).
     """
     count, ends = len(theta), list[tuple[Any, dict[str, Array]]]()
     theta, damping = theta.copy(), np.zeros(count)
     iterations, converged = np.zeros(count, dtype=int), np.zeros(count, dtype=bool)
-    last = np.full(count, np.nan)
+    last, before = np.full(count, np.nan), np.full(count, np.nan)
     active = np.flatnonzero(np.isfinite(theta).all(axis=1))
     with np.errstate(all="ignore"):  # a hopeless trial overflows and ends unconverged
         for _ in range(most):
@@ -664,9 +666,10 @@ def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> Solutio
             better = small | (moved <= _NEAR)
             better |= np.vecdot(after, after) < here.chi_square
             if part.turns is not None:
-                near = moved <= FAR
+                rate = moved / before[active]
+                before[active] = moved
                 tried, left, after = _settled(part, here, tried, after, moved, better)
-                small |= near & (left <= TOLERANCE)
+                small |= (rate * moved <= _MARGIN * TOLERANCE) & (left <= TOLERANCE)
                 moved = left
             theta[active[better]] = tried[better]
             last[active] = moved
@@ -734,16 +737,12 @@ def weighed(
         If they ask for more than a calibration can have.
     """
 
-    def at_end(used: Problem, found: Solution) -> tuple[Problem, Solution]:
-        # a judge of one recording has the weights of the solution itself
-        return used, replace(found, here=used.local(found.theta))
-
     def fit(last: tuple[Problem, Solution], factor: Any) -> Any:
         noisier = problem.noisier(*factor)
-        return at_end(noisier, minimize(noisier, last[1].theta, most))
+        return noisier, minimize(noisier, last[1].theta, most)
 
     (used, found), noise = judged(
-        at_end(problem, stated), fit, lambda last: residuals(last[0], last[1].here)
+        (problem, stated), fit, lambda last: residuals(last[0], last[1].here)
     )
     if not found.converged[0]:  # residuals of no solution
         return problem, stated, NOT_JUDGED
