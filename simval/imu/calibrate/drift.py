@@ -80,6 +80,8 @@ class Drift:
         What explains them best by drifting.
     span : float
         Its greatest less its least value over the poses, in its own unit.
+    drop : float
+        What that takes off the sum of squares.
     hidden : float
         Factor (W2); infinite where a drift leaves nothing.
     hides : str
@@ -89,6 +91,7 @@ class Drift:
     p_value: float
     what: str
     span: float
+    drop: float
     hidden: float
     hides: str
 
@@ -110,10 +113,14 @@ def find_drift(
     time: Float[Array, " n"],
     *,
     known: bool,
-    white: Float[Array, "n n"],
+    white: Array | None = None,
 ) -> Drift:
     """Look for a property of the sensor that drifts; `white` whitens the residuals."""
-    r, J = white @ r, white @ J
+
+    def whitened(rows: Array) -> Array:
+        return rows if white is None else white @ rows
+
+    r, J = whitened(r), whitened(J)
     q = np.linalg.qr(J / np.linalg.norm(J, axis=0))[0]
     n, p = J.shape
     dof = n - p
@@ -121,9 +128,9 @@ def find_drift(
     before = float(left @ left)
     tau = 2.0 * (time - time.min()) / np.ptp(time) - 1.0
     basis = np.polynomial.legendre.legvander(tau, _DEGREE)[:, 1:]
-    best, tried, hidden = (np.nan, "", 0.0), 0, (0.0, "")
+    best, tried, hidden = (np.nan, "", 0.0, 0.0), 0, (0.0, "")
     for what, column in properties.items():
-        D = white @ (column[:, None] * basis)
+        D = whitened(column[:, None] * basis)
         size = np.linalg.norm(D, axis=0)
         own = D - q @ (q.T @ D)
         seen = np.linalg.norm(own[:, 0]) / size[0]
@@ -141,10 +148,11 @@ def find_drift(
             gamma = (v.T @ (along / s)) / size[:degree]
             tried += 1
             if not chance >= best[0]:
-                best = (chance, what, float(np.ptp(basis[:, :degree] @ gamma)))
+                span = float(np.ptp(basis[:, :degree] @ gamma))
+                best = (chance, what, span, before - rest)
     return Drift(
         p_value=min(1.0, tried * best[0]) if tried else np.nan,
-        what=best[1], span=best[2], hidden=hidden[0], hides=hidden[1],
+        what=best[1], span=best[2], drop=best[3], hidden=hidden[0], hides=hidden[1],
     )  # fmt: skip
 
 

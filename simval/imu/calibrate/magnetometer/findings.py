@@ -2,22 +2,19 @@ r"""Findings to read before a magnetometer's calibration is used.
 
 **Poses that do not fit the others, and a field that varies with time.**
 
-With :math:`P = (J^T W J)^{-1}` the three residuals of a pose have the covariance
-:math:`W_i^{-1} - J_i P J_i^T`, and
+What leaving the three equations of a pose out takes off chi-square, eq. (O2) of
+`honesty`, is a chi-square of three where they belong:
 
-.. math:: t_i = c_i^T (W_i^{-1} - J_i P J_i^T)^{-1} c_i \sim \chi^2(3)  \tag{M5}
+.. math:: t_i = c_i^T (W_i^{-1} - J_i (J^T W J)^{-1} J_i^T)^{-1} c_i \sim \chi^2(3).
+   \tag{M5}
 
-is at the same time what leaving the pose out takes off the total. Poses are left out
-one by one, the worst first, while it is beyond chance for the worst of n.
-
-A strength of the field that varies as :math:`1 + \sum_j \kappa_j P_j(\tau)`, Legendre
-polynomials of degree 1 to 3 over the time of the poses, adds the columns
-:math:`\partial c/\partial \kappa_j = P_j(\tau) [0, -2, s]`; the chi-square of the three
-:math:`\kappa` beside all 22 parameters says whether it does, over their scatter
-where that is more than the noise  (M6).
+Poses are left out one by one, the worst first, while it is beyond chance for the worst
+of n. A strength of the field that varies as :math:`1 + \kappa(\tau)` adds
+:math:`\partial c/\partial \kappa = [0, -2, s]` to the equations of each pose, and is
+looked for as a drift of a sensor is, eq. (W1) of `drift`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,39 +22,27 @@ import scipy
 
 from simval.arrays import Array
 from simval.geometry import normalize
+from simval.imu.calibrate.drift import Drift, find_drift
 from simval.imu.calibrate.equations import Problem, Sensor, minimize
+from simval.imu.calibrate.honesty import Deletion
 from simval.imu.calibrate.magnetometer.evidence import Fitted
-from simval.imu.calibrate.magnetometer.result import DIP, IRON, PARAMETERS
+from simval.imu.calibrate.magnetometer.result import DIP, IRON
 from simval.imu.calibrate.magnetometer.start import ENOUGH
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
 
 FALSE_ALARM = 0.01
 """Of a clean set: that a pose of it is named, or that its field is called varying."""
-_FREE = 1e-9  # share of a residual that its own fit leaves; below it says nothing
-_DEGREE = 3
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Trend:
-    """Trend of the field's strength with time, eq. (M6)."""
-
-    span: float  # greatest less least strength over the poses, relative
-    chi_square: float  # what it takes off the total
-    p_value: float  # that a steady field shows as much; 1 where it cannot be seen
 
 
 def pose_chi_squares(fit: Fitted) -> Float[Array, " n"]:
     """Chi-square of each pose of one set, eq. (M5); NaN where none is left."""
-    here, covariance = fit.here, fit.covariance[0]
-    count = here.white.shape[1]
-    slopes = here.slopes[0, : 3 * count].reshape(count, 3, PARAMETERS)
-    rows = here.rows[0, : 3 * count].reshape(count, 3)
-    left = np.eye(3) - slopes @ covariance @ np.swapaxes(slopes, -1, -2)
-    values, vectors = np.linalg.eigh(left)
-    along = np.vecmat(rows, vectors)
-    seen = np.where(values > _FREE, along**2 / np.maximum(values, _FREE), 0.0)
-    return np.where(values[:, 0] > _FREE, seen.sum(axis=1), np.nan)
+    count, rows = fit.here.white.shape[1], len(fit.here.rows[0])
+    items = np.zeros((count, rows, 3))
+    items[:, : 3 * count] = (
+        np.eye(3 * count).reshape(3 * count, count, 3).swapaxes(0, 1)
+    )
+    return Deletion.of(fit.here.slopes[0], fit.here.rows[0], items).drops([])
 
 
 def chance_limit(count: int) -> float:
@@ -65,33 +50,14 @@ def chance_limit(count: int) -> float:
     return float(2.0 * scipy.special.gammainccinv(1.5, FALSE_ALARM / count))
 
 
-def trend(fit: Fitted, time: Float[Array, " n"]) -> Trend:
-    """Trend of the field's strength with time in one set, eq. (M6)."""
-    here, covariance, dof = fit.here, fit.covariance[0], fit.dof
-    count = here.white.shape[1]
-    whole = np.zeros((len(here.rows[0]), _DEGREE))
-    tau = 2.0 * (time - time.min()) / np.ptp(time) - 1.0
-    basis = np.polynomial.legendre.legvander(tau, _DEGREE)[:, 1:]
-    column = here.white[0] @ np.array([0.0, -2.0, fit.theta[0, DIP]])
-    whole[: 3 * count] = (column[:, :, None] * basis[:, None, :]).reshape(-1, _DEGREE)
-    slopes, rows = here.slopes[0], here.rows[0]
-    # what is left of the columns beside the 22 parameters
-    own = whole - slopes @ (covariance @ (slopes.T @ whole))
-    normal = own.T @ whole
-    if not np.linalg.eigvalsh(normal)[0] > _FREE * np.trace(whole.T @ whole):
-        return Trend(span=0.0, chi_square=0.0, p_value=1.0)
-    kappa = -np.linalg.solve(normal, own.T @ rows)
-    chi_square = float(kappa @ normal @ kappa)
-    # beside scatter that the noise does not explain, it is judged by that scatter
-    rest = (float(rows @ rows) - chi_square) / max(dof - _DEGREE, 1)
-    if rest > 1.0:
-        ratio = chi_square / rest / _DEGREE
-        p_value = scipy.special.fdtrc(_DEGREE, max(dof - _DEGREE, 1), ratio)
-    else:
-        p_value = scipy.special.gammaincc(_DEGREE / 2.0, chi_square / 2.0)
-    return Trend(
-        span=float(np.ptp(basis @ kappa)), chi_square=chi_square, p_value=float(p_value)
-    )
+def drift(fit: Fitted, time: Float[Array, " n"]) -> Drift:
+    """Test for a strength of the field that drifts in one set."""
+    here, whole = fit.here, np.zeros_like(fit.here.rows[0])
+    own = (here.white[0] @ np.array([0.0, -2.0, fit.theta[0, DIP]])).ravel()
+    whole[: own.size] = own
+    each = np.resize(np.repeat(time, 3), whole.size)
+    strength = {"the strength of the field": whole}
+    return find_drift(here.rows[0], here.slopes[0], strength, each, known=True)
 
 
 STRONG_IRON = 0.7
@@ -109,19 +75,19 @@ _TILTS, _HEADINGS = 24, 5  # attitudes that stand for evenly spread ones
 
 def look(fit: Fitted, time: Float[Array, " n"], iron: float) -> dict[str, Any]:
     """Findings of one set, its hard iron in strengths of the field."""
-    poses, varies = pose_chi_squares(fit), trend(fit, time)
+    poses, varies = pose_chi_squares(fit), drift(fit, time)
     steady = not varies.p_value < FALSE_ALARM
     # a pose that is far off bends any curve, and a field that varies puts poses off:
     # what takes more off the chi-square is said
     worst: tuple[int, ...] = ()
     rest = 1.0
-    if steady or varies.chi_square < np.nanmax(poses, initial=0.0):
+    if steady or varies.drop < np.nanmax(poses, initial=0.0):
         worst, rest = _left_out(fit)
     words = [
         "" if fit.converged[0] else _NOT_CONVERGED,
         _few_words(fit),
         _poses_named(poses, worst, rest),
-        "" if steady or worst else _trend_words(varies),
+        "" if steady or worst else _drift_words(varies),
         _scatter_words(fit, explained=bool(worst)),
         _iron_words(iron),
         _geometry_words(fit),
@@ -211,9 +177,9 @@ def _by_equation(fit: Fitted) -> str:
     )
 
 
-def _trend_words(found: Trend) -> str:
+def _drift_words(found: Drift) -> str:
     return (
-        f"the strength of the field varies with time, by {100.0 * found.span:.2g} "
+        f"{found.what} varies with time, by {100.0 * found.span:.2g} "
         f"percent over the poses (chance shows as much in {found.p_value:.1g} of "
         "steady fields): a current, warming, or iron that moves; calibrate with "
         "everything switched as it will be in use"

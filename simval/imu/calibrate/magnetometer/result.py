@@ -48,7 +48,8 @@ class MagnetometerFit(Estimate):
         By how much the noise of each sensor was taken to exceed what was stated, with
         which the covariance is; empty for a batch, and beside a known accelerometer.
     steady_p_value : float
-        Chance that a steady field varies as much with time, eq. (M6); NaN for a batch.
+        Chance that a steady field varies as much with time, eq. (W1) of `drift`; NaN
+        for a batch, and where too few poses are left to tell.
     assumption : str
         What picked the fit from its exact twin (-M, -dip).
     """
