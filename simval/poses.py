@@ -41,6 +41,8 @@ _SAME_DIRECTION = np.radians(5.0)  # decides the words of a message only
 # 7 to 8 degrees apart. Twice as many, or half, change the variance that the next pose
 # leaves by 0.2 % at most (mean of 200 sets of 12 random poses).
 _CANDIDATES = 600
+# Of the trace: below what counts, and as a variance, 1e6, rounded to 1e-4 of one.
+_FLOOR = 1e-6
 
 
 def fibonacci_sphere(count: int) -> Float[Array, "count 3"]:
@@ -99,14 +101,19 @@ class Observability(ReadOnly):
         Its condition, eq. (P2); infinite below rank nine.
     singular_values : Array
         All nine, greatest first, (9,).
-    next_direction : Array
-        The direction whose addition lowers the total variance most, (3,).
+    jacobian : Array
+        The Jacobian itself, (n, 9).
     """
 
     rank: int
     condition: float
     singular_values: Float[Array, "9"]
-    next_direction: Float[Array, "3"]
+    jacobian: Float[Array, "n 9"]
+
+    @property
+    def next_direction(self) -> Float[Array, "3"]:
+        """The direction whose addition lowers the total variance most, (3,)."""
+        return best_next_direction(self.jacobian)
 
 
 def direction_jacobian(directions: Float[Array, "... n 3"]) -> Float[Array, "... n 9"]:
@@ -137,7 +144,7 @@ def observability(directions: Float[Array, "n 3"]) -> Observability:
         rank=rank,
         condition=condition,
         singular_values=values,
-        next_direction=best_next_direction(jacobian),
+        jacobian=jacobian,
     )
 
 
@@ -156,25 +163,40 @@ def one_set(name: str, directions: Any) -> Float[Array, "n 3"]:
     return array
 
 
-def best_next_direction(jacobian: Float[Array, "n 9"]) -> Float[Array, "3"]:
-    """Direction whose addition lowers the sum of the nine variances most.
+def best_addition(
+    given: Float[Array, "p p"],
+    added: Float[Array, "k p p"],
+    wanted: slice = slice(None),
+) -> int:
+    """Number of the candidate that lowers the total variance of parameters most.
 
-    One more row j changes the inverse of N = J'J by the Sherman-Morrison formula,
-    so the trace falls by ``|N^-1 j|^2 / (1 + j' N^-1 j)``. A trace of the identity
-    is added to N, so that below rank nine the missing combinations lead.
+    The A-optimal choice by the information of what there is and of each candidate, in
+    units in which the parameters are of one size. Below full rank a floor far below
+    any eigenvalue that counts is added, so that what is undetermined leads; of two
+    that are as good the first is taken.
     """
+    size = np.sqrt(
+        np.diagonal(given) + np.diagonal(added, axis1=1, axis2=2).max(axis=0)
+    )
+    size = np.where(size > 0.0, size, 1.0)
+    outer = np.outer(size, size)
+    base, parts = given / outer, added / outer
+    values = np.linalg.eigvalsh(base)
+    if not values[0] > _RANK_TOLERANCE * values[-1]:
+        base = base + _FLOOR * np.trace(given) * np.eye(len(size)) / outer
+    variance = np.diagonal(np.linalg.inv(base + parts), axis1=1, axis2=2) / size**2
+    total = variance[:, wanted].sum(axis=1)
+    return int(np.flatnonzero(total <= total.min() * (1.0 + 1e-9))[0])
+
+
+def best_next_direction(jacobian: Float[Array, "n 9"]) -> Float[Array, "3"]:
+    """Direction whose addition lowers the sum of the nine variances most."""
     named = [cube_faces(), cube_edges(), cube_corners()]
     candidates = np.concatenate([*named, fibonacci_sphere(_CANDIDATES)])
-    rows = direction_jacobian(candidates)
     jacobian = physical_array("jacobian", jacobian, (None, PARAMETERS))
-    jacobian = jacobian.reshape(-1, PARAMETERS)
-    normal = jacobian.T @ jacobian
-    # far below any eigenvalue that counts, far above the 1e-16 of rounding
-    normal += (1e-9 * np.trace(normal) + 1e-12) * np.eye(PARAMETERS)
-    moved = np.linalg.solve(normal, rows.T).T
-    gain = np.sum(moved * moved, axis=-1) / (1.0 + np.sum(moved * rows, axis=-1))
-    near_best = gain >= gain.max() * (1.0 - 1e-9)  # a tie goes to a named direction
-    return candidates[np.flatnonzero(near_best)[0]]
+    given = jacobian.reshape(-1, PARAMETERS)
+    rows = direction_jacobian(candidates)
+    return candidates[best_addition(given.T @ given, rows[:, :, None] * rows[:, None])]
 
 
 def describe(directions: Float[Array, "n 3"]) -> str:

@@ -13,7 +13,9 @@ magnetometer   attitudes                    bound of both sensors together
 =============  ===========================  ==========================================
 
 What poses of any other sensor will give, and which helps most, is said by `next_best`
-of its equations (`simval.theory.estimating`).
+of its equations (`simval.theory.estimating`). The next pose or rotation of all of them
+is that of `simval.poses.best_addition`; of an accelerometer and a gyroscope, whose
+noise is not known where a message names it, by rows that count alike.
 
 Sensors are taken as ideal, but for an accelerometer that is given. A magnetometer's are
 in units of gravity and of the field; M, b and the dip then have the error bars of
@@ -40,6 +42,7 @@ from simval.imu.sensor import (
 )
 from simval.poses import (
     PARAMETERS,
+    best_addition,
     cube_corners,
     cube_edges,
     cube_faces,
@@ -56,8 +59,6 @@ from simval.turns import MATRIX, best_next_turn, judge, turn_rows, turns_of
 
 _PIECES: Final = 24  # of a move: a standard deviation is good to a thousandth of itself
 _HEADINGS: Final = 6
-# Of the trace: far below any eigenvalue that counts, far above the 1e-16 of rounding.
-_FLOOR: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -196,12 +197,7 @@ def next_best(
         each), and the candidate's number.
     """
     whole, parts = given.information.sum(axis=0), candidates.information
-    base = whole
-    if rank_of(whole) < len(whole):
-        base = whole + _FLOOR * np.trace(whole) * np.eye(len(whole))
-    traces = [np.trace(inverse_of(base + p)[wanted, wanted]) for p in parts]
-    near_best = np.array(traces) <= min(traces) * (1.0 + 1e-9)
-    best = int(np.flatnonzero(near_best)[0])
+    best = best_addition(whole, parts, wanted)
     return whole, whole + parts[best], best
 
 
