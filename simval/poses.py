@@ -43,6 +43,7 @@ _SAME_DIRECTION = np.radians(5.0)  # decides the words of a message only
 _CANDIDATES = 600
 # Of the trace: below what counts, and as a variance, 1e6, rounded to 1e-4 of one.
 _FLOOR = 1e-6
+_ALIKE = 1e-6  # relative: of a total with the floor a hundredth of what is told
 
 
 def fibonacci_sphere(count: int) -> Float[Array, "count 3"]:
@@ -186,7 +187,7 @@ def best_addition(
         base = base + _FLOOR * np.trace(given) * np.eye(len(size)) / outer
     variance = np.diagonal(np.linalg.inv(base + parts), axis1=1, axis2=2) / size**2
     total = variance[:, wanted].sum(axis=1)
-    return int(np.flatnonzero(total <= total.min() * (1.0 + 1e-9))[0])
+    return int(np.flatnonzero(total <= total.min() * (1.0 + _ALIKE))[0])
 
 
 def best_next_direction(jacobian: Float[Array, "n 9"]) -> Float[Array, "3"]:

@@ -203,11 +203,6 @@ class MagnetometerMoments(ReadOnly):
         """Standard deviation of each parameter, (22,)."""
         return np.sqrt(np.diagonal(self.covariance))
 
-    @property
-    def recipe_ratio(self) -> Float[Array, "22"]:
-        """Variance of the two-step calibration over the bound, (22,)."""
-        return np.diagonal(self.recipe) / np.diagonal(self.covariance)
-
 
 def magnetometer_moments(
     accelerometer: AccelerometerModel,

@@ -148,7 +148,8 @@ def test_what_the_recipe_costs_depends_on_the_dip():
     ratios = {}
     for dip_deg in (0.0, 66.0, 80.0):
         case = random_set(40, 3, dip_deg=dip_deg)
-        ratio = predicted(case, dip_deg).recipe_ratio
+        found = predicted(case, dip_deg)
+        ratio = np.diagonal(found.recipe) / np.diagonal(found.covariance)
         assert np.all(ratio[9:] > 1.0 - 1e-9)
         ratios[dip_deg] = ratio[9:18].mean()
     # the angle between the two vectors tells the more of M the steeper the field

@@ -48,7 +48,8 @@ def deletion_of(
 def slope_of(p: Float[Array, "9"], z: Float[Array, "n 3"]) -> Float[Array, " n"]:
     """Length of the derivative of eq. (E1) by the reading."""
     length = np.linalg.norm(2.0 * z @ quadratic(p) + p[6:], axis=-1)
-    return np.asarray(np.maximum(length, LEAST_SLOPE * np.median(length)))
+    length = np.maximum(length, LEAST_SLOPE * np.median(length))
+    return np.where(length > 0.0, length, 1.0)  # poses that are all one have none
 
 
 def scaled(poses: Float[Array, "n 3"]) -> tuple[Float[Array, "n 3"], float, float]:

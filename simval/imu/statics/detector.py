@@ -66,6 +66,7 @@ def variance_magnitude(
     LeVeque 1983): no sum is longer than a window, so a rest late in a long log of
     large counts loses no digits.
     """
+    window = whole_number("window", window, 3)
     samples = checked_samples(samples, window)
     n, half = len(samples), window // 2
     blocks = -(-n // window)

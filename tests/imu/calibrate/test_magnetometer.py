@@ -173,6 +173,12 @@ def test_the_recipe_is_exact_without_noise_and_has_the_same_axes():
     expected = FORTY.truth[9:].copy()
     expected[:9] /= FIELD
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+    iron = np.stack([FORTY.iron, FORTY.iron])
+    for bad in (0, 1):  # a trial that is not finite is NaN, and its neighbour is not
+        iron[bad, 3, 0] = np.nan
+        batch = ellipsoid_then_rotation(np.stack([FORTY.body, FORTY.body]), iron)
+        assert np.isnan(batch[: bad + 1]).all()
+        np.testing.assert_array_equal(batch[bad + 1 :], [found] * (1 - bad))
 
 
 # recordings: BROAD (Laidig, Caruso, Cereatti and Seel, Data 6(7), 2021, CC BY 4.0)

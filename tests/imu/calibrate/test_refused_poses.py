@@ -51,6 +51,7 @@ def changed(*place, value):
 
 
 REFUSED = {
+    "zeros": (np.zeros((12, 3)), {}, "all 12 poses read the same"),
     "eight": (poses_of(fibonacci_sphere(8)), {}, r"8 pose\(s\) .* parameters need 9"),
     "six faces": (
         poses_of(np.tile(cube_faces(), (3, 1))), {},

@@ -44,7 +44,7 @@ def test_windowed_variance_is_the_plain_one(n, half, offset, seed):
     # size one then add 60 eps each, and the two-pass oracle as much
     tolerance = 8 * np.finfo(float).eps * (abs(offset) + 2 * 60) * np.sqrt(3)
     np.testing.assert_allclose(
-        variance_magnitude(samples, window),
+        variance_magnitude(samples, float(window)),  # 1e2 is a whole number
         plain_variance(samples, window),
         rtol=tolerance,
         atol=tolerance,

@@ -347,7 +347,7 @@ def ellipsoid_then_rotation(
     -------
     Array
         Rows of M on the axes of the triangular form, b in raw units, and the dip in
-        rad, (13,) or (trials, 13).
+        rad, (13,) or (trials, 13); NaN for a trial that is not finite.
 
     Raises
     ------
@@ -364,10 +364,12 @@ def ellipsoid_then_rotation(
             f"{pair[1].shape}; give the means of both sensors over the same poses"
         )
         raise InputError(msg)
-    count = pair[0].shape[-2]
-    (za, _, _), (zm, centre, scale) = (
-        normalized(readings.reshape(-1, count, 3)) for readings in pair
-    )
+    batch = [readings.reshape(-1, *readings.shape[-2:]) for readings in pair]
+    finite = np.isfinite(batch).all(axis=(0, 2, 3))
+    result = np.full((len(batch[0]), 13), np.nan)
+    if not np.any(finite):
+        return result
+    (za, _, _), (zm, centre, scale) = (normalized(each[finite]) for each in batch)
     body, iron = shape(za), shape(zm)
     if not (np.all(body.quadric) and np.all(iron.quadric)):
         msg = (
@@ -380,7 +382,7 @@ def ellipsoid_then_rotation(
     up = (za - body.bias[:, None]) @ np.swapaxes(matrix, -1, -2)
     field = (zm - iron.bias[:, None]) @ iron.root
     turn, sine = refined(up, field, *turn_between(up, field))
-    result = np.concatenate(
+    result[finite] = np.concatenate(
         [
             (turn @ iron.root / scale[:, None, None]).reshape(-1, 9),
             iron.bias * scale[:, None] + centre,
