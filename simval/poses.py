@@ -184,7 +184,8 @@ def best_addition(
     base, parts = given / outer, added / outer
     values = np.linalg.eigvalsh(base)
     if not values[0] > _RANK_TOLERANCE * values[-1]:
-        base = base + _FLOOR * np.trace(given) * np.eye(len(size)) / outer
+        level = np.trace(given) or np.trace(added, axis1=1, axis2=2).max()
+        base = base + _FLOOR * level * np.eye(len(size)) / outer
     variance = np.diagonal(np.linalg.inv(base + parts), axis1=1, axis2=2) / size**2
     total = variance[:, wanted].sum(axis=1)
     return int(np.flatnonzero(total <= total.min() * (1.0 + _ALIKE))[0])
