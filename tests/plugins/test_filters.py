@@ -89,6 +89,8 @@ def words_of(**more):
 INDEFINITE = P3 - 1.5e-4 * np.ones((3, 3)) / 3.0
 SKEW = P3 + np.array([[0, 2e-9, 0], [0, 0, 0], [0, 0, 0]])
 BELIEF = {"sound": lambda q: (q, P3)}
+BIASES = P6.copy()  # whose correlation is 2
+BIASES[4:, 4:] = 1e-4 * np.array([[1.0, 2.0], [2.0, 1.0]])
 MATRIX = {
     "sound": lambda q: attitude_matrix(q), "components": "matrix", "reads": (),
 }  # fmt: skip
@@ -99,6 +101,7 @@ WRONG = [
     ("not symmetric, by 2e-05 of its .*symmetrically", believing(SKEW), BELIEF),
     ("positive definite: its least .*-5e-05;", believing(INDEFINITE), BELIEF),
     ("not positive definite", believing(0.0 * P3), BELIEF),
+    ("definite: .*-0.0001;", believing(BIASES), {"sound": lambda q: (q, P6)}),
     ("the accelerometer's reading .*copy", writing(1, lambda a: a / 9.0), {}),
     ("the gyroscope's reading", writing(0, lambda a: a - 1e-9 * (1 + abs(a))), {}),
     ("the magnetometer's reading", writing(2, lambda a: np.nan * a), {}),

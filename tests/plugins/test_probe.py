@@ -494,6 +494,12 @@ def test_words_that_do_not_fit_each_other_are_refused(values, words):
         of(GOOD, **values)
 
 
+@pytest.mark.parametrize("names", [("scale", "bias", "x"), ("bias", "bias")])
+def test_what_is_estimated_is_named_once_and_known(names):
+    with pytest.raises(PluginError, match=r"^`estimates` is "):
+        of(KINDS["calibrator"], estimates=names)
+
+
 # noise in words, and what is handed over
 
 SKEW = json.dumps([[[1.0, 0.2, 0.0], [0.2, 2.0, 0.3], [0.0, 0.3, 0.5]]] * 4)
