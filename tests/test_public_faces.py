@@ -299,6 +299,11 @@ FACES = {
          "noise_std": "noise of samples", "order": "choice", "frame": "choice",
          "normalized": "switch", "third_moments": "array"},
     ),
+    "attitude_density": (
+        theory.attitude_density,
+        {**TRUTH, "noise_std": 0.3, "frame": "plain"},
+        {**TRUTHS, "noise_std": "noise", "frame": "choice"},
+    ),
     "multiplicative_moments": (
         theory.multiplicative_moments,
         {"additive": theory.attitude_moments(Q, R1, R2, 0.01)},
@@ -459,6 +464,7 @@ ALLOWED = {
     ("Effects", "range_g", "None"),
     ("Effects", "limits_raw", "None"),
     ("attitude_moments", "frame", "None"),
+    ("attitude_density", "frame", "None"),
     ("attitude_moments", "third_moments", "None"),
     ("wahba_moments", "third_moments", "None"),
     ("series_moments", "third_moments", "None"),

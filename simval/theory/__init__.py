@@ -9,6 +9,7 @@ from simval.theory.attitude import (
 )
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 from simval.theory.cubature import cubature_moments
+from simval.theory.density import AttitudeDensity, attitude_density
 from simval.theory.estimators import (
     AttitudeBound,
     attitude_bound,
@@ -54,6 +55,7 @@ from simval.theory.series import series_moments
 
 __all__ = [
     "AttitudeBound",
+    "AttitudeDensity",
     "AttitudeMoments",
     "CalibrationError",
     "CalibrationMoments",
@@ -73,6 +75,7 @@ __all__ = [
     "SufficientOrder",
     "VectorSensor",
     "attitude_bound",
+    "attitude_density",
     "attitude_moments",
     "calibration_error",
     "calibration_moments",

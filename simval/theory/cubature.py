@@ -235,14 +235,20 @@ def refined_moments(
 
 
 def _scrambled(dimension: int, seed: int) -> tuple[Array, Array]:
-    # standard normals from scrambled Sobol points, each with its negative
-    sobol = scipy.stats.qmc.Sobol(dimension, rng=np.random.default_rng(seed))
-    uniform = np.clip(sobol.random_base2(_SOBOL), 1e-12, 1.0 - 1e-12)
-    points = scipy.special.ndtri(uniform)
-    both = np.concatenate([np.zeros((1, dimension)), points, -points])
-    weights = np.full(len(both), 1.0 / (len(both) - 1))
+    # a rule of such points
+    points = normal_points(dimension, seed, _SOBOL)
+    both = np.concatenate([np.zeros((1, dimension)), points])
+    weights = np.full(len(both), 1.0 / len(points))
     weights[0] = 0.0  # the centre, which errors are counted from
     return both, weights
+
+
+def normal_points(dimension: int, seed: int, power: int) -> Float[Array, "n d"]:
+    """Scrambled Sobol points as standard normals, each with its negative."""
+    sobol = scipy.stats.qmc.Sobol(dimension, rng=np.random.default_rng(seed))
+    uniform = np.clip(sobol.random_base2(power), 1e-12, 1.0 - 1e-12)
+    points = scipy.special.ndtri(uniform)
+    return np.concatenate([points, -points])
 
 
 def _mean_of(parts: list[Moments]) -> Moments:

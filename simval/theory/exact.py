@@ -468,7 +468,7 @@ def _moments_any(
     weights: Array,
 ) -> tuple[Array, ...]:
     # bias and covariance from (E4), averaged over d2 or its directions
-    maps, basis = _maps(_normalized(points))
+    maps, basis = direction_maps(_normalized(points))
     z1 = np.concatenate([geometry.d1, geometry.s1])
     m = maps @ z1
     if slope is not None:
@@ -490,9 +490,11 @@ def _moments_any(
     return bias, second - np.outer(bias, bias)
 
 
-def _maps(u: Float[Array, "n 3"]) -> tuple[Array, Array]:
-    # [d1 x u; s1'u] lies in the span of (p, 0), (u x p, 0) and (0, 1), p normal to u:
-    # its components there as maps of (d1, s1), and that basis
+def direction_maps(u: Float[Array, "n 3"]) -> tuple[Array, Array]:
+    """Maps of (d1, s1) to the components of [d1 x u; s1'u], and the basis of these.
+
+    It lies in the span of (p, 0), (u x p, 0) and (0, 1), p normal to u.
+    """
     least = np.eye(3)[np.argmin(np.abs(u), axis=1)]
     p = _normalized(np.cross(u, least))
     across = np.cross(u, p)

@@ -1,0 +1,247 @@
+r"""Density of the two-vector estimate, and the regions that it falls in.
+
+Near a singularity two moments say little: the estimate is spread over the sphere. Given
+the direction u of d2, :math:`\bar q` is Gaussian with a mean m and a covariance S in
+the space of the (a x u, 0) and (0, 1), of three dimensions (`simval.theory.exact`), and
+so is d2 in its own. The direction y of such a Gaussian vector has the density
+
+.. math:: g(y; m, S) = \frac{e^{-(C - t^2)/2}}{(2\pi)^{3/2} |S|^{1/2} A^{3/2}}
+   [(1 + t^2)\sqrt{2\pi}\,\Phi(t) + t e^{-t^2/2}], \tag{D1}
+
+:math:`A = y^T S^{-1} y, \; t = y^T S^{-1} m/\sqrt A, \; C = m^T S^{-1} m`. A quaternion
+[e; s] lies in the space of u where u is normal to e, on a circle, so that the density
+of :math:`\hat q` on the sphere is, exactly, for any covariances of independent vectors,
+
+.. math:: f(\hat q) = \frac{1}{|e|} \oint g(u; d_2, C_2)\, g(\hat q; m(u), S(u))\,
+   d\varphi. \tag{D2}
+
+The trapezoidal rule on a circle converges geometrically. As q and -q are one attitude,
+the density of the attitude is the sum of both, and the region of a probability is where
+it is above a level: the smallest set that holds the estimate with that probability.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import scipy
+
+from simval.arguments import choice
+from simval.arrays import Array, ReadOnly, finite_array, real_number
+from simval.errors import InputError, RefusedError
+from simval.geometry import normalize
+from simval.shapes import Float
+from simval.theory.cubature import covariance_roots, normal_points
+from simval.theory.exact import direction_maps
+from simval.theory.expansion import half_noise, unit
+from simval.theory.two_vector import (
+    FRAMES,
+    TwoVectorGeometry,
+    chosen_columns,
+    noise_covariances,
+    require_one,
+    turned_geometry,
+    unit_arguments,
+)
+
+_CIRCLE: Final = (64, 128, 256, 512, 1024, 2048)
+_CLOSE: Final = 1e-5
+"""Of two rules on the circle, relative to the greatest density of all points."""
+_AT_ONCE: Final = 65_536
+"""Nodes; their matrices take 5 MB each."""
+_NEGLIGIBLE: Final = 1e-15
+"""Density of a direction of d2, for each steradian; that of none would be 0.08."""
+_DRAWS: Final = 10
+"""Powers of two of the quasi-random estimates whose densities make a level, doubled."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AttitudeDensity(ReadOnly):
+    """Density of the attitude that the closed form estimates.
+
+    Attributes
+    ----------
+    geometry : TwoVectorGeometry
+        The truth, in its frame.
+    C1, C2 : Array
+        Covariances of (d1, s1), (6, 6), and of d2, (3, 3).
+    drawn : Array
+        Densities of quasi-random estimates, ascending, (n,).
+    """
+
+    geometry: TwoVectorGeometry
+    C1: Float[Array, "6 6"]
+    C2: Float[Array, "3 3"]
+    drawn: Float[Array, " n"]
+
+    def __call__(self, q: Any) -> Float[Array, "..."]:
+        """Density at attitudes, for each unit of area of the half sphere.
+
+        Parameters
+        ----------
+        q : array_like
+            Attitudes, of either sign, (..., 4).
+
+        Returns
+        -------
+        Array
+            The density, (...).
+
+        Raises
+        ------
+        InputError
+            If a quaternion is none.
+        RefusedError
+            If the noise is so small that the rules do not resolve it.
+        """
+        given = normalize(finite_array("q", q, (4,)))
+        flat = given.reshape(-1, 4) @ self.geometry.back
+        density = _density_of(self.geometry, self.C1, self.C2, flat)
+        return density.reshape(given.shape[:-1])
+
+    def contains(self, q: Any, probability: float) -> Any:
+        """Say which attitudes are in the region of a probability.
+
+        Parameters
+        ----------
+        q : array_like
+            Attitudes, of either sign, (..., 4).
+        probability : float
+            Share of the estimates that the region holds, between 0 and 1.
+
+        Returns
+        -------
+        bool or array of bool
+            One for each attitude, (...).
+
+        Raises
+        ------
+        InputError
+            If a quaternion or the probability is none.
+        RefusedError
+            If the noise is so small that the rules do not resolve it.
+        """
+        inside = real_number("probability", probability, "of the estimates")
+        if not 0.0 < inside < 1.0:
+            msg = f"`probability` is {inside:g}; it must be between 0 and 1"
+            raise InputError(msg)
+        return self(q) >= np.quantile(self.drawn, 1.0 - inside)
+
+
+def attitude_density(
+    q: Any, r1: Any, r2: Any, noise_std: Any, frame: str | None = None
+) -> AttitudeDensity:
+    """Exact density (D2) of the two-vector estimate, at any distance from singular.
+
+    Parameters
+    ----------
+    q : array_like
+        True quaternion, reference to body, vector first, (4,).
+    r1, r2 : array_like
+        True reference vectors, (3,).
+    noise_std : array_like
+        Noise of the unit vectors, Gaussian: one standard deviation per axis, (4,) for
+        b1, b2, r1, r2, or (4, 3, 3) covariances.
+    frame : {"plain", "x", "y", "z"}, optional
+        The estimator's fixed frame, which may be singular at the truth; default, the
+        greatest column of the truth.
+
+    Returns
+    -------
+    AttitudeDensity
+        A function of attitudes; `contains` says which are in a region.
+
+    Raises
+    ------
+    InputError
+        If an argument has a wrong shape or value, or d1, s1 or d2 have a direction
+        without noise.
+    GeometryError
+        If no frame is given and the vectors are parallel.
+    RefusedError
+        If the noise is so small that the rules do not resolve it.
+    """
+    require_one(q, r1, r2)
+    truth = unit_arguments(q, r1, r2)
+    if frame is None:
+        column = chosen_columns(*truth, None)
+    else:
+        column = np.asarray(FRAMES.index(choice("frame", frame, FRAMES)))
+    geometry = turned_geometry(column, *truth)
+    C1, C2, _ = half_noise(geometry, noise_covariances(noise_std))
+    for name, C in (("b1 or r1", C1), ("b2 and r2", C2)):
+        values = np.linalg.eigvalsh(C)
+        if not values[0] > 1e-10 * values[-1]:
+            msg = (
+                f"`noise_std` leaves a direction of {name} without noise, where there "
+                "is no density; give each of b1, b2, r1 and r2 noise in every direction"
+            )
+            raise InputError(msg)
+    root = scipy.linalg.block_diag(*(covariance_roots(C[None])[0] for C in (C1, C2)))
+    centre = np.concatenate([geometry.d1, geometry.s1, geometry.d2])
+    d1, s1, d2 = np.split(centre + normal_points(9, 0, _DRAWS) @ root, 3, axis=1)
+    qbar = np.column_stack([np.cross(d1, d2), np.sum(s1 * d2, axis=1)])
+    drawn = np.sort(_density_of(geometry, C1, C2, unit(qbar)))
+    return AttitudeDensity(geometry=geometry, C1=C1, C2=C2, drawn=drawn)
+
+
+def _density_of(
+    geometry: TwoVectorGeometry, C1: Array, C2: Array, q: Float[Array, "n 4"]
+) -> Float[Array, " n"]:
+    # of both signs, by rules on the circle that refine
+    previous = np.full(len(q), np.inf)
+    for nodes in _CIRCLE:
+        rows = max(1, _AT_ONCE // nodes)
+        parts = [
+            _on_circle(geometry, C1, C2, q[i : i + rows], nodes)
+            for i in range(0, len(q), rows)
+        ]
+        found = np.concatenate([np.zeros(0), *parts])
+        off = np.abs(found - previous).max(initial=0.0)
+        if off <= _CLOSE * found.max(initial=0.0):
+            return found
+        previous = found
+    msg = (
+        f"two rules for the density still differ by {off:.1e}: the noise is small "
+        f"beside |d2| of {np.linalg.norm(geometry.d2):.2f}, where the covariance says "
+        "all there is to say, so use `attitude_moments`"
+    )
+    raise RefusedError(msg)
+
+
+def _on_circle(
+    geometry: TwoVectorGeometry, C1: Array, C2: Array, q: Array, nodes: int
+) -> Array:
+    # (D2) by the trapezoidal rule
+    length = np.linalg.norm(q[:, :3], axis=1)
+    axis = q[:, :3] / np.maximum(length, 1e-12)[:, None]
+    least = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
+    across = unit(np.cross(axis, least))
+    phi = 2.0 * np.pi * np.arange(nodes)[:, None, None] / nodes
+    u = np.cos(phi) * across + np.sin(phi) * np.cross(axis, across)
+    u = u.reshape(-1, 3)
+    weights = _of_direction(u, geometry.d2, np.linalg.inv(C2))
+    kept = np.flatnonzero(weights > _NEGLIGIBLE)
+    maps, basis = direction_maps(u[kept])
+    m = maps @ np.concatenate([geometry.d1, geometry.s1])
+    inverse = np.linalg.inv(maps @ C1 @ maps.swapaxes(1, 2))
+    y = np.vecmat(q[kept % len(q)], basis)
+    both = _of_direction(y, m, inverse) + _of_direction(-y, m, inverse)
+    circle = np.bincount(kept % len(q), weights[kept] * both, minlength=len(q))
+    density: Array = circle * (2.0 * np.pi / nodes) / np.maximum(length, 1e-12)
+    return density
+
+
+def _of_direction(y: Array, m: Array, inverse: Array) -> Array:
+    # (D1)
+    pulled = np.matvec(inverse, m)
+    A = np.vecdot(y, np.matvec(inverse, y))
+    t = np.vecdot(y, pulled) / np.sqrt(A)
+    size = np.vecdot(m, pulled)
+    with np.errstate(under="ignore"):
+        tail = t * np.exp(-0.5 * size)
+        bulk = (1.0 + t * t) * np.sqrt(2.0 * np.pi) * scipy.special.ndtr(t)
+        g = np.exp(-0.5 * (size - t * t)) * bulk + tail
+    scale = np.sqrt(np.linalg.det(inverse)) * (2.0 * np.pi) ** -1.5
+    density: Array = np.maximum(g, 0.0) * scale * A**-1.5
+    return density

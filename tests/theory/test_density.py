@@ -1,0 +1,90 @@
+"""Density of the two-vector estimate, against exact moments and simulation."""
+
+import numpy as np
+import pytest
+from rounding import relative
+
+from simval.errors import InputError
+from simval.geometry import attitude_matrix, compose, conjugate, normalize
+from simval.imu.attitude.kernel import normalize_columns, raw_quaternion
+from simval.theory import attitude_density, attitude_moments, multiplicative_moments
+from simval.theory.two_vector import noise_covariances
+
+R1, R2 = np.array([1.0, 0.0, 0.0]), normalize(np.array([0.3, 1.0, 0.2]))
+
+
+def attitude_at(norm):
+    """An attitude whose plain |qbar| is the given one: half a turn of 0.6 rad."""
+    normal = np.cross(R1, R2)
+    sine = norm / np.linalg.norm(normal) / np.sin(0.6)
+    normal = normalize(normal)
+    within = np.array([0.5, 0.6, -0.3])
+    within = normalize(within - (within @ normal) * normal)
+    axis = sine * normal + np.sqrt(1.0 - sine**2) * within
+    return np.append(np.sin(0.6) * axis, np.cos(0.6))
+
+
+def sphere(count):
+    """A product rule on the unit quaternions."""
+    x, w = np.polynomial.legendre.leggauss(count)
+    angle, weight = 0.5 * np.pi * (x + 1.0), 0.5 * np.pi * w
+    phi = np.pi * np.arange(2 * count) / count
+    psi, theta, phi = np.meshgrid(angle, angle, phi, indexing="ij")
+    outer = np.multiply.outer(weight * np.sin(angle) ** 2, weight * np.sin(angle))
+    ring = np.sin(psi) * np.sin(theta)
+    points = np.stack(
+        [ring * np.cos(phi), ring * np.sin(phi), np.sin(psi) * np.cos(theta),
+         np.cos(psi)], axis=-1,
+    )  # fmt: skip
+    weights = np.broadcast_to((outer * np.pi / count)[..., None], psi.shape)
+    return points.reshape(-1, 4), weights.ravel()
+
+
+@pytest.mark.ci
+def test_its_moments_are_the_exact_ones():
+    q, noise = attitude_at(0.2), noise_covariances(0.3)
+    noise = noise * np.linspace(0.5, 1.0, 4)[:, None, None]
+    noise[0, 0, 1] = noise[0, 1, 0] = 0.02  # neither equal nor isotropic
+    density = attitude_density(q, R1, R2, noise, "plain")
+    points, weights = sphere(14)
+    # each attitude twice on the whole sphere
+    mass = 0.5 * weights * density(points)
+    assert mass.sum() == pytest.approx(1.0, abs=2e-3)
+    exact = attitude_moments(q, R1, R2, noise, "exact", "plain")
+    # E[qhat qhat'] from the moments of q - qhat
+    mean = exact.q_true - exact.bias
+    second = exact.covariance + np.outer(mean, mean)
+    assert relative((mass[:, None] * points).T @ points, second) < 2e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [0.0, 1.0])
+def test_coverage_of_its_regions(ratio):
+    sigma, count = 0.1, 2000
+    q = attitude_at(ratio * sigma)
+    A = attitude_matrix(q)
+    vectors = np.concatenate([A @ R1, A @ R2, R1, R2])[:, None]
+    noise = sigma * np.random.default_rng(5).standard_normal((12, count))
+    found = normalize_columns(raw_quaternion(vectors + noise, "plain")).T
+    density = attitude_density(q, R1, R2, sigma, "plain")
+    for share in (0.5, 0.9, 0.99):
+        # four standard errors, and that of the level, which 2048 draws make
+        error = 4.0 * np.sqrt(share * (1.0 - share) * (1.0 / count + 1.0 / 2048))
+        assert np.mean(density.contains(found, share)) == pytest.approx(
+            share, abs=error
+        )
+    if ratio:  # the ellipsoid of the covariance does not cover
+        moments = attitude_moments(q, R1, R2, sigma, 2, "plain")
+        C = 4.0 * multiplicative_moments(moments).covariance[:3, :3]
+        turn = compose(conjugate(moments.q_true), found)
+        turn = 2.0 * turn[:, :3] * np.sign(turn[:, 3:])
+        square = np.vecdot(turn, np.linalg.solve(C, turn.T).T)
+        assert np.mean(square < 11.345) < 0.98  # chi-square of 3, 99 %
+
+
+def test_noise_that_has_no_density_is_refused():
+    q = attitude_at(0.2)
+    with pytest.raises(InputError, match="without noise"):
+        attitude_density(q, R1, R2, [0.1, 0.0, 0.1, 0.0])
+    with pytest.raises(InputError, match="`noise_std` has shape"):
+        attitude_density(q, R1, R2, np.eye(12))
