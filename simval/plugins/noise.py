@@ -32,8 +32,12 @@ NAMED: Final = ("body", "all", "tangent", "unequal", "general")
 UNEQUAL: Final = 0.1
 """Noise of the first body vector over that of the others, of ``unequal``."""
 
-GREATEST: Final = 100.0
+GREATEST: Final = 1e4
 """Of a relative standard deviation; the least that is not 0 is its inverse."""
+
+EXTREME: Final = 100.0
+"""Ratio of two vectors' noise beyond which first order says little: the square of the
+greater is then as large as the smaller, and weights lose eight digits at 1e4."""
 
 READABLE: Final = ("noise_std", "weights", "covariances")
 """What an estimator may be handed."""
@@ -82,6 +86,12 @@ class VectorNoise:
         """True if the noise of each vector is isotropic."""
         sizes = self.relative[:, None, None] ** 2 * np.eye(3)
         return not self.tangent and np.array_equal(self.unit, sizes)
+
+    @property
+    def extreme(self) -> bool:
+        """True if the least noise of a vector is below a hundredth of the greatest."""
+        sizes = self.relative[self.noisy]
+        return bool(sizes.max() > EXTREME * sizes.min())
 
     @property
     def exact_references(self) -> bool:

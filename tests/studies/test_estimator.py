@@ -2,9 +2,14 @@
 
 import numpy as np
 import pytest
+from cells import answers, outcome
 
+from simval.geometry import attitude_matrix
 from simval.moments import Moments
+from simval.studies import estimator
 from simval.studies.estimator import claim_rows
+from simval.studies.named_geometries import GEOMETRIES, named_geometry
+from simval.theory import wahba_bound
 
 MOMENTS = Moments(
     bias=np.array([0, 0, 0, 3.1]), covariance=np.eye(4), samples=100,
@@ -34,3 +39,32 @@ def test_an_exact_claim_may_be_off_by_twice_what_cubature_is():
     nees, off = claim_rows("exact", MOMENTS, -1e-4, 0.0, 3e-5, np.eye(3))
     assert nees.remainder == 0.0
     assert (off.value, off.prediction) == (1e-4, pytest.approx(6e-5, rel=1e-12))
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("name", GEOMETRIES)
+def test_least_squares_passes_the_named_geometries(name):
+    q, references = named_geometry(name)
+    A = [[0.352, 0.864, 0.36], [-0.864, 0.152, 0.48], [0.36, -0.48, 0.8]]
+    np.testing.assert_allclose(attitude_matrix(q), A, rtol=0.0, atol=1e-15)
+    given = {"algorithm": "simval:weighted-wahba", "samples": 1024, "cases": 64}
+    rows = outcome("estimator", geometry=name, **given).rows
+    assert "fail" not in answers(rows)
+    case = GEOMETRIES[name]
+    parameters = estimator.Parameters(geometry=name, **given)
+    assert parameters.vectors == len(references) == len(case.std)
+    assert parameters.noise_std == max(case.std)
+    # two directions of each vector; the bound of the case's own noise
+    bound = wahba_bound(q, references, [*case.std, *[0.0] * len(case.std)]).rotation
+    (rms,) = (row for row in rows if str(row.statistic) == "rms")
+    assert rms.prediction == pytest.approx(np.sqrt(np.trace(bound)), rel=1e-4)
+
+
+def test_a_named_geometry_has_its_own_vectors():
+    with pytest.raises(ValueError, match="the geometry markley 1 has 3"):
+        estimator.Parameters(geometry="markley 1", vectors=4)
+    with pytest.raises(ValueError, match="give a number, or markley 1"):
+        estimator.Parameters(geometry="markley 13")
+    # as a suite fills them in
+    filled = estimator.Parameters(geometry="markley 1", vectors=2, noise_std=0.01)
+    assert (filled.vectors, filled.noise_std) == (3, 1e-6)
