@@ -1,6 +1,7 @@
 """The league: adapters that load or say what is missing, suites of them all, facts."""
 
 import ast
+import html
 import inspect
 import json
 import os
@@ -23,6 +24,7 @@ from simval.plugins import (
     loading,
 )
 from simval.plugins.loading import imported_versions, offer, sources
+from simval.streams import Streams
 from simval.studies import estimator
 from simval.sweep import load_run
 
@@ -177,6 +179,30 @@ def test_quaternions_are_those_of_scipy(league):
             (quaternions.turn_of(q, q), 0.0 * v),
         ):
             np.testing.assert_allclose(value, wanted, rtol=0.0, atol=ROUNDING)
+
+
+@pytest.mark.ci
+def test_the_committed_facts_are_of_today_s_suites_and_numbers():
+    """Made anew by `make league` when this fails: numbers move, or rows are added."""
+    stored = json.loads((LEAGUE / "facts.json").read_text())["facts"]
+    pages = {"league": "league.html", "filters": "league-filters.html"}
+    for suite, studies in (
+        ("league", ("estimator", "calibrator")), ("filters", ("filter",)),
+    ):  # fmt: skip
+        table = tomllib.loads((LEAGUE / f"{suite}.toml").read_text())
+        page = (EXAMPLES.parents[1] / "reports" / pages[suite]).read_text()
+        for study in studies:
+            assert list(stored[study]) == table[study]["algorithm"]
+            own = table[study]["algorithm"] if suite == "league" else ()
+            assert [name for name in own if html.escape(name) not in page] == []
+    # cubature without chance, by what needs no package
+    for name in filter(lambda name: name.startswith("simval:"), stored["estimator"]):
+        for noise, fact in stored["estimator"][name].items():
+            cell = {"algorithm": name, "noise": noise, "samples": 1024, "cases": 64}
+            parameters = estimator.Parameters(**cell)
+            rows = estimator.compute(parameters, Streams(1, (1,))).rows
+            (found,) = (r.value for r in rows if str(r.statistic) == "efficiency")
+            assert fact["over_bound"] == pytest.approx(found**-0.5, abs=1e-4), cell
 
 
 # with the packages of the league
