@@ -273,6 +273,7 @@ def test_two_sensors_of_a_kind_are_left_out_and_that_is_said(tmp_path):
         ("t,Linear Acceleration x,Linear Acceleration y,Linear Acceleration z",
          "without gravity"),
         ("t,FreeAcc_X,FreeAcc_Y,FreeAcc_Z", "without gravity"),
+        ("t,accx_Lin,accy_Lin,accz_Lin", "without gravity"),
         ("t,imu1_ax,imu1_ay,imu1_az,imu2_ax,imu2_ay,imu2_az", "2 accelerometers"),
         ("time,ax,ay,az,aT", "leaves gravity out"),
         ("time,ax (uT),ay (uT),az (uT)", "no three of them"),
