@@ -117,7 +117,7 @@ def command(
     from simval.imu.logs import read_log
     from simval.imu.noise import load_noise
     from simval.imu.recorded.alignment import prepared
-    from simval.imu.recorded.described import (
+    from simval.imu.recorded.description import (
         alignment_lines,
         evaluation_object,
         filter_lines,

@@ -29,7 +29,7 @@ from simval.errors import InputError
 from simval.geometry import normalize
 from simval.imu.calibrate.accelerometer import checked_time
 from simval.imu.calibrate.drift import DRIFT_FALSE_ALARM, HIDDEN, Drift, find_drift
-from simval.imu.calibrate.honesty import (
+from simval.imu.calibrate.goodness_of_fit import (
     BELIEVED,
     Combination,
     Deletion,
@@ -65,7 +65,7 @@ class Diagnosis(ReadOnly):
         Standardised residuals, (n,); NaN where leverage or freedom leaves none.
     outliers : tuple of int
         Poses that are not on the ellipsoid of the others; any of a clean set with a
-        chance of 1 %, eq. (O1) of `honesty`.
+        chance of 1 %, eq. (O1) of `goodness_of_fit`.
     chi2_per_dof : float
         Chi-square per degree of freedom; NaN without sigma or freedom.
     p_value : float

@@ -47,7 +47,7 @@ import scipy
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.imu.calibrate.honesty import LEFT, Drop
+from simval.imu.calibrate.goodness_of_fit import LEFT, Drop
 from simval.imu.calibrate.outliers import (
     LEAST_SLOPE,
     coefficients,

@@ -39,7 +39,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import RefusedError
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
-from simval.imu.calibrate.honesty import Residuals, Source
+from simval.imu.calibrate.goodness_of_fit import Residuals, Source
 from simval.imu.sensor import forms
 from simval.shapes import Float
 

@@ -22,7 +22,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from simval.arrays import Array, ReadOnly
-from simval.imu.calibrate.honesty import (
+from simval.imu.calibrate.goodness_of_fit import (
     Combination,
     Left,
     Residuals,

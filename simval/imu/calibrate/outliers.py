@@ -4,7 +4,7 @@ An ellipsoid is linear in the nine coefficients of eq. (E1), :math:`D p = 1` wit
 monomials of a reading a row, so leaving poses out is exact linear algebra, however far
 off they are: with the rows divided by the length s of :math:`\partial c/\partial y` at
 the ellipsoid of the poses that belong, residuals are distances, and the outliers are
-those of `honesty`, (O1) and (O2).
+those of `goodness_of_fit`, (O1) and (O2).
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.imu.calibrate.honesty import (
+from simval.imu.calibrate.goodness_of_fit import (
     BELIEVED,
     NO_ROOM,
     Deletion,

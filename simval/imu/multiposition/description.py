@@ -40,8 +40,8 @@ from simval.imu.calibrate.estimate import (
 )
 from simval.imu.calibrate.factors import CHANCE, NoiseFactors
 from simval.imu.calibrate.files import to_json
+from simval.imu.calibrate.goodness_of_fit import BELIEVED, BEYOND, chi_square_chance
 from simval.imu.calibrate.gyroscope.imu import variance_within
-from simval.imu.calibrate.honesty import BELIEVED, BEYOND, chi_square_chance
 from simval.imu.calibrate.magnetometer.findings import FALSE_ALARM as ONE_POSE
 from simval.imu.calibrate.magnetometer.result import OWN_NAMES
 from simval.imu.logs import Log

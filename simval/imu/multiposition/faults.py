@@ -22,8 +22,13 @@ from simval.errors import ConvergenceError, RefusedError, SaturatedError, Simval
 from simval.imu.calibrate import Diagnosis, FitResult, calibrate
 from simval.imu.calibrate.drift import find_break, find_step
 from simval.imu.calibrate.evidence import REPEATS, STATE_NOISE
+from simval.imu.calibrate.goodness_of_fit import (
+    BELIEVED,
+    BEYOND,
+    LEFT,
+    chi_square_chance,
+)
 from simval.imu.calibrate.gyroscope.result import START
-from simval.imu.calibrate.honesty import BELIEVED, BEYOND, LEFT, chi_square_chance
 from simval.imu.calibrate.outliers import find_outliers
 from simval.imu.logs import Log
 from simval.imu.multiposition.rests import find_rests

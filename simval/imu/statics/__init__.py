@@ -23,7 +23,7 @@ from simval.imu.statics.detector import (
     intervals_below,
     variance_magnitude,
 )
-from simval.imu.statics.even import SLOWEST_NOISE, WHITE, WINDOWS, evened
+from simval.imu.statics.resampling import SLOWEST_NOISE, WHITE, WINDOWS, evened
 from simval.imu.statics.turns import Cut, still_parts
 
 __all__ = [

@@ -17,7 +17,7 @@ from simval.geometry import normalize
 from simval.imu.calibrate import calibrate, diagnose
 from simval.imu.calibrate.diagnosis import geometry_loss, verdict
 from simval.imu.calibrate.drift import find_break, find_drift, find_step
-from simval.imu.calibrate.honesty import FALSE_ALARM
+from simval.imu.calibrate.goodness_of_fit import FALSE_ALARM
 from simval.imu.calibrate.outliers import find_outliers
 from simval.imu.sensor import AccelerometerModel
 from simval.poses import direction_jacobian, fibonacci_sphere, random_directions

@@ -3,7 +3,7 @@ r"""Findings to read before a magnetometer's calibration is used.
 **Poses that do not fit the others, and a field that varies with time.**
 
 What leaving the three equations of a pose out takes off chi-square, eq. (O2) of
-`honesty`, is a chi-square of three where they belong:
+`goodness_of_fit`, is a chi-square of three where they belong:
 
 .. math:: t_i = c_i^T (W_i^{-1} - J_i (J^T W J)^{-1} J_i^T)^{-1} c_i \sim \chi^2(3).
    \tag{M5}
@@ -24,7 +24,7 @@ from simval.arrays import Array
 from simval.geometry import normalize
 from simval.imu.calibrate.drift import Drift, find_drift
 from simval.imu.calibrate.equations import Problem, Sensor, minimize
-from simval.imu.calibrate.honesty import Deletion
+from simval.imu.calibrate.goodness_of_fit import Deletion
 from simval.imu.calibrate.magnetometer.evidence import Fitted
 from simval.imu.calibrate.magnetometer.result import DIP, IRON
 from simval.imu.calibrate.magnetometer.start import ENOUGH

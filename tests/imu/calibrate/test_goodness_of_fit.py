@@ -23,7 +23,7 @@ from simval.imu.calibrate import (
 )
 from simval.imu.calibrate.equations import minimize, residuals
 from simval.imu.calibrate.factors import CHANCE, judged
-from simval.imu.calibrate.honesty import (
+from simval.imu.calibrate.goodness_of_fit import (
     FALSE_ALARM,
     Deletion,
     Left,
