@@ -47,9 +47,9 @@ power: .venv/installed
 bench: .venv/installed
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python -m benchmarks $(RACES)
 
-# the compiled block under sanitizers, with random arguments
+# the compiled filter under sanitizers, with random arguments
 sanitize: .venv/installed
-	$(BIN)/python tests/montecarlo/sanitized.py
+	$(BIN)/python tests/imu/sanitized.py
 
 # axe-core and the Nu HTML checker, which judge the pages; without npm their tests skip
 tests/pages/installed: tests/pages/package-lock.json
@@ -120,7 +120,7 @@ lowest:
 	  -W default::DeprecationWarning -m "not (slow or wheel or league)"
 
 # made when missing, re-used when not; remade only when the dependencies change
-.venv/installed: pyproject.toml CMakeLists.txt simval/montecarlo/fused.c
+.venv/installed: pyproject.toml CMakeLists.txt simval/imu/filters/mekf.c
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
 	touch $@

@@ -406,15 +406,6 @@ FACES = {
         {"sampler": "object", "streams": "object", "samples": "count",
          "block": "count", "batch": "count", "threads": "count"},
     ),
-    "simulate_closed_form": (
-        montecarlo.simulate_closed_form,
-        {"vectors": np.arange(12.0)[:, None], "frame": "x", "q": np.ones(4),
-         "noise_std": 0.1, "streams": STREAMS, "samples": 512, "block": 256,
-         "threads": 1},
-        {"vectors": "array", "frame": "choice", "q": "array", "noise_std": "number",
-         "streams": "object", "samples": "count", "block": "count",
-         "threads": "count"},
-    ),
     "batch_means": (
         montecarlo.plain.batch_means,
         {"errors": DIRECTIONS.T, "batch": 7},

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import zipfile
 
+import numpy as np
 import pytest
 from places import ROOT
 
@@ -68,19 +69,22 @@ def test_a_wheel_without_a_compiler_has_the_same_bits(tmp_path):
         content.extractall(tmp_path / "plain")
     code = """
 import simval
-from simval.montecarlo import compiled, simulate_closed_form
-from simval.streams import Streams
+from simval.imu.filters import Mekf
+from simval.imu.filters.mekf import compiled
 import numpy as np
-known = np.arange(12.0)[:, None], "x", np.ones(4), 0.1, Streams(1, (1,))
-sums = simulate_closed_form(*known, samples=2048, block=512)
-print(simval.__file__, compiled(), sums.mean.tobytes(), sums.scatter.tobytes())
+own = Mekf(start=[[0, 0, 0, 1]], start_std=0.1, bias_std=0.01, gravity=9.8,
+           field=[2e-5, 0, -4e-5], gyroscope_noise=1e-6, gyroscope_walk=1e-6,
+           accelerometer_noise=1e-6, magnetometer_noise=1e-6)
+bias = own.update_rows(np.full(8, 0.1), *np.full((3, 8, 1, 3), 1e-5))["bias"]
+print(simval.__file__, compiled(), *bias.flat)
 """
-    # the block of this environment is in the path too, so it is hidden
-    hidden = "import sys; sys.modules['_simval_fused'] = None\n"
+    # the compiled form of this environment is in the path too, so it is hidden
+    hidden = "import sys; sys.modules['_simval_mekf'] = None\n"
     here = run(sys.executable, "-c", code, cwd=tmp_path)
     path = {**os.environ, "PYTHONPATH": str(tmp_path / "plain")}
     there = run(sys.executable, "-c", hidden + code, cwd=tmp_path, env=path)
     found = [each.split(maxsplit=2) for each in (here, there)]
     assert [each[1] for each in found] == ["True", "False"]
-    assert found[0][2] == found[1][2]
+    with_it, without = (np.array(each[2].split(), dtype=float) for each in found)
+    np.testing.assert_allclose(with_it, without, rtol=1e-12)
     assert found[1][0].startswith(str(tmp_path))

@@ -1,6 +1,5 @@
 """Seeded trials: streaming moments with standard errors, and variance reduction."""
 
-from simval.montecarlo.fused import compiled, simulate_closed_form
 from simval.montecarlo.plain import (
     Sampler,
     Sums,
@@ -16,11 +15,9 @@ __all__ = [
     "Sums",
     "Taylor",
     "along",
-    "compiled",
     "mean_square",
     "moments_of",
     "simulate",
-    "simulate_closed_form",
     "simulate_reduced",
     "taylor",
 ]

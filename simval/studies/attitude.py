@@ -38,7 +38,7 @@ from simval.montecarlo import (
     along,
     mean_square,
     moments_of,
-    simulate_closed_form,
+    simulate,
     simulate_reduced,
 )
 from simval.results import Outcome, Row, control, limit, nees, plain, unjudged
@@ -67,7 +67,7 @@ from simval.units import DEGREE_OF_QUATERNION
 TITLE = "Attitude moments: bias and covariance of the two-vector quaternion"
 SECTION = "attitude"
 
-BLOCK = 16384  # trials; part of the promise of equal bits, as is `BATCH`
+BLOCK = 8192  # trials; part of the promise of equal bits, as is `BATCH`
 BATCH = 256  # of them
 MIN_BATCHES = 256
 """Fewer leave the standard error itself too uncertain for the far tail: with 64 the
@@ -105,7 +105,7 @@ class Parameters(StudyParameters):
         0.01, "Noise per axis of each unit vector.", LEAST_NOISE, 0.5
     )
     samples: int = ranged(
-        1_000_000, "Trials; rounded up to whole blocks of 16384.", MIN_BATCHES * BATCH
+        1_000_000, "Trials; rounded up to whole blocks of 8192.", MIN_BATCHES * BATCH
     )
 
     def cost(self) -> Cost:
@@ -153,14 +153,14 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         error = normalize_columns(raw_quaternion(vectors, str(exact.frame)))
         return np.subtract(exact.q_true[:, None], error, out=error)
 
-    sums = simulate_closed_form(
-        truth,
-        str(exact.frame),
-        exact.q_true,
-        sigma,
-        streams,
-        samples=parameters.samples,
-        block=BLOCK,
+    def drawn(rng: np.random.Generator, count: int) -> Float[Array, "4 n"]:
+        vectors = rng.standard_normal((12, count))
+        vectors *= sigma
+        vectors += truth
+        return errors(vectors)
+
+    sums = simulate(
+        drawn, streams, samples=parameters.samples, block=BLOCK, batch=BATCH
     )
     measured = moments_of(sums)
     controlled = moments_of(

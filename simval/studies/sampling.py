@@ -4,11 +4,6 @@ Streams: blocks of neighbouring numbers, of this seed and of another, of this ce
 of one that differs in a bit of its key, must be as independent as they are named. Their
 mean square and their strongest correlation are judged by `simval.studies.trials`.
 
-Pairs of Box and Muller (`simval.montecarlo.fused`): r cos a and r sin a are normal
-and independent only if the angle a is uniform. Their sum over the root of 2 and
-r cos 2a are normal, too. Mean squares of these four tell a mean of cos 2a, sin 2a or
-cos 4a that is not 0: an axis, a diagonal or an octant that is preferred.
-
 Variances: over all k^n samples of n values, drawn with replacement from k given ones,
 the mean of an unbiased variance is the population's own, whatever the values are:
 
@@ -27,14 +22,13 @@ from simval.arrays import Array
 from simval.consistency import mean_of_trials
 from simval.imu.statics import initial_rest, variance_magnitude
 from simval.montecarlo import Sums, moments_of, simulate
-from simval.montecarlo.fused import BATCH, NORMALS, draws, lanes, normals
 from simval.results import Outcome, Row, exact
 from simval.shapes import Float
 from simval.statistics import ENUMERATED, UNBIASED_VARIANCE
 from simval.streams import Streams
 from simval.studies.response import reduced_mean
 from simval.studies.study import Cost, StudyParameters, ranged
-from simval.studies.trials import Drawn, drawn_rows, mean_of, square_rows
+from simval.studies.trials import Drawn, drawn_rows, mean_of
 
 TITLE = "Sampling: independent streams, and variances by n - 1"
 SECTION = None
@@ -71,22 +65,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         }
         for k in range(parameters.blocks)
     ]
-    count = -(-parameters.numbers // (NORMALS * BATCH))
-    pairs = [_pairs(streams, k, count) for k in range(parameters.blocks)]
-    rows = (*drawn_rows(blocks), *square_rows(pairs), *_variance_rows())
-    return Outcome(rows=rows)
-
-
-def _pairs(streams: Streams, block: int, batches: int) -> dict[str, Drawn]:
-    """Pairs of Box and Muller and what else must be normal of them."""
-    cosine, sine = np.hsplit(normals(draws(lanes(streams, block), batches)), 2)
-    kinds = {
-        "cosines": cosine,
-        "sines": sine,
-        "sums of pairs": (cosine + sine) / np.sqrt(2.0),
-        "twice the angle": (cosine**2 - sine**2) / np.hypot(cosine, sine),
-    }
-    return {name: Drawn.of(each) for name, each in kinds.items()}
+    return Outcome(rows=(*drawn_rows(blocks), *_variance_rows()))
 
 
 def _variance_rows() -> tuple[Row, ...]:

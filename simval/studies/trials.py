@@ -127,19 +127,13 @@ def mean_of(values: Float[Array, " n"] | list[float]) -> tuple[float, float, int
 
 def drawn_rows(blocks: Sequence[Mapping[str, Drawn]]) -> tuple[Row, ...]:
     """Rows of the noise of some blocks, of each sensor by its name."""
-    strongest = correlation_row(each.first for b in blocks for each in b.values())
-    return square_rows(blocks) + strongest
-
-
-def square_rows(blocks: Sequence[Mapping[str, Drawn]]) -> tuple[Row, ...]:
-    """Mean squares of the noise of some blocks, of each sensor by its name."""
     rows: tuple[Row, ...] = ()
     for name in blocks[0]:
         n = sum(block[name].count for block in blocks)
         square = sum(block[name].square for block in blocks) / n
         error = float(np.sqrt(2.0 / n))
         rows += plain(stat.NOISE_SQUARE(name), square, error, n, 1.0, stat.CHI_SQUARE)
-    return rows
+    return rows + correlation_row(each.first for b in blocks for each in b.values())
 
 
 def correlation_row(vectors: Iterable[Array]) -> tuple[Row, ...]:

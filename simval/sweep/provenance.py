@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from simval.montecarlo import compiled
+from simval.imu.filters.mekf import compiled
 from simval.plugins.loading import sources
 from simval.plugins.names import portable
 from simval.scene import models_folder
@@ -48,8 +48,6 @@ def manifest(suite: Suite) -> dict[str, Any]:
         "models": model_hashes(),
         "files": file_hashes(suite.grid),
         "machine": machine(),
-        # no number depends on it, so a run may be resumed with the other
-        "trials": "compiled" if compiled() else "NumPy",
     }
 
 
@@ -66,6 +64,7 @@ def machine() -> dict[str, Any]:
         "processor": platform.machine(),
         "kernels": _kernels(),
         "linear_algebra": linear_algebra(),
+        "filter": "compiled" if compiled() else "NumPy",
         "threads": 1,  # in it, while cells are computed
         "libc": _libc(),
     }

@@ -22,11 +22,9 @@ from simval.imu.attitude.comparators import davenport, triad
 from simval.imu.attitude.kernel import (
     normalize_columns,
     raw_quaternion,
-    sums_and_differences,
 )
 from simval.moments import Moments
-from simval.montecarlo import fused, moments_of, simulate, simulate_closed_form
-from simval.montecarlo.plain import sums_of
+from simval.montecarlo import moments_of, simulate
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.attitude import BATCH, BLOCK, random_geometry
@@ -212,18 +210,8 @@ def predictions() -> list[Contender]:
     ]  # fmt: skip
 
 
-def full_pass(samples: int, threads: int) -> Moments:
+def full_pass(samples: int) -> Moments:
     """Draw, estimate, accumulate mean and second moments with standard errors."""
-    q, truth = geometry()
-    sums = simulate_closed_form(
-        truth, "plain", q, NOISE, Streams(1, (1,)),
-        samples=samples, block=BLOCK, threads=threads,
-    )  # fmt: skip
-    return moments_of(sums)
-
-
-def twelve(samples: int) -> Moments:
-    """The same by an estimator of its own on twelve normals, as for any sampler."""
     q, truth = geometry()
 
     def sampler(rng: np.random.Generator, count: int) -> Float[Array, "4 count"]:
@@ -239,18 +227,6 @@ def twelve(samples: int) -> Moments:
     return moments_of(sums)
 
 
-def without_block(samples: int) -> Moments:
-    """The NumPy form of the pass: the same bits."""
-    q, truth = geometry()
-    mean, noise = sums_and_differences(truth, "plain"), np.sqrt(2.0) * NOISE
-    streams, batches = Streams(1, (1,)), BLOCK // BATCH
-    means = [
-        fused.in_numpy(fused.lanes(streams, number), batches, mean, noise, q)
-        for number in range(-(-samples // BLOCK))
-    ]
-    return moments_of(sums_of(np.concatenate(means), BATCH))
-
-
 def normals(samples: int) -> None:
     """Draw twelve normals a sample into a buffer that stays in the cache."""
     rng = np.random.Generator(np.random.SFC64(1))
@@ -262,10 +238,8 @@ def normals(samples: int) -> None:
 @race("montecarlo", "Full Monte Carlo pass beside the generator's own rate", "samples")
 def monte_carlo() -> list[Contender]:
     """List the full pass beside the generator's own rate, one thread."""
-    few, drawn = SAMPLES // 8, "SFC64 normals, 12 a sample"
+    drawn = "SFC64 normals, 12 a sample"
     return [
         Contender(drawn, SAMPLES, partial(normals, SAMPLES), other="draws only"),
-        Contender("twelve, any sampler", SAMPLES, partial(twelve, SAMPLES), _compared),
-        Contender("full pass", SAMPLES, partial(full_pass, SAMPLES, 1), _compared),
-        Contender("full pass, NumPy", few, partial(without_block, few), _compared),
+        Contender("full pass", SAMPLES, partial(full_pass, SAMPLES), _compared),
     ]

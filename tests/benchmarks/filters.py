@@ -51,7 +51,11 @@ def contenders() -> list[Contender]:
     error = CalibrationError(of="gyroscope", covariance=1e-8 * np.eye(9))
     bound = partial(filter_bound, long, _model(), keep=_kept())
     predict = partial(filter_prediction, long, _model(), errors=[error], keep=_kept())
-    mekf = {f"mekf, {TRIALS} trials": TRIALS, "mekf, one trial": 1}
+    mekf = {
+        f"mekf{form}, {trials}": partial(_followed, n, plain)
+        for form, plain in (("", False), (" in NumPy", True))
+        for trials, n in ((f"{TRIALS} trials", TRIALS), ("one trial", 1))
+    }
 
     def pulled(matrix: Float[Array, "3 3"]) -> Answers:
         return {"attitude of the filter in NumPy": (matrix, ROUNDING)}
@@ -75,7 +79,7 @@ def contenders() -> list[Contender]:
     return [
         Contender(bare, ROWS, _bare, pulled),
         Contender("the same as a plug-in, checked", ROWS, _as_plugin, pulled),
-        *(Contender(k, n * ROWS, partial(_followed, n), seen) for k, n in mekf.items()),
+        *(Contender(k, run.args[0] * ROWS, run, seen) for k, run in mekf.items()),
         Contender("filter_bound", 10 * ROWS, bound, bounded),
         Contender("filter_prediction", 10 * ROWS, predict, other=calibrated),
         *(
@@ -132,16 +136,12 @@ def _filter(n: int) -> Mekf:
     )  # fmt: skip
 
 
-def _followed(n: int) -> tuple[dict[str, Array], dict[str, Array]]:
+def _followed(n: int, plain: bool) -> tuple[dict[str, Array], dict[str, Array]]:
     # the answers at the early row and at the last
-    early, answer = {}, {}
-    own = _filter(n)
-    w, f, m = _readings(n)
-    for k in range(ROWS):
-        answer = own.update(STEP, w[k], f[k], m[k])
-        if k == _kept()[0]:
-            early = answer
-    return early, answer
+    own, given = _filter(n), (np.full(ROWS, STEP), *_readings(n))
+    found = own._in_numpy(given[0], given[1:]) if plain else own.update_rows(*given)
+    early, last = ({w: a[k] for w, a in found.items()} for k in (_kept()[0], -1))
+    return early, last
 
 
 class _Pulled:

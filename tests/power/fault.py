@@ -6,6 +6,8 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from simval.imu.filters import Mekf, mekf
+
 Part = Literal["estimator", "formula", "noise", "sensor", "scene", "calibrator", "run"]
 
 
@@ -33,7 +35,15 @@ class Fault:
         """A context in which the flow is broken."""
         if self.context:
             return self.context()
-        return changed(self.owner, self.function, self.change, self.everywhere)
+        broken = changed(self.owner, self.function, self.change, self.everywhere)
+        return in_numpy(broken) if self.owner in (Mekf, mekf) else broken
+
+
+@contextmanager
+def in_numpy(broken: AbstractContextManager[None]) -> Iterator[None]:
+    """A broken filter in the NumPy form, which is the definition."""
+    with replaced(mekf, "_compiled", lambda: None), broken:
+        yield
 
 
 @contextmanager

@@ -30,7 +30,7 @@ WITHIN = (
 )
 
 fault = partial(Fault, "attitude", "run")
-samples = partial(fault, owner=attitude, function="simulate_closed_form")
+samples = partial(fault, owner=attitude, function="simulate")
 
 
 def errors(name, factor):

@@ -19,7 +19,7 @@ import scipy
 
 from power.fault import replaced
 from simval.arrays import Array
-from simval.montecarlo import simulate_closed_form
+from simval.montecarlo import simulate
 from simval.montecarlo.reduction import simulate_reduced
 from simval.results import CellName, Check, Row, plain
 from simval.statistics import EXACT, RMS
@@ -168,7 +168,7 @@ def known_theory() -> Iterator[None]:
 def drawn_once() -> Iterator[None]:
     """Draw the samples of the attitude study only once, for several claims."""
     with (
-        replaced(attitude, "simulate_closed_form", _once(simulate_closed_form)),
+        replaced(attitude, "simulate", _once(simulate)),
         replaced(attitude, "simulate_reduced", _once(simulate_reduced)),
     ):
         yield

@@ -75,7 +75,7 @@ def test_no_row_has_more_degrees_of_freedom_than_its_standard_error(
 ):
     # the batches that the attitude study really takes, plain and controlled
     taken = {}
-    for name in ("simulate_closed_form", "simulate_reduced"):
+    for name in ("simulate", "simulate_reduced"):
         simulated = getattr(attitude, name)
 
         def noted(*arguments, name=name, simulated=simulated, **options):
@@ -88,7 +88,7 @@ def test_no_row_has_more_degrees_of_freedom_than_its_standard_error(
         update={"samples": samples}
     )
     rows = run(parameters, Streams(1, (1,))).rows
-    checks = {"plain": "simulate_closed_form", "control": "simulate_reduced"}
+    checks = {"plain": "simulate", "control": "simulate_reduced"}
     for check, name in checks.items():
         sums = taken[name]
         assert {r.n for r in rows if r.check == check} == {sums.samples}

@@ -39,7 +39,6 @@ from simval.studies.trials import (
     Drawn,
     correlation_row,
     drawn_rows,
-    square_rows,
     strongest_by_chance,
     trials_of,
 )
@@ -128,47 +127,6 @@ def test_noise_of_nothing_does_not_pass():
     assert answers(of_family(rows, NOISE_SQUARE)) == {"fail"}
     (row,) = correlation_row(np.zeros((2, 2000)))
     assert row.value == 0.0
-
-
-@pytest.mark.ci
-def test_pairs_of_normals_that_are_right_raise_no_alarm():
-    # 100 fresh seeds, four rows each, at 1e-3 a seed: more than 2 alarms have a
-    # probability of 1.5e-4; at 5, 1 and 0.1 % alarms were 5.0, 1.1 and 0.13 % of 1500
-    alarms = 0
-    for seed in range(100):
-        streams = Streams(seed, cell_key("pairs"))
-        rows = square_rows([sampling._pairs(streams, k, 4) for k in range(2)])
-        alarms += answers(rows) != {"pass"}
-    assert alarms <= 2
-
-
-WRONG_PAIRS = {
-    "a sine for a cosine": lambda c, s: (s, s),
-    "octants never exchanged": lambda c, s: (
-        np.copysign(np.maximum(abs(c), abs(s)), c),
-        np.copysign(np.minimum(abs(c), abs(s)), s),
-    ),
-    "one sign for both": lambda c, s: (np.copysign(c, s), s),
-    "octants filled to nine tenths": lambda c, s: nearer_to_axes(0.9, c, s),
-}
-
-
-def nearer_to_axes(share, c, s):
-    angle, quarter = np.arctan2(s, c), np.pi / 2.0
-    axis = quarter * np.round(angle / quarter)
-    turned = axis + share * (angle - axis)
-    return np.hypot(c, s) * np.cos(turned), np.hypot(c, s) * np.sin(turned)
-
-
-@pytest.mark.parametrize("fault", WRONG_PAIRS)
-def test_pairs_of_normals_that_are_wrong_are_seen(fault, monkeypatch):
-    # power: the least of them, a mean of cos 4a of 0.11, is 30 standard errors
-    right, wrong = sampling.normals, WRONG_PAIRS[fault]
-    monkeypatch.setattr(
-        sampling, "normals", lambda w: np.hstack(wrong(*np.hsplit(right(w), 2)))
-    )
-    outcome = sampling.run(sampling.Parameters(), Streams(1, cell_key("x")))
-    assert "fail" in answers(of_family(outcome.rows, NOISE_SQUARE))
 
 
 @pytest.mark.parametrize("kept", ["seed", "key", "number"])

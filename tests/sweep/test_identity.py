@@ -23,6 +23,7 @@ OTHERS = {
     "mine is 1, the driver's absent": {"code": {**here().code, "mine": "1"}},
     "processor kernels": {"machine": {**here().machine, "kernels": ["none"]}},
     "linear_algebra": {"machine": {**here().machine, "linear_algebra": "other"}},
+    "filter": {"machine": {**here().machine, "filter": "other"}},
     "libc": {"machine": {**here().machine, "libc": "glibc 1.0"}},
 }
 

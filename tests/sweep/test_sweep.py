@@ -11,8 +11,6 @@ import pytest
 from stores import digest, edited
 
 from simval.errors import InputError
-from simval.judge import compare_runs
-from simval.montecarlo import fused
 from simval.results import Outcome, Row
 from simval.statistics import COVERAGE, RMS, Family
 from simval.sweep import (
@@ -53,25 +51,6 @@ def test_the_manifest_says_what_the_numbers_depend_on(tiny_run):
     assert len(manifest["models"]["gimbal.xml"]) == 64
     timing = json.loads((tiny_run / "timing.json").read_text())
     assert timing["cells"].keys() == {c.name for c in load_run(tiny_run).cells}
-
-
-@pytest.mark.ci
-def test_which_form_ran_is_in_the_manifest_and_in_no_number(
-    tiny_suite, tiny_run, tmp_path, simval, monkeypatch
-):
-    monkeypatch.setattr(fused, "_compiled", lambda: None)
-    run = run_suite(str(tiny_suite), tmp_path / "numpy")
-    assert run.manifest["trials"] == "NumPy"
-    assert digest(run.folder) == digest(tiny_run)
-    there = load_run(tiny_run)
-    monkeypatch.undo()
-    assert there.manifest["trials"] == ("compiled" if fused.compiled() else "NumPy")
-    assert compare_runs(there, run).environment == ()
-    words = ("gate", run.folder, "--baseline", tmp_path / "baseline.json")
-    assert simval(*words, "--update-baseline", "of the other form")[0] == 0
-    code, out, _ = simval("gate", tiny_run, "--baseline", tmp_path / "baseline.json")
-    assert code == 0
-    assert "differ" not in out
 
 
 def test_a_folder_that_exists_or_cannot_be_made_is_refused(tiny_suite, tiny_run):

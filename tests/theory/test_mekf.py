@@ -304,3 +304,85 @@ def test_every_fault_as_predicted():
 
 SMALL = ("no coning term", "scale wrong by 0.0001")
 """Below three standard errors of 40 trials, and seen beside the same draws."""
+
+
+COMPILED = mekf._compiled()
+needs_it = pytest.mark.skipif(
+    COMPILED is None, reason="the filter is not compiled here: make .venv/installed"
+)
+
+
+def in_numpy(own, dt, y):
+    return own._in_numpy(dt, y)
+
+
+def in_c(own, dt, y):
+    return own._in_c(COMPILED, dt, y)
+
+
+@needs_it
+@pytest.mark.parametrize("coning", [True, False])
+@pytest.mark.parametrize("some", [(1, 1), (1, 0), (0, 1), (0, 0)])
+@pytest.mark.parametrize("lead", [(), (3,)])
+def test_the_compiled_form_is_the_numpy_form(coning, some, lead):
+    """Slow and fast turns, either sensor, two stretches: 1e-12 of the greatest."""
+    rng = np.random.default_rng(5)
+    rate = rng.standard_normal((2, 40, *lead, 3)) * np.geomspace(
+        1e-9, 300.0, 40
+    ).reshape(40, *(1 for _ in lead), 1)
+    force = UP + rng.standard_normal(rate.shape)
+    field = FIELD * (1.0 + 0.1 * rng.standard_normal(rate.shape))
+    given = [force if some[0] else None, field if some[1] else None]
+    dt = rng.uniform(1e-3, 2e-2, (2, 40))
+    found = []
+    for form in (in_numpy, in_c):
+        _, q = filter_of()
+        told = TOLD | {"gyroscope_walk": 0.1, "coning": coning}
+        own = Mekf(start=q if lead else q[0], **told)
+        parts = [
+            form(own, dt[k], [rate[k], *(a if a is None else a[k] for a in given)])
+            for k in range(2)
+        ]
+        found.append({word: np.stack([p[word] for p in parts]) for word in mekf.WORDS})
+    for word, wanted in found[0].items():
+        off = np.abs(found[1][word] - wanted).max(initial=0.0)
+        assert off <= 1e-12 * np.abs(wanted).max(initial=0.0), word
+
+
+@needs_it
+@pytest.mark.parametrize("fault", ["rows lost", "a bit", "another source"])
+def test_a_compiled_form_of_other_numbers_is_not_used(fault, monkeypatch):
+    class Other:
+        def rows(self, *given):
+            if fault == "another source":
+                msg = "it takes other arguments"
+                raise TypeError(msg)
+            COMPILED.rows(*given)
+            state, answers = given[-2:]
+            if fault == "a bit":
+                answers *= 1.0 + 1e-11
+            else:
+                state[..., 7:10] = 0.0
+
+    assert mekf.reproduces(COMPILED)
+    monkeypatch.setattr(mekf, "import_module", lambda name: Other())
+    with pytest.warns(RuntimeWarning, match="install simval again"):
+        assert mekf._compiled.__wrapped__() is None
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"dt": [0.01, 0.0]}, "above 0 s"),
+        ({"dt": 0.01}, "`dt`"),
+        ({"gyroscope": np.zeros((3, 3, 3))}, "`gyroscope` has shape"),
+        ({"magnetometer": np.full((2, 3, 3), np.nan)}, "`magnetometer`"),
+    ],
+)
+def test_rows_that_cannot_be_taken_are_refused(wrong, words):
+    own, q = filter_of()
+    rows = np.ones((2, 3, 3))
+    given = {"dt": [0.01, 0.01], "gyroscope": rows, "accelerometer": rows} | wrong
+    with pytest.raises(InputError, match=words):
+        own.update_rows(**given)
+    np.testing.assert_array_equal(own.q, q)

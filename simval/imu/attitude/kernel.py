@@ -90,22 +90,6 @@ def raw_quaternion(
     return out
 
 
-def sums_and_differences(
-    vectors: Float[Array, "12 1"], frame: str
-) -> Float[Array, "9"]:
-    """d1, s1 and d2 of eq. (K1), twice each, with the frame's half turn."""
-    b1, b2, r1, r2 = vectors.reshape(4, 3)
-    turn = np.where(_KEPT[frame], 1.0, -1.0)
-    return np.concatenate([b1 - turn * r1, b1 + turn * r1, b2 - turn * r2])
-
-
-def places(frame: str) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Places and signs of [d1 x d2; s1'd2] in the quaternion."""
-    vector, scalar = _PLACES[frame]
-    rows = tuple(row for row, _ in vector)
-    return (*rows, scalar), (*(float(sign) for _, sign in vector), 1.0)
-
-
 def column_matrix(
     vectors: Float[Array, "4 3 n"] | Float[Array, "12 n"], *, symmetric: bool
 ) -> Float[Array, "4 4 n"]:

@@ -25,8 +25,14 @@ Specific force and field are vectors r of the world, read as :math:`A r + n`:
 and :math:`K z = (\delta\theta, \delta b)` goes into the estimate: :math:`\hat q
 \leftarrow \hat q * q(\delta\theta)`, :math:`\hat b \leftarrow \hat b + \delta b`.
 Left out are terms of second order of the error, and of the turn in Q.
+
+`mekf.c` is the same for many rows in one call. It is used where it was compiled and
+reproduces some rows of the NumPy form, which is the definition, to `ROUNDED`.
 """
 
+import warnings
+from functools import cache, partial
+from importlib import import_module
 from typing import Any, Final
 
 import numpy as np
@@ -45,6 +51,8 @@ from simval.shapes import Float
 
 I3: Final = frozen(np.eye(3))
 TINY: Final = 1e-100  # rad, stands in for no turn: sines over it are 1
+ROUNDED: Final = 1e-12  # relative, of the compiled form's answers
+WORDS: Final = ("attitude", "bias", "covariance", "innovation", "innovation_covariance")
 
 
 class Mekf:
@@ -125,22 +133,84 @@ class Mekf:
             The attitude (n, 4), the bias (n, 3), the covariance of the error (n, 6, 6),
             the innovation (n, m) and its covariance (n, m, m).
         """
-        self._step(positive_number("dt", dt, "s"), self._rows("gyroscope", gyroscope))
+        shape = self.b.shape
+        rate = self._rows("gyroscope", gyroscope, shape)
+        self._step(positive_number("dt", dt, "s"), rate)
         given = [("accelerometer", accelerometer), ("magnetometer", magnetometer)]
         some = [i for i, (_, rows) in enumerate(given) if rows is not None]
-        y = [self._rows(*given[i]) for i in some]
+        y = [self._rows(*given[i], shape) for i in some]
         z, S = self._correct(np.array(some, dtype=int), y)
-        return {
-            "attitude": self.q, "bias": self.b, "covariance": self.P,
-            "innovation": z, "innovation_covariance": S,
-        }  # fmt: skip
+        return dict(zip(WORDS, (self.q, self.b, self.P, z, S), strict=True))
 
-    def _rows(self, name: str, rows: Any) -> Float[Array, "... 3"]:
+    def update_rows(
+        self, dt: Any, gyroscope: Any, accelerometer: Any, magnetometer: Any = None
+    ) -> dict[str, Array]:
+        """Take many rows in one call, as `update` takes one.
+
+        Parameters
+        ----------
+        dt : array_like
+            Time of each step, s, (T,).
+        gyroscope : array_like
+            Average rates, rad/s, (T, n, 3).
+        accelerometer, magnetometer : array_like
+            Specific force, m/s^2, and field, T, (T, n, 3); None if no row has them.
+
+        Returns
+        -------
+        dict
+            What `update` gives, with a leading axis T.
+
+        Raises
+        ------
+        InputError
+            If an argument is not usable; no row is then taken.
+        """
+        dt = physical_array("dt", dt, (None,))
+        if dt.ndim != 1 or not len(dt) or not (dt > 0.0).all():
+            msg = f"`dt` has shape {dt.shape}; give the time of each step, above 0 s"
+            raise InputError(msg)
+        lead = (len(dt), *self.b.shape)
+        given = {"gyroscope": gyroscope}
+        given |= {"accelerometer": accelerometer, "magnetometer": magnetometer}
+        y = [None if a is None else self._rows(k, a, lead) for k, a in given.items()]
+        code = _compiled()
+        return self._in_numpy(dt, y) if code is None else self._in_c(code, dt, y)
+
+    def _in_numpy(self, dt: Array, y: list[Array | None]) -> dict[str, Array]:
+        columns = [[None] * len(dt) if a is None else a for a in y]
+        each = [self.update(*row) for row in zip(dt, *columns, strict=True)]
+        return {word: np.stack([row[word] for row in each]) for word in WORDS}
+
+    def _in_c(self, code: Any, dt: Array, y: list[Array | None]) -> dict[str, Array]:
+        lead = self.q.shape[:-1]
+        some = [i for i, a in enumerate(y[1:]) if a is not None]
+        told = [self.references[some].ravel(), self.R.reshape(2, 3)[some].ravel()]
+        told.append(np.array([self.N2, self.K2, self.coning]))
+        P = self.P.reshape(*lead, 36)
+        state = np.concatenate([self.q, self.b, self.before, P], axis=-1)
+        m = 3 * len(some)
+        answers = np.empty((len(dt), *lead, 43 + m + m * m))
+        given = [a if a is None else np.ascontiguousarray(a) for a in (dt, *y)]
+        code.rows(*given, np.concatenate(told), state, answers)
+        self.q, self.b, self.before, P = np.split(state, [4, 7, 10], axis=-1)
+        self.P = P.reshape(self.P.shape)
+        parts = np.split(answers, np.cumsum([4, 3, 36, m]), axis=-1)
+        shapes = ((4,), (3,), (6, 6), (m,), (m, m))
+        found = (
+            a.reshape(*answers.shape[:-1], *shape)
+            for a, shape in zip(parts, shapes, strict=True)
+        )
+        return dict(zip(WORDS, found, strict=True))
+
+    def _rows(
+        self, name: str, rows: Any, shape: tuple[int, ...]
+    ) -> Float[Array, "... 3"]:
         array = physical_array(name, rows, (3,))
-        if array.shape != self.b.shape:
+        if array.shape != shape:
             msg = (
                 f"`{name}` has shape {array.shape}; the start has {self.q.shape}, so "
-                f"give {self.b.shape}"
+                f"give {shape}"
             )
             raise InputError(msg)
         return array
@@ -178,6 +248,53 @@ class Mekf:
         self.q = _turned(self.q, error[..., :3])
         self.b = self.b + error[..., 3:]
         return z, S
+
+
+def compiled() -> bool:
+    """True if the compiled form is used; numbers depend on it by rounding alone."""
+    return _compiled() is not None
+
+
+@cache
+def _compiled() -> Any:
+    """Import the compiled form, if there is one and it has the NumPy form's numbers."""
+    try:
+        code = import_module("_simval_mekf")
+    except ImportError:  # a wheel that was built without a compiler
+        return None
+    if reproduces(code):
+        return code
+    warnings.warn(
+        "the compiled filter has other numbers than its NumPy form, which is used "
+        "instead; install simval again, `pip install -e .` in a checkout",
+        RuntimeWarning,
+        stacklevel=2,
+    )
+    return None
+
+
+def reproduces(code: Any) -> bool:
+    """True if a compiled form gives the NumPy form's answers, to rounding."""
+    rng = np.random.default_rng(1)
+    start, rows = rng.standard_normal((3, 4)), rng.standard_normal((3, 8, 3, 3))
+    start /= np.linalg.norm(start, axis=-1, keepdims=True)
+    dt = rng.uniform(0.01, 0.1, 8)
+    found = []
+    for form in (lambda own: own._in_numpy, lambda own: partial(own._in_c, code)):
+        own = Mekf(
+            start=start, start_std=0.1, bias_std=0.01, gravity=9.8,
+            field=[2e-5, 0.0, -4e-5], gyroscope_noise=1e-3, gyroscope_walk=1e-4,
+            accelerometer_noise=0.5, magnetometer_noise=1e-6,
+        )  # fmt: skip
+        y = list(rows * [[[[1.0]]], [[[9.8]]], [[[4e-5]]]])
+        try:
+            found.append(form(own)(dt, y) | {"before": own.before})
+        except (AttributeError, TypeError, ValueError):  # it is of another source
+            return False
+    return all(
+        np.allclose(value, found[0][word], rtol=0.0, atol=ROUNDED * np.abs(value).max())
+        for word, value in found[1].items()
+    )
 
 
 def _transition(phi: Float[Array, "... 3"], h: float) -> Float[Array, "... 6 6"]:
