@@ -4,7 +4,7 @@ BIN := .venv/bin
 
 .PHONY: report test landing check nightly power bench sanitize mutants lowest sample league docs clean
 
-report: .venv/installed
+report: .venv/core
 	@mkdir -p reports/runs
 	@run="reports/runs/accuracy-$$(date +%Y%m%d-%H%M%S)"; \
 	$(BIN)/simval sweep accuracy --out "$$run" && $(BIN)/simval report "$$run"
@@ -119,10 +119,13 @@ lowest:
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 .venv-lowest/bin/python -m pytest -n auto --dist loadfile \
 	  -W default::DeprecationWarning -m "not (slow or wheel or league)"
 
-# made when missing, re-used when not; remade only when the dependencies change
-.venv/installed: pyproject.toml CMakeLists.txt simval/imu/filters/mekf.c
+# made when missing, re-used when not; remade only when the dependencies change: what a
+# report needs, and with the tests' own packages
+.venv/core: EXTRAS :=
+.venv/installed: EXTRAS := [test]
+.venv/core .venv/installed: pyproject.toml CMakeLists.txt simval/imu/filters/mekf.c
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.$(EXTRAS)'
 	touch $@
 
 clean:
