@@ -75,6 +75,8 @@ def chance_words(p: float, digits: int = 2) -> str:
 
 def one_line(text: str) -> str:
     """Make any message fit for one line of a terminal or a table."""
+    if len(text) <= LIMIT and text.isprintable():  # as nearly all are
+        return text.strip()
     lines = [line.strip() for line in text.splitlines()]
     joined = printable(" | ".join(line for line in lines if line))
     if len(joined) <= LIMIT:
@@ -87,6 +89,8 @@ def one_line(text: str) -> str:
 
 def printable(text: str) -> str:
     r"""Replace what a terminal obeys, and what no file can hold, by its escape."""
+    if text.isprintable():
+        return text
     return "".join(
         c if c.isprintable() or c in "\t\n" else c.encode("unicode_escape").decode()
         for c in text
