@@ -70,42 +70,40 @@ def variance_magnitude(
     samples = checked_samples(samples, window)
     n, half = len(samples), window // 2
     blocks = -(-n // window)
-    padded = np.concatenate([samples, np.repeat(samples[-1:], blocks * window - n, 0)])
-    cube = padded.reshape(blocks, window, 3)
-    centre = cube.mean(axis=1, keepdims=True)
-    cube = cube - centre
-    mean_before, spread_before = _running(cube)
-    mean_after, spread_after = _running(cube[:, ::-1])
-    # a window that starts at offset o > 0 has window - o samples in its first block
-    centres = centre[:, 0]
-    tail_mean = (mean_after[:, ::-1] + centres[:, None]).reshape(-1, 3)
-    tail_spread = spread_after[:, ::-1].reshape(-1, 3)
-    head_mean = (mean_before + centres[:, None]).reshape(-1, 3)
-    head_spread = spread_before.reshape(-1, 3)
-    start = np.arange(n - window + 1)
-    in_head = start % window  # samples in the second block
-    last = start + window - 1
-    merged = (
-        tail_spread[start]
-        + head_spread[last]
-        + (in_head * (window - in_head) / window)[:, None]
-        * (head_mean[last] - tail_mean[start]) ** 2
+    cube = np.empty((3, blocks * window))
+    cube[:, :n] = samples.T
+    cube[:, n:] = samples[-1:].T
+    cube = cube.reshape(3, blocks, window)
+    centre = cube.mean(axis=2, keepdims=True)
+    cube -= centre
+    head_mean, head_spread = _running(cube, centre)
+    count = n - window + 1
+    head_mean, head_spread = (
+        part.reshape(3, -1)[:, window - 1 : n] for part in _running(cube, centre)
     )
-    whole = in_head == 0
-    merged[whole] = tail_spread[start[whole]]
+    tail_mean, tail_spread = (
+        part[:, :, ::-1].reshape(3, -1)[:, :count]
+        for part in _running(cube[:, :, ::-1], centre)
+    )
+    # a window that starts at offset o > 0 has window - o samples in its first block
+    in_head = np.arange(count) % window  # samples in the second block
+    merged = (head_mean - tail_mean) ** 2
+    merged *= in_head * (window - in_head) / window
+    merged += tail_spread + head_spread
+    merged[:, ::window] = tail_spread[:, ::window]  # one whole block
     result = np.full(n, np.inf)
-    result[half : n - half] = np.linalg.norm(merged / (window - 1), axis=1)
+    result[half : n - half] = np.linalg.norm(merged / (window - 1), axis=0)
     return result
 
 
 def _running(
-    cube: Float[Array, "m k 3"],
-) -> tuple[Float[Array, "m k 3"], Float[Array, "m k 3"]]:
-    # running mean and sum of squared deviations along axis 1
-    count = np.arange(1, cube.shape[1] + 1)[:, None]
-    total = np.cumsum(cube, axis=1)
-    spread = np.cumsum(cube * cube, axis=1) - total * total / count
-    return total / count, np.maximum(spread, 0.0)
+    cube: Float[Array, "3 m k"], centre: Float[Array, "3 m 1"]
+) -> tuple[Float[Array, "3 m k"], Float[Array, "3 m k"]]:
+    # running mean and sum of squared deviations along a block
+    count = np.arange(1, cube.shape[2] + 1)
+    total = np.cumsum(cube, axis=2)
+    spread = np.cumsum(cube * cube, axis=2) - total * total / count
+    return total / count + centre, np.maximum(spread, 0.0)
 
 
 def checked_samples(samples: Float[Array, "n 3"], window: int) -> Float[Array, "n 3"]:
