@@ -70,10 +70,10 @@ def variance_magnitude(
     samples = checked_samples(samples, window)
     n, half = len(samples), window // 2
     blocks = -(-n // window)
-    cube = np.empty((3, blocks * window))
-    cube[:, :n] = samples.T
-    cube[:, n:] = samples[-1:].T
-    cube = cube.reshape(3, blocks, window)
+    padded = np.empty((3, blocks * window))
+    padded[:, :n] = samples.T
+    padded[:, n:] = samples[-1:].T
+    cube = padded.reshape(3, blocks, window)
     centre = cube.mean(axis=2, keepdims=True)
     cube -= centre
     head_mean, head_spread = _running(cube, centre)
