@@ -453,11 +453,8 @@ def _known(name: str) -> str:
     return name
 
 
-GeometryName = Annotated[
-    str,
-    AfterValidator(_known),
-    Field(description="Named test case, which has its vectors and noise."),
-]
+GeometryName = Annotated[str, AfterValidator(_known)]
+"""A named test case."""
 
 
 class Parameters(AlgorithmParameters):
@@ -469,7 +466,11 @@ class Parameters(AlgorithmParameters):
     algorithm: PluginName = Field(
         default="", description="FILE.py, FILE.py:NAME or the name of an entry point."
     )
-    geometry: Geometry | GeometryName = 3
+    geometry: Geometry | GeometryName = Field(
+        default=3,
+        description="Number of a random attitude and vectors, or the name of a test "
+        "case, which has its vectors and noise.",
+    )
     noise_std: float = ranged(
         0.01, "Noise per axis of each body vector of length 1.", LEAST_NOISE, MOST_NOISE
     )
