@@ -294,6 +294,26 @@ def test_the_row_and_the_trial_are_told(crashes):
     assert isinstance(error.value, CrashedPluginError) is crashes
 
 
+@pytest.mark.parametrize("fault", [ValueError, None])
+def test_the_row_of_a_later_stretch_is_told_and_the_filter_closed(fault):
+    closed = []
+
+    class Closing(Rate):
+        def update(self, dt, w, f, m):
+            q = self.step(dt, w)
+            if self.k == 290 and fault:
+                raise fault
+            return np.nan * q if self.k == 290 else q
+
+        def close(self):
+            closed.append(self.k)
+
+    given, _ = tumbling(1, 300, noise=False)
+    with pytest.raises(PluginError, match=r"at row 290 \(2\.91 s\)"):
+        run(filtering(Closing), given)
+    assert len(closed) == 1
+
+
 def test_every_trial_answers_in_one_form():
     made = []
 
@@ -483,6 +503,7 @@ def test_one_that_stays_in_none_is_told_what_was_tried():
     message = str(error.value)
     assert "stays in none of the 96 declarations that were tried" in message
     assert all(re.search(rf"{world} \d+", message) for world in WORLDS)
+    assert "its inclination" not in message.lower()
     with pytest.raises(PluginError, match="`make` of mine raised OSError"):
         find_world(replace(still, make=no_model, reads=("start",)), told(), RATE)
 
