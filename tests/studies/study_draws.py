@@ -11,6 +11,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 
 from simval.studies import STUDIES
+from simval.studies.named_geometries import GEOMETRIES
 
 SCENARIOS = ("gimbal slow", "gimbal fast", "magnetic disturbance", "anywhere")
 WORDS = {  # of fields that are text
@@ -81,6 +82,10 @@ def draw(study, rng, edge=0.4, plain=0.3):
         kind = rng.random()
         if typing.get_origin(info.annotation) is typing.Literal:
             values[name] = str(rng.choice(typing.get_args(info.annotation)))
+        elif (study, name) == ("estimator", "geometry"):  # a number or a name
+            numbers = [0, int(rng.integers(2**62)), 2**63 - 1]
+            choices = [*GEOMETRIES] if rng.random() < 0.1 else numbers
+            values[name] = choices[int(rng.integers(len(choices)))]
         elif info.annotation is str:
             values[name] = str(rng.choice(WORDS[study, name]))
         elif kind < edge:
