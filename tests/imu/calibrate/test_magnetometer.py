@@ -178,7 +178,7 @@ def test_the_recipe_is_exact_without_noise_and_has_the_same_axes():
         iron[bad, 3, 0] = np.nan
         batch = ellipsoid_then_rotation(np.stack([FORTY.body, FORTY.body]), iron)
         assert np.isnan(batch[: bad + 1]).all()
-        np.testing.assert_array_equal(batch[bad + 1 :], [found] * (1 - bad))
+        assert np.array_equal(batch[1], found) or bad
 
 
 # recordings: BROAD (Laidig, Caruso, Cereatti and Seel, Data 6(7), 2021, CC BY 4.0)
