@@ -38,7 +38,7 @@ NOISE = {"rows": 4096, "trials": 264}
 FILTER = {"seconds": 8.0, "trials": 128}
 CALIBRATED = {"noise_std": 1e-3, "trials": 4096, "poses": 12, "hold_time": 0.05}
 SMALL = {  # study, parameters, and how many of its rows are judged
-    "sampling": ("sampling", {"blocks": 4}, 15, ()),
+    "sampling": ("sampling", {"blocks": 4}, 11, ()),
     "scene": ("scene", GIMBAL, 6, CI),
     "clean calibration": ("calibration", {"noise_std": 0.0}, 3, ()),
     "calibration": ("calibration", CALIBRATED, 44, CI),
