@@ -24,10 +24,8 @@ from simval.imu.attitude.kernel import (
     raw_quaternion,
 )
 from simval.moments import Moments
-from simval.montecarlo import moments_of, simulate
 from simval.shapes import Float
-from simval.streams import Streams
-from simval.studies.attitude import BATCH, BLOCK, random_geometry
+from simval.studies.attitude import random_geometry
 from simval.theory import attitude_moments
 
 NOISE = 0.01  # a level of the accuracy suite; the time does not depend on it
@@ -208,38 +206,3 @@ def predictions() -> list[Contender]:
             for order, (times, part) in orders.items()
         ),
     ]  # fmt: skip
-
-
-def full_pass(samples: int) -> Moments:
-    """Draw, estimate, accumulate mean and second moments with standard errors."""
-    q, truth = geometry()
-
-    def sampler(rng: np.random.Generator, count: int) -> Float[Array, "4 count"]:
-        vectors = rng.standard_normal((12, count))
-        vectors *= NOISE
-        vectors += truth
-        error = normalize_columns(raw_quaternion(vectors, "plain"))
-        return np.subtract(q[:, None], error, out=error)
-
-    sums = simulate(
-        sampler, Streams(1, (1,)), samples=samples, block=BLOCK, batch=BATCH
-    )
-    return moments_of(sums)
-
-
-def normals(samples: int) -> None:
-    """Draw twelve normals a sample into a buffer that stays in the cache."""
-    rng = np.random.Generator(np.random.SFC64(1))
-    buffer = np.empty(32_768)
-    for _ in range(12 * samples // buffer.size):
-        rng.standard_normal(out=buffer)
-
-
-@race("montecarlo", "Full Monte Carlo pass beside the generator's own rate", "samples")
-def monte_carlo() -> list[Contender]:
-    """List the full pass beside the generator's own rate, one thread."""
-    drawn = "SFC64 normals, 12 a sample"
-    return [
-        Contender(drawn, SAMPLES, partial(normals, SAMPLES), other="draws only"),
-        Contender("full pass", SAMPLES, partial(full_pass, SAMPLES), _compared),
-    ]
