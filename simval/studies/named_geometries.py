@@ -4,10 +4,10 @@ r"""Geometries by name: the test cases that estimators of Wahba's problem are he
 determination using vector observations: a fast optimal matrix algorithm": one
 attitude, two or three references, noise of 1e-6 or 0.01 for each axis: of one size,
 unequal, and of vectors 0.01 rad apart. ``unequal 2`` and ``unequal 3`` are two and
-three vectors of the scenario of Markley and Mortari (2000), "Quaternion attitude
-estimation using vector observations", one of 1 arcsecond and the others of 1 degree
-and almost opposite to it: where Cheng and Shuster (2007), "Robustness and accuracy of
+three vectors, one of 1 arcsecond and the others of 1 degree and almost opposite to it:
+the kind of extreme case in which Cheng and Shuster (2007), "Robustness and accuracy of
 the QUEST algorithm", find the expanded characteristic polynomial to lose all digits.
+Their numbers are ours, not those of a published table.
 """
 
 from collections.abc import Mapping

@@ -64,6 +64,18 @@ def noisy(case, seed=1):
     return body[0], iron[0]
 
 
+def test_pose_chi_squares_are_what_leaving_out_takes_off():
+    body, iron = noisy(FORTY)
+    whole = fit_of(body, iron)
+    for k in (0, 13, 39):
+        keep = np.arange(40) != k
+        less = fit_of(body[keep], iron[keep])
+        # exact for linear equations: the rest is of the order of the noise
+        assert whole.chi_square - less.chi_square == pytest.approx(
+            whole.pose_chi_square[k], rel=0.03, abs=0.02
+        )
+
+
 def test_the_twin_is_exact_and_the_hemisphere_picks_one():
     body, iron = noisy(FORTY)
     unstated = fit_of(body, iron)
