@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simval.imu.sensor import MODELS, AccelerometerModel, forms
-from simval.report.words import sign_of_entries
+from simval.report.formatting import sign_of_entries
 from simval.statistics import BIAS, SD
 
 G = 9.80665

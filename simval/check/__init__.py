@@ -5,7 +5,7 @@ folder that goes again; `check_function` takes a function that only this process
 Both answer with a `Checked`: the gate's result, and what the plug-ins declare.
 """
 
+from simval.check.explanation import told
 from simval.check.measure import Checked, check_function, check_plugin
-from simval.check.words import told
 
 __all__ = ["Checked", "check_function", "check_plugin", "told"]

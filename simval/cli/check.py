@@ -29,7 +29,7 @@ def command(
     inconclusive or refused, 4 it crashed.
     """
     from simval.check import check_plugin, told
-    from simval.check.words import to_json
+    from simval.check.explanation import to_json
     from simval.cli.progress import CellBar, Quiet
 
     with nullcontext(Quiet()) if as_json else CellBar() as progress:

@@ -200,8 +200,8 @@ def _times_of(
 
 def show(a: Run, b: Run, found: RunComparison, *, every: bool = False) -> None:
     """Print how many values changed, then what and which way."""
+    from simval.judge.result_lines import changes_headline, move_lines, other_lines
     from simval.judge.runs import origin_of, shared_words
-    from simval.judge.words import changes_headline, move_lines, other_lines
 
     lines = [f"A is {origin_of(a).words}", f"B is {origin_of(b).words}"]
     if found.total:

@@ -241,7 +241,7 @@ def show(result: GateResult, table: bool = False, every: bool = False) -> None:
     from rich.console import Console
 
     from simval.judge import headline
-    from simval.judge.words import every_line, short_lines
+    from simval.judge.result_lines import every_line, short_lines
 
     if table:
         Console(highlight=False, soft_wrap=True, emoji=False).print(_counts(result))

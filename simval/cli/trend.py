@@ -63,7 +63,7 @@ def show(trend: Trend, *, every: bool = False) -> None:
     """Print how many values have a step, the runs, and the steps."""
     from rich.console import Console
 
-    from simval.judge.words import move_lines
+    from simval.judge.result_lines import move_lines
 
     tell([headline(trend)])
     Console(highlight=False, soft_wrap=True, emoji=False).print(_runs(trend))

@@ -31,11 +31,7 @@ from simval.plugins.loading import BESIDE, BUILTIN
 from simval.report.answers import Line
 from simval.report.curves import MAX_GROUPS, along_axis, grouped, simultaneous, upright
 from simval.report.curves import Measured as Said
-from simval.report.declared import numbers
-from simval.report.panels import DotPanel, Drawing, HeatPanel
-from simval.report.section import Context, Section, made
-from simval.report.table import Column, Kind, Table, tabulated
-from simval.report.words import (
+from simval.report.formatting import (
     LEAST_DEGREES,
     angle,
     begun,
@@ -44,6 +40,10 @@ from simval.report.words import (
     setting_words,
     spelled,
 )
+from simval.report.panels import DotPanel, Drawing, HeatPanel
+from simval.report.section import Context, Section, made
+from simval.report.study_sections import numbers
+from simval.report.table import Column, Kind, Table, tabulated
 from simval.results import CellName
 from simval.studies.filter import REFERENCE
 from simval.sweep import Run

@@ -32,8 +32,8 @@ from simval.change import question
 from simval.judge import Comparison, Step
 from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
 from simval.report.curves import simultaneous
+from simval.report.formatting import begun, measured, rounded, spelled
 from simval.report.section import Against, Context, home
-from simval.report.words import begun, measured, rounded, spelled
 from simval.results import CellName
 from simval.statistics import (
     ALLAN_ERROR,

@@ -13,10 +13,10 @@ from simval.arrays import Array
 from simval.errors import InputError
 from simval.figures import Artifact, Distribution, Strip, Trace
 from simval.report.curves import described
+from simval.report.formatting import FORMULAS, begun, slug
 from simval.report.gallery import LINES, STYLES, Cells, sentence, where_of
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
 from simval.report.section import Context
-from simval.report.words import FORMULAS, begun, slug
 from simval.shapes import Float
 from simval.sweep.run import CellResult
 

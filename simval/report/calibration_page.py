@@ -26,6 +26,7 @@ from simval.imu.multiposition.description import (
 from simval.imu.sensor import forms
 from simval.imu.statics import interval_means
 from simval.poses import fibonacci_sphere
+from simval.report.formatting import rounded
 from simval.report.log_page import (
     Answer,
     LogPage,
@@ -39,7 +40,6 @@ from simval.report.log_page import (
 from simval.report.panels import COLOURS, Drawing, Series, SpherePanel
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
-from simval.report.words import rounded
 from simval.shapes import Float
 from simval.text import chance_words
 from simval.units import MILLIMETRE_PER_SECOND_SQUARED, MILLIRADIAN, PPM, Unit

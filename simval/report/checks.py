@@ -20,11 +20,11 @@ from simval.report.curves import (
     varying,
 )
 from simval.report.findings import Claim, claiming
+from simval.report.formatting import axis_words, sign_of_entries, spelled
 from simval.report.gallery import panels_of
 from simval.report.panels import GREY, Drawing, Panel, Series
 from simval.report.section import Context, Section, made
 from simval.report.table import Column, Table, tabulated
-from simval.report.words import axis_words, sign_of_entries, spelled
 from simval.results import CellName, Row
 from simval.statistics import Statistic
 from simval.sweep import Run

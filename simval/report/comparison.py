@@ -21,10 +21,10 @@ from simval.report.curves import (
     grouped,
     spans,
 )
+from simval.report.formatting import axis_words, spelled
 from simval.report.panels import COLOURS, Drawing, Panel, Series
 from simval.report.section import Section, located, made, part_of, template
 from simval.report.table import Column, Table, tabulated
-from simval.report.words import axis_words, spelled
 from simval.statistics import Statistic
 from simval.sweep import Run
 from simval.sweep.run import CellResult

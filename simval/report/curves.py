@@ -22,6 +22,7 @@ import scipy
 from simval.arrays import Array
 from simval.change import EFFORT
 from simval.judge.findings import reproduce
+from simval.report.formatting import measured, number, setting_words, spelled
 from simval.report.panels import (
     BOUND,
     COLOURS,
@@ -33,7 +34,6 @@ from simval.report.panels import (
     Series,
     near,
 )
-from simval.report.words import measured, number, setting_words, spelled
 from simval.results import Row
 from simval.shapes import Bool, Float
 from simval.statistics import FAMILIES

@@ -11,6 +11,7 @@ from simval.imu.logs import Log
 from simval.imu.recorded import Evaluation
 from simval.imu.recorded.errors import ALPHA, Consistency, Rms
 from simval.imu.recorded.evaluation import WithTruth, turned_words
+from simval.report.formatting import measured, rounded, slug
 from simval.report.log_page import (
     Answer,
     LogPage,
@@ -22,7 +23,6 @@ from simval.report.log_page import (
 from simval.report.panels import COLOURS, GREY, Drawing, Series
 from simval.report.section import made
 from simval.report.table import Column, Table, tabulated
-from simval.report.words import measured, rounded, slug
 from simval.shapes import Bool, Float
 
 BAND = 3.0

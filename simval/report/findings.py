@@ -27,8 +27,8 @@ from simval.report.curves import (
     simultaneous,
     varying,
 )
+from simval.report.formatting import setting_words, spelled
 from simval.report.panels import Drawing
-from simval.report.words import setting_words, spelled
 from simval.results import Row
 from simval.shapes import Float
 from simval.statistics import Family, Statistic

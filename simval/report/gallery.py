@@ -37,6 +37,14 @@ from simval.report.curves import (
     varying,
 )
 from simval.report.findings import Claim, behind, claiming, limited
+from simval.report.formatting import (
+    FORMULAS,
+    axis_words,
+    begun,
+    setting_words,
+    slug,
+    spelled,
+)
 from simval.report.panels import (
     BOUND,
     COLOURS,
@@ -47,14 +55,6 @@ from simval.report.panels import (
     Drawing,
     Panel,
     Series,
-)
-from simval.report.words import (
-    FORMULAS,
-    axis_words,
-    begun,
-    setting_words,
-    slug,
-    spelled,
 )
 from simval.results import Row
 from simval.statistics import (

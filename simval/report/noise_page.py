@@ -11,11 +11,11 @@ import numpy as np
 from simval.arrays import Array
 from simval.imu.logs import Log
 from simval.imu.noise import AxisNoise, Coefficient
+from simval.report.formatting import rounded
 from simval.report.log_page import LogPage, Reply
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
 from simval.report.section import made
 from simval.report.table import Column, Table
-from simval.report.words import rounded
 from simval.shapes import Float
 from simval.units import OF_A_DATA_SHEET, Unit
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from simval.errors import InputError
 from simval.judge import compare_runs, judge_run
-from simval.report import algorithms, checks, declared, pictures, record, summary
+from simval.report import algorithms, checks, pictures, record, study_sections, summary
 from simval.report.algorithms import has_user_code
 from simval.report.answers import comparable, linked
 from simval.report.panels import Drawing
@@ -73,11 +73,11 @@ GROUPS: Mapping[str, Mapping[str, Entry]] = {
         "scene": Entry("Scenes", pictures.scene_section),
         "statics": Entry("Static intervals"),
         "convergence": Entry("Convergence of the solvers"),
-        "other": Entry("Further studies", declared.other_section),
+        "other": Entry("Further studies", study_sections.other_section),
     },
     "Checks and numbers": {
         "statistics": Entry(
-            "Efficiency, coverage and consistency", declared.statistics_section
+            "Efficiency, coverage and consistency", study_sections.statistics_section
         ),
         "checks": Entry("Checks", checks.checks_section),
         "numbers": Entry("All numbers", record.numbers_section),
@@ -240,11 +240,13 @@ def _sections(context: Context) -> tuple[Section, ...]:
     found = []
     for anchor, (title, make) in entries.items():
         section = (
-            declared.section_of(context, anchor) if make is None else make(context)
+            study_sections.section_of(context, anchor)
+            if make is None
+            else make(context)
         )
         if section is not None:
-            also = declared.SHOWN if anchor == "statistics" else ()
-            more = declared.elsewhere(context, anchor, also)
+            also = study_sections.SHOWN if anchor == "statistics" else ()
+            more = study_sections.elsewhere(context, anchor, also)
             found.append(replace(section.under(anchor, title), elsewhere=more))
     anchors = {section.anchor for section in found}
     return tuple(_linked(section, anchors) for section in found)

@@ -26,7 +26,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLocator
 
 from simval.arrays import Array
-from simval.report import live
+from simval.report import interactivity
 from simval.report.panels import (
     GREY,
     INK,
@@ -184,11 +184,13 @@ def _svg(drawing: Drawing) -> str:
     style: Any = {**STYLE, "svg.hashsalt": name}
     with mpl.rc_context(style):
         figure = figure_of(drawing)
-        live.name_parts(figure, drawing.panels)
+        interactivity.name_parts(figure, drawing.panels)
         figure.savefig(buffer, format="svg", dpi=DOTS_PER_INCH, metadata=nothing)
-        over = live.points(figure, drawing.panels, [placed(p) for p in drawing.panels])
+        over = interactivity.points(
+            figure, drawing.panels, [placed(p) for p in drawing.panels]
+        )
     text = buffer.getvalue()
-    text = live.with_keys(text[text.index("<svg") :], drawing.panels)
+    text = interactivity.with_keys(text[text.index("<svg") :], drawing.panels)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     # ids that nothing refers to, and the indentation
     used = {a or b for a, b in re.findall(r'href="#([^"]*)"|url\(#([^)]*)\)', text)}

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array
-from simval.report.words import slug
+from simval.report.formatting import slug
 from simval.shapes import Float
 
 COLOURS = ("#0077bb", "#008877", "#6644ff", "#2277ee", "#885588", "#cc22bb")
@@ -159,7 +159,7 @@ class Drawing:
     """A figure: panels, a caption and a text for those who cannot see it."""
 
     # unique on the page: part of every id in the figure, and its file name; a slug
-    # (`simval.report.words.slug`)
+    # (`simval.report.formatting.slug`)
     name: str
     caption: str  # what the reader sees below it
     panels: Sequence[AnyPanel]

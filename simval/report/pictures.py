@@ -19,10 +19,10 @@ from simval.judge.algorithms import algorithm_of
 from simval.report.artifacts import arrays, content_of, is_left, listed, shaped
 from simval.report.calibration_page import widest_gap
 from simval.report.curves import MAX_GROUPS
-from simval.report.declared import shown_of
+from simval.report.formatting import slug
 from simval.report.panels import COLOURS, Drawing, SpherePanel
 from simval.report.section import Context, Section, made
-from simval.report.words import slug
+from simval.report.study_sections import shown_of
 from simval.shapes import Float
 from simval.studies.filter import artifact_of
 from simval.sweep.run import CellResult

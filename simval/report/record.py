@@ -7,9 +7,9 @@ from typing import Any
 
 from simval.errors import InputError
 from simval.judge.findings import reproduce
+from simval.report.formatting import sign_of_entries
 from simval.report.section import Context, Section, made
 from simval.report.table import NUMBERS, Column, Table, numbers_of
-from simval.report.words import sign_of_entries
 from simval.sweep import load_suite
 
 # ---- what was not measured

@@ -23,11 +23,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from simval.judge import GateResult, RunComparison
-from simval.report.live import silent
+from simval.report.formatting import measured, number
+from simval.report.interactivity import silent
 from simval.report.paint import svg
 from simval.report.panels import MANY, Drawing
 from simval.report.table import Table, sort_key, text
-from simval.report.words import measured, number
 from simval.studies import STUDIES
 from simval.studies.study import canonical
 from simval.sweep import Run

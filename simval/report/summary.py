@@ -33,11 +33,7 @@ from simval.report.answers import (
     worse_than_before,
 )
 from simval.report.curves import PREFERRED, numeric, spans, varying
-from simval.report.declared import shown_of
-from simval.report.gallery import drawn
-from simval.report.panels import Drawing, Panel
-from simval.report.section import Context, Section, home, made
-from simval.report.words import (
+from simval.report.formatting import (
     angle,
     begun,
     in_unit,
@@ -46,6 +42,10 @@ from simval.report.words import (
     setting_words,
     spelled,
 )
+from simval.report.gallery import drawn
+from simval.report.panels import Drawing, Panel
+from simval.report.section import Context, Section, home, made
+from simval.report.study_sections import shown_of
 from simval.results import Row
 from simval.statistics import (
     APART,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from simval.report.words import measured, number, slug
+from simval.report.formatting import measured, number, slug
 from simval.results import Row
 
 Kind = Literal[

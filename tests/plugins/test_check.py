@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from sound import GOOD, IDENTITY, PASSIVE, ellipsoid, leading, turn, where
 
 from simval.check import check_function, told
-from simval.check.words import to_json
+from simval.check.explanation import to_json
 from simval.errors import InputError
 from simval.geometry import normalize
 from simval.imu.attitude import wahba_quaternion

@@ -43,18 +43,18 @@ from simval.report.findings import (
     percent,
     slopes_said,
 )
-from simval.report.page import context_of
-from simval.report.paint import placed, svg
-from simval.report.panels import DotPanel, Drawing, Series
-from simval.report.summary import figures
-from simval.report.table import Column, Table, csv_text, sort_key, text
-from simval.report.words import (
+from simval.report.formatting import (
     PARAMETERS,
     axis_words,
     measured,
     named,
     setting_words,
 )
+from simval.report.page import context_of
+from simval.report.paint import placed, svg
+from simval.report.panels import DotPanel, Drawing, Series
+from simval.report.summary import figures
+from simval.report.table import Column, Table, csv_text, sort_key, text
 from simval.results import CellName
 from simval.statistics import BIAS, EXACT, RMS, SD
 from simval.studies import STUDIES

@@ -16,9 +16,9 @@ from simval.judge import (
 )
 from simval.report import render, summary
 from simval.report.answers import deviation
+from simval.report.formatting import measured
 from simval.report.page import context_of
 from simval.report.summary import chosen
-from simval.report.words import measured
 from simval.results import CellName
 from simval.verdict import Verdict
 

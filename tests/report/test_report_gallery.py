@@ -15,10 +15,10 @@ from simval.errors import InputError
 from simval.figures import Listing, Shown, Trace
 from simval.report import drawings, render, tables
 from simval.report.artifacts import drawn_artifacts
-from simval.report.declared import elsewhere, shown_of
+from simval.report.formatting import FORMULAS
 from simval.report.page import context_of, sections
 from simval.report.paint import svg
-from simval.report.words import FORMULAS
+from simval.report.study_sections import elsewhere, shown_of
 from simval.statistics import EXACT, FIRST_ORDER, SECOND_ORDER
 from simval.studies import STUDIES
 from simval.studies.solvers import METHODS, SOURCES
@@ -228,7 +228,9 @@ DECLARED = [name for name, study in STUDIES.items() if study.shown and name != "
 def test_every_statistic_is_shown_or_named(smoke, others, study, monkeypatch):
     """Other numbers in one statistic: a figure or table changes, or it is named."""
     # a slope is of what is drawn, and fitting them takes most of the time
-    monkeypatch.setattr("simval.report.declared.fitted_slope", lambda *curve: None)
+    monkeypatch.setattr(
+        "simval.report.study_sections.fitted_slope", lambda *curve: None
+    )
     context = context_of(smoke if smoke.of(study) else others)
     anchors = {s.section or STUDIES[study].section for s in STUDIES[study].shown}
     named = elsewhere(context, STUDIES[study].section)

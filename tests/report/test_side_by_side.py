@@ -12,7 +12,7 @@ from simval.judge import compare_algorithms, judge_run
 from simval.judge.algorithms import ACCURACY
 from simval.plugins.attitudes import CLASSES
 from simval.plugins.loading import BUILTIN
-from simval.report import algorithms, declared, page, render, summary
+from simval.report import algorithms, page, render, study_sections, summary
 from simval.report.algorithms import (
     SPACE,
     answer_of,
@@ -170,7 +170,7 @@ def test_a_users_algorithms_come_right_after_the_verdict(tmp_path, monkeypatch):
 
 def test_no_algorithm_is_among_further_studies_and_none_is_lost(tmp_path):
     run = league(tmp_path, count=3)
-    assert declared.other_section(context_of(run)) is None
+    assert study_sections.other_section(context_of(run)) is None
     section = algorithms.algorithms_section(context_of(run))
     by_name = {table.name: table for table in section.tables}
     assert set(by_name) == {

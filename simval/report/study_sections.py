@@ -26,6 +26,7 @@ from simval.figures import (
 from simval.report.artifacts import drawn_artifacts
 from simval.report.curves import fitted_slope, order, varying
 from simval.report.findings import Claim, behind, claiming, slopes_said
+from simval.report.formatting import axis_words, slug, spelled
 from simval.report.gallery import (
     Cells,
     Point,
@@ -42,7 +43,6 @@ from simval.report.gallery import (
 from simval.report.panels import AnyPanel, Drawing
 from simval.report.section import Context, Section, made
 from simval.report.table import NUMBERS, Column, Kind, Table, numbers_of
-from simval.report.words import axis_words, slug, spelled
 from simval.results import Row
 from simval.statistics import (
     BUDGET,
