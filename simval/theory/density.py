@@ -121,7 +121,7 @@ class AttitudeDensity(ReadOnly):
         RefusedError
             If the noise is so small that the rules do not resolve it.
         """
-        inside = real_number("probability", probability, "of the estimates")
+        inside = real_number("probability", probability, "")
         if not 0.0 < inside < 1.0:
             msg = f"`probability` is {inside:g}; it must be between 0 and 1"
             raise InputError(msg)
@@ -182,6 +182,8 @@ def attitude_density(
     d1, s1, d2 = np.split(centre + normal_points(9, 0, _DRAWS) @ root, 3, axis=1)
     qbar = np.column_stack([np.cross(d1, d2), np.sum(s1 * d2, axis=1)])
     drawn = np.sort(_density_of(geometry, C1, C2, unit(qbar)))
+    if not drawn[0] > 0.0:
+        raise RefusedError(_unresolved(geometry, "miss estimates altogether"))
     return AttitudeDensity(geometry=geometry, C1=C1, C2=C2, drawn=drawn)
 
 
@@ -201,12 +203,15 @@ def _density_of(
         if off <= _CLOSE * found.max(initial=0.0):
             return found
         previous = found
-    msg = (
-        f"two rules for the density still differ by {off:.1e}: the noise is small "
-        f"beside |d2| of {np.linalg.norm(geometry.d2):.2f}, where the covariance says "
-        "all there is to say, so use `attitude_moments`"
+    raise RefusedError(_unresolved(geometry, f"still differ by {off:.1e}"))
+
+
+def _unresolved(geometry: TwoVectorGeometry, what: str) -> str:
+    return (
+        f"two rules for the density {what}: the noise is small beside |d2| of "
+        f"{np.linalg.norm(geometry.d2):.2f}, where the covariance says all there is to "
+        "say, so use `attitude_moments`"
     )
-    raise RefusedError(msg)
 
 
 def _on_circle(

@@ -93,13 +93,13 @@ import numpy as np
 
 from simval.arguments import choice
 from simval.arrays import Array, ReadOnly, finite_array, physical_array
-from simval.errors import GeometryError, InputError
+from simval.errors import GeometryError, InputError, RefusedError
 from simval.geometry import attitude_matrix, compose, conjugate, cross_matrix, normalize
 from simval.moments import Moments
 from simval.shapes import Float, Shaped
 from simval.theory.attitude import SufficientOrder, attitude_moments, lowest_order
 from simval.theory.cubature import covariance_roots, refined_moments
-from simval.theory.expansion import unit
+from simval.theory.expansion import EPS, unit
 from simval.theory.series import series_moments
 from simval.theory.two_vector import (
     MIN_NORM,
@@ -330,7 +330,8 @@ def wahba_moments(
     GeometryError
         If the vectors are parallel.
     RefusedError
-        If the cubature does not resolve the noise.
+        If the cubature does not resolve the noise, or rounding counts because the
+        weights differ too much.
     """
     unit_q, vectors = _true_pairs(q, references)
     n = len(vectors) // 2
@@ -346,14 +347,13 @@ def wahba_moments(
             raise InputError(msg)
         numbers = partial(_optimum, unit_q, a)
         return refined_moments(numbers, vectors, noise, unit_q)
-    if third_moments is not None or order == 4 or noise.ndim == 2:
-        _require_few(noise)
-        series = partial(_optimum_series, unit_q, a, vectors)
-        return series_moments(series, vectors, noise, int(order), third_moments)
-    means, noise = normalized_noise(vectors, noise)
     K = np.einsum("n,nij->ij", a, _gain(vectors[:n], vectors[n:]))
     R = _resolvent(K, unit_q, float(np.sum(a)))
-    roots = covariance_roots(noise).swapaxes(1, 2)  # rows are the noise directions
+    each = noise
+    if noise.ndim == 2:
+        each = np.stack([noise[i : i + 3, i : i + 3] for i in range(0, 6 * n, 3)])
+    means, across = normalized_noise(vectors, each)
+    roots = covariance_roots(across).swapaxes(1, 2)  # rows are the noise directions
     changes = np.concatenate(
         [
             a[:, None, None, None] * _gain(roots[:n], vectors[n:, None]),
@@ -362,6 +362,12 @@ def wahba_moments(
     ).reshape(-1, 4, 4)
     pulled = changes @ unit_q  # dK_j q
     moved = pulled @ R
+    series = third_moments is not None or order == 4 or noise.ndim == 2
+    _require_resolved(a, across, R, float(np.sum(moved**2)), series and order != 2)
+    if series:
+        _require_few(noise)
+        numbers = partial(_optimum_series, unit_q, a, vectors)
+        return series_moments(numbers, vectors, noise, int(order), third_moments)
     second = np.einsum("ab,jbc,jc->a", R, changes, moved)
     drift = np.einsum("n,nij->ij", a, _gain(means[:n], vectors[n:]))
     drift = drift + np.einsum("n,nij->ij", a, _gain(vectors[:n], means[n:]))
@@ -531,6 +537,28 @@ def _require_few(noise: Array) -> None:
             "references without noise"
         )
         raise InputError(msg)
+
+
+_ROUNDING: Final = 0.01
+"""Of the mean square error, as estimated; what it does to a bias is 30 times less."""
+
+
+def _require_resolved(
+    a: Array, noise: Array, R: Array, square: float, beyond: bool
+) -> None:
+    # that rounding, over the square of K's gap, does not count
+    total = float(np.sum(a))
+    inverse_gap = total * float(np.abs(R).max())
+    traces = np.trace(noise, axis1=1, axis2=2).reshape(2, -1).sum(axis=0)
+    spread = float(np.sum((a / total) ** 2 * traces)) * inverse_gap
+    off = EPS * spread * inverse_gap * (1.0 + spread * beyond)
+    if not off <= _ROUNDING * square:
+        msg = (
+            f"the `weights` differ so much that rounding makes {off:.1e} of a mean "
+            f"square error of {square:.1e}; give weights that differ less, or "
+            "references that are farther apart"
+        )
+        raise RefusedError(msg)
 
 
 def _resolvent(K: Array, q: Array, top: float) -> Array:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rounding import relative
 
-from simval.errors import InputError
+from simval.errors import InputError, RefusedError
 from simval.geometry import attitude_matrix, compose, conjugate, normalize
 from simval.imu.attitude.kernel import normalize_columns, raw_quaternion
 from simval.theory import attitude_density, attitude_moments, multiplicative_moments
@@ -88,3 +88,10 @@ def test_noise_that_has_no_density_is_refused():
         attitude_density(q, R1, R2, [0.1, 0.0, 0.1, 0.0])
     with pytest.raises(InputError, match="`noise_std` has shape"):
         attitude_density(q, R1, R2, np.eye(12))
+
+
+@pytest.mark.parametrize("sigma", [1e-3, 1e-4, 1e-6])
+def test_noise_that_no_rule_resolves_is_refused(sigma):
+    # at 1e-4 two rules agree, because both have no node where the density is
+    with pytest.raises(RefusedError, match="two rules for the density"):
+        attitude_density(attitude_at(0.2), R1, R2, sigma)

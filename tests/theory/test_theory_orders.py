@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rows_by_name import named
 
-from simval.errors import GeometryError, InputError
+from simval.errors import GeometryError, InputError, RefusedError
 from simval.geometry import normalize, random_quaternions
 from simval.imu.attitude import two_vector_quaternion
 from simval.montecarlo import simulate
@@ -17,6 +17,7 @@ from simval.studies.attitude import random_geometry
 from simval.theory import (
     attitude_moments,
     sufficient_order,
+    wahba_bound,
     wahba_moments,
     wahba_order,
 )
@@ -107,6 +108,23 @@ def test_the_lowest_order_of_other_estimators(sigma, order):
     # an optimum of two pairs and the combination of their columns are nearly alike
     if sigma > 0.0:
         assert 0.5 < same.covariance_off[2] / found.covariance_off[2] < 2.0
+
+
+@pytest.mark.parametrize(("order", "ratio"), [(2, 1e-9), (4, 1e-8)])
+def test_weights_too_far_apart_are_refused(order, ratio):
+    q, r1, r2 = GEOMETRY
+    references = [r1, r2, normalize(np.array([0.2, -1.0, 0.4]))]
+    weights = [ratio, 1.0, ratio]
+    # with equal noise a bias of rounding, up to 1e15; with noise as the weights say,
+    # the light pairs' is all that counts, and nothing is lost
+    with pytest.raises(RefusedError, match="`weights` differ so much"):
+        wahba_moments(q, references, 0.01, weights, order)
+    sigma = 1e-3 / np.sqrt(np.array(weights) / ratio)
+    noise = np.concatenate([sigma, np.zeros(3)])
+    found = wahba_moments(q, references, noise, weights, order)
+    bound = 0.25 * np.trace(wahba_bound(q, references, noise).rotation)
+    assert np.trace(found.covariance) == pytest.approx(bound, rel=1e-4)
+    assert normalize(q) @ found.bias == pytest.approx(bound / 2.0, rel=1e-4)
 
 
 def test_what_cannot_be_answered_says_why():

@@ -179,7 +179,7 @@ def share_of_samples(false_alarm: Any) -> float:
     InputError
         If it is not between 0 and 1.
     """
-    rate = real_number("false_alarm", false_alarm, "of the samples")
+    rate = real_number("false_alarm", false_alarm, "")
     if not 0.0 < rate < 1.0:
         msg = f"`false_alarm` is {shown(false_alarm)}; it must be between 0 and 1"
         raise InputError(msg)
