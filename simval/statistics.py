@@ -6,7 +6,7 @@ variates. Studies name what they measure with it; gate, comparison and report as
 instead of reading a name. `str` spells it as ``results.csv`` does:
 ``control covariance[x,y]``.
 
-A new statistic is a new line under `FAMILIES`.
+A new statistic is a new line above `FAMILIES`, which collects them.
 """
 
 from collections.abc import Iterable, Mapping

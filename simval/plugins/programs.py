@@ -352,7 +352,7 @@ def command_calibrator(words: str, **declared: Any) -> Calibrator:
     words : str
         The program and its words, with the placeholders of docs/plugins.md.
     **declared
-        What else `Calibrator` declares: ``name``, ``form``, ``estimates``.
+        Other declarations of `Calibrator`, as its ``form``.
 
     Returns
     -------
