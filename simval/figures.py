@@ -141,8 +141,8 @@ class Figure(Picture):
         none of them can be told from zero.
     slope : float, mapping or None
         Leading order along the axis, or that of each line: gives a table of slopes.
-    least : str
-        Parameter of which the cells with the least value alone are drawn.
+    least : sequence of str
+        Parameters of which the cells with the least value alone are drawn.
     each : bool
         Whether each group of cells has a figure of its own.
     single : bool
@@ -180,7 +180,7 @@ class Figure(Picture):
     resolved: Mapping[str, Family] = field(default_factory=dict)
     scale: tuple[Family, str, str] | None = None
     slope: float | Mapping[str, float] | None = None
-    least: str = ""
+    least: Sequence[str] = ()
     each: bool = False
     single: bool = False
     over: Sequence[str] = ()

@@ -274,7 +274,8 @@ def stepped(
         If it raises, changes its readings, or an answer breaks a rule; with the row.
     """
     edges = stretches(len(readings.dt))
-    own = getattr(update, "__self__", None)
+    own: Any = getattr(update, "__self__", None)
+    ours = type(own) is Mekf and getattr(update, "__func__", None) is Mekf.update
     form: Form | None = None
     found: list[list[Array]] = []
     times: list[Array] = []
@@ -287,7 +288,7 @@ def stepped(
             put, arrays = form.storing(last - first)
         start = np.array([perf_counter(), process_time()])
         try:
-            if type(own) is Mekf:
+            if ours:
                 given = [[] for _ in given]
                 answers = own.update_rows(readings.dt[rows], *columns)
                 one = {word: a[0] for word, a in answers.items()}

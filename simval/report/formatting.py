@@ -148,7 +148,9 @@ def setting_words(study: str, key: str, value: object) -> str:
     if isinstance(value, bool):
         return name if value else f"no {name}"
     if value is None or isinstance(value, str):
-        return str(value) if value else f"no {name}"
+        # a letter alone says nothing
+        whole = f"{name} {value}" if value and len(value) == 1 else value
+        return whole or f"no {name}"
     number = f"{value:g}" if isinstance(value, float) else f"{value}"
     if counted:
         return f"{number} {name}"

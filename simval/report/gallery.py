@@ -204,20 +204,20 @@ def settled(figure: Figure, cells: Cells) -> tuple[Figure, Cells]:
     own = [c for c in cells if figure.where(c.parameters) and rows_of(figure, c)]
     if figure.along == VARYING:
         figure = replace(figure, along=axis_of(own))
-    if figure.least:
+    for name in figure.least:
         own = [
             cell
-            for group in grouped(own, figure.least).values()
-            for least in [min(each.parameters[figure.least] for each in group)]
+            for group in grouped(own, name).values()
+            for least in [min(each.parameters[name] for each in group)]
             for cell in group
-            if cell.parameters[figure.least] == least
+            if cell.parameters[name] == least
         ]
     return figure, own
 
 
 def groups_of(figure: Figure, cells: Cells) -> dict[str, tuple[CellResult, ...]]:
     """Cells that differ only in what makes a line and its places."""
-    named = (figure.along, figure.lines, figure.least, *figure.over)
+    named = (figure.along, figure.lines, *figure.least, *figure.over)
     groups = grouped(cells, *(each for each in named if isinstance(each, str)))
     few = 1 if figure.several else 0
     return {k: own for k, own in groups.items() if _places(figure, own) > few}

@@ -442,14 +442,15 @@ _NEAR = Figure(
     value="RMS error / bound",
     level=1.0,
     where=lambda parameters: parameters["distance"] > 0.0,
-    least="noise_std",
+    least=["noise_std", "geometry"],
     ratio=False,
     columns=2,
     caption=(
         "RMS error over the Cramér-Rao bound against the distance from the singular "
         "set, cases A to D. The plain formula is lost within some deviations. Table 1 "
         "holds on the set, leaves out a turn beside it, and is the plain formula past "
-        "its border. Half turns cost a fixed share, all frames combined hardly any."
+        "its border. Half turns cost a fixed share, all frames combined hardly any. "
+        "Of several random geometries the first is drawn."
     ),
 )
 FIGURES = (
@@ -465,10 +466,11 @@ FIGURES = (
         unit=DEGREE,
         level=None,
         where=lambda parameters: parameters["distance"] == 0.0,
-        least="",
+        least=["geometry"],
         caption=(
             "RMS error on the singular set. In cases B to D the plain formula is wrong "
-            "by as much whatever the noise, in case A by its root; remedies follow it."
+            "by as much whatever the noise, in case A by its root; remedies follow it. "
+            "Of several random geometries the first is drawn."
         ),
     ),
     Trace(
@@ -504,14 +506,20 @@ FIGURES = (
     ),
     Listing(
         name="singular-costs",
-        caption=f"RMS error over the bound, {GEOMETRIES} attitudes of the case, theory",
+        caption=(
+            "Predicted RMS error over the bound: least, median and most of "
+            f"{GEOMETRIES} attitudes of the case"
+        ),
         rows=[stat.RMS_RATIO],
         keys={"remedy": entry(0)},
         column=entry(1),
     ),
     Listing(
         name="singular-borders",
-        caption="Steps of Table 1, mean length by (51), failures without noise",
+        caption=(
+            "Step of Table 1's answer across a border, mean length by eq. (51), and "
+            "share of exact cases that each method gets wrong"
+        ),
         rows=[stat.STEP, stat.LENGTH_RATIO, stat.FAILURES],
         keys={"of": entry(0)},
         column=lambda row: row.statistic.family.words,

@@ -7,6 +7,7 @@ does instead from a row on. `check` is held to the fault that was put in.
 import itertools
 import re
 from dataclasses import fields, replace
+from types import MethodType
 
 import numpy as np
 import pytest
@@ -232,6 +233,20 @@ SOUND = [
 @pytest.mark.parametrize("filter", SOUND)
 def test_a_sound_filter_of_odd_style_is_accepted(filter):
     assert run(filter).attitude.shape == (3, len(KEEP), 4)
+
+
+def test_a_step_put_in_place_of_ours_is_the_one_taken():
+    def make(**reads):
+        held = Mekf(**reads)
+        step = held.update
+        held.update = MethodType(
+            lambda self, *row: step(*row) | {"bias": np.full_like(self.b, 0.5)}, held
+        )
+        return held
+
+    found = run(replace(OWN, make=make))
+    np.testing.assert_array_equal(found.bias, 0.5)
+    np.testing.assert_allclose(found.attitude, run(OWN).attitude, atol=1e-12)
 
 
 # state that outlives a run, and a pace that falls

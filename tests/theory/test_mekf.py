@@ -349,6 +349,22 @@ def test_the_compiled_form_is_the_numpy_form(coning, some, lead):
         assert off <= 1e-12 * np.abs(wanted).max(initial=0.0), word
 
 
+def test_rows_that_no_processor_reads_at_once_are_taken():
+    """From a file's middle, of strides, of integers: as the same doubles."""
+    held = np.zeros(1 + 8 * 18, dtype=np.uint8)
+    rows = held[1:].view(float).reshape(2, 3, 3)
+    rows[:] = np.arange(18).reshape(2, 3, 3)
+    assert not rows.flags.aligned
+    wide = np.repeat(rows, 2, axis=-1)[..., ::2]
+    found = [
+        filter_of()[0].update_rows([1, 1], one, one, one)
+        for one in (rows.copy(), rows, wide, rows.astype(int))
+    ]
+    for other in found[1:]:
+        for word, value in other.items():
+            np.testing.assert_array_equal(value, found[0][word])
+
+
 @needs_it
 @pytest.mark.parametrize("fault", ["rows lost", "a bit", "another source"])
 def test_a_compiled_form_of_other_numbers_is_not_used(fault, monkeypatch):
@@ -376,6 +392,7 @@ def test_a_compiled_form_of_other_numbers_is_not_used(fault, monkeypatch):
         ({"dt": [0.01, 0.0]}, "above 0 s"),
         ({"dt": 0.01}, "`dt`"),
         ({"gyroscope": np.zeros((3, 3, 3))}, "`gyroscope` has shape"),
+        ({"gyroscope": None}, "`gyroscope` is not an array"),
         ({"magnetometer": np.full((2, 3, 3), np.nan)}, "`magnetometer`"),
     ],
 )

@@ -173,7 +173,10 @@ class Mekf:
         lead = (len(dt), *self.b.shape)
         given = {"gyroscope": gyroscope}
         given |= {"accelerometer": accelerometer, "magnetometer": magnetometer}
-        y = [None if a is None else self._rows(k, a, lead) for k, a in given.items()]
+        y = [
+            None if a is None and k != "gyroscope" else self._rows(k, a, lead)
+            for k, a in given.items()
+        ]
         code = _compiled()
         return self._in_numpy(dt, y) if code is None else self._in_c(code, dt, y)
 
@@ -191,7 +194,7 @@ class Mekf:
         state = np.concatenate([self.q, self.b, self.before, P], axis=-1)
         m = 3 * len(some)
         answers = np.empty((len(dt), *lead, 43 + m + m * m))
-        given = [a if a is None else np.ascontiguousarray(a) for a in (dt, *y)]
+        given = [a if a is None else np.require(a, None, ["C", "A"]) for a in (dt, *y)]
         code.rows(*given, np.concatenate(told), state, answers)
         self.q, self.b, self.before, P = np.split(state, [4, 7, 10], axis=-1)
         self.P = P.reshape(self.P.shape)

@@ -76,7 +76,6 @@ def variance_magnitude(
     cube = padded.reshape(3, blocks, window)
     centre = cube.mean(axis=2, keepdims=True)
     cube -= centre
-    head_mean, head_spread = _running(cube, centre)
     count = n - window + 1
     head_mean, head_spread = (
         part.reshape(3, -1)[:, window - 1 : n] for part in _running(cube, centre)
