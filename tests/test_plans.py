@@ -31,7 +31,7 @@ G = 9.80665
 IDEAL = AccelerometerModel(T=np.eye(3), K=np.ones(3), B=np.zeros(3))
 STILL = GyroscopeModel(M=np.eye(3), B=np.zeros(3))
 MOVES = {
-    "pose_std": 1e-3, "angle_random_walk": np.radians(0.01), "move_seconds": 2.0,
+    "pose_std": 1e-3, "angle_random_walk": np.radians(0.01), "rotation_seconds": 2.0,
     "rest_seconds": 1.0,
 }  # fmt: skip
 FIELD = {"accelerometer_noise": 1e-4, "magnetometer_noise": 5e-3}
@@ -135,7 +135,7 @@ def test_more_poses_quicker_moves_longer_rests():
         return np.sqrt((of_moves(poses, **more).sd[:9] ** 2).mean())
 
     assert rms(80) < 0.8 * rms(40) < 0.8 * 0.8 * rms(20)
-    assert rms(40, move_seconds=1.0) < rms(40) < rms(40, move_seconds=4.0)
+    assert rms(40, rotation_seconds=1.0) < rms(40) < rms(40, rotation_seconds=4.0)
     assert rms(40, pose_std=5e-4) < rms(40)
     # all noise twice is twice the bound: it is linear
     twice = rms(20, pose_std=2e-3, angle_random_walk=np.radians(0.02))
@@ -165,7 +165,11 @@ def test_the_bound_does_not_depend_on_where_the_world_points():
 
 def test_moves_that_cannot_be_planned_are_refused():
     u = fibonacci_sphere(12)
-    for bad in ({"pose_std": 0.0}, {"move_seconds": -1.0}, {"rest_seconds": np.nan}):
+    for bad in (
+        {"pose_std": 0.0},
+        {"rotation_seconds": -1.0},
+        {"rest_seconds": np.nan},
+    ):
         with pytest.raises(InputError):
             of_moves(12, **bad)
     axes, angles = turns_of(u)
@@ -265,10 +269,18 @@ def test_command_plans_a_gyroscope_too(capsys):
     given = ["--poses", "fibonacci:20", "--hold", "1", "--noise-density", "0.0014"]
     got = answered(*given, "--angle-random-walk", "1.75e-4")
     assert np.isclose(got["noise_std"], 0.0014 / np.sqrt(2), rtol=4 * EPS, atol=0)
-    expected = of_moves(20, pose_std=got["noise_std"], angle_random_walk=1.75e-4)
+    of_gyroscope = {"pose_std": got["noise_std"], "angle_random_walk": 1.75e-4}
+    expected = of_moves(20, **of_gyroscope)
     np.testing.assert_allclose(got["gyroscope"]["sd"], expected.sd, rtol=1e-12)
     assert run(["plan", *given, "--angle-random-walk", "1.75e-4"]) == 0
     assert "next rotation" in capsys.readouterr().out
+    slower = of_moves(20, **of_gyroscope, rotation_seconds=4.0).sd
+    assert not np.allclose(slower, expected.sd)
+    for option in ("--rotation-time", "--move"):  # the latter is its former name
+        got = answered(*given, "--angle-random-walk", "1.75e-4", option, "4")
+        np.testing.assert_allclose(got["gyroscope"]["sd"], slower, rtol=1e-12)
+    former = of_moves(20, **of_gyroscope, rotation_seconds=None, move_seconds=4.0)
+    np.testing.assert_array_equal(former.sd, slower)
 
 
 @pytest.mark.parametrize(
@@ -280,7 +292,7 @@ def test_command_plans_a_gyroscope_too(capsys):
         (["--poses", "edges", "--noise-density", "1"], "not known"),
         (["--noise-std", "1", "--noise-density", "1"], "leave out the rest"),
         (["--noise-std", "nan"], "`noise_std` is nan"),
-        (["--noise-std", "1", "--move", "2"], "--angle-random-walk"),
+        (["--noise-std", "1", "--rotation-time", "2"], "--angle-random-walk"),
         (["--noise-std", "1", "--angle-random-walk", "1"], "--hold"),
         (["--directions", "no-such-file", "--noise-std", "1"], "no-such-file"),
     ],

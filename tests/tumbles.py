@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from simval.imu.calibrate import calibrate
-from simval.imu.calibrate.gyroscope import moves_between
+from simval.imu.calibrate.gyroscope import inter_rest_rotations
 from simval.imu.sensor import AccelerometerModel, GyroscopeModel
 from simval.scene import average_rates, simulate
 from simval.theory import MovePath
@@ -86,7 +86,9 @@ def readings(truth, trials, rng, *, gyroscope=GYROSCOPE, times=1.0, rates=None):
 
 def fitted(truth, poses, rows, *, chunk=2, **options):
     """Accelerometer fits and moves of some trials."""
-    moves = moves_between(truth.time, rows, truth.intervals, chunk=chunk, **options)
+    moves = inter_rest_rotations(
+        truth.time, rows, truth.intervals, chunk=chunk, **options
+    )
     return calibrate(
         poses, truth.g, residual="weighted", noise_std=truth.pose_std
     ), moves

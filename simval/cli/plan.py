@@ -19,8 +19,10 @@ SOURCES = {
     "file": ", the Allan variance at the hold's length by --noise",
 }
 
+FORMER = click.Option(["--move", "rotation_time"], type=float, hidden=True)
 
-@declared("plan")
+
+@declared("plan", FORMER)
 def command(
     poses: Annotated[
         str, "Pose set: fibonacci:N, faces, edges or corners, or several joined by +."
@@ -60,7 +62,7 @@ def command(
         float | None,
         "White noise of a gyroscope, rad/s per root Hz, to plan its calibration too.",
     ] = None,
-    move: Annotated[
+    rotation_time: Annotated[
         float | None,
         "Time of the rotation between two poses, for the gyroscope.  [default: 2]",
         dict(metavar="SECONDS"),
@@ -97,8 +99,8 @@ def command(
         "accelerometer's noise density or random walk",
     )
     refuse_if(
-        move is not None and angle_random_walk is None,
-        "`--move` is of a gyroscope; give `--angle-random-walk` too",
+        rotation_time is not None and angle_random_walk is None,
+        "`--rotation-time` is of a gyroscope; give `--angle-random-walk` too",
     )
     refuse_if(
         directions is not None and stated("poses"),
@@ -132,7 +134,7 @@ def command(
             chosen,
             pose_std=result.noise_std,
             angle_random_walk=angle_random_walk,
-            move_seconds=2.0 if move is None else move,
+            rotation_seconds=2.0 if rotation_time is None else rotation_time,
             rest_seconds=hold or 0.0,
             g=g,
             form=model,

@@ -404,7 +404,7 @@ def gyroscope_chapter(whole: ImuCalibration) -> Section | None:
     if np.any(whole.sensitivity):
         G = whole.sensitivity.ravel(), whole.sensitivity_sd.ravel()
         rows += _rows(G_NAMES, *G)
-    angles = np.degrees(fit.gap_angles)
+    angles = np.degrees(fit.residual_angles)
     panel = linear(
         "residual of each rotation between rests",
         "rotation, from 0",
@@ -412,7 +412,7 @@ def gyroscope_chapter(whole: ImuCalibration) -> Section | None:
         numbered(angles, (), ""),
     )
     drawing = Drawing(
-        name="gaps",
+        name="residual-angles",
         asked="How far off is gravity after a rotation between rests?",
         finding=(
             f"At most {angles.max():.2g} degrees, {np.sqrt(np.mean(angles**2)):.2g} "

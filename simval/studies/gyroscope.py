@@ -29,7 +29,7 @@ from simval.imu.calibrate import (
     GyroscopeFit,
     calibrate,
     calibrate_gyroscope,
-    moves_between,
+    inter_rest_rotations,
 )
 from simval.imu.sensor import GyroscopeModel
 from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
@@ -134,7 +134,9 @@ class Tumble:
 
         An instant is the mean of the two steps of 500 Hz beside it.
         """
-        moves = moves_between(self.time, self.instants, self.rests, scheme="linear")
+        moves = inter_rest_rotations(
+            self.time, self.instants, self.rests, scheme="linear"
+        )
         fit = calibrate_gyroscope(
             moves, self.poses, calibrate(self.poses, self.g), pose_std=self.pose_std,
             angle_random_walk=self.walk, start=np.eye(3), estimator="unweighted",
@@ -170,7 +172,7 @@ class Tumble:
         self, poses: Float[Array, "t n 3"], rows: Float[Array, "t r 3"]
     ) -> GyroscopeFit:
         """Calibrate from these."""
-        moves = moves_between(self.time, rows, self.rests, chunk=CHUNK)
+        moves = inter_rest_rotations(self.time, rows, self.rests, chunk=CHUNK)
         known = self.parameters.estimator == "unweighted"
         fit = calibrate(poses, self.g, residual="weighted", noise_std=self.pose_std)
         return calibrate_gyroscope(
@@ -181,7 +183,7 @@ class Tumble:
 
     def bound(self, pieces: int = PIECES) -> Float[Array, "12 12"]:
         """Cramer-Rao bound of the gyroscope's twelve; so many segments a rotation."""
-        moves = moves_between(self.time, self.rates, self.rests, chunk=CHUNK)
+        moves = inter_rest_rotations(self.time, self.rates, self.rests, chunk=CHUNK)
         moments = gyroscope_moments(
             self.gyroscope, self.accelerometer, self.force, self._path(pieces),
             pose_std=self.pose_std, g=self.g, angle_random_walk=self.walk,

@@ -269,11 +269,12 @@ def plan_gyroscope(
     *,
     pose_std: float,
     angle_random_walk: float,
-    move_seconds: float,
+    rotation_seconds: float | None = None,
     rest_seconds: float,
     turns: tuple[Any, Any] | None = None,
     g: float = 9.80665,
     form: str = "triangular",
+    move_seconds: float | None = None,
 ) -> GyroscopePlan:
     """Predict the calibration by rests and rotations between them, for ideal sensors.
 
@@ -285,8 +286,8 @@ def plan_gyroscope(
         Noise of each axis of a pose mean, m/s^2; see `pose_noise`.
     angle_random_walk : float
         White noise N of the gyroscope, rad/s per root hertz.
-    move_seconds : float
-        Time of a move, s.
+    rotation_seconds : float
+        Time of a rotation between two rests, s; needed.
     rest_seconds : float
         Time of a rest, s.
     turns : tuple of array_like, optional
@@ -296,6 +297,8 @@ def plan_gyroscope(
         Gravity, m/s^2.
     form : {"triangular", "upper", "symmetric"}
         Form of the accelerometer's parameters.
+    move_seconds : float, optional
+        Former name of `rotation_seconds`.
 
     Returns
     -------
@@ -311,7 +314,8 @@ def plan_gyroscope(
     unit = "rad/s per root hertz"
     walk = positive_number("angle_random_walk", angle_random_walk, unit)
     std = positive_number("pose_std", pose_std, "m/s^2")
-    seconds = positive_number("move_seconds", move_seconds, "s")
+    time = move_seconds if rotation_seconds is None else rotation_seconds
+    seconds = positive_number("rotation_seconds", time, "s")
     rest = positive_number("rest_seconds", rest_seconds, "s")
     axis, angle = turns_of(u) if turns is None else _given(u, *turns)
     rows = turn_rows(u[:-1], axis, angle).reshape(-1, MATRIX)

@@ -12,7 +12,7 @@ from simval.imu.calibrate import (
     FitResult,
     calibrate,
     calibrate_gyroscope,
-    moves_between,
+    inter_rest_rotations,
 )
 from simval.imu.sensor import AccelerometerModel, GyroscopeModel
 from simval.poses import fibonacci_sphere
@@ -102,7 +102,9 @@ def _fitted(
     some: slice, scheme: str = "averages", chunk: int = 2, **options: Any
 ) -> Float[Array, "k 3 3"]:
     time, rows, rests, poses, _ = _data()
-    moves = moves_between(time, rows[some], rests, scheme=scheme, chunk=chunk, margin=0)
+    moves = inter_rest_rotations(
+        time, rows[some], rests, scheme=scheme, chunk=chunk, margin=0
+    )
     acc = calibrate(poses[some], G, covariance=False)
     return np.asarray(
         calibrate_gyroscope(

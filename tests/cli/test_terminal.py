@@ -128,7 +128,10 @@ def test_a_plan_for_a_noise_in_another_unit_says_so(simval, noise, believed):
         ),
         ("noise", "--rest"),
         *(("plan", "--" + option) for option in ("g", "noise-std", "hold")),
-        *(("plan", "--" + o) for o in ("noise-density", "angle-random-walk", "move")),
+        *(
+            ("plan", "--" + o)
+            for o in ("noise-density", "angle-random-walk", "rotation-time")
+        ),
     ],
 )
 def test_no_number_of_an_option_is_taken_that_cannot_be(simval, log, words, value):
@@ -136,7 +139,7 @@ def test_no_number_of_an_option_is_taken_that_cannot_be(simval, log, words, valu
     needed = {"--noise-std": "0.01"} if option in ("--g", "--noise-std") else {}
     if command == "plan" and not needed:
         needed = {"--hold": "1", "--noise-density": "1e-3"}
-        needed |= {"--angle-random-walk": "1e-4"} if option == "--move" else {}
+        needed |= {"--angle-random-walk": "1e-4"} if option == "--rotation-time" else {}
     given = () if command != "plan" else needed | {option: value}
     more = [word for pair in given.items() for word in pair] if given else []
     code, _, errors = simval(command, *(more or (log, option, value)))

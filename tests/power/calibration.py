@@ -324,10 +324,10 @@ GYROSCOPE = (
         gyroscope.Tumble, "__init__", force_felt,
     ),
     turns(
-        "a clock that is 0.1 % slow", gyroscope, "moves_between",
+        "a clock that is 0.1 % slow", gyroscope, "inter_rest_rotations",
         lambda o, time, *a, **more: o(1.001 * time, *a, **more),
     ),
-    turns("one row in twenty repeated", gyroscope, "moves_between", row_lost),
+    turns("one row in twenty repeated", gyroscope, "inter_rest_rotations", row_lost),
     turns("coning term lost", path_statistics, "_step", then(no_coning)),
     turns(
         "covariance without the shared poses", equations, "_inverse_root", poses_apart

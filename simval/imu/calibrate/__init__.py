@@ -6,9 +6,11 @@ from simval.imu.calibrate.files import load_calibration, save_calibration
 from simval.imu.calibrate.gyroscope import (
     GyroscopeFit,
     ImuFit,
+    InterRestRotations,
     Moves,
     calibrate_gyroscope,
     calibrate_imu,
+    inter_rest_rotations,
     moves_between,
 )
 from simval.imu.calibrate.magnetometer import (
@@ -24,6 +26,7 @@ __all__ = [
     "FitResult",
     "GyroscopeFit",
     "ImuFit",
+    "InterRestRotations",
     "MagnetometerFit",
     "Moves",
     "NineAxisFit",
@@ -34,6 +37,7 @@ __all__ = [
     "calibrate_nine_axis",
     "diagnose",
     "ellipsoid_then_rotation",
+    "inter_rest_rotations",
     "load_calibration",
     "moves_between",
     "save_calibration",

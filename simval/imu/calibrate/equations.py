@@ -228,7 +228,7 @@ class Turns(Protocol):
 
     @property
     def item(self) -> tuple[int, int]:
-        """Moves, and rows of each: the first of all rows."""
+        """Rotations, and rows of each: the first of all rows."""
 
     def rows(self, at: dict[str, Corrected], theta: Array) -> "Between":
         """Linearised rows."""

@@ -33,7 +33,7 @@ from simval.imu.calibrate.equations import Problem, Solution, minimize, weighed
 from simval.imu.calibrate.estimate import NORMAL_95, Estimate, nine_axis_lines
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors
 from simval.imu.calibrate.gyroscope.noise import checked_pose_std, noise_of
-from simval.imu.calibrate.gyroscope.path_statistics import Moves
+from simval.imu.calibrate.gyroscope.path_statistics import InterRestRotations
 from simval.imu.calibrate.gyroscope.residuals import InterRest
 from simval.imu.calibrate.gyroscope.result import NAMES, GyroscopeFit
 from simval.imu.calibrate.magnetometer.calibration import Options, Scaled, scale
@@ -148,7 +148,7 @@ def _numbers(problem: Problem, found: Solution, scaled: Scaled) -> dict[str, Arr
         "parameters": parameters[:, _ORDER],
         "covariance": whole[:, _ORDER[:, None], _ORDER],
         "half_width": NORMAL_95 * natural.max(axis=1),
-        "gap_angles": turns.angles(here.at, theta[:, PARAMETERS:]),
+        "residual_angles": turns.angles(here.at, theta[:, PARAMETERS:]),
         "chi2": np.array(here.chi_square),
         "step": np.array(found.step),
     }
@@ -180,7 +180,7 @@ def _result(
             parameters=parameters[..., GYROSCOPE],
             accelerometer=parameters[..., ACCELEROMETER],
             covariance=covariance[..., :21, :21],
-            gap_angles=result["gap_angles"],
+            residual_angles=result["residual_angles"],
             **both,
         ),
         magnetometer=replace(
@@ -198,7 +198,7 @@ _FLOOR: Final = 1e-11  # of the readings' own size, as for the other noises
 
 
 def calibrate_nine_axis(
-    moves: Moves,
+    moves: InterRestRotations,
     poses: Any,
     fields: Any,
     gyroscope: GyroscopeFit,
@@ -218,8 +218,8 @@ def calibrate_nine_axis(
 
     Parameters
     ----------
-    moves : Moves
-        Path statistics, see `moves_between`.
+    moves : InterRestRotations
+        Path statistics, see `inter_rest_rotations`.
     poses, fields : array_like
         Mean reading of the accelerometer and of the magnetometer in each rest, raw
         units, (n, 3) or (trials, n, 3).
@@ -252,7 +252,7 @@ def calibrate_nine_axis(
     RefusedError
         If the residuals of one recording are far beyond the noise of a sensor.
     """
-    instance("moves", moves, Moves)
+    instance("moves", moves, InterRestRotations)
     instance("gyroscope", gyroscope, GyroscopeFit)
     instance("magnetometer", magnetometer, MagnetometerFit)
     pair = _pair(moves, poses, fields)
@@ -296,7 +296,7 @@ def calibrate_nine_axis(
     return _result(result, gyroscope, magnetometer, dof, told)
 
 
-def _pair(moves: Moves, poses: Any, fields: Any) -> tuple[Array, Array]:
+def _pair(moves: InterRestRotations, poses: Any, fields: Any) -> tuple[Array, Array]:
     named = {"poses": poses, "fields": fields}
     pair = [physical_array(name, value, (None, 3)) for name, value in named.items()]
     pair = [each[None] if each.ndim == 2 else each for each in pair]

@@ -16,7 +16,7 @@ from simval.imu.calibrate import (
     calibrate_gyroscope,
     calibrate_magnetometer,
     calibrate_nine_axis,
-    moves_between,
+    inter_rest_rotations,
 )
 from simval.imu.sensor import MODELS, convert, forms
 
@@ -124,7 +124,7 @@ class Case:
     def moves(self, rates):
         """Moves of the gyroscope's rows; of a line between rests it is taken out."""
         how = {"margin": self.margin, "chunk": 8 if self.bias == "line" else 1}
-        moves = moves_between(TIME, rates, RESTS, **how)
+        moves = inter_rest_rotations(TIME, rates, RESTS, **how)
         if self.bias != "line":
             return moves
         line = [
@@ -133,7 +133,7 @@ class Case:
         ]
         line = np.swapaxes(line, 1, 2)
         rows = rates[None] if rates.ndim == 2 else rates
-        return moves_between(TIME, rows, RESTS, offset=line, **how)
+        return inter_rest_rotations(TIME, rows, RESTS, offset=line, **how)
 
 
 CASES = {

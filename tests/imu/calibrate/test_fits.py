@@ -150,7 +150,8 @@ def test_a_turn_of_a_sensors_axes_turns_its_matrix(name, source):
 # the covariance, by what each noise moves
 
 PIECES, LAST, ROWS = 6, len(RESTS) - 1, len(TIME)
-# rows of each rest's mean, as `moves_between` says; of its ends the moves have some
+# rows of each rest's mean, as `inter_rest_rotations` says; of its ends the rotations
+# have some
 KNOWN = [
     slice(a + MARGIN * (k > 0), b - MARGIN * (k < LAST))
     for k, (a, b) in enumerate(RESTS)

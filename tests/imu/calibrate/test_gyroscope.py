@@ -32,7 +32,7 @@ from simval.imu.calibrate import (
     calibrate,
     calibrate_gyroscope,
     calibrate_imu,
-    moves_between,
+    inter_rest_rotations,
 )
 from simval.imu.calibrate.gyroscope.imu import Rests, choose_bias, choose_sensitivity
 from simval.imu.sensor import GyroscopeModel
@@ -50,7 +50,7 @@ TIME, RATE, RESTS, _ = rolled(GENERIC, hold=100, move=150, h=H, first=400)
 def test_raw_counts_and_swapped_axes_are_found_without_a_hint():
     order = np.eye(3)[[1, 0, 2]] * np.array([1.0, 1.0, -1.0])
     counts = GyroscopeModel(M=2.1e-4 * M @ order, B=np.array([3277.0, 3245.0, 3251.0]))
-    moves = moves_between(TIME, counts.distort(RATE, ZERO), RESTS, chunk=2)
+    moves = inter_rest_rotations(TIME, counts.distort(RATE, ZERO), RESTS, chunk=2)
     own = calibrate(CLEAN["poses"], G)
     fit = calibrate_gyroscope(moves, CLEAN["poses"], own, pose_std=0.0)
     assert fit.status == "converged"
@@ -116,7 +116,9 @@ def test_imu_tk_is_reproduced_on_its_own_recording(xsens):
     acc = replace(acc, parameters=np.concatenate([off, theirs["K"], theirs["B"]]))
     # it integrates from the last row of a rest to the one before the next rest
     rows = rests - np.array([1, 0])
-    moves = moves_between(rate[:, 0], rate[:, 1:], rows, scheme="linear", margin=0)
+    moves = inter_rest_rotations(
+        rate[:, 0], rate[:, 1:], rows, scheme="linear", margin=0
+    )
     fit = calibrate_gyroscope(
         moves, poses, acc, pose_std=0.5, estimator="unweighted",
         bias="first rest", known_bias=theirs["Bg"],
@@ -148,7 +150,7 @@ def test_singular_moves_are_refused_and_told_what_helps(name):
     poses = ACCELEROMETER.distort(9.81 * attitudes.inv().apply(FIRST_UP), ZERO)
     with pytest.raises(GeometryError, match=r"do not tell.*degrees about the axis"):
         calibrate_gyroscope(  # the accelerometer was calibrated with poses of its own
-            moves_between(time, GYROSCOPE.distort(rate, ZERO), rests), poses,
+            inter_rest_rotations(time, GYROSCOPE.distort(rate, ZERO), rests), poses,
             calibrate(CLEAN["poses"], G), pose_std=1e-3, angle_random_walk=WALK,
             estimator="unweighted", bias="first rest", start=np.eye(3),
         )  # fmt: skip
@@ -321,7 +323,7 @@ def test_second_order_bias_is_as_predicted():
 
     def errors(pose_noise, row_noise):
         noisy = rows + times * row_noise
-        moves = moves_between(truth.time, noisy, truth.intervals, chunk=2)
+        moves = inter_rest_rotations(truth.time, noisy, truth.intervals, chunk=2)
         noisy = poses + times * pose_noise
         acc = calibrate(noisy, truth.g, residual="weighted", noise_std=times * std)
         fit = calibrate_gyroscope(
@@ -361,7 +363,7 @@ def test_trials_of_a_batch_are_refused_alone_though_they_are_all(estimator, bad)
     readings[:bad, :, 2] = 0.0  # an axis that reads nothing
     poses = np.stack([CLEAN["poses"]] * 2)
     fit = calibrate_gyroscope(
-        moves_between(TIME, readings, RESTS), poses, calibrate(poses, G),
+        inter_rest_rotations(TIME, readings, RESTS), poses, calibrate(poses, G),
         pose_std=1e-3, angle_random_walk=WALK, estimator=estimator, start=np.eye(3),
     )  # fmt: skip
     assert [str(s)[:8] == "refused:" for s in fit.status] == [True, bad == 2]

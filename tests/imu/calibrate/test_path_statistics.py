@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from tumbles import ACCELEROMETER, FIRST_UP, GENERIC, GYROSCOPE, M, rolled
 
 from simval.errors import RefusedError, SaturatedError
-from simval.imu.calibrate import calibrate, calibrate_gyroscope, moves_between
+from simval.imu.calibrate import calibrate, calibrate_gyroscope, inter_rest_rotations
 from simval.imu.calibrate.gyroscope.path_statistics import SCHEMES, path_statistics
 from simval.imu.calibrate.gyroscope.rotation import final_rotations, rotations
 
@@ -139,7 +139,7 @@ def test_error_bars_hold_with_the_jitter_that_is_stated():
         poses = poses + std * rng.standard_normal(poses.shape)
         for stated, values in found.items():
             fit = calibrate_gyroscope(
-                moves_between(clock, y, rests, chunk=2), poses,
+                inter_rest_rotations(clock, y, rests, chunk=2), poses,
                 calibrate(poses, 9.81), pose_std=std, angle_random_walk=walk,
                 clock_jitter=stated, start=np.eye(3), estimator="generalised",
             )  # fmt: skip
@@ -155,9 +155,9 @@ def test_a_lost_row_of_a_move_is_between_its_neighbours():
     ramp = np.clip(time - 1.0, 0.0, 1.0) * np.clip(3.0 - time, 0.0, 1.0)
     rates = ramp[:, None] * [1.0, -2.0, 0.5]
     rests = np.array([[0, 90], [310, 400]])
-    whole = moves_between(time, rates, rests)
+    whole = inter_rest_rotations(time, rates, rests)
     keep = np.delete(np.arange(400), [120, 140, 141, 160, 180])
-    found = moves_between(time[keep], rates[keep], np.searchsorted(keep, rests))
+    found = inter_rest_rotations(time[keep], rates[keep], np.searchsorted(keep, rests))
     turned = [m.statistics[..., :3, :].sum(axis=-1) for m in (whole, found)]
     assert np.abs(turned[1] - turned[0]).max() < 1e-4 * np.abs(turned[0]).max()
 
@@ -182,31 +182,31 @@ def clock(row=None, steps=1.0):
 
 @pytest.mark.parametrize(("row", "move"), [(17, 0), (39, 1)])
 def test_a_hole_in_a_move_is_three_and_a_half_steps(row, move):
-    moves_between(clock(row, 3.5 * (1 - CLOSE)), readings(), RESTS)
+    inter_rest_rotations(clock(row, 3.5 * (1 - CLOSE)), readings(), RESTS)
     with pytest.raises(RefusedError, match=f"between rests {move} and {move + 1}"):
-        moves_between(clock(row, 3.5 * (1 + CLOSE)), readings(), RESTS)
+        inter_rest_rotations(clock(row, 3.5 * (1 + CLOSE)), readings(), RESTS)
     # in the middle of a rest it hides no turn; the margin's rows belong to the move
-    moves_between(clock(28, 10.0), readings(), RESTS, margin=2)
+    inter_rest_rotations(clock(28, 10.0), readings(), RESTS, margin=2)
     with pytest.raises(RefusedError, match=r"before row 32,"):
-        moves_between(clock(32, 10.0), readings(), RESTS, margin=2)
+        inter_rest_rotations(clock(32, 10.0), readings(), RESTS, margin=2)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_reading_at_the_end_of_the_range_is_refused_in_a_move_only(sign):
     y = readings()
     y[17, 1] = 2.5 * sign
-    moves_between(clock(), y, RESTS, full_scale=2.5 + CLOSE)
+    inter_rest_rotations(clock(), y, RESTS, full_scale=2.5 + CLOSE)
     with pytest.raises(SaturatedError, match="in row 17"):
-        moves_between(clock(), y, RESTS, full_scale=2.5)
+        inter_rest_rotations(clock(), y, RESTS, full_scale=2.5)
     y[17, 1], y[28, 1] = 1.0, 2.5 * sign  # in the middle of a rest
-    moves_between(clock(), y, RESTS, full_scale=2.5, margin=2)
+    inter_rest_rotations(clock(), y, RESTS, full_scale=2.5, margin=2)
 
 
 @pytest.mark.parametrize(("margin", "inner"), [(0, 0), (2, 2), (4, 4), (10, 4)])
 def test_rests_are_the_means_of_their_inner_rows(margin, inner):
     """A move reaches into a rest by the margin, by a third of the rest at most."""
     y, time = readings(), clock()
-    found = moves_between(time, y, RESTS, margin=margin)
+    found = inter_rest_rotations(time, y, RESTS, margin=margin)
     # nothing moves before the first rest, nor after the last one
     parts = [(0, 12 - inner), (22 + inner, 34 - inner), (44 + inner, 56)]
     means = np.array([y[a:b].mean(axis=0) for a, b in parts])

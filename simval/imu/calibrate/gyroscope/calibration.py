@@ -32,7 +32,7 @@ from simval.imu.calibrate.equations import (
 )
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors
 from simval.imu.calibrate.gyroscope.noise import checked_pose_std, floored, noise_of
-from simval.imu.calibrate.gyroscope.path_statistics import Moves, merged
+from simval.imu.calibrate.gyroscope.path_statistics import InterRestRotations, merged
 from simval.imu.calibrate.gyroscope.residuals import (
     InterRest,
     across,
@@ -110,7 +110,7 @@ def require_told(
 
 
 def calibrate_gyroscope(
-    moves: Moves,
+    moves: InterRestRotations,
     poses: Any,
     accelerometer: FitResult,
     *,
@@ -128,8 +128,8 @@ def calibrate_gyroscope(
 
     Parameters
     ----------
-    moves : Moves
-        Path statistics, see `moves_between`.
+    moves : InterRestRotations
+        Path statistics, see `inter_rest_rotations`.
     poses : array_like
         Mean accelerometer reading of each rest, raw units, (n, 3) or (trials, n, 3).
     accelerometer : FitResult
@@ -181,7 +181,7 @@ def calibrate_gyroscope(
     its own (`simval.imu.calibrate.equations`); where the residuals of one log do
     not bear that, a joint fit takes what they show (`simval.imu.calibrate.factors`).
     """
-    instance("moves", moves, Moves)
+    instance("moves", moves, InterRestRotations)
     instance("accelerometer", accelerometer, FitResult)
     readings, theta = _readings(moves, poses, accelerometer)
     estimator = choice("estimator", estimator, ESTIMATORS)
@@ -270,14 +270,14 @@ def _numbers(
         "parameters": np.concatenate(parameters, axis=1),
         "accelerometer": np.array(theta),
         "covariance": covariance,
-        "gap_angles": turns.angles(here.at, own),
+        "residual_angles": turns.angles(here.at, own),
         "chi2_per_dof": chi2 / dof if dof > 0 else np.full(len(M), np.nan),
         "step": np.array(solution.step),
     }
 
 
 def _readings(
-    moves: Moves, poses: Any, accelerometer: FitResult
+    moves: InterRestRotations, poses: Any, accelerometer: FitResult
 ) -> tuple[Float[Array, "t n 3"], Float[Array, "t 9"]]:
     readings = physical_array("poses", poses, (None, 3))
     readings = readings[None] if readings.ndim == 2 else readings
@@ -299,7 +299,9 @@ def _readings(
     return readings, theta
 
 
-def _start(moves: Moves, u: Float[Array, "t n 3"], start: Any) -> Float[Array, "t 3 3"]:
+def _start(
+    moves: InterRestRotations, u: Float[Array, "t n 3"], start: Any
+) -> Float[Array, "t 3 3"]:
     if start is not None:
         given = physical_array("start", start, (3, 3))
         return np.broadcast_to(given, (len(u), 3, 3))
@@ -389,7 +391,7 @@ _ANGLE: Final = 0.5  # rad a chunk on the way there
 
 
 def approach(
-    moves: Moves,
+    moves: InterRestRotations,
     B: Float[Array, "t 3"],
     u: Float[Array, "t n 3"],
     M: Float[Array, "t 3 3"],

@@ -29,7 +29,10 @@ from simval.imu.calibrate.gyroscope.noise import (
     checked_pose_std,
     walk_covariance,
 )
-from simval.imu.calibrate.gyroscope.path_statistics import Moves, moves_between
+from simval.imu.calibrate.gyroscope.path_statistics import (
+    InterRestRotations,
+    inter_rest_rotations,
+)
 from simval.imu.calibrate.gyroscope.result import NAMES, GyroscopeFit
 from simval.imu.calibrate.result import FitResult
 from simval.imu.sensor import forms
@@ -217,7 +220,7 @@ def _none(reason: str) -> Sensitivity:
 class ImuReadings:
     """Reduced readings of a recording, and the noise assumed for them."""
 
-    moves: Moves
+    moves: InterRestRotations
     poses: Float[Array, "n 3"]  # mean accelerometer readings
     pose_std: Float[Array, "n 3"]
     angle_random_walk: Float[Array, "3"]
@@ -341,7 +344,7 @@ def calibrate_imu(
     sensitivity : bool, optional
         Whether specific force acts on the gyroscope; by the F test if not given.
     scheme, margin, chunk, full_scale : optional
-        As in `moves_between`.
+        As in `inter_rest_rotations`.
 
     Returns
     -------
@@ -363,7 +366,7 @@ def calibrate_imu(
     how: dict[str, Any] = {
         "scheme": scheme, "margin": margin, "chunk": chunk, "full_scale": full_scale,
     }  # fmt: skip
-    moves = moves_between(time, gyroscope, intervals, **how)
+    moves = inter_rest_rotations(time, gyroscope, intervals, **how)
     if rows.ndim != 2 or len(rows) != len(np.asarray(time)):
         msg = (
             f"`accelerometer` has shape {rows.shape} for {len(np.asarray(time))} rows "
@@ -395,7 +398,7 @@ def calibrate_imu(
     scatter, _ = walk_of(rests, np.ones((len(at), 1)))
     more, known = _taken_out(time, acc, rows, found, rests, chosen)
     if more:
-        moves = moves_between(time, gyroscope, intervals, **how, **more)
+        moves = inter_rest_rotations(time, gyroscope, intervals, **how, **more)
     reduced = ImuReadings(
         moves=moves, poses=poses, pose_std=std, angle_random_walk=walk,
         bias_random_walk=drift, known_bias=known,

@@ -14,7 +14,7 @@ import numpy as np
 from simval.arguments import choice
 from simval.arrays import Array, noise_levels, nonnegative_number, physical_array
 from simval.errors import InputError
-from simval.imu.calibrate.gyroscope.path_statistics import Moves
+from simval.imu.calibrate.gyroscope.path_statistics import InterRestRotations
 from simval.shapes import Float
 
 BIASES: Final = ("constant", "first rest", "line")
@@ -84,7 +84,7 @@ def floored(std: Float[Array, "n 3"], readings: Array) -> Float[Array, "n 3"]:
 
 
 def noise_of(
-    moves: Moves,
+    moves: InterRestRotations,
     *,
     bias: str,
     angle_random_walk: Any = None,

@@ -152,9 +152,10 @@ _LEAST_REST = 3  # rows, of which two may be given to the rotations
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Moves(ReadOnly):
+class InterRestRotations(ReadOnly):
     """Path statistics of the rotations between rests, and the rests' mean readings.
 
+    `Moves` is the former name of this class.
     Leading axis t: trials, 1 for a recording.
 
     Attributes
@@ -199,7 +200,7 @@ class Moves(ReadOnly):
     force_noise: Float[Array, "4 4"]
 
 
-def moves_between(
+def inter_rest_rotations(
     time: Any,
     rates: Any,
     intervals: Any,
@@ -211,8 +212,10 @@ def moves_between(
     offset: Any = None,
     force: Any = None,
     force_noise: Any = None,
-) -> Moves:
+) -> InterRestRotations:
     """Reduce a gyroscope's samples to path statistics between rests.
+
+    `moves_between` is the former name of this function.
 
     Parameters
     ----------
@@ -239,11 +242,11 @@ def moves_between(
     force : array_like, optional
         Specific force of each row, m/s^2, (n, 3), if what it does is in `offset`.
     force_noise : array_like, optional
-        Covariance of that, as in `Moves`, (4, 4); needed with `force`.
+        Covariance of that, as in `InterRestRotations`, (4, 4); needed with `force`.
 
     Returns
     -------
-    Moves
+    InterRestRotations
         Path statistics and means of the rests.
 
     Raises
@@ -276,7 +279,7 @@ def moves_between(
     y = _refilled(y, step) if scheme == "averages" else y
     statistics = path_statistics(y, step, first, last, scheme, chunk, centre)
     spent = statistics[0, :, 9]
-    return Moves(
+    return InterRestRotations(
         statistics=statistics,
         centre=centre,
         rest_rates=means,
@@ -288,6 +291,10 @@ def moves_between(
         chunk=chunk,
         **_forces(force, force_noise, step, first, last, statistics.shape[-1], chunk),
     )
+
+
+Moves = InterRestRotations
+moves_between = inter_rest_rotations
 
 
 def _forces(
@@ -393,7 +400,7 @@ def _rest_means(
     return means, np.sqrt(per_row * float(np.median(step)))
 
 
-def taken(moves: Moves, good: Any) -> Moves:
+def taken(moves: InterRestRotations, good: Any) -> InterRestRotations:
     """Select trials."""
     return replace(
         moves,

@@ -31,7 +31,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.imu.calibrate.equations import Between, Corrected
 from simval.imu.calibrate.gyroscope.noise import GyroscopeNoise, walk_covariance
-from simval.imu.calibrate.gyroscope.path_statistics import Moves, taken
+from simval.imu.calibrate.gyroscope.path_statistics import InterRestRotations, taken
 from simval.imu.calibrate.gyroscope.result import NAMES
 from simval.imu.calibrate.gyroscope.rotation import (
     Rotations,
@@ -86,7 +86,7 @@ class InterRest:
     magnetometer (J1); the bias is what the rests say of it, to its noise.
     """
 
-    moves: Moves
+    moves: InterRestRotations
     noise: GyroscopeNoise
     each: int  # residuals of a rotation
 
@@ -226,7 +226,7 @@ def _at_rests(
 
 
 def covariance(
-    rows: Linearised, moves: Moves, noise: GyroscopeNoise, ends: int
+    rows: Linearised, moves: InterRestRotations, noise: GyroscopeNoise, ends: int
 ) -> Float[Array, "t q q"]:
     """Covariance by the gyroscope of the residuals, and of as many rows of the bias."""
     t, k, a, _ = rows.by_angle.shape
@@ -266,7 +266,7 @@ def angle_covariance(
 
 
 def walk_noise(
-    rows: Linearised, moves: Moves, noise: GyroscopeNoise
+    rows: Linearised, moves: InterRestRotations, noise: GyroscopeNoise
 ) -> Float[Array, "t r m"]:
     """Residuals by a bias that walks, where it is held for constant.
 
@@ -284,7 +284,7 @@ def walk_noise(
 
 
 def line_noise(
-    rows: Linearised, moves: Moves, noise: GyroscopeNoise
+    rows: Linearised, moves: InterRestRotations, noise: GyroscopeNoise
 ) -> Float[Array, "t r m"]:
     """Residuals by the white noise of each rest's mean, through lines between rests."""
     start, end = moves.rest_times[:-1, None], moves.rest_times[1:, None]
@@ -298,7 +298,7 @@ def line_noise(
 
 
 def bridge_covariance(
-    moved: Rotations, moves: Moves, noise: GyroscopeNoise
+    moved: Rotations, moves: InterRestRotations, noise: GyroscopeNoise
 ) -> Float[Array, "t k 3 3"]:
     """Covariance of theta by a bias that walks about the line between two rests."""
     # theta = int A (b - line) dt = int g dW, g(s) = int_s A dt - int (t / T) A dt
@@ -320,7 +320,7 @@ def bridge_covariance(
 
 
 def jitter_covariance(
-    moved: Rotations, moves: Moves, noise: GyroscopeNoise
+    moved: Rotations, moves: InterRestRotations, noise: GyroscopeNoise
 ) -> Float[Array, "t k 3 3"]:
     r"""Covariance of theta by time stamps that are off, each by itself.
 
@@ -340,7 +340,7 @@ def jitter_covariance(
 
 
 def sensitivity_noise(
-    rows: Linearised, moves: Moves, noise: GyroscopeNoise
+    rows: Linearised, moves: InterRestRotations, noise: GyroscopeNoise
 ) -> Float[Array, "t r 9"]:
     """Residuals, and last the rests' bias, by a sensitivity that was taken out.
 

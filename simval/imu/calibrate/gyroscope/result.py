@@ -38,7 +38,7 @@ class GyroscopeFit(Estimate):
         Weighted sum of squares by degree of freedom, (...).
     condition : Array
         Condition of the rotations, eq. (N7) of `simval.turns`, (...).
-    gap_angles : Array
+    residual_angles : Array
         Between gravity as rotated and as read at the end of each rotation, rad,
         (..., k).
     step : Array
@@ -62,7 +62,7 @@ class GyroscopeFit(Estimate):
     accelerometer: Float[Array, "... 9"]
     chi2_per_dof: Float[Array, "..."]
     condition: Float[Array, "..."]
-    gap_angles: Float[Array, "... k"]
+    residual_angles: Float[Array, "... k"]
     step: Float[Array, "..."]
     noise: NoiseFactors
     drift: Drift | None
@@ -88,9 +88,14 @@ class GyroscopeFit(Estimate):
         return self.covariance[..., 9:, 9:]
 
     @property
+    def gap_angles(self) -> Float[Array, "... k"]:
+        """Former name of `residual_angles`."""
+        return self.residual_angles
+
+    @property
     def cost(self) -> Float[Array, "..."]:
         """Half the sum of squared differences of unit vectors, IMU-TK's cost, (...)."""
-        return (2.0 * np.sin(self.gap_angles / 2.0) ** 2).sum(axis=-1)
+        return (2.0 * np.sin(self.residual_angles / 2.0) ** 2).sum(axis=-1)
 
     def factors(self, form: str = "misalignment-scale") -> GyroscopeFactors:
         """M of one fit as others write it, with its covariance.
@@ -174,7 +179,8 @@ class GyroscopeFit(Estimate):
             "chi2_per_dof": float(self.chi2_per_dof),
             "dof": self.dof,
             "condition": float(self.condition),
-            "gap_angles_rad": self.gap_angles.tolist(),
+            "residual_angles_rad": self.residual_angles.tolist(),
+            "gap_angles_rad": self.residual_angles.tolist(),  # its former name
             "status": str(self.status),
         }
 
