@@ -9,6 +9,7 @@ from rounding import EPS
 from scipy import stats
 
 from simval.errors import InputError
+from simval.figures import VARYING, Figure
 from simval.statistics import (
     BIAS,
     BIAS_ALONG,
@@ -16,6 +17,7 @@ from simval.statistics import (
     COVARIANCE,
     COVARIANCE_ALONG,
     COVERAGE,
+    FAMILIES,
     NEES,
     RMS,
     RMS_OVER_BOUND,
@@ -232,3 +234,17 @@ def test_every_study_has_its_small_cell_here_or_is_a_users():
 def test_an_unknown_study_is_named():
     with pytest.raises(InputError, match=r"no study `astrology`.*attitude"):
         find_study("astrology")
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_figure_names_parameters_of_its_study(name):
+    """A misspelt one would drop the figure from the page without a word."""
+    study = STUDIES[name]
+    fields = set(study.parameters.model_fields)
+    figures = [f for f in study.shown if isinstance(f, Figure)]
+    for figure in [*figures, *(each for f in figures for each in f.beside)]:
+        named = {figure.least, figure.lines, *figure.over}
+        named = {each for each in named if isinstance(each, str) and each}
+        assert named <= fields, figure.name
+        if isinstance(figure.along, str):
+            assert figure.along in fields | {*FAMILIES, "", VARYING}, figure.name
