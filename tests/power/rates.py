@@ -28,7 +28,7 @@ from simval.studies import attitude, calibration, coverage, ladder
 from simval.theory.attitude import AttitudeMoments, attitude_moments
 from simval.verdict import ALPHA, judge, overall
 
-CLEAN_SAMPLES = 4 * attitude.BLOCK
+CLEAN_SAMPLES = 8 * attitude.BLOCK
 """The fewest that the study takes: the harder case."""
 CLEAN_NOISE = (0.02, 0.05)
 """Chosen: two of the middle levels of the accuracy suite."""

@@ -65,10 +65,10 @@ def test_what_only_a_baseline_sees_has_a_reason_that_is_true(capsys):
 
 
 def test_rates_count_what_happens():
-    (every, certain) = rates.false_alarm_rates(rates.attitude_rows, {0.5: 6}, 1)
-    assert (every.runs, certain.runs) == (6, 6)
+    (every, certain) = rates.false_alarm_rates(rates.attitude_rows, {0.5: 12}, 1)
+    assert (every.runs, certain.runs) == (12, 12)
     # at a rate of one half some of the exact families fail, but not nearly all
-    assert 0 < certain.count < 6
+    assert 0 < certain.count < 12
     with rates.claimed(rates.formula_faults()["sign of the bias"][1]):
         rows = rates._rows(0.02, rates.CLEAN_SAMPLES, 1)
     assert rates._caught(rows)
