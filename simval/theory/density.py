@@ -51,6 +51,8 @@ _AT_ONCE: Final = 65_536
 """Nodes; their matrices take 5 MB each."""
 _NEGLIGIBLE: Final = 1e-15
 """Density of a direction of d2, for each steradian; that of none would be 0.08."""
+_NO_AXIS: Final = 1e-12
+"""Of |e|: at e = 0 the density is infinite, and that of this is given."""
 _DRAWS: Final = 10
 """Powers of two of the quasi-random estimates whose densities make a level, doubled."""
 
@@ -85,7 +87,8 @@ class AttitudeDensity(ReadOnly):
         Returns
         -------
         Array
-            The density, (...).
+            The density, (...); at e = 0 of the frame, where (D2) is infinite, that at
+            |e| of 1e-12.
 
         Raises
         ------
@@ -96,7 +99,8 @@ class AttitudeDensity(ReadOnly):
         """
         given = normalize(finite_array("q", q, (4,)))
         flat = given.reshape(-1, 4) @ self.geometry.back
-        density = _density_of(self.geometry, self.C1, self.C2, flat)
+        least = float(self.drawn[0])
+        density = _density_of(self.geometry, self.C1, self.C2, flat, least)
         return density.reshape(given.shape[:-1])
 
     def contains(self, q: Any, probability: float) -> Any:
@@ -188,9 +192,14 @@ def attitude_density(
 
 
 def _density_of(
-    geometry: TwoVectorGeometry, C1: Array, C2: Array, q: Float[Array, "n 4"]
+    geometry: TwoVectorGeometry,
+    C1: Array,
+    C2: Array,
+    q: Float[Array, "n 4"],
+    least: float = 0.0,
 ) -> Float[Array, " n"]:
-    # of both signs, by rules on the circle that refine
+    # of both signs, by rules on the circle that refine; what is far below the least
+    # that counts need not be known
     previous = np.full(len(q), np.inf)
     for nodes in _CIRCLE:
         rows = max(1, _AT_ONCE // nodes)
@@ -200,7 +209,7 @@ def _density_of(
         ]
         found = np.concatenate([np.zeros(0), *parts])
         off = np.abs(found - previous).max(initial=0.0)
-        if off <= _CLOSE * found.max(initial=0.0):
+        if off <= _CLOSE * found.max(initial=least):
             return found
         previous = found
     raise RefusedError(_unresolved(geometry, f"still differ by {off:.1e}"))
@@ -219,7 +228,9 @@ def _on_circle(
 ) -> Array:
     # (D2) by the trapezoidal rule
     length = np.linalg.norm(q[:, :3], axis=1)
-    axis = q[:, :3] / np.maximum(length, 1e-12)[:, None]
+    e = np.where(length[:, None] > _NO_AXIS, q[:, :3], [_NO_AXIS, 0.0, 0.0])
+    length = np.maximum(length, _NO_AXIS)
+    axis = unit(e)
     least = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
     across = unit(np.cross(axis, least))
     phi = 2.0 * np.pi * np.arange(nodes)[:, None, None] / nodes
@@ -233,7 +244,7 @@ def _on_circle(
     y = np.vecmat(q[kept % len(q)], basis)
     both = _of_direction(y, m, inverse) + _of_direction(-y, m, inverse)
     circle = np.bincount(kept % len(q), weights[kept] * both, minlength=len(q))
-    density: Array = circle * (2.0 * np.pi / nodes) / np.maximum(length, 1e-12)
+    density: Array = circle * (2.0 * np.pi / nodes) / length
     return density
 
 
