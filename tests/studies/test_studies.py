@@ -243,7 +243,7 @@ def test_a_figure_names_parameters_of_its_study(name):
     fields = set(study.parameters.model_fields)
     figures = [f for f in study.shown if isinstance(f, Figure)]
     for figure in [*figures, *(each for f in figures for each in f.beside)]:
-        named = {figure.least, figure.lines, *figure.over}
+        named = {*figure.least, figure.lines, *figure.over}
         named = {each for each in named if isinstance(each, str) and each}
         assert named <= fields, figure.name
         if isinstance(figure.along, str):
