@@ -19,7 +19,7 @@ from simval.errors import InputError
 from simval.files import MOST_BASELINE, parsed, read_text
 from simval.plugins.names import is_file
 from simval.results import Check, Row
-from simval.statistics import Statistic
+from simval.statistics import FORMER_ENTRIES, Statistic
 from simval.sweep.identity import other_machines
 from simval.sweep.provenance import differences
 from simval.sweep.run import MAX_SAMPLES, Run
@@ -275,8 +275,17 @@ def _without_repeats(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _cell(cell: Any) -> StoredCell:
-    statistics = {key: _entry(entry) for key, entry in cell["statistics"].items()}
+    statistics = {
+        _present(key): _entry(entry) for key, entry in cell["statistics"].items()
+    }
     return StoredCell(str(cell["study"]), dict(cell["parameters"]), statistics)
+
+
+def _present(name: str) -> str:
+    """Name that a statistic of a former version has now."""
+    for old, new in FORMER_ENTRIES.items():
+        name = name.replace(old, new)
+    return name
 
 
 def _entry(entry: Any) -> Entry:

@@ -294,7 +294,7 @@ def _over_bound(
         values = values[:, part] - np.mean(usual, axis=0)[part] ** 2 / bound[part]
         expected = float(variance[part].mean())
         yield plain(
-            stat.VARIANCE_OVER_BOUND(name, "usual recipe"),
+            stat.VARIANCE_OVER_BOUND(name, "two-step"),
             *mean_of(values.mean(axis=1)), expected, stat.FIRST_ORDER, expected * left,
         ), sharper(recipe, centred, part, bound)  # fmt: skip
 
@@ -399,7 +399,7 @@ def response_rows(
     )
 
 
-WORDS = {"M": "matrix M", "b": "hard iron b", "usual recipe": "two steps"}
+WORDS = {"M": "matrix M", "b": "hard iron b", "two-step": "two steps"}
 
 
 def _called(row: Row) -> str:

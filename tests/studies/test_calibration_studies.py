@@ -101,7 +101,7 @@ def test_what_is_claimed_of_the_magnetometers_fit_and_of_the_recipe():
     for part in ("accelerometer", "M", "b", "dip"):
         assert over[part,].predictor == CRAMER_RAO
         assert over[part,].prediction == pytest.approx(1.0, abs=0.02)
-    usual = over["M", "usual recipe"]
+    usual = over["M", "two-step"]
     assert usual.predictor == FIRST_ORDER
     assert 2.3 < usual.prediction < 3.5
     # told from the bound by more than twenty standard errors
