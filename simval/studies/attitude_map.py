@@ -175,6 +175,8 @@ FIGURES = (
     Figure(
         name="nearer",
         asked="Does a higher order help near a singularity?",
+        says="At |q̄| / σ of 0.5 a formula is nearer in a share of {each}.",
+        about=[NEARER_AT("0.5")],
         rows=[NEARER_AT],
         along=along_entry,
         axis="|q̄| / σ",

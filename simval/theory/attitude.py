@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from simval.arguments import choice, instance, switch
 from simval.arrays import Array, frozen, positive_number
-from simval.errors import InputError, RefusedError
+from simval.errors import InputError, SimvalError
 from simval.geometry import compose, conjugate
 from simval.moments import Moments
 from simval.shapes import Float, Shaped
@@ -237,11 +237,11 @@ def _named(number: int, batch: tuple[int, ...]) -> Iterator[None]:
     # a refusal of one sample of a batch by its index
     try:
         yield
-    except RefusedError as error:
+    except SimvalError as error:
         if not batch:
             raise
         msg = f"{place(number, batch)}: {error}"
-        raise RefusedError(msg) from error
+        raise type(error)(msg) from error
 
 
 def _by_blocks(of: Callable[[slice], Found], count: int) -> Found:

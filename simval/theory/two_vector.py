@@ -133,9 +133,12 @@ def own_axes(noise: Array) -> tuple[int, ...]:
 def _plausible(noise_std: Any) -> Array:
     value = finite_array("noise_std", noise_std, ())
     if not np.all(np.abs(value) <= MAX_NOISE):
+        at = np.unravel_index(np.argmax(np.abs(value)), value.shape)
+        where = f" at index {tuple(int(i) for i in at)}" if at else ""
         msg = (
-            f"`noise_std` reaches {np.abs(value).max():.2e}; the vectors have length "
-            f"1, and above {MAX_NOISE:g} nothing is left of them, so check its unit"
+            f"`noise_std` reaches {np.abs(value[at]):.2e}{where}; the vectors have "
+            f"length 1, and above {MAX_NOISE:g} nothing is left of them, so check its "
+            "unit"
         )
         raise InputError(msg)
     return value
@@ -147,12 +150,15 @@ def _covariances(
     # of what are covariances, or of standard deviations of each vector or of all
     if full:
         return _checked("noise_std", value)
-    if not np.all((value == 0.0) | (value >= LEAST)):
-        msg = (
-            f"`noise_std` is {shown(given)}; standard deviations must be 0 or "
-            f"more, and where they are not 0 at least {LEAST:g}"
-        )
-        raise InputError(msg)
+    fit = (value == 0.0) | (value >= LEAST)
+    refuse_samples(
+        np.all(fit, axis=-1) if value.ndim > 1 else fit.all(),
+        lambda i: (
+            f"`noise_std` is {shown(value[i].tolist() if i else given)}; standard "
+            f"deviations must be 0 or more, and where they are not 0 at least {LEAST:g}"
+        ),
+        InputError,
+    )
     each = np.broadcast_to(value, (*value.shape[:-1], count))
     return each[..., None, None] ** 2 * np.eye(3)
 

@@ -538,6 +538,15 @@ def test_the_first_bad_sample_is_named():
     wrong[0], wrong[2] = np.eye(3), -1e-14 * np.eye(3)  # small beside the first
     with pytest.raises(InputError, match=r"sample \(2,\): .*not a covariance"):
         attitude_moments(q, r1, r2, wrong)
+    levels = np.full((8, 4), 0.01)
+    for level, where in ((-0.01, r"sample \(2,\): "), (1e7, r"at index \(2, 0\)")):
+        levels[2] = level
+        with pytest.raises(InputError, match=where):
+            attitude_moments(q, r1, r2, levels)
+    quiet, third = noise.copy(), np.zeros((4, 3, 3, 3))
+    quiet[2, 0], third[0, 0, 0, 0] = 0.0, 1e-9
+    with pytest.raises(InputError, match=r"^sample \(2,\): `third_moments`"):
+        attitude_moments(q, r1, r2, quiet, 3, third_moments=third)
     hole = q.copy()
     hole[6, 2] = np.nan
     with pytest.raises(InputError, match=r"index \(6, 2\)"):

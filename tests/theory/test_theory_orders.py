@@ -127,6 +127,14 @@ def test_weights_too_far_apart_are_refused(order, ratio):
     assert normalize(q) @ found.bias == pytest.approx(bound / 2.0, rel=1e-4)
 
 
+def test_the_exact_order_blames_weights_where_they_are_to_blame():
+    q, r1, r2 = GEOMETRY
+    with pytest.raises(RefusedError, match="`weights` differ so much"):
+        wahba_moments(q, [r1, r2], 1e-3, [1.0, 1e-12], "exact")
+    without_noise = wahba_moments(q, [r1, r2], 0.0, [1.0, 1e-12], "exact")
+    assert not without_noise.covariance.any()
+
+
 def test_what_cannot_be_answered_says_why():
     with pytest.raises(InputError, match="`frame`"):
         sufficient_order(*GEOMETRY, 0.01, frame="best")

@@ -364,7 +364,9 @@ def estimate_attitude(
     widest = widest_difference(noise_std, false_alarm)
     arrays, shape = _flat_batch(b1, b2, r1, r2)
     count = arrays[0].shape[0]
-    shares = None if weights is None else _pair_weights(weights, shape)
+    shares = None
+    if weights is not None:
+        shares = pair_weights(weights, (*shape, 2)).reshape(-1, 2).T
     q = np.empty((count, 4))
     validity: Codes = np.zeros(count, dtype=np.int8)
     block = np.empty((12, max(2, min(count, kernel.BLOCK))))
@@ -422,19 +424,33 @@ def _tolerance(value: Any) -> float:
     return float(number)
 
 
-def _pair_weights(weights: Any, shape: tuple[int, ...]) -> Array:
-    # (2, n), one pair for all samples or one for each
-    value = finite_array("weights", weights, (2,))
-    if not (np.all(value > 0.0) and np.all(value <= GREATEST)):
-        msg = f"`weights` is {shown(weights)}; both must be above 0 and finite"
-        raise InputError(msg)
-    if value.shape not in ((2,), (*shape, 2)):
+def pair_weights(weights: Any, shape: tuple[int, ...]) -> Array:
+    """Weights (..., n) of the pairs of samples; None is equal.
+
+    Raises
+    ------
+    InputError
+        If one is not above 0, or they are neither (n,) nor (..., n).
+    """
+    if weights is None:
+        return np.ones(shape)
+    value = finite_array("weights", weights, shape[-1:])
+    bad = np.argwhere(~((value > 0.0) & (value <= GREATEST)))
+    if len(bad):
+        first = tuple(int(i) for i in bad[0])
         msg = (
-            f"`weights` has shape {value.shape}; give two, (2,), or two for each "
-            f"sample, {(*shape, 2)}"
+            f"`weights` is {value[first]:g} at index {first}; each must be above 0 and "
+            f"at most {GREATEST:g}"
         )
         raise InputError(msg)
-    return np.broadcast_to(value, (*shape, 2)).reshape(-1, 2).T
+    try:
+        return np.broadcast_to(value, shape)
+    except ValueError:
+        msg = (
+            f"`weights` has shape {value.shape}; give one for each pair, {shape[-1:]}, "
+            f"or for each pair of each sample, {shape}"
+        )
+        raise InputError(msg) from None
 
 
 def _block_codes(

@@ -24,7 +24,7 @@ from typing import Any, Final
 import numpy as np
 import scipy
 
-from simval.arrays import GREATEST, LEAST, Array, finite_array, shaped_array
+from simval.arrays import LEAST, Array, finite_array, shaped_array
 from simval.errors import InputError
 from simval.geometry import attitude_matrix, normalize
 from simval.imu.attitude.estimator import (
@@ -34,6 +34,7 @@ from simval.imu.attitude.estimator import (
     Codes,
     Mask,
     Validity,
+    pair_weights,
     refuse,
     share_of_samples,
 )
@@ -154,11 +155,15 @@ def wahba_estimate(
     rate = share_of_samples(false_alarm)
     body, reference, codes = _pairs(b, r)
     if noise_std is None:
-        q, close = _optimum(body, reference, _weights(weights, body))
+        q, close = _optimum(body, reference, pair_weights(weights, body.shape[:-1]))
         covariance = tested = None
     else:
         variance = _variances(noise_std, body.shape[-2])
-        a = 1.0 / variance if weights is None else _weights(weights, body)
+        a = (
+            1.0 / variance
+            if weights is None
+            else pair_weights(weights, body.shape[:-1])
+        )
         q, close = _optimum(body, reference, a)
         covariance = _first_order(body, a, variance)
         tested, ambiguous = _tested(body, reference, variance)
@@ -204,7 +209,7 @@ def wahba_covariance(
     body, _, codes = _pairs(b, r)
     refuse(codes.reshape(-1), codes.shape, INSTEAD)
     variance = _variances(noise_std, body.shape[-2])
-    a = 1.0 / variance if weights is None else _weights(weights, body)
+    a = 1.0 / variance if weights is None else pair_weights(weights, body.shape[:-1])
     return _first_order(body, a, variance)
 
 
@@ -327,23 +332,6 @@ def _pairs(b: Any, r: Any) -> tuple[Array, Array, Codes]:
     codes[~np.isfinite(vectors).all(axis=(0, -1, -2))] = Validity.NOT_FINITE
     unit[:, codes != 0] = np.eye(3)[np.arange(n) % 3]
     return unit[0], unit[1], codes
-
-
-def _weights(weights: Any, body: Array) -> Array:
-    if weights is None:
-        return np.ones(body.shape[:-1])
-    value = finite_array("weights", weights, (body.shape[-2],))
-    if not (np.all(value > 0.0) and np.all(value <= GREATEST)):
-        msg = f"`weights` is {shown(weights)}; each must be above 0 and finite"
-        raise InputError(msg)
-    try:
-        return np.broadcast_to(value, body.shape[:-1])
-    except ValueError:
-        msg = (
-            f"`weights` has shape {value.shape}; give one for each pair, "
-            f"({body.shape[-2]},), or for each pair of each sample, {body.shape[:-1]}"
-        )
-        raise InputError(msg) from None
 
 
 def _variances(noise_std: Any, n: int) -> Float[Array, " n"]:

@@ -151,11 +151,15 @@ def test_refusals():
     for noise in (2.0, [0.1, 0.1], [[1e-12, 0.1], [0.0, 0.0]]):
         with pytest.raises(InputError, match="noise_std"):
             consistency(*pairs, noise)
-    for weights in ([1.0, 0.0], [1.0, -1.0], np.ones((3, 2))):
-        with pytest.raises(InputError, match="weights"):
-            wahba_quaternion(*pairs, weights)
-        with pytest.raises(InputError, match="weights"):
-            estimate_attitude(*pairs[0], *pairs[1], weights=weights)
+    for weights, words in (
+        ([1.0, 0.0], r"is 0 at index \(1,\)"),
+        ([[-1.0, 1.0]], r"is -1 at index \(0, 0\)"),
+        (np.ones((3, 2)), "has shape"),
+    ):
+        for call in (wahba_quaternion, estimate_attitude):
+            given = pairs if call is wahba_quaternion else (*pairs[0], *pairs[1])
+            with pytest.raises(InputError, match=f"`weights` {words}"):
+                call(*given, weights=weights)
     with pytest.raises(InputError, match="false_alarm"):
         estimate_attitude(*pairs[0], *pairs[1], false_alarm=1.0)
 
