@@ -8,7 +8,6 @@ from magnetometer_sets import BODY, BODY_STD, FIELD, IRON, IRON_STD, G, random_s
 from nine_axes import DIP
 from scipy import stats
 
-from simval.imu.calibrate import calibrate
 from simval.imu.calibrate.equations import (
     Accelerometer,
     Equation,
@@ -16,7 +15,6 @@ from simval.imu.calibrate.equations import (
     Problem,
     Sensor,
     minimize,
-    weighed,
 )
 from simval.imu.calibrate.estimate import NORMAL_95
 from simval.imu.sensor import MODELS, forms
@@ -68,25 +66,6 @@ def test_rows_are_differentiated_by_parameters_and_readings(model, unchecked):
     white = problem.local(theta).white @ L
     one = white @ np.swapaxes(white, -1, -2)
     np.testing.assert_allclose(one, np.broadcast_to(np.eye(3), one.shape), atol=1e-12)
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_the_accelerometer_alone_is_its_fit_by_moments(model):
-    """All other blocks left out: the same as the fast case, and its covariance."""
-    problem, theta = pair(model, 5, off=0.0)
-    alone = Problem(sensors=problem.sensors[:1])
-    found = minimize(alone, theta[:, :9], 30)
-    assert found.converged.all()
-    fit = calibrate(
-        alone.accelerometer.readings, 1.0, model, residual="weighted",
-        noise_std=BODY_STD, tolerance=1e-13,
-    )  # fmt: skip
-    # both end within 1e-8 of a step that shrinks a thousandfold
-    assert np.abs((found.theta - fit.parameters) / fit.sd).max() < 1e-9
-    covariance, _ = alone.local(found.theta).covariance()
-    size = fit.sd[:, :, None] * fit.sd[:, None]
-    # (U1) is the same at the minimum of the weighted residual
-    assert np.abs((covariance - fit.covariance) / size).max() < 1e-8
 
 
 # a fourth sensor: an inclinometer of two axes, z = A u + b
@@ -159,19 +138,3 @@ def test_a_fourth_sensor_gets_fit_bound_coverage_and_plan():
         total = np.sum(np.square(tried)[:, wanted], axis=1)
         assert total[number] <= total.min() * (1.0 + 1e-9)
     np.testing.assert_allclose(error_bars(now), bound)
-
-
-def test_a_fourth_sensor_gets_its_honesty():
-    """Its noise is stated five times too small: it is blamed, and it alone."""
-    problem, truth = inclined(told=0.2)
-    found = minimize(problem, truth[None], 30)
-    *_, noise = weighed(problem, found, 30)
-    assert noise.sources == ("accelerometer", "magnetometer", "inclinometer")
-    assert problem.names[8:10] == ("B_z", "magnetometer M_xx")
-    np.testing.assert_array_equal(noise.factor[:2], 1.0)
-    # a scatter of 72 degrees of freedom is known to a twelfth
-    assert abs(noise.factor[2] / 5.0 - 1.0) < 4.0 / 12.0
-    # in stated deviations: of two rows a rest, chi-squares of two by what was found
-    squares = (noise.sensors[2].deviations / noise.factor[2]) ** 2
-    assert abs(squares.mean() - 2.0) < 4.5 * 2.0 / np.sqrt(40)
-    assert noise.p_value < 1e-3

@@ -4,23 +4,21 @@ A false alarm of a test of many sets is one in 1e4, by the binomial of the rate 
 the package states.
 """
 
-import itertools
 import re
 
 import numpy as np
 import pytest
-from rounding import EPS
 from scipy import stats
 
 from simval.errors import InputError, SimvalError
 from simval.geometry import normalize
 from simval.imu.calibrate import calibrate, diagnose
-from simval.imu.calibrate.diagnosis import geometry_loss, verdict
+from simval.imu.calibrate.diagnosis import verdict
 from simval.imu.calibrate.drift import find_break, find_drift, find_step
 from simval.imu.calibrate.goodness_of_fit import FALSE_ALARM
 from simval.imu.calibrate.outliers import find_outliers
 from simval.imu.sensor import AccelerometerModel
-from simval.poses import direction_jacobian, fibonacci_sphere, random_directions
+from simval.poses import fibonacci_sphere, random_directions
 
 G, SIGMA = 9.81, 0.003
 MODEL = AccelerometerModel.from_parameters(
@@ -87,51 +85,53 @@ def test_distances_are_the_shortest_way_to_the_ellipsoid():
         assert abs(abs(distance) - exact) < 2 * exact**2 / G
 
 
-@pytest.mark.parametrize(
-    ("residual", "known"),
-    [("squared", False), ("norm", True), ("weighted", True), ("sampson", False)],
-)
-def test_leverage_is_what_a_pose_pulls_its_own_fit_by(residual, known):
+UNEVEN = SIGMA * np.geomspace(0.3, 3.0, 12)
+
+
+@pytest.mark.parametrize("residual", ["squared", "weighted"])
+def test_leverage_is_what_a_pose_pulls_its_own_fit_by(residual):
     """A reading moved by e along its normal changes its distance by (1 - h) e."""
-    y = poses(14, seed=8)[0]
-    noise = SIGMA * np.geomspace(0.3, 3.0, 14)
-    given = {"noise_std": noise} if known else {}
+    y, step = poses(12, seed=8)[0], 1e-4
+    given = {"noise_std": UNEVEN} if residual == "weighted" else {}
     fit = calibrate(y, G, residual=residual, **given)
-    leverage = diagnose(fit, y, noise).leverage
-    step = 1e-4
-    for k in (0, 6, 13):
+    leverage = diagnose(fit, y, UNEVEN).leverage
+    for k in (0, 6, 11):
+        moved = np.stack([y, y])
         normal = normalize((y[k] - fit.B) @ fit.matrix.T @ fit.matrix)
-        moved = []
-        for sign in (1, -1):
-            other = y.copy()
-            other[k] += sign * step * normal
-            refit = calibrate(other, G, residual=residual, **given)
-            moved.append(diagnose(refit, other, noise).distance[k])
-        pulled = 1.0 - (moved[0] - moved[1]) / (2 * step)
+        moved[:, k] += step * np.outer([1.0, -1.0], normal)
+        up, down = (
+            diagnose(calibrate(each, G, residual=residual, **given), each).distance[k]
+            for each in moved
+        )
         # residuals of 0.5 % of the radius leave second derivatives of as much
-        assert abs(pulled - leverage[k]) < 0.02
+        assert abs(1.0 - (up - down) / (2 * step) - leverage[k]) < 0.02
 
 
 @pytest.mark.ci
 @pytest.mark.parametrize(
-    ("residual", "sigma", "law"),
-    [("squared", None, stats.t(2)), ("norm", SIGMA, stats.norm())],
-)
-def test_standardised_residuals_are_standard(residual, sigma, law):
+    ("residual", "noise", "law"),
+    [("squared", None, stats.t(2)), ("norm", SIGMA * np.ones(12), stats.norm()),
+     ("weighted", UNEVEN, stats.norm())],
+)  # fmt: skip
+def test_standardised_residuals_are_standard(residual, noise, law):
     """Of 12 poses whatever their leverage; of unknown noise by Student's t."""
     batch = poses(12, 150, seed=2)
-    found = [diagnose(calibrate(y, G, residual=residual), y, sigma) for y in batch]
+    clean = MODEL.distort(G * fibonacci_sphere(12), np.random.default_rng(0))
+    given = {}
+    if residual == "weighted":
+        batch = clean + (batch - clean) * (UNEVEN / SIGMA)[:, None]
+        given = {"noise_std": UNEVEN}
+    found = [diagnose(calibrate(y, G, residual=residual, **given), y, noise)
+             for y in batch]  # fmt: skip
     values = np.array([each.standardized for each in found])
     p = [stats.kstest(each, law.cdf).pvalue for each in values.T]
-    assert min(p) > 1e-4 / (2 * 12)
+    assert min(p) > 1e-4 / (3 * 12)
     far = np.mean(np.abs(values) > 3.0)  # power: by Student's t 0.095, else 0.0027
-    assert (far > 0.05) == (sigma is None)
+    assert (far > 0.05) == (noise is None)
     assert far < 0.15
     one = found[0]
     np.testing.assert_allclose(one.leverage.sum(), 9.0, rtol=1e-10)
-    # a diagonal of a projector is 1 at most, up to rounding of the sum of nine
-    assert one.leverage.max() < 1.0 + 100 * EPS
-    if sigma:
+    if noise is not None:
         assert one.p_value == pytest.approx(stats.chi2.sf(3 * one.chi2_per_dof, 3))
 
 
@@ -152,8 +152,8 @@ def test_bad_arguments():
 
 SETS = [
     *((20, count) for count in (10, 14, 20)),
-    *(pytest.param(1000, count, marks=MANY) for count in (10, 11, 12, 14, 18, 24)),
-    *(pytest.param(250, count, marks=MANY) for count in (40, 64, 100)),
+    *(pytest.param(1000, count, marks=MANY) for count in (10, 12, 18, 24)),
+    pytest.param(250, 64, marks=MANY),
 ]
 
 
@@ -179,8 +179,8 @@ def test_clean_sets_have_no_outliers_and_no_step(sets, count):
     ("count", "bad", "size", "least", "sets"),
     [
         (24, 1, 5.0, 0.8, 20),
-        (16, 3, 5.0, 0.85, 20),
-        *(pytest.param(24, n, 5.0, 0.9, 300, marks=MANY) for n in (1, 2, 3)),
+        (16, 3, 5.0, 0.85, 60),
+        pytest.param(24, 2, 5.0, 0.9, 300, marks=MANY),
         pytest.param(24, 3, 0.5, 0.8, 300, marks=MANY),
         pytest.param(28, 5, 5.0, 0.85, 300, marks=MANY),
     ],
@@ -196,21 +196,6 @@ def test_outliers_are_named(count, bad, size, least, sets):
         y, which = spoiled([11, bad, seed], count, bad, size)
         exact += set(np.flatnonzero(find_outliers(y).flagged)) == which
     assert exact >= least * sets
-
-
-def test_the_worst_three_are_those_of_all_triples():
-    """Brute force: every triple left out, the quadric fitted again by itself."""
-    y, which = spoiled(17, 15, 3, 2.0, sigma=1e-4)
-    z = y - y.mean(axis=0)
-    rows = np.concatenate([z * z, z[:, [0, 0, 1]] * z[:, [1, 2, 2]], z], axis=1)
-
-    def left(out):
-        keep = np.setdiff1d(np.arange(15), out)
-        p = np.linalg.lstsq(rows[keep], np.ones(12), rcond=None)[0]
-        return np.sum((rows[keep] @ p - 1.0) ** 2)
-
-    best = min(itertools.combinations(range(15), 3), key=left)
-    assert set(best) == which == set(np.flatnonzero(find_outliers(y).flagged))
 
 
 @pytest.mark.parametrize("loss", ["linear", "huber", "soft_l1", "cauchy"])
@@ -233,24 +218,6 @@ def test_a_robust_loss_lets_go_of_outliers_and_names_no_other(loss):
         found = diagnose(fit, y, sigma)
         assert set(found.outliers) == {3, 17, 30}
         assert np.all(np.abs(found.standardized[[3, 17, 30]]) > 5.0)
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize(("bad", "known"), [(1, None), (3, SIGMA)])
-def test_a_set_that_outliers_spoil_is_never_told_to_add_poses(bad, known):
-    """Accepted or refused, the words name the pose: 20 sets of 24 poses."""
-    named = refused = 0
-    for seed in range(20):
-        y, which = spoiled([29, bad, seed], 24, bad, 5.0)
-        try:
-            said = diagnose(calibrate(y, G).require_converged(), y, known).verdict
-        except SimvalError as error:
-            said = str(error)
-            refused += 1
-            assert re.search(r"ellipsoid of the other \d+ poses, and without", said)
-        named += all(f"pose {k} " in said for k in which)
-    assert named >= 15
-    assert refused >= 1  # both kinds of words were seen
 
 
 # breaks and steps
@@ -379,12 +346,6 @@ def test_what_a_chi_square_means():
     ):
         assert re.search(words, verdict(chi2, dof))
     assert "degree(s) of freedom" not in verdict(1.0, 10)
-    # clean sets with the right sigma: 1 % on either side
-    fits = calibrate(poses(20, 1000, seed=7), G, noise_std=SIGMA)
-    words = [verdict(float(x), 11) for x in fits.chi2_per_dof]
-    wrong = sum("noise is the limit" not in each for each in words)
-    law = stats.binom(1000, 0.02)
-    assert law.ppf(1e-4) <= wrong <= law.isf(1e-4)
 
 
 FAMILIES = {
@@ -402,8 +363,9 @@ FAMILIES = {
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("sets", [10, pytest.param(300, marks=MANY)])
 def test_the_first_words_are_the_cause(family, sets):
-    """The words of a set begin with the cause, or it is refused. 2 % of clean sets miss
-    the 1 % of either tail, 1 % have an outlier, and 1 % is left for chance."""
+    """The words of a set begin with the cause and name the poses that are off, or it is
+    refused. 2 % of clean sets miss the 1 % of either tail, 1 % have an outlier, and 1 %
+    is left for chance."""
     place, spread, stated, bad, cause = FAMILIES[family]
     wrong = []
     for seed in range(sets):
@@ -415,19 +377,6 @@ def test_the_first_words_are_the_cause(family, sets):
         except SimvalError as error:
             said = str(error)
             words = "ellipsoid of the other" if bad else "add poses"
-        wrong += [] if words in said.split(";")[0] else [said]
+        named = all(f"pose {k} " in said for k in range(bad))
+        wrong += [] if words in said.split(";")[0] and named else [said]
     assert len(wrong) <= stats.binom.isf(1e-4 / len(FAMILIES), sets, 0.05), wrong[:3]
-
-
-def test_geometry_loss_is_one_for_the_whole_sphere():
-    """Monte Carlo moments of the sphere, 2e5 directions: their error is 3e-3."""
-    rng = np.random.default_rng(47)
-    rows = direction_jacobian(random_directions(200_000, rng))
-    best = np.diagonal(np.linalg.inv(rows.T @ rows)) * 200_000
-    u = normalize(rng.standard_normal((25, 3)) * [1.0, 1.0, 0.4])
-    own = np.linalg.inv(direction_jacobian(u).T @ direction_jacobian(u))
-    expected = np.sqrt(np.max(np.diagonal(own) * 25 / best))
-    np.testing.assert_allclose(geometry_loss(u), expected, rtol=0.01)
-    # sixty points of a spiral are the whole sphere to 1/60
-    assert geometry_loss(fibonacci_sphere(60)) < 1.02
-    assert geometry_loss(np.tile(np.eye(3), (4, 1))) == np.inf

@@ -11,7 +11,6 @@ import pytest
 from magnetometer_sets import FIELD, IRON_STD, squares
 from nine_axes import ACC, GYRO, MAG, TRUTH, drawn
 from scipy import stats
-from test_core import pair
 from tumbles import WALK, fitted, tumble
 
 from simval.errors import RefusedError
@@ -21,7 +20,6 @@ from simval.imu.calibrate import (
     calibrate_magnetometer,
     calibrate_nine_axis,
 )
-from simval.imu.calibrate.equations import minimize, residuals
 from simval.imu.calibrate.factors import CHANCE, judged
 from simval.imu.calibrate.goodness_of_fit import (
     FALSE_ALARM,
@@ -31,37 +29,6 @@ from simval.imu.calibrate.goodness_of_fit import (
     Source,
     least_determined_of,
 )
-
-
-def solved(problem, theta):
-    """One trial at its end."""
-    found = minimize(problem, theta, 50)
-    assert found.converged.all()
-    return problem.local(found.theta)
-
-
-def test_leaving_out_is_what_a_fit_without_the_rest_finds():
-    """Its noise times 1e6 instead: chi-square falls by what the judge says."""
-    problem, theta = pair(trials=1, off=0.0)
-    here = solved(problem, theta)
-    told = Left(residuals(problem, here)).sensors()
-    total, rows = float(here.chi_square[0]), len(here.rows[0])
-    # the parts of the sensors add up exactly
-    np.testing.assert_allclose(sum(s.chi_square for s in told), total, rtol=1e-10)
-    np.testing.assert_allclose(sum(s.dof for s in told), rows - 22, rtol=1e-10)
-    for s, sensor in enumerate(told):
-        assert sensor.outliers == ()
-        for rest in (0, 17, sensor.worst):
-            std = problem.sensors[s].std.copy()
-            std[:, rest] *= 1e6
-            sensors = list(problem.sensors)
-            sensors[s] = replace(sensors[s], std=std)
-            without = solved(replace(problem, sensors=tuple(sensors)), theta)
-            drop = total - float(without.chi_square[0])
-            # relative: noise of 1e-3 of a reading bends the equations as much
-            assert drop == pytest.approx(
-                sensor.deviations[rest] ** 2, rel=0.02, abs=1e-3
-            )
 
 
 def linear(rng, shift=None, size=0.0, factor=(1.0, 1.0, 1.0)):

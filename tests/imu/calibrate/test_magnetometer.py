@@ -42,7 +42,6 @@ def test_the_model_and_what_is_none():
     raw = IRON.distort(field, np.random.default_rng(0))
     # a backward stable solve and a product of 3 x 3, numbers of 500
     np.testing.assert_allclose(IRON.correct(raw), field, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(raw, field @ np.linalg.inv(IRON.M).T + IRON.b)
     assert not MagnetometerModel(M=-IRON.M, b=IRON.b).right_handed
     assert MagnetometerModel(M=1e-40 * np.eye(3), b=np.zeros(3)).right_handed
     for change, words in (
@@ -62,18 +61,6 @@ def fit_of(body, iron, **options):
 def noisy(case, seed=1):
     body, iron = case.noisy(1, np.random.default_rng(seed))
     return body[0], iron[0]
-
-
-def test_pose_chi_squares_are_what_leaving_out_takes_off():
-    body, iron = noisy(FORTY)
-    whole = fit_of(body, iron)
-    for k in (0, 13, 39):
-        keep = np.arange(40) != k
-        less = fit_of(body[keep], iron[keep])
-        # exact for linear equations: the rest is of the order of the noise
-        assert whole.chi_square - less.chi_square == pytest.approx(
-            whole.pose_chi_square[k], rel=0.03, abs=0.02
-        )
 
 
 def test_the_twin_is_exact_and_the_hemisphere_picks_one():
@@ -114,18 +101,6 @@ def test_a_known_accelerometer_joins_with_its_covariance():
     assert abs(nees.mean() - 22.0) < 3.9 * np.sqrt(44.0 / trials)
     # it knows more than either alone
     assert np.all(found.sd[:, :9] <= own.sd * (1.0 + 1e-9))
-    single = calibrate(other.noisy(1, rng)[0][0], G, noise_std=BODY_STD)
-    one = fit_of(body[0], iron[0], known=single)
-    assert np.all(one.sd[:9] <= single.sd * (1.0 + 1e-9))
-
-
-def test_an_accelerometer_without_covariance_is_not_known(unchecked):
-    none = calibrate(noisy(random_set(20, 1))[0], G, covariance=False)
-    with pytest.raises(InputError, match="no covariance"):
-        fit_of(FORTY.body, FORTY.iron, known=none)
-    some = calibrate(noisy(random_set(20, 1))[0], 9.8, noise_std=BODY_STD)
-    with pytest.raises(InputError, match=r"g = 9\.8 .*pass `g=known.g`"):
-        fit_of(FORTY.body, FORTY.iron, known=some)
 
 
 # one trial, looked at
@@ -162,7 +137,7 @@ def test_a_field_that_varies_with_time_is_said():
 @pytest.mark.ci
 def test_a_disturbed_pose_is_named_and_a_clean_set_is_left_alone():
     named = clean = varying = 0
-    for seed in range(30):
+    for seed in range(12):
         body, iron = noisy(FORTY, seed)
         alone = fit_of(body, iron)
         clean += bool(alone.disturbed)
@@ -171,10 +146,13 @@ def test_a_disturbed_pose_is_named_and_a_clean_set_is_left_alone():
         found = fit_of(body, iron)
         named += set(found.disturbed) == {3, 17}
         assert re.search("poses? .*(3|17) ", found.findings[0])
-        assert found.pose_chi_square[3] > 30.0
-    # each false in 1 of 100 clean sets: 4 or more of 30 has chance 2e-4
+        # linear: what leaving the pose out takes off, but for the noise squared
+        keep = np.arange(40) != 3
+        drop = found.chi_square - fit_of(body[keep], iron[keep]).chi_square
+        assert drop == pytest.approx(found.pose_chi_square[3], rel=0.03)
+    # each false in 1 of 100 clean sets: 4 or more of 12 has chance 5e-6
     assert max(clean, varying) < 4
-    assert named >= 27  # the others name one more by chance
+    assert named >= 10  # the others name one more by chance
     rest = float(re.findall(r"without, .* is (\S+):", found.findings[0])[0])
     low, high = stats.chi2.ppf([5e-5, 1.0 - 5e-5], 92) / 92  # one alarm in 1e4
     assert low < rest < high
@@ -186,11 +164,10 @@ def test_the_recipe_is_exact_without_noise_and_has_the_same_axes():
     expected[:9] /= FIELD
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
     iron = np.stack([FORTY.iron, FORTY.iron])
-    for bad in (0, 1):  # a trial that is not finite is NaN, and its neighbour is not
-        iron[bad, 3, 0] = np.nan
-        batch = ellipsoid_then_rotation(np.stack([FORTY.body, FORTY.body]), iron)
-        assert np.isnan(batch[: bad + 1]).all()
-        assert np.array_equal(batch[1], found) or bad
+    iron[0, 3, 0] = np.nan  # a trial that is not finite is NaN, and its neighbour not
+    batch = ellipsoid_then_rotation(np.stack([FORTY.body, FORTY.body]), iron)
+    assert np.isnan(batch[0]).all()
+    np.testing.assert_array_equal(batch[1], found)
 
 
 # recordings: BROAD (Laidig, Caruso, Cereatti and Seel, Data 6(7), 2021, CC BY 4.0)
@@ -260,17 +237,16 @@ TWICE = [np.vstack([x, x[4:5]]) for x in (BODY40, IRON40)]
 OPEN = {
     **{
         f"level, {tilt}": (noisy(made(tilted(40, tilt, 1))), "a level table.*tilt it")
-        for tilt in (0.0, 3.0, 8.0)
+        for tilt in (0.0, 8.0)
     },
     "one axis": (noisy(made(ABOUT_Y)), "in a plane, as when all turns are about one"),
     **{
         f"dip {dip}": (noisy(random_set(40, 1, dip_deg=dip)), "along the vertical")
-        for dip in (90.0, -90.0, 89.6)
+        for dip in (-90.0, 89.6)
     },
     "seven": (noisy(random_set(7, 1)), r"7 pose\(s\) given.*8 poses or more"),
     "twice": (TWICE, "poses 4 and 40 are identical"),
     "dead y": (dead(1, 1, 12.0), "axis y of the magnetometer reads 12 in all 40"),
-    "dead z": (dead(0, 2, 0.0), "axis z of the accelerometer reads 0 in all 40"),
     "noise": (
         dead(0, 1, 1e-3 * np.random.default_rng(1).standard_normal(40)),
         "lie in a plane",
@@ -282,9 +258,7 @@ OPEN = {
         (G * fibonacci_sphere(8),) * 2,
         "8 poses leave some of the 22 parameters open",
     ),
-    "another sensor": ((IRON40, IRON40), "vertical"),
     "swapped": ((IRON40, BODY40), "check units, the order.*sensors are not swapped"),
-    "rolled": ((BODY40, np.roll(IRON40, 1, axis=0)), "check units, the order of"),
     "units": (
         (BODY40, IRON40 / np.where(np.arange(40) < 20, 1.0, 100.0)[:, None]),
         "check units",
@@ -292,7 +266,16 @@ OPEN = {
 }
 
 
+OTHER = noisy(random_set(20, 1))[0]
 OPEN = {name: (pair, {}, words) for name, (pair, words) in OPEN.items()} | {
+    "no covariance": (
+        (BODY40, IRON40), {"known": calibrate(OTHER, G, covariance=False)},
+        "no covariance",
+    ),
+    "another g": (
+        (BODY40, IRON40), {"known": calibrate(OTHER, 9.8, noise_std=BODY_STD)},
+        r"g = 9\.8 .*pass `g=known.g`",
+    ),
     "a zenith": (
         noisy(random_set(40, 5, dip_deg=0.0)), {"hemisphere": "north"},
         "leave `hemisphere` out",
@@ -310,6 +293,7 @@ OPEN = {name: (pair, {}, words) for name, (pair, words) in OPEN.items()} | {
 }  # fmt: skip
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("name", OPEN)
 def test_a_set_that_is_no_calibration_is_refused_in_words(name):
     pair, options, words = OPEN[name]
@@ -367,7 +351,7 @@ def good_sets(count, trials, rng, dip_deg=80.0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [12, 20, 40])
+@pytest.mark.parametrize("count", [12, 20])
 def test_thousands_of_random_sets_are_fitted(count):
     """From twelve poses on every set is fitted, and none is wrong."""
     trials = 1500

@@ -9,7 +9,7 @@ import made_logs as logs
 import numpy as np
 import pytest
 import yaml
-from places import RECORDINGS
+from places import recording
 
 from simval.cli import run
 from simval.imu.calibrate import load_calibration
@@ -40,15 +40,6 @@ def drifts(folder):
     return written(moved, folder / "drift.csv")
 
 
-def recorded(name, *more):
-    def path(folder):
-        if not (RECORDINGS / name).is_file():
-            pytest.skip(f"the recording {name} is not here")
-        return [str(RECORDINGS / name), *more]
-
-    return path
-
-
 def written(log, path):
     rows = np.hstack([log.time[:, None], log.accelerometer, log.gyro])
     header = "t,ax,ay,az,wx,wy,wz"
@@ -56,16 +47,16 @@ def written(log, path):
     return [str(path)]
 
 
+NONE = ("--sensors", "none")
 LOGS = {
     "forces on the gyroscope": force_felt,
     "biases that drift": drifts,
     "three sensors": lambda folder: [str(logs.of_scene(folder))],
-    "MPU-9150": recorded("mpu9150/imu0.log", "--rate", "100"),
-    "Xsens": recorded("xsens/xsens_acc.mat", "--sensors", "none"),
+    "Xsens": lambda folder: [str(recording("xsens/xsens_acc.mat")), *NONE],
 }
 HOLDS = {  # whether the error bars hold, by the answer at the end
     "forces on the gyroscope": (True,), "biases that drift": (False,),
-    "three sensors": (True, None), "MPU-9150": (False, None),
+    "three sensors": (True, None),
 }  # fmt: skip
 ROW = re.compile(r"^  ([A-Za-z]\S*) +(-?[\d.e+-]+) +([\d.e+-]+)\b", re.MULTILINE)
 
@@ -189,7 +180,7 @@ def test_a_calibration_is_one_fit_wherever_it_is_stated(name, tmp_path, capsys):
     assert run(["calibrate", *words, "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert data == json.loads(out.read_text())
-    log = read_log(words[0], 100.0 if "--rate" in words else None)
+    log = read_log(words[0])
     if "--sensors" not in words:  # the command prints what Python prints
         result = calibrate_log(log, predict=calibration_moments)
         whole = calibrate_sensors(log, result)
@@ -202,7 +193,6 @@ def test_a_calibration_is_one_fit_wherever_it_is_stated(name, tmp_path, capsys):
     check_page(unescape(page.read_text()), data, numbers)
     if kalibr:
         check_kalibr(imu.read_text(), data, fit)
-    rate = ["--rate", "100"] if "--rate" in words else []
-    correct = ["correct", words[0], *rate, "--calibration", str(out)]
+    correct = ["correct", words[0], "--calibration", str(out)]
     assert run([*correct, "--out", str(tmp_path / "right.csv")]) == 0
     check_corrected(tmp_path / "right.csv", log, data, fit)

