@@ -107,8 +107,8 @@ EVERY = 20
 LEFT_OUT = 2.0
 """Of a covariance in deviations, by the square of a step, s: the filter turns by the
 rates of a step, theory by the attitudes. The worst of three scenarios from 25 to 500 Hz
-was 0.35, of the fastest at 500 Hz (`test_foundations.py`), and 0.53 with a bias
-that walks (`tests/studies/test_filter.py`)."""
+was 0.35, of the fastest at 500 Hz, and 0.53 with a bias that walks
+(`tests/studies/test_filter.py`)."""
 
 
 def drawn_filter_rows(

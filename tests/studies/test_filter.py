@@ -1,11 +1,11 @@
 """Study filter: words, courses and draws, its rows, and what the own filter does."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from cells import answers, rows_of
-from hypothesis import given
+from cells import answers
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 from scipy.spatial.transform import Rotation
@@ -19,9 +19,10 @@ from simval.geometry import (
 )
 from simval.imu.filters import Mekf
 from simval.imu.filters.signals import FilterOutput
+from simval.plugins import Filter, find_plugin
 from simval.statistics import BOUND_AT, BUDGET_AT
 from simval.studies import filter as study
-from simval.studies.filter_prediction import RATE, lost, response_rows
+from simval.studies.filter_prediction import RATE, lost, response_rows, stated_row
 from simval.studies.filter_scenarios import (
     MOST,
     NAMES,
@@ -32,6 +33,7 @@ from simval.studies.filter_scenarios import (
     spelled,
     wrong_of,
 )
+from simval.sweep import load_run
 from simval.sweep.suite import expand
 
 
@@ -71,11 +73,17 @@ def test_what_is_wrong_changes_what_is_told_and_how_the_gyroscope_is():
     true = study.sensors_of(cell.parameters, way).told(way)
     words = ["gyroscope noise 3", "magnetometer noise 0.5", "scale 0.01", "turned 0.02"]
     wrong = wrong_of(words)
-    told = wrong.told(true)
-    assert told.gyroscope_noise == 3.0 * true.gyroscope_noise
-    assert told.magnetometer_noise == 0.5 * true.magnetometer_noise
-    for name in ("accelerometer_noise", "gyroscope_walk", "start_std", "bias_std"):
-        assert getattr(told, name) == getattr(true, name)
+    told, expected = (
+        wrong.told(true),
+        replace(
+            true,
+            gyroscope_noise=3.0 * true.gyroscope_noise,
+            magnetometer_noise=0.5 * true.magnetometer_noise,
+        ),
+    )
+    for field in fields(true):
+        name = field.name
+        assert np.array_equal(getattr(told, name), getattr(expected, name)), name
     turn = Rotation.from_rotvec(0.02 * np.ones(3) / np.sqrt(3.0)).as_matrix()
     assert np.abs(wrong.M - 1.01 * turn.T).max() < 1e-15
     assert np.array_equal(Wrong().M, np.eye(3))
@@ -101,6 +109,7 @@ def test_what_cannot_be_read_is_refused_with_what_can(text, words):
         scenario_of(spelled(text))
 
 
+@settings(max_examples=50)
 @given(st.text(max_size=40), st.sampled_from(["", *NAMES]))
 def test_no_text_is_read_by_chance(text, name):
     whole = spelled(f"{name}, {text}" if name else text)
@@ -171,14 +180,10 @@ def test_a_course_that_is_not_to_be_had_is_refused():
         course("gimbal slow", 99.0, 8.0)
 
 
-def test_the_bias_walks_as_white_noise_integrated_finely_does():
-    # joint covariance of the bias's step and its average over it, from 200 substeps
-    rng = np.random.default_rng(3)
-    h, K, fine = 0.02, 0.5, 200
-    walk = np.cumsum(
-        K * np.sqrt(h / fine) * rng.standard_normal((20_000, fine)), axis=1
-    )
-    expected = np.cov(walk[:, -1], walk.mean(axis=1))
+def test_the_bias_walks_as_integrated_white_noise_does():
+    # joint covariance of the bias's step and its average over it: int dt, t dt, t^2 dt
+    h, K = 0.02, 0.5
+    expected = K**2 * h * np.array([[1.0, 1.0 / 2.0], [1.0 / 2.0, 1.0 / 3.0]])
     way = course("long rest", 50.0, 8.0)
     (cell,) = cells(scenario="long rest", rate=50.0, seconds=8.0, trials=8)
     sensors = replace(
@@ -192,8 +197,8 @@ def test_the_bias_walks_as_white_noise_integrated_finely_does():
     before = np.concatenate([np.zeros((64, 1, 3)), bias[:, :-1]], axis=1)
     step, inside = bias - before, given.gyroscope - way.rate - before
     found = np.cov(step.ravel(), inside.ravel())
-    # 76 800 and 20 000 samples: 5 standard errors of a variance, and of the sum's bias
-    assert np.abs(found / expected - 1.0).max() < 5.0 * np.sqrt(2.0 / 20_000) + 0.01
+    # 76 800 samples: 5 standard errors of a variance
+    assert np.abs(found / expected - 1.0).max() < 5.0 * np.sqrt(2.0 / step.size)
 
 
 def test_each_noise_is_of_the_stated_size():
@@ -273,9 +278,8 @@ def test_an_error_may_be_two_per_cent_over_the_bound():
     squares = (np.linalg.norm(ERRORS[:, 1:], axis=-1) ** 2).mean(axis=1)
     error = squares.std(ddof=1) / np.sqrt(TRIALS) / (2.0 * found.value)
     assert found.standard_error == pytest.approx(error, rel=1e-9)
-    assert rows["rms_over_bound"].standard_error == pytest.approx(
-        error / whole, rel=1e-9
-    )
+    over = rows["rms_over_bound"].standard_error
+    assert over == pytest.approx(error / whole, rel=1e-9)
     at = [row for name, row in rows.items() if name.startswith("rms_at")]
     over = [row for name, row in rows.items() if name.startswith("rms_over_bound_at")]
     assert [row.value for row in over] == pytest.approx(
@@ -308,14 +312,13 @@ def test_a_trial_has_strayed_beyond_thirty_degrees_in_its_second_half():
         assert (found.value, found.prediction, found.check) == (share, 0.0, "limit")
 
 
-@pytest.mark.parametrize("steps", [100, 101, 150, 200, 2000, 50_000])
-def test_instants_are_spread_with_the_row_before_each(steps):
-    kept, late = study.instants(steps)
-    assert kept[0] >= 0
-    assert kept[-1] == steps - 1
-    assert (np.diff(kept) > 0).all()
-    assert (kept[late] - kept[late - 1] == 1).all()
-    assert len(late) >= 99
+def test_instants_are_spread_with_the_row_before_each():
+    for steps in (100, 101, 150, 200, 2000, 50_000):
+        kept, late = study.instants(steps)
+        assert (kept[0] >= 0, kept[-1]) == (True, steps - 1)
+        assert (np.diff(kept) > 0).all()
+        assert (kept[late] - kept[late - 1] == 1).all()
+        assert len(late) >= 99
 
 
 def test_headings_of_a_filter_without_a_compass_count_from_its_first():
@@ -336,8 +339,8 @@ def test_headings_of_a_filter_without_a_compass_count_from_its_first():
 
 
 @pytest.mark.ci
-def test_the_parts_of_the_budget_add_up_to_the_bound():
-    found = rows_of("filter", seconds=8.0, trials=128)
+def test_the_parts_of_the_budget_add_up_to_the_bound(smoke_run):
+    found = by_name(load_run(smoke_run).of("filter")[0].rows)
     at = [n.partition(",")[2] for n in found if n.startswith(f"{BOUND_AT.name}[")]
     assert at
     for t in at:
@@ -350,27 +353,25 @@ def test_the_parts_of_the_budget_add_up_to_the_bound():
         assert sum(parts) == pytest.approx(bound**2, rel=1e-6)
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("wrong", ["gyroscope noise 0.333", "turned 1e-3"])
-def test_what_is_told_wrongly_is_far_from_what_is_told_rightly(wrong):
-    """Power of the agreement with theory that each small cell of it shows."""
-    scenario = f"gimbal slow, {wrong}"
-    row = rows_of("filter", seconds=8.0, trials=128, scenario=scenario)["nees"]
-    assert abs(row.value - 3.0) > 4.0 * row.standard_error
-
-
 MOVED, STATED = "covariance_off[moved]", "covariance_off[stated while the bias walks]"
-STEP, CORRECT = Mekf._step, Mekf._correct
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("scenario", ["gimbal slow", "gimbal fast", "long rest"])
+@pytest.mark.parametrize("scenario", ["gimbal fast", "long rest"])
 def test_what_each_noise_moves_is_the_bound(scenario):
     rows = by_name(response_rows(Mekf, scenario))
     assert answers(rows.values()) == {"pass"}
     assert max(rows[MOVED].value, rows[STATED].value) < 0.3 * rows[MOVED].remainder
     assert ("turn_order" in rows) == (scenario != "long rest")
-    assert abs(rows["turn_order"].value - 3.0) < 0.05 if "turn_order" in rows else True
+    assert scenario == "long rest" or abs(rows["turn_order"].value - 3.0) < 0.05
+    # what it states is the bound, at the lowest rate too
+    given = study.Parameters(scenario=scenario, rate=25.0)
+    plugin, told = (
+        find_plugin(study.REFERENCE, Filter),
+        study.told_of(given, given.course),
+    )
+    (row,) = stated_row(plugin, told, plugin.world, (scenario, 25.0))
+    assert row.value < 0.3 * row.remainder
 
 
 def test_without_coning_what_turns_leave_out_is_of_second_order():
@@ -378,57 +379,3 @@ def test_without_coning_what_turns_leave_out_is_of_second_order():
         lost(Mekf, "gimbal fast", rate, coning=False) for rate in (RATE / 2.0, RATE)
     )
     assert 1.9 < np.log2(first / second) < 2.1
-
-
-def coning(factor):
-    def step(own, h, rate):
-        own.before = factor * own.before
-        STEP(own, h, rate)
-
-    return "_step", step
-
-
-def walk(factor, white=1.0):
-    def step(own, h, rate):
-        right = own.N2, own.K2
-        own.N2, own.K2 = white * own.N2, factor * own.K2
-        STEP(own, h, rate)
-        own.N2, own.K2 = right
-
-    return "_step", step
-
-
-def shared(factor):
-    def step(own, h, rate):
-        STEP(own, h, rate)
-        i = np.arange(6)
-        own.P[..., i, (i + 3) % 6] += (1.0 - factor) * own.K2 * h**2 / 2.0
-
-    return "_step", step
-
-
-def gain(of, factor):
-    def correct(own, *given):
-        before = getattr(own, of)
-        answer = CORRECT(own, *given)
-        setattr(own, of, before + factor * (getattr(own, of) - before))
-        return answer
-
-    return "_correct", correct
-
-
-FAULTS = [
-    *((coning(factor), "turn_order") for factor in (0.0, 0.8, 2.0)),
-    *((gain("b", factor), MOVED) for factor in (0.9, 1.05)),
-    (gain("q", 0.9), MOVED),
-    *((shared(factor), STATED) for factor in (0.5, 1.1)),
-    *((walk(*factors), STATED) for factors in ((0.5,), (1.05,), (1.0, 0.95))),
-]
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize(("fault", "seen"), FAULTS)
-def test_a_filter_that_is_wrong_is_seen(fault, seen):
-    wrong = type("Wrong", (Mekf,), dict([fault]))
-    rows = by_name(response_rows(wrong, "gimbal slow"))
-    assert answers([rows[seen]]) == {"fail"}

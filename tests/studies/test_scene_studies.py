@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cells import rows_of
-from scipy import stats
 
 from simval.errors import SimvalError
 from simval.geometry import attitude_error, compose, conjugate, normalize
@@ -13,7 +11,7 @@ from simval.imu.attitude import two_vector_quaternion
 from simval.imu.calibrate import calibrate_magnetometer
 from simval.imu.sensor import AccelerometerModel, MagnetometerModel
 from simval.scene import simulate
-from simval.studies import detector, end_to_end
+from simval.studies import end_to_end
 from simval.studies.detector import (
     STILL_FORCE,
     normalized_square,
@@ -21,6 +19,7 @@ from simval.studies.detector import (
     score,
     thinned,
 )
+from simval.sweep import load_run
 from simval.theory.magnetometer import magnetometer_moments
 from simval.theory.propagation import PARTS, UP, calibration_parts, carrier
 
@@ -34,10 +33,6 @@ def folder(tmp_path_factory):
 
 def scored(*known):
     return {family.name: value for family, value in score(*known).items()}
-
-
-def detected(**setting):
-    return rows_of("detector", **setting)
 
 
 def test_the_score_of_a_case_by_hand():
@@ -68,65 +63,6 @@ def test_what_is_still_is_the_simulations_own_rest():
     assert off.max() <= STILL_FORCE
 
 
-def chi_square_limits(dof, trials, alarm):
-    """Limits of the mean of some chi-square values, each at half the false alarms."""
-    return stats.chi2.ppf([alarm / 2, 1 - alarm / 2], dof * trials) / trials
-
-
-@pytest.mark.ci
-def test_clean_rests_are_found_whole_and_calibrate_as_predicted():
-    found = detected(trials=60)
-    for name, value in (
-        ("precision", 1.0),
-        ("rests_found", 1.0),
-        ("intervals", 40.0),
-        ("impure", 0.0),
-        ("outside", 0.0),
-        ("fitted[pure]", 1.0),
-    ):
-        assert found[name].value == value
-    # half a window and the trim are lost at either end of 2 s of rest; the settling
-    # time of 0.6 s before it gives some back: 2 (25 + 15) of 200 + 60 rows at most
-    assert 1 - 80 / 200 < found["recall"].value < 1.0
-    low, high = chi_square_limits(9, 60, 1e-4)
-    assert low < found["nees[pure]"].value < high
-    assert found["nees[pure]"].check == "nees"
-    # power: a noise level wrong by a fifth would be seen
-    assert found["nees[pure]"].value * 1.2**2 > high
-
-
-@pytest.mark.ci
-def test_more_noise_lets_moving_rows_in_and_trimming_keeps_them_out():
-    raw = detected(noise_std=0.05, trim=0, trials=20)
-    # power: without the trim there are moving rows in some rests, 7 of them are seen
-    assert raw["impure"].value > 1.0
-    assert raw["precision"].value < 1.0
-    trimmed = detected(noise_std=0.05, trim=15, trials=20)
-    assert trimmed["impure"].value == 0.0
-    assert trimmed["precision"].value == 1.0
-    assert trimmed["recall"].value < raw["recall"].value
-
-
-@pytest.mark.ci
-def test_impure_windows_harm_the_parameters():
-    """With little noise a slow motion looks like rest, and the fit believes it."""
-    found = detected(noise_std=0.02, multiplier=200.0, trim=0, trials=12)
-    # power: 32 are seen
-    assert found["impure"].value > 10.0
-    assert found["nees[all]"].value > chi_square_limits(9, 12, 1e-4)[1]
-    pure_only = detected(noise_std=0.02, multiplier=6.0, trim=15, trials=12)
-    assert pure_only["nees[all]"].value < chi_square_limits(9, 12, 1e-4)[1]
-
-
-@pytest.mark.ci
-def test_a_trembling_hand_is_never_at_rest():
-    found = detected(scene="handheld", noise_std=0.02, trials=4)
-    assert found["precision"].value == 0.0
-    assert found["impure"].value == found["intervals"].value
-    assert found["fitted[pure]"].value == 0.0
-    assert "nees[pure]" not in found
-
-
 def test_a_fit_that_cannot_be_had_is_not_a_number():
     sensor = AccelerometerModel(T=np.eye(3), K=np.ones(3), B=np.zeros(3), noise_std=1.0)
     assert np.isnan(
@@ -134,18 +70,10 @@ def test_a_fit_that_cannot_be_had_is_not_a_number():
     )
 
 
-@pytest.mark.parametrize("window", [50, 1])
-def test_a_window_must_be_odd(window):
-    with pytest.raises(ValueError, match="window"):
-        detector.Parameters(window=window)
-
-
-TRIALS = 64
-
-
 @pytest.mark.ci
-def test_the_parts_of_the_budget_add_up():
-    rows = rows_of("end_to_end", trials=TRIALS)
+def test_the_parts_of_the_budget_add_up(smoke_run):
+    (cell,) = load_run(smoke_run).of("end_to_end")
+    rows = {str(row.statistic): row for row in cell.rows}
     assert rows["impure"].value == 0.0
     parts = [rows[f"budget[{part}]"] for part in PARTS]
     assert all(row.remainder < 1e-4 * row.prediction for row in parts)
@@ -156,19 +84,6 @@ def test_the_parts_of_the_budget_add_up():
     spread = [2 * row.value * row.standard_error for row in parts]
     # the cross terms of independent sources average to zero; 4.4 sigma, 1e-5
     assert abs(sum(measured[:4]) - measured[4]) < 4.4 * np.linalg.norm(spread)
-
-
-@pytest.mark.slow
-def test_a_budget_without_a_part_is_rejected():
-    """Power: with few poses and long means neither part of the tumble can be left."""
-    rows = rows_of("end_to_end", trials=TRIALS, poses=12, average=2000)
-    total = rows["budget[total]"]
-    limit = stats.t.isf(1e-4 / 2, TRIALS - 1)
-    assert abs(total.value - total.prediction) < limit * total.standard_error
-    for part in PARTS[:2]:
-        left = rows[f"budget[{part}]"].prediction ** 2
-        without = np.sqrt(total.prediction**2 - left)
-        assert abs(total.value - without) > limit * total.standard_error
 
 
 def rotation_between(q, truth):

@@ -5,12 +5,15 @@ is no number says nothing. Values are drawn at their edges and between; those wi
 which a cell once crashed stand by themselves.
 """
 
+import math
+import re
+import typing
 import warnings
 from importlib import import_module
 
 import numpy as np
 import pytest
-import study_draws
+from annotated_types import Ge, Gt, Le, Lt
 from pydantic import ValidationError
 
 from simval.errors import (
@@ -23,20 +26,95 @@ from simval.errors import (
 )
 from simval.results import Outcome
 from simval.studies import STUDIES
+from simval.studies.named_geometries import GEOMETRIES
 from simval.studies.study import Cell, refusing
 from simval.sweep.cells import REFUSED
 from simval.sweep.executors import attempt
 
 DRAWN = [name for name in STUDIES if name != "custom_scene"]  # that is a user's
-CHEAP = {  # how many tests of how many cells, and what a cell may cost, s
-    "coverage": (6, 2, 0.06),
-    "calibration": (4, 2, 0.1),
-    "ladder": (6, 2, 0.06),
-    "solvers": (6, 4, 1.0),
-    "attitude_order": (6, 4, 1.0),
-    "attitude_vectors": (2, 1, 0.6),
-    "attitude": (2, 1, 1.0),
+CHEAP = {  # how many cells, and what a cell may cost, s
+    "coverage": (6, 0.06),
+    "calibration": (4, 0.1),
+    "ladder": (6, 0.06),
+    "solvers": (6, 1.0),
+    "attitude_order": (8, 1.0),
+    "attitude_vectors": (1, 0.6),
+    "attitude": (1, 1.0),
 }
+TEXTS = {  # of fields that are text
+    ("estimator", "algorithm"): ("simval:wahba", "simval:triad", "simval:closed-form"),
+    ("estimator", "noise"): ("body", "all", "tangent", "unequal", "general"),
+    ("estimator", "geometry"): (0, 12_345, 2**63 - 1, *GEOMETRIES),
+    ("calibrator", "algorithm"): ("simval:squared", "simval:norm", "simval:weighted"),
+    ("filter", "algorithm"): ("simval:mekf",),
+    ("filter", "scenario"): (
+        *("gimbal slow", "gimbal fast", "magnetic disturbance", "anywhere"),
+    ),
+}
+LARGEST = {"trials": 2.0, "samples": 2.0, "geometries": 1.2, "cases": 2.0}
+"""Of a count beside the least that is legal: more is longer and no other work."""
+
+
+def limits(info):
+    """Least and greatest legal value of a number."""
+    whole = info.annotation is int
+    low, high = -math.inf, 2**200 if whole else 1e300
+    for limit in info.metadata:
+        match limit:
+            case Ge(ge=value):
+                low = value
+            case Gt(gt=value):
+                low = value + 1 if whole else math.nextafter(value, math.inf)
+            case Le(le=value):
+                high = value
+            case Lt(lt=value):
+                high = value - 1 if whole else math.nextafter(value, -math.inf)
+    return low, high
+
+
+def edges(name, info):
+    """Values of a number at its edges and next to them."""
+    low, high = limits(info)
+    if name in LARGEST:
+        return [low, low + 1]
+    if info.annotation is int:
+        return [low, low + 1, high - 1, high]
+    tiny = [1e-300, 1e-150, 1e-30, 1e-15, 1e-9] if 0.0 <= low < 1e-300 else []
+    ends = [low, math.nextafter(low, high), high, math.nextafter(high, low)]
+    return [float(each) for each in (*ends, *tiny)]
+
+
+def between(name, info, rng):
+    """A value between the edges, by its logarithm where that is the scale."""
+    low, high = limits(info)
+    if name in LARGEST:
+        return int(low * rng.uniform(1.0, LARGEST[name]))
+    high = min(high, 1e6 if info.annotation is float else 2**60)
+    least = max(low, 1 if info.annotation is int else 1e-9 * high)
+    if info.annotation is float and (rng.random() < 0.5 or low < 0.0):
+        return float(rng.uniform(low, high))
+    value = 10.0 ** rng.uniform(math.log10(least), math.log10(high))
+    return info.annotation(min(max(value, least), high))
+
+
+def values_of(study, rng, edge=0.4, plain=0.3):
+    """Values of all fields: at an edge, by default or between, in these shares."""
+    values = {}
+    for name, info in STUDIES[study].parameters.model_fields.items():
+        kind, choices = rng.random(), TEXTS.get((study, name))
+        if typing.get_origin(info.annotation) is typing.Literal:
+            choices = typing.get_args(info.annotation)
+        if name == "time_limit":
+            continue
+        if choices is None and kind < edge:
+            choices = edges(name, info)
+        if choices is not None:
+            values[name] = choices[int(rng.integers(len(choices)))]
+        elif kind < edge + plain and name not in LARGEST:
+            values[name] = info.default
+        else:
+            values[name] = between(name, info, rng)
+    return values
 
 
 def made(study, values):
@@ -45,6 +123,16 @@ def made(study, values):
         return STUDIES[study].parameters(**values)
     except (ValidationError, InputError):
         return None
+
+
+def drawn(study, count, seconds):
+    """Legal parameters of cells that take no longer."""
+    rng = np.random.default_rng([*study.encode()])
+    while count:
+        parameters = made(study, values_of(study, rng))
+        if parameters is not None and parameters.cost().seconds <= seconds:
+            count -= 1
+            yield parameters
 
 
 def answer(study, parameters):
@@ -60,122 +148,66 @@ def answer(study, parameters):
         raise
     except (UnmeasurableError, PluginError) as error:
         return str(error)
-    judged = [row for row in rows if row.check != "record"]
-    assert not [
-        (str(row.statistic), row.predictor)
-        for row in judged
-        if not np.isfinite([row.value, row.standard_error, row.remainder]).all()
-        or (row.prediction is not None and not np.isfinite(row.prediction))
-        or row.standard_error < 0.0
-    ]
+    except Exception as error:
+        error.add_note(str(parameters))
+        raise
+    for row in (row for row in rows if row.check != "record"):
+        predicted = 0.0 if row.prediction is None else row.prediction
+        numbers = [row.value, row.standard_error, row.remainder, predicted]
+        assert np.isfinite(numbers).all(), (parameters, row)
+        assert row.standard_error >= 0.0, (parameters, row)
     return "measured"
 
 
-def drawn(study, count, seconds, first=0):
-    """Legal parameters of cells that take no longer, with the number of each draw."""
-    number = first - 1
-    while count:
-        number += 1
-        rng = np.random.default_rng([number, *study.encode()])
-        parameters = made(study, study_draws.draw(study, rng))
-        if parameters is not None and parameters.cost().seconds <= seconds:
-            count -= 1
-            yield number, parameters
-
-
-@pytest.mark.parametrize(
-    ("study", "part"),
-    [(study, part) for study, (parts, _, _) in CHEAP.items() for part in range(parts)],
-)
-def test_drawn_parameters_of_cheap_studies(study, part):
-    _, count, seconds = CHEAP[study]
-    for number, parameters in drawn(study, count, seconds, 1000 * part):
+@pytest.mark.parametrize("study", CHEAP)
+def test_drawn_parameters_of_cheap_studies(study):
+    for parameters in drawn(study, *CHEAP[study]):
         found = answer(study, parameters)
-        assert found == "measured" or "cannot be measured: " in found, number
+        assert found == "measured" or "cannot be measured: " in found, parameters
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", range(4))
 @pytest.mark.parametrize("study", DRAWN)
-def test_drawn_parameters_of_every_study(study, part):
-    seconds = 20.0 if study in ("attitude_geometries", "filter", "noise_model") else 3.0
-    count = 10 if seconds > 3.0 else 50
-    for number, parameters in drawn(study, count, seconds, 1000 * (part + 1)):
-        try:
-            answer(study, parameters)
-        except Exception as error:
-            error.add_note(f"draw {number}: {parameters}")
-            raise
+def test_drawn_parameters_of_every_study(study):
+    long = study in ("attitude_geometries", "filter", "noise_model")
+    for parameters in drawn(study, *((40, 20.0) if long else (200, 3.0))):
+        answer(study, parameters)
 
 
 @pytest.mark.parametrize("study", DRAWN)
 def test_what_is_drawn_is_legal_or_refused_in_words(study):
     rng = np.random.default_rng(20_261_122)
-    values = [study_draws.draw(study, rng) for _ in range(100)]
+    values = [values_of(study, rng) for _ in range(100)]
     legal = [own for each in values if (own := made(study, each)) is not None]
     assert len(legal) > 10
     assert all(np.isfinite(own.cost().seconds) for own in legal)
 
 
-CRASHED = {  # values with which a cell crashed, and what of it is said now
-    "too noisy for ten poses": (
-        "calibration",
-        {"noise_std": 10.0, "poses": 10, "hold_time": 0.01, "trials": 128},
-        "did not converge.*lower `noise_std` or give more `poses`",
-    ),
-    "error bars of ten poses": (
-        "coverage",
-        {"noise_std": 0.3, "poses": 10, "trials": 1024, "residual": "norm"},
-        "cannot be measured: .*did not converge",
-    ),
-    "a die that shows too few sides": (
-        "calibration",
-        {"scene": "die", "poses": 9, "hold_time": 0.01, "trials": 128},
-        "directions have rank 6 of 9.*give more `poses`",
-    ),
-    "the ladder at a tenth of g": (
-        "ladder",
-        {"noise_std": 1.0, "poses": 10, "trials": 512},
-        "cannot be measured: .*did not converge",
-    ),
-    "solvers without a solution": (
-        "solvers",
-        {"noise_std": 3.0, "poses": 40},
-        "cannot be measured: .*show fewer than 9",
-    ),
-    "a geometry without a slope": (
-        "attitude_order",
-        {"geometry": 390},
-        "cannot be measured: geometry 390 has .*give another `geometry`",
-    ),
-    "a hold of one sample": (
-        "calibration",
-        {"hold_time": 0.002, "poses": 12, "trials": 128},
-        "measured",
-    ),
-    "the least noise": (
-        "calibration",
-        {"noise_std": 1e-9, "poses": 9, "hold_time": 0.01, "trials": 128},
-        "measured",
-    ),
-    "a calibrator whose trials have no answer": (
-        "calibrator",
-        {"algorithm": "simval:norm", "noise_std": 1.0, "trials": 32},
-        "norm refuses what it is given: the 24 poses .* add poses",
-    ),
-    "unequal scales": (
-        "ladder",
-        {"scale_spread": 0.99, "poses": 100, "noise_std": 1e-4, "trials": 512},
-        "measured",
-    ),
-}
+FEW = {"poses": 12, "trials": 128}
+CRASHED = [  # values with which a cell crashed, and what of it is said now
+    ("calibration", {"noise_std": 10.0, "poses": 10, "hold_time": 0.01, "trials": 128},
+     "did not converge.*lower `noise_std` or give more `poses`"),
+    ("coverage", {"noise_std": 0.3, "poses": 10, "trials": 1024, "residual": "norm"},
+     "cannot be measured: .*did not converge"),
+    ("calibration", {"scene": "die", "poses": 9, "hold_time": 0.01, "trials": 128},
+     "directions have rank 6 of 9.*give more `poses`"),
+    ("ladder", {"noise_std": 1.0, "poses": 10, "trials": 512},
+     "cannot be measured: .*did not converge"),
+    ("solvers", {"noise_std": 3.0, "poses": 40},
+     "cannot be measured: .*show fewer than 9"),
+    ("attitude_order", {"geometry": 390},
+     "cannot be measured: geometry 390 has .*give another `geometry`"),
+    ("calibration", FEW | {"hold_time": 0.002}, "measured"),
+    ("calibration", FEW | {"noise_std": 1e-9, "hold_time": 0.01}, "measured"),
+    ("calibrator", {"algorithm": "simval:norm", "noise_std": 1.0, "trials": 32},
+     "norm refuses what it is given: the 24 poses .* add poses"),
+    ("ladder", {"scale_spread": 0.99, "poses": 100, "noise_std": 1e-4, "trials": 512},
+     "measured"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", CRASHED)
-def test_what_once_crashed(name):
-    import re
-
-    study, values, words = CRASHED[name]
+@pytest.mark.parametrize(("study", "values", "words"), CRASHED)
+def test_what_once_crashed(study, values, words):
     found = answer(study, STUDIES[study].parameters(**values))
     assert re.search(words, found), found
 
@@ -195,10 +227,12 @@ def test_what_once_crashed(name):
         ("estimator", {"noise_std": 1e-30}, "greater than or equal to"),
         ("calibrator", {"noise_std": 1e-30}, "greater than or equal to"),
         ("filter", {"start_std": 1e-200}, "greater than or equal to"),
+        ("filter", {"rate": 86.6}, "500 divided by a whole number"),
         ("gyroscope", {"angle_random_walk": 5e-324}, "greater than or equal to"),
         ("end_to_end", {"magnetometer_noise_std": 5e-324}, "greater than or equal"),
-        ("filter", {"rate": 86.6}, "500 divided by a whole number"),
         ("detector", {"multiplier": 1e300}, "less than or equal to"),
+        ("detector", {"window": 50}, "window"),  # it must be odd
+        ("detector", {"window": 1}, "window"),
     ],
 )
 def test_what_is_refused_at_once(study, values, words):
