@@ -12,7 +12,7 @@ from test_executors import Fragile
 from simval.errors import InputError
 from simval.judge.baseline import environment, environment_changes
 from simval.sweep import executors, identity, load_run, provenance, run_suite
-from simval.sweep.identity import Stated, StrangerError, differing, here, other_machines
+from simval.sweep.identity import Stated, StrangerError, differing, here
 from simval.sweep.provenance import PACKAGE, Loaded, loaded, source_hash
 from simval.sweep.suite import expand
 
@@ -40,13 +40,10 @@ def test_each_difference_is_refused_in_words(words):
         Stated(driver=other).require()
 
 
-def test_the_same_process_is_no_stranger():
+def test_the_same_process_is_no_stranger_and_a_refusal_travels():
     stated = pickle.loads(pickle.dumps(Stated(driver=here())))
-    assert json.loads(stated.require()) == here().machine
+    assert json.loads(stated.require()) == here().machine == provenance.machine()
     assert here().code["source code"] == source_hash() == loaded().source
-
-
-def test_a_refusal_travels():
     error = pickle.loads(pickle.dumps(StrangerError(("it differs",), "tcp://there")))
     assert (error.lines, error.worker) == (("it differs",), "tcp://there")
     assert "worker tcp://there would give other numbers" in str(error)
@@ -93,15 +90,6 @@ def test_a_file_that_changes_before_it_is_loaded_is_seen(tmp_path, monkeypatch):
     )
     with pytest.raises(StrangerError, match="x changed on the disk"):
         identity.require_as_read()
-
-
-def test_the_manifest_counts_the_cells_of_each_machine(tiny_run):
-    run = load_run(tiny_run)
-    own = run.manifest["machine"]
-    assert run.manifest["environments"] == [{"machine": own, "cells": 4}]
-    assert json.loads((tiny_run / "manifest.json").read_text()) == run.manifest
-    assert other_machines(run.manifest) == []
-    assert provenance.machine() == own
 
 
 def test_the_gate_knows_of_other_machines(tiny_run):

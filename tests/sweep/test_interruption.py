@@ -58,8 +58,9 @@ def ended(monkeypatch, *words):
 @pytest.mark.ci
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.usefixtures("handlers")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("words", [(), ("--quiet",)])
+@pytest.mark.parametrize(
+    ("number", "words"), [(signal.SIGINT, ()), (signal.SIGTERM, ("--quiet",))]
+)
 def test_a_sweep_stops_though_its_ctrl_c_was_dropped(
     tiny_suite, tmp_path, monkeypatch, capsys, words, number
 ):

@@ -6,7 +6,6 @@ import re
 import subprocess
 import sys
 import threading
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +13,9 @@ import pytest
 
 from simval.results import Outcome, unjudged
 from simval.statistics import RMS
-from simval.sweep import executors
-from simval.sweep.identity import here
 from simval.sweep.runner import Progress, drive
 from simval.sweep.suite import expand
-from simval.sweep.threads import ONE_THREAD, VARIABLES, _libraries, linear_algebra
+from simval.sweep.threads import ONE_THREAD, VARIABLES, _libraries
 
 PROCESSORS = len(os.sched_getaffinity(0))
 
@@ -51,27 +48,16 @@ def two():
 
 
 @pytest.mark.usefixtures("two")
-def test_it_is_held_and_given_back(monkeypatch):
+def test_it_is_held_and_the_last_to_leave_gives_it_back(monkeypatch):
+    """In one thread, in a block within a block, and in two threads that overlap."""
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
-    with ONE_THREAD:
-        assert set(threads().values()) == {1}
-        assert all(os.environ[name] == "1" for name in VARIABLES)
-        with ONE_THREAD:
-            pass
-        assert set(threads().values()) == {1}
-    assert set(threads().values()) == {2}
-    assert os.environ["OMP_NUM_THREADS"] == "2"
-    assert "OPENBLAS_NUM_THREADS" not in os.environ
-
-
-@pytest.mark.usefixtures("two")
-def test_the_last_of_several_threads_gives_it_back():
     inside, leave, left = (threading.Event() for _ in range(3))
 
     def first():
         with ONE_THREAD:
-            inside.set()
+            with ONE_THREAD:
+                inside.set()
             leave.wait(10)
         left.set()
 
@@ -79,11 +65,18 @@ def test_the_last_of_several_threads_gives_it_back():
     thread.start()
     assert inside.wait(10)
     with ONE_THREAD:
+        assert set(threads().values()) == {1}
+        assert all(os.environ[name] == "1" for name in VARIABLES)
         leave.set()
         assert left.wait(10)
         assert set(threads().values()) == {1}  # though the first one has left
+        with ONE_THREAD:
+            pass
+        assert set(threads().values()) == {1}
     thread.join()
     assert set(threads().values()) == {2}
+    assert os.environ["OMP_NUM_THREADS"] == "2"
+    assert "OPENBLAS_NUM_THREADS" not in os.environ
 
 
 SCRIPT = """
@@ -129,23 +122,3 @@ def test_the_bytes_do_not_depend_on_who_starts_the_cells(tmp_path):
     )
     assert in_process[0] != command[0]  # power: outside a cell the threads are seen
     assert in_process[1] == pool[1] == command[1]
-
-
-@pytest.mark.usefixtures("two")
-def test_a_cell_that_is_repeated_has_one_thread_too():
-    cell = expand("one", {"attitude": {"samples": 65_536}}).cells[0]
-    seen = []
-    executors.attempt(0, cell, partial(_noting, seen))
-    assert seen == [{1}]
-
-
-def _noting(seen, cell):
-    seen.append(set(threads().values()))
-    return shared(cell)
-
-
-def test_the_manifest_states_it():
-    machine = here().machine
-    assert machine["threads"] == 1
-    assert machine["linear_algebra"] == linear_algebra()
-    assert re.match(r"\w+ [\d.]+", linear_algebra())

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import sys
 
 import pytest
 from hypothesis import given
@@ -109,44 +108,37 @@ def test_any_parameters_become_columns(several):
     assert [line["value"] for line in lines] == NUMBERS * len(cells)
 
 
-def test_without_pandas_it_says_what_to_install(tiny_run, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(InputError, match=r"`pandas`: .*pip install .*pandas>="):
-        load_run(tiny_run).to_pandas()
-
-
 # one cell once more
 
 
 @pytest.mark.ci
 def test_a_cell_is_found_by_its_name(tiny_run):
-    run = load_run(tiny_run)
-    for cell in (*run.cells, *load_suite("smoke").cells):
+    run, cells = load_run(tiny_run), load_suite("smoke").cells
+    for cell in run.cells:
         assert find_cell(cell.name, run).name == cell.name
-    for cell in load_suite("smoke").cells:
-        assert find_cell(cell.name, None) == find_cell(cell.name, None, (), "smoke")
-    right = run.cells[-1].name
-    with pytest.raises(InputError) as caught:
-        find_cell(right.replace("samples", "sample"), run)
-    assert f"the nearest are {right}, " in str(caught.value)
-    with pytest.raises(InputError, match=r"in suite smoke or the run .*--suite$"):
-        find_cell("what", run, (), "smoke")
+    for cell in {each.study: each for each in cells}.values():
+        assert find_cell(cell.name, run) == find_cell(cell.name, None) == cell
+
+
+NONE = "there is no cell `"
 
 
 @pytest.mark.parametrize(
-    "name",
+    ("name", "words"),
     [
-        *("attitude", "attitude(noise_std=0.1)", "astrology()@1"),
-        *(
-            f"attitude({words})@1"
-            for words in ("noise_std", "noise=0.1", "noise_std=-1")
-        ),
+        ("what", r"in suite smoke or the run .*--suite$"),
+        (NAME.replace("samples", "sample"), r"the nearest are attitude\(geometry=3"),
+        *((name, NONE) for name in ("attitude", "attitude(noise_std=0.1)")),
+        *((f"attitude({inside})@1", NONE)
+          for inside in ("noise_std", "noise=0.1", "noise_std=-1")),
+        ("astrology()@1", NONE),
     ],
-)
-def test_a_name_that_is_none_is_refused(name, tiny_run):
-    for run in (None, load_run(tiny_run)):
-        with pytest.raises(InputError, match="there is no cell `"):
-            find_cell(name, run)
+)  # fmt: skip
+def test_a_name_that_is_none_is_refused(name, words, tiny_run):
+    with pytest.raises(InputError, match=words):
+        find_cell(name, load_run(tiny_run), (), "smoke" if name == "what" else None)
+    with pytest.raises(InputError, match=NONE):
+        find_cell(name, None)
 
 
 @pytest.mark.ci

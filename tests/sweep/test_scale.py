@@ -1,6 +1,5 @@
 """Many cells: in bounded memory, in few tasks and transactions, in the same bytes."""
 
-import dataclasses
 import re
 import subprocess
 import sys
@@ -10,9 +9,8 @@ from light_cells import light, suite_of
 from stores import digest
 
 from simval.errors import InputError
-from simval.judge import baseline, judge_run, write_baseline
+from simval.judge import baseline, write_baseline
 from simval.report.section import thinned
-from simval.results import Outcome
 from simval.sweep import executors, load_run, store
 from simval.sweep.executors import Queue
 from simval.sweep.runner import Progress, drive
@@ -53,38 +51,8 @@ def test_batches_are_as_large_as_their_cells_say_they_cost(at_once):
     if full * executors.SHARES * at_once < 2000:
         assert sizes[0] == full
     # a cell that costs more than a batch travels alone
-    dear = [
-        dataclasses.replace(
-            cell, parameters=cell.parameters.model_copy(update={"samples": 10**8})
-        )
-        for cell in cells[:3]
-    ]
+    dear = expand("dear", {"seed": [1, 2, 3], "attitude": {"samples": 10**8}}).cells
     assert len(Queue(dear, range(3), 1e-3).take(1).cells) == 1
-
-
-@pytest.mark.ci
-def test_a_transaction_holds_a_batch_and_the_bytes_do_not_show_it(
-    small, tmp_path, monkeypatch
-):
-    suite, stored_in = suite_of(CELLS), []
-    finish = store.finish
-
-    def counted(database, batch, worst):
-        stored_in.append(len(batch))
-        finish(database, batch, worst)
-
-    monkeypatch.setattr(store, "finish", counted)
-    monkeypatch.setattr(executors, "SHARES", 1)
-    for size, seconds in ((7, 1e9), (CELLS, 1e9), (CELLS, 0.5)):
-        stored_in.clear()
-        monkeypatch.setattr(executors, "CELLS", size)
-        monkeypatch.setattr(executors, "SECONDS", seconds)
-        folder = swept(tmp_path / f"{size}-{seconds}", suite)
-        assert digest(folder) == digest(small)
-        cost = suite.cells[0].parameters.cost().seconds
-        each = min(size, int(seconds / cost))
-        assert sum(stored_in) == CELLS
-        assert len(stored_in) == -(-CELLS // each)  # transactions
 
 
 class Stops(Progress):
@@ -100,16 +68,32 @@ class Stops(Progress):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("after", [1, 10, 23])
-def test_a_sweep_stopped_within_a_batch_ends_with_the_same_bytes(
-    small, tmp_path, monkeypatch, after
+@pytest.mark.parametrize(
+    ("size", "seconds", "stopped"), [(7, 1e9, 0), (CELLS, 1e9, 10), (CELLS, 0.5, 23)]
+)
+def test_a_transaction_holds_a_batch_and_the_bytes_do_not_show_it(
+    small, tmp_path, monkeypatch, size, seconds, stopped
 ):
-    monkeypatch.setattr(executors, "SHARES", 2)
-    with pytest.raises(KeyboardInterrupt):
-        swept(tmp_path / "run", suite_of(CELLS), progress=Stops(after))
-    monkeypatch.setattr(executors, "CELLS", 3)
-    swept(tmp_path / "run", suite_of(CELLS), resume=True)
-    assert digest(tmp_path / "run") == digest(small)
+    """Nor whether the sweep was stopped within one."""
+    suite, folder, stored_in = suite_of(CELLS), tmp_path / "run", []
+    finish = store.finish
+
+    def counted(database, batch, worst):
+        stored_in.append(len(batch))
+        finish(database, batch, worst)
+
+    monkeypatch.setattr(store, "finish", counted)
+    for name, value in {"SHARES": 1, "CELLS": size, "SECONDS": seconds}.items():
+        monkeypatch.setattr(executors, name, value)
+    if stopped:
+        with pytest.raises(KeyboardInterrupt):
+            swept(folder, suite, progress=Stops(stopped))
+    swept(folder, suite, resume=bool(stopped))
+    assert digest(folder) == digest(small)
+    each = min(size, int(seconds / suite.cells[0].parameters.cost().seconds))
+    if not stopped:
+        assert sum(stored_in) == CELLS
+        assert len(stored_in) == -(-CELLS // each)  # transactions
 
 
 def test_no_baseline_is_made_of_a_large_run(small, tmp_path, monkeypatch):
@@ -141,33 +125,6 @@ def test_a_grid_is_thinned_along_its_longest_axes():
     assert 50 < len(kept["noise"]) * len(kept["seed"]) <= 100
     assert all("0" in kept[key] for key in ("noise", "seed"))
     assert thinned(axes, 10_000, 10_000) == {k: frozenset(v) for k, v in axes.items()}
-
-
-@pytest.mark.ci
-def test_what_a_run_has_not_measured(tmp_path):
-    content = {
-        "seed": [1, 2],
-        "calibration": {"noise_std": [0.05, 0.1]},
-        "attitude": {"noise_std": [0.001 * (k + 1) for k in range(8)]},
-    }
-    suite = expand("two", content)
-
-    def odd(cell):
-        outcome = light(cell)
-        if cell.parameters.noise_std in (0.003, 0.008, 0.1):
-            return Outcome(rows=())
-        if cell.parameters.noise_std == 0.005:
-            return Outcome(rows=(*outcome.rows, outcome.rows[3]))
-        if cell.parameters.noise_std == 0.006:
-            raise ZeroDivisionError
-        return outcome
-
-    found = judge_run(load_run(swept(tmp_path / "run", suite, work=odd)))
-    reasons = [gap.reason for gap in found.gaps]
-    assert sum("measured nothing" in reason for reason in reasons) == 6
-    assert sum("twice" in reason for reason in reasons) == 2
-    assert found.exit_code == 4
-    assert found.endings == {"crashed": 2}
 
 
 MEASURED = """

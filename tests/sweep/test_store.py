@@ -116,8 +116,28 @@ def test_a_store_that_was_changed_is_refused(sql, words, tiny_run):
         load_run(tiny_run)
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("run.sqlite", b"", "not the store of a run"),
+        ("run.sqlite", b"not a database at all" * 100, "not the store of a run"),
+        ("run.sqlite", None, "no run folder"),
+        *(("timing.json", text, r"timing\.json is damaged")
+          for text in (b"{", b"3", b"\x00")),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_none_is_refused(name, content, words, tiny_run):
+    """Of a run that was interrupted, too, which has no digest of its files."""
+    with raw(tiny_run) as database:
+        store.keep(database, complete=None, files=None)
+    (tiny_run / name).unlink()
+    if content is not None:
+        (tiny_run / name).write_bytes(content)
+    with pytest.raises(InputError, match=words):
+        load_run(tiny_run)
+
+
 def test_damage_is_not_taken_over_when_a_run_goes_on(tiny_suite, tiny_run):
-    """Of a run that was interrupted, too, which has no digest of the whole."""
     with raw(tiny_run) as database:
         store.keep(database, complete=None, files=None)
         database.execute("UPDATE rows SET value = 1.5 WHERE cell = 1 AND ordinal = 1")
@@ -133,24 +153,6 @@ def test_files_beside_the_store_are_what_the_sweep_wrote(simval, tiny_run):
         assert (code, f"{table} is not what the sweep wrote" in err) == (2, True)
     table.unlink()  # what is missing is no damage: a store alone can be judged
     assert simval("gate", tiny_run, "--no-baseline")[0] == 0
-
-
-def test_times_of_an_unfinished_run_are_refused_in_words(tiny_run):
-    with raw(tiny_run) as database:
-        store.keep(database, complete=None, files=None)
-    for text in ("{", "3", "\x00"):
-        (tiny_run / "timing.json").write_text(text)
-        with pytest.raises(InputError, match=r"timing\.json is damaged"):
-            load_run(tiny_run)
-
-
-@pytest.mark.parametrize("content", [b"", b"not a database at all" * 100])
-def test_what_is_no_store_is_refused(tmp_path, content):
-    (tmp_path / "run.sqlite").write_bytes(content)
-    with pytest.raises(InputError, match="not the store of a run"):
-        load_run(tmp_path)
-    with pytest.raises(InputError, match="no run folder"):
-        load_run(tmp_path / "nowhere")
 
 
 class Reads(Progress):
@@ -179,11 +181,9 @@ def test_readers_and_the_sweep_do_not_wait_for_each_other(tmp_path):
     with closing(sqlite3.connect(tmp_path / "run" / "run.sqlite")) as database:
         database.execute("PRAGMA journal_mode = DELETE")  # as it is where nobody reads
     assert not list((tmp_path / "run").glob("run.sqlite-*"))
-
-
-def test_a_sweep_that_nobody_reads_leaves_one_file(tiny_run):
-    assert not list(tiny_run.glob("run.sqlite-*"))
-    assert (tiny_run / "run.sqlite").read_bytes()[18:20] == b"\x01\x01"  # no log
+    drive(suite, tmp_path / "unread", progress=Progress(), work=light)
+    assert not list((tmp_path / "unread").glob("run.sqlite-*"))
+    assert (tmp_path / "unread" / "run.sqlite").read_bytes()[18:20] == b"\x01\x01"
 
 
 AS_ANOTHER = """
@@ -249,6 +249,11 @@ def test_every_row_is_read_as_it_was_written(
         n=2**53 - 1,
         standard_error=5e-324,
     )
+    assert repr(stored_and_read(row)) == repr(row)
+
+
+def stored_and_read(row):
+    """The row as it comes out of a store that it was put into."""
     cell = cell_entry(0, expand("one", {"attitude": {}}).cells[0], "done")
     with closing(sqlite3.connect(":memory:")) as database:
         database.executescript(store.TABLES)
@@ -256,12 +261,10 @@ def test_every_row_is_read_as_it_was_written(
         marks = ", ".join("?" * len(stored))
         database.execute(f"INSERT INTO rows VALUES ({marks})", stored)
         (found,) = cell_result(cell, database.execute("SELECT * FROM rows")).rows
-    assert repr(found) == repr(row)
+    return found
 
 
 def test_an_entry_of_a_former_version_is_read_by_its_present_name():
     former = Statistic(VARIANCE_OVER_BOUND, ("M", "usual recipe"))
-    (stored,) = row_entries(0, [Row(statistic=former, value=3.0, n=1)])
-    cell = cell_entry(0, expand("one", {"attitude": {}}).cells[0], "done")
-    (found,) = cell_result(cell, [stored]).rows
+    found = stored_and_read(Row(statistic=former, value=3.0, n=1))
     assert str(found.statistic) == "variance_over_bound[M,two-step]"

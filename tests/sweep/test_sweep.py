@@ -20,44 +20,66 @@ from simval.sweep import (
     provenance,
     run_suite,
 )
+from simval.sweep.identity import other_machines
 from simval.sweep.runner import locked
+from simval.sweep.threads import linear_algebra
 
 
 @pytest.mark.ci
-def test_workers_and_order_do_not_change_the_table(tiny_suite, tiny_run, tmp_path):
+def test_neither_workers_nor_neighbours_change_a_cell(tiny_suite, tiny_run, tmp_path):
     run_suite(str(tiny_suite), tmp_path / "two", workers=2)
     assert digest(tmp_path / "two") == digest(tiny_run)
-    other = load_suite(str(tiny_suite), seed=2)
-    run_suite(other, tmp_path / "other")
-    assert digest(tmp_path / "other") != digest(tiny_run)
-
-
-@pytest.mark.ci
-def test_a_cell_does_not_depend_on_its_neighbours(tiny_suite, tiny_run, tmp_path):
-    suite = load_suite(str(tiny_suite), ["attitude.noise_std=0.005,0.02"])
-    run = run_suite(suite, tmp_path / "changed")
-    name = "attitude(geometry=3,noise_std=0.02,samples=65536)@1"
-    old = next(c for c in load_run(tiny_run).cells if c.name == name)
-    new = next(c for c in run.cells if c.name == name)
-    assert old.rows == new.rows
+    name = "attitude(geometry=3,noise_std=0.02,samples=65536)@"
+    found = {}
+    for seed in (1, 2):
+        words = ["attitude.noise_std=0.005,0.02", "calibration.poses=10"]
+        suite = load_suite(str(tiny_suite), words, seed)
+        run = run_suite(suite, tmp_path / str(seed))
+        (found[seed],) = (c.rows for c in run.cells if c.name == f"{name}{seed}")
+    (old,) = (c.rows for c in load_run(tiny_run).cells if c.name == f"{name}1")
+    assert old == found[1] != found[2]
 
 
 def test_the_manifest_says_what_the_numbers_depend_on(tiny_run):
     manifest = json.loads((tiny_run / "manifest.json").read_text())
+    assert manifest == load_run(tiny_run).manifest
     assert manifest["suite"] == "tiny"
     assert manifest["grid"]["seed"] == [1]
     assert set(manifest["versions"]) >= {"simval", "numpy", "scipy", "mujoco-core"}
     assert set(manifest["git"]) == {"commit", "dirty"}
     assert len(manifest["models"]["gimbal.xml"]) == 64
+    own = manifest["machine"]
+    assert (own["threads"], own["linear_algebra"]) == (1, linear_algebra())
+    assert manifest["environments"] == [{"machine": own, "cells": 4}]
+    assert other_machines(manifest) == []
     timing = json.loads((tiny_run / "timing.json").read_text())
     assert timing["cells"].keys() == {c.name for c in load_run(tiny_run).cells}
 
 
-def test_a_folder_that_exists_or_cannot_be_made_is_refused(tiny_suite, tiny_run):
+@pytest.mark.parametrize("workers", [0, 1.5, "2", True])
+@pytest.mark.usefixtures("unchecked")
+def test_workers_must_be_a_number_of_processes(tiny_suite, tmp_path, workers):
+    with pytest.raises(InputError, match="whole number"):
+        run_suite(tiny_suite, tmp_path / "run", workers=workers)
+
+
+def test_a_folder_that_cannot_be_swept_into_is_refused(
+    tiny_suite, tiny_run, monkeypatch
+):
+    """It exists, is of another suite or source, is at work, or cannot be made."""
+    suite = str(tiny_suite)
+    other = load_suite(suite, ["attitude.samples=70000"])
     with pytest.raises(InputError, match="exists; choose another folder, or --resume"):
-        run_suite(str(tiny_suite), tiny_run)
+        run_suite(suite, tiny_run)
     with pytest.raises(InputError, match="cannot make"):
-        run_suite(str(tiny_suite), tiny_run / "results.csv" / "run")
+        run_suite(suite, tiny_run / "results.csv" / "run")
+    with pytest.raises(InputError, match=r"attitude.samples: 65536 -> 70000"):
+        run_suite(other, tiny_run, resume=True)
+    with locked(tiny_run), pytest.raises(InputError, match="another sweep is at work"):
+        run_suite(suite, tiny_run, resume=True)
+    monkeypatch.setattr(provenance, "loaded", lambda: SimpleNamespace(source="another"))
+    with pytest.raises(InputError, match=r"source: .* -> another"):
+        run_suite(suite, tiny_run, resume=True)
 
 
 def test_resume_computes_only_what_is_missing(tiny_suite, tiny_run, monkeypatch):
@@ -79,36 +101,6 @@ def test_resume_computes_only_what_is_missing(tiny_suite, tiny_run, monkeypatch)
     run_suite(str(tiny_suite), tiny_run, resume=True)
     assert len(computed) == 1
     assert digest(tiny_run) == before
-
-
-def test_resume_of_another_suite_is_refused_with_the_difference(tiny_suite, tiny_run):
-    suite = load_suite(str(tiny_suite), ["attitude.samples=70000"])
-    with pytest.raises(InputError, match=r"attitude.samples: 65536 -> 70000"):
-        run_suite(suite, tiny_run, resume=True)
-
-
-def test_resume_after_a_change_of_the_source_is_refused(
-    tiny_suite, tiny_run, monkeypatch
-):
-    other = SimpleNamespace(source="another")
-    monkeypatch.setattr(provenance, "loaded", lambda: other)
-    with pytest.raises(InputError, match=r"source: .* -> another"):
-        run_suite(str(tiny_suite), tiny_run, resume=True)
-
-
-def test_one_driver_for_a_folder(tiny_suite, tiny_run):
-    with (
-        locked(tiny_run),
-        pytest.raises(InputError, match="another sweep is at work"),
-    ):
-        run_suite(str(tiny_suite), tiny_run, resume=True)
-
-
-@pytest.mark.parametrize("workers", [0, 1.5, "2", True])
-@pytest.mark.usefixtures("unchecked")
-def test_workers_must_be_a_number_of_processes(tiny_suite, tmp_path, workers):
-    with pytest.raises(InputError, match="whole number"):
-        run_suite(tiny_suite, tmp_path / "run", workers=workers)
 
 
 def test_a_failed_cell_leaves_the_others_and_its_traceback(

@@ -4,12 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from magnetometer_sets import made, random_set, tilted
 from rounding import EPS
 from scipy.spatial.transform import Rotation
 
-from simval.cli import group, run
 from simval.errors import GeometryError, InputError
 from simval.geometry import random_quaternions
 from simval.imu.calibrate import calibrate, calibrate_magnetometer
@@ -97,11 +95,9 @@ def test_the_next_pose_is_on_the_side_that_was_not_seen():
 
 
 def test_six_faces_cannot_be_planned():
-    found = plan(cube_faces(), 0.01)
-    assert found.rank == 6
-    assert np.isinf(found.condition)
+    found, moved = plan(cube_faces(), 0.01), plan_gyroscope(cube_faces(), **MOVES)
+    assert (found.rank, found.condition) == (6, np.inf)
     assert np.isnan(found.bias).all()
-    moved = plan_gyroscope(cube_faces(), **MOVES)
     assert moved.rank < 9
     assert np.isinf(moved.sd).all()
 
@@ -232,53 +228,53 @@ def test_a_plan_grows_to_full_rank_from_nothing():
     np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, rtol=1e-12)
 
 
-def invoke(*arguments):
-    return CliRunner().invoke(group, ["plan", *arguments])
+@pytest.fixture
+def answered(simval):
+    """What the command `plan` answers in JSON."""
+
+    def answer(*words):
+        code, out, err = simval("plan", *words, "--json")
+        assert code == 0, err
+        return json.loads(out)
+
+    return answer
 
 
-def answered(*arguments):
-    found = invoke(*arguments, "--json")
-    assert found.exit_code == 0, found.output
-    return json.loads(found.output)
-
-
-def test_command_says_what_is_missing():
-    found = invoke("--poses", "faces", "--noise-std", "0.01")
-    assert found.exit_code == 0
-    assert "rank 6 of 9" in found.output
-    assert "next direction  (0.577, 0.577, 0.577)" in found.output
+def test_command_says_what_is_missing(simval, answered):
+    code, out, _ = simval("plan", "--poses", "faces", "--noise-std", "0.01")
+    assert code == 0
+    assert "rank 6 of 9" in out
+    assert "next direction  (0.577, 0.577, 0.577)" in out
     assert answered("--poses", "faces", "--noise-std", "1")["sd"] == [None] * 9
 
 
-def test_command_reads_directions_and_a_sensor(tmp_path):
+def test_command_reads_directions_and_a_sensor(tmp_path, answered):
     directions = fibonacci_sphere(14) * 3.0
     np.savetxt(tmp_path / "d.txt", directions, delimiter=",")
     sensor = AccelerometerModel(T=np.eye(3), K=np.full(3, 1 / 400), B=np.full(3, 33e3))
     raw = sensor.distort(G * fibonacci_sphere(20), np.random.default_rng(0))
     save_calibration(tmp_path / "c.json", calibrate(raw))
-    found = answered(
-        *("--directions", str(tmp_path / "d.txt"), "--noise-std", "4"),
-        *("--sensor", str(tmp_path / "c.json")),
-    )
+    files = ("--directions", tmp_path / "d.txt", "--sensor", tmp_path / "c.json")
+    found = answered(*files, "--noise-std", "4")
     expected = plan(directions, 4.0, sensor=sensor)
     # the poses come from a file with all digits: an inverse of condition 1e2
     np.testing.assert_allclose(found["sd"], expected.sd, rtol=1e3 * EPS)
 
 
-def test_command_plans_a_gyroscope_too(capsys):
+def test_command_plans_a_gyroscope_too(simval, answered):
     given = ["--poses", "fibonacci:20", "--hold", "1", "--noise-density", "0.0014"]
-    got = answered(*given, "--angle-random-walk", "1.75e-4")
+    given += ["--angle-random-walk", "1.75e-4"]
+    got = answered(*given)
     assert np.isclose(got["noise_std"], 0.0014 / np.sqrt(2), rtol=4 * EPS, atol=0)
     of_gyroscope = {"pose_std": got["noise_std"], "angle_random_walk": 1.75e-4}
     expected = of_moves(20, **of_gyroscope)
     np.testing.assert_allclose(got["gyroscope"]["sd"], expected.sd, rtol=1e-12)
-    assert run(["plan", *given, "--angle-random-walk", "1.75e-4"]) == 0
-    assert "next rotation" in capsys.readouterr().out
+    assert "next rotation" in simval("plan", *given)[1]
     slower = of_moves(20, **of_gyroscope, rotation_seconds=4.0).sd
     assert not np.allclose(slower, expected.sd)
     for option in ("--rotation-time", "--move"):  # the latter is its former name
-        got = answered(*given, "--angle-random-walk", "1.75e-4", option, "4")
-        np.testing.assert_allclose(got["gyroscope"]["sd"], slower, rtol=1e-12)
+        found = answered(*given, option, "4")["gyroscope"]["sd"]
+        np.testing.assert_allclose(found, slower, rtol=1e-12)
     former = of_moves(20, **of_gyroscope, rotation_seconds=None, move_seconds=4.0)
     np.testing.assert_array_equal(former.sd, slower)
 
@@ -297,14 +293,14 @@ def test_command_plans_a_gyroscope_too(capsys):
         (["--directions", "no-such-file", "--noise-std", "1"], "no-such-file"),
     ],
 )
-def test_command_refuses(arguments, words):
-    found = invoke(*arguments)
-    assert found.exception.exit_code == 2
-    assert words in str(found.exception)
+def test_command_refuses(simval, arguments, words):
+    code, _, err = simval("plan", *arguments)
+    assert code == 2
+    assert words in err
 
 
-def test_direction_files_that_are_not(tmp_path):
-    for text in ("1 2\n", "1 2 x\n", ""):
-        (tmp_path / "d.txt").write_text(text)
-        found = invoke("--directions", str(tmp_path / "d.txt"), "--noise-std", "1")
-        assert isinstance(found.exception, InputError)
+@pytest.mark.parametrize("text", ["1 2\n", "1 2 x\n", ""])
+def test_direction_files_that_are_not(simval, tmp_path, text):
+    (tmp_path / "d.txt").write_text(text)
+    words = ("--directions", tmp_path / "d.txt", "--noise-std", "1")
+    assert simval("plan", *words)[0] == 2
