@@ -37,12 +37,21 @@ def recording(name, seed):
     return rec if name == "good" else FAULTS[name](rec, rng)
 
 
+OPTIONS = {o for p in calibrate.command.params for o in p.opts}
+OF_NOISE = {o for p in noise.command.params for o in p.opts}
+
+
 def outcome(rec):
-    """The result, or the words of the refusal."""
+    """The result, or the words of the refusal, whose options the command has."""
     try:
         return calibrate_log(rec.log), ""
     except SimvalError as error:
-        return None, str(error)
+        words = str(error)
+    without_noise = re.sub(r"simval noise [^)]*\)", "", words)
+    assert set(re.findall(r"--[a-z][a-z-]*", without_noise)) <= OPTIONS, words
+    assert set(re.findall(r"--[a-z][a-z-]*", words)) <= OPTIONS | OF_NOISE, words
+    assert not re.findall(r"`[a-z_]+(?:=[^`]*)?`", words), words
+    return None, words
 
 
 def misled(rec):
@@ -91,39 +100,29 @@ def test_a_log_without_noise_is_refused_in_words():
         assert re.search("do(es)? not vary at all.* (finer|coarse)", words)
 
 
-@pytest.mark.parametrize(
-    ("name", "what"), [("bias_jump", "the bias of"), ("gain_change", "the scale of")]
-)
-def test_a_step_in_few_rests_is_named(name, what):
-    """Fewer than 22 rests, no part of which can be judged by itself: 4 of 150 logs
-    with a jump of a bias were accepted with a wrong answer."""
-    said = []
-    for seed in range(3):
-        rng = np.random.default_rng([900, len(name), seed])
-        rec = good(rng, up=rng.permutation(fibonacci_sphere(18)))
-        result, words = outcome(FAULTS[name](rec, rng))
-        assert result is None or not made_logs.wrong(rec, result.fit)
-        said.append(words)
-    assert any(re.search(f"{what} .* changed between the rest", s) for s in said), said
+FEW = [  # rests, a fault in them, and what is said of it
+    (18, "bias_jump", "the bias of .* changed between the rest"),
+    (18, "gain_change", "the scale of .* changed between the rest"),
+    (12, "bias_jump", "changed between the rest"),
+    (11, "bias_jump", "so few rests do not tell"),
+]
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(
-    ("count", "said"),
-    [(11, "so few rests do not tell"), (12, "changed between the rest")],
-)
-def test_a_jump_in_a_dozen_rests_is_refused(count, said):
-    """One or two degrees of freedom say that something moved and not what; from three
-    on a step is named. The same rests without a jump are accepted."""
+@pytest.mark.parametrize(("count", "name", "said"), FEW)
+def test_a_step_in_few_rests_is_refused(count, name, said):
+    """Fewer than 22 rests, no part of which can be judged by itself: 4 of 150 logs with
+    a jump of a bias were accepted with a wrong answer. One or two degrees of freedom
+    say that something moved and not what. The same rests without it are accepted."""
     words = []
-    for seed in range(4):
+    for seed in range(3):
         rng = np.random.default_rng([87, count, seed])
         rec = good(rng, up=rng.permutation(fibonacci_sphere(count)))
-        assert outcome(rec)[0] is not None
-        result, refusal = outcome(FAULTS["bias_jump"](rec, rng))
+        assert count > 12 or outcome(rec)[0] is not None
+        result, refusal = outcome(FAULTS[name](rec, rng))
         assert result is None or not made_logs.wrong(rec, result.fit)
         words.append(refusal)
-    assert any(said in refusal for refusal in words), words
+    assert any(re.search(said, each) for each in words), words
 
 
 @pytest.mark.ci
@@ -155,9 +154,9 @@ def of_few(count, seed):
 
 @pytest.mark.ci
 def test_few_rests_are_told_what_to_do_and_it_works():
-    """Nine to twelve rests were refused with an argument that no command has."""
+    """Nine or ten rests were refused with an argument that no command has."""
     told = helped = 0
-    for count, seed in itertools.product(range(9, 13), range(3)):
+    for count, seed in itertools.product((9, 10), range(3)):
         rec, known = of_few(count, seed)
         _, words = outcome(rec)
         if "say too little of the noise" not in words:
@@ -170,24 +169,6 @@ def test_few_rests_are_told_what_to_do_and_it_works():
             continue  # the geometry of these poses is no matter of noise
         helped += 1
         assert fit.covariance_kind == "known sigma"
-        # 27 to 100 normal numbers: one seed in 1e4
+        # 27 to 54 normal numbers: one seed in 1e4
         assert far(fit, rec.sensor.parameters) < 5.5
     assert helped >= told / 2 >= 1
-
-
-@pytest.mark.ci
-def test_advice_names_what_the_command_has():
-    """Options and names in backticks that a refusal of a log gives exist."""
-    own, others = (
-        {o for p in module.command.params for o in p.opts}
-        for module in (calibrate, noise)
-    )
-    logs = [recording(name, 4) for name in FAULTS]
-    logs += [of_few(count, 0)[0] for count in (9, 10)]
-    said = [words for words in (outcome(rec)[1] for rec in logs) if words]
-    assert len(said) > len(logs) / 2
-    for words in said:
-        with_noise = re.sub(r"simval noise [^)]*\)", "", words)
-        assert set(re.findall(r"--[a-z][a-z-]*", with_noise)) <= own
-        assert set(re.findall(r"--[a-z][a-z-]*", words)) <= own | others
-        assert not re.findall(r"`[a-z_]+(?:=[^`]*)?`", words), words

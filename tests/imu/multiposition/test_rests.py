@@ -31,8 +31,22 @@ def recorded(motion, rate, rng, jitter=0.0, lost=0.0, **of_noise):
     return log_of(clock[keep], raw[keep])
 
 
-def require_right(motion, log):
-    """Each rest of the motion once, and the parameters within their error bars."""
+# one motion at any rate
+
+
+MOTIONS = [
+    (5.0, {}), (142.0, {}), (2000.0, {}), (25.0, {"jitter": 0.4}),
+    (400.0, {"lost": 0.15}), (400.0, {"band": 5.0}), (25.0, {"band": 1.0}),
+    (25.0, {"sigma": 0.05}),
+]  # fmt: skip
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(("rate", "how"), MOTIONS)
+def test_the_same_motion_in_any_rows_gives_the_same_rests(rate, how):
+    """At any rate, and with a clock that jitters, rows lost and coloured noise."""
+    motion = Motion(np.random.default_rng(33))
+    log = recorded(motion, rate, np.random.default_rng(34), **how)
     result = calibrate_log(log, g=G)
     middle = log.time[(result.intervals[:, 0] + result.intervals[:, 1]) // 2]
     assert len(middle) == motion.count
@@ -40,31 +54,6 @@ def require_right(motion, log):
     # nine t values with 15 degrees of freedom: beyond 10 one in 1e7 each; what is
     # sought is a false rest, which is off by hundreds
     assert far(result.fit, MODEL.parameters) < 10.0
-    return result
-
-
-def motion_of(seed, **how):
-    return Motion(np.random.default_rng(seed), **how)
-
-
-# one motion at any rate
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize("rate", [5.0, 25.0, 142.0, 2000.0])
-def test_the_same_motion_at_any_rate_gives_the_same_rests(rate):
-    motion = motion_of(31)
-    require_right(motion, recorded(motion, rate, np.random.default_rng(32)))
-
-
-@pytest.mark.parametrize(
-    ("rate", "how"),
-    [(25.0, {"jitter": 0.4}), (400.0, {"lost": 0.15}), (400.0, {"band": 5.0}),
-     (25.0, {"band": 1.0}), (25.0, {"sigma": 0.05})],
-)  # fmt: skip
-def test_jitter_lost_rows_and_coloured_noise_change_nothing(rate, how):
-    motion = motion_of(33)
-    require_right(motion, recorded(motion, rate, np.random.default_rng(34), **how))
 
 
 def restless(rng, rate, seconds=90.0):
@@ -124,37 +113,29 @@ def test_the_detector_at_100_hz_is_that_of_its_authors():
     raw = np.zeros((100, 3))
     with pytest.raises(RefusedError, match="4 rows a second; 5 or more"):
         evened(np.arange(100) / 4.0, raw)
-    with pytest.raises(InputError, match="each increasing"):
-        evened(np.zeros(100), raw)
-    with pytest.raises(InputError, match="at least one window of the detector"):
-        evened(np.arange(100) / 200.0, raw)
 
 
 @pytest.mark.ci
 def test_the_command_takes_the_accelerometer_and_says_so(simval, tmp_path):
     """A magnetometer in the first three columns, a clock in milliseconds."""
-    rng, motion = np.random.default_rng(39), motion_of(39)
-    log = recorded(motion, 25.0, rng)
+    rng = np.random.default_rng(39)
+    log = recorded(Motion(rng), 25.0, rng)
     field = 48.0 * log.accelerometer / G + [12.0, -3.0, 5.0]
     path, header = tmp_path / "log.csv", "mx,my,mz,acc_x,acc_y,acc_z,time_ms"
     written(path, header, field, log.accelerometer, 1000.0 * log.time)
-    code, out, _ = simval("calibrate", path, "--g", G, "--json")
+    code, said, _ = simval("calibrate", path, "--g", G, "--out", tmp_path / "c.json")
     assert code == 0
-    found = json.loads(out)
+    found = json.loads((tmp_path / "c.json").read_text())
     assert found["columns"]["ax"] == [4, "acc_x"]
-    assert found["rate"] == pytest.approx(25.0, rel=1e-6)
     assert found["clock_unit_seconds"] == 1e-3
     assert np.abs(np.array(found["B"]) - [0.3, -0.2, 0.1]).max() < 0.01
-    said = simval("calibrate", path, "--g", G)[1]
     assert "ax = column 4 'acc_x', ay = column 5 'acc_y', az = column 6 'acc_z'" in said
     assert "t = column 7 'time_ms', in units of 0.001 s" in said
 
 
 # rows that are lost
 
-HOW = [
-    {"clock": clock, "bursts": bursts} for clock in (True, False) for bursts in (0, 1)
-]
+HOW = [{"clock": True, "bursts": 1}, {"clock": False, "bursts": 0}]
 
 
 @pytest.mark.ci

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simval.errors import InputError, RefusedError
+from simval.errors import RefusedError
 from simval.imu.statics import (
     initial_rest,
     interval_counts,
@@ -106,24 +106,6 @@ def test_trimming_and_the_minimum_length():
     none = intervals_below(spread, 2.0, minimum=26)
     assert none.shape == (0, 2)
     assert interval_means(np.zeros((50, 3)), none).shape == (0, 3)
-
-
-def test_bad_arguments_are_refused():
-    samples = np.random.default_rng(0).standard_normal((200, 3))
-    bad = samples.copy()
-    bad[7, 1] = np.nan
-    with pytest.raises(InputError, match=r"non-finite.*\(7, 1\)"):
-        variance_magnitude(bad)
-    with pytest.raises(InputError, match="`window` is 100"):
-        variance_magnitude(samples, 100)
-    with pytest.raises(InputError, match="at least one window"):
-        variance_magnitude(samples[:100])
-    with pytest.raises(InputError, match="between one window"):
-        initial_rest(samples, count=201)
-    with pytest.raises(InputError, match="`threshold`"):
-        static_intervals(samples, float("nan"))
-    with pytest.raises(InputError, match="`trim` is -1"):
-        intervals_below(np.zeros(5), 1.0, trim=-1)
 
 
 def test_logs_without_a_usable_rest_are_refused():
