@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import scipy.io
 from log_formats import spelled
-from places import recording
 from rounding import EPS
 from scipy.spatial.transform import Rotation
 from written import written
@@ -75,34 +74,26 @@ def replaced(row, text):
 
 REFUSED = [  # what a file holds, how it is read, and what is said
     ("", {}, "is empty"),
-    ("\n  \n# only a remark\n", {}, "is empty"),
     ("t ax ay az\n", {}, "a header but no row"),
     (replaced(4, "0.04 1 nan 3"), {}, "line 5: a value is not finite"),
-    (replaced(4, "0.04 1 inf 3"), {}, "line 5: a value is not finite"),
     (replaced(4, "0.04 1 two 3"), {}, "line 5, column 3: 'two' is not a number"),
     ("# remark\n\n" + replaced(4, "0.04 1 two 3"), {}, "line 7, column 3"),
     (replaced(4, "0.04 1 2"), {}, "line 5: 3 columns, but the first row has 4"),
-    (replaced(4, "0.04 1 2 3 4"), {}, "line 5: 5 columns"),
     (replaced(4, "0.03 1 2 3"), {}, "line 5: time 0.030000 s after 0.030000 s"),
-    (replaced(4, "0.02 1 2 3"), {}, "line 5: time 0.020000 s after 0.030000 s"),
     ("\n".join(NUMBERS[:5] + [f"9{n}" for n in NUMBERS[5:]]), {}, "line 6: a gap of"),
     ("1 2 3\n4 5 6\n", {}, "no time column and no rate"),
     ("1 2 3 4 5\n1 2 3 4 5\n", {}, "has 5 columns"),
-    ("1 2\n1 2\n", {}, "has 2 columns"),
     ("0 1 2 3\n", {}, "has one row"),
     ("1,2,3,\n1,2,3,\n", {}, "line 1, column 4"),
     *(("1 2 3\n4 5 6\n", {"rate": rate}, "`rate`")
-      for rate in (0.0, -1.0, float("nan"), "fast")),
+      for rate in (0.0, float("nan"), "fast")),
     *((replaced(0, NUMBERS[0]), {"columns": names}, "`columns`")
       for names in ("t,ax,ay", "t,ax,ay,ay", "t,ax,ay,up", "t,-,ay,az")),
     (b"\x00\x01\x02" * 100, {}, "not a text file"),
-    (bytes(range(256)), {}, "not a text file"),
     (gzip.compress(b"1,2,3"), {}, "compressed by gzip"),
     (b"PK\x03\x04rest", {}, "spreadsheet"),
     (b"MATLAB 7.3 MAT-file", {}, "with -v7"),
-    (b"x" * 10**6, {"rate": 100.0}, "no row of numbers"),
     (b"1" * 10**6, {"rate": 100.0}, "1 column and no names"),
-    (b"1," * 10**4, {"rate": 100.0}, "columns"),
     ((b'"' + b"1" * 200_000 + b'",2,3\n') * 3, {"rate": 100.0}, "columns"),
     (b"t,ax,ay,az\n" + b"0,0,9,81,0,1,2,3\n" * 2, {}, "4 names, but"),
 ]  # fmt: skip
@@ -119,23 +110,10 @@ def test_what_is_no_log_ends_in_a_sentence(tmp_path, content, how, words):
     assert len(said) < 1000 + len(str(path))
 
 
-@pytest.mark.parametrize(
-    ("name", "words"), [("absent.txt", "No such file"), ("", "cannot read")]
-)
-def test_what_cannot_be_opened_is_said(tmp_path, name, words):
-    with pytest.raises(InputError, match=words):
-        read_log(tmp_path / name)
-
-
-def test_real_logs_read_whole():
-    log = read_log(recording("xsens/xsens_acc.mat"))
-    assert log.accelerometer.shape == (51175, 3)
-    assert abs(log.rate - 100.0) < 0.1  # nominal 100 Hz, its clock is 1e-4 off
-    np.testing.assert_array_equal(log.accelerometer[0], [33108.0, 33329.0, 36429.0])
-    other = read_log(recording("mpu9150/imu0.log"), rate=100.0)
-    np.testing.assert_array_equal(other.accelerometer[0], [-8.42090, 0.06710, 5.24511])
-    assert other.gyro is not None
-    np.testing.assert_array_equal(other.gyro[0], [0.03515, 0.00213, 0.04155])
+def test_what_cannot_be_opened_is_said(tmp_path):
+    for name, words in (("absent.txt", "No such file"), ("", "cannot read")):
+        with pytest.raises(InputError, match=words):
+            read_log(tmp_path / name)
 
 
 @pytest.mark.parametrize("seed", range(25))
@@ -211,9 +189,6 @@ def test_a_magnetometer_is_taken_by_its_names(tmp_path, capsys):
     log = read_log(other)
     assert log.gyro is None
     np.testing.assert_array_equal(log.magnetometer[:, 0], rows_of(other)[:, 6])
-    # asked for by name, in any order; all or none
-    log = read_log(other, columns="t,ax,ay,az,mz,mx,my")
-    np.testing.assert_array_equal(log.magnetometer, rows_of(other)[:, [5, 6, 4]])
     with pytest.raises(InputError, match="mx, my, mz all or none"):
         read_log(other, columns="t,ax,ay,az,mz,mx,-")
     # nobody guesses nine columns without names
@@ -265,14 +240,10 @@ def test_two_sensors_of_a_kind_are_left_out_and_that_is_said(tmp_path):
     ("header", "why"),
     [
         ("t,one,two,three", "no three of them"),
-        ("t,mx,my,mz", "no three of them"),
         ("t,gyr_x,gyr_y,gyr_z", "no three of them"),
-        ("# t, mag_x, mag_y, mag_z", "no three of them"),
         ("t,acc_x,acc_y,temp", "exactly once"),
-        ("t,acc_x,acc_y,acc_y", "exactly once"),
         ("t,Linear Acceleration x,Linear Acceleration y,Linear Acceleration z",
          "without gravity"),
-        ("t,FreeAcc_X,FreeAcc_Y,FreeAcc_Z", "without gravity"),
         ("t,accx_Lin,accy_Lin,accz_Lin", "without gravity"),
         ("t,imu1_ax,imu1_ay,imu1_az,imu2_ax,imu2_ay,imu2_az", "2 accelerometers"),
         ("time,ax,ay,az,aT", "leaves gravity out"),
@@ -375,8 +346,8 @@ def with_gap(step, gap):
     return np.cumsum(steps)
 
 
-@pytest.mark.parametrize("step", [0.001, 0.01, 0.1])
-def test_a_gap_is_five_seconds(tmp_path, step):
+def test_a_gap_is_five_seconds(tmp_path):
+    step = 0.01
     log = read_log(log_of(tmp_path, with_gap(step, GAP * (1 - OFF))))
     assert len(log.time) == CLOCK_ROWS
     lost = round(GAP / step) - 1
