@@ -66,13 +66,6 @@ def others(tmp_path_factory):
     return load_run(folder / "run")
 
 
-@pytest.fixture(scope="module")
-def undrawn():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("simval.report.section.svg", lambda drawing: "<svg/>")
-        yield
-
-
 # --- rows that pool others ----------------------------------------------------------
 
 
@@ -87,41 +80,42 @@ def rows_of(cell, family, predictor=None):
     }
 
 
+def rms(values):
+    return np.sqrt(np.mean(np.square(values)))
+
+
 def test_pooled_rows_of_a_calibration_are_those_of_its_entries(smoke):
-    pooled = 0
-    for cell in (c for c in smoke.of("calibration") if c.parameters["noise_std"]):
-        rms, spreads = rows_of(cell, "rms", FIRST_ORDER), rows_of(cell, "spread")
+    noisy = [c for c in smoke.of("calibration") if c.parameters["noise_std"]]
+    assert len(noisy) == 2
+    for cell in noisy:
+        whole, spreads = rows_of(cell, "rms", FIRST_ORDER), rows_of(cell, "spread")
         sd, bias = rows_of(cell, "sd"), rows_of(cell, "bias")
         along = rows_of(cell, "bias_along", SECOND_ORDER)
         for letter, kinds in (("T", "ST"), ("K", "K"), ("B", "B")):
             own = [key for key in sd if key[0][0] in kinds]
             for field in ("value", "prediction"):
-                squares = [getattr(sd[key], field) ** 2 for key in own]
                 told = getattr(spreads[(letter,)], field)
-                assert told == pytest.approx(np.sqrt(np.mean(squares)), rel=1e-12)
+                entries = [getattr(sd[key], field) for key in own]
+                assert told == pytest.approx(rms(entries), rel=1e-12)
             predicted = np.array([bias[key].prediction for key in own])
-            size = np.sqrt(np.mean(predicted**2))
-            value = predicted @ [bias[key].value for key in own] / size / 3.0
+            value = predicted @ [bias[key].value for key in own] / rms(predicted) / 3.0
             row = along[(letter,)]
-            assert row.prediction == pytest.approx(size, rel=1e-12)
+            assert row.prediction == pytest.approx(rms(predicted), rel=1e-12)
             # sums of three with cancellation, relative to the greatest of them
             scale = max(abs(bias[key].value) for key in own)
             assert row.value == pytest.approx(value, abs=1e-12 * scale)
             # at most the entries' errors all one way
-            most = np.abs(predicted) @ [bias[k].standard_error for k in own] / size / 3
-            assert 0.0 < row.standard_error <= most * (1 + 1e-12)
-            pooled += 1
-        units = {"T": 1.0, "K": 1.0, "B": 9.80665}
-        whole = [rms[(name,)].value / unit for name, unit in units.items()]
-        assert rms[("all",)].value == pytest.approx(
-            np.sqrt(np.mean(np.square(whole))), rel=1e-12
-        )
-        over = [
-            r.value / r.prediction for r in rows_of(cell, "rms", "Cramer-Rao").values()
+            errors = [bias[key].standard_error for key in own]
+            most = np.abs(predicted) @ errors / rms(predicted) / 3.0
+            assert 0.0 < row.standard_error <= most * (1.0 + 1e-12)
+        parts = [
+            whole[(k,)].value / g for k, g in zip("TKB", (1, 1, 9.80665), strict=True)
         ]
+        assert whole[("all",)].value == pytest.approx(rms(parts), rel=1e-12)
+        bound = rows_of(cell, "rms", "Cramer-Rao").values()
+        over = [row.value / row.prediction for row in bound]
         ratio = rows_of(cell, "rms_over_bound")[()]
-        assert ratio.value == pytest.approx(np.sqrt(np.mean(np.square(over[:3]))))
-    assert pooled >= 6
+        assert ratio.value == pytest.approx(rms(over[:3]))
 
 
 def test_pooled_rows_of_attitudes_are_projections_of_their_moments(smoke):
