@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from power.fault import Fault, then, told
+from power.fault import Fault, given, result, then, times, told, told_instead
 from simval.imu.calibrate import equations
 from simval.imu.calibrate.gyroscope import path_statistics
 from simval.imu.calibrate.magnetometer.calibration import Scaled
@@ -26,22 +26,15 @@ from simval.theory import magnetometer as magnetometer_theory
 # The accelerometer's chain
 
 FOURTH = np.eye(9)[4]
-
-scene_fault = partial(Fault, "scene", "scene", owner=scene, function="simulate")
-sensor = partial(
-    Fault, "calibration", "sensor", owner=AccelerometerModel, function="distort"
-)
-calibrator = partial(
-    Fault, "calibration", "calibrator", owner=calibration, function="calibrate"
-)
-equation = partial(Fault, "calibration", "formula", owner=theory, function="_equations")
-claim = partial(
-    Fault, "calibration", "formula", owner=calibration, function="calibration_moments"
-)
+FACES = np.vstack([np.eye(3), -np.eye(3)])
 
 
 def a_row_late(name):
-    return then(lambda r: replace(r, **{name: np.roll(getattr(r, name), 1, axis=0)}))
+    return result(**{name: lambda r: np.roll(getattr(r, name), 1, axis=0)})
+
+
+def trembling(r):
+    return r.specific_force + 1e-4 * np.sin(300.0 * r.time)[:, None]
 
 
 def moving(rests):
@@ -96,105 +89,65 @@ def bent(factor, some=FOURTH):
     return row(changed)
 
 
+scene_fault = partial(Fault, "scene", "scene", scene, "simulate")
+chain = partial(Fault, "calibration")
+sensor = partial(chain, "sensor", AccelerometerModel, "distort")
+calibrator = partial(chain, "calibrator", calibration, "calibrate")
+equation = partial(chain, "formula", theory, "_equations")
+claim = partial(chain, "formula", calibration, "calibration_moments")
 ACCELEROMETER = (
-    scene_fault("attitude one step late", change=a_row_late("attitude")),
-    scene_fault("rates one step late", change=a_row_late("angular_velocity")),
+    scene_fault("attitude one step late", a_row_late("attitude")),
+    scene_fault("rates one step late", a_row_late("angular_velocity")),
     scene_fault(
         "rates in degrees",
-        change=then(
-            lambda r: replace(r, angular_velocity=np.degrees(r.angular_velocity))
-        ),
+        result(angular_velocity=lambda r: np.degrees(r.angular_velocity)),
     ),
     scene_fault(
-        "a detector a window late",
-        change=then(lambda r: replace(r, hold=np.roll(r.hold, 200))),
+        "a detector a window late", result(hold=lambda r: np.roll(r.hold, 200))
     ),
-    scene_fault(
-        "a body that trembles",
-        change=then(
-            lambda r: replace(
-                r,
-                specific_force=r.specific_force
-                + 1e-4 * np.sin(300.0 * r.time)[:, None],
-            )
-        ),
+    scene_fault("a body that trembles", result(specific_force=trembling)),
+    scene_fault("six faces only", told_instead(poses=FACES)),
+    chain(
+        "scene", calibration, "simulated_rests", "rests cut a window late", then(moving)
     ),
-    scene_fault(
-        "six faces only",
-        change=lambda o, name, poses: o(name, poses=np.vstack([np.eye(3), -np.eye(3)])),
-    ),
-    Fault(
-        "calibration", "scene", "rests cut a window late",
-        calibration, "simulated_rests", then(moving),
-    ),
-    sensor("T transposed", change=lambda o, m, *a: o(replace(m, T=m.T.T), *a)),
-    sensor(
-        "bias before scale",
-        change=lambda o, m, *a: o(replace(m, B=np.linalg.solve(m.matrix, m.B)), *a),
-    ),
+    sensor("T transposed", given(T=lambda m: m.T.T)),
+    sensor("bias before scale", given(B=lambda m: np.linalg.solve(m.matrix, m.B))),
     sensor(
         "scale after misalignment",
-        change=lambda o, m, *a: o(
-            replace(m, T=np.diag(m.K) @ m.T, K=np.ones(3)), *a
-        ),
+        given(T=lambda m: np.diag(m.K) @ m.T, K=lambda m: np.ones(3)),
     ),
+    sensor("bias added, not subtracted", given(B=lambda m: -m.B)),
+    sensor("noise that the three axes share", shared_noise),
     sensor(
-        "bias added, not subtracted", change=lambda o, m, *a: o(replace(m, B=-m.B), *a)
+        "rounded down, not to nearest", then(lambda raw: np.floor(raw / 0.01) * 0.01)
     ),
-    sensor("noise that the three axes share", change=shared_noise),
-    sensor(
-        "rounded down, not to nearest",
-        change=then(lambda raw: np.floor(raw / 0.01) * 0.01),
-    ),
-    calibrator("wrong g", change=told(g=lambda g: 1.0005 * g)),
+    calibrator("wrong g", told(g=lambda g: 1.0005 * g)),
     calibrator(
         "a pose left out",
-        change=lambda o, poses, **more: o(np.delete(poses, 0, axis=-2), **more),
+        lambda o, poses, **more: o(np.delete(poses, 0, axis=-2), **more),
     ),
     # within a fraction of a standard error: paired noise shows it, and the response
-    Fault(
-        "calibration", "calibrator", "the closed-form start taken for the answer",
-        Leverage, "_best",
+    chain(
+        "calibrator", Leverage, "_best", "the closed-form start taken for the answer",
         lambda o, x, at: o(replace(x, start_cost=np.zeros_like(x.start_cost)), at),
     ),
-    calibrator(
-        "another residual than stated",
-        change=lambda o, *a, **more: o(*a, **more | {"residual": "norm"}),
-    ),
-    Fault(
-        "calibration", "calibrator", "order of the parameters",
-        forms, "from_gram", then(lambda p: np.roll(p, 3, axis=-1)),
+    calibrator("another residual than stated", told_instead(residual="norm")),
+    chain(
+        "calibrator", forms, "from_gram", "order of the parameters",
+        then(lambda p: np.roll(p, 3, axis=-1)),
         crash=True,  # the solver starts so far off that it refuses some trials
     ),
-    equation("Jacobian: one derivative 20 % off", change=steeper(1.2)),
-    equation(
-        "Hessian left out of the bias", change=bent(0.0, np.ones(9))
-    ),
-    claim(
-        "calibration bias of the wrong sign",
-        change=then(lambda m: replace(m, bias=-m.bias)),
-    ),
+    equation("Jacobian: one derivative 20 % off", steeper(1.2)),
+    equation("Hessian left out of the bias", bent(0.0, np.ones(9))),
+    claim("calibration bias of the wrong sign", result(bias=lambda m: -m.bias)),
     claim(
         "Cramer-Rao for the covariance, halved",
-        change=then(lambda m: replace(m, covariance=m.cramer_rao / 2.0)),
+        result(covariance=lambda m: m.cramer_rao / 2.0),
     ),
-    claim("variance of a mean for its root", change=told(noise_std=np.square)),
+    claim("variance of a mean for its root", told(noise_std=np.square)),
 )  # fmt: skip
 
 # The magnetometer's chain
-
-iron = partial(
-    Fault, "magnetometer", "sensor", owner=MagnetometerModel, function="distort"
-)
-weigher = partial(Fault, "magnetometer", "calibrator")
-bound = partial(
-    Fault,
-    "magnetometer",
-    "formula",
-    owner=magnetometer,
-    function="magnetometer_moments",
-)
-calibrate = (magnetometer, "calibrate_magnetometer")
 
 
 def wrong_sign(original, scaled, theta, spread):
@@ -229,46 +182,37 @@ def accelerometer_known(original, information):
     return covariance
 
 
+magnetic = partial(Fault, "magnetometer")
+iron = partial(magnetic, "sensor", MagnetometerModel, "distort")
+weigher = partial(magnetic, "calibrator")
+whitener = partial(weigher, equations, "_whitener")
+calibrate = partial(weigher, magnetometer, "calibrate_magnetometer")
+bound = partial(magnetic, "formula", magnetometer, "magnetometer_moments")
 MAGNETOMETER = (
-    iron(
-        "M of the magnetometer transposed",
-        change=lambda o, m, *a: o(replace(m, M=m.M.T), *a),
-    ),
-    iron("hard iron dropped", change=lambda o, m, *a: o(replace(m, b=0.0 * m.b), *a)),
-    weigher("sign of the dip's term", Scaled, "physical", wrong_sign),
+    iron("M of the magnetometer transposed", given(M=lambda m: m.M.T)),
+    iron("hard iron dropped", given(b=lambda m: 0.0 * m.b)),
+    weigher(Scaled, "physical", "sign of the dip's term", wrong_sign),
     weigher(
-        "dip's term, not its derivative", equations.Magnetometer, "equations",
+        equations.Magnetometer, "equations", "dip's term, not its derivative",
         one_sign, crash=True,
     ),
-    weigher(
-        "accelerometer's noise left out of the weights",
-        equations, "_whitener", without_accelerometer,
-    ),
-    weigher("all equations weighed alike", equations, "_whitener", unweighted),
-    weigher(
-        "the twin of the other hemisphere", *calibrate,
-        lambda o, *a, **more: o(*a, **more | {"hemisphere": "south"}),
-    ),
-    weigher(
-        "poses of the two sensors a row apart", *calibrate,
+    whitener("accelerometer's noise left out of the weights", without_accelerometer),
+    whitener("all equations weighed alike", unweighted),
+    calibrate("the twin of the other hemisphere", told_instead(hemisphere="south")),
+    calibrate(
+        "poses of the two sensors a row apart",
         lambda o, a, m, g, **more: o(a, np.roll(m, 1, axis=-2), g, **more), crash=True,
     ),
-    bound(
-        "recipe for the bound", change=then(lambda m: replace(m, covariance=m.recipe))
-    ),
-    bound(
-        "bound for the recipe", change=then(lambda m: replace(m, recipe=m.covariance))
-    ),
-    Fault(
-        "magnetometer", "formula", "bound with the accelerometer known",
-        magnetometer_theory, "inverse_of", accelerometer_known,
+    bound("recipe for the bound", result(covariance=lambda m: m.recipe)),
+    bound("bound for the recipe", result(recipe=lambda m: m.covariance)),
+    magnetic(
+        "formula", magnetometer_theory, "inverse_of",
+        "bound with the accelerometer known", accelerometer_known,
     ),
 )  # fmt: skip
 
 # The gyroscope's chain
 
-rates = partial(Fault, "gyroscope", "scene", owner=gyroscope, function="average_rates")
-turns = partial(Fault, "gyroscope", "calibrator")
 QUARTER = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -310,57 +254,62 @@ def poses_apart(original, V):
     return original(own)
 
 
+turning = partial(Fault, "gyroscope")
+rates = partial(turning, "scene", gyroscope, "average_rates")
+between = partial(turning, "calibrator", gyroscope, "inter_rest_rotations")
 GYROSCOPE = (
-    rates("rates of an instant for averages", change=instant),
-    rates("axes of the gyroscope turned", change=then(lambda w: w @ QUARTER.T)),
-    rates("sign of the rates", change=then(np.negative), crash=True),
-    Fault(
-        "gyroscope", "sensor", "M of the gyroscope transposed",
-        GyroscopeModel, "distort",
-        lambda o, m, *a, **more: o(replace(m, M=m.M.T), *a, **more),
+    rates("rates of an instant for averages", instant),
+    rates("axes of the gyroscope turned", then(lambda w: w @ QUARTER.T)),
+    rates("sign of the rates", then(np.negative), crash=True),
+    turning(
+        "sensor", GyroscopeModel, "distort", "M of the gyroscope transposed",
+        given(M=lambda m: m.M.T),
     ),
-    Fault(
-        "gyroscope", "sensor", "g-sensitivity dropped",
-        gyroscope.Tumble, "__init__", force_felt,
+    turning(
+        "sensor", gyroscope.Tumble, "__init__", "g-sensitivity dropped", force_felt
     ),
-    turns(
-        "a clock that is 0.1 % slow", gyroscope, "inter_rest_rotations",
+    between(
+        "a clock that is 0.1 % slow",
         lambda o, time, *a, **more: o(1.001 * time, *a, **more),
     ),
-    turns("one row in twenty repeated", gyroscope, "inter_rest_rotations", row_lost),
-    turns("coning term lost", path_statistics, "_step", then(no_coning)),
-    turns(
-        "covariance without the shared poses", equations, "_inverse_root", poses_apart
+    between("one row in twenty repeated", row_lost),
+    turning(
+        "calibrator", path_statistics, "_step", "coning term lost", then(no_coning)
     ),
-    turns(
-        "told 0.7 of its noise", gyroscope, "calibrate_gyroscope",
+    turning(
+        "calibrator", equations, "_inverse_root", "covariance without the shared poses",
+        poses_apart,
+    ),
+    turning(
+        "calibrator", gyroscope, "calibrate_gyroscope", "told 0.7 of its noise",
         told(angle_random_walk=lambda x: 0.7 * x),
     ),
-    Fault(
-        "gyroscope", "formula", "bound with poses of a third of their noise",
-        gyroscope, "gyroscope_moments", told(pose_std=lambda x: 0.3 * x),
+    turning(
+        "formula", gyroscope, "gyroscope_moments",
+        "bound with poses of a third of their noise", told(pose_std=lambda x: 0.3 * x),
     ),
 )  # fmt: skip
 
 
-def louder(original, model, *given):
-    white = 1.05 * np.asarray(model.white_raw_per_sqrt_hz)
-    return original(replace(model, white_raw_per_sqrt_hz=white), *given)
+def louder(factor):
+    """White noise that is so many times as loud."""
+    return given(
+        white_raw_per_sqrt_hz=lambda m: factor * np.asarray(m.white_raw_per_sqrt_hz)
+    )
 
 
+drawn = partial(Fault, "noise", "noise", Noise, "draw")
 NOISE = (
-    Fault("noise", "noise", "white noise 5 % louder", Noise, "draw", louder),
+    drawn("white noise 5 % louder", louder(1.05)),
+    drawn("flicker noise dropped", given(flicker_raw=lambda m: 0.0)),
     Fault(
-        "noise", "noise", "flicker noise dropped", Noise, "draw",
-        lambda o, model, *a: o(replace(model, flicker_raw=0.0), *a),
+        "noise", "estimator", noise_model, "allan_variance",
+        "Allan variances 5 % too small", times(0.95),
     ),
     Fault(
-        "noise", "estimator", "Allan variances 5 % too small",
-        noise_model, "allan_variance", then(lambda v: 0.95 * v),
-    ),
-    Fault(
-        "noise", "formula", "(V4) of half the averages",  # of `simval.imu.noise.allan`
-        noise_model, "allan_covariance", then(lambda v: 2.0 * v),
+        "noise", "formula", noise_model, "allan_covariance",
+        "(V4) of half the averages",  # of `simval.imu.noise.allan`
+        times(2.0),
     ),
 )  # fmt: skip
 

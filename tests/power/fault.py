@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from simval.imu.filters import Mekf, mekf
@@ -17,9 +17,9 @@ class Fault:
 
     suite: str  # key of `power.matrix.SUITES`
     part: Part  # where in the flow it is
+    owner: Any  # module or class that has the function
+    function: str
     name: str  # what is wrong, in words
-    owner: Any = None  # module or class that has the function
-    function: str = ""
     change: Callable[..., Any] | None = None
     everywhere: bool = False  # wherever a module has it: the fault is in its own lines
     # Why theory alone cannot see it; its run is then compared with a baseline too. A
@@ -79,8 +79,37 @@ def then(change: Callable[[Any], Any]) -> Callable[..., Any]:
     )
 
 
+def times(factor: float) -> Callable[..., Any]:
+    """Multiply what a function returns."""
+    return then(lambda value: factor * value)
+
+
+def result(**changes: Callable[[Any], Any]) -> Callable[..., Any]:
+    """Change fields of what a function returns, each by the whole of it."""
+    return then(lambda whole: changed_fields(whole, changes))
+
+
+def given(**changes: Callable[[Any], Any]) -> Callable[..., Any]:
+    """Change fields of what a function is given first, each by the whole of it."""
+    return lambda original, first, *arguments, **options: original(
+        changed_fields(first, changes), *arguments, **options
+    )
+
+
+def changed_fields(whole: Any, changes: dict[str, Callable[[Any], Any]]) -> Any:
+    """A copy with other values of some fields."""
+    return replace(whole, **{name: f(whole) for name, f in changes.items()})
+
+
 def told(**changes: Callable[[Any], Any]) -> Callable[..., Any]:
     """Change the arguments that a function is given by name."""
     return lambda original, *arguments, **options: original(
         *arguments, **options | {k: f(options[k]) for k, f in changes.items()}
+    )
+
+
+def told_instead(**values: Any) -> Callable[..., Any]:
+    """Give a function these values by name, whatever it was given."""
+    return lambda original, *arguments, **options: original(
+        *arguments, **options | values
     )

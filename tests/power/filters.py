@@ -7,20 +7,10 @@ from functools import partial
 import numpy as np
 
 from power.calibration import instant
-from power.fault import Fault, changed, then
+from power.fault import Fault, changed, result, then, times
 from simval.imu.filters import Mekf, mekf
 from simval.studies import filter, filter_prediction, filter_scenarios
 from simval.theory import filter_model
-
-drawn = partial(Fault, "filter", "noise", owner=filter, function="drawn")
-estimator = partial(Fault, "filter", "estimator")
-step = partial(estimator, owner=Mekf, function="_step")
-made = partial(estimator, owner=Mekf, function="__init__")
-correct = partial(estimator, owner=Mekf, function="_correct")
-answer = partial(estimator, owner=Mekf, function="update")
-predicted = partial(
-    Fault, "filter", "formula", owner=filter_prediction, function="filter_prediction"
-)
 
 
 def recorded_anew(change):
@@ -42,6 +32,10 @@ def row_density(original, course, sensors, *more):
     # of a row and not of a root hertz
     own = sensors.gyroscope_noise * np.sqrt(course.dt[0])
     return original(course, replace(sensors, gyroscope_noise=own), *more)
+
+
+def bias_twice(original, course, sensors, *more):
+    return original(course, replace(sensors, bias_std=2 * sensors.bias_std), *more)
 
 
 def held(given):
@@ -118,55 +112,50 @@ def no_magnetometer(original, path, truth, told, **words):
     return original(path, first, **words | {"told": other, "errors": ()})
 
 
+scene = partial(Fault, "filter", "scene", filter_scenarios, "average_rates")
+drawn = partial(Fault, "filter", "noise", filter, "drawn")
+estimator = partial(Fault, "filter", "estimator")
+step, made, correct, answer = (
+    partial(estimator, Mekf, name)
+    for name in ("_step", "__init__", "_correct", "update")
+)
+formula = partial(Fault, "filter", "formula")
+predicted = partial(formula, filter_prediction, "filter_prediction")
 FAULTS = (
-    Fault(
-        "filter", "scene", "rates of an instant under a filter",
-        context=recorded_anew(instant),
-    ),
-    Fault(
-        "filter", "scene", "rates a row late under a filter",
+    scene("rates of an instant under a filter", context=recorded_anew(instant)),
+    scene(
+        "rates a row late under a filter",
         context=recorded_anew(then(lambda rates: np.roll(rates, 1, axis=0))),
     ),
-    drawn(
-        "bias of the gyroscope twice as great",
-        change=lambda o, course, s, *a: o(
-            course, replace(s, bias_std=2 * s.bias_std), *a
-        ),
-    ),
-    drawn("density of the gyroscope taken for a row's noise", change=row_density),
-    drawn("accelerometer a row late", change=then(held)),
-    step("coning term lost in the filter", change=coning_times(0.0)),
-    step("coning term doubled in the filter", change=coning_times(2.0)),
-    step(
-        "half of the covariance of turn and bias in Q", change=half_of_what_both_share
-    ),
-    correct("gain of the bias 10 % small", change=bias_by(0.9)),
-    step("sign of the coning term in the filter", change=coning_times(-1.0)),
+    drawn("bias of the gyroscope twice as great", bias_twice),
+    drawn("density of the gyroscope taken for a row's noise", row_density),
+    drawn("accelerometer a row late", then(held)),
+    step("coning term lost in the filter", coning_times(0.0)),
+    step("coning term doubled in the filter", coning_times(2.0)),
+    step("half of the covariance of turn and bias in Q", half_of_what_both_share),
+    correct("gain of the bias 10 % small", bias_by(0.9)),
+    step("sign of the coning term in the filter", coning_times(-1.0)),
     estimator(
-        "covariance that does not turn with the body",
-        mekf, "_transition", then(unturned),
+        mekf, "_transition", "covariance that does not turn with the body",
+        then(unturned),
     ),
-    made("declination of half a degree", change=declined),
-    made("density of the filter's noise taken for a row's", change=per_row),
-    correct("bias never corrected", change=bias_by(0.0)),
-    answer(
-        "covariance of the quaternion's vector part", change=then(of_the_vector_part)
-    ),
-    answer("covariance of the reference side", change=then(other_side)),
-    answer(
-        "a quarter of the noise left out of the innovations'", change=without_noise
-    ),
+    made("declination of half a degree", declined),
+    made("density of the filter's noise taken for a row's", per_row),
+    correct("bias never corrected", bias_by(0.0)),
+    answer("covariance of the quaternion's vector part", then(of_the_vector_part)),
+    answer("covariance of the reference side", then(other_side)),
+    answer("a quarter of the noise left out of the innovations'", without_noise),
     predicted(
         "gains of the truth for those that are told",
-        change=lambda o, *a, told, **words: o(*a, **words),
+        lambda o, *a, told, **words: o(*a, **words),
     ),
-    predicted("bound without the magnetometer", change=no_magnetometer),
-    Fault(
-        "filter", "formula", "half of the gyroscope's noise in the bound",
-        filter_model, "left_jacobian", then(lambda L: 0.5 * L),
+    predicted("bound without the magnetometer", no_magnetometer),
+    formula(
+        filter_model, "left_jacobian", "half of the gyroscope's noise in the bound",
+        times(0.5),
     ),
     predicted(
         "error of the start left out of the prediction",
-        change=then(lambda M: replace(M, parts=M.parts[1:], names=M.names[1:])),
+        result(parts=lambda M: M.parts[1:], names=lambda M: M.names[1:]),
     ),
 )  # fmt: skip

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from power.fault import Fault, then
+from power.fault import Fault, result, then, told
 from simval.statistics import NEES
 from simval.studies import attitude
 from simval.sweep import executors, runner, store
@@ -30,16 +30,18 @@ WITHIN = (
 )
 
 fault = partial(Fault, "attitude", "run")
-samples = partial(fault, owner=attitude, function="simulate")
+samples = partial(fault, attitude, "simulate")
+serial = partial(fault, runner, "serial")
+execute = partial(fault, executors, "execute")
 
 
 def errors(name, factor):
     """Standard errors that are wrong by a factor."""
-    return fault(
-        name, attitude, "moments_of",
-        then(lambda m: replace(m, bias_error=factor * m.bias_error,
-                               covariance_error=factor * m.covariance_error)),
-    )  # fmt: skip
+    change = result(
+        bias_error=lambda m: factor * m.bias_error,
+        covariance_error=lambda m: factor * m.covariance_error,
+    )
+    return fault(attitude, "moments_of", name, change)
 
 
 def under_the_name(own, other):
@@ -65,64 +67,56 @@ def rows(name, change, **more):
 
     def broken(outcome):
         found = [change(row) for row in outcome.rows]
-        return replace(outcome, rows=tuple(r for r in found if r is not None))
+        return tuple(row for row in found if row is not None)
 
-    return fault(name, executors, "execute", then(broken), **more)
+    return execute(name, result(rows=broken), **more)
+
+
+def field(name, entry, value, **more):
+    """A field of each row is another, by the row."""
+    return rows(name, lambda r: replace(r, **{entry: value(r)}), **more)
 
 
 FAULTS = (
-    samples(
-        "half of the samples",
-        change=lambda o, *a, samples, **more: o(*a, samples=samples // 2, **more),
-    ),
+    samples("half of the samples", told(samples=lambda n: n // 2)),
     # sixteen times as many batches as there were, with the scatter to match
     samples(
         "samples counted sixteenfold",
-        change=then(
-            lambda s: replace(s, batches=16 * s.batches, scatter=16 * s.scatter)
-        ),
+        result(batches=lambda s: 16 * s.batches, scatter=lambda s: 16 * s.scatter),
     ),
     errors("standard errors a tenth", 0.1),
     errors("standard errors of zero", 0.0),
+    serial("a worker drops a cell", then(lambda x: list(x)[:-1]), stops=True),
+    serial("results under another cell's name", then(swapped), baseline=OTHERS),
+    execute("a cell crashes", crash, crash=True),
     fault(
-        "a worker drops a cell", runner, "serial", then(lambda x: list(x)[:-1]),
-        stops=True,
-    ),
-    fault(
-        "results under another cell's name", runner, "serial", then(swapped),
-        baseline=OTHERS,
-    ),
-    fault("a cell crashes", executors, "execute", crash, crash=True),
-    fault(
-        "the store lacks a cell", store, "create",
+        store, "create", "the store lacks a cell",
         lambda o, path, cells, manifest: o(path, list(cells)[:-1], manifest),
     ),
-    rows("values of NaN", lambda r: replace(r, value=np.nan)),
+    field("values of NaN", "value", lambda r: np.nan),
     rows("cells that measure nothing", lambda r: None),
-    rows("checks that judge nothing", lambda r: replace(r, check="record")),
-    rows("remainders without end", lambda r: replace(r, remainder=1e6)),
-    rows(
-        "standard errors tenfold",
-        lambda r: replace(r, standard_error=10 * r.standard_error), baseline=WIDE,
+    field("checks that judge nothing", "check", lambda r: "record"),
+    field("remainders without end", "remainder", lambda r: 1e6),
+    field(
+        "standard errors tenfold", "standard_error", lambda r: 10 * r.standard_error,
+        baseline=WIDE,
     ),
-    rows("four times the samples said", lambda r: replace(r, n=4 * r.n), baseline=WIDE),
-    rows(
-        "remainders of half a prediction",
-        lambda r: replace(r, remainder=0.5 * abs(r.prediction or 0.0)),
-        baseline=OWN_WORD,
+    field("four times the samples said", "n", lambda r: 4 * r.n, baseline=WIDE),
+    field(
+        "remainders of half a prediction", "remainder",
+        lambda r: 0.5 * abs(r.prediction or 0.0), baseline=OWN_WORD,
     ),
-    rows(
-        "predictions copied from the samples",
-        lambda r: r if r.prediction is None else replace(r, prediction=r.value),
-        baseline=OWN_WORD,
+    field(
+        "predictions copied from the samples", "prediction",
+        lambda r: None if r.prediction is None else r.value, baseline=OWN_WORD,
     ),
-    rows("predictions left out", lambda r: replace(r, prediction=None)),
+    field("predictions left out", "prediction", lambda r: None),
     rows(
         "a statistic no longer measured",
         lambda r: r if r.statistic != NEES() else None, baseline=ABSENT,
     ),
-    rows(
-        "values that moved by a hundredth of a standard error",
-        lambda r: replace(r, value=r.value + 0.01 * r.standard_error), baseline=WITHIN,
+    field(
+        "values that moved by a hundredth of a standard error", "value",
+        lambda r: r.value + 0.01 * r.standard_error, baseline=WITHIN,
     ),
 )  # fmt: skip

@@ -159,15 +159,19 @@ class _Twin:
 
 def _run(name: str, folder: Path, context: AbstractContextManager[None]) -> Run:
     suite = expand(name, {"seed": 1} | SUITES[name])
-    # pictures are not judged and would take most of the time
-    drawing = import_module("simval.scene.pictures")  # the name is the function's too
-    with replaced(drawing, "render", _no_picture), context:
+    with without_pictures(), context:
         return run_suite(suite, folder)
 
 
-def _no_picture(*_: Any, **__: Any) -> bytes:
-    msg = "no pictures here"
-    raise InputError(msg)
+def without_pictures() -> AbstractContextManager[None]:
+    """No picture is drawn: they are not judged and would take most of the time."""
+
+    def none(*_: Any, **__: Any) -> bytes:
+        msg = "no pictures here"
+        raise InputError(msg)
+
+    drawing = import_module("simval.scene.pictures")  # the name is the function's too
+    return replaced(drawing, "render", none)
 
 
 def _first(result: GateResult) -> str:

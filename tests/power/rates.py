@@ -10,22 +10,22 @@ cell is the harder case again: a fault in all cells is detected by any of them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import scipy
 
-from power.fault import replaced
-from simval.arrays import Array
+from power.attitude import by_noise, second_order_alone
+from power.fault import changed, replaced, result
 from simval.montecarlo import simulate
 from simval.montecarlo.reduction import simulate_reduced
 from simval.results import CellName, Check, Row, plain
 from simval.statistics import EXACT, RMS
 from simval.streams import Streams, cell_key
 from simval.studies import attitude, calibration, coverage, ladder
-from simval.theory.attitude import AttitudeMoments, attitude_moments
+from simval.theory.attitude import attitude_moments
 from simval.verdict import ALPHA, judge, overall
 
 CLEAN_SAMPLES = 8 * attitude.BLOCK
@@ -111,16 +111,20 @@ def _calibration_cells() -> list[tuple[Any, Any]]:
     ]
 
 
-Claim = Callable[[AttitudeMoments, int | str], AttitudeMoments]
-
-
-def formula_faults() -> dict[str, tuple[float, Claim]]:
+def formula_faults() -> dict[str, tuple[float, Callable[..., Any]]]:
     """Faults in a prediction: noise level of the cell that has it, and the change."""
     return {
-        "covariance 1 % too large": (0.003, _scaled(1.01)),
-        "covariance 1 % too small": (0.003, _scaled(0.99)),
-        "sign of the bias": (0.003, _turned),
-        "fourth-order term missing": (0.05, _without_fourth),
+        "covariance 1 % too large": (
+            0.003,
+            result(covariance=lambda m: 1.01 * m.covariance),
+        ),
+        "covariance 1 % too small": (
+            0.003,
+            result(covariance=lambda m: 0.99 * m.covariance),
+        ),
+        "sign of the bias": (0.003, result(bias=lambda m: -m.bias)),
+        # every prediction that claims more than the second order keeps the second only
+        "fourth-order term missing": (0.05, by_noise(second_order_alone)),
     }
 
 
@@ -132,12 +136,12 @@ def powers(runs: int, seed: int) -> list[Rate]:
     for number in range(runs):
         for noise in sorted({noise for noise, _ in faults.values()}):
             with drawn_once():
-                for name, (where, claim) in faults.items():
+                for name, (where, change) in faults.items():
                     if where == noise:
-                        with claimed(claim):
+                        with claimed(change):
                             rows = _rows(noise, DEFAULT_SAMPLES, seed + number)
                         counts[name] += _caught([*rows, *sound])
-        with claimed(_for_noise(0.003)):
+        with claimed(lambda o, *given, order: o(*given[:3], 0.003, order=order)):
             rows = _rows(0.00303, DEFAULT_SAMPLES, seed + number)
         counts["noise 1 % larger"] += _caught([*rows, *sound])
     return [
@@ -146,22 +150,10 @@ def powers(runs: int, seed: int) -> list[Rate]:
     ]
 
 
-@contextmanager
-def known_theory() -> Iterator[None]:
+def known_theory() -> AbstractContextManager[None]:
     """Compute each prediction of the attitude study only once."""
-    once = cache(
-        lambda geometry, noise, order: attitude_moments(
-            *attitude.random_geometry(geometry), noise, order=order
-        )
-    )
-
-    def known(
-        q: Array, r1: Array, r2: Array, noise: float, *, order: int | str
-    ) -> AttitudeMoments:
-        return once(3, noise, order)
-
-    with replaced(attitude, "attitude_moments", known):
-        yield
+    once = cache(partial(attitude_moments, *attitude.random_geometry(3)))
+    return claimed(lambda _, *given, order: once(given[3], order=order))
 
 
 @contextmanager
@@ -185,17 +177,9 @@ def _once(function: Callable[..., Any]) -> Callable[..., Any]:
     return once
 
 
-@contextmanager
-def claimed(claim: Claim) -> Iterator[None]:
+def claimed(change: Callable[..., Any]) -> AbstractContextManager[None]:
     """Inject a fault into the predictions of the attitude study."""
-
-    def wrong(
-        q: Array, r1: Array, r2: Array, noise: float, *, order: int | str
-    ) -> AttitudeMoments:
-        return claim(attitude_moments(q, r1, r2, noise, order=order), order)
-
-    with replaced(attitude, "attitude_moments", wrong):
-        yield
+    return changed(attitude, "attitude_moments", change)
 
 
 def _rows(noise: float, samples: int, seed: int) -> Rows:
@@ -214,22 +198,3 @@ def _sound() -> Iterator[tuple[CellName, Row]]:
 
 def _caught(rows: Sequence[tuple[CellName, Row]]) -> bool:
     return overall(judge(rows, ALPHA)) == "fail"
-
-
-def _scaled(factor: float) -> Claim:
-    return lambda m, order: replace(m, covariance=factor * m.covariance)
-
-
-def _turned(m: AttitudeMoments, order: int | str) -> AttitudeMoments:
-    return replace(m, bias=-m.bias)
-
-
-def _without_fourth(m: AttitudeMoments, order: int | str) -> AttitudeMoments:
-    # every prediction that claims more than the second order keeps the second only
-    q, r1, r2 = attitude.random_geometry(3)
-    return m if order == 2 else attitude_moments(q, r1, r2, 0.05, order=2)
-
-
-def _for_noise(noise: float) -> Claim:
-    q, r1, r2 = attitude.random_geometry(3)
-    return lambda m, order: attitude_moments(q, r1, r2, noise, order=order)

@@ -9,8 +9,9 @@ from functools import partial
 
 import numpy as np
 
-from power.calibration import bent, steeper
-from power.fault import Fault, then, told
+from power.attitude import normals
+from power.calibration import bent, louder, steeper
+from power.fault import Fault, given, result, then, times, told
 from simval.imu.calibrate import equations, evidence
 from simval.imu.calibrate.gyroscope import rotation
 from simval.imu.calibrate.minimization import Leverage
@@ -38,7 +39,6 @@ from simval.theory import gyroscope as gyroscope_theory
 from simval.theory import magnetometer as magnetometer_theory
 
 LOUDER, OFF = 1.01, 1.001
-EVERY = slice(None)
 TOO_SMALL = (
     "1/n of a variance that n trials tell to sqrt(2/n); the functions that all studies "
     "share are judged by `sampling`, a study's own lines are not"
@@ -50,20 +50,16 @@ DRAWN = (
 FELT = ("calibration", "end_to_end")  # whose accelerometer draws its own
 
 
-def smoke(study, part, name, *change, **more):
-    return Fault(f"smoke {study}", part, f"{name}, {study}", *change, **more)
+def smoke(study, part, owner, function, name, *change, **more):
+    """A fault in a study of the smoke suite."""
+    name = f"{name}, {study}"
+    return Fault(f"smoke {study}", part, owner, function, name, *change, **more)
 
 
-class ChangedNormals(np.random.Generator):
-    """A generator whose normals are changed on their way."""
-
-    def __init__(self, generator, change):
-        super().__init__(generator.bit_generator)
-        self.generator, self.change = generator, change
-
-    def standard_normal(self, size=None):
-        """Normals, changed."""
-        return self.change(self.generator.standard_normal(size))
+def each(studies, *fault):
+    """The same fault in the smoke suite of each of these studies."""
+    part, owner, function, name, change = fault
+    return (smoke(study, part, owner, function, name, change) for study in studies)
 
 
 class Again:
@@ -77,70 +73,54 @@ class Again:
         return self.make().standard_normal(shape)
 
 
-def normals(change):
-    return lambda original, *given: ChangedNormals(original(*given), change)
-
-
 def first_sensor_twice(noise):
     if np.ndim(noise) == 3 and len(noise) == 2:
         noise[1] = noise[0]
     return noise
 
 
-def louder_accelerometer(original, model, f_s, rng):
-    return original(replace(model, noise_std=LOUDER * model.noise_std), f_s, rng)
-
-
-def louder_white(original, model, *given):
-    own = LOUDER * np.asarray(model.white_raw_per_sqrt_hz)
-    return original(replace(model, white_raw_per_sqrt_hz=own), *given)
-
-
 def more(*names):
     return told(**dict.fromkeys(names, lambda std: LOUDER * std))
 
 
+def only(number):
+    """Blocks of noise by another number."""
+    return lambda original, streams, asked: original(streams, number(asked))
+
+
 LOUD, MORE = "noise 1 % louder", "told 1 % more noise"
 SHARED = "two sensors share a stream"
-block = (Streams, "block")
+block = ("noise", Streams, "block")
 NOISE = (
-    *(
-        smoke(s, "noise", LOUD, *block, normals(lambda x: LOUDER * x))
-        for s in DRAWN
+    *each(DRAWN, *block, LOUD, normals(lambda x: LOUDER * x)),
+    *each(
+        FELT, "noise", AccelerometerModel, "distort", LOUD,
+        given(noise_std=lambda m: LOUDER * m.noise_std),
     ),
-    *(
-        smoke(s, "noise", LOUD, AccelerometerModel, "distort", louder_accelerometer)
-        for s in FELT
-    ),
-    smoke("noise_model", "noise", LOUD, NoiseModel, "draw", louder_white),
+    smoke("noise_model", "noise", NoiseModel, "draw", LOUD, louder(LOUDER)),
     smoke(
-        "magnetometer", "calibrator", MORE, magnetometer, "calibrate_magnetometer",
+        "magnetometer", "calibrator", magnetometer, "calibrate_magnetometer", MORE,
         more("accelerometer_std", "magnetometer_std"),
     ),
     smoke(
-        "gyroscope", "calibrator", MORE, gyroscope, "calibrate_gyroscope",
+        "gyroscope", "calibrator", gyroscope, "calibrate_gyroscope", MORE,
         more("angle_random_walk"),
     ),
     smoke(
-        "filter", "calibrator", MORE, Mekf, "__init__",
+        "filter", "calibrator", Mekf, "__init__", MORE,
         more("accelerometer_noise", "magnetometer_noise"),
     ),
-    *(
-        smoke(
-            s, "noise", "every block the same noise", *block,
-            lambda o, streams, number: o(streams, 0),
-        )
-        for s in (*FELT, *DRAWN, "noise_model")
+    *each(
+        (*FELT, *DRAWN, "noise_model"), *block,
+        "every block the same noise", only(lambda number: 0),
     ),
-    *(
-        smoke(
-            s, "noise", "one block's noise used twice", *block,
-            lambda o, streams, number: o(streams, 0 if number == 1 else number),
-        )
-        for s in ("calibration", "gyroscope", "noise_model", "end_to_end", "filter")
+    *each(
+        ("calibration", "gyroscope", "noise_model", "end_to_end", "filter"), *block,
+        "one block's noise used twice",
+        only(lambda number: 0 if number == 1 else number),
     ),
-    smoke("magnetometer", "noise", SHARED, *block, normals(first_sensor_twice)),
-    *(smoke(s, "noise", SHARED, *block, Again) for s in ("gyroscope", "filter")),
+    *each(["magnetometer"], *block, SHARED, normals(first_sensor_twice)),
+    *each(("gyroscope", "filter"), *block, SHARED, Again),
 )  # fmt: skip
 
 
@@ -164,28 +144,27 @@ def type_a_by_fewer(original, poses, *given, **named):
     return replace(fit, covariance=fit.covariance * ((n - 9) / (n - 8)))
 
 
-def by_n(study, part, where, *change, **more):
-    return smoke(study, part, f"n for n - 1{where}", *change, **more)
+def by_n(study, part, owner, function, where, *change, **more):
+    name = f"n for n - 1{where}"
+    return smoke(study, part, owner, function, name, *change, **more)
 
 
 shared = partial(by_n, "sampling", "estimator", everywhere=True)
 FREEDOM = (
     shared(
-        "", plain, "_variance",
+        plain, "_variance", "",
         lambda o, sums: o(sums) * ((sums.batches - 1) / sums.batches),
     ),
-    shared(" in an error of a mean", trials, "mean_of", then(mean_by_n)),
-    shared(" under control variates", response, "reduced_mean", reduced_by_n),
-    by_n("coverage", "calibrator", "", coverage, "calibrate", type_a_by_fewer),
+    shared(trials, "mean_of", " in an error of a mean", then(mean_by_n)),
+    shared(response, "reduced_mean", " under control variates", reduced_by_n),
+    by_n("coverage", "calibrator", coverage, "calibrate", "", type_a_by_fewer),
     by_n(
-        "magnetometer", "calibrator", "", magnetometer.Scenario, "fitted",
-        then(lambda fit: replace(fit, dof=fit.dof + 1)),
+        "magnetometer", "calibrator", magnetometer.Scenario, "fitted", "",
+        result(dof=lambda fit: fit.dof + 1),
     ),
     by_n(
-        "ladder", "estimator", " in the study's own lines", ladder, "moments_of",
-        then(lambda m: replace(
-            m, covariance=m.covariance * ((m.samples - 1) / m.samples)
-        )),
+        "ladder", "estimator", ladder, "moments_of", " in the study's own lines",
+        result(covariance=lambda m: m.covariance * ((m.samples - 1) / m.samples)),
         baseline=TOO_SMALL,
     ),
 )  # fmt: skip
@@ -212,10 +191,6 @@ def field_row(original, p, theta, y):
     return rows
 
 
-def first_scaled(*index):
-    return then(lambda given: (off(given[0], index), *given[1:]))
-
-
 def pulled(original, leverage, bias, *, newton):
     local = original(leverage, bias, newton=newton)
     # of the leverage's slope, a term of what the start left
@@ -235,48 +210,42 @@ def a_turn_steeper(original, theta, *given, **named):
 
 
 THEORY, ONE = "a derivative of theory 0.1 % off", "a derivative 0.1 % off"
+SECOND, VARIANCE = "a second derivative 0.1 % off", "a covariance 0.2 % off"
+own_theory = (calibration_theory, "_equations")
 CODE = (
+    smoke("calibration", "formula", *own_theory, THEORY, steeper(OFF)),
+    smoke("ladder", "formula", *own_theory, THEORY, steeper(OFF)),
+    smoke("ladder", "formula", *own_theory, SECOND, bent(OFF)),
     smoke(
-        "calibration", "formula", THEORY, calibration_theory, "_equations", steeper(OFF)
-    ),
-    smoke("ladder", "formula", THEORY, calibration_theory, "_equations", steeper(OFF)),
-    smoke(
-        "ladder", "formula", "a second derivative 0.1 % off",
-        calibration_theory, "_equations", bent(OFF),
+        "magnetometer", "formula", magnetometer_theory, "equations", THEORY, field_row
     ),
     smoke(
-        "magnetometer", "formula", THEORY, magnetometer_theory, "equations", field_row,
+        "gyroscope", "formula", gyroscope_theory, "equations", THEORY, a_turn_steeper
+    ),
+    smoke("filter", "formula", filter_model, "left_jacobian", THEORY, times(OFF)),
+    smoke(
+        "noise_model", "formula", noise_model, "allan_covariance", VARIANCE,
+        times(OFF**2),
     ),
     smoke(
-        "gyroscope", "formula", THEORY, gyroscope_theory, "equations", a_turn_steeper,
+        "coverage", "calibrator", evidence, "value_derivatives",
+        "a derivative 0.1 % off in the error bars", scaled(..., 4),
     ),
     smoke(
-        "filter", "formula", THEORY, filter_model, "left_jacobian",
-        then(lambda L: OFF * L),
+        "calibration", "calibrator", Leverage, "local", "a gradient 0.1 % off", pulled
     ),
     smoke(
-        "noise_model", "formula", "a covariance 0.2 % off",
-        noise_model, "allan_covariance", then(lambda v: OFF**2 * v),
-    ),
-    smoke(
-        "coverage", "calibrator", "a derivative 0.1 % off in the error bars",
-        evidence, "value_derivatives", scaled(..., 4),
-    ),
-    smoke(
-        "calibration", "calibrator", "a gradient 0.1 % off", Leverage, "local", pulled
-    ),
-    smoke(
-        "magnetometer", "calibrator", ONE, equations.Problem, "rests",
+        "magnetometer", "calibrator", equations.Problem, "rests", ONE,
         then(lambda rows: (rows[0], off(rows[1], (..., 2, 10)), rows[2])),
     ),
-    smoke("gyroscope", "calibrator", ONE, rotation, "map_slopes", scaled(..., 4)),
+    smoke("gyroscope", "calibrator", rotation, "map_slopes", ONE, scaled(..., 4)),
     smoke(
-        "filter", "estimator", ONE, mekf, "_transition",
+        "filter", "estimator", mekf, "_transition", ONE,
         scaled(..., slice(0, 3), slice(3, 6)),
     ),
     smoke(
-        "attitude_vectors", "estimator", "a covariance 0.2 % off",
-        attitude_vectors, "wahba_covariance", then(lambda v: OFF**2 * v),
+        "attitude_vectors", "estimator", attitude_vectors, "wahba_covariance", VARIANCE,
+        times(OFF**2),
     ),
 )  # fmt: skip
 
@@ -285,8 +254,7 @@ CODE = (
 
 
 def moved(rests):
-    forces = np.roll(np.array(rests.forces).reshape(-1, 3), -1, axis=0)
-    return replace(rests, forces=forces.reshape(rests.forces.shape))
+    return np.roll(rests.forces.reshape(-1, 3), -1, axis=0).reshape(rests.forces.shape)
 
 
 def longer(rests):
@@ -297,56 +265,50 @@ def longer(rests):
 
 def rest_by_n(found):
     n = found.stop - found.start
-    return replace(found, variance=found.variance * (n - 1) / n)
-
-
-def found(name, owner, function, change):
-    return smoke(
-        "end_to_end", "estimator", name, owner, function, change, everywhere=True
-    )
+    return found.variance * (n - 1) / n
 
 
 def shifted(start, stop):
     return then(lambda rests: rests + np.array([start, stop]))
 
 
-below = (detector, "intervals_below")
+found = partial(smoke, "end_to_end", "estimator", everywhere=True)
+below = partial(found, detector, "intervals_below")
+magnitude = partial(found, detector, "variance_magnitude")
 RESTS = (
     smoke(
-        "scene", "scene", "rests a row late", scene, "simulate",
-        then(lambda r: replace(r, hold=np.roll(r.hold, 1))),
+        "scene", "scene", scene, "simulate", "rests a row late",
+        result(hold=lambda r: np.roll(r.hold, 1)),
     ),
     smoke(
-        "calibration", "scene", "rests a row late",
-        calibration, "simulated_rests", then(moved),
+        "calibration", "scene", calibration, "simulated_rests", "rests a row late",
+        result(forces=moved),
     ),
     smoke(
-        "gyroscope", "scene", "rests end a row late", gyroscope, "_rests", then(longer)
+        "gyroscope", "scene", gyroscope, "_rests", "rests end a row late", then(longer)
     ),
-    found("detector a sample early", *below, shifted(-1, 0)),
-    found("detector a sample late", *below, shifted(0, 1)),
-    found("detector shifted by a sample", *below, shifted(1, 1)),
+    below("detector a sample early", shifted(-1, 0)),
+    below("detector a sample late", shifted(0, 1)),
+    below("detector shifted by a sample", shifted(1, 1)),
     found(
-        "detector untrimmed", study_of_detector, "detect",
+        study_of_detector, "detect", "detector untrimmed",
         lambda o, raw, many, window, trim: o(raw, many, window, 0),
     ),
-    found(
-        "detector's window a sample late", detector, "variance_magnitude",
-        then(lambda v: np.roll(v, 1)),
-    ),
-    found(
-        "a window's variance by n for n - 1", detector, "variance_magnitude",
+    magnitude("detector's window a sample late", then(lambda v: np.roll(v, 1))),
+    magnitude(
+        "a window's variance by n for n - 1",
         lambda o, samples, window: o(samples, window) * ((window - 1) / window),
     ),
     found(
-        "a rest's variance by n for n - 1", detector, "initial_rest", then(rest_by_n)
+        detector, "initial_rest", "a rest's variance by n for n - 1",
+        result(variance=rest_by_n),
     ),
     found(
-        "means without the last sample", detector, "interval_means",
+        detector, "interval_means", "means without the last sample",
         lambda o, samples, rests: o(samples, rests - np.array([0, 1])),
     ),
     found(
-        "a sample too many counted", detector, "interval_counts",
+        detector, "interval_counts", "a sample too many counted",
         then(lambda counts: counts + 1),
     ),
 )  # fmt: skip
