@@ -42,6 +42,35 @@ def cross(v):
     return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
 
+def step(phi, h, model):
+    """F of a step, and its noise by its three independent sources, columns."""
+    # J(-phi) is the mean of exp(-s phi) over 0 < s < 1: 12 nodes of Gauss
+    x, w = np.polynomial.legendre.leggauss(12)
+    nodes = Rotation.from_rotvec(-phi * (x + 1)[:, None] / 2).as_matrix()
+    mean = np.einsum("n,nij->ij", w / 2, nodes)
+    F = np.eye(6)
+    F[:3, :3] = Rotation.from_rotvec(-phi).as_matrix()
+    F[:3, 3:] = -h * mean
+    N, K = np.diag(model.gyroscope_noise), np.diag(model.gyroscope_walk)
+    white = np.concatenate([-h * mean @ N / np.sqrt(h), np.zeros((3, 3))])
+    # the walk over a step: its end, and its average about half of the end
+    end = np.concatenate([-h * mean @ K * np.sqrt(h) / 2, K * np.sqrt(h)])
+    average = np.concatenate([-h * mean @ K * np.sqrt(h / 12), np.zeros((3, 3))])
+    return F, white, np.concatenate([end, average], axis=1)
+
+
+def propagated(P, F, white, walk):
+    """A covariance after a step."""
+    return F @ P @ F.T + white @ white.T + walk @ walk.T
+
+
+def corrected(P, H, R):
+    """A covariance after a reading in Joseph's form, what is left, and the gain."""
+    K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
+    W = np.eye(6) - K @ H
+    return W @ P @ W.T + K @ R @ K.T, W, K
+
+
 class Plain:
     """The recursion one row and one sensor after the other, in Joseph's form.
 
@@ -49,54 +78,31 @@ class Plain:
     the Jacobian by its integral, gains by innovations.
     """
 
-    def __init__(self, path, truth):
-        self.path, self.truth = path, truth
+    def __init__(self, path):
+        self.path = path
         turns = Rotation.from_quat(np.array(path.attitude))
         self.phi = (turns[:-1].inv() * turns[1:]).as_rotvec()
         self.A = turns.as_matrix().swapaxes(-1, -2)
 
     def step(self, k, model):
-        """F, and the noise of the step by its three independent sources, columns."""
-        h, phi = self.path.dt[k], self.phi[k]
-        # J(-phi) is the mean of exp(-s phi) over 0 < s < 1: 12 nodes of Gauss
-        x, w = np.polynomial.legendre.leggauss(12)
-        mean = np.einsum(
-            "n,nij->ij", w / 2, Rotation.from_rotvec(-phi * (x + 1)[:, None] / 2)
-            .as_matrix()
-        )  # fmt: skip
-        F = np.eye(6)
-        F[:3, :3] = Rotation.from_rotvec(-phi).as_matrix()
-        F[:3, 3:] = -h * mean
-        N, K = np.diag(model.gyroscope_noise), np.diag(model.gyroscope_walk)
-        white = np.concatenate([-h * mean @ N / np.sqrt(h), np.zeros((3, 3))])
-        # the walk over a step: its end, and its average about half of the end
-        end = np.concatenate([-h * mean @ K * np.sqrt(h) / 2, K * np.sqrt(h)])
-        average = np.concatenate([-h * mean @ K * np.sqrt(h / 12), np.zeros((3, 3))])
-        return F, white, np.concatenate([end, average], axis=1)
+        """F and noise of a row."""
+        return step(self.phi[k], self.path.dt[k], model)
 
     def measured(self, k, model):
-        """Name, H and sd of each sensor that has the row."""
-        T = len(self.path.dt)
+        """H, R and the sensor, of each that has the row."""
         for each in model.sensors:
-            if each.active(T)[k]:
+            if each.active(len(self.phi))[k]:
                 v = self.A[k + 1] @ each.reference
-                yield each.name, np.concatenate([cross(v), np.zeros((3, 3))], 1), each
+                H = np.concatenate([cross(v), np.zeros((3, 3))], 1)
+                yield H, np.diag(np.square(each.std)), each
 
     def covariances(self, model):
         """After and before the measurements of each row."""
         P, after, before = np.array(model.start), [], []
         for k in range(len(self.phi)):
-            F, white, walk = self.step(k, model)
-            P = F @ P @ F.T + white @ white.T + walk @ walk.T
+            P = propagated(P, *self.step(k, model))
             before.append(P)
-            for _, H, each in self.measured(k, model):
-                P = self.corrected(P, H, each)[0]
+            for H, R, _ in self.measured(k, model):
+                P = corrected(P, H, R)[0]
             after.append(P)
         return np.array(after), np.array(before)
-
-    @staticmethod
-    def corrected(P, H, each):
-        R = np.diag(np.square(each.std))
-        K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
-        W = np.eye(6) - K @ H
-        return W @ P @ W.T + K @ R @ K.T, W, K

@@ -9,7 +9,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_paths import FIELD, UP, Plain, model, sensors, wobble
+from filter_paths import (
+    FIELD,
+    UP,
+    Plain,
+    corrected,
+    model,
+    propagated,
+    sensors,
+    wobble,
+)
 from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
@@ -21,6 +30,7 @@ from simval.theory import (
     filter_bound,
     filter_prediction,
     filter_recursion,
+    first_update,
 )
 from simval.theory.filter_model import left_jacobian
 
@@ -37,7 +47,7 @@ def off(found, wanted):
 def test_blocks_are_the_plain_recursion(T):
     path, truth = wobble(T), model(every=3)
     found = filter_bound(path, truth)
-    after, before = Plain(path, truth).covariances(truth)
+    after, before = Plain(path).covariances(truth)
     assert off(found.covariance, after) < ROUNDING
     assert off(found.before, before) < ROUNDING
     np.testing.assert_array_equal(found.kept, np.arange(T))
@@ -106,7 +116,7 @@ def test_bound_is_the_inverse_of_the_information_of_a_whole_trajectory():
     # differences: step^2/6 of third derivatives, which are of size 1, and 1e-16/step
     assert off(filter_bound(path, truth).covariance[-1], whole[-6:, -6:]) < 1e-7
     # power: a step without the coupling of turn and walk, or with J left out, is seen
-    plain = Plain(path, truth)
+    plain = Plain(path)
     exact = plain.step
     plain.step = lambda k, m: (exact(k, m)[0], *(x[:, :3] for x in exact(k, m)[1:]))
     assert off(plain.covariances(truth)[0][-1], whole[-6:, -6:]) > 1e-5
@@ -145,52 +155,43 @@ def test_left_jacobian():
         np.testing.assert_allclose(left_jacobian(v), mean, rtol=0, atol=1e-14)
 
 
-class Dense:
+def dense(path, truth, told):
     """The errors of a filter as a linear map of every number that was drawn.
 
     Columns are single draws of unit size; gains are those of the told model, one row
-    and sensor after the other. Names tell what source a column is of.
+    and sensor after the other. Of each row the stated covariance, the columns, and the
+    source of each.
     """
-
-    def __init__(self, path, truth, told):
-        plain = Plain(path, truth)
-        P = np.array(told.start)
-        X, names = np.linalg.cholesky(truth.start), ["start"] * 6
-        self.rows = []
-        for k in range(len(plain.phi)):
-            F, white, walk = plain.step(k, truth)
-            X = np.concatenate([F @ X, white, walk], axis=1)
-            names += ["gyroscope white noise"] * 3 + ["gyroscope walk"] * 6
-            Ft, white, walk = plain.step(k, told)
-            P = Ft @ P @ Ft.T + white @ white.T + walk @ walk.T
-            for (name, H, own), (_, _, each) in zip(
-                plain.measured(k, told), plain.measured(k, truth), strict=True
-            ):
-                P, W, K = plain.corrected(P, H, own)
-                X = np.concatenate([W @ X, -K @ np.diag(each.std)], axis=1)
-                names += [f"{name} noise"] * 3
-            self.rows.append((P, X, list(names)))
-
-    def parts(self, k, names):
-        _, X, own = self.rows[k]
-        own = np.array(own)
-        return np.stack([X[:, own == n] @ X[:, own == n].T for n in names])
+    plain, P = Plain(path), np.array(told.start)
+    X, names = np.linalg.cholesky(truth.start), ["start"] * 6
+    for k in range(len(plain.phi)):
+        F, white, walk = plain.step(k, truth)
+        X = np.concatenate([F @ X, white, walk], axis=1)
+        names += ["gyroscope white noise"] * 3 + ["gyroscope walk"] * 6
+        P = propagated(P, *plain.step(k, told))
+        for (H, R, _), (_, _, each) in zip(
+            plain.measured(k, told), plain.measured(k, truth), strict=True
+        ):
+            P, W, K = corrected(P, H, R)
+            X = np.concatenate([W @ X, -K @ np.diag(each.std)], axis=1)
+            names += [f"{each.name} noise"] * 3
+        yield P, X, np.array(names)
 
 
 def test_told_otherwise_source_by_source():
     path, truth = wobble(40, rate=2.0), model(every=3)
     told = model(every=3, N=5e-4, K=1e-5, start=0.1, bias=2e-3, force=0.06, field=1e-7)
     found = filter_prediction(path, truth, told=told)
-    dense = Dense(path, truth, told)
-    for k in (0, 1, 2, 17, 39):
-        assert off(found.told[k], dense.rows[k][0]) < ROUNDING
-        wanted = dense.parts(k, found.names)
+    for k, (P, X, names) in enumerate(dense(path, truth, told)):
+        assert off(found.told[k], P) < ROUNDING
+        sources = [X[:, names == name] for name in found.names]
+        wanted = np.stack([x @ x.T for x in sources])
         whole = np.sqrt(np.diagonal(wanted.sum(axis=0)))
         for ours, theirs in zip(found.parts[:, k], wanted, strict=True):
             assert np.abs((ours - theirs) / np.outer(whole, whole)).max() < ROUNDING
         for size in (3, 6):
-            P, moment = dense.rows[k][0][:size, :size], wanted.sum(0)[:size, :size]
-            nees = np.trace(np.linalg.solve(P, moment))
+            moment = wanted.sum(0)[:size, :size]
+            nees = np.trace(np.linalg.solve(P[:size, :size], moment))
             np.testing.assert_allclose(found.nees(size)[k], nees, rtol=1e-8)
 
 
@@ -209,7 +210,7 @@ def test_told_the_truth_it_is_the_bound():
 
 def drawn_nis(path, truth, told, c, trials, seed):
     """NIS of a linear filter whose readings are off by c; both sensors in each row."""
-    plain, rng = Plain(path, truth), np.random.default_rng(seed)
+    plain, rng = Plain(path), np.random.default_rng(seed)
     P = np.array(told.start)
     e = rng.standard_normal((trials, 6)) @ np.linalg.cholesky(truth.start).T
     nis = []
@@ -220,9 +221,8 @@ def drawn_nis(path, truth, told, c, trials, seed):
         e = e @ F.T + np.concatenate([F[:3, 3:] @ rate, np.zeros(3)])
         e = e + rng.standard_normal((trials, 3)) @ white.T
         e = e + rng.standard_normal((trials, 6)) @ walk.T
-        Ft, white, walk = plain.step(k, told)
-        P = Ft @ P @ Ft.T + white @ white.T + walk @ walk.T
-        H = np.concatenate([h for _, h, _ in plain.measured(k, truth)])
+        P = propagated(P, *plain.step(k, told))
+        H = np.concatenate([h for h, *_ in plain.measured(k, truth)])
         R = [np.concatenate([s.std for s in m.sensors]) for m in (truth, told)]
         z = e @ H.T + R[0] * rng.standard_normal((trials, 6))
         for s, each in enumerate(truth.sensors):
@@ -265,42 +265,41 @@ def test_a_known_error_is_its_columns_times_its_size():
     value, force = 1e-3 * rng.standard_normal(9), rng.standard_normal((30, 3))
     turns = Rotation.from_quat(np.array(path.attitude))
     rate = (turns[:-1].inv() * turns[1:]).as_rotvec() / path.dt[:, None]
-    pairs = [
-        (CalibrationError(of="gyroscope", value=value), rate),
-        (CalibrationError(of="g-sensitivity", value=value, force=force), force),
-    ]
-    for error, x in pairs:
+    affine = np.r_[value, 0.01, 0.02, 0.03]
+    v = turns[1:].inv().apply(UP)
+    for error, sensor, rows in (
+        (CalibrationError(of="gyroscope", value=value), "gyroscope", rate),
+        (
+            CalibrationError(of="g-sensitivity", value=value, force=force),
+            "gyroscope", force,
+        ),
+        (CalibrationError(of="accelerometer", value=affine), "accelerometer", v),
+    ):  # fmt: skip
         found = filter_prediction(path, truth, errors=[error])
-        row = RowError(of="gyroscope", rows=x @ value.reshape(3, 3).T)
+        rows = rows @ value.reshape(3, 3).T
+        rows = rows + affine[9:] if sensor == "accelerometer" else rows
+        row = RowError(of=sensor, rows=rows)
         again = filter_prediction(path, truth, errors=[row])
-        np.testing.assert_allclose(again.mean, found.mean, rtol=1e-9, atol=1e-15)
+        np.testing.assert_allclose(again.mean, found.mean, rtol=1e-8, atol=1e-14)
         np.testing.assert_allclose(again.nis, found.nis, rtol=1e-12)
-        spread = replace(error, value=None, covariance=np.outer(value, value))
+        spread = replace(
+            error, value=None, covariance=np.outer(error.value, error.value)
+        )
         uncertain = filter_prediction(path, truth, errors=[spread])
         assert uncertain.names[-1] == error.name
         np.testing.assert_allclose(uncertain.nis, found.nis, rtol=1e-12)
         np.testing.assert_allclose(uncertain.nees(), found.nees(), rtol=1e-9)
-    v = turns[1:].inv().apply(UP)
-    affine = np.r_[value, 0.01, 0.02, 0.03]
-    found = filter_prediction(
-        path, truth, errors=[CalibrationError(of="accelerometer", value=affine)]
-    )
-    rows = v @ value.reshape(3, 3).T + affine[9:]
-    again = filter_prediction(
-        path, truth, errors=[RowError(of="accelerometer", rows=rows)]
-    )
-    np.testing.assert_allclose(again.mean, found.mean, rtol=1e-8, atol=1e-14)
 
 
 def test_a_known_start_decays_as_the_state():
     path, truth = wobble(20), model()
     found = filter_prediction(path, truth, start_error=[0.01, 0, 0, 0, 2e-3, 0])
-    plain, e, P = Plain(path, truth), np.array([0.01, 0, 0, 0, 2e-3, 0]), truth.start
+    plain, e, P = Plain(path), np.array([0.01, 0, 0, 0, 2e-3, 0]), truth.start
     for k in range(20):
         F, white, walk = plain.step(k, truth)
-        P, e = F @ P @ F.T + white @ white.T + walk @ walk.T, F @ e
-        for _, H, each in plain.measured(k, truth):
-            P, W, _ = plain.corrected(P, H, each)
+        P, e = propagated(P, F, white, walk), F @ e
+        for H, R, _ in plain.measured(k, truth):
+            P, W, _ = corrected(P, H, R)
             e = W @ e
         sd = np.sqrt(np.diagonal(P))
         assert np.abs((found.mean[k] - e) / sd).max() < ROUNDING
@@ -312,11 +311,8 @@ BAD = [
     lambda: FilterPath(dt=[0.1], attitude=STILL),
     lambda: FilterPath(dt=[0.1, 0.0], attitude=STILL),
     lambda: VectorSensor(name="a", reference=[0, 0, 0], std=1.0),
-    lambda: VectorSensor(name="a", reference=UP, std=0.0),
     lambda: VectorSensor(name="a", reference=UP, std=[1.0, 2.0]),
     lambda: VectorSensor(name="a", reference=UP, std=1.0, rows=np.ones(3)),
-    lambda: VectorSensor(name="a", reference=UP, std=1.0, rows=0),
-    lambda: replace(model(), gyroscope_noise=-1.0),
     lambda: replace(model(), sensors=()),
     lambda: replace(model(), sensors=sensors()[:1] * 2),
     lambda: replace(model(), start=np.diag([1, 1, 1, 1, 1, -1.0])),
@@ -342,6 +338,8 @@ BAD = [
     lambda: CalibrationError(of="gyroscope", force=np.ones((5, 3))),
     lambda: RowError(of="gyroscope", rows=[[0, 0, np.nan]]),
     lambda: filter_prediction(wobble(5), model()).nees(4),
+    lambda: first_update(wobble(5), model(), np.ones((2, 3))),
+    lambda: first_update(wobble(1), model(), np.ones(3)),
 ]
 
 
