@@ -14,8 +14,6 @@ from simval.sweep import (
     cluster,
     executors,
     load_run,
-    load_suite,
-    run_suite,
     store,
 )
 
@@ -114,45 +112,34 @@ def test_what_cannot_be_used_is_exit_code_2(kind, here, simval):
         assert sorted(here.rglob("*")) == before, line
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        *(("filter", "log.csv", "--time-limit", t) for t in ("nan", "inf", "1e300")),
-        ("sweep", "smoke", "--wait", "nan"),
-    ],
-)
-def test_a_time_that_is_none_is_refused(words, simval):
-    code, _, err = simval(*words)
-    assert code == 2
-    assert f"Invalid value for '{words[2]}'" in err
+def stopped(error):
+    def create(*arguments):
+        raise error
 
-
-def refused(*arguments):
-    msg = "there is no scheduler"
-    raise InputError(msg)
+    return create
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("where", ["connection", "store", "interrupt"])
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [(None, 2), (InputError("no store can be made"), 2), (KeyboardInterrupt(), 130)],
+    ids=["no scheduler", "no store", "interrupt"],
+)
 def test_a_start_that_fails_leaves_no_folder(
-    where, tiny_suite, tmp_path, simval, monkeypatch
+    error, code, tiny_suite, tmp_path, simval, monkeypatch
 ):
     words = ["sweep", tiny_suite, "--out", tmp_path / "deep" / "run", "--quiet"]
-    more, code = [], 2
-    if where == "connection":
+    more = []
+    if error is None:
         pytest.importorskip("distributed", reason="the extra `cluster` is missing")
         monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.5)
         more = ["--scheduler", "tcp://127.0.0.1:1"]
-    elif where == "store":
-        monkeypatch.setattr(store, "create", refused)
     else:
-
-        def interrupted(*arguments):
-            raise KeyboardInterrupt
-
-        monkeypatch.setattr(store, "create", interrupted)
-        code = 130
-    assert simval(*words, *more)[0] == code
+        monkeypatch.setattr(store, "create", stopped(error))
+    found, _, err = simval(*words, *more)
+    assert found == code
+    assert error is not None or "there is no scheduler at" in err
+    assert "to continue" not in err
     assert not (tmp_path / "deep" / "run").exists()
     monkeypatch.undo()
     assert simval(*words, "--workers", 1)[0] == 0  # nothing is in the way
@@ -199,11 +186,3 @@ def test_the_page_s_commands_name_the_run(simval, tiny_run, monkeypatch):
     # from elsewhere the run is named, and never by its folders
     monkeypatch.chdir(ROOT)
     assert all(c.startswith("simval repro --run tiny ") for c in commands_of(run))
-
-
-def test_a_missing_plugin_is_refused_from_python(tmp_path):
-    suite = tmp_path / "s.toml"
-    suite.write_text(SUITES["file"])
-    with pytest.raises(InputError, match=r"`estimator\.algorithm`: the file .*gone"):
-        run_suite(load_suite(str(suite)), tmp_path / "run")
-    assert not (tmp_path / "run").exists()

@@ -104,7 +104,7 @@ def seconds(command):
     return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
 
 
-@pytest.mark.parametrize("command", NAMES)
+@pytest.mark.parametrize("command", ["--version", "calibrate", "sweep"])
 def test_a_help_takes_less_than_a_third_of_a_second(command):
     """In the best of three tries; most need one."""
     assert any(seconds(command) < 0.3 for _ in range(3))
@@ -185,10 +185,10 @@ def test_runs_are_completed_the_newest_first(complete, line, tmp_path, monkeypat
     assert complete(f"simval {line}elsewhere") == [["file", "elsewhere"]]
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_script_of_each_shell_asks_this_program(simval, shell):
-    code, out, _ = simval("completion", shell)
-    assert (code, f"_SIMVAL_COMPLETE={shell}_complete" in out) == (0, True)
+def test_the_script_of_each_shell_asks_this_program(simval):
+    for shell in ("bash", "zsh", "fish"):
+        code, out, _ = simval("completion", shell)
+        assert (code, f"_SIMVAL_COMPLETE={shell}_complete" in out) == (0, True)
     code, _, err = simval("completion", "tcsh")
     assert (code, "'tcsh' is not one of" in err) == (2, True)
 
@@ -208,16 +208,15 @@ def test_bash_completes_by_the_script(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "environment",
+    "asked",
     [
         {"_SIMVAL_COMPLETE": "bash_complete"},
         {"_SIMVAL_COMPLETE": "bash_complete", "COMP_WORDS": "", "COMP_CWORD": "one"},
         {"_SIMVAL_COMPLETE": "nonsense"},
     ],
-    ids=["no words", "no number", "no shell"],
 )
-def test_a_wrong_question_is_no_bug_of_ours(simval, monkeypatch, environment):
-    for name, value in environment.items():
+def test_a_wrong_question_is_no_bug_of_ours(simval, monkeypatch, asked):
+    for name, value in asked.items():
         monkeypatch.setenv(name, value)
     code, out, err = simval()
     assert (code, out, "Traceback" in err) == (2, "", False)

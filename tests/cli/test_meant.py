@@ -12,9 +12,8 @@ from simval.cli import COMMANDS
 from simval.errors import InputError
 from simval.plugins.loading import find_plugin
 from simval.plugins.protocol import Estimator
-from simval.scene import find_scene, simulate
+from simval.scene import simulate
 from simval.studies import find_study
-from simval.sweep import load_suite
 from simval.text import LONGEST, OTHER_WORDS, did_you_mean, nearest
 
 LISTS = {
@@ -57,13 +56,11 @@ def test_a_slip_is_answered(simval, words, said):
     "ask",
     [
         lambda: find_study("attitud"),
-        lambda: find_scene("Gimbal "),
         lambda: find_plugin("wahba", Estimator),
-        lambda: load_suite("smok"),
         lambda: simulate("gimbal", n_poses=4),
         lambda: choice("loss", "hubr", vocabulary.LOSSES),
     ],
-    ids=["study", "scene", "plugin", "suite", "parameter", "choice"],
+    ids=["study", "plugin", "parameter", "choice"],
 )
 def test_every_name_asks_the_same_way(ask):
     with pytest.raises(InputError, match=r"\(did you mean `[\w:]+`\?\)"):

@@ -93,8 +93,7 @@ def test_of_any_pace_it_is_finite_and_ends_at_nothing(costs, workers, pace):
 def test_cells_that_end_together_in_any_order_leave_nothing_at_work(
     costs, workers, size, order
 ):
-    # batches of cells are told of as one, and a later batch may end first; before, the
-    # cells of it were named as at work until the last one, and the time left stood
+    # batches of cells are told of as one, and a later batch may end first
     cells = [Cell("priced", Priced(k=k, seconds=c), 1) for k, c in enumerate(costs)]
     left = TimeLeft(cells, workers, 0.0)
     batches = [cells[k : k + size] for k in range(0, len(cells), size)]
@@ -170,12 +169,6 @@ def test_a_short_sweep_in_a_log(simval, tiny_suite, tmp_path):
     assert "\r" not in err
 
 
-def test_what_is_refused_leaves_no_line_of_progress(simval, tiny_suite, tiny_run):
-    code, _, err = simval("sweep", tiny_suite, "--out", tiny_run)
-    assert code == 2
-    assert "cells," not in err
-
-
 def test_a_cluster_of_unknown_size_promises_no_time(capsys):
     with CellBar() as bar:
         cells = load_suite("smoke").cells
@@ -221,17 +214,6 @@ def test_ctrl_c_names_the_command_that_continues(
     assert code == 0
     text = (folder / "results.csv").read_bytes()
     assert text == (tiny_run / "results.csv").read_bytes()
-
-
-def test_ctrl_c_before_there_is_a_run_names_nothing(
-    simval, tiny_suite, tmp_path, monkeypatch
-):
-    def stopped(*words, **names):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("simval.sweep.runner.drive", stopped)
-    code, _, err = simval("sweep", tiny_suite, "--out", tmp_path / "run")
-    assert (code, err) == (130, "\ninterrupted\n")
 
 
 def read_all(descriptor, into):

@@ -118,33 +118,45 @@ def test_a_plan_for_a_noise_in_another_unit_says_so(simval, noise, believed):
     assert ("not to be believed" not in out) == believed
 
 
-@pytest.mark.parametrize("value", ["nan", "inf", "-1", "0", "1e300", "ten"])
-@pytest.mark.parametrize(
-    "words",
-    [
-        *(
-            ("calibrate", "--" + o)
-            for o in ("g", "rest", "rate", "field", "full-scale")
-        ),
-        ("noise", "--rest"),
-        *(("plan", "--" + option) for option in ("g", "noise-std", "hold")),
-        *(
-            ("plan", "--" + o)
-            for o in ("noise-density", "angle-random-walk", "rotation-time")
-        ),
-    ],
-)
-def test_no_number_of_an_option_is_taken_that_cannot_be(simval, log, words, value):
-    command, option = words
-    needed = {"--noise-std": "0.01"} if option in ("--g", "--noise-std") else {}
-    if command == "plan" and not needed:
-        needed = {"--hold": "1", "--noise-density": "1e-3"}
-        needed |= {"--angle-random-walk": "1e-4"} if option == "--rotation-time" else {}
-    given = () if command != "plan" else needed | {option: value}
-    more = [word for pair in given.items() for word in pair] if given else []
-    code, _, errors = simval(command, *(more or (log, option, value)))
-    if value == "1e300" and option in ("--field", "--full-scale", "--rest", "--rate"):
-        assert code in (0, 2, 3)
-    else:
-        assert code == 2
-        assert option.lstrip("-").split("-")[0] in errors
+PLAN = {"--hold": "1", "--noise-density": "1e-3", "--angle-random-walk": "1e-4"}
+OPTIONS = {
+    "calibrate": {
+        **{"g": "", "rest": "1e300", "rate": "1e300"},
+        **{"field": "1e300", "full-scale": "1e300"},
+    },
+    "filter": {"time-limit": ""},
+    "noise": {"rest": "1e300"},
+    "plan": dict.fromkeys(
+        [*("g", "noise-std", "hold", "noise-density"),
+         *("angle-random-walk", "rotation-time")], "",
+    ),
+    "sweep": {"wait": ""},
+}  # fmt: skip
+"""Options that take a number, and a value that some recording may really have."""
+NUMBERS = [
+    pytest.param(command, option, possible, id=f"{command} --{option}")
+    for command, options in OPTIONS.items()
+    for option, possible in options.items()
+]
+
+
+@pytest.mark.parametrize(("command", "option", "possible"), NUMBERS)
+def test_no_number_of_an_option_is_taken_that_cannot_be(
+    simval, log, command, option, possible
+):
+    for value in ("nan", "inf", "-1", "0", "1e300", "ten"):
+        if (option, value) == ("wait", "0"):
+            continue
+        words = {f"--{option}": value}
+        if option in ("g", "noise-std") and command == "plan":
+            words = {"--noise-std": "0.01"} | words
+        elif command == "plan":
+            words = PLAN | words
+        given = [word for pair in words.items() for word in pair]
+        first = {"plan": [], "sweep": ["smoke"]}.get(command, [log])
+        code, _, errors = simval(command, *first, *given)
+        if value == possible:
+            assert code in (0, 2, 3)
+        else:
+            assert code == 2, value
+            assert option.split("-")[0] in errors, value

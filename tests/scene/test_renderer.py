@@ -29,25 +29,29 @@ COMMANDS = [
 ]
 
 
+PROGRAM = f"""
+import sys
+from simval.cli import run
+sys.exit(max(run(words.split()) for words in {COMMANDS!r}))
+"""
+
+
 @pytest.mark.ci
-@pytest.mark.parametrize("value", ["nonsense", "egl of a machine without"])
-def test_no_value_stops_a_command(tmp_path, value):
+@pytest.mark.parametrize("library", [False, True])
+def test_no_value_stops_a_command(tmp_path, library):
+    """A word that is none, and the name of a library of which a half is there."""
     (tmp_path / "sensor.toml").write_text(SENSOR)
-    environment = {**os.environ, "MUJOCO_GL": value.partition(" of")[0]}
-    if "without" in value:
+    environment = {**os.environ, "MUJOCO_GL": "egl" if library else "nonsense"}
+    if library:
         (tmp_path / "OpenGL").mkdir()
         (tmp_path / "OpenGL" / "__init__.py").write_text("")
         (tmp_path / "OpenGL" / "EGL.py").write_text(HALF_THERE)
         environment["PYTHONPATH"] = str(tmp_path)
-    for words in COMMANDS:
-        done = subprocess.run(
-            [sys.executable, "-m", "simval", *words.split()],
-            capture_output=True,
-            text=True,
-            env=environment,
-            cwd=tmp_path,
-        )
-        assert done.returncode == 0, done.stderr
+    words = [sys.executable, "-c", PROGRAM]
+    done = subprocess.run(
+        words, capture_output=True, text=True, env=environment, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.ci
@@ -70,8 +74,8 @@ def test_a_process_keeps_its_own_renderer(value):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("value", ["nonsense", "\u00e9"])
-def test_who_draws_is_told_what_there_is(monkeypatch, value):
+def test_who_draws_is_told_what_there_is(monkeypatch):
+    value = "nonsens\u00e9"
     monkeypatch.setenv("MUJOCO_GL", value)
     with pytest.raises(InputError, match=f"`MUJOCO_GL` is {value!r}.*unset it"):
         render("gimbal", poses=2, width=64, height=48)

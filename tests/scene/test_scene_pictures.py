@@ -4,6 +4,7 @@ What a picture is drawn from is tested without graphics; the tests of pixels ski
 the machine cannot draw.
 """
 
+import importlib.util
 import io
 
 import mujoco
@@ -13,7 +14,7 @@ from PIL import Image
 
 from simval.errors import InputError
 from simval.geometry import attitude_matrix
-from simval.scene import pictures, render, simulate
+from simval.scene import pictures, render, render_file, scenes, simulate
 from simval.scene.captions import (
     Caption,
     Directions,
@@ -163,10 +164,46 @@ def drawable():
 
 
 @pytest.mark.ci
-def test_the_same_picture_has_the_same_bytes(drawable):
+def test_a_picture_shows_the_body_in_the_same_bytes(drawable):
     assert render("gimbal", **SHORT) == drawable
     with Image.open(io.BytesIO(drawable)) as image:
-        assert image.size == (960, 720)
+        pixels = np.asarray(image.convert("RGB")).astype(int)
+    assert pixels.shape == (720, 960, 3)
+    red, green, blue = pixels[200:450, 300:700].transpose(2, 0, 1)
+    glass = (red - blue > 60) & (green - blue > 15)  # the IMU's box, orange glass
+    assert 3000 < glass.sum() < 40_000
+
+
+@pytest.mark.ci
+def test_an_animation_has_its_frames_and_moves(drawable, tmp_path):
+    path, short = tmp_path / "gimbal.gif", {"poses": 2, "first_hold": 0.2}
+    render_file(path, "gimbal", seconds=1.0, width=160, height=120, **short)
+    with Image.open(path) as film:
+        assert film.n_frames >= 10  # 1 s at 15 Hz, equal neighbours may be merged
+        first = np.asarray(film.convert("RGB")).astype(int)
+        film.seek(film.n_frames - 1)
+        last = np.asarray(film.convert("RGB")).astype(int)
+    assert (np.abs(first - last).max(axis=2) > 50).sum() > 100
+
+
+@pytest.mark.slow
+def test_a_film_is_written_or_the_encoder_named(drawable, tmp_path):
+    path = tmp_path / "gimbal.mp4"
+    size = {"seconds": 0.4, "width": 160, "height": 120, "poses": 2}
+    if importlib.util.find_spec("imageio_ffmpeg") is None:
+        with pytest.raises(
+            InputError, match=r"pip install .*imageio-ffmpeg.*; or write \.gif"
+        ):
+            render_file(path, "gimbal", **size)
+    else:
+        render_file(path, "gimbal", **size)
+        assert path.read_bytes()[4:8] == b"ftyp"
+
+
+@pytest.mark.parametrize("name", set(scenes()) - {"gimbal"})
+def test_every_scene_has_the_camera(name):
+    model = load_model(model_path(name)).model
+    assert CAMERA in [model.camera(k).name for k in range(model.ncam)]
 
 
 @pytest.mark.ci
