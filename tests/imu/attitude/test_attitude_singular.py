@@ -7,7 +7,6 @@ from rounding import EPS
 from scipy.spatial.transform import Rotation
 from strategies_attitude import Problem, problems
 
-from simval.errors import InputError
 from simval.geometry import attitude_error, attitude_matrix, normalize
 from simval.imu.attitude import estimate_attitude, two_vector_quaternion
 from simval.imu.attitude.kernel import FRAMES, raw_quaternion
@@ -19,7 +18,7 @@ from simval.imu.attitude.singular import (
     turn_is_singular,
 )
 
-X, Y, Z = np.eye(3)
+X, Y, _ = np.eye(3)
 HALF_TURN = Problem(np.array([1.0, 0, 0, 0]), np.stack([X, -Y, X, Y]))
 IDENTITY = Problem(np.array([0, 0, 0, 1.0]), np.stack([X, Y, X, Y]))
 
@@ -122,21 +121,6 @@ def test_the_tolerance_is_a_share_of_the_lengths(share, case, sine):
     A = attitude_matrix(np.array([0.0, 0.0, share, np.sqrt(1 - share**2)]))
     found = singular_solution(A @ r1, A @ r2, r1, r2, tolerance=0.1)
     assert Case(int(found.case)) is (case if case is Case.REGULAR else Case.A)
-
-
-def test_batches_and_bad_options():
-    r1, r2 = np.tile(X, (2, 3, 1)), np.tile(Y, (2, 3, 1))
-    assert singular_solution(r1, r2, X, Y).case.tolist() == [[1, 1, 1]] * 2
-    assert sequential_quaternion(r1, r2, X, Y).turn.shape == (2, 3)
-    assert turn_is_singular(r1, r2, X, Y, 0).all()
-    assert not turn_is_singular(r1, r2, X, Y, 2).any()
-    for tolerance in (float("nan"), 0.0, 1.0):
-        with pytest.raises(InputError, match="`tolerance`"):
-            singular_solution(X, Y, X, Y, tolerance=tolerance)
-    with pytest.raises(InputError, match="`threshold`"):
-        sequential_quaternion(X, Y, X, Y, threshold=0.6)
-    with pytest.raises(InputError, match="`axis`"):
-        turn_is_singular(X, Y, X, Y, 3)
 
 
 def test_the_table_is_the_smallest_turn_of_the_normals_within_its_border():

@@ -5,13 +5,10 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from simval.consistency import rotation_error
 from simval.errors import GeometryError, InputError
 from simval.geometry import (
     attitude_matrix,
-    compose,
     cross_matrix,
-    from_rotation_vector,
     normalize,
 )
 from simval.imu.attitude import (
@@ -148,9 +145,6 @@ def test_refusals():
         with pytest.raises(kind, match=words):
             wahba_quaternion(b, r)
     pairs = np.eye(3)[:2], np.eye(3)[:2]
-    for noise in (2.0, [0.1, 0.1], [[1e-12, 0.1], [0.0, 0.0]]):
-        with pytest.raises(InputError, match="noise_std"):
-            consistency(*pairs, noise)
     for weights, words in (
         ([1.0, 0.0], r"is 0 at index \(1,\)"),
         ([[-1.0, 1.0]], r"is -1 at index \(0, 0\)"),
@@ -160,8 +154,6 @@ def test_refusals():
             given = pairs if call is wahba_quaternion else (*pairs[0], *pairs[1])
             with pytest.raises(InputError, match=f"`weights` {words}"):
                 call(*given, weights=weights)
-    with pytest.raises(InputError, match="false_alarm"):
-        estimate_attitude(*pairs[0], *pairs[1], false_alarm=1.0)
 
 
 def test_one_bad_sample_leaves_the_others_alone():
@@ -204,7 +196,7 @@ def test_one_bad_sample_leaves_the_others_alone():
 
 
 @pytest.mark.parametrize("frame", ["best", "combined", "plain"])
-@pytest.mark.parametrize("sigma", [1e-7, 1e-3, 0.3])
+@pytest.mark.parametrize("sigma", [1e-7, 0.3])
 def test_weighted_closed_form_is_the_optimum(frame, sigma):
     rng, _, b, r = problem(60, 2)
     body = b + sigma * rng.standard_normal((500, 2, 3))
@@ -232,30 +224,6 @@ def turned(q, r):
     return np.einsum("nij,kj->nki", attitude_matrix(q), r)
 
 
-def test_inconsistent_pairs_are_not_valid():
-    rng, _, b, r = problem(62, 2)
-    body = b + 1e-3 * rng.standard_normal((100_000, 2, 3))
-    body[7, 1] = unit(np.cross(b[0], b[1])) + 0.2 * b[0]  # quite another vector
-    estimate = estimate_attitude(
-        body[:, 0],
-        body[:, 1],
-        r[0],
-        r[1],
-        noise_std=[1e-3, 1e-3, 0, 0],
-        false_alarm=1e-3,
-    )
-    assert estimate.validity[7] == Validity.INCONSISTENT
-    assert np.isnan(estimate.q[7]).all()
-    flagged = np.count_nonzero(estimate.validity == Validity.INCONSISTENT) - 1
-    assert abs(flagged - 100) < 4 * np.sqrt(100)  # binomial, four standard errors
-    with pytest.raises(InputError, match="explains"):
-        estimate.require_valid()
-
-
-def run_cell(parameters):
-    return attitude_vectors.run(parameters, Streams(1, (1,))).rows
-
-
 def test_a_bound_with_a_reference_that_is_known():
     """The bound with almost no reference noise tends to that with none."""
     _, q, _, r = problem(70, 3)
@@ -269,7 +237,8 @@ def test_a_bound_with_a_reference_that_is_known():
 
 def test_where_first_order_fails_a_covariance_is_not_judged():
     parameters = attitude_vectors.Parameters(ratio=100.0, samples=4096)
-    rows = {str(row.statistic): row for row in run_cell(parameters)}
+    found = attitude_vectors.run(parameters, Streams(1, (1,))).rows
+    rows = {str(row.statistic): row for row in found}
     assert rows["nees[weighted]"].check == rows["nees[best of four]"].check == "nees"
     failed = rows["nees[combined]"]
     assert failed.check == "record"
@@ -288,14 +257,3 @@ def test_a_frame_that_is_singular_at_an_estimate_counts_nothing():
     )  # fmt: skip
     assert found[0] > 0.0
     assert found[1] == 0.0
-
-
-def test_a_turn_does_not_depend_on_the_sign_of_a_quaternion():
-    rng = np.random.default_rng(11)
-    q = normalize(rng.standard_normal(4))
-    turns = rng.uniform(-1.5, 1.5, (50, 3))
-    turns[0] = 0.0
-    estimates = compose(q, from_rotation_vector(turns))
-    for sign in (1.0, -1.0, rng.choice([-1.0, 1.0], (50, 1))):
-        found = rotation_error(sign * estimates, q)
-        np.testing.assert_allclose(found, turns, rtol=0, atol=1e-14)

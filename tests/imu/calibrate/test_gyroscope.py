@@ -12,7 +12,6 @@ from fits import CLEAN, G, H
 from places import recording
 from scipy import stats
 from scipy.spatial.transform import Rotation
-from test_fits import white
 from tumbles import (
     ACCELEROMETER,
     FIRST_UP,
@@ -216,42 +215,6 @@ def rows_of(rate):
         turned.append(turned[-1] * step)
     up = Rotation.concatenate(turned[1:]).inv().apply(FIRST_UP)
     return ACCELEROMETER.distort(G * up, ZERO), G * up
-
-
-@pytest.mark.slow
-def test_the_covariance_of_a_log_is_what_each_noise_moves():
-    """As in `test_fits`, of rows of both sensors; a sensitivity is taken out as it is
-    found, and what its error does to the moves and to the bias is stated."""
-    walk, std = 1e-5, 1e-4
-    force, true = rows_of(RATE)
-    sensor = GyroscopeModel(M=M, B=GYROSCOPE.B, G=SENSITIVITY)
-    rate = sensor.distort(RATE, ZERO, specific_force=true)
-
-    def fit(force, rate):
-        found = calibrate_imu(
-            TIME, force, rate, RESTS, g=G, pose_std=std, angle_random_walk=walk,
-            bias_random_walk=0.0, bias="constant", sensitivity=True, margin=1,
-            start=np.eye(3),
-        )  # fmt: skip
-        own = found.gyroscope
-        return np.r_[own.accelerometer, own.parameters, found.G.ravel()], found
-
-    base, stated = fit(force, rate)
-    np.testing.assert_allclose(stated.G, SENSITIVITY, atol=1e-9)
-    by = []
-    for a, b in RESTS:
-        for axis in np.eye(3):
-            other = force.copy()
-            other[a:b] += std * axis
-            by.append(fit(other, rate)[0] - base)
-    for noise in white(walk):
-        by.append(fit(force, rate + noise)[0] - base)
-    moved = np.array(by).T @ np.array(by)
-    size = np.sqrt(np.diagonal(stated.covariance))
-    off = (moved[:21, :21] - stated.covariance) / np.outer(size, size)
-    assert np.abs(off).max() < 0.03
-    sd = np.sqrt(np.diagonal(moved)[21:]).reshape(3, 3)
-    np.testing.assert_allclose(stated.G_sd, sd, rtol=0.03)
 
 
 @pytest.mark.ci

@@ -81,19 +81,6 @@ def test_order_of_each_integrator(scheme, order):
     np.testing.assert_allclose(slopes, order, atol=0.3)
 
 
-def test_chunks_hold_any_matrix_and_bias():
-    """(N1): the same ten numbers, another M and B; against chunks of one step."""
-    for matrix, bias in zip(MATRICES, BIASES, strict=True):
-        one = by_scheme(400, "averages", 1, matrix, bias)
-        error = [
-            off(by_scheme(400, "averages", c, matrix, bias), one) for c in (2, 4, 8)
-        ]
-        # what is left out is of the third order in a chunk's angle, 0.03 rad and more,
-        # and of alternating sign along a smooth path
-        assert error[0] < error[1] < error[2] < 1e-4
-        assert error[1] / error[0] > 3.5
-
-
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("chunk", [1, 4])
 def test_derivative_is_that_of_the_turn(scheme, chunk):

@@ -58,13 +58,6 @@ def test_columns_are_named_by_the_caller_or_by_the_header(tmp_path):
         np.testing.assert_array_equal(log.time, ROWS[:, 0])
 
 
-def test_rows_within_counts_by_time(tmp_path):
-    log = read_log(write(tmp_path, ROWS[:, :4]))
-    assert log.rows_within(0.035) == 4
-    with pytest.raises(InputError, match="`seconds`"):
-        log.rows_within(float("nan"))
-
-
 NUMBERS = [" ".join(f"{x:.3f}" for x in row) for row in ROWS[:, :4]]
 
 
@@ -81,6 +74,8 @@ REFUSED = [  # what a file holds, how it is read, and what is said
     (replaced(4, "0.04 1 2"), {}, "line 5: 3 columns, but the first row has 4"),
     (replaced(4, "0.03 1 2 3"), {}, "line 5: time 0.030000 s after 0.030000 s"),
     ("\n".join(NUMBERS[:5] + [f"9{n}" for n in NUMBERS[5:]]), {}, "line 6: a gap of"),
+    ("of us\n0.04 1 2\nand more\nt ax ay az\n" + replaced(0, NUMBERS[0]), {},
+     "line 2: 3 columns, but the rows from line 5"),
     ("1 2 3\n4 5 6\n", {}, "no time column and no rate"),
     ("1 2 3 4 5\n1 2 3 4 5\n", {}, "has 5 columns"),
     ("0 1 2 3\n", {}, "has one row"),

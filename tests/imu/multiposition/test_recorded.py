@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from made_logs import G, Motion, far, log_of
+from made_logs import G, Motion, log_of
 from places import recording
 from true_sensor import MODEL
 
@@ -13,7 +13,6 @@ from simval.imu.calibrate import calibrate
 from simval.imu.calibrate.diagnosis import diagnose
 from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log
-from simval.imu.multiposition.noise import white_noise
 from simval.imu.statics import (
     initial_rest,
     interval_means,
@@ -21,7 +20,6 @@ from simval.imu.statics import (
     variance_magnitude,
 )
 from simval.poses import fibonacci_sphere
-from simval.theory import calibration_moments
 
 XSENS_G = 9.81744
 FORMS = {
@@ -158,34 +156,6 @@ def synthetic(up, sigma=0.01, seed=0):
 
 def other(log, rows):
     return log_of(log.time, rows)
-
-
-def test_known_sensor_from_a_synthetic_log():
-    log = synthetic(fibonacci_sphere(24))
-    result = calibrate_log(log, g=G, predict=calibration_moments)
-    assert len(result.intervals) == 24
-    sigma = white_noise(log.accelerometer, result.intervals)
-    # a hold of 250 has its windows' worth left, 150 to 250 samples, known to 1 %
-    rows = np.diff(result.intervals)[:, 0]
-    np.testing.assert_allclose(sigma, 0.01 / np.sqrt(rows), rtol=0.03)
-    assert rows.min() >= 150
-    # of rows each written four times, means over blocks of four
-    four = white_noise(np.repeat(log.accelerometer, 4, 0), 4 * result.intervals, 4)
-    np.testing.assert_allclose(four, sigma, rtol=1e-9)
-    # the scatter is that of the noise, and the noise is at the bound: the reported
-    # sd varies as a chi with 15 degrees of freedom, 18 %
-    bound = np.sqrt(np.diag(result.predicted.cramer_rao))
-    assert np.all(np.abs(result.fit.sd / bound - 1) < 4 * 0.18)
-    # nine t values with 15 degrees of freedom, 1e-4 in all: 6
-    assert far(result.fit, MODEL.parameters) < 6.0
-    assert result.diagnosis.outliers == ()
-    assert "noise is the limit" in result.diagnosis.verdict
-    np.testing.assert_allclose(np.linalg.norm(result.next_direction), 1.0, rtol=1e-12)
-    # counts and SI give one calibration
-    counts = calibrate_log(other(log, 400.0 * log.accelerometer + 32768.0), g=G)
-    np.testing.assert_array_equal(counts.intervals, result.intervals)
-    np.testing.assert_allclose(counts.fit.K, result.fit.K / 400.0, rtol=1e-8)
-    np.testing.assert_allclose(counts.fit.B, result.fit.B * 400.0 + 32768, atol=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(2))

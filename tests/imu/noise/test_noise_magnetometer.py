@@ -114,31 +114,6 @@ def test_rows_of_which_no_own_readings_can_be_told_are_refused(kind):
             noise_of_readings(rows, RATE)
 
 
-@pytest.mark.parametrize("step", [4.0, 1e3])
-def test_steps_far_above_the_noise_are_said_in_their_own_words(step):
-    """Coarse, and no slower than the log: what other sensors are told of it."""
-    for axis in noise_of_readings(drawn(900, 300, step) + 0.3 * step, RATE):
-        assert not axis.coefficients
-        said = axis.statements[-1]
-        assert "steps of the converter" in said or "do not vary" in said
-
-
-@pytest.mark.parametrize("each", [1.0, 2.857, 8.0])
-def test_white_noise_of_a_slow_sensor(each):
-    """N of the readings at their own rate, which is what the sensor has."""
-    rate = 50.0 * each
-    rows = stood(drawn(1500, 5), each) if each > 1.0 else drawn(1500, 5)
-    truth = 1.0 / np.sqrt(50.0)
-    for axis in noise_of_readings(rows, rate):
-        white = axis.coefficients[0]
-        assert abs(axis.rate_hz / 50.0 - 1.0) < 1e-3
-        assert abs(white.value - truth) < 5.0 * white.sd
-    if each > 4.0:  # power: of the rows as they are, N is another or there is none
-        for axis in noise_of(rows, rate):
-            wrong = axis.coefficients and abs(axis.coefficients[0].value or 0.0) < truth
-            assert wrong or "not white" in " ".join(axis.statements)
-
-
 # The command
 
 FORCE = NoiseModel(white_raw_per_sqrt_hz=0.002)

@@ -156,6 +156,7 @@ def test_recorded_attitudes_give_the_integral_of_the_rate(kind, seed):
     at = Attitudes(time=time, q=often[::fine].as_quat(), step=h)
     places = np.round(cut.time[:, [0, -1]] / h).astype(int)
     exact = total[places[:, 1]] - total[places[:, 0]]
+    np.testing.assert_allclose(cut.seconds, h * np.diff(places)[:, 0], rtol=1e-12)
     np.testing.assert_allclose(cut.turn, exact, rtol=0, atol=1e-12)
     found = cut.truth(at, np.zeros(len(cut.time)))
     good = np.isfinite(found).all(axis=1)

@@ -260,21 +260,6 @@ def test_the_models_noise_is_taken_where_the_effects_state_none():
     np.testing.assert_allclose(own.gyroscope.raw, density.gyroscope.raw, rtol=1e-12)
 
 
-def test_noise_has_its_level_and_is_white():
-    """Of each axis, and beside the walk: no two numbers are correlated."""
-    effects = Effects(noise_std_raw=0.1, bias_walk_raw_per_sqrt_s=0.1)
-    readings = read_force(effects)
-    noise = readings.noise_raw / 0.1
-    low, high = stats.chi2.ppf([5e-5, 1 - 5e-5], noise.size)
-    assert low < np.sum(noise**2) < high
-    assert 1.02**2 * np.sum(noise**2) > high  # power: 2 % louder
-    walk = np.diff(readings.bias_walk_raw, axis=0) / (0.1 * np.sqrt(0.01))
-    pairs = (noise[1:], noise[:-1]), (noise, np.roll(noise, 1, 1)), (noise[1:], walk)
-    for one, other in pairs:  # means of 60 000 products of variance 1
-        limit = stats.norm.isf(1e-4 / 6) / np.sqrt(one.size)
-        assert abs(np.mean(one * other)) < limit
-
-
 def test_vibration_is_one_line_of_the_spectrum():
     amplitude = np.array([0.5, 0.0, 0.1])
     readings = read_force(Effects(vibration_m_s2=amplitude, vibration_hz=12.5))

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy.linalg
 from hypothesis import example, given
 from hypothesis import strategies as st
 from rounding import EPS
@@ -51,29 +50,6 @@ def test_the_model_is_the_one_of_the_source():
     assert -model.T[2, 0] == s_zx
     np.testing.assert_array_equal(model.matrix, model.T @ np.diag(PARAMETERS[3:6]))
     np.testing.assert_array_equal(model.parameters, PARAMETERS)
-
-
-def test_forms_against_scipy_factorisations():
-    """scipy's Cholesky and matrix square root share no code with `from_gram`."""
-    rng = np.random.default_rng(2)
-    for _ in range(20):
-        root = rng.normal(size=(3, 3)) + 3 * np.eye(3)
-        gram = root.T @ root
-        bias = rng.normal(size=3)
-        tolerance = 64 * EPS * np.linalg.cond(gram) * np.linalg.norm(root)
-        upper = forms.matrix("upper", forms.from_gram("upper", gram, bias))
-        np.testing.assert_allclose(
-            upper, scipy.linalg.cholesky(gram), rtol=0, atol=tolerance
-        )
-        lower = forms.matrix("triangular", forms.from_gram("triangular", gram, bias))
-        assert np.array_equal(lower, np.tril(lower))
-        np.testing.assert_allclose(
-            lower.T @ lower, gram, rtol=0, atol=64 * EPS * np.linalg.norm(gram)
-        )
-        symmetric = forms.matrix("symmetric", forms.from_gram("symmetric", gram, bias))
-        np.testing.assert_allclose(
-            symmetric, scipy.linalg.sqrtm(gram), rtol=0, atol=tolerance
-        )
 
 
 @pytest.mark.parametrize("model", MODELS)

@@ -88,21 +88,3 @@ def test_flicker_is_the_plain_sum_over_the_past():
         plain = [weights[: k + 1] @ normal[k::-1] for k in range(n, 2 * n)]
         # rounding of a transform of 150 numbers of size 1 and 3
         np.testing.assert_allclose(flicker[:, axis], size * np.array(plain), atol=1e-13)
-
-
-def test_one_effect_leaves_the_others_numbers_alone():
-    everything = NoiseModel(
-        white_raw_per_sqrt_hz=N, flicker_raw=[B, B, 0.0], walk_raw_per_sqrt_s=K
-    )
-    parts = everything.parts(300, RATE, stream(3, KEY, 0))
-    names = tuple(NoiseModel.__dataclass_fields__)
-    for place, name in enumerate(names):
-        one = NoiseModel(**{name: getattr(everything, name)})
-        alone = one.parts(300, RATE, stream(3, KEY, 0))
-        np.testing.assert_array_equal(alone[place], parts[place])
-        np.testing.assert_array_equal(
-            one.draw(300, RATE, stream(3, KEY, 0)), parts[place]
-        )
-        assert not any(alone[i].any() for i in range(3) if i != place)
-    assert not parts[2][0].any()  # the walk starts from zero
-    assert one.draw(1, 50.0, stream(3, KEY, 0)).shape == (1, 3)
