@@ -128,7 +128,8 @@ def _scipy(trial: int) -> Float[Array, "3 3"]:
 
     def residual(values: Array) -> Array:
         q = _runge_kutta(samples @ values.reshape(3, 3).T)
-        return (_turned_back(q, u[:-1]) - u[1:]).ravel()
+        turned = scipy.spatial.transform.Rotation.from_quat(q)
+        return (turned.apply(u[:-1], inverse=True) - u[1:]).ravel()
 
     return scipy.optimize.least_squares(
         residual, np.eye(3).ravel(), xtol=1e-12, ftol=1e-12, gtol=1e-12
@@ -151,9 +152,3 @@ def _runge_kutta(w: Float[Array, "k n 3"]) -> Float[Array, "k 4"]:
 def _slope(q: Float[Array, "k 4"], w: Float[Array, "k 3"]) -> Float[Array, "k 4"]:
     vector = q[:, 3:] * w + np.cross(q[:, :3], w)
     return 0.5 * np.concatenate([vector, -(q[:, :3] * w).sum(1, keepdims=True)], axis=1)
-
-
-def _turned_back(q: Float[Array, "k 4"], v: Float[Array, "k 3"]) -> Float[Array, "k 3"]:
-    e, s = q[:, :3], q[:, 3:]
-    twice = 2.0 * np.cross(-e, v)
-    return v + s * twice + np.cross(-e, twice)
