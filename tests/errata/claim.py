@@ -58,8 +58,8 @@ def claim(source: str) -> Callable[..., Any]:
 def claims(source: str, **entries: Any) -> Callable[..., Any]:
     """Give a decorator that enters each claim of a group, in the order of its lines.
 
-    `entries` has the place of a claim, or its place, verdict and perhaps tolerance; a
-    name `eq_34` that is not there is the equation (34), and right.
+    `entries` has the place of a claim, or its place, verdict and options; a name
+    `eq_34` that is not there is the equation (34), and right.
     """
 
     def enter(group: Any) -> Any:
@@ -68,8 +68,8 @@ def claims(source: str, **entries: Any) -> Callable[..., Any]:
             if name not in entries and not number:
                 continue
             entry = entries.get(name, f"({number[1]})" if number else "")
-            place, verdict, *tol = (entry, RIGHT) if isinstance(entry, str) else entry
-            options = {"tol": tol[0]} if tol else {}
+            place, verdict, *more = (entry, RIGHT) if isinstance(entry, str) else entry
+            options = more[0] if more else {}
 
             def evaluate(rng: np.random.Generator, name: str = name) -> Any:
                 return group(rng)[name]
@@ -78,6 +78,12 @@ def claims(source: str, **entries: Any) -> Callable[..., Any]:
         return group
 
     return enter
+
+
+def unevaluated(source: str, *places: str, verdict: str = WORDING) -> None:
+    """Enter slips of words, or what is illegible: nothing to evaluate."""
+    for place in places:
+        add(source, place, verdict)
 
 
 def add(

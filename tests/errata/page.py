@@ -39,13 +39,13 @@ def table(source: str) -> list[str]:
     return rows
 
 
-def main() -> None:
-    """Print all tables."""
+def text() -> str:
+    """All tables, as the page ends with them."""
     lines = counts()
     for source, title in SOURCES.items():
         lines += ["", f"### {title}: all", "", *table(source)]
-    sys.stdout.write("\n".join(lines) + "\n")
+    return "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":
-    main()
+    sys.stdout.write(text())

@@ -9,22 +9,12 @@ repeat, and that they repeat it is a misprint of its own.
 
 from functools import cache
 
-from errata.claim import MISPRINTED, RIGHT, WORDING, add
-from errata.polynomials import (
-    INDICES,
-    Q,
-    R,
-    U,
-    X,
-    elements,
-    isserlis,
-    printed,
-    times,
-)
+from errata.claim import MISPRINTED, RIGHT, add, unevaluated
+from errata.polynomials import INDICES, Q, R, U, X, elements, isserlis, printed, times
 
 SOURCE = "quaternion"
 TABLES = printed()
-add(SOURCE, "section 5, Term 5: no elements are printed", WORDING)
+unevaluated(SOURCE, "section 5, Term 5: no elements are printed")
 
 
 def term_2(i, j):
@@ -91,9 +81,7 @@ ITEMS = {
         "6q2^2q3q4(s2^2s3^2+2s23^2)": ("3q2^2q3q4(s2^2s3^2+2s23^2)", "34 43"),
         "3q2q3q4^2(s24s3^2+2s23s34)": ("6q2q3q4^2(s24s3^2+2s23s34)", "34 43"),
     },
-    "term 4, moments": {
-        "3s1^2+3s2^2+3s3^2+3s4^2": ("3s1^4+3s2^4+3s3^4+3s4^4", "00"),
-    },
+    "term 4, moments": {"3s1^2+3s2^2+3s3^2+3s4^2": ("3s1^4+3s2^4+3s3^4+3s4^4", "00")},
     "term 6, moments": {
         "12q1q3^3s2^2s12": ("12q1q2^3s2^2s12", "00"),
         "12q1q3^2s3^2s13": ("12q1q3^3s3^2s13", "00"),

@@ -2,17 +2,20 @@
 
 import numpy as np
 
-from errata.claim import FALSE, ILLEGIBLE, MISPRINTED, add, claims
-from errata.gaussian import quadratic
+from errata.claim import FALSE, ILLEGIBLE, MISPRINTED, claims, unevaluated
 from errata.geometry import covariance, mean_square, quaternion, unit
 from errata.geometry import gaussian_mean as mean
-from errata.moments import normal_matrix
+from errata.moments import normal_matrix, quadratic
 
 SOURCE = "quaternion"
-add(SOURCE, "section 5, Term 3: its products", ILLEGIBLE)
-add(SOURCE, "section 5, Term 6: its products", ILLEGIBLE)
-add(SOURCE, "section 5, Term 2: products 31 and 32", ILLEGIBLE)
-add(SOURCE, "section 5, Term 3: moment 44", ILLEGIBLE)
+unevaluated(
+    SOURCE,
+    "section 5, Term 3: its products",
+    "section 5, Term 6: its products",
+    "section 5, Term 2: products 31 and 32",
+    "section 5, Term 3: moment 44",
+    verdict=ILLEGIBLE,
+)
 
 
 @claims(
@@ -103,11 +106,7 @@ def six_terms(rng):
     term_2 = (
         square,
         six(q, P, second=lambda u, x: -3 * u**3 * np.outer(x, q)),
-        six(
-            q,
-            P,
-            second=lambda u, x: -1.5 * u**3 * (np.outer(x, q) + np.outer(q, x)),
-        ),
+        six(q, P, second=lambda u, x: -1.5 * u**3 * (np.outer(x, q) + np.outer(q, x))),
     )
     term_3 = (
         square,

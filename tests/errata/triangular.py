@@ -2,19 +2,21 @@
 
 import numpy as np
 
-from errata.claim import MISPRINTED, WORDING, add, claims
+from errata.claim import MISPRINTED, claims, unevaluated
 from errata.geometry import jacobian
 
-add("imu-tk", "L_k and e_k are one quantity under two names, h and h~ too", WORDING)
-add("imu-tk", "the three blocks of dh/dtheta and of J_k have no brackets", WORDING)
-add("imu-tk", "p of R^(3 x p) is not said: 9", WORDING)
-add("imu-tk", "J_k: an index alpha for x, twice †", WORDING)
-add(
+unevaluated(
+    "imu-tk",
+    "L_k and e_k are one quantity under two names, h and h~ too",
+    "the three blocks of dh/dtheta and of J_k have no brackets",
+    "p of R^(3 x p) is not said: 9",
+    "J_k: an index alpha for x, twice †",
+)
+unevaluated(
     "scalar",
     "K, for which one solves in the end, is not said: the inverse of K'",
-    WORDING,
+    "|g| and g_0 are one quantity",
 )
-add("scalar", "|g| and g_0 are one quantity", WORDING)
 
 
 def shape(syx, szx, szy):

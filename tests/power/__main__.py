@@ -12,13 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from power.matrix import Result, faults, inject_all
 from power.random_settings import SETTINGS
-from power.rates import (
-    Rate,
-    attitude_rows,
-    calibration_rows,
-    false_alarm_rates,
-    powers,
-)
+from power.rates import Rate, attitude_rows, calibration_rows, false_alarm_rates, powers
 from power.tails import Tail, tails
 
 CLEAN_RUNS = {0.05: 2000, 0.01: 2000, 0.001: 20_000}

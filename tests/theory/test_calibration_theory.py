@@ -14,12 +14,7 @@ from true_sensor import MODEL, G
 from simval.errors import GeometryError
 from simval.imu.calibrate import calibrate
 from simval.imu.sensor import MODELS, AccelerometerModel, forms
-from simval.poses import (
-    cube_faces,
-    fibonacci_sphere,
-    observability,
-    random_directions,
-)
+from simval.poses import cube_faces, fibonacci_sphere, observability, random_directions
 from simval.theory.calibration import EVEN, RESIDUALS, calibration_moments
 
 

@@ -8,11 +8,7 @@ import pytest
 from rounding import EPS
 
 from simval.errors import InputError, RefusedError
-from simval.theory.cubature import (
-    covariance_roots,
-    cubature_moments,
-    smolyak_hermite,
-)
+from simval.theory.cubature import covariance_roots, cubature_moments, smolyak_hermite
 
 
 def normal_moment(monomial):

@@ -9,16 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_paths import (
-    FIELD,
-    UP,
-    Plain,
-    corrected,
-    model,
-    propagated,
-    sensors,
-    wobble,
-)
+from filter_paths import FIELD, UP, Plain, corrected, model, propagated, sensors, wobble
 from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError

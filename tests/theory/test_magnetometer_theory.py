@@ -20,9 +20,7 @@ from simval.geometry import random_quaternions
 from simval.imu.calibrate import calibrate_magnetometer, ellipsoid_then_rotation
 from simval.imu.sensor import MODELS, AccelerometerModel, MagnetometerModel
 from simval.theory import magnetometer as own
-from simval.theory import (
-    magnetometer_moments,
-)
+from simval.theory import magnetometer_moments
 from simval.theory.estimating import Block, Estimating
 
 NOISE = {"accelerometer_std": BODY_STD, "magnetometer_std": IRON_STD}

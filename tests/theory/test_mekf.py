@@ -2,24 +2,8 @@
 
 import numpy as np
 import pytest
-from filter_paths import (
-    FIELD,
-    UP,
-    G,
-    corrected,
-    cross,
-    propagated,
-    step,
-)
-from filter_trials import (
-    FAULTS,
-    NOISE,
-    SKIP,
-    expected,
-    gimbal,
-    model_of,
-    trials,
-)
+from filter_paths import FIELD, UP, G, corrected, cross, propagated, step
+from filter_trials import FAULTS, NOISE, SKIP, expected, gimbal, model_of, trials
 from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError

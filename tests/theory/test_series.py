@@ -33,9 +33,7 @@ def test_moments_of_the_length_of_a_vector():
     # three dimensions: the standard result for the Maxwell distribution off centre
     g, s = 2.0, 0.1
     found = series_moments(
-        lambda v: [np.sqrt(np.sum(v * v))],
-        [[0.0, 0.0, g]],
-        [s**2 * np.eye(3)],
+        lambda v: [np.sqrt(np.sum(v * v))], [[0.0, 0.0, g]], [s**2 * np.eye(3)]
     )
     # a handful of series operations, no cancellation
     assert found.bias[0] == pytest.approx(-(s**2) / g, rel=100 * EPS, abs=0)

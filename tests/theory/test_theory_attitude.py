@@ -25,16 +25,8 @@ from simval.geometry import (
     normalize,
     random_quaternions,
 )
-from simval.imu.attitude import (
-    case_quaternion,
-    two_vector_quaternion,
-    wahba_quaternion,
-)
-from simval.imu.attitude.kernel import (
-    column_matrix,
-    normalize_columns,
-    raw_quaternion,
-)
+from simval.imu.attitude import case_quaternion, two_vector_quaternion, wahba_quaternion
+from simval.imu.attitude.kernel import column_matrix, normalize_columns, raw_quaternion
 from simval.moments import Moments
 from simval.theory import (
     attitude_bound,
