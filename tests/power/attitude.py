@@ -90,11 +90,11 @@ FORMULA = (
 def off(changed_order, change):
     """The covariance of an order changed by (itself, that of second order)."""
 
-    def broken(original, q, r1, r2, noise, order=2):
-        moments = original(q, r1, r2, noise, order)
+    def broken(original, q, r1, r2, noise, order=2, frame=None):
+        moments = original(q, r1, r2, noise, order, frame)
         if order != changed_order:
             return moments
-        lower = original(q, r1, r2, noise, 2).covariance
+        lower = original(q, r1, r2, noise, 2, frame).covariance
         return replace(moments, covariance=change(moments.covariance, lower))
 
     return broken

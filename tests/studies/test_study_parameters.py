@@ -37,7 +37,7 @@ CHEAP = {  # how many cells, and what a cell may cost, s
     "calibration": (4, 0.1),
     "ladder": (6, 0.06),
     "solvers": (6, 1.0),
-    "attitude_order": (8, 1.0),
+    "attitude_order": (4, 1.0),
     "attitude_vectors": (1, 0.6),
     "attitude": (1, 1.0),
 }
