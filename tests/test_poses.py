@@ -86,6 +86,26 @@ def test_three_advised_directions_complete_the_cube():
     assert found.condition < 20
 
 
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_advice_below_full_rank_beats_a_thousand_random_completions(count):
+    """Followed to nine poses; least totals of what is told, step by step, do not."""
+
+    def total(directions):
+        j = direction_jacobian(directions)
+        normal = np.swapaxes(j, -1, -2) @ j
+        return np.trace(np.linalg.inv(normal), axis1=-2, axis2=-1)
+
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        given = advised = random_directions(count, rng)
+        while len(advised) < 9:
+            advised = np.vstack([advised, observability(advised).next_direction])
+        more = random_directions(1000 * (9 - count), rng).reshape(1000, -1, 3)
+        first = np.broadcast_to(given, (1000, count, 3))
+        random_ones = total(np.concatenate([first, more], axis=1))
+        assert total(advised) < random_ones.min()
+
+
 def test_words():
     rng = np.random.default_rng(1)
     rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
