@@ -29,9 +29,10 @@ import numpy as np
 from simval.arguments import instance
 from simval.arrays import Array, physical_array
 from simval.errors import InputError
-from simval.imu.calibrate.equations import Problem, Solution, minimize, weighed
+from simval.imu.calibrate.equations import Problem
 from simval.imu.calibrate.estimate import NORMAL_95, Estimate, nine_axis_lines
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors
+from simval.imu.calibrate.gauss_newton import Solution, minimize, weighed
 from simval.imu.calibrate.gyroscope.noise import checked_pose_std, noise_of
 from simval.imu.calibrate.gyroscope.path_statistics import InterRestRotations
 from simval.imu.calibrate.gyroscope.residuals import InterRest

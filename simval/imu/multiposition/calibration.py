@@ -34,7 +34,6 @@ from simval.imu.calibrate.gyroscope.imu import joined
 from simval.imu.logs import Log
 from simval.imu.multiposition.description import log_lines, sensor_lines
 from simval.imu.multiposition.faults import (
-    case_of,
     explained,
     for_a_log,
     require_alive,
@@ -43,7 +42,7 @@ from simval.imu.multiposition.faults import (
     require_unsaturated,
 )
 from simval.imu.multiposition.noise import PoseNoise, pose_noise
-from simval.imu.multiposition.rests import find_rests
+from simval.imu.multiposition.rests import case_of, find_rests
 from simval.imu.noise import NoiseFile
 from simval.imu.statics import Intervals, Rest, interval_means
 from simval.poses import PARAMETERS, observability

@@ -14,9 +14,9 @@ from simval.imu.calibrate.equations import (
     Magnetometer,
     Problem,
     Sensor,
-    minimize,
 )
 from simval.imu.calibrate.estimate import NORMAL_95
+from simval.imu.calibrate.gauss_newton import minimize
 from simval.imu.sensor import MODELS, forms
 from simval.theory.plans import error_bars, next_best
 

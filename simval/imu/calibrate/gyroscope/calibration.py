@@ -22,15 +22,9 @@ from simval.arrays import Array, physical_array
 from simval.errors import GeometryError, InputError
 from simval.geometry import normalize
 from simval.imu.calibrate.drift import Drift, find_drift
-from simval.imu.calibrate.equations import (
-    Accelerometer,
-    HeldAccelerometer,
-    Problem,
-    Solution,
-    minimize,
-    weighed,
-)
+from simval.imu.calibrate.equations import Accelerometer, HeldAccelerometer, Problem
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors
+from simval.imu.calibrate.gauss_newton import Solution, minimize, weighed
 from simval.imu.calibrate.gyroscope.noise import checked_pose_std, floored, noise_of
 from simval.imu.calibrate.gyroscope.path_statistics import InterRestRotations, merged
 from simval.imu.calibrate.gyroscope.residuals import (

@@ -21,15 +21,10 @@ from simval.arrays import (
 )
 from simval.errors import GeometryError, InputError, RefusedError
 from simval.imu.calibrate.accelerometer import checked_time, pose_means
-from simval.imu.calibrate.equations import (
-    Accelerometer,
-    Magnetometer,
-    Prior,
-    Problem,
-    residuals,
-)
+from simval.imu.calibrate.equations import Accelerometer, Magnetometer, Prior, Problem
 from simval.imu.calibrate.evidence import repeated_poses
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
+from simval.imu.calibrate.gauss_newton import residuals
 from simval.imu.calibrate.magnetometer.evidence import (
     STATUS_NAMES,
     Code,

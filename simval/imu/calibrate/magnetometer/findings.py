@@ -23,7 +23,8 @@ import scipy
 from simval.arrays import Array
 from simval.geometry import normalize
 from simval.imu.calibrate.drift import Drift, find_drift
-from simval.imu.calibrate.equations import Problem, Sensor, minimize
+from simval.imu.calibrate.equations import Problem, Sensor
+from simval.imu.calibrate.gauss_newton import minimize
 from simval.imu.calibrate.goodness_of_fit import Deletion
 from simval.imu.calibrate.magnetometer.evidence import Fitted
 from simval.imu.calibrate.magnetometer.result import DIP, IRON

@@ -40,13 +40,8 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import GeometryError, InputError
 from simval.imu.calibrate.accelerometer import pose_means
-from simval.imu.calibrate.equations import (
-    Prior,
-    Problem,
-    Solution,
-    minimize,
-    solved,
-)
+from simval.imu.calibrate.equations import Prior, Problem, solved
+from simval.imu.calibrate.gauss_newton import Solution, minimize
 from simval.imu.calibrate.magnetometer.result import (
     ACCELEROMETER,
     DIP,

@@ -1,0 +1,197 @@
+r"""The solver of the calibration core, and the noise that its residuals ask for.
+
+Reweighted Gauss-Newton for a batch of trials: each step takes V of eq. (M4) at the
+parameters at hand, so it ends where :math:`J^T V^{-1} c = 0`. A step must lower the
+cost under the weights it was made with, or be short against its error bars; else it is
+damped. A trial ends when its next step is less than `TOLERANCE` of its own error bars,
+or changes no row by more than rounding; it leaves the batch then, with its last
+linearisation, so no trial depends on its neighbours.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.errors import RefusedError
+from simval.imu.calibrate.equations import Local, Problem
+from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
+from simval.imu.calibrate.goodness_of_fit import Residuals, Source
+from simval.shapes import Float
+
+TOLERANCE = 1e-8
+"""Of a standard deviation: a step's effect on any result is 1e-8 of its error bar."""
+_ROUNDING = 1e-14  # of a row: all are of size one
+# Of a standard deviation: a shorter step is taken whatever the cost says, as it gains
+# less than the cost's rounding, which noise of 1e-5 of a reading makes 1e-10.
+_NEAR = 1e-4
+_MARGIN = 0.1  # a rate of convergence may be ten times what two steps show
+_SHORT = 4  # further steps by a linearisation
+_FIRST_DAMPING, _LAST_DAMPING = 1e-4, 1e12  # of the diagonal
+
+
+def residuals(problem: Problem, here: Local) -> Residuals:
+    """Rows of the first trial, and whose noise is in them.
+
+    What is not noise of the sensors that are read at rest is that of the turns.
+    """
+    rows = len(here.rows[0])
+    L = here.white[0] @ here.L[0].reshape(*here.white.shape[1:-1], -1)
+    if problem.turns is None:
+        n, e, m = L.shape
+        noise, each = np.zeros((n, e, n, m)), np.arange(n)
+        noise[each, :, each] = L
+    else:
+        noise = L
+    noise = noise.reshape(rows, len(problem.sensors[0].readings[0]), -1)
+    sources = []
+    for name, own in problem.noises.items():
+        flat = noise[..., own].reshape(rows, -1)
+        sources.append(
+            Source(
+                name=name, covariance=flat @ flat.T, item="rest",
+                items=np.moveaxis(noise[..., own], 1, 0),
+                parameters=problem.columns[name],
+            )
+        )  # fmt: skip
+    if problem.turns is not None:
+        name, (count, size) = problem.turns.name, problem.turns.item
+        moves = here.white[0][:, : count * size].reshape(rows, count, size)
+        sources.append(
+            Source(
+                name=name, item="move", items=np.moveaxis(moves, 1, 0),
+                covariance=np.eye(rows) - sum(s.covariance for s in sources),
+                parameters=problem.columns[name],
+            )
+        )  # fmt: skip
+    return Residuals(
+        r=here.rows[0], J=here.slopes[0], sources=tuple(sources), names=problem.names
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Solution:
+    """End point of the iteration of each trial."""
+
+    theta: Float[Array, "t p"]
+    iterations: Any  # steps tried, (t,)
+    converged: Any  # bool, (t,)
+    step: Float[Array, " t"]  # the last, in standard deviations
+    here: Local  # the last linearisation, and the rows a step below `TOLERANCE` before
+
+
+def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> Solution:
+    r"""Solve the equations of each trial from its own start; of one that is NaN, none.
+
+    With turns a linearisation is kept while steps shrink tenfold. Its weights and
+    slopes are those of its own place, so each linearisation lowers the error by a rate
+    :math:`\rho` of the size of the relative noise, which two of them show as the ratio
+    of their steps; it is the last where :math:`\rho` times its step is below
+    `TOLERANCE`, as of a simplified Newton method (Hairer and Wanner, Solving Ordinary
+    Differential Equations II, section IV.8).
+    """
+    count, ends = len(theta), list[tuple[Any, dict[str, Array]]]()
+    theta, damping = theta.copy(), np.zeros(count)
+    iterations, converged = np.zeros(count, dtype=int), np.zeros(count, dtype=bool)
+    last, before = np.full(count, np.nan), np.full(count, np.nan)
+    active = np.flatnonzero(np.isfinite(theta).all(axis=1))
+    with np.errstate(all="ignore"):  # a hopeless trial overflows and ends unconverged
+        for _ in range(most):
+            if active.size == 0:
+                break
+            part = problem if active.size == count else problem.take(active)
+            here = part.local(theta[active])
+            step = here.step(here.rows, damping[active])
+            iterations[active] += 1
+            tried: Array = theta[active] + step
+            after = part.values(tried, here)
+            change = np.matvec(here.slopes, step)
+            moved = np.linalg.norm(change, axis=1)
+            small = (moved <= TOLERANCE) | _rounding(change, here.white)
+            better = small | (moved <= _NEAR)
+            better |= np.vecdot(after, after) < here.chi_square
+            if part.turns is not None:
+                rate = moved / before[active]
+                before[active] = moved
+                tried, left, after = _settled(part, here, tried, after, moved, better)
+                small |= (rate * moved <= _MARGIN * TOLERANCE) & (left <= TOLERANCE)
+                moved = left
+            theta[active[better]] = tried[better]
+            last[active] = moved
+            damping[active] = _next_damping(damping[active], better)
+            done = small & (damping[active] == 0.0)
+            converged[active[done]] = True
+            if done.any():
+                ends.append((active[done], here.ended(done, after)))
+            active = active[~done & (damping[active] < _LAST_DAMPING)]
+        others = np.flatnonzero(~converged)
+        if others.size:
+            here = problem.take(others).local(theta[others])
+            ends.append((others, here.ended(slice(None), here.rows)))
+        joined = {k: np.concatenate([end[k] for _, end in ends]) for k in ends[-1][1]}
+        order = np.argsort(np.concatenate([trials for trials, _ in ends]))
+        here = Local(
+            at=problem.corrected(theta), **{k: v[order] for k, v in joined.items()}
+        )
+    return Solution(
+        theta=theta, iterations=iterations, converged=converged, step=last, here=here
+    )
+
+
+def _settled(
+    part: Problem, here: Local, theta: Array, rows: Array, moved: Array, better: Any
+) -> tuple[Float[Array, "t p"], Float[Array, " t"], Float[Array, "t r"]]:
+    # further steps by the same linearisation while they shrink; where, the last, and
+    # the rows before it
+    theta, moved, before = np.array(theta), np.array(moved), np.array(rows)
+    none = np.zeros(len(theta))
+    still = better & (moved > TOLERANCE)
+    for _ in range(_SHORT):
+        step = here.step(rows, none)
+        size = np.linalg.norm(np.matvec(here.slopes, step), axis=1)
+        still &= size < 0.1 * moved
+        theta[still] += step[still]
+        moved[still], before[still] = size[still], rows[still]
+        still &= size > TOLERANCE
+        if not still.any():
+            break
+        rows = part.values(theta, here)
+    return theta, moved, before
+
+
+def _rounding(change: Float[Array, "t r"], white: Array) -> Any:
+    # whether whitened rows change by no more than rounding of the rows themselves
+    least = _ROUNDING * np.einsum("...ii->...i", white).reshape(len(change), -1)
+    return np.all(np.abs(change[:, : least.shape[1]]) <= least, axis=1)
+
+
+def _next_damping(damping: Array, better: Any) -> Float[Array, " t"]:
+    less = np.where(damping > _FIRST_DAMPING, damping / 10.0, 0.0)
+    more = np.maximum(damping * 10.0, _FIRST_DAMPING)
+    return np.where(better, less, more)
+
+
+def weighed(
+    problem: Problem, stated: Solution, most: int
+) -> tuple[Problem, Solution, NoiseFactors]:
+    """One trial by the noise that its residuals ask for, where it is more than stated.
+
+    Raises
+    ------
+    RefusedError
+        If they ask for more than a calibration can have.
+    """
+
+    def fit(last: tuple[Problem, Solution], factor: Any) -> Any:
+        noisier = problem.noisier(*factor)
+        return noisier, minimize(noisier, last[1].theta, most)
+
+    (used, found), noise = judged(
+        (problem, stated), fit, lambda last: residuals(last[0], last[1].here)
+    )
+    if not found.converged[0]:  # residuals of no solution
+        return problem, stated, NOT_JUDGED
+    if noise.refusal:
+        raise RefusedError(noise.refusal)
+    return used, found, noise
