@@ -5,11 +5,11 @@ module is imported at the start of every Python (by ``sitecustomize``), it patch
 `simval.sweep.executors` at the moment that module has been imported.
 """
 
-import importlib.util
 import os
 import signal
-import sys
 import time
+
+from hooks import after_import
 
 VARIABLE = "SIMVAL_TEST_POISON"
 MODULE = "simval.sweep.executors"
@@ -30,24 +30,6 @@ def spoil(module):
     module.execute = execute
 
 
-class Hook:
-    """Finds the one module, and spoils it once it has been executed."""
-
-    def find_spec(self, name, path=None, target=None):
-        if name != MODULE:
-            return None
-        sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(name)
-        load = spec.loader.exec_module
-
-        def exec_module(module):
-            load(module)
-            spoil(module)
-
-        spec.loader.exec_module = exec_module
-        return spec
-
-
 def install():
     """Watch for the module."""
-    sys.meta_path.insert(0, Hook())
+    after_import(MODULE.__eq__, spoil)

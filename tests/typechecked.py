@@ -10,14 +10,13 @@ import ast
 import random
 import sys
 from functools import wraps
-from importlib.abc import MetaPathFinder
-from importlib.machinery import PathFinder
 from inspect import isfunction
 from pathlib import Path
 from typing import Any, Self
 from unittest.mock import patch
 
 import numpy as np
+from hooks import after_import
 from jaxtyping import jaxtyped
 
 from docs.site.equations import room_of
@@ -106,27 +105,7 @@ def check_class(kind):
             setattr(kind, name, checked(value))
 
 
-class Finder(MetaPathFinder):
-    """Finds simval's modules as ever, and checks each once it is executed."""
-
-    def find_spec(self, name, path=None, target=None):
-        """Spec of a module of simval with its execution extended."""
-        if name.split(".")[0] != "simval":
-            return None
-        spec = PathFinder.find_spec(name, path, target)
-        if spec is None or spec.loader is None:
-            return spec
-        execute = spec.loader.exec_module
-
-        def exec_module(module):
-            execute(module)
-            check_module(module)
-
-        spec.loader.exec_module = exec_module
-        return spec
-
-
 if "simval" in sys.modules:
     msg = "simval is imported already: its calls would go unchecked"
     raise RuntimeError(msg)
-sys.meta_path.insert(0, Finder())
+after_import(lambda name: name.split(".")[0] == "simval", check_module)

@@ -6,6 +6,9 @@ import re
 import pytest
 from places import EXAMPLES, ROOT
 
+import simval
+from simval.sweep import load_suite
+
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 TARGETS = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", TEXT)
 
@@ -18,15 +21,8 @@ def loaded(path):
     return module
 
 
-@pytest.fixture
-def described():
-    """What makes the package's description; the build backend need not be installed."""
-    return loaded(ROOT / "description.py").described
-
-
 def test_the_example_runs(capsys):
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    (example,) = re.findall(r"```python\n(.*?)```", TEXT, flags=re.DOTALL)
     scope = {}
     exec(compile(example, "README.md", "exec"), scope)
     out = capsys.readouterr().out
@@ -38,10 +34,7 @@ def test_the_example_runs(capsys):
 
 
 def test_the_suite_example_is_valid(tmp_path):
-    from simval.sweep import load_suite
-
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    (suite,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
+    (suite,) = re.findall(r"```toml\n(.*?)```", TEXT, flags=re.DOTALL)
     path = tmp_path / "poses.toml"
     path.write_text(suite)
     assert len(load_suite(str(path)).cells) == 6
@@ -53,8 +46,6 @@ def test_every_link_leads_somewhere():
 
 
 def test_the_wheels_name_is_the_version():
-    import simval
-
     pages = [
         TEXT,
         *((ROOT / "docs" / f"{n}.md").read_text() for n in ("ci", "cluster")),
@@ -66,15 +57,14 @@ def test_the_wheels_name_is_the_version():
     assert not re.findall(r"pip install '?simval\b(?!-)", "".join(pages))
 
 
-def test_the_packages_description_needs_no_files(described):
+def test_the_packages_description_needs_no_files():
+    """What makes it is read as a file: the build backend need not be installed."""
+    described = loaded(ROOT / "description.py").described
     text = described(TEXT)
     assert "](" not in text
     assert text.count("*Figure: ") == 3
     assert "how many poses do I need? (`docs/tutorials/question.md`)" in text
     assert described("[a](#b) and [c](https://d)") == "[a](#b) and [c](https://d)"
-
-
-def test_the_packages_description_where_the_files_have_an_address(described):
     links = re.findall(r"\]\(([^)]+)\)", described(TEXT, "https://host/raw"))
     assert len(links) == len(TARGETS)
     assert all(link.startswith("https://host/raw/") for link in links)

@@ -334,17 +334,23 @@ def calibrate_imu(
     pose_std : float or array_like, optional
         Noise of each axis of a pose mean, raw units, one number, (m,) or (m, 3); white
         noise from the scatter within rests if not given.
-    angle_random_walk, clock_jitter, estimator, start : optional
-        As in `calibrate_gyroscope`.
+    angle_random_walk : float or array_like, optional
+        As in `calibrate_gyroscope`; from the rests if not given.
     bias_random_walk : float, optional
         K of the gyroscope, raw units times root hertz; from the differences between
         rests if not given.
+    clock_jitter : float, default 0.0
+        As in `calibrate_gyroscope`.
     bias : {"auto", "constant", "line"}
         Model of the bias; auto chooses by evidence.
     sensitivity : bool, optional
         Whether specific force acts on the gyroscope; by the F test if not given.
+    estimator : {"joint", "generalised", "unweighted"}
+        As in `calibrate_gyroscope`.
     scheme, margin, chunk, full_scale : optional
         As in `inter_rest_rotations`.
+    start : optional
+        As in `calibrate_gyroscope`.
 
     Returns
     -------
