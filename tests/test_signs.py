@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from simval.imu.sensor import MODELS, AccelerometerModel, forms
-from simval.report.formatting import sign_of_entries
-from simval.statistics import BIAS, SD
 
 G = 9.80665
 
@@ -50,11 +48,6 @@ def test_the_command_prints_the_entry_of_T(tmp_path, simval):
     T = np.array([row.split() for row in rows], dtype=float)
     # of sigma 2e-5 the wrong sign is 0.04 away: a quarter of S_zx tells them apart
     assert abs(T[2, 0] + 0.02) < 0.005
-
-
-def test_tables_that_name_it_say_its_sign():
-    assert "minus the entry T[2][0]" in sign_of_entries([SD("K_x"), BIAS("S_zx")])
-    assert sign_of_entries([SD("K_x")]) == ""
 
 
 def test_a_plan_says_entries_of_the_matrix(simval):
