@@ -467,7 +467,7 @@ def test_the_filter_leaves_exactly_the_rows_that_match(opened, run):
     assert {"verdict", "study", "against"} <= {titles[i] for i in choices}
     rng = random.Random(7)
     counts = set()
-    for _ in range(60):
+    for _ in range(24):
         example = rng.choice(rows)  # a row that the filter finds, most of the time
         wanted = {
             titles[i]: (example if rng.random() < 0.8 else rng.choice(rows))[i]
@@ -486,7 +486,7 @@ def test_the_filter_leaves_exactly_the_rows_that_match(opened, run):
         assert shown == expected
         assert said.startswith(f"{sum(expected)} of {len(rows)} rows")
         counts.add(sum(expected))
-    assert len(counts) > 10  # the family is not all or nothing
+    assert len(counts) > 6  # the family is not all or nothing
     shown, said = tab.run(FILTER % "{}")
     assert all(shown)
     more = len(table.rows) > len(rows)

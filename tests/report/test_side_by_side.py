@@ -26,7 +26,7 @@ from simval.report.paint import svg
 from simval.report.section import Context
 from simval.report.table import csv_text, text
 from simval.results import unjudged
-from simval.statistics import CRAMER_RAO, EFFICIENCY, FAMILIES, Family
+from simval.statistics import CRAMER_RAO, EFFICIENCY, LEFT
 
 A, B = "mine.py:a", "simval:wahba"
 
@@ -47,7 +47,8 @@ def fields(table, name):
 
 
 def test_each_algorithm_has_a_row_with_all_that_is_known(tmp_path):
-    found = fields(table_of(league(tmp_path)), "league.py:estimator-5")
+    table = table_of(league(tmp_path))
+    found = fields(table, "league.py:estimator-5")
     assert found["checks"] == "fail"
     for noise in ("0.001", "0.01", "0.05"):
         # RMS over the bound, as the rows say
@@ -56,19 +57,15 @@ def test_each_algorithm_has_a_row_with_all_that_is_known(tmp_path):
     assert found["NEES"] == (pytest.approx(1.5), pytest.approx(0.02 / 3.0))
     assert found["call, ms"] == pytest.approx(6.0)
     assert found["× built-in"] == pytest.approx(6.0)
-    assert (
-        found["fails at"]
-        == f"reference{SPACE}as{SPACE}body{SPACE}100{SPACE}%,{SPACE}+1"
-    )
-
-    refused = fields(table_of(league(tmp_path)), "league.py:estimator-19")
-    assert list(refused.values())[:2] == ["league.py:estimator-19", "refused"]
-    assert set(list(refused.values())[2:]) == {None, ""}
+    fails = "reference as body 100 %, +1"
+    assert found["fails at"] == fails.replace(" ", SPACE)
+    name, checks, *others = fields(table, "league.py:estimator-19").values()
+    assert (name, checks) == ("league.py:estimator-19", "refused")
+    assert set(others) == {None, ""}
 
 
 def test_the_worst_ending_is_the_answer(tmp_path):
-    rows = estimator_rows(1.0, 0.01, 0.01)
-    done = cell(A, rows)
+    done = cell(A, estimator_rows(1.0, 0.01, 0.01))
     crashed = replace(cell(A, (), seed=2, status="failed"), error="Traceback\nboom\n")
     refused = cell(A, (), seed=3, status="failed")
     verdicts = judge_run(run_of(tmp_path, [done])).verdicts
@@ -78,21 +75,14 @@ def test_the_worst_ending_is_the_answer(tmp_path):
     assert answer_of([done], ()) == ""
 
 
-def test_seeds_are_one_number_with_a_smaller_error(tmp_path):
+def test_seeds_are_one_number_and_the_nees_is_the_one_farthest_from_its_mean(tmp_path):
     cells = [
-        cell(A, estimator_rows(ratio, 0.01, 0.01), seed=seed)
-        for seed, ratio in enumerate((1.0, 1.2))
+        cell(A, estimator_rows(ratio, 0.01, 0.01, honest=honest), seed=seed)
+        for seed, (ratio, honest) in enumerate([(1.0, 0.4), (1.2, 1.3), (1.1, 1.0)])
     ]
-    found = fields(table_of(run_of(tmp_path, cells)), A)["noise 0.01"]
-    assert found == (pytest.approx(1.1), pytest.approx(0.01 / np.sqrt(2.0)))
-
-
-def test_the_nees_shown_is_the_one_farthest_from_its_mean(tmp_path):
-    cells = [
-        cell(A, estimator_rows(1.0, 0.01, noise, honest=value), noise_std=noise)
-        for noise, value in ((0.001, 0.4), (0.01, 1.0), (0.05, 1.3))
-    ]
-    assert fields(table_of(run_of(tmp_path, cells)), A)["NEES"][0] == pytest.approx(0.4)
+    found = fields(table_of(run_of(tmp_path, cells)), A)
+    assert found["noise 0.01"] == (pytest.approx(1.1), pytest.approx(0.01 / 3.0**0.5))
+    assert found["NEES"][0] == pytest.approx(0.4)
 
 
 def test_accuracy_is_drawn_with_bands_that_hold_together(tmp_path):
@@ -122,28 +112,22 @@ def test_what_is_not_sampled_has_no_bar(tmp_path):
     ElementTree.fromstring(svg(drawing))
 
 
-def test_failures_are_a_map_with_what_was_declared(tmp_path):
+def test_failures_are_a_map_with_what_was_declared(tmp_path, undrawn):
     run = league(tmp_path)
     (panel,) = failing("estimators", contest_of(run.cells)).panels
     assert panel.columns == list(CLASSES)
     place = list(CLASSES).index("half turns about r2")
-    assert panel.shares[8, place] == 0.3
-    assert panel.expected[8, place] == 1.0
-    assert panel.shares[5, 2] == 1.0
-    assert panel.expected[5, 2] == 0.0
+    assert (panel.shares[8, place], panel.expected[8, place]) == (0.3, 1.0)
+    assert (panel.shares[5, 2], panel.expected[5, 2]) == (1.0, 0.0)
     assert np.isnan(panel.shares[19]).all()
     assert np.nansum(panel.shares) == pytest.approx(6 + 5 * 0.3)
-
-
-def test_where_none_fails_there_is_a_sentence_and_no_map(tmp_path, undrawn):
+    none = "No algorithm fails in any of 16 classes of exact cases"
+    assert none not in algorithms.algorithms_section(context_of(run)).body
+    # where none fails there is a sentence and no map
     run = league(tmp_path, count=2)
     section = algorithms.algorithms_section(context_of(run)).under("algorithms", "")
     assert [d.name for d in section.drawings] == ["estimator-accuracy"]
-    assert "No algorithm fails in any of 16 classes of exact cases" in section.body
-    assert (
-        "No algorithm"
-        not in algorithms.algorithms_section(context_of(league(tmp_path))).body
-    )
+    assert none in section.body
 
 
 @pytest.mark.ci
@@ -182,19 +166,15 @@ def test_no_algorithm_is_among_further_studies_and_none_is_lost(tmp_path):
     assert "RMS error, rad" in [c.title for c in by_name["estimator-cells"].columns]
 
 
-def test_a_calibrator_by_what_it_leaves(tmp_path, monkeypatch):
+def test_a_calibrator_by_what_it_leaves(tmp_path):
     """A study that measures the whole error has it beside its bound, in its unit."""
-    left = FAMILIES.get("left", Family("left", "what is left", "m/s²"))
-    monkeypatch.setattr("simval.judge.algorithms.SIZES", (left,))
-    rows = unjudged(left(), 0.03, 0.001, 1024, 0.02, f"{CRAMER_RAO}, nine parameters")
+    rows = unjudged(LEFT(), 0.03, 0.001, 1024, 0.02, f"{CRAMER_RAO}, nine parameters")
     run = run_of(tmp_path, [cell("six.py", rows, study="calibrator")])
     section = algorithms.algorithms_section(context_of(run))
-    by_name = {table.name: table for table in section.tables}
-    assert fields(by_name["calibrator-algorithms"], "six.py")["noise 0.01 m/s²"] == (
-        pytest.approx(1.5),
-        pytest.approx(0.05),
-    )
-    found = fields(by_name["calibrator-cells"], "six.py")
+    tables = {table.name: fields(table, "six.py") for table in section.tables[:2]}
+    over = tables["calibrator-algorithms"]["noise 0.01 m/s²"]
+    assert over == (pytest.approx(1.5), pytest.approx(0.05))
+    found = tables["calibrator-cells"]
     assert found["RMS error, m/s²"] == (0.03, 0.001)
     assert found["bound, m/s²"] == 0.02
 
@@ -249,44 +229,31 @@ def test_no_row_of_garbage_breaks_the_page_or_is_a_number_there(tmp_path, bad):
     assert csv_text(table)
 
 
-def test_dots_and_their_best_name_the_same_numbers(tmp_path):
-    run = small_runs.own_estimator(tmp_path)
-    contest = contest_of(run.of("estimator"))
-    drawing = dots("estimators", contest)
-    (panel,) = drawing.panels
-    for series in panel.series:
-        for x, note in zip(series.x, series.notes, strict=True):
-            assert float(note.split()[0]) == pytest.approx(x, abs=1e-4)
-            assert "× the bound" in note
-            assert "simval repro" in note
-    # geometric means of 1.01 and 1.111, of 1.2 and 1.32 (tests/report/small_runs.py)
-    assert "simval:wahba is nearest to the bound, with 1.06 times" in drawing.finding
-    assert "mine.py farthest, with 1.26 times" in drawing.finding
-
-
-def test_the_best_is_of_settings_in_which_all_have_a_result(tmp_path):
-    """One whose worse setting was refused is not the best by that, nor of two."""
-    cells = small_runs.own_estimator(tmp_path).of("estimator")
-    noises = sorted({cell.parameters["noise_std"] for cell in cells})
-
-    def found(*kept):
-        """What is said if the user's own has a result at these noises alone."""
-        given = [
-            cell
-            if cell.parameters["algorithm"] != "mine.py"
-            or cell.parameters["noise_std"] in kept
-            else replace(cell, status="failed", error="refused: x", rows=())
-            for cell in cells
-        ]
-        return dots("estimators", contest_of(given)).finding
-
-    one = found(noises[0])
-    assert "with 1.01 times its error, and mine.py farthest, with 1.2 times" in one
-    assert one.endswith("(in 1 of 2 settings).")
-    # what is measured nowhere takes no setting from the others
-    none = found()
-    assert "with 1.06 times its error, and simval:triad farthest" in none
-    assert none.endswith("(geometric mean over 2 settings).")
+@pytest.mark.parametrize(
+    ("kept", "said"),
+    [
+        # geometric means of 1.01 and 1.111, of 1.2 and 1.32
+        ((0.01, 0.05), "simval:wahba is nearest to the bound, with 1.06 times"),
+        ((0.01, 0.05), "mine.py farthest, with 1.26 times"),
+        # one whose worse setting was refused is not the best by that, nor of two
+        ((0.01,), "with 1.01 times its error, and mine.py farthest, with 1.2 times"),
+        ((0.01,), "(in 1 of 2 settings)."),
+        # what is measured nowhere takes no setting from the others
+        ((), "with 1.06 times its error, and simval:triad farthest"),
+        ((), "(geometric mean over 2 settings)."),
+    ],
+)
+def test_the_best_is_of_settings_in_which_all_have_a_result(tmp_path, kept, said):
+    """The user's own has one at these noises alone."""
+    gone = {"status": "failed", "error": "refused: x", "rows": ()}
+    given = [
+        cell
+        if cell.parameters["algorithm"] != "mine.py"
+        or cell.parameters["noise_std"] in kept
+        else replace(cell, **gone)
+        for cell in small_runs.own_estimator(tmp_path).of("estimator")
+    ]
+    assert said in dots("estimators", contest_of(given)).finding
 
 
 @pytest.mark.parametrize(

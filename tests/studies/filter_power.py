@@ -17,12 +17,10 @@ from functools import partial
 
 import numpy as np
 
-from simval.consistency import judge, normalised_squares, rotation_error
-from simval.plugins import Filter, find_plugin, run_filter
+from simval.consistency import judge
+from simval.plugins import Filter, find_plugin
 from simval.streams import Streams, cell_key
 from simval.studies import filter as study
-from simval.studies.filter_scenarios import course, drawn
-from simval.sweep.suite import expand
 from simval.verdict import ALPHA
 
 NO_CONING, FAR = "no coning", "start 17 deg off"
@@ -52,31 +50,18 @@ FAULTS = (
 TRIALS, CAMPAIGNS, RATE = 40, 400, ALPHA
 
 
-def squares_of(scenario, trials, rate=100.0, seconds=20.0):
+def squares_of(scenario, trials):
     """NEES of the attitude and NIS at the instants, (n, i) each."""
     scenario, _, more = scenario.partition(": ")
-    settings = {"scenario": scenario, "rate": rate, "seconds": seconds}
-    if more == FAR:
-        settings["start_std"] = 0.3
-    (cell,) = expand("power", {"seed": 1, "filter": settings}).cells
-    parameters = cell.parameters
-    way = course(parameters.named_scenario, rate, seconds)
-    sensors, told = study.sensors_of(parameters, way), study.told_of(parameters, way)
-    streams = Streams(1, cell_key("power"))
-    blocks = [
-        drawn(way, sensors, told, study.BLOCK, streams.block(i), parameters.anywhere)
-        for i in range(trials // study.BLOCK)
-    ]
-    kept, late = study.instants(len(way.dt))
+    far = {"start_std": 0.3} if more == FAR else {}
+    parameters = study.Parameters(scenario=scenario, trials=trials, **far)
     plugin = find_plugin(study.REFERENCE, Filter)
     if more == NO_CONING:
         plugin = replace(plugin, make=partial(plugin.make, coning=False))
-    given = study.joined([block[0] for block in blocks])
-    found = run_filter(plugin, given, kept[late], plugin.world)
-    error = rotation_error(found.attitude, way.attitude[kept[late] + 1])
-    nees = normalised_squares(error, found.covariance[..., :3, :3])
-    nis = normalised_squares(found.innovation, found.innovation_covariance)
-    return nees, nis
+    problem = study.Filtering(plugin, parameters, Streams(1, cell_key("power")))
+    squares = problem.trials(plugin.world).squares()
+    found = {str(what): values for what, _, values in squares}
+    return found["nees"], found["nis"]
 
 
 def shares(squares, dimension, rng):
