@@ -97,12 +97,13 @@ def test_noise_that_no_rule_resolves_is_refused(sigma):
         attitude_density(attitude_at(0.2), R1, R2, sigma)
 
 
+@pytest.mark.ci
 def test_attitudes_without_an_axis_are_answered():
     # e = 0, where (D2) is infinite, is the identity in the plain frame and a half turn
     # in others; of a regular frame half turns have next to nothing, on which no two
     # rules agree; the truth is 0.12 rad from the identity, about as the noise is
     q = np.array([0.05, 0.02, 0.03, 0.99])
-    for frame in ("plain", "y", None):
+    for frame in ("plain", None):
         density = attitude_density(q, R1, R2, 0.05, frame)
-        held = [density.contains(turn, 0.9) for turn in np.eye(4)]
-        assert held == [False, False, False, True]
+        held = density.contains(np.eye(4), 0.9)
+        assert held.tolist() == [False, False, False, True]
