@@ -45,8 +45,8 @@ from simval.imu.recorded.attitudes import (
     Attitudes,
     Meaning,
     Stretches,
-    after,
     attitudes,
+    composed,
     meanings,
     of_matrix,
     rotation_vector,
@@ -56,7 +56,7 @@ from simval.imu.recorded.attitudes import (
 from simval.imu.recorded.errors import Measured, block_of, jackknife
 from simval.imu.recorded.settings import Signals, signals, with_gyro_unit
 from simval.imu.recorded.world import TruthWorld, World, find_world, taken_world
-from simval.imu.statics import Intervals, interval_means
+from simval.imu.statics import interval_means
 from simval.shapes import Float
 
 OVERLAP: Final = 0.3
@@ -69,9 +69,7 @@ MOST_OFFSETS: Final = 3  # maxima that are tried by a fit
 LONGEST: Final = 1 << 20  # ticks of an even clock: 29 hours
 
 
-def likely_offsets(
-    time: Float[Array, " n"], gyro: Float[Array, "n 3"], attitudes: Attitudes
-) -> list[float]:
+def likely_offsets(signals: Signals, attitudes: Attitudes) -> list[float]:
     """Offsets of the truth's clock against the log's, s, the likeliest first.
 
     Raises
@@ -79,6 +77,7 @@ def likely_offsets(
     RefusedError
         If nothing moves, or either is too long or too short.
     """
+    time, gyro = signals.time, signals.gyro
     # about the median, which is the bias of a sensor that rests, and of counts
     centred = gyro - np.median(gyro, axis=0)
     sums = np.cumsum(centred[1:] * np.diff(time)[:, None], axis=0)
@@ -411,31 +410,16 @@ class _Tried:
     fit: TurnFit
 
 
-def align(
-    truth: Truth,
-    time: Float[Array, " n"],
-    gyro: Float[Array, "n 3"],
-    force: Float[Array, "n 3"],
-    field: Float[Array, "n 3"],
-    rests: Intervals,
-    world: TruthWorld | None = None,
-) -> Alignment:
+def align(truth: Truth, signals: Signals, world: TruthWorld | None = None) -> Alignment:
     """Align a truth with a log, see the module.
 
     Parameters
     ----------
     truth : Truth
         As from `simval.imu.logs.read_truth`.
-    time : Array
-        Times of the log's rows, s, (n,).
-    gyro : Array
-        Angular rate, the average over the step that ends at a row, any unit, (n, 3).
-    force : Array
-        Specific force, m/s^2, (n, 3).
-    field : Array
-        Magnetic field, any unit, (n, 3).
-    rests : Array
-        Rows ``start <= k < stop`` of each rest, (m, 2).
+    signals : Signals
+        Readings of the log: angular rate, the average over the step that ends at a
+        row, and field in any unit; specific force in m/s^2.
     world : {"NWU", "ENU", "NED", "estimated"}, optional
         The truth's world; default that of its data set, else the nearest one;
         ``estimated`` turns the truth to what rests and field show.
@@ -450,17 +434,18 @@ def align(
     RefusedError
         If it cannot be done without a guess.
     """
-    best, others = _best(truth, time, gyro)
+    best, others = _best(truth, signals)
     _require_it(best, others)
-    same, meaning, fit = _refined(truth, time, gyro, best)
+    same, meaning, fit = _refined(truth, signals, best)
     errors = turn_errors(fit)
     _require_axes(fit, errors)
     Q = polar(fit.linear)
     turn = of_matrix(Q)
     read = attitudes(truth.time, truth.components, meaning)
+    time = signals.time
     raw = read.at(time + fit.offset + fit.drift * (time - fit.middle))
-    q = after(raw, turn)
-    shown = find_world(q, force, field, rests, errors.rotation)
+    q = composed(raw, turn)
+    shown = find_world(q, signals.force, signals.field, signals.rests, errors.rotation)
     there = taken_world(shown, truth.columns, world)
     return Alignment(
         meaning=meaning,
@@ -470,20 +455,19 @@ def align(
         errors=errors,
         rotation=rotation_vector(turn),
         world=there,
-        attitude=_in_world(q, there),
-        noise=_noise(read, time[rests] + fit.offset),
+        attitude=composed(of_matrix(there.matrix.T), q),
+        noise=_noise(read, time[signals.rests] + fit.offset),
     )
 
 
-def _best(
-    truth: Truth, time: Float[Array, " n"], gyro: Float[Array, "n 3"]
-) -> tuple[_Tried, list[_Tried]]:
+def _best(truth: Truth, signals: Signals) -> tuple[_Tried, list[_Tried]]:
     # one meaning of each class is enough, see `attitudes`
-    pieces = stretches(time, gyro, coarse=True)
+    pieces = stretches(signals.time, signals.gyro, coarse=True)
     tried: list[_Tried] = []
     pair = meanings(truth.scalar)[:2]
     first = attitudes(truth.time, truth.components, pair[0])
-    for start in likely_offsets(time, gyro, first):
+    starts = likely_offsets(signals, first)
+    for start in starts:
         for meaning in pair:
             read = attitudes(truth.time, truth.components, meaning)
             try:
@@ -492,7 +476,7 @@ def _best(
                 continue
             tried.append(_Tried(meaning=meaning, offset=start, fit=fit))
     if not tried:
-        fit_turns(pieces, first, likely_offsets(time, gyro, first)[0])  # says why
+        fit_turns(pieces, first, starts[0])  # says why
     best = min(tried, key=lambda each: each.fit.share)
     apart = [
         each
@@ -527,11 +511,11 @@ def _require_it(best: _Tried, others: list[_Tried]) -> None:
 
 
 def _refined(
-    truth: Truth, time: Float[Array, " n"], gyro: Float[Array, "n 3"], best: _Tried
+    truth: Truth, signals: Signals, best: _Tried
 ) -> tuple[tuple[Meaning, ...], Meaning, TurnFit]:
     # of the meanings of one motion, the one whose body axes are nearest to the sensor's
-    pieces = stretches(time, gyro)
-    coarse = stretches(time, gyro, coarse=True)
+    pieces = stretches(signals.time, signals.gyro)
+    coarse = stretches(signals.time, signals.gyro, coarse=True)
     alike = []
     for meaning in meanings(truth.scalar):
         read = attitudes(truth.time, truth.components, meaning)
@@ -563,15 +547,6 @@ def _require_axes(fit: TurnFit, errors: TurnErrors) -> None:
             "needed; turn the sensor about each of its axes for longer"
         )
         raise RefusedError(msg)
-
-
-def _in_world(q: Float[Array, "n 4"], world: World) -> Float[Array, "n 4"]:
-    # A(q) W' from A(q): first north-west-up to the truth's world, then to the sensor
-    first = of_matrix(world.matrix.T)
-    back = np.broadcast_to(first, q.shape)
-    e1, s1, e2, s2 = back[:, :3], back[:, 3:], q[:, :3], q[:, 3:]
-    vector = s1 * e2 + s2 * e1 + np.cross(e1, e2)
-    return np.concatenate([vector, s1 * s2 - np.sum(e1 * e2, 1, keepdims=True)], axis=1)
 
 
 def _noise(read: Attitudes, spans: Float[Array, "m 2"]) -> Float[Array, "3"]:
@@ -608,13 +583,5 @@ def prepared(
     )
     if recorded is None:
         return with_gyro_unit(found, None), None
-    alignment = align(
-        recorded,
-        found.time,
-        found.gyro,
-        found.force,
-        found.field,
-        found.rests,
-        world,
-    )
+    alignment = align(recorded, found, world)
     return with_gyro_unit(found, alignment.fit.scale), alignment

@@ -153,11 +153,14 @@ def rotated(
     return vectors + s * twice + np.cross(e, twice)
 
 
-def after(q: Float[Array, "n 4"], body: Float[Array, "4"]) -> Float[Array, "n 4"]:
-    """Attitudes of a frame that is turned from the body, A(body) A(q)."""
-    there = np.isfinite(q).all(axis=1, keepdims=True)
-    filled = np.where(there, q, [0.0, 0.0, 0.0, 1.0])
-    return np.where(there, compose(filled, body), np.nan)
+def composed(
+    first: Float[Array, "... 4"], then: Float[Array, "... 4"]
+) -> Float[Array, "n 4"]:
+    """Composition, A(then) A(first); NaN where either is."""
+    there = np.isfinite(first + then).all(axis=1, keepdims=True)
+    still = [0.0, 0.0, 0.0, 1.0]
+    first, then = np.where(there, first, still), np.where(there, then, still)
+    return np.where(there, compose(first, then), np.nan)
 
 
 STRETCH: Final = 0.1

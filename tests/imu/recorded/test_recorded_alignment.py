@@ -18,9 +18,8 @@ from simval.geometry import (
 )
 from simval.imu.filters.signals import FilterOutput
 from simval.imu.logs import read_log, read_truth
-from simval.imu.multiposition.rests import find_rests
 from simval.imu.recorded import align, evaluate
-from simval.imu.recorded.alignment import likely_offsets
+from simval.imu.recorded.alignment import likely_offsets, prepared
 from simval.imu.recorded.attitudes import (
     Meaning,
     attitudes,
@@ -35,14 +34,17 @@ from simval.imu.recorded.settings import Signals
 from simval.imu.recorded.world import find_world
 
 
-def given(log):
-    """What `align` is given of a log."""
-    rows = log.time, log.gyro, log.force, log.field
-    return log.truth, *rows, np.array(log.rests)
+def readings(log):
+    """Signals of a made log."""
+    return Signals(
+        time=log.time, gyro=log.gyro, force=log.force, field=log.field, rate=50.0,
+        rests=np.array(log.rests), gyro_unit="rad/s", force_unit="m/s^2",
+        field_unit="T",
+    )  # fmt: skip
 
 
-def aligned(log, **changes):
-    return align(*given(replace(log, truth=replace(log.truth, **changes))), "estimated")
+def aligned(log, world="estimated", **changes):
+    return align(replace(log.truth, **changes), readings(log), world)
 
 
 @pytest.mark.slow
@@ -137,7 +139,9 @@ def test_a_log_is_found_anywhere_in_a_longer_truth():
     read = attitudes(
         log.truth.time, log.truth.components, Meaning("last", "body to world")
     )
-    first = likely_offsets(log.time[part] - 1000.0, log.gyro[part], read)[0]
+    rows = {x: getattr(log, x)[part] for x in ("gyro", "force", "field")}
+    piece = replace(readings(log), time=log.time[part] - 1000.0, **rows)
+    first = likely_offsets(piece, read)[0]
     assert first == pytest.approx(1002.0, abs=0.1)  # a tick
 
 
@@ -148,7 +152,7 @@ def test_a_log_is_found_anywhere_in_a_longer_truth():
 def test_a_world_that_is_stated_is_taken_as_it_is(world, angle):
     """Right or wrong: the truth's is north-west-up."""
     log = made(3, seconds=30.0, rate=50.0, world=[0.0, 0.0, 0.0])
-    stated = align(*given(log), world)
+    stated = aligned(log, world)
     there = np.isfinite(stated.attitude).all(axis=1)
     off = attitude_error(stated.attitude[there], log.attitude[there])
     # axes and noise leave some tenths of a degree
@@ -164,7 +168,7 @@ def test_a_field_that_deviates_does_not_turn_the_truth_over():
     # is told that its interval leaves the order of the two open
     deviation, half_turn = np.radians(4.0), [0.0, 0.0, -np.pi / 2.0]
     log = made(0, seconds=50.0, rate=50.0, world=half_turn, deviation=deviation)
-    nearest, estimated = align(*given(log)), aligned(log)
+    nearest, estimated = aligned(log, None), aligned(log)
     assert (nearest.world.name, nearest.world.taken) == ("ENU", "nearest")
     assert estimated.world.taken == "estimated"
     there = np.isfinite(nearest.attitude[:, 0])
@@ -189,7 +193,7 @@ def test_a_field_that_deviates_does_not_turn_the_truth_over():
     assert "not decided: follows and right" in turned_words(other)
     elsewhere = made(0, seconds=30.0, rate=50.0, world=[0.0, 0.0, 0.7])
     with pytest.raises(RefusedError, match=r"none of .* degrees off .*--truth-world"):
-        align(*given(elsewhere))
+        aligned(elsewhere, None)
 
 
 def test_the_tilt_of_a_world_is_known_by_the_scatter_of_its_rests():
@@ -212,11 +216,6 @@ def total(each):
 
 def evaluated(answers, log, found):
     """What is measured of filters that answer so."""
-    read = Signals(
-        time=log.time, gyro=log.gyro, force=log.force, field=log.field, rate=50.0,
-        rests=np.array(log.rests), gyro_unit="rad/s", force_unit="m/s^2",
-        field_unit="T",
-    )  # fmt: skip
 
     def run(name, q):
         output = FilterOutput(
@@ -225,7 +224,7 @@ def evaluated(answers, log, found):
         )  # fmt: skip
         return FilterRun(name=name, world="NWU", how="", output=output, thinned=False)
 
-    return [evaluate(run(name, q), read, found) for name, q in answers.items()]
+    return [evaluate(run(name, q), readings(log), found) for name, q in answers.items()]
 
 
 RATE = 2000.0 / 7.0  # Hz, as their `sampling_rate` has it
@@ -236,8 +235,7 @@ def test_what_the_authors_of_broad_state_is_found():
     path = str(recording("broad/05_undisturbed_slow_rotation_with_breaks_B.mat"))
     log = read_log(path, RATE)
     truth = read_truth(path, stem="opt_quat", clock=log.time)
-    rows = log.time, log.gyro, log.accelerometer, log.magnetometer
-    found = align(truth, *rows, find_rests(log, None, 1).best.intervals)
+    _, found = prepared(log, truth, None, (None, None))
     # scalar first, sensor to world, east-north-up, body axes those of the sensor
     assert found.meaning == Meaning("first", "body to world")
     assert found.same == (Meaning("last", "world to body"),)
