@@ -332,6 +332,26 @@ def test_an_order_of_chance_hides_nothing():
     assert abs(np.mean(left) - 1.0) < stats.norm.isf(5e-5) * np.std(left) / 20.0
 
 
+def test_what_a_drift_takes_off_is_the_difference_of_two_fits():
+    """Least squares with its columns, from the normal equations, and without."""
+    rng = np.random.default_rng(5)
+    J = rng.standard_normal((30, 9))
+    column = J[:, 0]  # a constant of it is a parameter
+    tau = np.linspace(-1.0, 1.0, 30)
+    r = rng.standard_normal(30) + 20.0 * column * tau**2
+    found = find_drift(r, J, {"a bias": column}, 5.0 + tau, known=True)
+
+    def left(X):
+        return r @ r - r @ X @ np.linalg.solve(X.T @ X, X.T @ r)
+
+    by_degree = [
+        left(J) - left(np.hstack([J, column[:, None] * np.vander(tau, m + 1)[:, :m]]))
+        for m in (1, 2, 3)
+    ]
+    # a square needs the second degree, and noise hardly ever more than it
+    assert np.isclose(by_degree, found.drop, rtol=1e-9).tolist() == [False, True, False]
+
+
 # the verdict
 
 
