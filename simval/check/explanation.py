@@ -1,7 +1,7 @@
 r"""The result of a check as text and as JSON: what failed, why, and what to do.
 
 Each sentence gives the number that it is made from. A cause is named only where one
-form of error (`simval.studies.filter`) or one reading stands out.
+form of error (`simval.studies.filter_errors`) or one reading stands out.
 """
 
 import json
@@ -35,7 +35,7 @@ from simval.statistics import (
     SYSTEMATIC,
     Family,
 )
-from simval.studies.filter import MOST
+from simval.studies.filter_errors import MOST
 from simval.sweep.cells import CellResult
 from simval.text import one_line
 from simval.verdict import ENDINGS

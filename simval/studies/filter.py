@@ -5,35 +5,18 @@ draws the noise of all sensors, a bias of the gyroscope that walks, and the atti
 that the filter is told to start from. The filter, anybody's, is stepped through the
 rows.
 
-Where the filter is told the truth and nothing disturbs it, its normalised squared error
-(NEES) must have the mean that chi-square gives, 3 for the attitude and 6 with the bias,
-its normalised squared innovations (NIS) the number of them, and its innovations must
-not correlate; both sides are judged. Judged are means of whole trials with their own
-standard error, and the worst instant by the exact law over trials: rows of one trial
-are correlated and are never counted as samples (`simval.consistency`).
-
 The root mean square error is set against the posterior Cramer-Rao bound
 (`simval.theory.filter_recursion`). Where the filter is told otherwise, or a calibration
 left an error, or a sensor reads what it should not, theory predicts what the reference
-filter then does; another filter is only shown.
-
-Noise, start and bias are drawn anew for each trial, so the mean over trials of a sound
-filter's error is 0 to first order. What is left of a mean :math:`m_k` at the instants k
-is the filter's own, and each cause has a form, with the rate :math:`\omega_k` and the
-attitude :math:`A_k`, world to body:
-
-.. math:: m_k = A_k (c_w, c_n, 0)' \;\text{(tilt)}, \quad A_k (0, 0, c)' \;\text{
-   (heading)}, \quad c \;\text{(mounting)}, \quad -\omega_k \tau \;\text{(delay)}.
-   \tag{F14}
-
-Each is fitted alone. What none of them explains is of the motion: coning, a scale.
+filter then does; another filter is only shown. `simval.studies.filter_errors` says how
+its errors, and what it states of them, are judged.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
 from hashlib import sha256
-from typing import Annotated, Any, Final, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,26 +24,25 @@ from pydantic import AfterValidator, Field, model_validator
 
 from simval import statistics as stat
 from simval.arrays import Array
-from simval.consistency import (
-    diverged,
-    heading_and_inclination,
-    instant_scores,
-    mean_of_trials,
-    normalised_squares,
-    pairs_of,
-    rotation_error,
-    settled_at,
-)
 from simval.errors import InputError, UnmeasurableError
 from simval.figures import Figure, Headline, Listing, Quote, along_entry, entry, words
-from simval.geometry import attitude_matrix, compose
-from simval.imu.filters.signals import FilterInput, FilterOutput, Told
+from simval.imu.filters.signals import FilterInput, Told
 from simval.plugins import Filter
 from simval.plugins.runs import run_filter, run_once
 from simval.plugins.worlds import find_world, path
-from simval.results import Row, limit, nees, plain, unjudged
+from simval.results import Row
 from simval.shapes import Float
 from simval.streams import Streams
+from simval.studies.filter_errors import (
+    Answers,
+    budget_rows,
+    consistency_rows,
+    diagnosis_rows,
+    error_rows,
+    lost_row,
+    over_bound_rows,
+    predicted_rows,
+)
 from simval.studies.filter_prediction import (
     drawn_filter_rows,
     prediction,
@@ -108,90 +90,9 @@ SMALL = 0.02
 beside sensors of 2 and 5 mrad (docs/filters.md)."""
 INSTANTS = 100
 """At which errors are kept, evenly in time, each with the row before."""
-SHOWN = 25
-"""Instants in the table and the figure."""
 LEAST_READ = 1e-6
 """Of a reading: its square is then 4e-12 of the greatest variance of the start, which a
 filter adds to it; less than 1e-15 of that is lost in rounding, and singular."""
-SETTLED = 3.0
-"""Root mean squares of the bound below which an error has settled."""
-ENOUGH = np.radians(1.0)
-"""An error that has settled whatever the bound, rad."""
-WORST = 6.5
-"""Standard deviations of a normal law that the worst instant may reach: of a hundred,
-once in 10^8 cells."""
-OVER = 0.02
-"""Of a root mean square over what theory says."""
-RELATIVE = 0.01
-"""Of a NEES or NIS: what is of second order in the errors, see docs/filters.md."""
-MOST: Final = 0.8
-"""Of what trials share, from which one form is the cause."""
-SHARED: Final = 0.5
-"""Of the squared error of a filter without a covariance that one form may be: no motion
-and no gain makes a constant."""
-FAR: Final = 6.5
-"""Standard errors below the bound: by chance once in 10^10 cells."""
-SLACK: Final = 0.02
-"""Of the bound: what its first order leaves out."""
-
-ATTITUDE, BOTH = "attitude", "attitude and bias"
-HEADING, INCLINATION = "heading", "inclination"
-FORMS: Final = ("tilt", "heading", "mounting", "delay")
-ONE: Final = "one form"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Answers:
-    """Answers of a filter at some instants, each with the row before, and the truth."""
-
-    found: FilterOutput
-    truth: Float[Array, "k 4"]  # at the rows that were kept
-    bias: Float[Array, "n k 3"]
-    time: Float[Array, " k"]  # s
-    late: NDArray[np.intp]  # places of the instants among the rows kept
-    shifted: bool = False  # whether its headings count from its own first one
-
-    @property
-    def error(self) -> Float[Array, "n i 3"]:
-        """Attitude errors at the instants, rad."""
-        estimate = self.found.attitude[:, self.late]
-        return rotation_error(estimate, self.truth[self.late])
-
-    @property
-    def angle(self) -> Float[Array, "n i"]:
-        """Their sizes."""
-        return np.asarray(np.linalg.norm(self.error, axis=-1))
-
-    def from_its_own_heading(self) -> "Answers":
-        """The same, each trial turned about the vertical so that it starts right."""
-        q, first = self.found.attitude, self.late[0]
-        heading, _ = heading_and_inclination(q[:, first], self.truth[first])
-        back = np.zeros((len(q), 1, 4))
-        back[..., 2], back[..., 3] = (
-            f(-heading[:, None] / 2.0) for f in (np.sin, np.cos)
-        )
-        turned = compose(np.broadcast_to(back, q.shape), q)
-        return replace(self, found=replace(self.found, attitude=turned), shifted=True)
-
-    def squares(self) -> Iterator[tuple[stat.Statistic, int, Float[Array, "n i"]]]:
-        """NEES of the attitude, and with the bias, and NIS, each with its dimension."""
-        found, late, e = self.found, self.late, self.error
-        if found.covariance is not None:
-            P = found.covariance[:, late]
-            yield stat.NEES(), 3, normalised_squares(e, P[..., :3, :3])
-            if P.shape[-1] >= 6 and found.bias is not None:
-                off = found.bias[:, late] - self.bias[:, late]
-                both = np.concatenate([e, off], axis=-1)
-                yield stat.NEES(BOTH), 6, normalised_squares(both, P[..., :6, :6])
-        nu, S = found.innovation, found.innovation_covariance
-        if nu is not None and S is not None:
-            yield stat.NIS(), nu.shape[-1], normalised_squares(nu, S)[:, late]
-
-    def shown(self) -> tuple[NDArray[np.intp], list[str]]:
-        """Places of the instants that are shown, among them the last, and times."""
-        time = self.time[self.late]
-        places = np.unique(np.linspace(0, len(time) - 1, SHOWN).astype(np.intp))
-        return places, [f"{t:.6g}" for t in time[places]]
 
 
 class Filtering(Problem[Filter, str, Answers]):
@@ -425,232 +326,6 @@ def measured_rows(
         moment = np.trace(theory.second_moment[:, :3, :3], axis1=1, axis2=2)
         ratio = np.sqrt(moment / np.trace(bound, axis1=-2, axis2=-1))
         rows += over_bound_rows(answers, bound, ratio, stat.CARRIED)
-    return tuple(rows)
-
-
-def error_rows(
-    answers: Answers, bound: Float[Array, "i 3 3"], judged: bool
-) -> tuple[Row, ...]:
-    """Errors against the bound, heading and inclination apart, in all and at instants.
-
-    Judged is that the error reaches the bound.
-    """
-    late, angle = answers.late, answers.angle
-    estimate, truth = answers.found.attitude[:, late], answers.truth[late]
-    heading, inclination = heading_and_inclination(estimate, truth)
-    square = np.trace(bound, axis1=-2, axis2=-1)
-    whole, least = float(np.sqrt(square.mean())), np.sqrt(square)
-    check = partial(plain, remainder=OVER * whole) if judged else unjudged
-    rms, error, n = root_mean_square(angle)
-    rows = [
-        *check(stat.RMS(unit="rad"), rms, error, n, whole, stat.CRAMER_RAO),
-        *unjudged(stat.RMS_OVER_BOUND(), rms / whole, error / whole, n),
-        *unjudged(stat.RMS(HEADING, unit="rad"), *root_mean_square(heading)),
-        *unjudged(stat.RMS(INCLINATION, unit="rad"), *root_mean_square(inclination)),
-    ]
-    most = np.maximum(SETTLED * least, ENOUGH)
-    settled = settled_at(angle, answers.time[late], most)
-    ended = np.isfinite(settled)
-    rows += unjudged(stat.SETTLING_TRIALS(), float(ended.mean()), 0.0, len(settled))
-    if ended.any():
-        middle = float(np.median(settled[ended]))
-        rows += unjudged(stat.SETTLING(), middle, 0.0, int(ended.sum()))
-    shown, at = answers.shown()
-    return (
-        *rows,
-        *at_each_row(stat.RMS_AT, answers, angle, root_mean_square),
-        *unjudged([stat.BOUND_AT(ATTITUDE, t) for t in at], least[shown]),
-        *over_bound_rows(answers, bound, np.ones(len(least)), stat.CRAMER_RAO),
-    )
-
-
-def over_bound_rows(
-    answers: Answers,
-    bound: Float[Array, "i 3 3"],
-    prediction: Float[Array, " i"],
-    predictor: str,
-) -> tuple[Row, ...]:
-    """Errors of the instants over the bound, against a prediction of that."""
-    shown, _ = answers.shown()
-    least = np.sqrt(np.trace(bound, axis1=-2, axis2=-1))[shown]
-    rows = at_each_row(stat.RMS_OVER_BOUND_AT, answers, answers.angle, root_mean_square)
-    return tuple(
-        replace(
-            row,
-            value=row.value / float(own),
-            standard_error=row.standard_error / float(own),
-            prediction=float(by),
-            predictor=predictor,
-        )
-        for row, own, by in zip(rows, least, prediction[shown], strict=True)
-    )
-
-
-def consistency_rows(answers: Answers, judged: bool) -> tuple[Row, ...]:
-    """NEES, NIS and the correlation of innovations, judged or only shown."""
-    rows: list[Row] = []
-    for statistic, dimension, squares in answers.squares():
-        mean, of = mean_of_trials(squares), (float(dimension), stat.CHI_SQUARE)
-        check = partial(nees, remainder=RELATIVE * dimension) if judged else unjudged
-        rows += check(statistic, *mean, *of)
-        if judged and statistic.family == stat.NEES:
-            worst = float(np.abs(instant_scores(squares, dimension)).max())
-            name = statistic.entries[0] if statistic.entries else ATTITUDE
-            rows += limit(
-                stat.WORST_INSTANT(name), worst, WORST, stat.CHI_SQUARE, len(squares)
-            )
-        if statistic == stat.NEES():
-            rows += at_each_row(stat.NEES_AT, answers, squares, mean_of_trials)
-    nu, S, late = (
-        answers.found.innovation,
-        answers.found.innovation_covariance,
-        answers.late,
-    )
-    if nu is not None and S is not None:
-        early = late - 1
-        white = pairs_of(nu[:, late], nu[:, early], S[:, late], S[:, early])
-        check = partial(plain, remainder=RELATIVE) if judged else unjudged
-        rows += check(stat.INNOVATION_PAIRS(), *mean_of_trials(white), 1.0, stat.WHITE)
-    return tuple(rows)
-
-
-def predicted_rows(
-    answers: Answers, theory: FilterPrediction, judged: bool
-) -> tuple[Row, ...]:
-    """Errors of the reference filter against what theory says that they are.
-
-    Judged where the whole error stays small enough for the first order.
-    """
-    moment = np.trace(theory.second_moment[:, :3, :3], axis1=1, axis2=2)
-    root = float(np.sqrt(moment.mean()))
-    measured = [(stat.RMS(unit="rad"), root_mean_square(answers.angle), root)]
-    for statistic, dimension, squares in answers.squares():
-        known = theory.nis if statistic == stat.NIS() else theory.nees(dimension)
-        measured.append((statistic, mean_of_trials(squares), float(known.mean())))
-    check = plain if judged else unjudged
-    rows: tuple[Row, ...] = ()
-    for statistic, mean, expected in measured:
-        rows += check(
-            statistic, *mean, expected, stat.CARRIED, remainder=OVER * expected
-        )
-    return rows
-
-
-def at_each_row(
-    family: stat.Family,
-    answers: Answers,
-    values: Float[Array, "n k"],
-    mean: Callable[[Float[Array, "n 1"]], tuple[float, float, int]],
-) -> tuple[Row, ...]:
-    """Rows of each instant that is shown by itself."""
-    shown, at = answers.shown()
-    each = [mean(values[:, k : k + 1]) for k in shown]
-    value, error, n = zip(*each, strict=True)
-    return unjudged([family(ATTITUDE, t) for t in at], value, error, n[0])
-
-
-def lost_row(answers: Answers, judged: bool) -> tuple[Row, ...]:
-    """Share of trials that diverge: beyond thirty degrees in their second half."""
-    angle = answers.angle
-    share, n = float(diverged(angle, since=angle.shape[1] // 2).mean()), len(angle)
-    if judged:
-        return limit(stat.DIVERGED(), share, 0.0, stat.NORMAL, n)
-    return unjudged(stat.DIVERGED(), share, 0.0, n)
-
-
-def root_mean_square(values: Float[Array, "n k"]) -> tuple[float, float, int]:
-    """Root mean square over all, its standard error by trials, and their count."""
-    square, error, n = mean_of_trials(values**2)
-    root = float(np.sqrt(square))
-    return root, error / (2.0 * root) if root > 0.0 else 0.0, n
-
-
-def budget_rows(answers: Answers, theory: FilterPrediction) -> tuple[Row, ...]:
-    """Contribution of each source to the predicted error, where there is one."""
-    rows: list[Row] = []
-    shown, at = answers.shown()
-    variances = np.trace(theory.parts[:, :, :3, :3], axis1=2, axis2=3)
-    known = np.sum(theory.mean[:, :3] ** 2, axis=1)
-    several = (*zip(theory.names, variances, strict=True), ("known errors", known))
-    for name, square in several:
-        if np.any(square > 0.0):
-            rows += unjudged(
-                [stat.BUDGET_AT(name, t) for t in at], np.sqrt(square[shown])
-            )
-    return tuple(rows)
-
-
-def diagnosis_rows(
-    answers: Answers,
-    rate: Float[Array, "k 3"],
-    bound: Float[Array, "i 3 3"],
-    judged: bool,
-) -> tuple[Row, ...]:
-    """Common error of all trials, by its form, and the stated covariance of parts.
-
-    Judged are an error below the bound and, without a covariance, a form that is most
-    of the error.
-    """
-    late, e = answers.late, answers.error
-    n, A = len(e), attitude_matrix(answers.truth[late])
-    mounting = np.broadcast_to(np.eye(3), A.shape)
-    forms = A[:, :, :2], A[:, :, 2:], mounting, -rate[late][:, :, None]
-    mean, square = e.mean(axis=0), float(np.mean(np.sum(e**2, axis=-1)))
-    # the mean of n has a share 1/n of the variance by chance
-    chance = np.sum(e.var(axis=0, ddof=1), axis=-1) / n
-    shared = max(float(np.mean(np.sum(mean**2, axis=-1) - chance)), 0.0)
-    share = shared / square if square > 0.0 else 0.0
-    rows = [*unjudged(stat.SYSTEMATIC(), share, 0.0, n)]
-    total, most = float(np.sum(mean**2)), 0.0
-    for name, X in zip(FORMS, forms, strict=True):
-        flat = X.reshape(-1, X.shape[-1])
-        inverse = np.linalg.pinv(flat)
-        each = e.reshape(n, -1) @ inverse.T
-        value, left = each.mean(axis=0), mean.ravel() - flat @ each.mean(axis=0)
-        explained = 1.0 - float(left @ left) / total if total > 0.0 else 0.0
-        size = float(np.linalg.norm(value))
-        signed = float(value[0]) if len(value) == 1 else size
-        error = float(np.linalg.norm(each.std(axis=0, ddof=1)) / np.sqrt(n))
-        rows += unjudged(stat.SYSTEMATIC(name), share * max(explained, 0.0), 0.0, n)
-        most = max(most, explained)
-        unit = "s" if name == "delay" else "rad"
-        rows += unjudged(stat.CONSTANT(name, unit=unit), signed, error, n)
-    whole = float(np.sqrt(np.trace(bound, axis1=1, axis2=2).mean()))
-    rms, error, _ = root_mean_square(answers.angle)
-    if judged and answers.found.covariance is None:
-        cause = share * most if most >= MOST else 0.0
-        rows += limit(stat.SYSTEMATIC(ONE), cause, SHARED + FAR / n, stat.NORMAL, n)
-    if judged:
-        below = max(1.0 - (rms + FAR * error) / whole, 0.0)
-        rows += limit(stat.RMS_BELOW_BOUND(), below, SLACK, stat.CRAMER_RAO, n)
-    return (*rows, *_stated(answers, A, bound))
-
-
-def _stated(
-    answers: Answers, A: Float[Array, "i 3 3"], bound: Float[Array, "i 3 3"]
-) -> tuple[Row, ...]:
-    # heading and inclination apart, in the world, and each reading's innovation
-    rows: list[Row] = []
-    P = answers.found.covariance
-    if P is not None:
-        parts = np.array([[0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])
-        own, least = (
-            np.diagonal(A.swapaxes(-1, -2) @ each @ A, axis1=-2, axis2=-1)
-            for each in (P[:, answers.late, :3, :3], bound)
-        )
-        error = (answers.error[..., None, :] @ A)[..., 0, :] ** 2
-        for name, part in zip(("heading", "inclination"), parts, strict=True):
-            squares = (error @ part) / (own @ part)
-            rows += unjudged(stat.PART_OVER_STATED(name), *mean_of_trials(squares), 1.0)
-            ratio = np.sqrt((own @ part).mean() / (least @ part).mean())
-            rows += unjudged(stat.STATED_OVER_BOUND(name), float(ratio), 0.0, len(P))
-    nu, S = answers.found.innovation, answers.found.innovation_covariance
-    if nu is not None and S is not None:
-        late = answers.late
-        ratio = nu[:, late] ** 2 / np.diagonal(S[:, late], axis1=2, axis2=3)
-        for j in range(ratio.shape[-1]):
-            mean = mean_of_trials(ratio[..., j])
-            rows += unjudged(stat.PART_OF_INNOVATION(str(j + 1)), *mean, 1.0)
     return tuple(rows)
 
 

@@ -7,7 +7,7 @@ from cells import answers, outcome
 from simval.geometry import attitude_matrix
 from simval.moments import Moments
 from simval.studies import estimator
-from simval.studies.estimator import claim_rows
+from simval.studies.estimator_errors import claim_rows
 from simval.studies.named_geometries import GEOMETRIES, named_geometry
 from simval.theory import wahba_bound
 

@@ -22,6 +22,7 @@ from simval.imu.filters.signals import FilterOutput
 from simval.plugins import Filter, find_plugin
 from simval.statistics import BOUND_AT, BUDGET_AT
 from simval.studies import filter as study
+from simval.studies import filter_errors
 from simval.studies.filter_prediction import RATE, lost, response_rows, stated_row
 from simval.studies.filter_scenarios import (
     MOST,
@@ -256,7 +257,7 @@ def answers_of(errors):
         innovation_covariance=np.broadcast_to(np.eye(2), (n, k, 2, 2)).copy(),
         seconds=np.ones(1),
     )
-    return study.Answers(
+    return filter_errors.Answers(
         found=found, truth=np.tile([0.0, 0.0, 0.0, 1.0], (k, 1)),
         bias=np.zeros((n, k, 3)), time=0.5 * np.arange(k), late=np.arange(1, k),
     )  # fmt: skip
@@ -268,7 +269,7 @@ ERRORS = SD * np.random.default_rng(3).standard_normal((TRIALS, ROWS, 3))
 def test_an_error_may_be_two_per_cent_over_the_bound():
     bound = np.tile(SD**2 * np.eye(3), (ROWS - 1, 1, 1))
     answers = answers_of(ERRORS)
-    rows = by_name(study.error_rows(answers, bound, judged=True))
+    rows = by_name(filter_errors.error_rows(answers, bound, judged=True))
     whole = SD * np.sqrt(3.0)  # of three axes
     found = rows["rms"]
     assert found.check == "plain"
@@ -285,11 +286,11 @@ def test_an_error_may_be_two_per_cent_over_the_bound():
     assert [row.value for row in over] == pytest.approx(
         [row.value / whole for row in at], rel=1e-12
     )
-    assert study.error_rows(answers, bound, judged=False)[0].check == "record"
+    assert filter_errors.error_rows(answers, bound, judged=False)[0].check == "record"
 
 
 def test_squares_may_be_off_by_a_hundredth_and_no_instant_by_far():
-    rows = by_name(study.consistency_rows(answers_of(ERRORS), judged=True))
+    rows = by_name(filter_errors.consistency_rows(answers_of(ERRORS), judged=True))
     for name, dimension in (("nees", 3.0), ("nis", 2.0)):
         assert rows[name].prediction == dimension
         assert rows[name].remainder == pytest.approx(0.01 * dimension, rel=1e-12)
@@ -308,7 +309,7 @@ def test_a_trial_has_strayed_beyond_thirty_degrees_in_its_second_half():
     for degrees, row, share in ((29.999, 5, 0.0), (30.001, 5, 0.25), (30.001, 2, 0.0)):
         errors = np.zeros((4, 6, 3))
         errors[1, row, 2] = np.radians(degrees)
-        (found,) = study.lost_row(answers_of(errors), judged=True)
+        (found,) = filter_errors.lost_row(answers_of(errors), judged=True)
         assert (found.value, found.prediction, found.check) == (share, 0.0, "limit")
 
 

@@ -25,6 +25,7 @@ from simval.studies import (
     detector,
     estimator,
     filter,
+    filter_errors,
     gyroscope,
     magnetometer,
     noise_model,
@@ -52,7 +53,7 @@ Z = stats.norm.ppf(0.975)
 # second once more without the formula
 BENT = Z * stats.norm.pdf(Z)
 SHIFTED = (0.95 - stats.norm.cdf(Z - 1e-3) + stats.norm.cdf(-Z - 1e-3)) / 1e-3**2
-BY_CHANCE = filter.INSTANTS * 2.0 * stats.norm.sf(filter.WORST)
+BY_CHANCE = filter.INSTANTS * 2.0 * stats.norm.sf(filter_errors.WORST)
 # eq. (V2) of 12 biases by `ENOUGH` trials, a quarter of the run's rate for them
 SIGMAS = stats.norm.isf(0.25e-3 / 12 / 2) + stats.norm.isf(0.01)
 SEEN = SIGMAS / np.sqrt(gyroscope.ENOUGH)
@@ -66,8 +67,8 @@ ALLOWED = {  # what soundness leaves, the constant, and the least fault
     "worst instant, once in 1e8 cells": (1e-9, BY_CHANCE, 1.01e-8),
     # a step of 1/25 s leaves 0.35 dt^2 of a covariance, as measured; all noises 5 %
     # larger make a linear filter's errors 5 % larger
-    "squares of a filter": (0.35 / 25.0**2, filter.RELATIVE, 2.0 * LOUDER),
-    "errors of a filter": (0.35 / 25.0**2 / 2.0, filter.OVER, 0.05),
+    "squares of a filter": (0.35 / 25.0**2, filter_errors.RELATIVE, 2.0 * LOUDER),
+    "errors of a filter": (0.35 / 25.0**2 / 2.0, filter_errors.OVER, 0.05),
     # the package's estimators are within 2e-8 in 60 geometries
     "claim of an estimator": (1e3 * 2e-8, estimator.LEADING_TOLERANCE, LOUDER),
     # a mean of known rests: levels of up to 400 in amplitudes of 1, 500 of them and
