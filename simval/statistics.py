@@ -382,6 +382,9 @@ class Statistic:
             msg = f"entries {self.entries} in {self.unit!r} cannot be printed"
             raise ValueError(msg)
 
+    def __hash__(self) -> int:
+        return hash((self.family.name, self.entries, self.controlled))
+
     def __str__(self) -> str:
         inside = f"[{','.join(self.entries)}]" if self.entries else ""
         return f"{'control ' if self.controlled else ''}{self.family.name}{inside}"

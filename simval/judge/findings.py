@@ -93,13 +93,15 @@ def reproduce(cell: CellName, run: str = "") -> str:
     return shlex.join(words)
 
 
-def findings(result: GateResult) -> tuple[Finding, ...]:
+def findings(result: GateResult, *, passes: bool = True) -> tuple[Finding, ...]:
     """All findings, failures first.
 
     Parameters
     ----------
     result : GateResult
         From `judge_run`.
+    passes : bool, default True
+        Whether those that pass are wanted too: nearly all, which takes its time.
 
     Returns
     -------
@@ -108,11 +110,15 @@ def findings(result: GateResult) -> tuple[Finding, ...]:
     """
     entries = [
         *_incomplete(result),
-        *(_of_theory(verdict, result.folder) for verdict in result.verdicts),
+        *(
+            _of_theory(verdict, result.folder)
+            for verdict in result.verdicts
+            if passes or verdict.answer != "pass"
+        ),
         *(
             _of_baseline(comparison, result.folder)
             for comparison in result.comparisons
-            if comparison.change != "new"
+            if comparison.change != "new" and (passes or comparison.answer != "pass")
         ),
     ]
     return tuple(sorted(entries, key=lambda f: WORST_FIRST.index(f.answer)))

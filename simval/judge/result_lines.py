@@ -15,18 +15,17 @@ NAMED = 6
 
 def every_line(result: GateResult) -> Iterator[str]:
     """Each finding that did not pass, one by one."""
-    for finding in findings(result):
-        if finding.answer != "pass":
-            yield from _indented(details(finding))
+    for finding in findings(result, passes=False):
+        yield from _indented(details(finding))
 
 
 def short_lines(result: GateResult) -> Iterator[str]:
     """Findings that did not pass: one by one if few, else by study and kind."""
     lines = list(every_line(result))
-    found = groups(result)
     if len(lines) <= LINES:
         yield from lines
         return
+    found = groups(result)
     shown: list[str] = []
     hidden = list(found)
     while hidden and (not shown or len(shown) + len(hidden[0].lines) <= LINES):

@@ -232,8 +232,10 @@ def compare_runs(a: Run, b: Run, alpha: float = ALPHA) -> RunComparison:
         before = {row.key: row for row in old.rows}
         after = {row.key: row for row in new.rows}
         pairs += _pairs_of(old, new, before, after)
-        only_a += [f"{old.name} {_named(key)}" for key in before if key not in after]
-        only_b += [f"{new.name} {_named(key)}" for key in after if key not in before]
+        both = set(before) & set(after)
+        if len(both) < max(len(before), len(after)):
+            only_a += [f"{old.name} {_named(key)}" for key in before if key not in both]
+            only_b += [f"{new.name} {_named(key)}" for key in after if key not in both]
     return RunComparison(
         differences=tuple(sorted(_judged(pairs, alpha), key=_rank)),
         only_a=tuple(only_a),
