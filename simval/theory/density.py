@@ -1,23 +1,28 @@
 r"""Density of the two-vector estimate, and the regions that it falls in.
 
 Near a singularity two moments say little: the estimate is spread over the sphere. Given
-the direction u of d2, :math:`\bar q` is Gaussian with a mean m and a covariance S in
-the space of the (a x u, 0) and (0, 1), of three dimensions (`simval.theory.exact`), and
-so is d2 in its own. The direction y of such a Gaussian vector has the density
+:math:`d_2 = l u` of length l, :math:`\bar q / l` is Gaussian with a mean :math:`m_0 +
+l m_1` and a covariance S in the space of the (a x u, 0) and (0, 1), of three dimensions
+(`simval.theory.exact`); :math:`m_1` is 0 for pairs that are not correlated. The
+directions y and -y of such a Gaussian vector have together the density
 
-.. math:: g(y; m, S) = \frac{e^{-(C - t^2)/2}}{(2\pi)^{3/2} |S|^{1/2} A^{3/2}}
-   [(1 + t^2)\sqrt{2\pi}\,\Phi(t) + t e^{-t^2/2}], \tag{D1}
+.. math:: g(y; m, S) = \frac{1 + t^2}{2\pi |S|^{1/2} A^{3/2}}\, e^{-(C - t^2)/2},
+   \tag{D1}
 
 :math:`A = y^T S^{-1} y, \; t = y^T S^{-1} m/\sqrt A, \; C = m^T S^{-1} m`. A quaternion
-[e; s] lies in the space of u where u is normal to e, on a circle, so that the density
-of :math:`\hat q` on the sphere is, exactly, for any covariances of independent vectors,
+[e; s] lies in the space of u where u is normal to e, on a circle. As q and -q are one
+attitude, the density of the attitude is, exactly, for any covariances,
 
-.. math:: f(\hat q) = \frac{1}{|e|} \oint g(u; d_2, C_2)\, g(\hat q; m(u), S(u))\,
-   d\varphi. \tag{D2}
+.. math:: f(\hat q) = \frac{1}{|e|} \oint \int_0^\infty l^2 N(l u; d_2, C_2)\,
+   g(\hat q; m_0 + l m_1, S)\, dl\, d\varphi. \tag{D2}
 
-The trapezoidal rule on a circle converges geometrically. As q and -q are one attitude,
-the density of the attitude is the sum of both, and the region of a probability is where
-it is above a level: the smallest set that holds the estimate with that probability.
+In l it is a polynomial times a Gaussian, and of its moments on the half line
+
+.. math:: M_k = \int_{-\tau}^\infty (x + \tau)^k \frac{e^{-x^2/2}}{\sqrt{2\pi}}\, dx
+   = \tau M_{k-1} + (k - 1) M_{k-2}, \quad M_0 = \Phi(\tau). \tag{D3}
+
+The trapezoidal rule on a circle converges geometrically. The region of a probability is
+where the density is above a level: the smallest set that holds the estimate with it.
 """
 
 from dataclasses import dataclass
@@ -38,7 +43,7 @@ from simval.theory.two_vector import (
     FRAMES,
     TwoVectorGeometry,
     chosen_columns,
-    noise_covariances,
+    noise_of_vectors,
     require_one,
     turned_geometry,
     unit_arguments,
@@ -66,7 +71,10 @@ class AttitudeDensity(ReadOnly):
     geometry : TwoVectorGeometry
         The truth, in its frame.
     C1, C2 : Array
-        Covariances of (d1, s1), (6, 6), and of d2, (3, 3).
+        Covariances of (d1, s1) given d2, (6, 6), and of d2, (3, 3).
+    slope : Array
+        Change of the mean of (d1, s1) by that of d2, (6, 3); 0 for pairs that are not
+        correlated.
     drawn : Array
         Densities of quasi-random estimates, ascending, (n,).
     """
@@ -74,6 +82,7 @@ class AttitudeDensity(ReadOnly):
     geometry: TwoVectorGeometry
     C1: Float[Array, "6 6"]
     C2: Float[Array, "3 3"]
+    slope: Float[Array, "6 3"]
     drawn: Float[Array, " n"]
 
     def __call__(self, q: Any) -> Float[Array, "..."]:
@@ -100,7 +109,8 @@ class AttitudeDensity(ReadOnly):
         given = normalize(finite_array("q", q, (4,)))
         flat = given.reshape(-1, 4) @ self.geometry.back
         least = float(self.drawn[0])
-        density = _density_of(self.geometry, self.C1, self.C2, flat, least)
+        noise = self.C1, self.C2, self.slope
+        density = _density_of(self.geometry, noise, flat, least)
         return density.reshape(given.shape[:-1])
 
     def contains(self, q: Any, probability: float) -> Any:
@@ -145,7 +155,7 @@ def attitude_density(
         True reference vectors, (3,).
     noise_std : array_like
         Noise of the unit vectors, Gaussian: one standard deviation per axis, (4,) for
-        b1, b2, r1, r2, or (4, 3, 3) covariances.
+        b1, b2, r1, r2, (4, 3, 3) covariances, or (12, 12) of the stacked vectors.
     frame : {"plain", "x", "y", "z"}, optional
         The estimator's fixed frame, which may be singular at the truth; default, the
         greatest column of the truth.
@@ -172,29 +182,36 @@ def attitude_density(
     else:
         column = np.asarray(FRAMES.index(choice("frame", frame, FRAMES)))
     geometry = turned_geometry(column, *truth)
-    C1, C2, _ = half_noise(geometry, noise_covariances(noise_std))
-    for name, C in (("b1 or r1", C1), ("b2 and r2", C2)):
-        values = np.linalg.eigvalsh(C)
-        if not values[0] > 1e-10 * values[-1]:
-            msg = (
-                f"`noise_std` leaves a direction of {name} without noise, where there "
-                "is no density; give each of b1, b2, r1 and r2 noise in every direction"
-            )
-            raise InputError(msg)
+    C1, C2, C12 = half_noise(geometry, noise_of_vectors(noise_std))
+    _require_regular("b2 and r2", C2)
+    slope = np.zeros((6, 3)) if C12 is None else np.linalg.solve(C2, C12.T).T
+    C1 = C1 - slope @ C2 @ slope.T
+    _require_regular("b1 or r1", C1)
     root = scipy.linalg.block_diag(*(covariance_roots(C[None])[0] for C in (C1, C2)))
+    root[6:, :6] = root[6:, 6:] @ slope.T
     centre = np.concatenate([geometry.d1, geometry.s1, geometry.d2])
     d1, s1, d2 = np.split(centre + normal_points(9, 0, _DRAWS) @ root, 3, axis=1)
     qbar = np.column_stack([np.cross(d1, d2), np.sum(s1 * d2, axis=1)])
-    drawn = np.sort(_density_of(geometry, C1, C2, unit(qbar)))
+    drawn = np.sort(_density_of(geometry, (C1, C2, slope), unit(qbar)))
     if not drawn[0] > 0.0:
         raise RefusedError(_unresolved(geometry, "miss estimates altogether"))
-    return AttitudeDensity(geometry=geometry, C1=C1, C2=C2, drawn=drawn)
+    return AttitudeDensity(geometry=geometry, C1=C1, C2=C2, slope=slope, drawn=drawn)
+
+
+def _require_regular(name: str, C: Array) -> None:
+    values = np.linalg.eigvalsh(C)
+    if not values[0] > 1e-10 * values[-1]:
+        msg = (
+            f"`noise_std` leaves a direction of {name} without noise, where there is "
+            "no density; give each of b1, b2, r1 and r2 noise in every direction, of "
+            "its own where they are correlated"
+        )
+        raise InputError(msg)
 
 
 def _density_of(
     geometry: TwoVectorGeometry,
-    C1: Array,
-    C2: Array,
+    noise: tuple[Array, Array, Array],
     q: Float[Array, "n 4"],
     least: float = 0.0,
 ) -> Float[Array, " n"]:
@@ -204,7 +221,7 @@ def _density_of(
     for nodes in _CIRCLE:
         rows = max(1, _AT_ONCE // nodes)
         parts = [
-            _on_circle(geometry, C1, C2, q[i : i + rows], nodes)
+            _on_circle(geometry, noise, q[i : i + rows], nodes)
             for i in range(0, len(q), rows)
         ]
         found = np.concatenate([np.zeros(0), *parts])
@@ -224,9 +241,13 @@ def _unresolved(geometry: TwoVectorGeometry, what: str) -> str:
 
 
 def _on_circle(
-    geometry: TwoVectorGeometry, C1: Array, C2: Array, q: Array, nodes: int
+    geometry: TwoVectorGeometry,
+    noise: tuple[Array, Array, Array],
+    q: Array,
+    nodes: int,
 ) -> Array:
     # (D2) by the trapezoidal rule
+    C1, C2, slope = noise
     length = np.linalg.norm(q[:, :3], axis=1)
     e = np.where(length[:, None] > _NO_AXIS, q[:, :3], [_NO_AXIS, 0.0, 0.0])
     length = np.maximum(length, _NO_AXIS)
@@ -236,28 +257,50 @@ def _on_circle(
     phi = 2.0 * np.pi * np.arange(nodes)[:, None, None] / nodes
     u = np.cos(phi) * across + np.sin(phi) * np.cross(axis, across)
     u = u.reshape(-1, 3)
-    weights = _of_direction(u, geometry.d2, np.linalg.inv(C2))
-    kept = np.flatnonzero(weights > _NEGLIGIBLE)
-    maps, basis = direction_maps(u[kept])
-    m = maps @ np.concatenate([geometry.d1, geometry.s1])
-    inverse = np.linalg.inv(maps @ C1 @ maps.swapaxes(1, 2))
-    y = np.vecmat(q[kept % len(q)], basis)
-    both = _of_direction(y, m, inverse) + _of_direction(-y, m, inverse)
-    circle = np.bincount(kept % len(q), weights[kept] * both, minlength=len(q))
-    density: Array = circle * (2.0 * np.pi / nodes) / length
-    return density
-
-
-def _of_direction(y: Array, m: Array, inverse: Array) -> Array:
-    # (D1)
-    pulled = np.matvec(inverse, m)
-    A = np.vecdot(y, np.matvec(inverse, y))
-    t = np.vecdot(y, pulled) / np.sqrt(A)
-    size = np.vecdot(m, pulled)
+    inverse = np.linalg.inv(C2)
+    kept = np.flatnonzero(_along(u, geometry.d2, inverse) > _NEGLIGIBLE)
+    u, y = u[kept], q[kept % len(q)]
+    maps, basis = direction_maps(u)
+    m0 = maps @ (np.concatenate([geometry.d1, geometry.s1]) - slope @ geometry.d2)
+    m1 = np.matvec(maps, u @ slope.T)
+    S = np.linalg.inv(maps @ C1 @ maps.swapaxes(1, 2))
+    y = np.vecmat(y, basis)
+    pulled = np.matvec(S, y)
+    A = np.vecdot(y, pulled)
+    t0, t1 = (np.vecdot(pulled, m) / np.sqrt(A) for m in (m0, m1))
+    S0, S1 = np.matvec(S, m0), np.matvec(S, m1)
+    square = np.vecdot(u, u @ inverse) + np.vecdot(m1, S1) - t1 * t1
+    linear = u @ inverse @ geometry.d2 - np.vecdot(m1, S0) + t0 * t1
+    rest = geometry.d2 @ inverse @ geometry.d2 + np.vecdot(m0, S0) - t0 * t0
+    root = np.sqrt(square)
+    _, _, M2, M3, M4 = _half_line(linear / root)
+    polynomial = (
+        (1.0 + t0 * t0) * M2 + 2.0 * t0 * t1 * M3 / root + (t1 / root) ** 2 * M4
+    )
     with np.errstate(under="ignore"):
-        tail = t * np.exp(-0.5 * size)
-        bulk = (1.0 + t * t) * np.sqrt(2.0 * np.pi) * scipy.special.ndtr(t)
-        g = np.exp(-0.5 * (size - t * t)) * bulk + tail
-    scale = np.sqrt(np.linalg.det(inverse)) * (2.0 * np.pi) ** -1.5
-    density: Array = np.maximum(g, 0.0) * scale * A**-1.5
+        size = np.exp(-0.5 * (rest - linear**2 / square)) * np.maximum(polynomial, 0.0)
+    size *= np.sqrt(np.linalg.det(S) * np.linalg.det(inverse)) * A**-1.5 * root**-3
+    circle = np.bincount(kept % len(q), size, minlength=len(q))
+    density: Array = circle / (2.0 * np.pi * nodes) / length
     return density
+
+
+def _along(u: Array, d2: Array, inverse: Array) -> Array:
+    # density of the direction of d2
+    A = np.vecdot(u, u @ inverse)
+    t = u @ inverse @ d2 / np.sqrt(A)
+    scale = np.sqrt(np.linalg.det(inverse)) / (2.0 * np.pi)
+    with np.errstate(under="ignore"):
+        tilted = np.exp(-0.5 * (d2 @ inverse @ d2 - t * t))
+    density: Array = tilted * _half_line(t)[2] * scale * A**-1.5
+    return density
+
+
+def _half_line(tau: Array) -> list[Array]:
+    # (D3)
+    with np.errstate(under="ignore"):
+        M = [scipy.special.ndtr(tau)]
+        M.append(tau * M[0] + np.exp(-0.5 * tau * tau) / np.sqrt(2.0 * np.pi))
+    for k in (2, 3, 4):
+        M.append(tau * M[k - 1] + (k - 1) * M[k - 2])
+    return M

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy
 from rounding import relative
 
 from simval.errors import InputError, RefusedError
@@ -41,20 +42,36 @@ def sphere(count):
 
 
 @pytest.mark.ci
-def test_its_moments_are_the_exact_ones():
+@pytest.mark.parametrize("shared", [0.0, 0.03])
+def test_its_moments_are_the_exact_ones(shared):
     q, noise = attitude_at(0.2), noise_covariances(0.3)
     noise = noise * np.linspace(0.5, 1.0, 4)[:, None, None]
     noise[0, 0, 1] = noise[0, 1, 0] = 0.02  # neither equal nor isotropic
+    if shared:  # b2 with b1, and r2 with b1
+        joint = scipy.linalg.block_diag(*noise)
+        joint[3:6, :3] = joint[:3, 3:6] = shared * np.eye(3)
+        joint[9:, :3] = joint[:3, 9:] = np.diag([0.01, -0.02, 0.01])
+        noise = joint
     density = attitude_density(q, R1, R2, noise, "plain")
     points, weights = sphere(14)
     # each attitude twice on the whole sphere
     mass = 0.5 * weights * density(points)
     assert mass.sum() == pytest.approx(1.0, abs=2e-3)
-    exact = attitude_moments(q, R1, R2, noise, "exact", "plain")
-    # E[qhat qhat'] from the moments of q - qhat
-    mean = exact.q_true - exact.bias
-    second = exact.covariance + np.outer(mean, mean)
-    assert relative((mass[:, None] * points).T @ points, second) < 2e-3
+    # E[qhat qhat'], from the moments of q - qhat or from simulation
+    if shared:
+        root = np.linalg.cholesky(noise)
+        x = root @ np.random.default_rng(6).standard_normal((12, 500_000))
+        A = attitude_matrix(q)
+        vectors = np.concatenate([A @ R1, A @ R2, R1, R2])[:, None] + x
+        found = normalize_columns(raw_quaternion(vectors, "plain")).T
+        second = found.T @ found / len(found)
+    else:
+        exact = attitude_moments(q, R1, R2, noise, "exact", "plain")
+        mean = exact.q_true - exact.bias
+        second = exact.covariance + np.outer(mean, mean)
+    # five standard errors of a simulated square are 3e-3
+    limit = 5e-3 if shared else 2e-3
+    assert relative((mass[:, None] * points).T @ points, second) < limit
 
 
 @pytest.mark.slow
@@ -86,8 +103,12 @@ def test_noise_that_has_no_density_is_refused():
     q = attitude_at(0.2)
     with pytest.raises(InputError, match="without noise"):
         attitude_density(q, R1, R2, [0.1, 0.0, 0.1, 0.0])
+    same = np.kron(np.ones((2, 2)), 0.01 * np.eye(3))  # on b1 and b2
+    same = scipy.linalg.block_diag(same, 0.0 * same)
+    with pytest.raises(InputError, match=r"without noise.* of its own"):
+        attitude_density(q, R1, R2, same)
     with pytest.raises(InputError, match="`noise_std` has shape"):
-        attitude_density(q, R1, R2, np.eye(12))
+        attitude_density(q, R1, R2, np.eye(11))
 
 
 @pytest.mark.parametrize("sigma", [1e-3, 1e-4, 1e-6])
