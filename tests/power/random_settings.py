@@ -68,11 +68,7 @@ def _attitude(rng):
     )
 
 
-def _ladder(rng):
-    which = ladder.Parameters.model_fields["residual"].annotation
-    residual = get_args(which)[rng.integers(5)]
-    spread = float(rng.uniform(0.0, 0.9))
-    return ladder.Parameters(residual=residual, scale_spread=spread, trials=FEW)
+RESIDUALS = get_args(ladder.Parameters.model_fields["residual"].annotation)
 
 
 def _even_seeds(parameters, streams):
@@ -130,7 +126,7 @@ def _calibrated(parameters, streams):
     return calibrator.outcome(plugin, parameters, streams)
 
 
-def _filter(rng):
+def _scenario(rng):
     scenario = ("gimbal slow", "long rest")[rng.integers(2)]
     wrong = (
         "",
@@ -138,16 +134,7 @@ def _filter(rng):
         f", calibration {rng.uniform(1e-4, 2e-3):.3g}",
         f", gyroscope noise {10 ** rng.uniform(-0.5, 0.5):.3g}",
     )
-    return filter.Parameters(
-        scenario=scenario + wrong[rng.integers(len(wrong))],
-        rate=(25.0, 50.0)[rng.integers(2)],
-        seconds=4.0,
-        accelerometer_noise=float(10 ** rng.uniform(-3.0, -2.0)),
-        magnetometer_noise=float(10 ** rng.uniform(-2.5, -2.0)),
-        angle_random_walk=float(10 ** rng.uniform(-2.5, -1.5)),
-        start_std=float(10 ** rng.uniform(-3.0, -2.0)),
-        trials=LEAST,
-    )
+    return scenario + wrong[rng.integers(len(wrong))]
 
 
 def drawn(study, **settings):
@@ -174,6 +161,10 @@ def either(one, other):
     return lambda rng: one if rng.random() < 0.5 else other
 
 
+def one_of(*values):
+    return lambda rng: values[rng.integers(len(values))]
+
+
 def sampled(study, **settings):
     return study.run, drawn(study, **settings)
 
@@ -187,7 +178,9 @@ SETTINGS: Final[Mapping] = MappingProxyType(
             calibration,
             poses=(12, 41), noise_std=(0.003, 0.03), hold_time=0.02, trials=FEW,
         ),
-        "ladder": (ladder.run, _ladder),
+        "ladder": sampled(
+            ladder, residual=one_of(*RESIDUALS), scale_spread=(0.0, 0.9), trials=FEW
+        ),
         "coverage": sampled(
             coverage, poses=(15, 60), sigma=either("known", "type A"), trials=4 * FEW
         ),
@@ -207,7 +200,7 @@ SETTINGS: Final[Mapping] = MappingProxyType(
         ),
         "attitude_singular": sampled(
             attitude_singular,
-            case=lambda rng: "ABCD"[rng.integers(4)], distance=(8.0, 24.0),
+            case=one_of(*"ABCD"), distance=(8.0, 24.0),
             geometry=(0, NUMBERS), noise_std=power_of_ten(-5.0, -2.0),
         ),
         "attitude_vectors": sampled(
@@ -234,7 +227,16 @@ SETTINGS: Final[Mapping] = MappingProxyType(
         ),
         "estimator": (estimator.compute, _estimator),
         "calibrator": (_calibrated, _calibrator),
-        "filter": (filter.compute, _filter),
+        "filter": (
+            filter.compute,
+            drawn(
+                filter, scenario=_scenario, rate=one_of(25.0, 50.0), seconds=4.0,
+                accelerometer_noise=power_of_ten(-3.0, -2.0),
+                magnetometer_noise=power_of_ten(-2.5, -2.0),
+                angle_random_walk=power_of_ten(-2.5, -1.5),
+                start_std=power_of_ten(-3.0, -2.0), trials=LEAST,
+            ),
+        ),
     }
 )  # fmt: skip
 """Studies whose judged rows rest on samples, each with its random settings."""
