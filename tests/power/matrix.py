@@ -133,7 +133,7 @@ def inject_all(chosen: tuple[Fault, ...]) -> Iterator[Result]:
                 alone=judge_run(run).answer,
                 twin=twin.beside_baseline if fault.baseline else twin.alone,
                 crashed=any(cell.status == "failed" for cell in run.cells),
-                reason=_first(result),
+                reason=_first(result).replace(str(place), "RUN"),
             )
 
 
