@@ -163,42 +163,42 @@ def biases(frame, tangent, n=100):
 CASES = [("plain", 0), ("plain", 1), ("greatest", 0), ("greatest", 1)]
 
 
-@of(
-    'after (53): "the bias lies close to the true quaternion", plain form',
-    FALSE,
-    seeds=1,
+@claims(
+    SOURCE,
+    bias_close_to_q=(
+        'after (53): "the bias lies close to the true quaternion", plain form',
+        FALSE,
+    ),
+    bias_points_inward=(
+        "after (53): left open, whether the bias points inward or outward; inward"
+    ),
+    p_q_small=("after (53): P q is generally small, beside the bias", FALSE),
 )
-def bias_close_to_q(rng):
-    # nine in ten, in degrees; isotropic and tangent noise, plain and greatest frame
-    nine = []
+def directions_of_the_bias(rng):
+    # isotropic and tangent noise, plain and greatest frame; nine in ten, in degrees
+    nine, middle, shares = [], [], []
     for case in CASES:
-        cosines = [q @ m / np.linalg.norm(m) for q, _, m in biases(*case)]
+        found = biases(*case)
+        cosines = [q @ m / np.linalg.norm(m) for q, _, m in found]
         nine.append(np.degrees(np.arccos(np.quantile(cosines, 0.1))))
-    printed = bool(max(nine[:2]) < 10)
-    right = bool(min(nine[:2]) > 15 and max(nine[2:]) < 12)
-    return True, printed, right
-
-
-@of("after (53): left open, whether the bias points inward or outward; inward")
-def bias_points_inward(rng):
-    # by the least over frames and noises, over the trace of the covariance: one half
-    shares = [
-        q @ m / (np.trace(P) - q @ P @ q) for case in CASES for q, P, m in biases(*case)
-    ]
-    printed = 0.5
-    return shares, [printed] * len(shares)
-
-
-@of("after (53): P q is generally small, beside the bias", FALSE, seeds=1)
-def p_q_small(rng):
-    middle = [
-        np.median([np.linalg.norm(P @ q) / np.linalg.norm(m) for q, P, m in biases(*c)])
-        for c in CASES
-    ]
-    printed = bool(max(middle) < 0.5)
+        middle.append(
+            np.median([np.linalg.norm(P @ q) / np.linalg.norm(m) for q, P, m in found])
+        )
+        # by the least over frames and noises, over the trace of the covariance
+        shares += [q @ m / (np.trace(P) - q @ P @ q) for q, P, m in found]
+    bias_close_to_q = (
+        True,
+        bool(max(nine[:2]) < 10),
+        bool(min(nine[:2]) > 15 and max(nine[2:]) < 12),
+    )
+    bias_points_inward = shares, [0.5] * len(shares)
     # longer than the bias, but for tangent noise in the greatest frame
-    right = bool(min(middle[:3]) > 1.0 and 0.5 < middle[3] < 1.0)
-    return True, printed, right
+    p_q_small = (
+        True,
+        bool(max(middle) < 0.5),
+        bool(min(middle[:3]) > 1.0 and 0.5 < middle[3] < 1.0),
+    )
+    return locals()
 
 
 # sections 4.3.2 and 4.3.3: covariances, eqs. (54) to (65).
@@ -482,41 +482,60 @@ def small_noise(rng):
         yield D / size, m, q, unit(m - q * (q @ m)), size, (p, r, c, h, w, a, b)
 
 
-@of(
-    "(63), any isotropic noise: what it misses in the plane of q and the bias", tol=1e-6
+@claims(
+    SOURCE,
+    eq_63_missing=(
+        "(63), any isotropic noise: what it misses in the plane of q and the bias",
+        RIGHT,
+        {"tol": 1e-6},
+    ),
+    eq_63_nearer=(
+        "(63), any isotropic noise, small: nearer to the exact covariance by it",
+        RIGHT,
+        {"tol": 1e-6},
+    ),
 )
-def eq_63_missing(rng):
-    truth, forms = [], []
-    for D, _, q, t, size, (p, r, c, h, w, _, b) in small_noise(rng):
-        truth.append([q @ D @ q, q @ D @ t, t @ D @ t])
-        printed = [
-            p**2 + (1 - c) * p * r * w + r**2 * w**2 / 2,
-            b * ((5 - c) * p + 4 * r * w),
-            -(1 - c) * p**2
-            + (3 + 3 * h - 7 * w - c * (1 - w)) * p * r
-            + 3 * (h - w**2) * r**2
-            + 8 * b**2,
-        ]
-        forms.append(np.array(printed) / size)
-    return truth, forms
-
-
-@of("(63), any isotropic noise, small: nearer to the exact covariance by it", tol=1e-6)
-def eq_63_nearer(rng):
+def what_the_term_brings(rng):
+    found = list(small_noise(rng))
+    eq_63_missing = (
+        [[q @ D @ q, q @ D @ t, t @ D @ t] for D, _, q, t, *_ in found],
+        [
+            np.array(
+                [
+                    p**2 + (1 - c) * p * r * w + r**2 * w**2 / 2,
+                    b * ((5 - c) * p + 4 * r * w),
+                    -(1 - c) * p**2
+                    + (3 + 3 * h - 7 * w - c * (1 - w)) * p * r
+                    + 3 * (h - w**2) * r**2
+                    + 8 * b**2,
+                ]
+            )
+            / size
+            for *_, size, (p, r, c, h, w, _, b) in found
+        ],
+    )
     # what (63) gains, 2 m'Dm - |m|^4, is a sum of terms that are not negative
-    truth, forms = [], []
-    for D, m, _, _, size, (p, r, c, h, w, a, b) in small_noise(rng):
-        truth.append((2 * m @ D @ m * size - (m @ m) ** 2) / size**2)
-        printed = [
-            a**2 * (p**2 + (1 - 2 * c) * p * r * w + 3 / 4 * r**2 * w**2),
-            b**2 * (16 - 2 * c) * p**2,
-            b**2 * (10 * w + 6 + 6 * h - 2 * c) * p * r,
-            b**2 * (3 / 2 * w**2 + 6 * h) * r**2,
-            15 * b**4,
-        ]
-        assert min(printed) >= 0
-        forms.append(sum(printed) / size**2)
-    return truth, forms
+    eq_63_nearer = (
+        [(2 * m @ D @ m * s - (m @ m) ** 2) / s**2 for D, m, _, _, s, _ in found],
+        [
+            not_negative(
+                a**2 * (p**2 + (1 - 2 * c) * p * r * w + 3 / 4 * r**2 * w**2),
+                b**2 * (16 - 2 * c) * p**2,
+                b**2 * (10 * w + 6 + 6 * h - 2 * c) * p * r,
+                b**2 * (3 / 2 * w**2 + 6 * h) * r**2,
+                15 * b**4,
+            )
+            / size**2
+            for *_, size, (p, r, c, h, w, a, b) in found
+        ],
+    )
+    return locals()
+
+
+def not_negative(*terms):
+    """A sum, each term of which is demanded to be so."""
+    assert min(terms) >= 0
+    return sum(terms)
 
 
 def gain(g, noise):

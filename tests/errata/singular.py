@@ -360,6 +360,14 @@ def conditions(rng, second):
     return truth, found
 
 
+def either(conditions):
+    """Whether one of the conditions holds, the second with b2x = r2x.
+
+    x: b1 || axis; y, k: the second condition with 1 or with a free k; z: b2x = r2x.
+    """
+    return [x or (y and z) for x, y, _, z in conditions]
+
+
 @claims(
     SOURCE,
     table_2_b_and=("Table 2, B: AND between the conditions", MISPRINTED),
@@ -371,32 +379,11 @@ def conditions(rng, second):
 )
 def conditions_of_turned_frames(rng):
     (b, B), (c, C) = conditions(rng, False), conditions(rng, True)
-    # x: b1 || axis; y, k: the second condition with 1 or with a free k; z: along
-    table_2_b_and = (
-        b,
-        [x and y for x, y, _, _ in B],
-        [x or (y and z) for x, y, _, z in B],
-    )
-    table_2_b_constant = (
-        b,
-        [x or k for x, _, k, _ in B],
-        [x or (y and z) for x, y, _, z in B],
-    )
-    table_2_c_and = (
-        c,
-        [x and y for x, y, _, _ in C],
-        [x or (y and z) for x, y, _, z in C],
-    )
-    table_2_c_constant = (
-        c,
-        [x or k for x, _, k, _ in C],
-        [x or (y and z) for x, y, _, z in C],
-    )
-    table_2_along = (
-        b + c,
-        [x or y for x, y, _, _ in B + C],
-        [x or (y and z) for x, y, _, z in B + C],
-    )
+    table_2_b_and = b, [x and y for x, y, _, _ in B], either(B)
+    table_2_b_constant = b, [x or k for x, _, k, _ in B], either(B)
+    table_2_c_and = c, [x and y for x, y, _, _ in C], either(C)
+    table_2_c_constant = c, [x or k for x, _, k, _ in C], either(C)
+    table_2_along = b + c, [x or y for x, y, _, _ in B + C], either(B + C)
     return locals()
 
 
