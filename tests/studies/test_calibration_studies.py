@@ -45,6 +45,8 @@ def test_theory_meets_the_magnetometers_estimate_at_any_legal_cell(seed, count):
         rows = response_rows(*cell)
         assert len(rows) == 2, cell
         assert all(row.value < 0.2 * row.remainder for row in rows), cell
+        # a thousandth of a covariance, and of a bias of 5e-4 deviations, is seen
+        assert [row.remainder for row in rows] == pytest.approx([1e-5, 1e-7]), cell
     assert response_rows(20, 66.0, 1e-4, 1.01e-4 * UNLIKE) == ()
 
 
