@@ -213,40 +213,32 @@ def test_a_rest_that_turns_is_cut_or_left_out(logs):
 
 
 def gyroscope(seed):
-    """Rows and rests of a gyroscope: white, walking, held by hand, leaning, slow."""
+    """Rows and rests of a gyroscope: white, walking, or held by hand; coarse or not."""
     rng = np.random.default_rng([9, seed])
     count, hz = int(rng.integers(9, 40)), float(rng.choice([25.0, 50.0, 100.0, 200.0]))
     holds = (rng.uniform(1.0, 4.0, count) * hz).astype(int)
     start = np.cumsum(holds + (rng.uniform(1.5, 3.0, count) * hz).astype(int)) - holds
     n, rests = int(start[-1] + holds[-1]), np.stack([start, start + holds], axis=1)
     x = rng.standard_normal((n, 3))
-    size = np.zeros((n, 1))
-    for a, b in rests:
-        size[a:b] = 10 ** rng.uniform(-1.0, 1.0)
-    if seed % 5 == 1:
+    if seed // 3 % 3 == 1:
         walk = np.cumsum(rng.standard_normal((n, 3)), axis=0)
         x += walk / np.sqrt(hz) * 10 ** rng.uniform(-2.0, -0.3)
-    elif seed % 5 == 2:  # a hand, at 2 to 8 Hz, in each rest as much as it likes
+    elif seed // 3 % 3 == 2:  # a hand, at 2 to 8 Hz, in each rest as much as it likes
         f, r = min(rng.uniform(2.0, 8.0), hz / 4.0), np.exp(-2 * np.pi / hz)
         pole = [1.0, -2.0 * r * np.cos(2 * np.pi * f / hz), r * r]
         hand = lfilter([1.0, -1.0], pole, rng.standard_normal((n, 3)), axis=0)
-        x += size * hand / hand.std()
-    elif seed % 5 == 3:  # sensitivity to force
         for a, b in rests:
-            x[a:b] += 0.5 * rng.standard_normal(3)
-    elif seed % 5 == 4:
-        keep = np.exp(-2 * np.pi * 5.0 / hz)
-        x = lfilter([1.0 - keep], [1.0, -keep], x, axis=0)
-    step = 10 ** rng.uniform(-1.0, 0.5) if seed % 3 == 0 else 1e-6
+            x[a:b] += 10 ** rng.uniform(-1.0, 1.0) * hand[a:b] / hand.std()
+    step = 10 ** rng.uniform(-1.0, 0.5) if seed % 2 else 1e-6
     return np.arange(n) / hz, step * np.round(x / step), rests
 
 
 @pytest.mark.ci
 def test_false_alarms_and_power():
-    """60 gyroscopes at rest: with 1e-3 a log, two alarms have a chance of 2e-3."""
+    """30 gyroscopes at rest: with 1e-3 a log, two alarms have a chance of 4e-4."""
     alarms = missed = 0
     cut = [0, 0, 0]
-    for seed in range(60):
+    for seed in range(30):
         time, rows, rests = gyroscope(seed)
         alarms += bool(still_parts(evened(time, rows), rests)[1])
         k, turned = len(rests) // 2, rows.copy()
@@ -266,9 +258,9 @@ def test_false_alarms_and_power():
     assert FALSE_ALARM == 1e-3
     assert alarms <= 1
     assert missed == 0
-    # of 20 that turn at either end; of a short rest too little is left
+    # of 10 that turn at either end; of a short rest too little is left
     assert cut[0] == 0
-    assert min(cut[1:]) > 4, cut
+    assert min(cut[1:]) > 2, cut
 
 
 def test_a_gyroscope_without_noise_is_still():
