@@ -67,19 +67,22 @@ def test_every_name_asks_the_same_way(ask):
         ask()
 
 
-def test_a_run_of_a_near_name_is_named(simval, tiny_run, tmp_path, monkeypatch):
+def test_a_run_of_a_near_name_is_named_and_the_latest_is_found(
+    simval, tiny_run, tmp_path, monkeypatch
+):
     runs = tmp_path / vocabulary.RUNS
     runs.mkdir(parents=True)
-    (runs / "nightly").symlink_to(os.path.realpath(tiny_run))
     monkeypatch.chdir(tmp_path)
+    code, _, err = simval("gate", "latest")
+    assert (code, f"there is no run under {vocabulary.RUNS}" in err) == (2, True)
+    (runs / "nightly").symlink_to(os.path.realpath(tiny_run))
+    assert simval("gate", "latest", "--no-baseline")[0] == 0
     for slip in ("nightly", "nighly", str(vocabulary.RUNS / "Nightly_")):
         code, _, err = simval("report", slip)
         assert code == 2
         assert f"is no run folder (did you mean `{vocabulary.RUNS}/nightly`?)" in err
     code, _, err = simval("report", "quite-another")
-    assert code == 2
-    assert "is no run folder" in err
-    assert "did you mean" not in err
+    assert (code, "is no run folder" in err, "did you mean" in err) == (2, True, False)
 
 
 @pytest.mark.parametrize("names", LISTS.values(), ids=LISTS.keys())

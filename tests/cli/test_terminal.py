@@ -102,22 +102,6 @@ def test_a_gravity_that_is_nowhere_on_the_earth_is_said(simval, log, command):
         assert simval(command, *words, "--g", earth)[2] == ""
 
 
-@pytest.mark.parametrize("poses", ["faces", "fibonacci:1", "fibonacci:8"])
-@pytest.mark.parametrize("gyroscope", [(), ("--angle-random-walk", "1e-4")])
-def test_a_plan_that_can_predict_nothing_says_so(simval, poses, gyroscope):
-    noise = ("--hold", "1", "--noise-density", "1e-3")
-    code, out, errors = simval("plan", "--poses", poses, *noise, *gyroscope)
-    assert (code, errors) == (0, "")
-    assert "nothing to predict: these poses tell" in out
-    assert not {"inf", "nan"} & set(out.split())
-
-
-@pytest.mark.parametrize(("noise", "believed"), [("0.1", True), ("9.8", False)])
-def test_a_plan_for_a_noise_in_another_unit_says_so(simval, noise, believed):
-    out = simval("plan", "--noise-std", noise)[1]
-    assert ("not to be believed" not in out) == believed
-
-
 PLAN = {"--hold": "1", "--noise-density": "1e-3", "--angle-random-walk": "1e-4"}
 OPTIONS = {
     "calibrate": {

@@ -30,7 +30,6 @@ from simval.scene.draw import (
     LONGEST,
     arrow_tips,
     body_reach,
-    projected,
 )
 from simval.scene.physics import instants, load_model, model_path
 from simval.scene.pictures import Frame
@@ -71,34 +70,6 @@ def test_an_impact_stays_in_the_picture(gimbal, size, shown):
     tips = arrow_tips(data, np.array([0.0, -size, 0.0]), 1.0, 0.1)
     length = np.linalg.norm(tips[3] - data.site("imu").xpos)
     np.testing.assert_allclose(length, 0.1 * FORCE_LENGTH * shown, rtol=1e-14)
-
-
-def scene_of(model, data):
-    """What the camera of a model sees, without any graphics."""
-    scene, camera = mujoco.MjvScene(model, 1000), mujoco.MjvCamera()
-    camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
-    camera.fixedcamid = model.camera(CAMERA).id
-    every = mujoco.mjtCatBit.mjCAT_ALL.value
-    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera, every, scene)
-    return scene
-
-
-def test_points_are_where_a_pinhole_sees_them(gimbal):
-    """Against the camera's pose and field of view from the model file."""
-    model, data = gimbal
-    points = np.random.default_rng(1).uniform([-0.2, -0.2, 0.2], 0.5, (50, 3))
-    R_wc = data.camera(CAMERA).xmat.reshape(3, 3)
-    at = (points - data.camera(CAMERA).xpos) @ R_wc  # right, up, back
-    focal = 360.0 / np.tan(np.radians(model.camera(CAMERA).fovy[0]) / 2.0)
-    wanted = np.stack(
-        [480.0 - focal * at[:, 0] / at[:, 2], 360.0 + focal * at[:, 1] / at[:, 2]],
-        axis=1,
-    )
-    found = projected(scene_of(model, data), points, 960, 720)
-    # the scene's camera is in float32: 960 pixels times 2^-24 times some ten roundings
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-3)
-    behind = data.camera(CAMERA).xpos + R_wc[:, 2]
-    assert np.isnan(projected(scene_of(model, data), behind[None], 960, 720)).all()
 
 
 def test_positions_and_readings_are_of_one_instant():

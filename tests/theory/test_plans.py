@@ -240,12 +240,24 @@ def answered(simval):
     return answer
 
 
-def test_command_says_what_is_missing(simval, answered):
-    code, out, _ = simval("plan", "--poses", "faces", "--noise-std", "0.01")
-    assert code == 0
-    assert "rank 6 of 9" in out
-    assert "next direction  (0.577, 0.577, 0.577)" in out
-    assert answered("--poses", "faces", "--noise-std", "1")["sd"] == [None] * 9
+@pytest.mark.parametrize("poses", ["faces", "fibonacci:1", "fibonacci:8"])
+@pytest.mark.parametrize("gyroscope", [(), ("--angle-random-walk", "1e-4")])
+def test_command_says_what_is_missing(simval, answered, poses, gyroscope):
+    words = ("--poses", poses, "--hold", "1", "--noise-density", "1e-3", *gyroscope)
+    code, out, errors = simval("plan", *words)
+    assert (code, errors) == (0, "")
+    assert "nothing to predict: these poses tell" in out
+    assert not {"inf", "nan"} & set(out.split())
+    assert answered(*words)["sd"] == [None] * 9
+    if poses == "faces":
+        assert "rank 6 of 9" in out
+        assert "next direction  (0.577, 0.577, 0.577)" in out
+
+
+@pytest.mark.parametrize(("noise", "believed"), [("0.1", True), ("9.8", False)])
+def test_a_plan_for_a_noise_in_another_unit_says_so(simval, noise, believed):
+    out = simval("plan", "--noise-std", noise)[1]
+    assert ("not to be believed" not in out) == believed
 
 
 def test_command_reads_directions_and_a_sensor(tmp_path, answered):
