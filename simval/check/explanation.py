@@ -40,6 +40,14 @@ from simval.sweep.cells import CellResult
 from simval.text import one_line
 from simval.verdict import ENDINGS
 
+_UNEQUAL: Final = (
+    "trials and cubature of the same function disagree: it jumps, or depends on more "
+    "than its arguments"
+)
+_KNOWS: Final = (
+    "nobody can be better than the bound: it knows the truth, or what it saw before"
+)
+
 _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
     {
         "failures": "mend the formula there, or declare the class in `fails_at`",
@@ -47,10 +55,7 @@ _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
             "an estimate that is right without noise has no error proportional to it: "
             "look for an offset, an absolute value or a threshold"
         ),
-        "below_bound": (
-            "nobody can be better than the bound: it knows the truth, or what it saw "
-            "before"
-        ),
+        "below_bound": _KNOWS,
         "squared_error_over_predicted": (
             "rare trials are far off, more than cubature shows: look for a threshold"
         ),
@@ -68,14 +73,8 @@ _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
         ),
         "cubature_bias": "the bias is greater than terms of second order can make it",
         "cubature_bias_at_small_noise": "an error is left that does not shrink with it",
-        "bias": (
-            "trials and cubature of the same function disagree: it jumps, or depends "
-            "on more than its arguments"
-        ),
-        "covariance": (
-            "trials and cubature of the same function disagree: it jumps, or depends "
-            "on more than its arguments"
-        ),
+        "bias": _UNEQUAL,
+        "covariance": _UNEQUAL,
         "nees": "the covariance that it states is not that of its errors",
         "claim_off": "the covariance is not exact: declare the order that it keeps",
         "claim_off_at_the_noise": "the covariance is not that of its errors",
@@ -83,23 +82,20 @@ _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
         "unit_length": "the quaternions are not of unit length",
     }
 )
-"""By family of statistics."""
+"""By family of statistics, of estimators."""
 
-_OF_A_CALIBRATOR: Final = MappingProxyType(
-    {"bias": "a parameter is off by more than any sound residual makes it"}
-)
-
-_OF_A_FILTER: Final = MappingProxyType(
+_OF: Final[Mapping[str, Mapping[str, str]]] = MappingProxyType(
     {
-        # of the others `why` says it
-        "diverged": "it loses the attitude, or never finds it",
-        "rms_below_bound": (
-            "nobody can be better than the bound: it knows the truth, or what it saw "
-            "before"
-        ),
+        "calibrator": {
+            **_ADVICE,
+            "bias": "a parameter is off by more than any sound residual makes it",
+        },
+        "filter": {  # of the others `why` says it
+            "diverged": "it loses the attitude, or never finds it",
+            "rms_below_bound": _KNOWS,
+        },
     }
 )
-
 
 UNSETTLED: Final = (
     "cubature of the function does not settle at this noise: it jumps, or is far from "
@@ -115,11 +111,7 @@ def advice_on(finding: Finding) -> str:
     if finding.answer != "fail" or not finding.statistic:
         return ""
     family = finding.statistic.partition("[")[0]
-    if finding.study == "filter":
-        return _OF_A_FILTER.get(family, "")
-    if finding.study == "calibrator":
-        return _OF_A_CALIBRATOR.get(family, "") or _ADVICE.get(family, "")
-    return _ADVICE.get(family, "")
+    return _OF.get(finding.study, _ADVICE).get(family, "")
 
 
 MUCH: Final = 0.1

@@ -39,7 +39,6 @@ from simval.sweep.provenance import manifest
 from simval.sweep.run import Run
 from simval.sweep.runner import Progress
 from simval.sweep.suite import Suite, expand
-from simval.text import message_of
 from simval.verdict import ALPHA
 
 NOISE: Final = (0.01, 0.05)
@@ -407,8 +406,6 @@ def _measured(position: int, cell: Cell, plugin: Held) -> CellResult:
             error = f"{''.join(traceback.format_list(own))}{crash}\n"
         except PluginError as refusal:
             error = f"{REFUSED}{refusal}\n"
-        except SystemExit as ending:
-            error = f"the plug-in raised {message_of(ending)}\n"
     return CellResult(
         position=position,
         name=cell.name,

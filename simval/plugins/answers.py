@@ -54,7 +54,7 @@ def called(name: str, function: Any, *arguments: Any, **words: Any) -> Any:
         return function(*arguments, **words)
     except PluginError:
         raise
-    except Exception as error:  # whatever a user's function may raise
+    except (Exception, SystemExit) as error:  # whatever a user's function may raise
         raise ended(name, error) from error
 
 

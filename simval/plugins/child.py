@@ -31,7 +31,7 @@ from math import prod
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import monotonic
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import IO, Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,9 @@ GLANCE = 0.1
 
 GRACE = 5.0
 """Seconds past the limit after which the child ends itself."""
+
+TAIL = 400
+"""Bytes of what a process has written that are its last words."""
 
 SIZES = struct.Struct(">QQ")
 """Of what a message says of its arrays, and of its words."""
@@ -282,8 +285,7 @@ class Child(End):
 
     def _last_words(self) -> str:
         with contextlib.suppress(OSError), self.output.open("rb") as output:
-            output.seek(max(0, output.seek(0, os.SEEK_END) - 400))
-            lines = output.read().decode(errors="replace").strip().splitlines()
+            lines = tail_of(output).splitlines()
             words = " | ".join(line.strip() for line in lines[-3:])
             return f"; its last words: {words}" if words else ""
         return ""
@@ -346,6 +348,12 @@ def where_it_lives(
         return child.ask(call, plugin, *args, **kwargs)
 
     return call
+
+
+def tail_of(content: IO[bytes]) -> str:
+    """The end of what was written to a file."""
+    content.seek(max(0, content.seek(0, os.SEEK_END) - TAIL))
+    return content.read().decode(errors="replace").strip()
 
 
 def ending(code: int) -> str:

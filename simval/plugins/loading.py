@@ -18,7 +18,7 @@ import re
 import shutil
 import sys
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
@@ -389,23 +389,12 @@ def installed() -> list[tuple[str, str]]:
 
 
 def _held_by(file: Path) -> list[Any]:
-    """Plug-ins of a Python file."""
+    """Plug-ins of a Python file; two names for the same one count once."""
     if not file.is_file():
         msg = f"the plug-in file {file} does not exist; give the path of a Python file"
         raise UnusablePluginError(msg)
-    try:
+    with _usable(f"the plug-in file {file}"):
         content = vars(_imported(file))
-    except SystemExit as error:
-        msg = f"the plug-in file {file} calls exit({error.code})"
-        raise UnusablePluginError(msg) from None
-    except Exception as error:  # whatever a user's file may raise
-        msg = f"the plug-in file {file} fails with {message_of(error)}"
-        raise UnusablePluginError(msg) from error
-    return _distinct(file, content)
-
-
-def _distinct(file: str | Path, content: Mapping[str, Any]) -> list[Any]:
-    """Plug-ins among the values of a module; two names for the same one count once."""
     held = [value for value in content.values() if isinstance(value, Plugin)]
     plugins = list({id(value): value for value in held}.values())
     names: set[tuple[type, str]] = set()
@@ -480,11 +469,15 @@ def _no_plugin(word: str, count: int) -> UnusablePluginError:
 
 
 def _loaded(name: str) -> list[Any]:
-    try:
+    with _usable(f"the entry point `{name}`"):
         return [point.load() for point in points_of(name)]
-    except SystemExit as error:
-        msg = f"the plug-in package {name} calls exit({error.code})"
-        raise UnusablePluginError(msg) from None
-    except Exception as error:  # whatever an installed package may raise
-        msg = f"the entry point `{name}` fails with {message_of(error)}"
+
+
+@contextmanager
+def _usable(what: str) -> Iterator[None]:
+    """Refuse a plug-in whose code cannot be loaded, whatever it may raise."""
+    try:
+        yield
+    except (Exception, SystemExit) as error:
+        msg = f"{what} fails with {message_of(error)}"
         raise UnusablePluginError(msg) from error

@@ -46,7 +46,7 @@ from simval.errors import (
     SilentPluginError,
     UnusablePluginError,
 )
-from simval.plugins.child import ending
+from simval.plugins.child import ending, tail_of
 from simval.plugins.names import COMMAND
 from simval.plugins.protocol import (
     READS,
@@ -60,12 +60,6 @@ from simval.text import shown
 
 ANSWER_LIMIT = 1 << 20
 """Bytes that one answer may have: a calibration has some thousand."""
-
-
-def tail_of(content: IO[bytes]) -> str:
-    """The end of what was written to a file."""
-    content.seek(max(0, content.seek(0, os.SEEK_END) - 300))
-    return content.read().decode(errors="replace").strip()
 
 
 def json_object(who: str, printed: bytes) -> dict[str, Any]:
@@ -106,8 +100,7 @@ PLACES = (*SINGLE, *BATCH, "g")
 _PLACE = re.compile(r"(?:[^{}]*[=:])?\{([A-Za-z_]\w*)\}")
 """A word that is a placeholder, or ends with one after ``=`` or ``:``."""
 
-
-_GIVEN = re.compile(r"\{\w+\}")
+_GIVEN = re.compile(r"\{(\w+)\}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,9 +191,8 @@ def fault_of(algorithm: str) -> str:
 
 def in_batch(algorithm: str) -> bool:
     """Tell whether a name is a command that takes all trials at once."""
-    if not algorithm.startswith(COMMAND) or fault_of(algorithm):
-        return False
-    return bool(invocation_of(algorithm).batch)
+    command = algorithm.startswith(COMMAND) and not fault_of(algorithm)
+    return command and bool(invocation_of(algorithm).batch)
 
 
 def _without_redirection(algorithm: str, words: list[str]) -> tuple[list[str], bool]:
@@ -491,8 +483,6 @@ LINE_LIMIT: Final = 1 << 16
 
 FLUSH: Final = "flush after each line, as fflush(stdout) or print(..., flush=True) do"
 
-_READ = re.compile(r"\{(\w+)\}")
-
 
 def command_filter(words: str, **declared: Any) -> Filter:
     """Build the filter that runs a command, once for each trial.
@@ -520,7 +510,7 @@ def command_filter(words: str, **declared: Any) -> Filter:
             f"`{words}` names no program; write `./mine`, or `python mine.py {{start}}`"
         )
         raise UnusablePluginError(msg)
-    places = [place for word in split for place in _READ.findall(word)]
+    places = [place for word in split for place in _GIVEN.findall(word)]
     unknown = [place for place in places if place not in READS]
     if unknown:
         known = ", ".join(f"{{{place}}}" for place in READS)
@@ -545,7 +535,7 @@ def command_filter(words: str, **declared: Any) -> Filter:
         def text(found: re.Match[str]) -> str:
             return ",".join(map(repr, values[found[1]].tolist()))
 
-        return _Process([_READ.sub(text, word) for word in split], entries)
+        return _Process([_GIVEN.sub(text, word) for word in split], entries)
 
     given = {"name": Path(split[0]).name, **declared}
     return Filter(make=make, reads=tuple(dict.fromkeys(places)), **given)

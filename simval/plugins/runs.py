@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.errors import CrashedPluginError, PluginError
+from simval.errors import PluginError
 from simval.geometry import (
     attitude_error,
     attitude_matrix,
@@ -219,7 +219,7 @@ def making(filter: Filter, readings: Readings) -> Iterator[Callable[..., Any]]:
         word: value.copy() if isinstance(value, np.ndarray) else value
         for word, value in readings.reads.items()
     }
-    found = _called(f"`make` of {filter.name}", filter.make, **own)
+    found = called(f"`make` of {filter.name}", filter.make, **own)
     update = getattr(found, "update", found)
     if not callable(update):
         msg = (
@@ -233,18 +233,10 @@ def making(filter: Filter, readings: Readings) -> Iterator[Callable[..., Any]]:
     except BaseException:
         if callable(close):
             with suppress(PluginError):
-                _called(f"`close` of {filter.name}", close)
+                called(f"`close` of {filter.name}", close)
         raise
     if callable(close):
-        _called(f"`close` of {filter.name}", close)
-
-
-def _called(name: str, function: Any, **words: Any) -> Any:
-    try:
-        return called(name, function, **words)
-    except SystemExit as error:
-        msg = f"{name} calls exit({error.code})"
-        raise CrashedPluginError(msg) from None
+        called(f"`close` of {filter.name}", close)
 
 
 def run_of(filter: Filter, readings: Readings, keep: NDArray[np.intp]) -> Run:

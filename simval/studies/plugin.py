@@ -248,7 +248,7 @@ def call_time(
     """
     beside, begun = find_plugin(BESIDE[plugin.taken_by][0], Algorithm), perf_counter()
     seconds: list[tuple[float, float]] = []
-    with contextlib.suppress(Exception, SystemExit):
+    with contextlib.suppress(Exception):
         ask(beside, *given)  # imports and memory; theirs has been called by the study
         while len(seconds) < TURNS:
             if len(seconds) >= LEAST_TURNS and perf_counter() - begun > BUDGET:

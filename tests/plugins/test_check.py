@@ -22,6 +22,7 @@ from sound import GOOD, IDENTITY, PASSIVE, ellipsoid, leading, turn, where
 
 from simval.check import check_function, told
 from simval.check.explanation import to_json
+from simval.check.measure import missed_limits
 from simval.errors import InputError
 from simval.geometry import normalize
 from simval.imu.attitude import wahba_quaternion
@@ -527,6 +528,32 @@ def test_words_that_mean_nothing_are_refused(given, words, complaint):
     declared = {} if words is None else {**PASSIVE, **QUICK, **words}
     with pytest.raises(InputError, match=complaint):
         check_function(given, Estimator, **declared)
+
+
+@pytest.fixture(scope="module")
+def cells():
+    return check_function(GOOD, Estimator, **QUICK).cells
+
+
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        ("rms < 2 bounds", ""),
+        ("efficiency > 2", "efficiency > 2: efficiency"),
+        ("settling < 5 s", "limit 'settling < 5 s' is of nothing that was measured: "),
+        ("failures < 2 bounds", "nothing that was measured beside a bound: rms"),
+        ("rms < 2 s", "limit 'rms < 2 s': rms is in rad"),
+        ("rms is small", "limit 'rms is small' cannot be read; it must be a statistic"),
+    ],
+)
+def test_a_limit_is_kept_missed_or_refused_in_words(cells, limit, words):
+    if "limit" in words or "nothing" in words:
+        with pytest.raises(InputError, match=re.escape(words)):
+            list(missed_limits([limit], cells))
+    else:
+        missed = list(missed_limits([limit], cells))
+        assert bool(missed) == bool(words)
+        assert all(words in each for each in missed)
 
 
 @pytest.mark.ci

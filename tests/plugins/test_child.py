@@ -60,7 +60,7 @@ ZOO = {
         "raise ValueError(surroundings())",
         r"ValueError: \\udcff\\x1b \| True1",
     ),
-    "exits": ("sys.exit(0)", "raised SystemExit|calls exit.0"),
+    "exits": ("sys.exit(0)", "(raised|fails with) SystemExit"),
     "_exits": ("os._exit(0)", "ended with exit code 0 without an answer$"),
     "crashes": ("os.kill(os.getpid(), signal.SIGSEGV)", "was killed by SIGSEGV"),
     "is killed": ("os.kill(os.getpid(), 9)", r"SIGKILL \(Killed\) without an answer"),

@@ -244,16 +244,18 @@ def test_a_textbook_covariance_passes_by_default():
 
 @pytest.mark.ci
 @pytest.mark.parametrize(
-    ("name", "noise"),
-    [("wahba", "body"), ("wahba", "general"), ("weighted-wahba", "unequal")],
+    ("name", "noise", "vectors"),
+    [("wahba", "general", 3), ("weighted-wahba", "unequal", 5)],
 )
-def test_least_squares_of_three_vectors_states_a_covariance_that_is_right(name, noise):
+def test_least_squares_of_more_vectors_states_its_covariance(name, noise, vectors):
     """A false alarm of 1e-3 for all rows together; NEES of a claim of order two."""
     plugin = find_plugin(f"simval:{name}", Estimator)
-    words = {"noise": noise, "vectors": 3, "samples": 4096, "alpha": 1e-3}
+    words = {"noise": noise, "vectors": vectors, "samples": 4096, "alpha": 1e-3}
     rows, failed = measured(plugin, **words)
     assert {"nees", "class_bias"} <= rows.keys()
     assert not failed
+    # of weighted vectors the bound is reached
+    assert name == "wahba" or 1.0 - 2e-3 < rows["efficiency"].value < 1.0
 
 
 @pytest.mark.ci
@@ -293,14 +295,6 @@ def test_efficiency_is_without_chance():
         row = rows["efficiency[simulated]"]
         assert row.check == "plain"
         assert abs(row.value - rows["efficiency"].value) < 4.5 * row.standard_error
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize("vectors", [2, 5])
-def test_weighted_vectors_reach_the_bound(vectors):
-    rows, failed = measured(WEIGHTED, vectors=vectors, noise="unequal")
-    assert not failed
-    assert 1.0 - 2e-3 < rows["efficiency"].value < 1.0
 
 
 def test_cells_of_one_geometry_share_their_noise():

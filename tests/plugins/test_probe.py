@@ -205,6 +205,7 @@ BROKEN = [
         (GOOD, lambda q: np.broadcast_to(0.5, (10**12, 4)), "pe .1000000000000, 4.;"),
         (GOOD, lambda q: 1 / 0, "raised ZeroDivisionError"),
         (GOOD, lambda q: np.roll(q, 1, axis=0), r"\d\.\d+ rad from the truth"),
+        (GOOD, lambda q: q[0], r"shape \(4,\).*declare batch=False"),
         (GOOD, lambda q: np.tile(IDENTITY, (len(q), 1)), "no order"),
         (MATRIX, lambda M: M @ MIRROR, "is a reflection, its determinant is -1"),
         (MATRIX, lambda M: 1.01 * M, r"columns have the length 1\.01 instead of 1"),
