@@ -126,6 +126,10 @@ def check_kalibr(text, data, fit):
         np.matmul(*turned) @ np.array(own["M"]), np.eye(3), atol=1e-12
     )
     np.testing.assert_array_equal(imu["gyroscopes"]["A"], own["G"])
+    for kind in ("noise_density", "random_walk"):  # a value, or what it is below
+        for name in (f"accelerometer_{kind}", f"gyroscope_{kind}"):
+            bound = re.search(rf"# {name}: not seen, below \d", text)
+            assert name in imu or bound or "# noise: " in text, name
 
 
 def check_corrected(path, log, data, fit):
