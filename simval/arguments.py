@@ -5,11 +5,12 @@ Python would silently take for another value: 2.7 for 2, True for 1, the word
 "no" for true.
 """
 
+import functools
 import operator
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeVar, cast
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from simval.text import as_whole, did_you_mean, shown
 MOST: Final = 10**12  # of anything counted here: more is a slip, and never ends
 
 Kind = TypeVar("Kind")
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def whole_number(name: str, value: Any, least: int, most: int = MOST) -> int:
@@ -116,3 +118,16 @@ def file_path(name: str, value: Any) -> Path:
         msg = f"`{name}` is {shown(value)}; it must be the path of a file or folder"
         raise InputError(msg)
     return Path(text)
+
+
+def renamed(**names: str) -> Callable[[Function], Function]:
+    """Let a function take its former keywords, each by the one that it is now."""
+
+    def renaming(function: Function) -> Function:
+        @functools.wraps(function)
+        def taking(*args: Any, **kwargs: Any) -> Any:
+            return function(*args, **{names.get(k, k): v for k, v in kwargs.items()})
+
+        return cast(Function, taking)
+
+    return renaming

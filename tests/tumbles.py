@@ -85,13 +85,13 @@ def readings(truth, trials, rng, *, gyroscope=GYROSCOPE, times=1.0, rates=None):
 
 
 def fitted(truth, poses, rows, *, chunk=2, **options):
-    """Accelerometer fits and moves of some trials."""
-    moves = inter_rest_rotations(
+    """Accelerometer fits and rotations between rests of some trials."""
+    inter_rest = inter_rest_rotations(
         truth.time, rows, truth.intervals, chunk=chunk, **options
     )
     return calibrate(
         poses, truth.g, residual="weighted", noise_std=truth.pose_std
-    ), moves
+    ), inter_rest
 
 
 def path_of(truth, pieces=40, margin=10):

@@ -134,12 +134,13 @@ class Tumble:
 
         An instant is the mean of the two steps of 500 Hz beside it.
         """
-        moves = inter_rest_rotations(
+        inter_rest = inter_rest_rotations(
             self.time, self.instants, self.rests, scheme="linear"
         )
         fit = calibrate_gyroscope(
-            moves, self.poses, calibrate(self.poses, self.g), pose_std=self.pose_std,
-            angle_random_walk=self.walk, start=np.eye(3), estimator="unweighted",
+            inter_rest, self.poses, calibrate(self.poses, self.g),
+            pose_std=self.pose_std, angle_random_walk=self.walk, start=np.eye(3),
+            estimator="unweighted",
         )  # fmt: skip
         return float(np.abs(fit.M - self.gyroscope.M).max())
 
@@ -172,22 +173,24 @@ class Tumble:
         self, poses: Float[Array, "t n 3"], rows: Float[Array, "t r 3"]
     ) -> GyroscopeFit:
         """Calibrate from these."""
-        moves = inter_rest_rotations(self.time, rows, self.rests, chunk=CHUNK)
+        inter_rest = inter_rest_rotations(self.time, rows, self.rests, chunk=CHUNK)
         known = self.parameters.estimator == "unweighted"
         fit = calibrate(poses, self.g, residual="weighted", noise_std=self.pose_std)
         return calibrate_gyroscope(
-            moves, poses, fit, pose_std=self.pose_std, angle_random_walk=self.walk,
+            inter_rest, poses, fit, pose_std=self.pose_std, angle_random_walk=self.walk,
             estimator=self.parameters.estimator, start=np.eye(3),
             bias="first rest" if known else "constant",
         ).require_converged()  # fmt: skip
 
     def bound(self, pieces: int = PIECES) -> Float[Array, "12 12"]:
         """Cramer-Rao bound of the gyroscope's twelve; so many segments a rotation."""
-        moves = inter_rest_rotations(self.time, self.rates, self.rests, chunk=CHUNK)
+        inter_rest = inter_rest_rotations(
+            self.time, self.rates, self.rests, chunk=CHUNK
+        )
         moments = gyroscope_moments(
             self.gyroscope, self.accelerometer, self.force, self._path(pieces),
             pose_std=self.pose_std, g=self.g, angle_random_walk=self.walk,
-            bias_std=self.walk / np.sqrt(moves.rest_seconds.sum()),
+            bias_std=self.walk / np.sqrt(inter_rest.rest_seconds.sum()),
         )  # fmt: skip
         return moments.cramer_rao[9:, 9:]
 

@@ -113,10 +113,10 @@ class GyroscopePlan(ReadOnly):
         Predicted standard deviation of each, (12,); infinite below full rank.
     accelerometer_sd : Array
         Of the accelerometer's nine from the same fit, (9,).
-    moves : int
-        Number of moves.
+    rotations : int
+        Number of rotations between rests.
     rank : int
-        Rank of the moves, of nine, eq. (N7) of `simval.turns`.
+        Rank of the rotations, of nine, eq. (N7) of `simval.turns`.
     condition : float
         Their condition.
     next_axis : Array
@@ -130,12 +130,17 @@ class GyroscopePlan(ReadOnly):
     names: tuple[str, ...]
     sd: Float[Array, "12"]
     accelerometer_sd: Float[Array, "9"]
-    moves: int
+    rotations: int
     rank: int
     condition: float
     next_axis: Float[Array, "3"]
     next_angle: float
     sd_next: Float[Array, "12"]
+
+    @property
+    def moves(self) -> int:
+        """Former name of `rotations`."""
+        return self.rotations
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -291,7 +296,7 @@ def plan_gyroscope(
     rest_seconds : float
         Time of a rest, s.
     turns : tuple of array_like, optional
-        Axes (n - 1, 3) and angles (n - 1,), rad, of the moves, which must lead from
+        Axes (n - 1, 3) and angles (n - 1,), rad, of the rotations, which must lead from
         each direction to the next; the shortest if not given.
     g : float, default 9.80665
         Gravity, m/s^2.
@@ -338,7 +343,7 @@ def plan_gyroscope(
     now = sd(u, axis, angle)
     later = sd(np.vstack([u, after]), np.vstack([axis, more]), np.append(angle, by))
     return GyroscopePlan(
-        names=GYROSCOPE, sd=now[9:], accelerometer_sd=now[:9], moves=len(angle),
+        names=GYROSCOPE, sd=now[9:], accelerometer_sd=now[:9], rotations=len(angle),
         rank=seen.rank, condition=seen.condition, next_axis=more, next_angle=by,
         sd_next=later[9:],
     )  # fmt: skip
@@ -501,8 +506,8 @@ PLAN_KEYS: Final = (
     "next_direction", "sd_next",
 )  # fmt: skip
 GYROSCOPE_KEYS: Final = (
-    "names", "sd", "accelerometer_sd", "moves", "rank", "condition", "next_axis",
-    "next_angle", "sd_next",
+    "names", "sd", "accelerometer_sd", "rotations", "moves", "rank", "condition",
+    "next_axis", "next_angle", "sd_next",
 )  # fmt: skip
 
 
@@ -569,7 +574,7 @@ def gyroscope_described(result: GyroscopePlan) -> list[str]:
     helps = ", ".join(f"{x:.3f}" for x in result.next_axis)
     lines = [
         "",
-        f"rotations       {result.moves}, {_rank(result)}",
+        f"rotations       {result.rotations}, {_rank(result)}",
         f"next rotation   {np.degrees(result.next_angle):.0f} degrees about ({helps}), "
         "sensor axes, from the last pose",
         "",

@@ -102,13 +102,13 @@ def _fitted(
     some: slice, scheme: str = "averages", chunk: int = 2, **options: Any
 ) -> Float[Array, "k 3 3"]:
     time, rows, rests, poses, _ = _data()
-    moves = inter_rest_rotations(
+    inter_rest = inter_rest_rotations(
         time, rows[some], rests, scheme=scheme, chunk=chunk, margin=0
     )
     acc = calibrate(poses[some], G, covariance=False)
     return np.asarray(
         calibrate_gyroscope(
-            moves, poses[some], acc, pose_std=POSE_STD, angle_random_walk=WALK,
+            inter_rest, poses[some], acc, pose_std=POSE_STD, angle_random_walk=WALK,
             start=np.eye(3), **options,
         ).M
     )  # fmt: skip

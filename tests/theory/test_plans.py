@@ -289,6 +289,7 @@ def test_command_plans_a_gyroscope_too(simval, answered):
         np.testing.assert_allclose(found, slower, rtol=1e-12)
     former = of_moves(20, **of_gyroscope, rotation_seconds=None, move_seconds=4.0)
     np.testing.assert_array_equal(former.sd, slower)
+    assert former.moves == former.rotations == 19
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from simval.arguments import instance
+from simval.arguments import instance, renamed
 from simval.arrays import Array, physical_array
 from simval.errors import InputError
 from simval.imu.calibrate.equations import Problem
@@ -143,7 +143,7 @@ def _numbers(problem: Problem, found: Solution, scaled: Scaled) -> dict[str, Arr
     slope[:, DIP] = 1.0 / np.cos(values[:, DIP])
     whole *= slope[:, :, None] * slope[:, None, :]
     parameters = np.concatenate(
-        [values, M.reshape(t, 9), B + turns.moves.centre], axis=1
+        [values, M.reshape(t, 9), B + turns.inter_rest.centre], axis=1
     )
     return {
         "parameters": parameters[:, _ORDER],
@@ -198,8 +198,9 @@ def _result(
 _FLOOR: Final = 1e-11  # of the readings' own size, as for the other noises
 
 
+@renamed(moves="inter_rest")
 def calibrate_nine_axis(
-    moves: InterRestRotations,
+    inter_rest: InterRestRotations,
     poses: Any,
     fields: Any,
     gyroscope: GyroscopeFit,
@@ -219,7 +220,7 @@ def calibrate_nine_axis(
 
     Parameters
     ----------
-    moves : InterRestRotations
+    inter_rest : InterRestRotations
         Path statistics, see `inter_rest_rotations`.
     poses, fields : array_like
         Mean reading of the accelerometer and of the magnetometer in each rest, raw
@@ -253,10 +254,10 @@ def calibrate_nine_axis(
     RefusedError
         If the residuals of one recording are far beyond the noise of a sensor.
     """
-    instance("moves", moves, InterRestRotations)
+    instance("inter_rest", inter_rest, InterRestRotations)
     instance("gyroscope", gyroscope, GyroscopeFit)
     instance("magnetometer", magnetometer, MagnetometerFit)
-    pair = _pair(moves, poses, fields)
+    pair = _pair(inter_rest, poses, fields)
     _require_alike(gyroscope, magnetometer, len(pair[0]))
     count = pair[0].shape[1]
     noise = (
@@ -264,7 +265,7 @@ def calibrate_nine_axis(
         checked_pose_std(field_std, count, "field_std"),
     )
     own = noise_of(
-        moves, bias=gyroscope.bias, angle_random_walk=angle_random_walk,
+        inter_rest, bias=gyroscope.bias, angle_random_walk=angle_random_walk,
         bias_random_walk=bias_random_walk, known_bias=known_bias, bias_std=bias_std,
     )  # fmt: skip
     options = Options(
@@ -277,7 +278,7 @@ def calibrate_nine_axis(
         replace(each, std=np.maximum(each.std, _FLOOR))
         for each in scaled.problem.sensors
     ]
-    turns = InterRest(moves=moves, noise=own, each=EACH)
+    turns = InterRest(inter_rest=inter_rest, noise=own, each=EACH)
     problem = Problem(sensors=tuple(sensors), turns=turns)
     start = _start(turns, scaled, gyroscope, magnetometer)
     good, told = np.isfinite(start).all(axis=1), NOT_JUDGED
@@ -297,16 +298,18 @@ def calibrate_nine_axis(
     return _result(result, gyroscope, magnetometer, dof, told)
 
 
-def _pair(moves: InterRestRotations, poses: Any, fields: Any) -> tuple[Array, Array]:
+def _pair(
+    inter_rest: InterRestRotations, poses: Any, fields: Any
+) -> tuple[Array, Array]:
     named = {"poses": poses, "fields": fields}
     pair = [physical_array(name, value, (None, 3)) for name, value in named.items()]
     pair = [each[None] if each.ndim == 2 else each for each in pair]
-    shape = moves.rest_rates.shape
+    shape = inter_rest.rest_rates.shape
     if not pair[0].shape == pair[1].shape == shape:
         msg = (
-            f"`moves` has {shape[0]} trial(s) of {shape[1]} rests, `poses` the shape "
-            f"{pair[0].shape} and `fields` {pair[1].shape}; give the mean of both "
-            "sensors in each rest"
+            f"`inter_rest` has {shape[0]} trial(s) of {shape[1]} rests, `poses` the "
+            f"shape {pair[0].shape} and `fields` {pair[1].shape}; give the mean of "
+            "both sensors in each rest"
         )
         raise InputError(msg)
     return pair[0], pair[1]
@@ -341,7 +344,7 @@ def _start(
     values[:, ACCELEROMETER] = np.atleast_2d(gyroscope.accelerometer)
     values[:, DIP] = np.sin(values[:, DIP])
     own = np.array(np.atleast_2d(gyroscope.parameters))
-    own[:, 9:] -= turns.moves.centre
+    own[:, 9:] -= turns.inter_rest.centre
     poses = (values - scaled.shifts) / scaled.sizes
     start = np.concatenate([poses, own[:, : turns.size]], axis=1)
     return np.where(np.isfinite(start).all(axis=1, keepdims=True), start, np.nan)

@@ -411,8 +411,9 @@ def _together(log: Log, whole: ImuCalibration, imu: ImuFit) -> ImuCalibration:
     fields = interval_means(log.magnetometer, whole.log.intervals)
     try:
         fit = calibrate_nine_axis(
-            reduced.moves, reduced.poses, fields, imu.gyroscope, whole.magnetometer,
-            pose_std=reduced.pose_std, field_std=whole.compass_noise.std,
+            reduced.inter_rest, reduced.poses, fields, imu.gyroscope,
+            whole.magnetometer, pose_std=reduced.pose_std,
+            field_std=whole.compass_noise.std,
             angle_random_walk=reduced.angle_random_walk,
             bias_random_walk=reduced.bias_random_walk,
             known_bias=reduced.known_bias, bias_std=reduced.bias_std,

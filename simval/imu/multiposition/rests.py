@@ -1,8 +1,8 @@
 """The rests of a log, found by times in seconds, at any rate.
 
 The accelerometer finds them; where the log has a gyroscope, what turns is cut off them
-or leaves them out (`simval.imu.statics.turns`). A magnetometer is not asked: a field
-that changes while the sensor lies still would cost the others a rest.
+or leaves them out (`simval.imu.statics.rotating_rests`). A magnetometer is not asked:
+a field that changes while the sensor lies still would cost the others a rest.
 
 The detector's threshold is a multiple of the variance of the initial rest. Each
 multiple gives its own intervals. Of the multiples that agree on the number of

@@ -24,7 +24,7 @@ from simval.imu.statics.detector import (
     variance_magnitude,
 )
 from simval.imu.statics.resampling import SLOWEST_NOISE, WHITE, WINDOWS, evened
-from simval.imu.statics.turns import Cut, still_parts
+from simval.imu.statics.rotating_rests import Cut, still_parts
 
 __all__ = [
     "SLOWEST_NOISE",

@@ -104,32 +104,32 @@ class Case:
             "pose_std": std, "angle_random_walk": times * scale["rates"] * WALK,
             "bias_random_walk": times * scale["rates"] * self.drift,
         }  # fmt: skip
-        moves, start = (
-            self.moves(readings["rates"]),
+        inter_rest, start = (
+            self.inter_rest(readings["rates"]),
             np.eye(3) if start is None else start,
         )
         single = np.ndim(poses) == 2
         gyroscope = calibrate_gyroscope(
-            moves, poses, own, estimator=self.estimator, bias=self.bias,
+            inter_rest, poses, own, estimator=self.estimator, bias=self.bias,
             start=start / scale["rates"], **noise,
         )  # fmt: skip
         if compass is None:
             return gyroscope
         assert single == (gyroscope.parameters.ndim == 1)
         return calibrate_nine_axis(
-            moves, poses, readings["fields"], gyroscope, compass, field_std=field_std,
-            **noise,
+            inter_rest, poses, readings["fields"], gyroscope, compass,
+            field_std=field_std, **noise,
         )  # fmt: skip
 
-    def moves(self, rates):
+    def inter_rest(self, rates):
         """Moves of the gyroscope's rows; of a line between rests it is taken out."""
         how = {"margin": self.margin, "chunk": 8 if self.bias == "line" else 1}
-        moves = inter_rest_rotations(TIME, rates, RESTS, **how)
+        inter_rest = inter_rest_rotations(TIME, rates, RESTS, **how)
         if self.bias != "line":
-            return moves
+            return inter_rest
         line = [
-            [np.interp(TIME, moves.rest_times, axis) for axis in each.T]
-            for each in moves.rest_rates - moves.centre[:, None]
+            [np.interp(TIME, inter_rest.rest_times, axis) for axis in each.T]
+            for each in inter_rest.rest_rates - inter_rest.centre[:, None]
         ]
         line = np.swapaxes(line, 1, 2)
         rows = rates[None] if rates.ndim == 2 else rates

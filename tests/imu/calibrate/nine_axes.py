@@ -39,7 +39,7 @@ class Three:
     gyroscope: object
     magnetometer: object
     fit: object
-    moves: object
+    inter_rest: object
 
 
 def drawn(truth, trials, rng):
@@ -51,14 +51,14 @@ def drawn(truth, trials, rng):
 
 def calibrated(truth, poses, rows, fields):
     """All fits of some trials."""
-    acc, moves = fitted(truth, poses, rows)
+    acc, inter_rest = fitted(truth, poses, rows)
     noise = {"pose_std": truth.pose_std, "angle_random_walk": WALK}
-    gyroscope = calibrate_gyroscope(moves, poses, acc, start=np.eye(3), **noise)
+    gyroscope = calibrate_gyroscope(inter_rest, poses, acc, start=np.eye(3), **noise)
     magnetometer = calibrate_magnetometer(
         poses, fields, truth.g, FIELD, hemisphere="north",
         accelerometer_std=truth.pose_std, magnetometer_std=IRON_STD,
     )  # fmt: skip
     fit = calibrate_nine_axis(
-        moves, poses, fields, gyroscope, magnetometer, field_std=IRON_STD, **noise
+        inter_rest, poses, fields, gyroscope, magnetometer, field_std=IRON_STD, **noise
     )
-    return Three(gyroscope, magnetometer, fit, moves)
+    return Three(gyroscope, magnetometer, fit, inter_rest)

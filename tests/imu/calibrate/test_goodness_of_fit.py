@@ -197,14 +197,14 @@ def fits_of(truth, poses, rows, fields):
     """The fits of two sensors each, and that of all, of one recording."""
     std, noise = truth.pose_std, {"pose_std": truth.pose_std, "angle_random_walk": WALK}
     own = calibrate(poses[0], truth.g, residual="weighted", noise_std=std)
-    _, moves = fitted(truth, poses, rows, chunk=2)
-    imu = calibrate_gyroscope(moves, poses[0], own, start=np.eye(3), **noise)
+    _, inter_rest = fitted(truth, poses, rows, chunk=2)
+    imu = calibrate_gyroscope(inter_rest, poses[0], own, start=np.eye(3), **noise)
     compass = calibrate_magnetometer(
         poses[0], fields[0], truth.g, FIELD, hemisphere="north",
         accelerometer_std=std, magnetometer_std=IRON_STD,
     )  # fmt: skip
     nine = calibrate_nine_axis(
-        moves, poses[0], fields[0], imu, compass, field_std=IRON_STD, **noise
+        inter_rest, poses[0], fields[0], imu, compass, field_std=IRON_STD, **noise
     )
     return imu, compass, nine
 

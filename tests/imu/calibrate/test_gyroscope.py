@@ -47,9 +47,12 @@ TIME, RATE, RESTS, _ = rolled(GENERIC, hold=100, move=150, h=H, first=400)
 def test_raw_counts_and_swapped_axes_are_found_without_a_hint():
     order = np.eye(3)[[1, 0, 2]] * np.array([1.0, 1.0, -1.0])
     counts = GyroscopeModel(M=2.1e-4 * M @ order, B=np.array([3277.0, 3245.0, 3251.0]))
-    moves = inter_rest_rotations(TIME, counts.distort(RATE, ZERO), RESTS, chunk=2)
+    inter_rest = inter_rest_rotations(TIME, counts.distort(RATE, ZERO), RESTS, chunk=2)
     own = calibrate(CLEAN["poses"], G)
-    fit = calibrate_gyroscope(moves, CLEAN["poses"], own, pose_std=0.0)
+    former = {"moves": inter_rest}  # former name of the first argument
+    fit = calibrate_gyroscope(
+        **former, poses=CLEAN["poses"], accelerometer=own, pose_std=0.0
+    )
     assert fit.status == "converged"
     # chunks of two leave a third order in what they turn, of 2.5 rad in a move
     np.testing.assert_allclose(fit.M, counts.M, rtol=0, atol=1e-6 * 2.1e-4)
@@ -81,11 +84,11 @@ def test_imu_tk_is_reproduced_on_its_own_recording(xsens):
     acc = replace(acc, parameters=np.concatenate([off, theirs["K"], theirs["B"]]))
     # it integrates from the last row of a rest to the one before the next rest
     rows = rests - np.array([1, 0])
-    moves = inter_rest_rotations(
+    inter_rest = inter_rest_rotations(
         rate[:, 0], rate[:, 1:], rows, scheme="linear", margin=0
     )
     fit = calibrate_gyroscope(
-        moves, poses, acc, pose_std=0.5, estimator="unweighted",
+        inter_rest, poses, acc, pose_std=0.5, estimator="unweighted",
         bias="first rest", known_bias=theirs["Bg"],
     )  # fmt: skip
     assert abs(fit.cost / theirs["gyro_cost"] - 1.0) < 1e-6
@@ -136,7 +139,7 @@ def rests(rng, walk=0.0, sensitivity=None, spacing=3.6):
         rates += FORCE @ sensitivity.T
     return Rests(
         rates=rates, times=spacing * np.arange(20), seconds=np.ones(20),
-        moves=np.full(19, 2.6),
+        rotation_seconds=np.full(19, 2.6),
     )  # fmt: skip
 
 
@@ -246,14 +249,14 @@ def test_second_order_bias_is_as_predicted():
 
     def errors(pose_noise, row_noise):
         noisy = rows + times * row_noise
-        moves = inter_rest_rotations(truth.time, noisy, truth.intervals, chunk=2)
+        inter_rest = inter_rest_rotations(truth.time, noisy, truth.intervals, chunk=2)
         noisy = poses + times * pose_noise
         acc = calibrate(noisy, truth.g, residual="weighted", noise_std=times * std)
         fit = calibrate_gyroscope(
-            moves, noisy, acc, pose_std=times * std, angle_random_walk=times * WALK,
-            start=np.eye(3),
+            inter_rest, noisy, acc, pose_std=times * std,
+            angle_random_walk=times * WALK, start=np.eye(3),
         )  # fmt: skip
-        return fit.parameters - TRUTH[9:], moves.rest_seconds, fit.sd
+        return fit.parameters - TRUTH[9:], inter_rest.rest_seconds, fit.sd
 
     none = np.zeros((1, *poses.shape)), np.zeros((1, *rows.shape))
     clean, rest_seconds, sd = errors(*none)

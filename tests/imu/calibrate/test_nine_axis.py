@@ -42,7 +42,7 @@ def given():
     poses, rows, fields = drawn(truth, 2, np.random.default_rng(6))
     found = calibrated(truth, poses, rows, fields)
     return {
-        "moves": found.moves, "poses": poses, "fields": fields,
+        "inter_rest": found.inter_rest, "poses": poses, "fields": fields,
         "gyroscope": found.gyroscope, "magnetometer": found.magnetometer,
         "pose_std": truth.pose_std, "field_std": IRON_STD, "angle_random_walk": WALK,
     }  # fmt: skip
@@ -66,7 +66,7 @@ def test_variances_over_the_bound():
         bound = nine_axis_moments(
             GYROSCOPE, ACCELEROMETER, IRON, at, DIP, path, pose_std=truth.pose_std,
             field_std=times * IRON_STD, g=truth.g, field=FIELD, angle_random_walk=WALK,
-            bias_std=WALK / np.sqrt(found.moves.rest_seconds.sum()),
+            bias_std=WALK / np.sqrt(found.inter_rest.rest_seconds.sum()),
         ).cramer_rao  # fmt: skip
         off = np.abs(stated / np.diagonal(bound) - 1.0).max()
         assert room[0] < off < room[1]
@@ -202,8 +202,8 @@ def together(imu, compass, fields, std=IRON_STD):
     """The fit of all of one recording, from those of two sensors."""
     own = imu.reduced
     return calibrate_nine_axis(
-        own.moves, own.poses, fields, imu.gyroscope, compass, pose_std=own.pose_std,
-        field_std=std, angle_random_walk=own.angle_random_walk,
+        own.inter_rest, own.poses, fields, imu.gyroscope, compass,
+        pose_std=own.pose_std, field_std=std, angle_random_walk=own.angle_random_walk,
         bias_random_walk=own.bias_random_walk, known_bias=own.known_bias,
         bias_std=own.bias_std,
     )  # fmt: skip

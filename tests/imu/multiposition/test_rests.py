@@ -18,7 +18,7 @@ from simval.imu.multiposition.log_units import Scale
 from simval.imu.multiposition.rests import find_rests
 from simval.imu.recorded.settings import signals
 from simval.imu.statics import evened, still_parts
-from simval.imu.statics.turns import FALSE_ALARM, WINDOW
+from simval.imu.statics.rotating_rests import FALSE_ALARM, WINDOW
 
 
 def recorded(motion, rate, rng, jitter=0.0, lost=0.0, **of_noise):

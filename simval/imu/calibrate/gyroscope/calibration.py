@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from simval.arguments import choice, instance
+from simval.arguments import choice, instance, renamed
 from simval.arrays import Array, physical_array
 from simval.errors import GeometryError, InputError
 from simval.geometry import normalize
@@ -103,8 +103,9 @@ def require_told(
     raise GeometryError(msg)
 
 
+@renamed(moves="inter_rest")
 def calibrate_gyroscope(
-    moves: InterRestRotations,
+    inter_rest: InterRestRotations,
     poses: Any,
     accelerometer: FitResult,
     *,
@@ -122,8 +123,8 @@ def calibrate_gyroscope(
 
     Parameters
     ----------
-    moves : InterRestRotations
-        Path statistics, see `inter_rest_rotations`.
+    inter_rest : InterRestRotations
+        Path statistics, see `inter_rest_rotations`; formerly `moves`.
     poses : array_like
         Mean accelerometer reading of each rest, raw units, (n, 3) or (trials, n, 3).
     accelerometer : FitResult
@@ -144,7 +145,7 @@ def calibrate_gyroscope(
     bias : {"constant", "first rest", "line"}
         constant is estimated, from the rests and the rotations (unweighted: from the
         rests alone); first rest is the mean of that and kept (IMU-TK); line is what
-        `moves` has taken out already.
+        `inter_rest` has taken out already.
     known_bias : array_like, optional
         Raw units, (3,): kept instead of the mean of the first rest.
     bias_std : float or array_like, optional
@@ -175,12 +176,12 @@ def calibrate_gyroscope(
     its own (`simval.imu.calibrate.equations`); where the residuals of one log do
     not bear that, a joint fit takes what they show (`simval.imu.calibrate.factors`).
     """
-    instance("moves", moves, InterRestRotations)
+    instance("inter_rest", inter_rest, InterRestRotations)
     instance("accelerometer", accelerometer, FitResult)
-    readings, theta = _readings(moves, poses, accelerometer)
+    readings, theta = _readings(inter_rest, poses, accelerometer)
     estimator = choice("estimator", estimator, ESTIMATORS)
     noise = noise_of(
-        moves, bias=bias, angle_random_walk=angle_random_walk,
+        inter_rest, bias=bias, angle_random_walk=angle_random_walk,
         bias_random_walk=bias_random_walk, clock_jitter=clock_jitter,
         known_bias=known_bias, bias_std=bias_std, kept=estimator == "unweighted",
     )  # fmt: skip
@@ -192,12 +193,12 @@ def calibrate_gyroscope(
         model=accelerometer.model, g=accelerometer.g,
     )  # fmt: skip
     u = normalize(sensor.corrected(theta).w)
-    M, J, e = approach(moves, noise.bias_value, u, _start(moves, u, start))
+    M, J, e = approach(inter_rest, noise.bias_value, u, _start(inter_rest, u, start))
     refusals, condition = _judged(u, M, J, e)
     if single and refusals[0]:
         raise GeometryError(refusals[0])
     good = np.array([not text for text in refusals])
-    turns = InterRest(moves=moves, noise=noise, each=2)
+    turns = InterRest(inter_rest=inter_rest, noise=noise, each=2)
     begin = [M.reshape(-1, A), noise.bias_value[:, : noise.free - A]]
     factors, follows = NOT_JUDGED, None
     if estimator == "joint":
@@ -259,7 +260,7 @@ def _numbers(
         theta, own = solution.theta[:, :A], solution.theta[:, A:]
         covariance[:, :free, :free], chi2 = here.covariance()[0], here.chi_square
     M, B = turns.split(own)
-    parameters = [M.reshape(-1, A), B + turns.moves.centre]
+    parameters = [M.reshape(-1, A), B + turns.inter_rest.centre]
     return {
         "parameters": np.concatenate(parameters, axis=1),
         "accelerometer": np.array(theta),
@@ -271,16 +272,16 @@ def _numbers(
 
 
 def _readings(
-    moves: InterRestRotations, poses: Any, accelerometer: FitResult
+    inter_rest: InterRestRotations, poses: Any, accelerometer: FitResult
 ) -> tuple[Float[Array, "t n 3"], Float[Array, "t 9"]]:
     readings = physical_array("poses", poses, (None, 3))
     readings = readings[None] if readings.ndim == 2 else readings
     theta = np.atleast_2d(accelerometer.parameters)
-    trials, rests = moves.rest_rates.shape[:2]
+    trials, rests = inter_rest.rest_rates.shape[:2]
     fits = readings.shape[:2] == (trials, rests) and theta.shape == (trials, A)
     if not fits or rests < 3:
         msg = (
-            f"`moves` has {trials} trial(s) of {rests} rests, `poses` the shape "
+            f"`inter_rest` has {trials} trial(s) of {rests} rests, `poses` the shape "
             f"{readings.shape} and the accelerometer {len(theta)} fit(s); give one "
             "pose for each rest, three rests or more, and one fit for each trial"
         )
@@ -294,13 +295,13 @@ def _readings(
 
 
 def _start(
-    moves: InterRestRotations, u: Float[Array, "t n 3"], start: Any
+    inter_rest: InterRestRotations, u: Float[Array, "t n 3"], start: Any
 ) -> Float[Array, "t 3 3"]:
     if start is not None:
         given = physical_array("start", start, (3, 3))
         return np.broadcast_to(given, (len(u), 3, 3))
     E = across(u[:, 1:])
-    found = [first_matrix(moves.statistics[i], u[i], E[i]) for i in range(len(u))]
+    found = [first_matrix(inter_rest.statistics[i], u[i], E[i]) for i in range(len(u))]
     if not np.isfinite(found).all():
         msg = "the gyroscope reads nothing between the rests; check its columns"
         raise InputError(msg)
@@ -385,7 +386,7 @@ _ANGLE: Final = 0.5  # rad a chunk on the way there
 
 
 def approach(
-    moves: InterRestRotations,
+    inter_rest: InterRestRotations,
     B: Float[Array, "t 3"],
     u: Float[Array, "t n 3"],
     M: Float[Array, "t 3 3"],
@@ -394,14 +395,14 @@ def approach(
 
     Returns M, and the derivative and the values of the residuals a small step before.
     """
-    S, rows = moves.statistics[:, :, :3], 2 * moves.statistics.shape[1]
+    S, rows = inter_rest.statistics[:, :, :3], 2 * inter_rest.statistics.shape[1]
     greatest = np.sqrt((S * S).sum(axis=2)).max(axis=(1, 2))
     angle = np.maximum(greatest * np.linalg.norm(M, 2, axis=(1, 2)), 1e-300)
     sizes = np.minimum(8, 2 ** np.log2(np.maximum(1.0, _ANGLE / angle)).astype(int))
     M, J, e = np.array(M), np.zeros((len(M), rows, 12)), np.zeros((len(M), rows))
     for size in np.unique(sizes):
         active = np.flatnonzero(sizes == size)
-        statistics = merged(moves.statistics[active], size)
+        statistics = merged(inter_rest.statistics[active], size)
         for _ in range(_MOST_PLAIN):
             here, E = u[active], across(u[active, 1:])
             moved = rotations(statistics, M[active], B[active])
@@ -452,9 +453,9 @@ def drift(problem: Problem, found: Solution, noise: NoiseFactors) -> Drift:
     """Test for a drift of the gyroscope's bias or gain in one joint fit."""
     turns, here = problem.turns, found.here
     assert isinstance(turns, InterRest)
-    moves, own, white = turns.moves, here.whole[0], here.white[0]
+    inter_rest, own, white = turns.inter_rest, here.whole[0], here.white[0]
     M = turns.split(found.theta[:, A:])[0][0]
-    middle = moves.times[:, 0] + 0.5 * moves.seconds
+    middle = inter_rest.times[:, 0] + 0.5 * inter_rest.seconds
     # what is no residual of a rotation tells none
     time = np.full(len(white), middle.mean())
     time[: len(own)] = np.repeat(middle, 2)

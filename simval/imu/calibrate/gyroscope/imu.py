@@ -52,7 +52,7 @@ class Rests:
     rates: Float[Array, "n 3"]  # mean readings, raw units
     times: Float[Array, " n"]  # s
     seconds: Float[Array, " n"]
-    moves: Float[Array, " k"]  # time of each move, s
+    rotation_seconds: Float[Array, " k"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,10 +76,10 @@ def choose_bias(
     w = rests.seconds / rests.seconds.sum()
     middle = 0.5 * (rests.times[1:] + rests.times[:-1])
     away = np.diagonal(walk_covariance(middle, w, rests.times))
-    T2 = rests.moves**2
+    T2 = rests.rotation_seconds**2
     constant = float(np.mean(T2 * (N2 / rests.seconds.sum() + K * K * away)))
     pairs = 0.25 * (1.0 / rests.seconds[1:] + 1.0 / rests.seconds[:-1])
-    line = float(np.mean(T2 * N2 * pairs + K * K * rests.moves**3 / 12.0))
+    line = float(np.mean(T2 * N2 * pairs + K * K * rests.rotation_seconds**3 / 12.0))
     told_c, told_l = _left_out(rests)
     chosen = "line" if line < constant and told_l < told_c else "constant"
     said = (
@@ -220,13 +220,18 @@ def _none(reason: str) -> Sensitivity:
 class ImuReadings:
     """Reduced readings of a recording, and the noise assumed for them."""
 
-    moves: InterRestRotations
+    inter_rest: InterRestRotations
     poses: Float[Array, "n 3"]  # mean accelerometer readings
     pose_std: Float[Array, "n 3"]
     angle_random_walk: Float[Array, "3"]
     bias_random_walk: float
     known_bias: Any  # raw units, (3,), where the model of the bias is a line; else None
     bias_std: float  # of the rests' mean, by how they scatter
+
+    @property
+    def moves(self) -> InterRestRotations:
+        """Former name of `inter_rest`."""
+        return self.inter_rest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -247,7 +252,7 @@ class ImuFit(ReadOnly):
     G_sd : Array
         Standard deviation of each entry of it, (3, 3).
     reduced : ImuReadings
-        What was fitted: moves, poses and their noise.
+        What was fitted: rotations between rests, poses and their noise.
     """
 
     accelerometer: FitResult
@@ -372,7 +377,7 @@ def calibrate_imu(
     how: dict[str, Any] = {
         "scheme": scheme, "margin": margin, "chunk": chunk, "full_scale": full_scale,
     }  # fmt: skip
-    moves = inter_rest_rotations(time, gyroscope, intervals, **how)
+    inter_rest = inter_rest_rotations(time, gyroscope, intervals, **how)
     if rows.ndim != 2 or len(rows) != len(np.asarray(time)):
         msg = (
             f"`accelerometer` has shape {rows.shape} for {len(np.asarray(time))} rows "
@@ -388,11 +393,11 @@ def calibrate_imu(
     stated = level if np.all(level > 0.0) else None
     acc = calibrate(poses, g, model, residual="weighted", noise_std=stated)
     acc.require_converged()
-    walk = moves.white[0] if angle_random_walk is None else angle_random_walk
+    walk = inter_rest.white[0] if angle_random_walk is None else angle_random_walk
     walk = noise_levels("angle_random_walk", walk, 3, "axes")
     rests = Rests(
-        rates=moves.rest_rates[0], times=moves.rest_times, seconds=moves.rest_seconds,
-        moves=moves.seconds,
+        rates=inter_rest.rest_rates[0], times=inter_rest.rest_times,
+        seconds=inter_rest.rest_seconds, rotation_seconds=inter_rest.seconds,
     )  # fmt: skip
     found = choose_sensitivity(
         rests, acc.sensor().correct(poses), walk, bias_random_walk, asked=asked
@@ -404,14 +409,14 @@ def calibrate_imu(
     scatter, _ = walk_of(rests, np.ones((len(at), 1)))
     more, known = _taken_out(time, acc, rows, found, rests, chosen)
     if more:
-        moves = inter_rest_rotations(time, gyroscope, intervals, **how, **more)
+        inter_rest = inter_rest_rotations(time, gyroscope, intervals, **how, **more)
     reduced = ImuReadings(
-        moves=moves, poses=poses, pose_std=std, angle_random_walk=walk,
+        inter_rest=inter_rest, poses=poses, pose_std=std, angle_random_walk=walk,
         bias_random_walk=drift, known_bias=known,
-        bias_std=scatter / np.sqrt(moves.rest_seconds.sum()),
+        bias_std=scatter / np.sqrt(inter_rest.rest_seconds.sum()),
     )  # fmt: skip
     fit = calibrate_gyroscope(
-        moves, poses, acc, pose_std=std, angle_random_walk=walk,
+        inter_rest, poses, acc, pose_std=std, angle_random_walk=walk,
         bias_random_walk=drift, clock_jitter=clock_jitter, estimator=estimator,
         bias=chosen, known_bias=known, start=start, bias_std=reduced.bias_std,
     )  # fmt: skip

@@ -84,7 +84,7 @@ def floored(std: Float[Array, "n 3"], readings: Array) -> Float[Array, "n 3"]:
 
 
 def noise_of(
-    moves: InterRestRotations,
+    inter_rest: InterRestRotations,
     *,
     bias: str,
     angle_random_walk: Any = None,
@@ -103,9 +103,13 @@ def noise_of(
     InputError
         If a value is not usable.
     """
-    walk = moves.white.mean(axis=0) if angle_random_walk is None else angle_random_walk
-    way = np.sqrt((moves.statistics[:, :, :3] ** 2).sum(axis=2)).sum(axis=-1)
-    typical = float(np.median(way)) / float(np.median(moves.seconds)) ** 0.5
+    walk = (
+        inter_rest.white.mean(axis=0)
+        if angle_random_walk is None
+        else angle_random_walk
+    )
+    way = np.sqrt((inter_rest.statistics[:, :, :3] ** 2).sum(axis=2)).sum(axis=-1)
+    typical = float(np.median(way)) / float(np.median(inter_rest.seconds)) ** 0.5
     N = noise_levels("angle_random_walk", walk, 3, "axes")
     N = np.maximum(N, _FLOOR * typical)
     K = nonnegative_number("bias_random_walk", bias_random_walk, "raw units")
@@ -114,13 +118,13 @@ def noise_of(
     if known_bias is not None and bias == "constant":
         msg = f"`known_bias` is given and `bias` is {bias}; ask for first rest"
         raise InputError(msg)
-    seconds = moves.rest_seconds
+    seconds = inter_rest.rest_seconds
     w = seconds / seconds.sum()
     if bias == "first rest":
         w = np.eye(len(seconds))[0]
-    value = np.einsum("n,tni->ti", w, moves.rest_rates) - moves.centre
+    value = np.einsum("n,tni->ti", w, inter_rest.rest_rates) - inter_rest.centre
     if known_bias is not None:
-        value = physical_array("known_bias", known_bias, (3,)) - moves.centre
+        value = physical_array("known_bias", known_bias, (3,)) - inter_rest.centre
     std = N * np.sqrt(float(np.sum(w * w / seconds)))
     if bias_std is not None:
         std = np.maximum(noise_levels("bias_std", bias_std, 3, "axes"), std)

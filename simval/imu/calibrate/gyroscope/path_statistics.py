@@ -400,12 +400,12 @@ def _rest_means(
     return means, np.sqrt(per_row * float(np.median(step)))
 
 
-def taken(moves: InterRestRotations, good: Any) -> InterRestRotations:
+def taken(inter_rest: InterRestRotations, good: Any) -> InterRestRotations:
     """Select trials."""
     return replace(
-        moves,
-        statistics=moves.statistics[good],
-        centre=moves.centre[good],
-        rest_rates=moves.rest_rates[good],
-        white=moves.white[good],
+        inter_rest,
+        statistics=inter_rest.statistics[good],
+        centre=inter_rest.centre[good],
+        rest_rates=inter_rest.rest_rates[good],
+        white=inter_rest.white[good],
     )

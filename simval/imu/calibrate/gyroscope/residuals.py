@@ -86,7 +86,7 @@ class InterRest:
     magnetometer (J1); the bias is what the rests say of it, to its noise.
     """
 
-    moves: InterRestRotations
+    inter_rest: InterRestRotations
     noise: GyroscopeNoise
     each: int  # residuals of a rotation
 
@@ -105,19 +105,19 @@ class InterRest:
     @property
     def item(self) -> tuple[int, int]:
         """Rotations, and residuals of each."""
-        return self.moves.statistics.shape[1], self.each
+        return self.inter_rest.statistics.shape[1], self.each
 
     @cached_property
     def rate(self) -> Float[Array, "t 1"]:
         """Mean rate of the rotations, raw units: the unit of the bias's rows."""
-        S, seconds = self.moves.statistics[:, :, :3], self.moves.seconds
+        S, seconds = self.inter_rest.statistics[:, :, :3], self.inter_rest.seconds
         way = np.sqrt((S * S).sum(axis=2)).sum(axis=-1)
         return (way / seconds).mean(axis=1)[:, None]
 
     def take(self, trials: Any) -> Self:
         """Select trials."""
-        moves, noise = taken(self.moves, trials), self.noise.take(trials)
-        return replace(self, moves=moves, noise=noise)
+        inter_rest, noise = taken(self.inter_rest, trials), self.noise.take(trials)
+        return replace(self, inter_rest=inter_rest, noise=noise)
 
     def noisier(self, factor: float) -> Self:
         """The same with so many times the noise."""
@@ -132,7 +132,7 @@ class InterRest:
         """Linearised residuals, eq. (N6), and of the bias over the rate."""
         w, E = self._compared(at), self._axes(at)
         M, B = self.split(theta)
-        moved = rotations(self.moves.statistics, M, B)
+        moved = rotations(self.inter_rest.statistics, M, B)
         EC = E @ np.swapaxes(moved.C, -1, -2)
         by_angle = np.cross(EC, w[:, :-1])
         t, k, a, _ = E.shape
@@ -140,7 +140,7 @@ class InterRest:
         whole = (by_angle @ moved.slopes).reshape(t, k * a, 12)
         made = Linearised(e=e, rotations=moved, by_angle=by_angle, by_gyroscope=whole)
         ends = 3 if self.size == 12 else 0
-        V = covariance(made, self.moves, self.noise, ends)
+        V = covariance(made, self.inter_rest, self.noise, ends)
         own = np.zeros((t, k * a + ends, self.size))
         own[:, : k * a] = whole[..., : self.size]
         by = {}
@@ -167,7 +167,7 @@ class InterRest:
     ) -> Float[Array, "t r"]:
         """Values of the rows, compared in the axes of a linearisation."""
         M, B = self.split(theta)
-        C = final_rotations(self.moves.statistics, M, B)
+        C = final_rotations(self.inter_rest.statistics, M, B)
         w = self._compared(at)
         EC = here @ np.swapaxes(C, -1, -2)
         e = np.vecdot(EC, w[:, :-1]) - np.vecdot(here, w[:, 1:])
@@ -179,7 +179,7 @@ class InterRest:
     def angles(self, at: dict[str, Corrected], theta: Array) -> Float[Array, "t k"]:
         """Between gravity as rotated and as read at the end of each rotation, rad."""
         u = _unit(at["accelerometer"].w)
-        C = final_rotations(self.moves.statistics, *self.split(theta))
+        C = final_rotations(self.inter_rest.statistics, *self.split(theta))
         turned = (u[:, :-1, None] @ C)[:, :, 0]
         sine = np.linalg.norm(np.cross(turned, u[:, 1:]), axis=-1)
         return np.asarray(np.arcsin(np.minimum(sine, 1.0)))
@@ -226,23 +226,23 @@ def _at_rests(
 
 
 def covariance(
-    rows: Linearised, moves: InterRestRotations, noise: GyroscopeNoise, ends: int
+    rows: Linearised, inter_rest: InterRestRotations, noise: GyroscopeNoise, ends: int
 ) -> Float[Array, "t q q"]:
     """Covariance by the gyroscope of the residuals, and of as many rows of the bias."""
     t, k, a, _ = rows.by_angle.shape
     count = k * a
     angle, shared = angle_covariance(rows.rotations, noise), list[Array]()
     if noise.clock_jitter > 0.0:
-        angle += jitter_covariance(rows.rotations, moves, noise)
+        angle += jitter_covariance(rows.rotations, inter_rest, noise)
     if noise.bias == "line":
-        angle += bridge_covariance(rows.rotations, moves, noise)
-        shared.append(line_noise(rows, moves, noise))
+        angle += bridge_covariance(rows.rotations, inter_rest, noise)
+        shared.append(line_noise(rows, inter_rest, noise))
     elif noise.bias_random_walk > 0.0:
-        shared.append(walk_noise(rows, moves, noise))
+        shared.append(walk_noise(rows, inter_rest, noise))
     if noise.bias == "known":
         shared.append(rows.by_gyroscope[..., 9:] * noise.bias_std)
-    if moves.force.size:
-        shared.append(sensitivity_noise(rows, moves, noise)[:, : count + ends])
+    if inter_rest.force.size:
+        shared.append(sensitivity_noise(rows, inter_rest, noise)[:, : count + ends])
     blocks = rows.by_angle @ angle @ np.swapaxes(rows.by_angle, -1, -2)
     own, each = np.zeros((t, k, a, k, a)), np.arange(k)
     own[:, each, :, each] = np.moveaxis(blocks, 1, 0)
@@ -266,16 +266,16 @@ def angle_covariance(
 
 
 def walk_noise(
-    rows: Linearised, moves: InterRestRotations, noise: GyroscopeNoise
+    rows: Linearised, inter_rest: InterRestRotations, noise: GyroscopeNoise
 ) -> Float[Array, "t r m"]:
     """Residuals by a bias that walks, where it is held for constant.
 
     A rotation is off by its mean, whose variance is that in the middle less T/6.
     """
-    t, k = moves.statistics.shape[:2]
-    middle = moves.times[:, 0] + 0.5 * moves.seconds
-    walked = walk_covariance(middle, noise.weights, moves.rest_times)
-    walked -= np.diag(moves.seconds / 6.0)
+    t, k = inter_rest.statistics.shape[:2]
+    middle = inter_rest.times[:, 0] + 0.5 * inter_rest.seconds
+    walked = walk_covariance(middle, noise.weights, inter_rest.rest_times)
+    walked -= np.diag(inter_rest.seconds / 6.0)
     # a walk that has been seen at fewer times than rotations leaves roots of zero
     values, vectors = np.linalg.eigh(walked)
     root = noise.bias_random_walk * vectors * np.sqrt(np.maximum(values, 0.0))
@@ -284,12 +284,12 @@ def walk_noise(
 
 
 def line_noise(
-    rows: Linearised, moves: InterRestRotations, noise: GyroscopeNoise
+    rows: Linearised, inter_rest: InterRestRotations, noise: GyroscopeNoise
 ) -> Float[Array, "t r m"]:
     """Residuals by the white noise of each rest's mean, through lines between rests."""
-    start, end = moves.rest_times[:-1, None], moves.rest_times[1:, None]
-    along = (moves.times - start) / (end - start)
-    std = noise.angle_random_walk / np.sqrt(moves.rest_seconds)[:, None, None]
+    start, end = inter_rest.rest_times[:-1, None], inter_rest.rest_times[1:, None]
+    along = (inter_rest.times - start) / (end - start)
+    std = noise.angle_random_walk / np.sqrt(inter_rest.rest_seconds)[:, None, None]
     before, after = (
         rows.by_angle @ rows.rotations.by_line(weights) * std[rests]
         for weights, rests in ((1.0 - along, slice(None, -1)), (along, slice(1, None)))
@@ -298,20 +298,20 @@ def line_noise(
 
 
 def bridge_covariance(
-    moved: Rotations, moves: InterRestRotations, noise: GyroscopeNoise
+    moved: Rotations, inter_rest: InterRestRotations, noise: GyroscopeNoise
 ) -> Float[Array, "t k 3 3"]:
     """Covariance of theta by a bias that walks about the line between two rests."""
     # theta = int A (b - line) dt = int g dW, g(s) = int_s A dt - int (t / T) A dt
-    tau = moves.statistics[0, :, 9]  # k j
+    tau = inter_rest.statistics[0, :, 9]  # k j
     pulls = moved.by_rate() * tau[:, None, :, None]  # t k 3 j 3
-    length = (moves.rest_times[1:] - moves.rest_times[:-1])[:, None]
-    along = (moves.times - moves.rest_times[:-1, None]) / length
+    length = (inter_rest.rest_times[1:] - inter_rest.rest_times[:-1])[:, None]
+    along = (inter_rest.times - inter_rest.rest_times[:-1, None]) / length
     whole = (pulls * along[:, None, :, None]).sum(axis=3, keepdims=True)
     later = np.cumsum(pulls[..., ::-1, :], axis=3)[..., ::-1, :] - 0.5 * pulls
     g = later - whole
     # before the rotation the integral is whole, after it nothing is left of it
     total, whole = pulls.sum(axis=3) - whole[..., 0, :], whole[..., 0, :]
-    begin = moves.times[:, 0] - 0.5 * tau[:, 0] - moves.rest_times[:-1]
+    begin = inter_rest.times[:, 0] - 0.5 * tau[:, 0] - inter_rest.rest_times[:-1]
     rest = length[:, 0] - begin - tau.sum(axis=1)
     square = np.einsum("tkajb,tkcjb,kj->tkac", g, g, tau)
     square += np.einsum("tkab,tkcb,k->tkac", total, total, begin)
@@ -320,7 +320,7 @@ def bridge_covariance(
 
 
 def jitter_covariance(
-    moved: Rotations, moves: InterRestRotations, noise: GyroscopeNoise
+    moved: Rotations, inter_rest: InterRestRotations, noise: GyroscopeNoise
 ) -> Float[Array, "t k 3 3"]:
     r"""Covariance of theta by time stamps that are off, each by itself.
 
@@ -329,29 +329,31 @@ def jitter_covariance(
     rates. Over a chunk of c steps rates change evenly: the squares of their differences
     sum to that of the chunks' over c.
     """
-    t, k, _, j = moves.statistics.shape
-    tau = moves.statistics[:, :, 9]
-    turned = moves.statistics[:, :, :3] - tau[:, :, None] * moved.B[:, None, :, None]
+    t, k, _, j = inter_rest.statistics.shape
+    tau = inter_rest.statistics[:, :, 9]
+    turned = (
+        inter_rest.statistics[:, :, :3] - tau[:, :, None] * moved.B[:, None, :, None]
+    )
     rate = moved.M[:, None] @ (turned / np.where(tau > 0.0, tau, 1.0)[:, :, None])
     seen = np.einsum("tkabj,tkbj->tkaj", moved.D.reshape(t, k, 3, 3, j), rate)
     change = np.diff(np.pad(seen, ((0, 0), (0, 0), (0, 0), (1, 1))), axis=-1)
     squares = change @ np.swapaxes(change, -1, -2)
-    return np.asarray(noise.clock_jitter**2 / moves.chunk * squares)
+    return np.asarray(noise.clock_jitter**2 / inter_rest.chunk * squares)
 
 
 def sensitivity_noise(
-    rows: Linearised, moves: InterRestRotations, noise: GyroscopeNoise
+    rows: Linearised, inter_rest: InterRestRotations, noise: GyroscopeNoise
 ) -> Float[Array, "t r 9"]:
     """Residuals, and last the rests' bias, by a sensitivity that was taken out.
 
     The regression on the rests gives each axis a row of G with the covariance
     :math:`N^2 C`; the mean reading less G times the mean force is the bias.
     """
-    t, k = moves.statistics.shape[:2]
-    C, N = moves.force_noise[1:, 1:], noise.angle_random_walk
+    t, k = inter_rest.statistics.shape[:2]
+    C, N = inter_rest.force_noise[1:, 1:], noise.angle_random_walk
     root = np.linalg.cholesky(C)
-    mean = -np.linalg.solve(C, moves.force_noise[1:, 0])
-    by_G = np.einsum("tkija,kbj->tkiab", rows.rotations.by_rate(N), moves.force)
+    mean = -np.linalg.solve(C, inter_rest.force_noise[1:, 0])
+    by_G = np.einsum("tkija,kbj->tkiab", rows.rotations.by_rate(N), inter_rest.force)
     theta = np.einsum("tkiab,bq->tkiaq", by_G, root).reshape(t, k, 3, 9)
     bias = np.einsum("ac,q,a->acq", np.eye(3), mean @ root, N).reshape(1, 3, 9)
     own = (-rows.by_angle @ theta).reshape(t, -1, 9)
