@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import shutil
 
 import pytest
 from places import ROOT
@@ -162,6 +163,14 @@ def test_a_cell_that_crashes_is_exit_code_4(
         assert code == 4
         assert "RuntimeError: on purpose" in err
         assert said in err
+
+
+def test_a_series_that_has_something_in_common_is_exit_code_0(
+    simval, tiny_run, tmp_path
+):
+    for name in ("one", "two"):
+        shutil.copytree(tiny_run, tmp_path / "series" / name)
+    assert simval("trend", tmp_path / "series")[0] == 0
 
 
 def commands_of(run):

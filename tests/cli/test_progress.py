@@ -81,14 +81,6 @@ def test_of_true_costs_the_time_left_is_within_grahams_bound(costs, workers):
         assert true <= (2.0 - 1.0 / workers) * estimate + rounding
 
 
-@given(COSTS, st.integers(1, 8), st.floats(0.01, 100.0))
-def test_of_any_pace_it_is_finite_and_ends_at_nothing(costs, workers, pace):
-    seen, left = followed(costs, workers, pace)
-    assert all(0.0 <= estimate < np.inf for _, estimate, _ in seen)
-    assert left.running() == ()
-    assert left.seconds(0.0) <= 1e-9 * max(sum(costs), 1.0)
-
-
 @given(COSTS, st.integers(1, 4), st.integers(1, 8), st.randoms(use_true_random=False))
 def test_cells_that_end_together_in_any_order_leave_nothing_at_work(
     costs, workers, size, order
