@@ -285,6 +285,8 @@ def test_too_few_still_rests_leave_the_gyroscope_out():
     assert len(result.cuts) == 3
     assert len(result.intervals) == 11
     assert all(re.search("kept whole: .* few rests would be$", c) for c in result.cuts)
+    for (a, b), said in zip(result.intervals[3:6], result.cuts, strict=True):
+        assert f"from {log.time[a]:.2f} s to {log.time[b - 1]:.2f} s" in said
     left = calibrate_sensors(log, result).left_out["gyroscope"]
     assert re.search("turns in 3 of the 11 rests .* and 9 in which both", left)
     with pytest.raises(RefusedError, match="turns in 3 of the 11"):
