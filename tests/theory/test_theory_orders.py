@@ -66,16 +66,30 @@ def test_an_expansion_is_off_by_its_remainder_at_most(seed, count, least):
 GEOMETRY = random_geometry(3)
 
 
-@pytest.mark.parametrize(
-    ("sigma", "order"), [(0.0, 2), (1e-9, 2), (0.02, 2), (0.05, 4), (0.2, "exact")]
-)
-def test_the_lowest_order_within_the_tolerance(sigma, order):
-    found = sufficient_order(*GEOMETRY, sigma, 0.01)
+# |p| of the combined column is 0.44; each order's own error: docs/attitude.md
+SUFFICIENT = [
+    *((None, *case) for case in ((0.0, 2), (1e-9, 2), (0.02, 2), (0.05, 4))),
+    (None, 0.2, "exact"),
+    *(("combined", *case) for case in ((0.0, 2), (0.01, 2), (0.05, 4))),
+    pytest.param("combined", 0.12, "exact", marks=pytest.mark.ci),
+]
+
+
+@pytest.mark.parametrize(("frame", "sigma", "order"), SUFFICIENT)
+def test_the_lowest_order_within_the_tolerance(frame, sigma, order):
+    found = sufficient_order(*GEOMETRY, sigma, 0.01, frame)
     assert found.order == order
-    if sigma > 0.0:
-        assert found.norm_over_noise == pytest.approx(
-            attitude_moments(*GEOMETRY, sigma).norm / sigma
-        )
+    if frame:
+        assert set(found.bias_off) == {2, 4, "exact"}
+        q, r1, r2 = GEOMETRY
+        same = wahba_order(q, [r1, r2], sigma)
+        assert same.order == order
+    if frame and sigma > 0.0:
+        # an optimum of two pairs and the combination of their columns are nearly alike
+        assert 0.5 < same.covariance_off[2] / found.covariance_off[2] < 2.0
+    elif sigma > 0.0:
+        norm = attitude_moments(*GEOMETRY, sigma).norm
+        assert found.norm_over_noise == pytest.approx(norm / sigma)
 
 
 def test_any_covariances_are_answered():
@@ -91,23 +105,6 @@ def weighted(q, r1, r2, noise_std, order, third_moments=None):
     return wahba_moments(
         q, [r1, r2], noise_std, None, order, third_moments=third_moments
     )
-
-
-# |p| is 0.44; each order's own error is that of docs/attitude.md
-@pytest.mark.parametrize(
-    ("sigma", "order"),
-    [(0.0, 2), (0.01, 2), (0.05, 4),
-     pytest.param(0.12, "exact", marks=pytest.mark.ci)],
-)  # fmt: skip
-def test_the_lowest_order_of_other_estimators(sigma, order):
-    found = sufficient_order(*GEOMETRY, sigma, 0.01, "combined")
-    assert (found.order, set(found.bias_off)) == (order, {2, 4, "exact"})
-    q, r1, r2 = GEOMETRY
-    same = wahba_order(q, [r1, r2], sigma)
-    assert same.order == order
-    # an optimum of two pairs and the combination of their columns are nearly alike
-    if sigma > 0.0:
-        assert 0.5 < same.covariance_off[2] / found.covariance_off[2] < 2.0
 
 
 @pytest.mark.parametrize(("order", "ratio"), [(2, 1e-9), (4, 1e-8)])
