@@ -34,6 +34,7 @@ from simval.geometry import (
 )
 from simval.imu.attitude import wahba_quaternion
 from simval.imu.attitude.comparators import davenport
+from simval.imu.sensor.models import ALL
 from simval.plugins import (
     Calibrator,
     Estimator,
@@ -89,18 +90,6 @@ FRACTIONS = np.vectorize(Fraction, otypes=[object])
 ])  # fmt: skip
 def test_a_sound_estimator_is_right_to_rounding(plugin, most):
     assert probe_estimator(plugin) < most
-
-
-@pytest.mark.parametrize("share", [1 - 1e-3, 1 + 1e-3])
-def test_an_attitude_without_noise_is_right_to_a_millionth_over_the_sine(share):
-    def near(q, b1, b2, r1, r2):
-        return turn(q, 1e-6 * share / np.linalg.norm(np.cross(r1, r2), axis=1))
-
-    if share < 1.0:
-        assert probe_estimator(spoilt(near)) <= 1e-6
-    else:
-        with pytest.raises(PluginError, match="rad from the truth without noise"):
-            probe_estimator(spoilt(near))
 
 
 def test_what_fails_alone_is_what_fails():
@@ -480,6 +469,8 @@ def test_what_is_declared_must_be_a_known_word(kind):
 @pytest.mark.parametrize(
     ("values", "words"),
     [
+        ({"estimates": ("scale", "bias", "x")}, "^`estimates` is "),
+        ({"estimates": ("bias", "bias")}, "^`estimates` is "),
         ({"claim": True}, "^`claim` is True"),
         ({"batch": 1}, "^`batch` is 1; it must be declared as one of True, False"),
         ({"fails_at": ("generic",)}, "^`fails_at` is .*tuple of names out of"),
@@ -491,14 +482,9 @@ def test_what_is_declared_must_be_a_known_word(kind):
     ],
 )
 def test_words_that_do_not_fit_each_other_are_refused(values, words):
+    kind = "calibrator" if "estimates" in values else "estimator"
     with pytest.raises(PluginError, match=words):
-        of(GOOD, **values)
-
-
-@pytest.mark.parametrize("names", [("scale", "bias", "x"), ("bias", "bias")])
-def test_what_is_estimated_is_named_once_and_known(names):
-    with pytest.raises(PluginError, match=r"^`estimates` is "):
-        of(KINDS["calibrator"], estimates=names)
+        of(KINDS[kind], **values)
 
 
 # noise in words, and what is handed over
@@ -656,22 +642,12 @@ BAD = [
     (given(lambda p: p - p.mean(axis=0)), "the worst is B_"),
     (taught(), "asked again it answers otherwise.*keep nothing from one call"),
 ]  # fmt: skip
-
-
-@pytest.mark.parametrize(("plugin", "words"), BAD)
-def test_a_broken_calibrator_is_refused_in_words(plugin, words):
-    with pytest.raises(PluginError, match=words):
-        probe_calibrator(plugin)
-
-
 EYE, ZERO = np.eye(3), np.zeros(3)
 TYPE_A = {"matrix": EYE, "B": ZERO, "covariance_kind": "type A"}
-NINE, SIX, THREE = ({"estimates": e} for e in (None, ("scale", "bias"), ("bias",)))
-
-
-@pytest.mark.parametrize(
-    ("declared", "answer", "words"),
-    [
+NINE, SIX, THREE = ALL, ("scale", "bias"), ("bias",)
+OUTSIDE = [
+    (Calibrator(name="c", calibrate=lambda *_, a=answer: a, estimates=own), words)
+    for own, answer, words in (
         (SIX, (EYE + 1e-6 * np.eye(3, k=1), ZERO), "must be diagonal, bu"),
         (SIX, (EYE[::-1], ZERO), "diagonal, but it has 1 in row 0, colu"),
         (SIX, (np.zeros((3, 3)), ZERO), "true parameters|finite"),
@@ -684,23 +660,31 @@ NINE, SIX, THREE = ({"estimates": e} for e in (None, ("scale", "bias"), ("bias",
         (NINE, TYPE_A | {"dof": 4}, "5 or more: use 14 poses or more"),
         (NINE, TYPE_A | {"dof": 5.0}, "5 or more: use 14 poses or more"),
         (NINE, TYPE_A | {"dof": 5}, "true parameters"),
-    ],
-)
-def test_an_answer_outside_the_class_is_refused(declared, answer, words):
-    declared = {k: v for k, v in declared.items() if v}
-    plugin = Calibrator(name="c", calibrate=lambda p, g: answer, **declared)
+    )
+]
+
+
+@pytest.mark.parametrize(("plugin", "words"), BAD + OUTSIDE)
+def test_a_broken_calibrator_is_refused_in_words(plugin, words):
     with pytest.raises(PluginError, match=words):
         probe_calibrator(plugin)
 
 
-@pytest.mark.parametrize("share", [1 - 1e-3, 1 + 1e-3])
-def test_an_answer_without_noise_is_right_to_a_millionth(share):
-    """Relative to the greatest entry for B, to 1 for T and K."""
-    greatest = 1e-6 * share * float(np.abs(probe_sensor().B).max())
-    moved = answering(lambda M, B: (M, B + greatest * np.array([1.0, 0.0, 0.0])))
-    # rounding of a fit leaves 1e-12 of it
-    if share < 1.0:
-        assert probe_calibrator(moved) <= 1e-6
-    else:
-        with pytest.raises(PluginError, match="from the true parameters"):
-            probe_calibrator(moved)
+def near(kind, off):
+    """Off the truth: over the sine of the references, or of the greatest bias."""
+    if kind == "estimator":
+        return spoilt(
+            lambda q, b1, b2, r1, r2: turn(
+                q, off / np.linalg.norm(np.cross(r1, r2), axis=1)
+            )
+        )
+    most = off * np.abs(probe_sensor().B).max() * np.eye(3)[0]
+    return answering(lambda M, B: (M, B + most))
+
+
+@pytest.mark.parametrize("kind", ["estimator", "calibrator"])
+def test_an_answer_without_noise_is_right_to_a_millionth(kind):
+    probe = probe_estimator if kind == "estimator" else probe_calibrator
+    assert probe(near(kind, 0.999e-6)) <= 1e-6  # rounding of a fit leaves 1e-12 of it
+    with pytest.raises(PluginError, match=r"from the tru.* without noise"):
+        probe(near(kind, 1.001e-6))
