@@ -274,6 +274,9 @@ def test_discs_lie_on_the_marks_of_dodged_points_and_of_upper_limits():
     assert first["1"][0] + 1.0 < second["4"][0]
     # the limit lies at the end of its bar: 3, between 2 and 4
     assert first["3"][1] < first["1"][1] < first["2"][1]
+    # and only an axis of logarithms has limits
+    (first,) = discs(drawn(replace(panel_of(a), log_y=False))).values()
+    assert first["3"][1] < first["2"][1] < first["1"][1]
 
 
 def test_dots_and_bars_have_discs_and_what_a_note_says_is_text():
