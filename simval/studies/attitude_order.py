@@ -11,6 +11,7 @@ its own order, so its slope is 4 too. No chance is involved.
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -138,7 +139,15 @@ def _truth(truth: Truth, noise: Float[Array, "4 3 3"], frame: str | None) -> Mom
     if isotropic(noise) and frame is None:
         return attitude_moments(*truth, noise, "exact")
     second = attitude_moments(*truth, noise, 2, frame)
-    estimator = partial(two_vector_quaternion, frame=str(second.frame))
+    estimate = partial(two_vector_quaternion, frame=str(second.frame))
+
+    def estimator(*vectors: Any) -> Array:
+        found = estimate(*vectors)
+        if frame is None:
+            return found
+        # the sign of the scalar part is chance where that is small
+        return found * np.copysign(1.0, found @ second.q_true)[:, None]
+
     vectors = true_vectors(*truth)[1]
     return cubature_moments(estimator, vectors, noise, second.q_true)
 
