@@ -237,7 +237,8 @@ def test_the_order_of_what_a_formula_leaves_out(kind, case):
         for order in orders:
             found[order].append((predicted(noise, order), cubature))
     for order in orders:
-        # the next term bends a slope by 0.06 (measured, of correlated vectors), one missing is 2 away
+        # of correlated vectors the next term bends a slope by 0.06 (measured); one that
+        # is missing is 2 away
         np.testing.assert_allclose(
             slopes_of(found[order]), ORDERS[order], rtol=0, atol=0.07
         )
