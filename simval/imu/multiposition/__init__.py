@@ -1,11 +1,16 @@
 """Multi-position calibration: from a user's log to a calibration with error bars.
 
-The log shows a sensor that is held still in many poses; `calibration` goes
+The log shows a sensor that is held still in many poses. Its way, from top to bottom:
 
-    log -> rests -> poses (their means) -> fit -> faults -> answer
+    `simval.imu.logs`     file -> columns, clock -> `Log`
+    `rests`               -> rests, by `simval.imu.statics`; their means are the poses
+    `ranges`              readings at the end of a range, axes of different units
+    `noise`               -> noise of the pose means
+    `calibration`         -> fit of the accelerometer, then of all sensors together
+    `faults`              causes for which a fit is not given out, and of a refusal
+    `description`         -> text and files
 
-from top to bottom. `noise` measures the noise of a log and of its poses, and
-`description` says all of it in text and in files.
+`log_units` and `noise_description` serve the measurement of a log's noise.
 """
 
 from simval.imu.multiposition.calibration import (

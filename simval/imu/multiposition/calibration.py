@@ -33,15 +33,13 @@ from simval.imu.calibrate.evidence import FEW
 from simval.imu.calibrate.gyroscope.imu import joined
 from simval.imu.logs import Log
 from simval.imu.multiposition.description import log_lines, sensor_lines
-from simval.imu.multiposition.faults import (
-    explained,
-    for_a_log,
+from simval.imu.multiposition.faults import explained, for_a_log, require_sound
+from simval.imu.multiposition.noise import PoseNoise, pose_noise
+from simval.imu.multiposition.ranges import (
     require_alive,
     require_one_unit,
-    require_sound,
     require_unsaturated,
 )
-from simval.imu.multiposition.noise import PoseNoise, pose_noise
 from simval.imu.multiposition.rests import case_of, find_rests
 from simval.imu.noise import NoiseFile
 from simval.imu.statics import Intervals, Rest, interval_means

@@ -178,26 +178,10 @@ class Case:
     same_rows: float
     fit: FitResult | None = None
     diagnosis: Diagnosis | None = None  # of that fit, by white noise alone
-
-    @property
-    def chi2(self) -> float:
-        """Chi-square per degree of freedom; NaN without a fit."""
-        return np.nan if self.diagnosis is None else self.diagnosis.chi2_per_dof
-
-    @property
-    def misfit(self) -> float:
-        """Root mean square of the residuals over gravity; infinite without a fit."""
-        return np.inf if self.fit is None else float(self.fit.rms) / self.fit.g
-
-    @property
-    def dof(self) -> int:
-        """Degrees of freedom of a fit to the rests."""
-        return len(self.means) - PARAMETERS
-
-    @property
-    def beyond_noise(self) -> bool:
-        """True if white noise exceeds such a chi-square in under 1 of 1000 logs."""
-        return chi_square_chance(self.chi2 * self.dof, self.dof) < BEYOND
+    dof: int  # degrees of freedom of a fit to the rests
+    chi2: float  # chi-square per degree of freedom; NaN without a fit
+    beyond_noise: bool  # white noise exceeds it in under 1 of 1000 logs
+    misfit: float  # root mean square of residuals over gravity; infinite without a fit
 
     def detect(self, part: Log, least: int) -> Intervals:
         """Return the rests of a part of the log, at least so many."""
@@ -234,6 +218,8 @@ def case_of(
     equal = [np.diff(part, axis=0) == 0.0 for part in parts]
     same = np.array([part.mean(axis=0) for part in equal]).reshape(-1, 3)
     rows = np.array([part.all(axis=1).mean() for part in equal])
+    dof = len(intervals) - PARAMETERS
+    chi2 = np.nan if diagnosis is None else diagnosis.chi2_per_dof
     return Case(
         log=log,
         g=g,
@@ -245,4 +231,8 @@ def case_of(
         same_rows=float(np.quantile(rows, 0.9)) if parts else 1.0,
         fit=fit,
         diagnosis=diagnosis,
+        dof=dof,
+        chi2=chi2,
+        beyond_noise=chi_square_chance(chi2 * dof, dof) < BEYOND,
+        misfit=np.inf if fit is None else float(fit.rms) / fit.g,
     )

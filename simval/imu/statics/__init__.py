@@ -15,15 +15,18 @@ variance: raw counts and SI units give the same intervals.
 """
 
 from simval.imu.statics.detector import (
+    SLOWEST_NOISE,
+    WHITE,
+    WINDOWS,
     Intervals,
     Rest,
+    evened,
     initial_rest,
     interval_counts,
     interval_means,
     intervals_below,
     variance_magnitude,
 )
-from simval.imu.statics.resampling import SLOWEST_NOISE, WHITE, WINDOWS, evened
 from simval.imu.statics.rotating_rests import Cut, still_parts
 
 __all__ = [

@@ -24,8 +24,7 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array
-from simval.imu.statics.detector import Intervals, runs_of
-from simval.imu.statics.resampling import EvenLog
+from simval.imu.statics.detector import EvenLog, Intervals, runs_of
 from simval.shapes import Float
 
 FALSE_ALARM = 1e-3  # chance that a log whose rests are still loses a part of one

@@ -14,7 +14,7 @@ from simval.errors import (
 )
 from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
-from simval.imu.multiposition.faults import rail, require_alive
+from simval.imu.multiposition.ranges import rail, require_alive
 from simval.imu.sensor import load_imu
 from simval.report.calibration_page import calibration_page
 

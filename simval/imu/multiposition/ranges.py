@@ -1,0 +1,117 @@
+"""Ends of a sensor's range, and units of its axes: readings that tell nothing."""
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.errors import RefusedError, SaturatedError
+from simval.imu.logs import Log
+from simval.imu.multiposition.rests import AXES
+from simval.imu.noise.fit import rows_to_a_reading
+from simval.imu.statics import Intervals
+from simval.shapes import Float
+
+# A rail half a standard deviation above the mean of a rest holds so many of its
+# readings (0.31 of white noise), and takes 0.2 of one off the mean.
+_RAIL_SHARE = 0.3
+RAIL = 3
+"""Readings in a row at the greatest or least reading of an axis that may be a rail."""
+
+KINK = 4.0
+"""Steps of the converter by which the rows beside a rail are off it. A round top that
+reads the same for L rows is one step lower beside them, times (1 + 2/L)^2 < 3."""
+
+SAME_UNIT = 5.0
+"""Ratio of two axes' scales beyond which they are in different units: the nearest two
+units in use, standard gravities and m/s^2, differ by 9.8, and no two axes by 2."""
+
+
+def require_unsaturated(log: Log, intervals: Intervals, limit: float | None) -> None:
+    """Refuse a log that has a rest with readings at the end of the range.
+
+    Many readings at exactly the log's extreme are at a rail, if the noise elsewhere is
+    enough that readings do not repeat by themselves.
+
+    Raises
+    ------
+    SaturatedError
+        Naming the axis, the reading and the time.
+    """
+    samples = log.accelerometer
+    for sign in (1.0, -1.0):
+        top = (sign * samples).max(axis=0)
+        parts = [sign * samples[start:stop] for start, stop in intervals]
+        own = np.array([(part == part.max(axis=0)).mean(axis=0) for part in parts])
+        at_rail = np.array([(part == top).mean(axis=0) for part in parts])
+        stuck = (at_rail >= _RAIL_SHARE) & (np.median(own, axis=0) < _RAIL_SHARE / 3)
+        if limit is not None:
+            stuck |= np.array([(part >= limit).any(axis=0) for part in parts])
+        if stuck.any():
+            pose, axis = (int(k) for k in np.argwhere(stuck)[0])
+            start, stop = intervals[pose]
+            msg = (
+                f"{log.path}: axis {AXES[axis]} is saturated at {sign * top[axis]:g} "
+                f"in the rest from {log.time[start]:.2f} s to "
+                f"{log.time[stop - 1]:.2f} s; a reading at the rail says nothing about "
+                "the force: cut that rest out, or record with a wider range"
+            )
+            raise SaturatedError(msg)
+
+
+def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
+    """Refuse an axis that shows one value, and one that stays at the end of its range.
+
+    Raises
+    ------
+    RefusedError
+        Naming the axis, and where.
+    """
+    least = int(np.ceil(RAIL * rows_to_a_reading(samples)))
+    for axis, column in zip(AXES, samples.T, strict=True):
+        if np.ptp(column) == 0.0:
+            msg = (
+                f"{log.path}: axis {axis} of the {name} shows {column[0]:g} in every "
+                "row; look at its cable and its settings"
+            )
+            raise RefusedError(msg)
+        for sign in (1.0, -1.0):
+            start, length = rail(sign * column, least)
+            if length:
+                msg = (
+                    f"{log.path}: axis {axis} of the {name} stays at "
+                    f"{column[start]:g} for {length} rows from {log.time[start]:.2f} "
+                    "s: that is the end of its range, and what lies beyond is not "
+                    "known; turn more slowly, or widen the range"
+                )
+                raise SaturatedError(msg)
+
+
+def rail(column: Float[Array, " n"], least: int = RAIL) -> tuple[int, int]:
+    """Start and length of the longest stay at the greatest reading; length 0: none."""
+    top = float(column.max())
+    edges = np.flatnonzero(np.diff(np.r_[0, column == top, 0]))
+    starts, stops = edges[::2], edges[1::2]
+    step = float(np.diff(np.unique(column)).min())
+    walled = np.pad(column, 1, constant_values=-np.inf)  # a log may begin at a rail
+    kinked = np.maximum(walled[starts], walled[stops + 1]) < top - KINK * step
+    lengths = np.where(kinked, stops - starts, 0)
+    k = int(np.argmax(lengths))
+    return (int(starts[k]), int(lengths[k])) if lengths[k] >= least else (0, 0)
+
+
+def require_one_unit(log: Log, name: str, M: Float[Array, "3 3"]) -> None:
+    """Refuse three axes whose scales differ as units do.
+
+    Raises
+    ------
+    RefusedError
+        With the ratio.
+    """
+    scales = np.linalg.norm(M, axis=0)
+    ratio = float(scales.max() / scales.min())
+    if not ratio < SAME_UNIT:
+        low, high = AXES[int(scales.argmin())], AXES[int(scales.argmax())]
+        msg = (
+            f"{log.path}: a unit of axis {high} of the {name} is {ratio:.3g} times one "
+            f"of axis {low}; write all three axes in the same unit"
+        )
+        raise RefusedError(msg)
