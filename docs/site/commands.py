@@ -15,7 +15,9 @@ _WIDTH = 10_000  # columns: nothing is broken or shortened
 
 def commands() -> Iterator[tuple[str, click.Command, click.Context]]:
     """Every command by its words, in the order of the table, groups' members too."""
-    top = click.Context(group, info_name="simval", terminal_width=_WIDTH)
+    top = click.Context(
+        group, info_name="simval", terminal_width=_WIDTH, **group.context_settings
+    )
     yield from _below(group, top)
 
 

@@ -15,7 +15,7 @@ from docs.site.markdown import NOTHING, plain
 from docs.site.reference import pages
 from docs.site.studies import predictors
 from simval import statistics
-from simval.cli import COMMANDS
+from simval.cli import COMMANDS, group
 from simval.studies import STUDIES
 
 pytestmark = pytest.mark.ci  # the whole package is imported: three seconds
@@ -53,7 +53,8 @@ def test_each_option_is_there_as_the_terminal_says_it(made):
     """Beside what `--help` prints on a wide terminal."""
     for words, command, _ in commands():
         section = sections(made["commands.md"])[words]
-        context = click.Context(command, info_name=words, terminal_width=10_000)
+        wide = {"terminal_width": 10_000, **group.context_settings}
+        context = click.Context(command, info_name=words, **wide)
         context.max_content_width = 10_000
         told = command.get_help(context).partition("Options:\n")[2]
         told = told.partition("\n\n")[0]
