@@ -241,8 +241,14 @@ FEW = {k: v for k, v in CASES.items() if v.form == "triangular"}
 BARS = {k: v for k, v in (FEW | WALKING).items() if v.known}
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("case", BARS.values(), ids=BARS)
+LONG = "gyroscope that walks"  # that of a line between rests walks, too
+EACH = [
+    pytest.param(case, marks=getattr(pytest.mark, "slow" if name == LONG else "ci"))
+    for name, case in BARS.items()
+]
+
+
+@pytest.mark.parametrize("case", EACH, ids=BARS)
 def test_the_stated_covariance_is_what_each_noise_moves(case):
     """An independent route: the calibration is run again for each unit noise there is,
     and the squares of what the parameters move add up; no line of the fit's own
