@@ -20,7 +20,7 @@ from simval.geometry import (
 from simval.imu.filters import Mekf
 from simval.imu.filters.signals import FilterOutput
 from simval.plugins import Filter, find_plugin
-from simval.statistics import BOUND_AT, BUDGET_AT
+from simval.statistics import BOUND_AT, BUDGET_AT, SYSTEMATIC
 from simval.studies import filter as study
 from simval.studies import filter_errors
 from simval.studies.filter_prediction import RATE, lost, response_rows, stated_row
@@ -334,6 +334,27 @@ def test_headings_of_a_filter_without_a_compass_count_from_its_first():
     shifted = answers.from_its_own_heading()
     assert shifted.angle.max() < 1e-12
     assert shifted.shifted
+
+
+def test_a_common_error_is_told_by_its_form():
+    rng = np.random.default_rng(7)
+    truth, rate = random_quaternions(60, rng), rng.standard_normal((60, 3))
+    A, bound = attitude_matrix(truth), np.tile(SD**2 * np.eye(3), (59, 1, 1))
+    forms = {  # one direction of each, in the body
+        "tilt": A[:, :, 0], "heading": A[:, :, 2],
+        "mounting": np.tile([1.0, 0.0, 0.0], (60, 1)), "delay": -rate,
+    }  # fmt: skip
+    for name, form in forms.items():
+        errors = SD * form + 0.1 * SD * rng.standard_normal((8, 60, 3))
+        answers = answers_of(errors)
+        turned = compose(np.broadcast_to(truth, (8, 60, 4)), answers.found.attitude)
+        found = replace(answers.found, attitude=turned)
+        answers = replace(answers, truth=truth, found=found)
+        rows = by_name(filter_errors.diagnosis_rows(answers, rate, bound, judged=False))
+        shares = {each: rows[str(SYSTEMATIC(each))].value for each in forms}
+        # the noise is a thirtieth of the square; a wrong form has chance's share
+        assert shares.pop(name) > 0.9
+        assert max(shares.values()) < 0.4, name
 
 
 # --- the reference filter, and what it stands on --------------------------------------
