@@ -11,6 +11,7 @@ from types import MethodType
 
 import numpy as np
 import pytest
+import rows_by_name
 from places import EXAMPLES
 from scipy.spatial.transform import Rotation
 from sound import (
@@ -28,6 +29,7 @@ from sound import (
 
 from simval.check import check_function
 from simval.check import told as said_of
+from simval.check.explanation import why
 from simval.errors import CrashedPluginError, PluginError
 from simval.geometry import (
     attitude_error,
@@ -603,6 +605,52 @@ def checked(fault, **more):
     return check_function(faulty(fault), Filter, **SHORT, **more)
 
 
+def measured(nees, bound=1.0, stated=1.0, at=(), ratios=(), **shares):
+    """A cell of a filter: its NEES with an error of 0.1, and what else is known."""
+    parts = [f"[{part}]" for part in ("heading", "inclination")]
+    values = {"rms_over_bound": bound, **dict(shares)}
+    values |= {f"stated_over_bound{part}": stated for part in parts}
+    values |= {f"part_over_stated{part}": nees / 3.0 for part in parts}
+    values |= {f"nees_at[{time}.0]": value for time, value in enumerate(at)}
+    values |= {f"part_of_innovation[{k}]": value for k, value in enumerate(ratios)}
+    rows = [rows_by_name.row(name, value) for name, value in values.items()]
+    rows.append(rows_by_name.row("nees", nees, standard_error=0.1))
+    return rows_by_name.cell(rows, rate=50.0)
+
+
+LATE, EARLY = [3.0, *[6.0] * 7], [3.2, 9.0, *[3.2] * 6]
+TOO_GREAT = ("magnetometer are 0.5 times .*is too great",)
+WHY = [
+    # a cell, and each sentence that is said of it
+    (measured(3.0), ()),
+    (measured(3.4), ()),  # within four standard errors
+    (measured(6.0), ("^overconfident: .*heading 1.41 times", "as small as they can")),
+    (measured(1.5), ("^underconfident: ", "look at what it states")),
+    (measured(6.0, 2.0), ("^over", "2 times the bound, and it states the bound")),
+    (measured(1.5, 2.0), ("^under", "weighs a sensor too little")),
+    (measured(6.0, 1.5, 0.5), ("^over", "states less than the bound")),
+    (measured(6.0, at=LATE), ("^over", "for the gyroscope is too small, or its bias")),
+    (measured(1.5, at=[3.0, *[1.0] * 7]), ("^under", "or for another sensor, is too")),
+    (measured(6.0, at=EARLY), ("^over", "wrong at the start, most at 1 s")),
+    (measured(3.0, ratios=[1.0] * 3 + [0.5] * 3), TOO_GREAT),
+    (measured(6.0, ratios=[2.0] * 3 + [1.0] * 3), ("^over", "accelerometer are 2 t")),
+    (measured(6.0, ratios=[1.3] * 6), ("^over", "as small as they can be")),
+    (measured(9.0, ratios=[9.0] * 3 + [1.3] * 3), ("^over", "accelerometer are 9 t")),
+    (
+        measured(6.0, systematic=0.3),
+        ("^30 % of .* of the motion and not of the",),
+    ),
+]
+
+
+@pytest.mark.parametrize(("cell", "sentences"), WHY)
+def test_a_cause_is_named_by_its_numbers(cell, sentences):
+    said = why([cell])
+    assert len(said) == len(sentences), said
+    for words, sentence in zip(sentences, said, strict=True):
+        assert re.search(words, sentence), sentence
+
+
 GYROSCOPE = "has for the gyroscope is too small|source of noise is missing"
 ANY = "has for a sensor is too small"
 FAULTS = [
@@ -628,7 +676,7 @@ FAULTS = [
     ({"factor": 0.1}, "overconfident.*look at what it states", ""),
     ({"factor": 10.0}, "underconfident.*look at what it states", ""),
 ]
-BY_DAY = ({"late": 2}, {"accelerometer_noise": 10.0})
+BY_DAY = ({"late": 2},)
 
 
 @pytest.mark.ci
