@@ -120,6 +120,16 @@ def test_an_outlier_is_called_from_the_level_that_is_stated(size, most):
         assert Deletion.of(J, moved, items).outliers(None) == named
 
 
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_as_many_rows_as_may_leave_are_found_together(count):
+    """Far off, of noise that is known; one more would leave too little to judge."""
+    rng = np.random.default_rng(7)
+    J, r = rng.standard_normal((10 + count, 8)), rng.standard_normal(10 + count)
+    off = sorted(rng.choice(len(r), count, replace=False).tolist())
+    r[off] += 1e3 * rng.choice([-1.0, 1.0], count)
+    assert Deletion.of(J, r).outliers(1.0) == off
+
+
 def test_chances_are_those_of_chi_squares():
     """Of one sensor, and of three whose rows together are the least likely."""
     rng = np.random.default_rng(6)
