@@ -457,6 +457,7 @@ def _order_rows(setting: Setting) -> Iterator[Row]:
             continue
         off = [np.linalg.norm(each.covariance - true) for each in moments]
         second, fourth = (float(each / np.linalg.norm(true)) for each in off)
+        second = float(f"{second:.3g}")  # what is beyond is rounding of the estimates
         yield from unjudged(stat.LEFT_OUT(name), second, predictor=stat.ORDER_2)
         left = NEXT * second**2 + NEXT_ROUNDING
         if second <= MOST_NEXT:
