@@ -189,6 +189,8 @@ def _real_array(name: str, value: Any) -> Array:
     # float64 array of what is real numbers already; not a copy where none is needed
     if type(value) is np.ndarray and value.dtype == np.float64:
         return value
+    if type(value) in (float, np.float64):
+        return np.asarray(value)
     try:
         reason = _masked(value)
         given = np.asarray(None if reason else value)

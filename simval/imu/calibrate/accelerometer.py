@@ -437,8 +437,8 @@ def _solve(block: _Block, keep: Any, data: _Data, options: Options) -> None:
     # iterate, summarise, judge, and write the physical results into the block
     solution, ratio = _iterate(data, options)
     summary = summarize(
-        options.model, options.residual, solution.theta, data.z, sigma=data.noise,
-        loss=options.loss, ratio=ratio, shares=data.shares,
+        options.model, options.residual, solution.theta, data.z, data.moments,
+        sigma=data.noise, loss=options.loss, ratio=ratio, shares=data.shares,
         covariance=options.covariance,
     )  # fmt: skip
     sizes = np.ones((len(keep), 9))

@@ -77,7 +77,6 @@ from simval.imu.calibrate.residuals import (
 )
 from simval.imu.calibrate.solver import (
     Code,
-    negative_pivots,
     solve_positive,
 )
 from simval.poses import PARAMETERS, describe, observability
@@ -103,6 +102,7 @@ def summarize(
     residual: str,
     theta: Float[Array, "t 9"],
     z: Float[Array, "t n 3"],
+    moments: Float[Array, "t 10 10"],
     *,
     sigma: Float[Array, "t n"] | None,
     loss: str = "linear",
@@ -137,7 +137,9 @@ def summarize(
             own = spread * spread if a is not None else _least_scatter(dv, z, c, q)
             variance = own[:, None]
         middle = 4.0 * q * variance
-        matrix = _sandwich(dv, z, a, middle)
+        normal = moments if a is None else moment_matrix(z, a)
+        weights = middle if a is None else a * a * middle
+        matrix = _sandwich(dv, normal, moment_matrix(z, weights))
     norm = np.sqrt(np.maximum(1.0 + c, 0.0)) - 1.0
     if residual == "norm":
         total = (norm * norm).sum(axis=-1)
@@ -181,22 +183,20 @@ def _huber_variance(
 
 def _sandwich(
     dv: Float[Array, "t 10 9"],
-    z: Float[Array, "t n 3"],
-    a: Float[Array, "t n"] | None,
-    middle: Float[Array, "t n"],
+    outer: Float[Array, "t 10 10"],
+    middle: Float[Array, "t 10 10"],
 ) -> Float[Array, "t 9 9"]:
-    # eq. (U1) with `middle` the variance of c in each pose
-    normal = _contract(dv, moment_matrix(z, a))
+    # eq. (U1) from the moments of its two sums
+    normal = _contract(dv, outer)
     inverse = solve_positive(normal, np.broadcast_to(np.eye(9), normal.shape))[0]
-    weights = middle if a is None else a * a * middle
-    return inverse @ _contract(dv, moment_matrix(z, weights)) @ inverse
+    return inverse @ _contract(dv, middle) @ inverse
 
 
 def _contract(
     dv: Float[Array, "t 10 9"], moments: Float[Array, "t 10 10"]
 ) -> Float[Array, "t 9 9"]:
     # Sum of w_k d_k d_k' from the moment matrix with those weights.
-    return np.swapaxes(dv, -1, -2) @ (moments @ dv)
+    return dv.mT @ (moments @ dv)
 
 
 FALSE_ACCEPTANCE = 1e-3  # of poses with two quadrics through them, by (N2)
@@ -214,11 +214,14 @@ GREATEST_NOISE = 0.1
 
 # for each axis, the monomials that it is in and what else their slopes are made of: an
 # axis or 1; the slope of a square is twice that
-_SLOPES = (
-    ([0, 3, 4, 6], [0, 1, 2, 3]),
-    ([1, 3, 5, 7], [1, 0, 2, 3]),
-    ([2, 4, 5, 8], [2, 0, 1, 3]),
-)
+_SLOPES = [
+    (np.ix_(places, places), np.ix_(rest, rest))
+    for places, rest in (
+        ([0, 3, 4, 6], [0, 1, 2, 3]),
+        ([1, 3, 5, 7], [1, 0, 2, 3]),
+        ([2, 4, 5, 8], [2, 0, 1, 3]),
+    )
+]
 
 
 def pencil(
@@ -230,11 +233,11 @@ def pencil(
     scatter = m[:9, :9] - (mean / total)[:, None] * mean
     by_axis = np.zeros_like(scatter)
     for places, rest in _SLOPES:
-        slopes = linear[np.ix_(rest, rest)]
+        slopes = linear[rest]
         slopes[0] *= 2.0
         slopes[:, 0] *= 2.0
-        by_axis[np.ix_(places, places)] += slopes
-    return np.moveaxis(scatter, -1, 0), np.moveaxis(by_axis, -1, 0)
+        by_axis[places] += slopes
+    return scatter.transpose(2, 0, 1), by_axis.transpose(2, 0, 1)
 
 
 def second_noise(moments: Float[Array, "10 10"]) -> float:
@@ -259,10 +262,11 @@ def ambiguous(moments: Float[Array, "t 10 10"], limit: Float[Array, " t"]) -> An
     """True where a second quadric passes through the poses.
 
     By Sylvester's law of inertia the roots of (N1) below the limit are as many as the
-    negative pivots of G_c - limit^2 C.
+    negative eigenvalues of G_c - limit^2 C.
     """
     scatter, noise = pencil(moments)
-    return negative_pivots(scatter - (limit * limit)[:, None, None] * noise) > 1
+    left = scatter - (limit * limit)[:, None, None] * noise
+    return np.linalg.eigvalsh(left)[:, 1] <= 0.0
 
 
 # An uncalibrated sensor is within some percent of its nominal scale, so error bars

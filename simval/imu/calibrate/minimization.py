@@ -47,7 +47,7 @@ weight that falls with the standardised distance. Each round computes the weight
 one weighted moment matrix and one solution; the rounds end by the same stop rule.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -61,7 +61,6 @@ from simval.imu.calibrate.residuals import (
     distance_quadric,
     distance_seconds,
     evaluate,
-    in_lanes,
     moment_matrix,
     monomials,
     quadratic,
@@ -73,13 +72,12 @@ from simval.imu.calibrate.residuals import (
 )
 from simval.imu.calibrate.solver import (
     Code,
-    Factors,
     Local,
     Objective,
     Rules,
     Solution,
-    factorize,
     minimize,
+    solve_positive,
     trace,
 )
 from simval.imu.sensor import forms
@@ -125,19 +123,12 @@ def direction_condition(
     triangular, changes the scale along a direction w by w'Ew. The row (P1) is twice
     the monomials of the direction, but for the signs of the last three.
     """
-    safe = np.where(
-        usable[:, None], theta, forms.from_gram(model, np.eye(3), np.zeros(3))
-    )
-    change = _corrected_monomials(model, safe)
-    normal = change @ moments @ np.swapaxes(change, -1, -2)
-    factors = factorize(in_lanes(normal))
-    root = np.moveaxis(factors.root(), -1, 0).copy()
-    flat = root.reshape(len(root), -1)
-    good = usable & (factors.pivot > 0.0)
-    back = np.where(good, np.vecdot(flat, flat), 1.0)
-    condition = np.sqrt(trace(normal) * back) / 9.0
-    seen = _SCALES @ np.swapaxes(root[:, :, :6], -1, -2)
-    stretch = np.vecdot(seen, seen).max(axis=-1) / 4.0
+    change = _corrected_monomials(model, theta)
+    normal = change @ moments @ change.mT
+    inverse, _ = solve_positive(normal, np.broadcast_to(np.eye(9), normal.shape))
+    condition = np.sqrt(trace(normal) * trace(inverse)) / 9.0
+    stretch = np.vecdot(_SCALES @ inverse[:, :6, :6], _SCALES).max(axis=-1) / 4.0
+    good = usable & np.isfinite(condition)
     return np.where(good, condition, np.inf), np.where(good, stretch, np.inf)
 
 
@@ -146,7 +137,7 @@ def _corrected_monomials(
 ) -> Float[Array, "t 9 10"]:
     # the matrix that takes the monomials of a reading to those of M (y - b)
     rows = np.zeros((3, 4, len(theta)))  # u = rows (y, 1)
-    rows[:, :3] = np.moveaxis(forms.matrix(model, theta), 0, -1)
+    rows[:, :3] = forms.matrix(model, theta).transpose(1, 2, 0)
     for axis in range(3):
         rows[:, 3] -= rows[:, axis] * theta[:, 6 + axis]
     result = np.zeros((9, 10, len(theta)))
@@ -159,7 +150,7 @@ def _corrected_monomials(
     result[:6, 6:9] = both[:, :3, 3] + both[:, 3, :3]
     result[:6, 9] = both[:, 3, 3]
     result[6:, 6:] = rows
-    return np.moveaxis(result, -1, 0).copy()
+    return result.transpose(2, 0, 1).copy()
 
 
 def minimize_leverage(
@@ -189,130 +180,91 @@ def minimize_leverage(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Leverage:
-    """Parts of a leverage, in lanes."""
+    """Parts of a leverage; NaN where G_9 is not positive."""
 
-    factors: Factors  # of G_9
-    start: Float[Array, "9 t"]  # p of eq. (E1)
+    inverse: Float[Array, "t 9 9"]  # of G_9
+    pivot: Float[Array, " t"]  # least of G_9
+    start: Float[Array, "t 9"]  # p of eq. (E1)
     start_cost: Float[Array, " t"]  # s of eq. (H1)
 
     @classmethod
     def of(cls, moments: Float[Array, "t 10 10"]) -> "Leverage":
         """Factorise the moments of some trials."""
-        m = in_lanes(moments)
-        factors = factorize(m[:9, :9])
-        start = factors.solve(m[:9, 9:])[:, 0]
-        cost = m[9, 9] - _dot(start, m[9, :9])
-        return cls(factors=factors, start=start, start_cost=cost)
+        sides = np.empty((len(moments), 9, 10))
+        sides[..., :9] = np.eye(9)
+        sides[..., 9] = moments[:, :9, 9]
+        solved, pivot = solve_positive(moments[:, :9, :9], sides)
+        start = solved[..., 9].copy()
+        return cls(
+            inverse=solved[..., :9].copy(),
+            pivot=pivot,
+            start=start,
+            start_cost=moments[:, 9, 9] - np.vecdot(start, moments[:, 9, :9]),
+        )
 
     def take(self, rows: Any) -> "Leverage":
         """Those of some trials."""
-        return Leverage(
-            factors=self.factors.take(rows),
-            start=self.start[:, rows],
-            start_cost=self.start_cost[rows],
-        )
+        return Leverage(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
     def local(self, bias: Float[Array, "t 3"], *, newton: bool) -> Local:
         """The function 1/2 psi of eq. (H2) at a point."""
-        b, at = bias.T, _monomials(bias.T)
-        psi, v = self._best(at)
-        two_a = _twice_quadratic(v)
-        slope = _product(two_a, b) + v[6:]  # half of -psi'
-        normal = two_a / (psi * psi)
-        matrix = _first(normal)
-        bent = self._bend(b, slope, psi) if newton else None
+        psi, v = self._best(bias)
+        two_a = 2.0 * quadratic(v)
+        slope = np.matvec(two_a, bias) + v[:, 6:]  # half of -psi'
+        square = psi * psi
+        normal = two_a / square[:, None, None]
         return Local(
             cost=np.where(_is_positive(two_a), 0.5 / psi, np.inf),
-            gradient=_first(slope / (psi * psi)),
-            normal=matrix,
-            hessian=matrix if bent is None else matrix - _first(bent),
+            gradient=slope / square[:, None],
+            normal=normal,
+            hessian=normal - self._bend(bias, slope, psi) if newton else normal,
         )
 
     def _bend(
-        self, b: Float[Array, "3 t"], slope: Float[Array, "3 t"], psi: Array
-    ) -> Float[Array, "3 3 t"]:
+        self, bias: Float[Array, "t 3"], slope: Float[Array, "t 3"], psi: Array
+    ) -> Float[Array, "t 3 3"]:
         # what the second derivatives of 1/2 psi fall short of the matrix (H3)
-        by_b = _monomial_slopes(b)
-        bent = _inner(by_b, self.start_cost * self.factors.solve(by_b))
-        tilt = _inner(by_b, self.start[:, None])[:, 0]
-        bent += tilt[:, None] * tilt
-        bent -= 4.0 * slope[:, None] * slope / psi
-        return np.asarray(bent / (psi * psi))
+        by_b = _monomial_slopes(bias)
+        bent = by_b.mT @ self.inverse @ by_b
+        bent *= self.start_cost[:, None, None]
+        tilt = np.vecmat(self.start, by_b)
+        bent += tilt[:, :, None] * tilt[:, None]
+        bent -= 4.0 * slope[:, :, None] * slope[:, None] / psi[:, None, None]
+        return np.asarray(bent / (psi * psi)[:, None, None])
 
     def gram(self, bias: Float[Array, "t 3"]) -> Float[Array, "t 3 3"]:
         """A = M'M of the ellipsoid of eq. (H1) about its centre."""
-        psi, v = self._best(_monomials(bias.T))
-        return _first(_twice_quadratic(v) / (2.0 * psi))
+        psi, v = self._best(bias)
+        return quadratic(v) / psi[:, None, None]
 
     def _best(
-        self, at: Float[Array, "9 t"]
-    ) -> tuple[Float[Array, " t"], Float[Array, "9 t"]]:
+        self, bias: Float[Array, "t 3"]
+    ) -> tuple[Float[Array, " t"], Float[Array, "t 9"]]:
         # psi, and psi times the first nine coefficients of eq. (H1)
-        drawn = self.start_cost * self.factors.solve(at[:, None])[:, 0]
-        depth = 1.0 - _dot(self.start, at)
-        psi = depth * depth + _dot(at, drawn)
-        return psi, depth * self.start - drawn
+        at = monomials(bias)[:, :9]
+        drawn = self.start_cost[:, None] * np.matvec(self.inverse, at)
+        depth = 1.0 - np.vecdot(self.start, at)
+        psi = depth * depth + np.vecdot(at, drawn)
+        return psi, depth[:, None] * self.start - drawn
 
 
-def _dot(a: Float[Array, "k t"], b: Float[Array, "k t"]) -> Float[Array, " t"]:
-    total = a[0] * b[0]
-    for i in range(1, len(a)):
-        total += a[i] * b[i]
-    return total
-
-
-def _product(
-    matrix: Float[Array, "k p t"], vector: Float[Array, "p t"]
-) -> Float[Array, "k t"]:
-    total = matrix[:, 0] * vector[0]
-    for i in range(1, len(vector)):
-        total += matrix[:, i] * vector[i]
-    return total
-
-
-def _inner(
-    left: Float[Array, "k a t"], right: Float[Array, "k c t"]
-) -> Float[Array, "a c t"]:
-    total = left[0, :, None] * right[0]
-    for i in range(1, len(left)):
-        total += left[i, :, None] * right[i]
-    return total
-
-
-def _first(values: Float[Array, "... t"]) -> Float[Array, "t ..."]:
-    # the trials on the first axis
-    return np.ascontiguousarray(np.moveaxis(values, -1, 0))
-
-
-def _monomials(b: Float[Array, "3 t"]) -> Float[Array, "9 t"]:
-    return np.concatenate([b * b, np.stack([b[i] * b[j] for i, j in PAIRS]), b])
-
-
-def _monomial_slopes(b: Float[Array, "3 t"]) -> Float[Array, "9 3 t"]:
-    result = np.zeros((9, *b.shape))
+def _monomial_slopes(b: Float[Array, "t 3"]) -> Float[Array, "t 9 3"]:
+    result = np.zeros((len(b), 9, 3))
     for axis in range(3):
-        result[axis, axis] = 2.0 * b[axis]
-        result[6 + axis, axis] = 1.0
+        result[:, axis, axis] = 2.0 * b[:, axis]
+        result[:, 6 + axis, axis] = 1.0
     for index, (i, j) in enumerate(PAIRS):
-        result[3 + index, i], result[3 + index, j] = b[j], b[i]
+        result[:, 3 + index, i], result[:, 3 + index, j] = b[:, j], b[:, i]
     return result
 
 
-def _is_positive(a: Float[Array, "3 3 t"]) -> Any:
+def _is_positive(a: Float[Array, "t 3 3"]) -> Any:
     # by Sylvester's criterion
-    two = a[0, 0] * a[1, 1] - a[0, 1] * a[0, 1]
-    last = a[2, 2] * two - a[1, 2] * (a[0, 0] * a[1, 2] - a[0, 1] * a[0, 2])
-    last -= a[0, 2] * (a[1, 1] * a[0, 2] - a[0, 1] * a[1, 2])
-    return (a[0, 0] > 0.0) & (two > 0.0) & (last > 0.0)
-
-
-def _twice_quadratic(v: Float[Array, "9 t"]) -> Float[Array, "3 3 t"]:
-    result = np.empty((3, 3, v.shape[1]))
-    for axis in range(3):
-        result[axis, axis] = 2.0 * v[axis]
-    for index, (i, j) in enumerate(PAIRS):
-        result[i, j] = result[j, i] = v[3 + index]
-    return result
+    (aa, ab, ac), (_, bb, bc), (_, _, cc) = a.transpose(1, 2, 0)
+    two = aa * bb - ab * ab
+    last = cc * two - bc * (aa * bc - ab * ac)
+    last -= ac * (bb * ac - ab * bc)
+    return (aa > 0.0) & (two > 0.0) & (last > 0.0)
 
 
 # Relative to a column's own length, so the square of a sine: rounding of exactly
@@ -335,19 +287,16 @@ class Ellipsoid:
 def fit_ellipsoid(moments: Float[Array, "t 10 10"]) -> Ellipsoid:
     """Linear least squares of eq. (E1) from the moment matrices."""
     leverage = Leverage.of(moments)
-    p = leverage.start
-    gram = in_lanes(quadratic(p.T))
-    three = factorize(gram)
-    bias = three.solve(p[6:, None] / -2.0)[:, 0]
+    gram, linear = quadratic(leverage.start), leverage.start[:, 6:]
+    bias, pivot = solve_positive(gram, linear[..., None] / -2.0)
     # b'Ab = -b'l/2
-    level = 1.0 - (bias[0] * p[6] + bias[1] * p[7] + bias[2] * p[8]) / 2.0
-    gram /= level
+    level = 1.0 - np.vecdot(bias[..., 0], linear) / 2.0
     return Ellipsoid(
-        gram=np.ascontiguousarray(np.moveaxis(gram, -1, 0)),
-        bias=bias.T.copy(),
+        gram=gram / level[:, None, None],
+        bias=bias[..., 0],
         leverage=leverage,
-        determined=leverage.factors.pivot > _LEAST_PIVOT,
-        proper=three.pivot > 0.0,  # the level is then 1 or more
+        determined=leverage.pivot > _LEAST_PIVOT,
+        proper=pivot > 0.0,  # the level is then 1 or more
     )
 
 

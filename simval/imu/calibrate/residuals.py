@@ -114,7 +114,7 @@ def _monomial_rows(z: Float[Array, "t n 3"]) -> Float[Array, "t 10 n"]:
 
 def in_lanes(matrices: Float[Array, "t p q"]) -> Float[Array, "p q t"]:
     """The same with the trials next to each other; no copy where they are already."""
-    return np.ascontiguousarray(np.moveaxis(matrices, 0, -1))
+    return np.ascontiguousarray(matrices.transpose(1, 2, 0))
 
 
 def unbiased_moment_matrix(
@@ -227,7 +227,7 @@ def evaluate(
     for start in range(0, z.shape[1], CHUNK):
         part = slice(start, start + CHUNK)
         values = monomials(z[:, part]) @ columns
-        result[:, :, part] = np.moveaxis(values, -1, 0)
+        result[:, :, part] = values.transpose(2, 0, 1)
     return list(result)
 
 

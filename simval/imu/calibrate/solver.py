@@ -1,11 +1,10 @@
 r"""Minimisation for a batch of trials, and the small linear systems of its steps.
 
-**Batched factorisation of small symmetric systems, positive definite or not.**
+**Batched solution of small symmetric systems, positive definite or not.**
 
-The factorisation runs over the batch in the last axis, so every trial sees the
-same sequence of elementwise operations however many neighbours it has; LAPACK
-through numpy costs ten times as much at this size, and raises for the whole batch
-when one matrix is singular.
+LAPACK through NumPy works a stack of matrices one by one, so a trial's numbers do not
+depend on its neighbours; a matrix that is not positive is set aside, since it would
+raise for the whole stack.
 
 **Levenberg-Marquardt, damped Gauss-Newton and Newton for a batch of trials.**
 
@@ -23,6 +22,7 @@ neighbours.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -33,85 +33,39 @@ from simval import vocabulary
 from simval.arrays import Array
 from simval.shapes import Float
 
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Factors:
-    """Matrices N with S N S = U'DU, in lanes; S scales N to a unit diagonal."""
-
-    scale: Float[Array, "p t"]  # diagonal of S
-    upper: Float[Array, "p p t"]  # U above the diagonal, D on it
-    pivot: Float[Array, " t"]  # least of D; solutions are NaN unless it is positive
-
-    def solve(self, right: Float[Array, "p k t"]) -> Float[Array, "p k t"]:
-        """Solve N x = r."""
-        n, size = self.upper, len(self.upper)
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            x = right * self.scale[:, None]
-            for i in range(size):
-                x[i + 1 :] -= n[i, i + 1 :, None] * x[i]
-                x[i] /= n[i, i]
-            for i in range(size - 1, 0, -1):
-                x[:i] -= n[:i, i, None] * x[i]
-            x *= self.scale[:, None]
-            x[..., ~(self.pivot > 0.0)] = np.nan
-        return x
-
-    def take(self, rows: Any) -> "Factors":
-        """Those of some trials."""
-        return Factors(
-            scale=self.scale[:, rows],
-            upper=self.upper[..., rows],
-            pivot=self.pivot[rows],
-        )
-
-    def root(self) -> Float[Array, "p p t"]:
-        """Lower triangular R of the inverse R'R; NaN where N is not positive."""
-        n, size = self.upper, len(self.upper)
-        x = np.zeros_like(n)
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            for i in range(size):
-                x[i, i] = 1.0
-                x[i + 1 :, : i + 1] -= n[i, i + 1 :, None] * x[i, : i + 1]
-                x[i, : i + 1] *= self.scale[: i + 1] / np.sqrt(n[i, i])
-            x[..., ~(self.pivot > 0.0)] = np.nan
-        return x
-
-
-def factorize(matrices: Float[Array, "p p t"]) -> Factors:
-    """Factorise matrices in lanes, after scaling them to a unit diagonal."""
-    size = len(matrices)
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        scale = 1.0 / np.sqrt(matrices[range(size), range(size)])
-        n = matrices * scale[:, None]
-        n *= scale
-        pivot = np.ones(n.shape[-1])
-        for i in range(size):
-            np.minimum(pivot, n[i, i], out=pivot)
-            row = n[i, i + 1 :] / n[i, i]
-            n[i + 1 :, i + 1 :] -= n[i, i + 1 :, None] * row
-            n[i, i + 1 :] = row
-    return Factors(scale=scale, upper=n, pivot=pivot)
+# A pivot of a matrix of unit diagonal that is below it is rounding.
+_ROUNDING = 1e-15
 
 
 def solve_positive(
     matrices: Float[Array, "t p p"], right: Float[Array, "t p k"]
 ) -> tuple[Float[Array, "t p k"], Float[Array, " t"]]:
-    """Solve N x = r by Cholesky after scaling N to a unit diagonal."""
-    factors = factorize(np.moveaxis(matrices, 0, -1))
-    x = factors.solve(np.moveaxis(right, 0, -1))
-    return np.moveaxis(x, -1, 0), factors.pivot
+    """Solve N x = r after scaling N to a unit diagonal; also its least pivot.
 
-
-def negative_pivots(matrices: Float[Array, "t p p"]) -> Float[Array, " t"]:
-    """Number of negative eigenvalues of each symmetric matrix."""
-    n = np.moveaxis(matrices, 0, -1).copy()
-    count = np.zeros(n.shape[-1])
+    The solution is NaN where N is not positive.
+    """
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        for i in range(matrices.shape[-1]):
-            count += ~(n[i, i] > 0.0)
-            row = n[i, i + 1 :] / n[i, i]
-            n[i + 1 :, i + 1 :] -= n[i, i + 1 :, None] * row
-    return count
+        scale = 1.0 / np.sqrt(matrices.diagonal(0, -2, -1))[..., None]
+        n = matrices * scale * scale.mT
+        pivot = _least_pivots(n)
+        good = pivot > _ROUNDING
+        if not good.all():
+            n[~good] = np.eye(n.shape[-1])
+        x = np.linalg.solve(n, right * scale) * scale
+    x[~good] = np.nan
+    return x, pivot
+
+
+def _least_pivots(matrices: Float[Array, "t p p"]) -> Float[Array, " t"]:
+    # least of D in N = LDL'; 0 where there is none
+    try:
+        lower = np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:  # of one matrix or more
+        lower = np.zeros_like(matrices)
+        for each, matrix in zip(lower, matrices, strict=True):
+            with suppress(np.linalg.LinAlgError):
+                each[:] = np.linalg.cholesky(matrix)
+    return np.asarray(np.square(lower.diagonal(0, -2, -1)).min(axis=-1))
 
 
 def trace(matrices: Float[Array, "t p p"]) -> Float[Array, " t"]:
