@@ -26,7 +26,7 @@ from simval.studies.attitude import Truth
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged
 from simval.studies.trials import mean_of
 from simval.theory.attitude import attitude_moments
-from simval.theory.estimators import attitude_bound
+from simval.theory.cramer_rao import attitude_bound
 from simval.theory.two_vector import true_vectors
 
 TITLE = "Efficiency: cost of the closed form against the Cramer-Rao bound"

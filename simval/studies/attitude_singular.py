@@ -62,8 +62,9 @@ from simval.theory.attitude import (
     expansion_remainders,
     multiplicative_moments,
 )
+from simval.theory.cramer_rao import attitude_bound
 from simval.theory.cubature import cubature_moments
-from simval.theory.estimators import attitude_bound, class_moments, direct_covariance
+from simval.theory.estimators import class_moments, direct_covariance
 from simval.theory.exact import exact_moments
 from simval.theory.expansion import scaled_error_moments, second_order_covariance
 from simval.theory.two_vector import (

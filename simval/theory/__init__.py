@@ -8,13 +8,11 @@ from simval.theory.attitude import (
     sufficient_order,
 )
 from simval.theory.calibration import CalibrationMoments, calibration_moments
+from simval.theory.cramer_rao import AttitudeBound, attitude_bound, wahba_bound
 from simval.theory.cubature import cubature_moments
 from simval.theory.density import AttitudeDensity, attitude_density
 from simval.theory.estimators import (
-    AttitudeBound,
-    attitude_bound,
     loss_noncentrality,
-    wahba_bound,
     wahba_moments,
     wahba_order,
 )

@@ -1,18 +1,4 @@
-r"""Attitude estimators of two and more vectors: bound, moments, and their classes.
-
-**Cramer-Rao bound of two noisy vector pairs.** The measurements are :math:`b_i = A(q)
-r_i^t + n_{bi}` and :math:`r_i = r_i^t + n_{ri}`; the unknowns are the attitude, three
-small body-frame angles :math:`\theta` with :math:`A = (I - [\theta\times]) A(q)`, and
-the two true reference directions, two angles each, which nobody asked for. With W the
-inverse noise covariances,
-
-.. math:: J = \sum_i \begin{bmatrix} B_i^T W_{bi} B_i & B_i^T W_{bi} A T_i \\ \cdot &
-   T_i^T (A^T W_{bi} A + W_{ri}) T_i \end{bmatrix},\quad B_i = [b_i^t \times],
-   \tag{R1}
-
-T_i the plane tangent at :math:`r_i^t`, whose rows fall away where it is known exactly;
-the bound on :math:`\theta` is the inverse of the Schur complement of the nuisance
-block. A quaternion error is :math:`\Delta q = \Xi\, \theta/2` to first order.
+r"""Attitude estimators of two and more vectors: their moments, and their classes.
 
 **TRIAD, which fits the first pair exactly, to second order.** With :math:`b_i = A r_i`
 and the noise :math:`\nu_i = n_{bi} - A n_{ri}` of a pair, the estimate :math:`(I -
@@ -85,16 +71,15 @@ A quaternion's error :math:`e = q - \hat q` is the rotation vector
 :math:`\theta = -2\, \mathrm{vec}(q^{-1} e)` on the body side, to third order.
 """
 
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
 from simval.arguments import choice
-from simval.arrays import Array, ReadOnly, finite_array, physical_array
+from simval.arrays import Array, finite_array, physical_array
 from simval.errors import GeometryError, InputError, RefusedError
-from simval.geometry import attitude_matrix, compose, conjugate, cross_matrix, normalize
+from simval.geometry import compose, conjugate, cross_matrix, normalize
 from simval.moments import Moments
 from simval.shapes import Float, Shaped
 from simval.theory.attitude import SufficientOrder, attitude_moments, lowest_order
@@ -106,103 +91,15 @@ from simval.theory.two_vector import (
     noise_covariances,
     noise_of_vectors,
     normalized_noise,
-    require_one,
+    true_pairs,
     true_vectors,
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class AttitudeBound(ReadOnly):
-    """Lowest covariance of an unbiased attitude estimate.
-
-    Attributes
-    ----------
-    rotation : Array
-        Covariance of the body-frame rotation error, rad^2, (3, 3).
-    quaternion : Array
-        Covariance of the additive quaternion error, (4, 4), of rank 3.
-    """
-
-    rotation: Float[Array, "3 3"]
-    quaternion: Float[Array, "4 4"]
-
-
-def attitude_bound(q: Any, r1: Any, r2: Any, noise_std: Any) -> AttitudeBound:
-    """Cramer-Rao bound (R1) of the two-vector problem.
-
-    Parameters
-    ----------
-    q : array_like
-        True quaternion, (4,).
-    r1, r2 : array_like
-        True reference vectors, (3,).
-    noise_std : array_like
-        As in `simval.theory.attitude_moments`; full covariances must be regular, but a
-        reference may have no noise at all.
-
-    Returns
-    -------
-    AttitudeBound
-        The bound; sigma^2 (or the scale of the covariances) enters linearly.
-
-    Raises
-    ------
-    InputError
-        If an argument is wrong or a noise covariance is singular.
-    GeometryError
-        If the vectors are parallel.
-    """
-    require_one(q, r1, r2)
-    unit_q, vectors, _ = true_vectors(q, r1, r2)
-    return bound_of(unit_q, vectors, noise_covariances(noise_std))
-
-
-def bound_of(
-    unit_q: Float[Array, "4"],
-    vectors: Float[Array, "m 3"],
-    noise: Float[Array, "m 3 3"],
-) -> AttitudeBound:
-    """The bound from true body vectors, then as many reference vectors.
-
-    Raises
-    ------
-    InputError
-        If a noise covariance is singular.
-    """
-    n, A = len(vectors) // 2, attitude_matrix(unit_q)
-    known = [i >= n and not matrix.any() for i, matrix in enumerate(noise)]
-    if not np.all((np.linalg.eigvalsh(noise)[:, 0] > 0.0) | known):
-        msg = (
-            "`noise_std` has a direction without noise, whose information is infinite; "
-            "the bound needs regular covariances, or references without any noise, so "
-            "give each direction some noise"
-        )
-        raise InputError(msg)
-    information = np.zeros((3, 3))
-    for i in range(n):
-        b, r = vectors[i], vectors[n + i]
-        B = cross_matrix(b)
-        own = B.T @ np.linalg.solve(noise[i], B)
-        information += own if known[n + i] else own - _lost(B, A, r, noise[[i, n + i]])
-    rotation = np.linalg.solve(information, np.eye(3))
-    rotation = (rotation + rotation.T) / 2.0
-    e, s = unit_q[:3], unit_q[3]
-    half_xi = 0.5 * np.vstack([s * np.eye(3) + cross_matrix(e), -e])
-    return AttitudeBound(rotation=rotation, quaternion=half_xi @ rotation @ half_xi.T)
-
-
-def _lost(B: Array, A: Array, r: Array, noise: Array) -> Array:
-    # information that the unknown direction of r takes away
-    T = np.linalg.svd(r[None, :])[2][1:].T
-    W_AT = np.linalg.solve(noise[0], A @ T)
-    nuisance = (A @ T).T @ W_AT + T.T @ np.linalg.solve(noise[1], T)
-    mixed = B.T @ W_AT
-    lost: Array = mixed @ np.linalg.solve(nuisance, mixed.T)
-    return lost
-
-
-def triad_covariance(q: Any, r1: Any, r2: Any, noise_std: Any) -> Float[Array, "3 3"]:
-    """Covariance of TRIAD's body-frame rotation error by (TR1), rad^2.
+def triad_moments(
+    q: Any, r1: Any, r2: Any, noise_std: Any
+) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
+    """Mean (TR2), rad, and covariance (TR1), rad^2, of TRIAD's body-side error.
 
     Raises
     ------
@@ -211,7 +108,10 @@ def triad_covariance(q: Any, r1: Any, r2: Any, noise_std: Any) -> Float[Array, "
     GeometryError
         If the vectors are parallel.
     """
-    _, (b1, b2, _, _), A = true_vectors(q, r1, r2)
+    _, vectors, A = true_vectors(q, r1, r2)
+    noise = noise_covariances(noise_std)
+    body, reference = (_mean_turn(vectors[i : i + 2], noise[i : i + 2]) for i in (0, 2))
+    b1, b2 = vectors[:2]
     normal = np.cross(b1, b2)
     sine, cosine = float(np.linalg.norm(normal)), float(b1 @ b2)
     n = normal / sine
@@ -219,9 +119,27 @@ def triad_covariance(q: Any, r1: Any, r2: Any, noise_std: Any) -> Float[Array, "
         np.outer(b1, n) * (cosine / sine) - cross_matrix(b1),
         -np.outer(b1, n) / sine,
     )
-    noise = noise_covariances(noise_std)
     pairs = (noise[i] + A @ noise[2 + i] @ A.T for i in range(2))
-    return np.sum([L @ pair @ L.T for L, pair in zip(maps, pairs, strict=True)], axis=0)
+    each = [L @ pair @ L.T for L, pair in zip(maps, pairs, strict=True)]
+    return A @ reference - body, np.sum(each, axis=0)
+
+
+def _mean_turn(v: Float[Array, "2 3"], noise: Float[Array, "2 3 3"]) -> Array:
+    # mean rotation vector of the frame of two vectors, in the axes of the vectors
+    normal = np.cross(v[0], v[1])
+    s, c = float(np.linalg.norm(normal)), float(v[0] @ v[1])
+    axes = np.stack([v[0], np.cross(normal / s, v[0]), normal / s], axis=1)
+    first, second = axes.T @ noise @ axes
+    about_first = (c * s * first[0, 2] - c * c * first[1, 2] - second[1, 2]) / s**2
+    turn = np.array(
+        [
+            about_first - first[1, 2] / 2.0,
+            first[0, 2] - c * first[1, 2] / (2.0 * s),
+            -first[0, 1] - c * first[2, 2] / (2.0 * s),
+        ]
+    )
+    mean: Array = axes @ turn
+    return mean
 
 
 def direct_covariance(q: Any, r1: Any, r2: Any, noise_std: Any) -> Float[Array, "3 3"]:
@@ -251,40 +169,6 @@ def direct_covariance(q: Any, r1: Any, r2: Any, noise_std: Any) -> Float[Array, 
     variances[:2] = np.vecdot(noise[:2] @ normal, normal)
     maps = np.concatenate([across + about, about - across], axis=1)
     return (maps * variances) @ maps.T
-
-
-def triad_bias(q: Any, r1: Any, r2: Any, noise_std: Any) -> Float[Array, "3"]:
-    """Mean of TRIAD's body-frame rotation error by (TR2), rad.
-
-    Raises
-    ------
-    InputError
-        If an argument has a wrong shape or value.
-    GeometryError
-        If the vectors are parallel.
-    """
-    _, vectors, A = true_vectors(q, r1, r2)
-    noise = noise_covariances(noise_std)
-    body, reference = (_mean_turn(vectors[i : i + 2], noise[i : i + 2]) for i in (0, 2))
-    return A @ reference - body
-
-
-def _mean_turn(v: Float[Array, "2 3"], noise: Float[Array, "2 3 3"]) -> Array:
-    # mean rotation vector of the frame of two vectors, in the axes of the vectors
-    normal = np.cross(v[0], v[1])
-    s, c = float(np.linalg.norm(normal)), float(v[0] @ v[1])
-    axes = np.stack([v[0], np.cross(normal / s, v[0]), normal / s], axis=1)
-    first, second = axes.T @ noise @ axes
-    about_first = (c * s * first[0, 2] - c * c * first[1, 2] - second[1, 2]) / s**2
-    turn = np.array(
-        [
-            about_first - first[1, 2] / 2.0,
-            first[0, 2] - c * first[1, 2] / (2.0 * s),
-            -first[0, 1] - c * first[2, 2] / (2.0 * s),
-        ]
-    )
-    mean: Array = axes @ turn
-    return mean
 
 
 def wahba_moments(
@@ -333,7 +217,7 @@ def wahba_moments(
         If the cubature does not resolve the noise, or rounding counts because the
         weights differ too much.
     """
-    unit_q, vectors = _true_pairs(q, references)
+    unit_q, vectors = true_pairs(q, references)
     n = len(vectors) // 2
     a = _weights(weights, n)
     order = choice("order", order, (2, 3, 4, "exact"))
@@ -416,34 +300,6 @@ def wahba_order(
     return lowest_order(found, tolerance, float(ratio))
 
 
-def wahba_bound(q: Any, references: Any, noise_std: Any) -> AttitudeBound:
-    """Cramer-Rao bound of attitude from n vector pairs; see `attitude_bound`.
-
-    Parameters
-    ----------
-    q : array_like
-        True quaternion, (4,).
-    references : array_like
-        True reference vectors, (n, 3), n >= 2.
-    noise_std : array_like
-        As in `wahba_moments`; full covariances must be regular.
-
-    Returns
-    -------
-    AttitudeBound
-        The bound.
-
-    Raises
-    ------
-    InputError
-        If an argument is wrong or a noise covariance is singular.
-    GeometryError
-        If the vectors are parallel.
-    """
-    unit_q, vectors = _true_pairs(q, references)
-    return bound_of(unit_q, vectors, noise_covariances(noise_std, len(vectors)))
-
-
 def loss_noncentrality(
     q: Any, references: Any, displacements: Any, weights: Any
 ) -> float:
@@ -470,7 +326,7 @@ def loss_noncentrality(
     InputError, GeometryError
         As `wahba_moments`.
     """
-    _, vectors = _true_pairs(q, references)
+    _, vectors = true_pairs(q, references)
     n = len(vectors) // 2
     shift = physical_array("displacements", displacements, (n, 3))
     if shift.ndim != 2:
@@ -576,25 +432,6 @@ def _resolvent(K: Array, q: Array, top: float) -> Array:
     return R
 
 
-def _true_pairs(q: Any, references: Any) -> tuple[Array, Array]:
-    unit_q = normalize(finite_array("q", q, (4,)))
-    r = normalize(finite_array("references", references, (None, 3)))
-    if unit_q.ndim != 1 or r.ndim != 2 or len(r) < 2:
-        msg = (
-            f"`q` has shape {unit_q.shape} and `references` {r.shape}; give one "
-            "quaternion (4,) and two or more vectors (n, 3)"
-        )
-        raise InputError(msg)
-    sine = float(np.linalg.norm(np.cross(r[0], r), axis=1).max())
-    if not sine >= MIN_NORM:
-        msg = (
-            f"the sine of the greatest angle between `references` is {sine:.2e}; it "
-            f"must be {MIN_NORM:g} or more, so choose vectors that are farther apart"
-        )
-        raise GeometryError(msg)
-    return unit_q, np.concatenate([r @ attitude_matrix(unit_q).T, r])
-
-
 def _weights(weights: Any, n: int) -> Array:
     a = np.ones(n) if weights is None else finite_array("weights", weights, (n,))
     if a.ndim != 1 or not np.all(a > 0.0):
@@ -623,8 +460,7 @@ def class_moments(
     """
     kind = choice("kind", kind, CLASSES)
     if kind == "triad":
-        given = q, references[0], references[1], noise_std
-        return triad_bias(*given), triad_covariance(*given)
+        return triad_moments(q, references[0], references[1], noise_std)
     truth = normalize(np.asarray(q, dtype=float))
     if kind in ("wahba", "weighted wahba"):
         used = weights if kind == "weighted wahba" else None

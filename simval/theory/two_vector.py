@@ -422,6 +422,36 @@ def true_vectors(
     return unit[0], vectors_of(*unit), attitude_matrix(unit[0])
 
 
+def true_pairs(
+    q: Any, references: Any
+) -> tuple[Float[Array, "4"], Float[Array, "m 3"]]:
+    """A unit quaternion, and n noise-free body vectors, then n reference vectors.
+
+    Raises
+    ------
+    InputError
+        If a value is not finite or zero, or a shape is wrong.
+    GeometryError
+        If the vectors are parallel.
+    """
+    unit_q = normalize(finite_array("q", q, (4,)))
+    r = normalize(finite_array("references", references, (None, 3)))
+    if unit_q.ndim != 1 or r.ndim != 2 or len(r) < 2:
+        msg = (
+            f"`q` has shape {unit_q.shape} and `references` {r.shape}; give one "
+            "quaternion (4,) and two or more vectors (n, 3)"
+        )
+        raise InputError(msg)
+    sine = float(np.linalg.norm(np.cross(r[0], r), axis=1).max())
+    if not sine >= MIN_NORM:
+        msg = (
+            f"the sine of the greatest angle between `references` is {sine:.2e}; it "
+            f"must be {MIN_NORM:g} or more, so choose vectors that are farther apart"
+        )
+        raise GeometryError(msg)
+    return unit_q, np.concatenate([r @ attitude_matrix(unit_q).T, r])
+
+
 def require_apart(r1: Float[Array, "... 3"], r2: Float[Array, "... 3"]) -> None:
     """Require unit vectors that are not parallel.
 

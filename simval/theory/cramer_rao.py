@@ -1,0 +1,143 @@
+r"""Cramer-Rao bound of an attitude that is estimated from pairs of noisy vectors.
+
+The measurements are :math:`b_i = A(q) r_i^t + n_{bi}` and :math:`r_i = r_i^t + n_{ri}`;
+the unknowns are the attitude, three small body-frame angles :math:`\theta` with
+:math:`A = (I - [\theta\times]) A(q)`, and the true reference directions, two angles
+each, which nobody asked for. With W the inverse noise covariances,
+
+.. math:: J = \sum_i \begin{bmatrix} B_i^T W_{bi} B_i & B_i^T W_{bi} A T_i \\ \cdot &
+   T_i^T (A^T W_{bi} A + W_{ri}) T_i \end{bmatrix},\quad B_i = [b_i^t \times],
+   \tag{R1}
+
+T_i the plane tangent at :math:`r_i^t`, whose rows fall away where it is known exactly;
+the bound on :math:`\theta` is the inverse of the Schur complement of the nuisance
+block. A quaternion error is :math:`\Delta q = \Xi\, \theta/2` to first order.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simval.arrays import Array, ReadOnly
+from simval.errors import InputError
+from simval.geometry import attitude_matrix, cross_matrix
+from simval.shapes import Float
+from simval.theory.two_vector import (
+    noise_covariances,
+    require_one,
+    true_pairs,
+    true_vectors,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AttitudeBound(ReadOnly):
+    """Lowest covariance of an unbiased attitude estimate.
+
+    Attributes
+    ----------
+    rotation : Array
+        Covariance of the body-frame rotation error, rad^2, (3, 3).
+    quaternion : Array
+        Covariance of the additive quaternion error, (4, 4), of rank 3.
+    """
+
+    rotation: Float[Array, "3 3"]
+    quaternion: Float[Array, "4 4"]
+
+
+def attitude_bound(q: Any, r1: Any, r2: Any, noise_std: Any) -> AttitudeBound:
+    """Cramer-Rao bound (R1) of the two-vector problem.
+
+    Parameters
+    ----------
+    q : array_like
+        True quaternion, (4,).
+    r1, r2 : array_like
+        True reference vectors, (3,).
+    noise_std : array_like
+        As in `simval.theory.attitude_moments`; full covariances must be regular, but a
+        reference may have no noise at all.
+
+    Returns
+    -------
+    AttitudeBound
+        The bound; sigma^2 (or the scale of the covariances) enters linearly.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong or a noise covariance is singular.
+    GeometryError
+        If the vectors are parallel.
+    """
+    require_one(q, r1, r2)
+    unit_q, vectors, _ = true_vectors(q, r1, r2)
+    return _bound_of(unit_q, vectors, noise_covariances(noise_std))
+
+
+def wahba_bound(q: Any, references: Any, noise_std: Any) -> AttitudeBound:
+    """Cramer-Rao bound of attitude from n vector pairs; see `attitude_bound`.
+
+    Parameters
+    ----------
+    q : array_like
+        True quaternion, (4,).
+    references : array_like
+        True reference vectors, (n, 3), n >= 2.
+    noise_std : array_like
+        As in `wahba_moments`; full covariances must be regular.
+
+    Returns
+    -------
+    AttitudeBound
+        The bound.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong or a noise covariance is singular.
+    GeometryError
+        If the vectors are parallel.
+    """
+    unit_q, vectors = true_pairs(q, references)
+    return _bound_of(unit_q, vectors, noise_covariances(noise_std, len(vectors)))
+
+
+def _bound_of(
+    unit_q: Float[Array, "4"],
+    vectors: Float[Array, "m 3"],
+    noise: Float[Array, "m 3 3"],
+) -> AttitudeBound:
+    # from true body vectors, then as many reference vectors
+    n, A = len(vectors) // 2, attitude_matrix(unit_q)
+    known = [i >= n and not matrix.any() for i, matrix in enumerate(noise)]
+    if not np.all((np.linalg.eigvalsh(noise)[:, 0] > 0.0) | known):
+        msg = (
+            "`noise_std` has a direction without noise, whose information is infinite; "
+            "the bound needs regular covariances, or references without any noise, so "
+            "give each direction some noise"
+        )
+        raise InputError(msg)
+    information = np.zeros((3, 3))
+    for i in range(n):
+        b, r = vectors[i], vectors[n + i]
+        B = cross_matrix(b)
+        own = B.T @ np.linalg.solve(noise[i], B)
+        information += own if known[n + i] else own - _lost(B, A, r, noise[[i, n + i]])
+    rotation = np.linalg.solve(information, np.eye(3))
+    rotation = (rotation + rotation.T) / 2.0
+    e, s = unit_q[:3], unit_q[3]
+    half_xi = 0.5 * np.vstack([s * np.eye(3) + cross_matrix(e), -e])
+    return AttitudeBound(rotation=rotation, quaternion=half_xi @ rotation @ half_xi.T)
+
+
+def _lost(B: Array, A: Array, r: Array, noise: Array) -> Array:
+    # information that the unknown direction of r takes away
+    T = np.linalg.svd(r[None, :])[2][1:].T
+    W_AT = np.linalg.solve(noise[0], A @ T)
+    nuisance = (A @ T).T @ W_AT + T.T @ np.linalg.solve(noise[1], T)
+    mixed = B.T @ W_AT
+    lost: Array = mixed @ np.linalg.solve(nuisance, mixed.T)
+    return lost
