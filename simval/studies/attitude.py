@@ -7,7 +7,7 @@ against four predictions: second order, the source's fourth order, the complete 
 order and the exact answer.
 
 A truncated formula is allowed the remainder that theory states for it
-(`simval.theory.attitude`). Where :math:`|\bar q|/\sigma` is below `RANGE` the
+(`simval.theory.orders`). Where :math:`|\bar q|/\sigma` is below `RANGE` the
 expansions are reported and not judged; nor is the source's fourth order anywhere,
 because it leaves out terms of its own order.
 
@@ -47,16 +47,15 @@ from simval.streams import Streams
 from simval.studies.study import LEAST_NOISE, Cost, Geometry, StudyParameters, ranged
 from simval.studies.trials import root
 from simval.theory.attitude import (
-    RANGE,
     AttitudeMoments,
     attitude_moments,
-    expansion_remainders,
 )
 from simval.theory.expansion import (
     predicted_defect,
     unit_length_defect,
     unit_length_rounding,
 )
+from simval.theory.orders import RANGE, expansion_remainders
 from simval.theory.two_vector import (
     noise_covariances,
     tangent_covariances,

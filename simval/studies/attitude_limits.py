@@ -19,7 +19,7 @@ from simval.streams import Streams
 from simval.studies.attitude import FORMULAS, Truth
 from simval.studies.attitude_map import limits_of
 from simval.studies.study import Cost, StudyParameters, ranged
-from simval.theory.exact import flip_probability
+from simval.theory.sign_flips import flip_probability
 from simval.theory.two_vector import (
     noise_covariances,
     true_vectors,

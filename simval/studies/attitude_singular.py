@@ -57,9 +57,7 @@ from simval.studies.attitude import Truth
 from simval.studies.study import Cost, Geometry, StudyParameters, ranged
 from simval.studies.trials import Kept, Trials, drawn_rows, mean_of, root, trials_of
 from simval.theory.attitude import (
-    RANGE,
     attitude_moments,
-    expansion_remainders,
     multiplicative_moments,
 )
 from simval.theory.cramer_rao import attitude_bound
@@ -67,6 +65,7 @@ from simval.theory.cubature import cubature_moments
 from simval.theory.estimators import class_moments, direct_covariance
 from simval.theory.exact import exact_moments
 from simval.theory.expansion import scaled_error_moments, second_order_covariance
+from simval.theory.orders import RANGE, expansion_remainders
 from simval.theory.two_vector import (
     FRAMES,
     TwoVectorGeometry,

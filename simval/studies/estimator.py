@@ -45,12 +45,8 @@ Where the noise of two vectors differs by more than `simval.plugins.noise.EXTREM
 in some named geometries, neither leading terms, nor the classes of attitudes, nor a
 stated covariance of first order are judged.
 
-**Unit length.** Whatever the estimator, unit quaternions have :math:`E|q - \hat q|^2 =
-2 q^T E[q - \hat q]`. The first block is held to it within what the lengths that the
-plug-in returned are off by (its own precision; `UNIT` at the most) and rounding.
-
-Simulated moments against cubature, the efficiency and a claimed covariance are in
-`simval.studies.estimator_errors`.
+Simulated moments against cubature, the efficiency, unit length and a stated covariance
+are in `simval.studies.estimator_errors`.
 """
 
 from collections.abc import Iterator
@@ -88,7 +84,9 @@ from simval.studies.estimator_errors import (
     claim_off,
     claim_rows,
     moment_rows,
+    series_rows,
     size_rows,
+    unit_rows,
 )
 from simval.studies.estimator_series import series_of
 from simval.studies.named_geometries import GEOMETRIES, named_geometry
@@ -108,7 +106,6 @@ from simval.text import shown
 from simval.theory import wahba_bound
 from simval.theory.cubature import cubature_moments, smolyak_hermite
 from simval.theory.estimators import OF_TWO_VECTORS, class_moments
-from simval.theory.expansion import unit_length_defect, unit_length_rounding
 
 __all__ = ["SECTION", "TITLE", "Parameters", "compute", "outcome", "run"]
 
@@ -231,10 +228,11 @@ class Attitudes(Problem[Estimator, float, Trials]):
             *(() if self.noise.extreme else leading_rows(self, rounding)),
             *moment_rows(measured, *fine, stat.CUBATURE, left),
             *size_rows(sums, cubatures, least, (rounding, self.weights), chosen[1]),
-            *unit_rows(self),
+            *unit_rows(self.q, self.first_attitudes()),
         ]
         if plugin.series:
-            rows += series_rows(self, measured, fine)
+            series = (self.series(noise, order) for order in (2, 4))
+            rows += series_rows(measured, fine, *series)
         if self.claims:
             half = self.cubature(noise / 2.0, DEGREE)
             off, at_half, other = map(claim_off, (fine, half, coarse))
@@ -308,6 +306,11 @@ class Attitudes(Problem[Estimator, float, Trials]):
     def first_block(self) -> Float[Array, "n m 3"]:
         """Vectors of the first block."""
         return self.drawn(BLOCK, self.streams.block(0))
+
+    def first_attitudes(self) -> Float[Array, "n 4"]:
+        """Attitudes of the first block."""
+        vectors = list(np.moveaxis(self.first_block(), 1, 0))
+        return quaternions_of(self.plugin, vectors, self.noise.at(self.noise_std))
 
     def errors(
         self, vectors: Float[Array, "n m 3"], noise_std: float
@@ -522,40 +525,6 @@ def bias_rows(
     ]
     families = (stat.CUBATURE_BIAS(), stat.CUBATURE_BIAS_SMALL())
     return limit(families, biases, np.add(most, chosen), stat.SECOND_ORDER, n=1)
-
-
-def series_rows(
-    problem: Attitudes, measured: Moments, cubature: MeanAndCovariance
-) -> tuple[Row, ...]:
-    """Rows of simulated moments against theory of both orders."""
-    second, fourth = (problem.series(problem.noise_std, k) for k in (2, 4))
-    mean, covariance = cubature[0][:3], cubature[1][:3, :3]
-    left = (
-        2.0 * float(np.abs(mean - fourth.bias).max()),
-        2.0 * float(np.abs(covariance - fourth.covariance).max()),
-    )
-    rows: tuple[Row, ...] = ()
-    for theory, name in ((second, stat.ORDER_2), (fourth, stat.ORDER_4)):
-        apart = (
-            float(np.abs(theory.bias - fourth.bias).max()) + left[0],
-            float(np.abs(theory.covariance - fourth.covariance).max()) + left[1],
-        )
-        rows += moment_rows(measured, theory.bias, theory.covariance, name, apart)
-    return rows
-
-
-def unit_rows(problem: Attitudes) -> tuple[Row, ...]:
-    """Test of the first block's mean and mean square against unit length."""
-    truth, vectors = problem.q, list(np.moveaxis(problem.first_block(), 1, 0))
-    noise = problem.noise.at(problem.noise_std)
-    q = quaternions_of(problem.plugin, vectors, noise)
-    error = truth - np.copysign(1.0, q @ truth)[:, None] * q  # with the truth's sign
-    estimate = truth - error
-    off = float(np.abs(np.sum(estimate * estimate, axis=1) - 1.0).max())
-    square = float(np.mean(np.sum(error * error, axis=1)))
-    defect = unit_length_defect(square, float(truth @ error.mean(axis=0)))
-    most = unit_length_rounding(square, off)
-    return limit(stat.UNIT_LENGTH("simulated"), abs(defect), most, stat.ROUNDING, BLOCK)
 
 
 def leading_rows(problem: Attitudes, rounding: float) -> tuple[Row, ...]:

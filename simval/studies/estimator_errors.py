@@ -22,6 +22,10 @@ error, by
 .. math:: \frac12 \left(\frac{dm}{\sqrt m} - \frac{dm_0}{\sqrt{m_0}}\right), \tag{D1}
 
 and at least by the rounding of one estimate.
+
+**Unit length.** Whatever the estimator, unit quaternions have :math:`E|q - \hat q|^2 =
+2 q^T E[q - \hat q]`. The first block is held to it within what the lengths that the
+plug-in returned are off by (its own precision; `UNIT` at the most) and rounding.
 """
 
 import numpy as np
@@ -33,6 +37,7 @@ from simval.montecarlo import Sums, mean_square, moments_of
 from simval.results import Row, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.studies.trials import root
+from simval.theory.expansion import unit_length_defect, unit_length_rounding
 
 SQUARES = slice(-2, None)
 """Columns of the errors that are squares: of the plug-in, and of the least squares."""
@@ -76,6 +81,25 @@ def moment_rows(
         pairs, measured.covariance[upper], measured.covariance_error[upper], n,
         covariance[upper], predictor, left[1],
     )  # fmt: skip
+
+
+def series_rows(
+    measured: Moments, cubature: MeanAndCovariance, second: Moments, fourth: Moments
+) -> tuple[Row, ...]:
+    """Rows of simulated moments against power series of orders 2 and 4."""
+    mean, covariance = cubature[0][:3], cubature[1][:3, :3]
+    left = (
+        2.0 * float(np.abs(mean - fourth.bias).max()),
+        2.0 * float(np.abs(covariance - fourth.covariance).max()),
+    )
+    rows: tuple[Row, ...] = ()
+    for theory, name in ((second, stat.ORDER_2), (fourth, stat.ORDER_4)):
+        apart = (
+            float(np.abs(theory.bias - fourth.bias).max()) + left[0],
+            float(np.abs(theory.covariance - fourth.covariance).max()) + left[1],
+        )
+        rows += moment_rows(measured, theory.bias, theory.covariance, name, apart)
+    return rows
 
 
 def size_rows(
@@ -161,6 +185,21 @@ def _difference_rows(
         stat.RMS_DIFFERENCE(), difference(squares), np.sqrt(spread / sums.samples),
         sums.samples, predicted, stat.CUBATURE, left,
     )  # fmt: skip
+
+
+def unit_rows(
+    truth: Float[Array, "4"], attitudes: Float[Array, "n 4"]
+) -> tuple[Row, ...]:
+    """Test of the mean and mean square of some trials against unit length."""
+    # with the truth's sign
+    error = truth - np.copysign(1.0, attitudes @ truth)[:, None] * attitudes
+    estimate = truth - error
+    off = float(np.abs(np.sum(estimate * estimate, axis=1) - 1.0).max())
+    square = float(np.mean(np.sum(error * error, axis=1)))
+    defect = unit_length_defect(square, float(truth @ error.mean(axis=0)))
+    most = unit_length_rounding(square, off)
+    n = len(attitudes)
+    return limit(stat.UNIT_LENGTH("simulated"), abs(defect), most, stat.ROUNDING, n)
 
 
 def claim_off(moments: MeanAndCovariance) -> float:

@@ -2,20 +2,14 @@
 
 from simval.theory.attitude import (
     AttitudeMoments,
-    SufficientOrder,
     attitude_moments,
     multiplicative_moments,
-    sufficient_order,
 )
 from simval.theory.calibration import CalibrationMoments, calibration_moments
 from simval.theory.cramer_rao import AttitudeBound, attitude_bound, wahba_bound
 from simval.theory.cubature import cubature_moments
 from simval.theory.density import AttitudeDensity, attitude_density
-from simval.theory.estimators import (
-    loss_noncentrality,
-    wahba_moments,
-    wahba_order,
-)
+from simval.theory.estimators import loss_noncentrality, wahba_moments
 from simval.theory.filter_budget import (
     FilterPrediction,
     FirstUpdate,
@@ -40,6 +34,7 @@ from simval.theory.gyroscope import (
     nine_axis_moments,
 )
 from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
+from simval.theory.orders import SufficientOrder, sufficient_order, wahba_order
 from simval.theory.plans import (
     GyroscopePlan,
     MagnetometerPlan,

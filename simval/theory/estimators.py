@@ -82,10 +82,10 @@ from simval.errors import GeometryError, InputError, RefusedError
 from simval.geometry import compose, conjugate, cross_matrix, normalize
 from simval.moments import Moments
 from simval.shapes import Float, Shaped
-from simval.theory.attitude import SufficientOrder, attitude_moments, lowest_order
+from simval.theory.attitude import attitude_moments
 from simval.theory.cubature import covariance_roots, refined_moments
 from simval.theory.expansion import EPS, unit
-from simval.theory.series import series_moments
+from simval.theory.series import require_distribution, series_moments
 from simval.theory.two_vector import (
     MIN_NORM,
     noise_covariances,
@@ -222,12 +222,7 @@ def wahba_moments(
     a = _weights(weights, n)
     order = choice("order", order, (2, 3, 4, "exact"))
     noise = noise_of_vectors(noise_std, 2 * n)
-    if order == "exact" and third_moments is not None:
-        msg = (
-            "`order` is 'exact'; third moments do not determine a distribution, so "
-            "give order 3 with `third_moments`"
-        )
-        raise InputError(msg)
+    require_distribution(order, third_moments)
     K = np.einsum("n,nij->ij", a, _gain(vectors[:n], vectors[n:]))
     R = _resolvent(K, unit_q, float(np.sum(a)))
     each = noise
@@ -258,46 +253,6 @@ def wahba_moments(
     drift = drift + np.einsum("n,nij->ij", a, _gain(vectors[:n], means[n:]))
     bias = 0.5 * np.sum(moved**2) * unit_q - second - R @ drift @ unit_q
     return Moments(bias=bias, covariance=moved.T @ moved)
-
-
-def wahba_order(
-    q: Any,
-    references: Any,
-    noise_std: Any,
-    weights: Any = None,
-    tolerance: float = 0.01,
-) -> SufficientOrder:
-    """Find which order of `wahba_moments` may be used, by the exact answer.
-
-    Parameters
-    ----------
-    q : array_like
-        True quaternion, (4,).
-    references : array_like
-        True reference vectors, (n, 3), n >= 2.
-    noise_std : array_like
-        As in `wahba_moments`.
-    weights : array_like, optional
-        As in `wahba_moments`.
-    tolerance : float, default 0.01
-        Relative error allowed of the bias and of the covariance, 0.004 or more.
-
-    Returns
-    -------
-    SufficientOrder
-        The lowest order within the tolerance; `norm_over_noise` is one over twice the
-        greatest standard deviation of the estimate.
-
-    Raises
-    ------
-    InputError, GeometryError, RefusedError
-        As `wahba_moments`.
-    """
-    orders: tuple[int | str, ...] = (2, 4, "exact")
-    found = {o: wahba_moments(q, references, noise_std, weights, o) for o in orders}
-    widest = float(np.linalg.eigvalsh(found[2].covariance)[-1])
-    ratio = 0.5 / np.sqrt(widest) if widest > 0.0 else np.inf
-    return lowest_order(found, tolerance, float(ratio))
 
 
 def loss_noncentrality(

@@ -223,6 +223,22 @@ class Series:
         return float(self.coefficients @ self.algebra.means)
 
 
+def require_distribution(order: Any, third_moments: Any) -> None:
+    """Require that ``"exact"`` is not asked for with third moments.
+
+    Raises
+    ------
+    InputError
+        If it is: they do not determine a distribution.
+    """
+    if order == "exact" and third_moments is not None:
+        msg = (
+            "`order` is 'exact'; third moments do not determine a distribution, so "
+            "give order 3 with `third_moments`"
+        )
+        raise InputError(msg)
+
+
 def series_moments(
     estimator: Callable[..., Any],
     inputs: Any,

@@ -39,9 +39,9 @@ from simval.theory import (
 )
 from simval.theory.attitude import BLOCK
 from simval.theory.estimators import direct_covariance
-from simval.theory.exact import flip_probability
 from simval.theory.expansion import column_matrix as theory_columns
 from simval.theory.series import series_moments
+from simval.theory.sign_flips import flip_probability
 from simval.theory.two_vector import (
     column_norms,
     noise_covariances,

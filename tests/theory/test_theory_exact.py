@@ -18,11 +18,11 @@ from simval.theory.exact import (
     about_d2,
     exact_moments,
     exact_moments_any,
-    flip_probability,
     one_minus_a,
     one_minus_b,
 )
 from simval.theory.expansion import half_noise
+from simval.theory.sign_flips import flip_probability
 from simval.theory.two_vector import (
     column_norms,
     noise_covariances,

@@ -21,12 +21,12 @@ from simval.theory import (
     wahba_moments,
     wahba_order,
 )
-from simval.theory.attitude import RANGE, expansion_remainders
 from simval.theory.expansion import (
     predicted_defect,
     unit_length_defect,
     unit_length_rounding,
 )
+from simval.theory.orders import RANGE, expansion_remainders
 from simval.verdict import judge
 
 
