@@ -6,6 +6,7 @@ Python would silently take for another value: 2.7 for 2, True for 1, the word
 """
 
 import functools
+import inspect
 import operator
 import os
 from collections.abc import Callable, Sequence
@@ -124,8 +125,14 @@ def renamed(**names: str) -> Callable[[Function], Function]:
     """Let a function take its former keywords, each by the one that it is now."""
 
     def renaming(function: Function) -> Function:
+        order = tuple(inspect.signature(function).parameters)
+
         @functools.wraps(function)
         def taking(*args: Any, **kwargs: Any) -> Any:
+            for old, new in names.items():
+                if old in kwargs and (new in kwargs or new in order[: len(args)]):
+                    msg = f"`{old}` is the former name of `{new}`; give `{new}` alone"
+                    raise InputError(msg)
             return function(*args, **{names.get(k, k): v for k, v in kwargs.items()})
 
         return cast(Function, taking)

@@ -319,6 +319,12 @@ def plan_gyroscope(
     unit = "rad/s per root hertz"
     walk = positive_number("angle_random_walk", angle_random_walk, unit)
     std = positive_number("pose_std", pose_std, "m/s^2")
+    if move_seconds is not None and rotation_seconds is not None:
+        msg = (
+            "`move_seconds` is the former name of `rotation_seconds`; give "
+            "`rotation_seconds` alone"
+        )
+        raise InputError(msg)
     time = move_seconds if rotation_seconds is None else rotation_seconds
     seconds = positive_number("rotation_seconds", time, "s")
     rest = positive_number("rest_seconds", rest_seconds, "s")

@@ -290,6 +290,8 @@ def test_command_plans_a_gyroscope_too(simval, answered):
     former = of_moves(20, **of_gyroscope, rotation_seconds=None, move_seconds=4.0)
     np.testing.assert_array_equal(former.sd, slower)
     assert former.moves == former.rotations == 19
+    with pytest.raises(InputError, match="give `rotation_seconds` alone"):
+        of_moves(20, **of_gyroscope, rotation_seconds=4.0, move_seconds=4.0)
 
 
 @pytest.mark.parametrize(

@@ -265,8 +265,11 @@ def ambiguous(moments: Float[Array, "t 10 10"], limit: Float[Array, " t"]) -> An
     negative eigenvalues of G_c - limit^2 C.
     """
     scatter, noise = pencil(moments)
-    left = scatter - (limit * limit)[:, None, None] * noise
-    return np.linalg.eigvalsh(left)[:, 1] <= 0.0
+    noise *= (limit * limit)[:, None, None]
+    # of unit size, so that rounding of the largest monomial hides no other
+    size = np.sqrt(np.abs((scatter + noise).diagonal(0, -2, -1)))[..., None]
+    size = np.where(size > 0.0, size, 1.0)
+    return np.linalg.eigvalsh((scatter - noise) / size / size.mT)[:, 1] <= 0.0
 
 
 # An uncalibrated sensor is within some percent of its nominal scale, so error bars

@@ -3,8 +3,8 @@ r"""Minimisation for a batch of trials, and the small linear systems of its step
 **Batched solution of small symmetric systems, positive definite or not.**
 
 LAPACK through NumPy works a stack of matrices one by one, so a trial's numbers do not
-depend on its neighbours; a matrix that is not positive is set aside, since it would
-raise for the whole stack.
+depend on its neighbours. It raises for the whole stack where one matrix is not
+positive, or singular within rounding, so such a matrix is set aside.
 
 **Levenberg-Marquardt, damped Gauss-Newton and Newton for a batch of trials.**
 
@@ -42,30 +42,31 @@ def solve_positive(
 ) -> tuple[Float[Array, "t p k"], Float[Array, " t"]]:
     """Solve N x = r after scaling N to a unit diagonal; also its least pivot.
 
-    The solution is NaN where N is not positive.
+    Where N is not positive within rounding the solution is NaN, and the pivot 0.
     """
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         scale = 1.0 / np.sqrt(matrices.diagonal(0, -2, -1))[..., None]
         n = matrices * scale * scale.mT
-        pivot = _least_pivots(n)
+        # N = LDL', and of what is not positive 0
+        lower = _each(np.linalg.cholesky, np.zeros_like(n), n)
+        pivot = np.square(lower.diagonal(0, -2, -1)).min(axis=-1)
         good = pivot > _ROUNDING
         if not good.all():
-            n[~good] = np.eye(n.shape[-1])
-        x = np.linalg.solve(n, right * scale) * scale
+            n[~good], pivot[~good] = np.eye(n.shape[-1]), 0.0
+        scaled = right * scale
+        x = _each(np.linalg.solve, np.full_like(scaled, np.nan), n, scaled) * scale
     x[~good] = np.nan
     return x, pivot
 
 
-def _least_pivots(matrices: Float[Array, "t p p"]) -> Float[Array, " t"]:
-    # least of D in N = LDL'; 0 where there is none
-    try:
-        lower = np.linalg.cholesky(matrices)
-    except np.linalg.LinAlgError:  # of one matrix or more
-        lower = np.zeros_like(matrices)
-        for each, matrix in zip(lower, matrices, strict=True):
-            with suppress(np.linalg.LinAlgError):
-                each[:] = np.linalg.cholesky(matrix)
-    return np.asarray(np.square(lower.diagonal(0, -2, -1)).min(axis=-1))
+def _each(of: Callable[..., Array], otherwise: Array, *stacks: Array) -> Array:
+    # a function of each matrix of a stack, and `otherwise` of those that it refuses
+    with suppress(np.linalg.LinAlgError):
+        return of(*stacks)
+    for result, *own in zip(otherwise, *stacks, strict=True):
+        with suppress(np.linalg.LinAlgError):
+            result[:] = of(*own)
+    return otherwise
 
 
 def trace(matrices: Float[Array, "t p p"]) -> Float[Array, " t"]:

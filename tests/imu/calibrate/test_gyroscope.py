@@ -53,6 +53,12 @@ def test_raw_counts_and_swapped_axes_are_found_without_a_hint():
     fit = calibrate_gyroscope(
         **former, poses=CLEAN["poses"], accelerometer=own, pose_std=0.0
     )
+    for twice in ((inter_rest,), ()):
+        named = former if twice else {**former, "inter_rest": inter_rest}
+        with pytest.raises(InputError, match="give `inter_rest` alone"):
+            calibrate_gyroscope(
+                *twice, **named, poses=CLEAN["poses"], accelerometer=own, pose_std=0.0
+            )
     assert fit.status == "converged"
     # chunks of two leave a third order in what they turn, of 2.5 rad in a move
     np.testing.assert_allclose(fit.M, counts.M, rtol=0, atol=1e-6 * 2.1e-4)
