@@ -227,23 +227,26 @@ def covariance_forms(counts: Any, n: int) -> Float[np.ndarray, "m m 4 4"]:
 
 
 def allan_covariance(
-    forms: Float[np.ndarray, "m m 4 4"], squares: Float[np.ndarray, "4"]
-) -> Float[np.ndarray, "m m"]:
-    """Covariance (V4) of the Allan variances of a signal.
+    forms: Float[np.ndarray, "m m k k"], squares: Float[np.ndarray, "... k"]
+) -> Float[np.ndarray, "... m m"]:
+    """Covariance (V4) of the Allan variances of signals.
 
     Parameters
     ----------
     forms : Array
-        From `covariance_forms`, (m, m, 4, 4).
+        From `covariance_forms`, (m, m, 4, 4), or of some of the coefficients alone.
     squares : Array
-        N^2, B^2, K^2 and Q^2 in units of rows, (4,).
+        N^2, B^2, K^2 and Q^2 in units of rows, (4,), or (..., 4) for more signals.
 
     Returns
     -------
     Array
-        Unit of the readings to the fourth, (m, m).
+        Unit of the readings to the fourth, (m, m) or (..., m, m).
     """
-    return np.einsum("mnij,i,j->mn", forms, squares, squares)
+    pairs = squares[..., :, None] * squares[..., None, :]
+    every = pairs.reshape(-1, pairs.shape[-1] ** 2)
+    made = every @ forms.reshape(-1, every.shape[1]).T
+    return made.reshape(*squares.shape[:-1], *forms.shape[:2])
 
 
 def _pair_forms(

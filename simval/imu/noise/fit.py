@@ -35,7 +35,8 @@ the sensor's own readings and its own rate are known; else they are not.
 """
 
 from dataclasses import dataclass, replace
-from itertools import combinations
+from functools import cache
+from itertools import product
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -43,7 +44,7 @@ import scipy
 from numpy.typing import NDArray
 
 from simval.arguments import switch
-from simval.arrays import Array, frozen, physical_array, positive_number
+from simval.arrays import Array, physical_array, positive_number
 from simval.errors import InputError, RefusedError
 from simval.imu.noise.allan import (
     PER_OCTAVE,
@@ -54,7 +55,7 @@ from simval.imu.noise.allan import (
     covariance_forms,
 )
 from simval.imu.noise.model import LEAST_ROWS, AxisNoise, Coefficient
-from simval.shapes import Float, Int
+from simval.shapes import Bool, Float, Int
 
 SHARE: Final = 12.0  # of a squared step: its variance
 LEAST_NOISE: Final = 0.5  # sd of the noise in steps, rounding taken off
@@ -98,146 +99,166 @@ Z: Final = 1.959963984540054  # of 95 %, both ends together
 
 
 class Problem(NamedTuple):
-    """Allan variances of one signal, and what theory says of them."""
+    """Allan variances of signals of the same length, and what theory says of them."""
 
-    variances: Float[Array, " m"]
+    variances: Float[Array, "s m"]
     law: Float[Array, "m k"]  # of the coefficients that are asked for
     forms: Float[Array, "m m k k"]
 
+    def of(self, signals: NDArray[np.intp]) -> "Problem":
+        """Take some of the signals, each as often as it is named."""
+        return self._replace(variances=self.variances[signals])
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Squares:
-    """Estimate (V5) and the ends (V6) of its intervals."""
+    def part(self, first: int, last: int) -> "Problem":
+        """Take some of the lengths."""
+        some = slice(first, last)
+        return Problem(self.variances[:, some], self.law[some], self.forms[some, some])
 
-    values: Float[Array, " k"]  # 0 or more
-    free: Float[Array, " k"]  # of least squares without signs, unbiased
-    sd: Float[Array, " k"]  # of `free`
-    low: Float[Array, " k"]  # 0 where the coefficient is not seen
-    high: Float[Array, " k"]  # infinite where nothing bounds it
-    covariance: Float[Array, "m m"]  # (V4) at the estimate
-    chi2: float
-    dof: int
-    p_value: float
 
-    def __post_init__(self) -> None:
-        for name in ("values", "free", "sd", "low", "high", "covariance"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+class Squares(NamedTuple):
+    """Estimates (V5) of signals, and how well they fit."""
+
+    values: Float[Array, "s k"]  # 0 or more
+    free: Float[Array, "s k"]  # of least squares without signs, unbiased
+    sd: Float[Array, "s k"]  # of `free`
+    chi2: Float[Array, " s"]
+    dof: Int[Array, " s"]
+    p_value: Float[Array, " s"]
+
+
+class _Whitened(NamedTuple):
+    # divided by the Cholesky factor of the variances' covariance
+    law: Float[Array, "s m k"]
+    target: Float[Array, "s m"]  # the variances
 
 
 def fitted(problem: Problem) -> Squares:
-    """Fit the squares of the coefficients, without the ends of their intervals."""
+    """Fit the squares of the coefficients of each signal."""
     # variances of the variances, up to a factor: longer averages are fewer
     roughly = problem.variances**2 / problem.law[:, 0]
-    values = _nonnegative(_whitened(problem, np.diag(roughly)))
-    sd = np.full(len(values), np.inf)
+    whitened = _whitened(problem, roughly[:, None] * np.eye(len(problem.law)))
+    free, sd = _free(whitened)
+    values = _nonnegative(whitened, free)
+    left = np.arange(len(values))  # signals whose weights are not settled
     for _ in range(ROUNDS):
-        before = values
-        whitened = _whitened(problem, allan_covariance(problem.forms, before))
-        free, sd = _free(whitened)
-        values = _nonnegative(whitened)
-        if not np.any(values):  # weights of no noise at all: keep the last ones
-            values = before
-        if np.all(np.abs(values - before) <= SETTLED * sd):
+        before = values[left]
+        V = allan_covariance(problem.forms, before)
+        whitened = _whitened(problem.of(left), V)
+        free[left], sd[left] = _free(whitened)
+        now = _nonnegative(whitened, free[left])
+        nothing = ~np.any(now, axis=1)  # no weights at all: keep the last ones
+        now[nothing] = before[nothing]
+        values[left] = now
+        left = left[~np.all(np.abs(now - before) <= SETTLED * sd[left], axis=1)]
+        if not len(left):
             break
-    covariance = allan_covariance(problem.forms, values)
-    law, target = _whitened(problem, covariance)
-    chi2 = float(np.sum((target - law @ values) ** 2))
-    dof = len(target) - int(np.count_nonzero(values))
-    nothing = np.zeros_like(values)
-    return Squares(
-        values=values,
-        free=free,
-        sd=sd,
-        low=nothing,
-        high=nothing + np.inf,
-        covariance=covariance,
-        chi2=chi2,
-        dof=dof,
-        p_value=float(scipy.special.chdtrc(dof, chi2)),
-    )
+    law, target = _whitened(problem, allan_covariance(problem.forms, values))
+    chi2 = np.sum((target - _times(law, values)) ** 2, axis=1)
+    dof = len(problem.law) - np.count_nonzero(values, axis=1)
+    p_value = scipy.special.chdtrc(dof, chi2)
+    return Squares(values, free, sd, chi2, dof, p_value)
 
 
-def ends(problem: Problem, found: Squares) -> tuple[Float[Array, " k"], ...]:
-    """Lower and upper ends (V6) of the 95 % intervals."""
-    places = range(len(found.values))
-    low = [_end(problem, found, place, -Z) for place in places]
-    high = [_end(problem, found, place, Z) for place in places]
-    return np.array(low), np.array(high)
+def ends(problem: Problem, found: Squares) -> tuple[Float[Array, "s k"], ...]:
+    """Lower and upper ends (V6) of the 95 % intervals of each signal.
+
+    The lower is 0 where the coefficient is not seen, the upper infinite where nothing
+    bounds it.
+    """
+    size = (*found.values.shape, 2)
+    signal, place, side = (each.ravel() for each in np.indices(size))
+    z = np.array([-Z, Z])[side]
+    at_fit = _whitened(problem, allan_covariance(problem.forms, found.values))
+    value = np.maximum(found.free[signal, place] + z * found.sd[signal, place], 0.0)
+    most = 1e3 * problem.variances.max(axis=1)[signal] / problem.law.max(axis=0)[place]
+    end = np.where(z > 0.0, np.inf, 0.0)
+    left = np.arange(len(end))
+    for _ in range(4 * ROUNDS):
+        i, k, before = signal[left], place[left], value[left]
+        there = _with_end(_Whitened(*(each[i] for each in at_fit)), k, before)
+        whitened = _whitened(problem.of(i), allan_covariance(problem.forms, there))
+        free, sd = (each[np.arange(len(k)), k] for each in _free(whitened))
+        near = np.where(z[left] > 0.0, np.maximum(free, -sd), free)
+        now = value[left] = np.maximum(near + z[left] * sd, 0.0)
+        settled = np.abs(now - before) <= 0.01 * sd
+        beyond = ~settled & ~(now <= most[left])
+        end[left[settled]], end[left[beyond]] = now[settled], np.inf
+        left = left[~settled & ~beyond]
+        if not len(left):
+            break
+    low, high = np.moveaxis(end.reshape(size), -1, 0)
+    return low, high
 
 
-def _whitened(
-    problem: Problem, covariance: Float[Array, "m m"]
-) -> tuple[Float[Array, "m k"], Float[Array, " m"]]:
-    # law and variances, by the Cholesky factor of the covariance
-    diagonal = np.diagonal(covariance)
-    scale = np.sqrt(diagonal)
+def _whitened(problem: Problem, covariance: Float[Array, "s m m"]) -> _Whitened:
+    scale = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     factor = np.linalg.cholesky(
-        covariance / np.multiply.outer(scale, scale) + RIDGE * np.eye(len(scale))
+        covariance / (scale[:, :, None] * scale[:, None, :])
+        + RIDGE * np.eye(len(problem.law))
     )
-    both = np.column_stack([problem.law, problem.variances]) / scale[:, None]
-    solved = scipy.linalg.solve_triangular(factor, both, lower=True, check_finite=False)
-    return solved[:, :-1], solved[:, -1]
+    law = np.broadcast_to(problem.law, (len(scale), *problem.law.shape))
+    both = np.concatenate([law, problem.variances[..., None]], axis=2)
+    solved = np.linalg.solve(factor, both / scale[..., None])
+    return _Whitened(solved[..., :-1], solved[..., -1])
 
 
-def _free(
-    whitened: tuple[Float[Array, "m k"], Float[Array, " m"]],
-) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
+def _times(
+    matrices: Float[Array, "s m k"], vectors: Float[Array, "s k"]
+) -> Float[Array, "s m"]:
+    # each matrix times its vector
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
+
+
+def _free(whitened: _Whitened) -> tuple[Float[Array, "s k"], Float[Array, "s k"]]:
     # estimates without signs, and their standard deviations
     law, target = whitened
-    size = np.linalg.norm(law, axis=0)
-    left, spread, right = np.linalg.svd(law / size, full_matrices=False)
-    free = right.T @ (left.T @ target / spread) / size
-    return free, np.linalg.norm(right.T / spread, axis=1) / size
+    size = np.linalg.norm(law, axis=1)
+    left, spread, right = np.linalg.svd(law / size[:, None], full_matrices=False)
+    right = np.swapaxes(right, 1, 2)
+    free = _times(right, _times(np.swapaxes(left, 1, 2), target) / spread) / size
+    return free, np.linalg.norm(right / spread[:, None], axis=2) / size
 
 
-def _nonnegative(
-    whitened: tuple[Float[Array, "m k"], Float[Array, " m"]],
-) -> Float[Array, " k"]:
+@cache
+def _sets(count: int) -> list[Bool[Array, " k"]]:
+    # some of so many coefficients, not all and not none, the largest sets first
+    sets = np.array(list(product([True, False], repeat=count)))[1:-1]
+    return sorted(sets, key=np.count_nonzero, reverse=True)
+
+
+def _nonnegative(whitened: _Whitened, free: Float[Array, "s k"]) -> Float[Array, "s k"]:
     # the set of coefficients whose free estimates are above zero, and which no other
     # would improve: the conditions of Karush, Kuhn and Tucker, for which it is the best
+    whole = np.all(free > 0.0, axis=1)
+    best = np.where(whole[:, None], free, 0.0)
+    left = np.flatnonzero(~whole)
     law, target = whitened
-    count = law.shape[1]
-    size = np.linalg.norm(law, axis=0) * np.linalg.norm(target)
-    for many in range(count, 0, -1):
-        for some in map(list, combinations(range(count), many)):
-            values = np.zeros(count)
-            values[some] = _free((law[:, some], target))[0]
-            slope = law.T @ (target - law @ values)
-            others = [k for k in range(count) if k not in some]
-            if np.all(values[some] > 0.0) and np.all(
-                slope[others] <= _FLAT * size[others]
-            ):
-                return values
-    return np.zeros(count)
-
-
-def _end(problem: Problem, found: Squares, place: int, z: float) -> float:
-    # one end of an interval by (V6), from the fit outwards
-    value = float(max(found.free[place] + z * found.sd[place], 0.0))
-    for _ in range(4 * ROUNDS):
-        there = _with_end(problem, found.values, place, value)
-        covariance = allan_covariance(problem.forms, there)
-        free, sd = _free(_whitened(problem, covariance))
-        near = max(free[place], -sd[place]) if z > 0.0 else free[place]
-        before, value = value, float(max(near + z * sd[place], 0.0))
-        if abs(value - before) <= 0.01 * sd[place]:
-            return value
-        if not value <= 1e3 * problem.variances.max() / problem.law[:, place].max():
-            return np.inf
-    return np.inf if z > 0.0 else 0.0
+    for some in _sets(free.shape[1]):
+        if not len(left):
+            break
+        X, y = law[left], target[left]
+        values = np.zeros((len(left), len(some)))
+        values[:, some] = _free(_Whitened(X[..., some], y))[0]
+        slope = _times(np.swapaxes(X, 1, 2), y - _times(X, values))
+        size = np.linalg.norm(X, axis=1) * np.linalg.norm(y, axis=1)[:, None]
+        good = np.where(some, values > 0.0, slope <= _FLAT * size).all(axis=1)
+        best[left[good]] = values[good]
+        left = left[~good]
+    return best
 
 
 def _with_end(
-    problem: Problem, values: Float[Array, " k"], place: int, value: float
-) -> Float[Array, " k"]:
+    at_fit: _Whitened, place: NDArray[np.intp], value: Float[Array, " s"]
+) -> Float[Array, "s k"]:
     # the other coefficients' best, where one has a given value
-    covariance = allan_covariance(problem.forms, values)
-    others = [k for k in range(len(values)) if k != place]
-    left = problem.variances - value * problem.law[:, place]
-    there = np.array(values)
-    law, target = _whitened(problem._replace(variances=left), covariance)
-    there[others] = _nonnegative((law[:, others], target))
-    there[place] = value
+    law, target = at_fit
+    columns = np.swapaxes(law, 1, 2)
+    own = place[:, None] == np.arange(law.shape[2])
+    others = columns[~own].reshape(len(law), -1, law.shape[1])
+    rest = target - value[:, None] * columns[own]
+    whitened = _Whitened(np.swapaxes(others, 1, 2), rest)
+    there = np.where(own, value[:, None], 0.0)
+    there[~own] = _nonnegative(whitened, _free(whitened)[0]).ravel()
     return there
 
 
@@ -293,29 +314,42 @@ def noise_of(
     variances = allan_variance(signals, counts)
     forms = covariance_forms(counts, len(signals))
     steps = [rounding_step(signals[:, k]) for k in range(signals.shape[1])]
+    # fourth powers of any unit stay finite; powers of two round nothing
+    units = np.ldexp(1.0, np.frexp(variances.max(axis=0))[1] - 1)
+    law, some = allan_law(counts)[:, kinds], forms[:, :, kinds][..., kinds]
+    problem = Problem(variances.T / units[:, None], law, some)
+    refusals = list(map(_unusable, variances.T, steps))
+    usable = np.flatnonzero([not refusal for refusal in refusals])
+    chosen = dict(zip(usable.tolist(), _chosen(problem.of(usable)), strict=True))
     whole = (rate_hz, len(signals), counts, forms, kinds)
-    return tuple(_axis(variances[:, k], steps[k], *whole) for k in range(len(steps)))
+    one = [problem.of(np.array([k])) for k in range(len(steps))]
+    return tuple(
+        _axis(one[k], chosen.get(k), float(units[k]), steps[k], refusals[k], *whole)
+        for k in range(len(steps))
+    )
+
+
+_Chosen = tuple[tuple[int, int], Squares]  # lengths, and the fit of one signal to them
 
 
 def _axis(
-    variances: Float[Array, " m"],
+    problem: Problem,
+    chosen: _Chosen | None,
+    unit: float,
     step: float,
+    refusal: str,
     rate_hz: float,
     rows: int,
     counts: Int[Array, " m"],
     forms: Float[Array, "m m 4 4"],
     kinds: tuple[int, ...],
 ) -> AxisNoise:
-    refusal = _unusable(variances, step)
-    unit = float(variances.max()) or 1.0  # fourth powers of any unit stay finite
-    law = allan_law(counts)[:, kinds]
-    some = forms[:, :, kinds][..., kinds]
-    used, found = (0, len(counts)), None
+    variances = problem.variances[0] * unit
+    used, found = chosen or ((0, len(counts)), None)
     squares, spread = np.zeros(4), np.zeros(len(counts))
     statements = [refusal] if refusal else []
-    if not refusal:
-        used, found = _chosen(Problem(variances / unit, law, some))
-        squares[list(kinds)] = found.values
+    if found is not None:
+        squares[list(kinds)] = found.values[0]
         relative = np.diagonal(allan_covariance(forms, squares))
         spread = variances * np.sqrt(relative) / (allan_law(counts) @ squares)
         squares = squares * unit
@@ -326,12 +360,10 @@ def _axis(
             f"rounding to steps of {step:.4g} makes {100.0 * share:.2g} % of the "
             "variance of a row"
         )
-    fits = found is not None and found.p_value >= FALSE_ALARM
     coefficients: tuple[Coefficient, ...] = ()
-    if found is not None and fits:
-        part = slice(*used)
-        problem = Problem(variances[part] / unit, law[part], some[part, part])
-        coefficients = _coefficients(found, ends(problem, found), unit, rate_hz, kinds)
+    if found is not None and found.p_value[0] >= FALSE_ALARM:
+        both = ends(problem.part(*used), found)
+        coefficients = _coefficients(found, both, unit, rate_hz, kinds)
     return AxisNoise(
         rate_hz=rate_hz,
         rows=rows,
@@ -341,9 +373,9 @@ def _axis(
         used=used,
         coefficients=coefficients,
         squares=squares,
-        chi2=0.0 if found is None else found.chi2,
-        dof=0 if found is None else found.dof,
-        p_value=0.0 if found is None else found.p_value,
+        chi2=0.0 if found is None else float(found.chi2[0]),
+        dof=0 if found is None else int(found.dof[0]),
+        p_value=0.0 if found is None else float(found.p_value[0]),
         step=step,
         statements=tuple(statements),
     )
@@ -366,25 +398,27 @@ def _unusable(variances: Float[Array, " m"], step: float) -> str:
     return ""
 
 
-def _chosen(problem: Problem) -> tuple[tuple[int, int], Squares]:
-    # the widest range that fits, dropping the shortest lengths first; else all
-    size = len(problem.variances)
-    whole = fitted(problem)
-    if whole.p_value >= FALSE_ALARM:
-        return (0, size), whole
+def _chosen(problem: Problem) -> list[_Chosen]:
+    # for each signal the widest range that fits, dropping the shortest lengths first;
+    # else all
+    size = len(problem.law)
+    found = fitted(problem)
+    used = np.tile([0, size], (len(problem.variances), 1))
+    left = np.flatnonzero(~(found.p_value >= FALSE_ALARM))
     for last in range(size, size // 2, -PER_OCTAVE):
         for first in range(last - LEAST_POINTS + 1):
-            part = slice(first, last)
-            found = fitted(
-                Problem(
-                    problem.variances[part],
-                    problem.law[part],
-                    problem.forms[part, part],
-                )
-            )
-            if found.p_value >= FALSE_ALARM:
-                return (first, last), found
-    return (0, size), whole
+            if not len(left):
+                break
+            part = fitted(problem.of(left).part(first, last))
+            good = part.p_value >= FALSE_ALARM
+            for all_of_it, new in zip(found, part, strict=True):
+                all_of_it[left[good]] = new[good]
+            used[left[good]] = first, last
+            left = left[~good]
+    return [
+        ((first, last), Squares(*(of_all[[k]] for of_all in found)))
+        for k, (first, last) in enumerate(used.tolist())
+    ]
 
 
 def _statements(
@@ -392,12 +426,12 @@ def _statements(
 ) -> list[str]:
     first, last = used
     said = []
-    if found.p_value < FALSE_ALARM:
+    if found.p_value[0] < FALSE_ALARM:
         said.append(
             "no range of averaging times follows white noise, flicker and a random "
-            f"walk (chi-square {found.chi2:.3g} with {found.dof} degrees of freedom "
-            "for all of them), so no coefficients are given; is the sensor at rest, "
-            "its temperature settled, its output without a periodic disturbance?"
+            f"walk (chi-square {found.chi2[0]:.3g} with {found.dof[0]} degrees of "
+            "freedom for all of them), so no coefficients are given; is the sensor at "
+            "rest, its temperature settled, its output without a periodic disturbance?"
         )
         return said
     if first > 0:
@@ -416,7 +450,7 @@ def _statements(
 
 def _coefficients(
     found: Squares,
-    both: tuple[Float[Array, " k"], ...],
+    both: tuple[Float[Array, "1 k"], ...],
     unit: float,
     rate_hz: float,
     kinds: tuple[int, ...],
@@ -426,14 +460,14 @@ def _coefficients(
     made = []
     for place, kind in enumerate(kinds):
         scale = unit / seconds[kind]
-        low, high = (float(np.sqrt(end[place] * scale)) for end in both)
-        value = float(np.sqrt(found.values[place] * scale))
+        low, high = (float(np.sqrt(end[0, place] * scale)) for end in both)
+        value = float(np.sqrt(found.values[0, place] * scale))
         seen = low > 0.0 and value > 0.0
         made.append(
             Coefficient(
                 kind="NBKQ"[kind],
                 value=value if seen else None,
-                sd=float(found.sd[place] * scale / (2.0 * value)) if seen else None,
+                sd=float(found.sd[0, place] * scale / (2.0 * value)) if seen else None,
                 low=low if seen else 0.0,
                 high=high,
             )

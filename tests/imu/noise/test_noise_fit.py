@@ -11,7 +11,7 @@ from simval.imu.noise import (
     averaging_counts,
     covariance_forms,
 )
-from simval.imu.noise.fit import Problem, fitted, noise_of, rounding_step
+from simval.imu.noise.fit import Problem, ends, fitted, noise_of, rounding_step
 from simval.imu.sensor import NoiseModel
 from simval.streams import cell_key, stream
 from simval.theory.coloured_noise import noise_bound
@@ -28,12 +28,13 @@ def drawn(signals, rows, seed, **coefficients):
 
 
 def fits(signals):
-    """`fitted` of each signal, N, B and K."""
+    """`fitted` of the signals, N, B and K, and their intervals' ends."""
     counts = averaging_counts(len(signals))
     law = allan_law(counts)[:, :3]
     forms = covariance_forms(counts, len(signals))[..., :3, :3]
-    variances = allan_variance(signals, counts)
-    return [fitted(Problem(column, law, forms)) for column in variances.T], variances
+    problem = Problem(allan_variance(signals, counts).T, law, forms)
+    found = fitted(problem)
+    return found, ends(problem, found)
 
 
 @pytest.mark.ci
@@ -42,7 +43,7 @@ def test_white_noise_is_found_at_the_whittle_bound():
     data = drawn(signals, rows, 1, white_raw_per_sqrt_hz=white)
     found, _ = fits(data)
     bound = noise_bound(rows, RATE, white=white)[0, 0] * RATE**2
-    ours = np.array([each.free[0] for each in found])
+    ours = found.free[:, 0]
     usual = 10 * allan_variance(data, [10])[0]  # N read off at one averaging time
     se = np.sqrt(2.0 / (signals - 1))  # of a variance of normal numbers
     limit = stats.norm.isf(1e-4) * se
@@ -55,7 +56,7 @@ def test_white_noise_is_found_at_the_whittle_bound():
     told = np.mean([each.variance_sd for each in axes], axis=0)
     np.testing.assert_allclose(told[:-3] / scatter[:-3], 1.0, atol=2.5 * se)
     # the stated variance, (V4) at the estimate, goes with its square
-    stated = np.square([each.sd[0] for each in found])
+    stated = found.sd[:, 0] ** 2
     spread = stats.norm.isf(1e-4) * stated.std() / stated.mean() / np.sqrt(signals)
     # what (V4) leaves of the bound at the lengths that are fitted: 1 to 3 %
     assert abs(stated.mean() / bound - 1.0) < spread + 0.05
@@ -92,10 +93,8 @@ def test_intervals_cover_at_the_stated_rate():
 
 def test_chi_square_is_one():
     rows, signals = 2048, 60
-    found, _ = fits(
-        drawn(signals, rows, 4, white_raw_per_sqrt_hz=0.02, walk_raw_per_sqrt_s=0.01)
-    )
-    p_values = np.array([each.p_value for each in found])
+    data = drawn(signals, rows, 4, white_raw_per_sqrt_hz=0.02, walk_raw_per_sqrt_s=0.01)
+    p_values = fits(data)[0].p_value
     for level in (0.01, 0.05):
         most = stats.binom.isf(1e-3, signals, 2.0 * level)  # twice the stated rate
         assert np.count_nonzero(p_values < level) <= most
@@ -149,6 +148,33 @@ def test_what_follows_no_model_has_no_coefficients():
     (found,) = noise_of(sine + noise, RATE)
     assert found.coefficients == ()
     assert "no coefficients" in found.statements[0]
+
+
+@pytest.mark.ci
+def test_signals_that_are_measured_together_are_each_as_if_alone():
+    white = drawn(3, 4096, 16, white_raw_per_sqrt_hz=0.02, walk_raw_per_sqrt_s=0.05)
+    moving = np.sin(2.0 * np.pi * 0.7 * np.arange(4096) / RATE)
+    filtered = np.convolve(white[:, 1], np.full(4, 0.25), mode="same")
+    columns = (white[:, 0], filtered, np.ones(4096), white[:, 0] + moving, white[:, 2])
+    signals = np.stack(columns, axis=1)
+    found = noise_of(signals, RATE)
+    assert len({each.used for each in found}) > 1
+    assert len({len(each.coefficients) for each in found}) > 1
+    for k, each in enumerate(found):
+        (alone,) = noise_of(signals[:, k], RATE)
+        assert (each.used, each.statements) == (alone.used, alone.statements)
+        for one, other in zip(each.coefficients, alone.coefficients, strict=True):
+            assert (one.kind, one.value is None) == (other.kind, other.value is None)
+            bounds = [[c.low, c.high, c.value or 0.0] for c in (one, other)]
+            np.testing.assert_allclose(*bounds, rtol=1e-9)
+    # ... and so is each in a block of fits of all lengths, those that fit none too
+    some = signals[:, [0, 1, 3, 4]] * [1.0, 1e3, 30.0, 1e-3]
+    block, both = fits(some)
+    for k in range(4):
+        alone, limits = fits(some[:, [k]])
+        each = [a[k] for a in (*block, *both)]
+        for one, other in zip(each, (*alone, *limits), strict=True):
+            np.testing.assert_allclose(one, other[0], rtol=1e-7)
 
 
 def test_rounding_of_counts_is_white_noise_of_its_own():
