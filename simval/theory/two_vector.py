@@ -70,11 +70,17 @@ def noise_covariances(noise_std: Any, count: int = 4) -> Float[Array, "count 3 3
         If the value has another shape, is negative, not finite, not symmetric or
         not positive semidefinite.
     """
+    return _of_shape(noise_std, count, "")
+
+
+def _of_shape(noise_std: Any, count: int, more: str) -> Float[Array, "count 3 3"]:
+    # `more`: what else the caller takes
     value = _plausible(noise_std)
     if value.shape not in ((), (count,), (count, 3, 3)):
         msg = (
             f"`noise_std` has shape {value.shape}; give one number, {count} numbers "
             f"or ({count}, 3, 3) covariances, in the order b1, b2, ..., r1, r2, ..."
+            f"{more}"
         )
         raise InputError(msg)
     return _covariances(noise_std, value, count, value.ndim == 3)
@@ -93,7 +99,9 @@ def noise_of_vectors(
     value = _plausible(noise_std)
     if value.shape == (3 * count, 3 * count):
         return _checked("noise_std", value[None])[0]
-    return noise_covariances(noise_std, count)
+    size = 3 * count
+    more = f", or one ({size}, {size}) covariance of all of them together"
+    return _of_shape(noise_std, count, more)
 
 
 def noise_of_samples(
