@@ -50,7 +50,8 @@ from simval.report.formatting import (
     named,
     setting_words,
 )
-from simval.report.paint import placed, svg
+from simval.report.marks import placed
+from simval.report.paint import svg
 from simval.report.panels import DotPanel, Drawing, Series
 from simval.report.table import Column, Table, csv_text, sort_key, text
 from simval.results import CellName

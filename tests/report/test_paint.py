@@ -13,17 +13,8 @@ from matplotlib.backends.backend_svg import RendererSVG
 from matplotlib.image import imread
 from matplotlib.text import Text
 
-from simval.report.paint import (
-    STYLE,
-    broken,
-    figure_of,
-    log_ticks,
-    percent,
-    png,
-    spelled,
-    svg,
-    svg_file,
-)
+from simval.report.marks import log_ticks, percent, spelled
+from simval.report.paint import STYLE, broken, figure_of, png, svg, svg_file
 from simval.report.panels import (
     COLOURS,
     MANY,
