@@ -126,9 +126,10 @@ def direction_condition(
     change = _corrected_monomials(model, theta)
     normal = change @ moments @ change.mT
     inverse, _ = solve_positive(normal, np.broadcast_to(np.eye(9), normal.shape))
-    condition = np.sqrt(trace(normal) * trace(inverse)) / 9.0
+    back = trace(inverse)
     stretch = np.vecdot(_SCALES @ inverse[:, :6, :6], _SCALES).max(axis=-1) / 4.0
-    good = usable & np.isfinite(condition)
+    good = usable & (back > 0.0) & (stretch > 0.0)  # or rounding is all that is left
+    condition = np.sqrt(trace(normal) * np.where(good, back, 1.0)) / 9.0
     return np.where(good, condition, np.inf), np.where(good, stretch, np.inf)
 
 
