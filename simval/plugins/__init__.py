@@ -8,12 +8,12 @@ is measured.
 """
 
 from simval.errors import PluginError
+from simval.plugins.filter_programs import command_filter
 from simval.plugins.loading import find_plugin
 from simval.plugins.probe import probe_calibrator, probe_estimator
 from simval.plugins.programs import (
     command_calibrator,
     command_estimator,
-    command_filter,
 )
 from simval.plugins.protocol import Calibrator, Estimator, Filter
 from simval.plugins.runs import run_filter

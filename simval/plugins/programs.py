@@ -6,7 +6,7 @@ is refused before anything is computed; no shell is involved. A calibrator or an
 estimator gets all of its trials before it starts, may print its answers when it likes
 and in any order, and prints into files: so neither a buffer that is not flushed nor a
 pipe that fills can block, and an answer that is missing, given twice or put in
-another's place is seen. A filter is a process for each trial, fed line by line.
+another's place is seen. Filters are in `filter_programs`.
 
 A study's poses are means whose noise is known, and a log must be what a sensor would
 have recorded whose rests have those means. With white noise :math:`w_i` of standard
@@ -25,7 +25,6 @@ agree where the rests are.
 import json
 import os
 import re
-import select
 import shlex
 import subprocess
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -34,8 +33,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
-from time import monotonic
-from typing import IO, Any, Final
+from typing import IO, Any
 
 import numpy as np
 
@@ -43,20 +41,16 @@ from simval.arrays import Array
 from simval.errors import (
     CrashedPluginError,
     PluginError,
-    SilentPluginError,
     UnusablePluginError,
 )
 from simval.plugins.child import ending, tail_of
 from simval.plugins.names import COMMAND
 from simval.plugins.protocol import (
-    READS,
     BatchCalibrator,
     Calibrator,
     Estimator,
-    Filter,
 )
 from simval.shapes import Float
-from simval.text import shown
 
 ANSWER_LIMIT = 1 << 20
 """Bytes that one answer may have: a calibration has some thousand."""
@@ -100,7 +94,7 @@ PLACES = (*SINGLE, *BATCH, "g")
 _PLACE = re.compile(r"(?:[^{}]*[=:])?\{([A-Za-z_]\w*)\}")
 """A word that is a placeholder, or ends with one after ``=`` or ``:``."""
 
-_GIVEN = re.compile(r"\{(\w+)\}")
+GIVEN = re.compile(r"\{(\w+)\}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +126,7 @@ def invocation_of(algorithm: str) -> Invocation:
         If the words cannot be split, a placeholder is unknown, or none says where the
         data go, or two say it differently.
     """
-    words = _split(algorithm)
+    words = split_words(algorithm)
     for word in words:
         found = _PLACE.fullmatch(word)
         if found is not None and found[1] not in PLACES:
@@ -171,7 +165,7 @@ def invocation_of(algorithm: str) -> Invocation:
     )
 
 
-def _split(command: str) -> list[str]:
+def split_words(command: str) -> list[str]:
     """Words of a command."""
     try:
         return shlex.split(command.removeprefix(COMMAND))
@@ -200,10 +194,10 @@ def _without_redirection(algorithm: str, words: list[str]) -> tuple[list[str], b
     kept: list[str] = []
     redirected: list[str] = []
     for word in words:
-        if kept and kept[-1] == "<" and _GIVEN.fullmatch(word):
+        if kept and kept[-1] == "<" and GIVEN.fullmatch(word):
             kept.pop()
             redirected.append(word)
-        elif word.startswith("<") and _GIVEN.fullmatch(word[1:]):
+        elif word.startswith("<") and GIVEN.fullmatch(word[1:]):
             redirected.append(word[1:])
         else:
             kept.append(word)
@@ -464,278 +458,3 @@ def _lines_answered(
 
 def _save(file: str | Path, rows: Float[Array, "n k"]) -> None:
     np.savetxt(file, rows, delimiter=",", fmt="%.17g")
-
-
-FIRST_LIMIT: Final = 60.0
-ROW_LIMIT: Final = 10.0
-"""Seconds for the first row, with the program's start, and for each other."""
-
-SUSPECT: Final = 2.0
-"""Seconds without a first answer after which a second process is asked the same, with
-the end of its input: if that one answers, in a third of the time that the first one
-has had since, the first holds its answer back."""
-
-END_LIMIT: Final = 5.0
-"""Seconds in which the program must end after its input."""
-
-LINE_LIMIT: Final = 1 << 16
-"""Bytes of a line: eighteen numbers have some five hundred."""
-
-FLUSH: Final = "flush after each line, as fflush(stdout) or print(..., flush=True) do"
-
-
-def command_filter(words: str, **declared: Any) -> Filter:
-    """Build the filter that runs a command, once for each trial.
-
-    Parameters
-    ----------
-    words : str
-        The program and its words, with what it `reads` in braces: ``./mine {start}``.
-    **declared
-        What else `Filter` declares: ``components``, ``matrix``, ``name`` and the like.
-
-    Returns
-    -------
-    Filter
-        As any other; it is run where it is measured.
-
-    Raises
-    ------
-    UnusablePluginError
-        If the words cannot be split, name no program, or have an unknown placeholder.
-    """
-    split = _split(words)
-    if not split:
-        msg = (
-            f"`{words}` names no program; write `./mine`, or `python mine.py {{start}}`"
-        )
-        raise UnusablePluginError(msg)
-    places = [place for word in split for place in _GIVEN.findall(word)]
-    unknown = [place for place in places if place not in READS]
-    if unknown:
-        known = ", ".join(f"{{{place}}}" for place in READS)
-        msg = (
-            f"`{words}` has the placeholder {{{unknown[0]}}}, which does not exist; a "
-            f"filter's are {known}. Its readings come on standard input"
-        )
-        raise UnusablePluginError(msg)
-    if declared.get("batch") or {"reads", "make"} & declared.keys():
-        msg = (
-            f"`{words}`: a command takes one trial, and what it reads stands in its "
-            "words, so leave out `batch`, `reads` and `make`"
-        )
-        raise UnusablePluginError(msg)
-    entries = 9 if declared.get("components") == "matrix" else 4
-
-    def make(**reads: Any) -> "_Process":
-        values = {
-            word: np.ravel(np.asarray(v, dtype=float)) for word, v in reads.items()
-        }
-
-        def text(found: re.Match[str]) -> str:
-            return ",".join(map(repr, values[found[1]].tolist()))
-
-        return _Process([_GIVEN.sub(text, word) for word in split], entries)
-
-    given = {"name": Path(split[0]).name, **declared}
-    return Filter(make=make, reads=tuple(dict.fromkeys(places)), **given)
-
-
-class _Process:
-    """A program between its lines."""
-
-    def __init__(self, words: Sequence[str], entries: int) -> None:
-        self.words, self.program, self.entries, self.rows = words, words[0], entries, 0
-        self.pending = b""
-        self.errors = TemporaryFile()  # noqa: SIM115 - until `close`
-        try:
-            self.process = subprocess.Popen(
-                words,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=self.errors,
-                bufsize=0,
-            )
-        except OSError as error:
-            self.errors.close()
-            msg = f"`{self.program}` cannot be run: {error}"
-            raise CrashedPluginError(msg) from None
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.given, self.printed = self.process.stdin, self.process.stdout.fileno()
-        self.ready = select.poll()
-        self.ready.register(self.printed, select.POLLIN)
-
-    def update(self, dt: float, *readings: Array) -> Any:
-        """Write a row, and read its answer; a program that fails is ended."""
-        try:
-            return self._answered(dt, readings)
-        except PluginError:
-            self._kill()
-            raise
-
-    def _answered(self, dt: float, readings: Sequence[Array]) -> Any:
-        if not self.pending and self.rows:
-            more = self._more(0.0)
-            if more == b"":
-                raise CrashedPluginError(self._death())
-            self.pending = more or b""
-        if self.pending:
-            raise PluginError(self._more_than_a_line())
-        numbers = [dt, *(x for reading in readings for x in reading.tolist())]
-        row = f"{' '.join(map(repr, numbers))}\n".encode()
-        try:
-            self.given.write(row)
-        except OSError:  # it reads no more
-            raise CrashedPluginError(self._death()) from None
-        if not self.rows and not self._readable(min(SUSPECT, FIRST_LIMIT)):
-            self._require_flushing(row)
-        line = self._line(ROW_LIMIT if self.rows else FIRST_LIMIT)
-        self.rows += 1
-        return self._answer(line)
-
-    def _require_flushing(self, row: bytes) -> None:
-        """Require that it is not its input's end that the first answer waits for."""
-        began = monotonic()
-        twin = _Process(self.words, self.entries)
-        try:
-            twin.given.write(row)
-            twin._end_input()
-            while not twin._readable(0.1):
-                if self._readable(0.0) or monotonic() - began > FIRST_LIMIT:
-                    return
-            answered = bool(os.read(twin.printed, LINE_LIMIT))
-        except OSError:  # it reads no more
-            return
-        finally:
-            twin._kill()
-        if answered and not self._readable(2.0 * (monotonic() - began)):
-            raise SilentPluginError(self._silence(monotonic() - began + SUSPECT))
-
-    def close(self) -> None:
-        """End its input, and see that it ends well and has nothing more to say."""
-        if self.errors.closed:  # it has failed before
-            return
-        try:
-            self._end_input()
-            self.pending += self._rest(END_LIMIT)
-            if self.pending:
-                raise PluginError(self._more_than_a_line())
-            code = self.process.wait(timeout=END_LIMIT)
-            if code:
-                msg = f"{self._ended(code)} after all of its rows"
-                raise CrashedPluginError(msg)
-        except subprocess.TimeoutExpired:
-            msg = (
-                f"`{self.program}` still runs {END_LIMIT:g} s after its input has "
-                "ended; end with the end of standard input"
-            )
-            raise CrashedPluginError(msg) from None
-        finally:
-            self._kill()
-
-    def _answer(self, line: bytes) -> Any:
-        try:
-            numbers = [float(word) for word in line.decode("ascii").split()]
-        except ValueError:
-            numbers = []
-        size = self.entries
-        if len(numbers) not in (size, size + 9):
-            msg = (
-                f"`{self.program}` answered with {shown(line.decode(errors='replace'))}"
-                f"; an answer is a line of {size} numbers with spaces between them, or "
-                f"of {size + 9} with the covariance"
-            )
-            raise PluginError(msg)
-        first = np.array(numbers[:size])
-        attitude = first.reshape(3, 3) if size == 9 else first
-        if len(numbers) == size:
-            return attitude
-        return attitude, np.array(numbers[size:]).reshape(3, 3)
-
-    def _line(self, seconds: float) -> bytes:
-        """One line that it prints."""
-        end = monotonic() + seconds
-        while b"\n" not in self.pending:
-            if len(self.pending) > LINE_LIMIT:
-                msg = (
-                    f"`{self.program}` printed {len(self.pending)} bytes without an "
-                    "end of the line; print one line for each row"
-                )
-                raise PluginError(msg)
-            more = self._more(end - monotonic())
-            if more is None:
-                raise SilentPluginError(self._silence(seconds))
-            if not more:
-                raise CrashedPluginError(self._death())
-            self.pending += more
-        line, _, self.pending = self.pending.partition(b"\n")
-        return line
-
-    def _readable(self, seconds: float) -> bool:
-        return bool(self.ready.poll(max(seconds, 0.0) * 1e3))
-
-    def _more(self, seconds: float) -> bytes | None:
-        """Next part of the output: empty at its end, None if there is none yet."""
-        return os.read(self.printed, LINE_LIMIT) if self._readable(seconds) else None
-
-    def _more_than_a_line(self) -> str:
-        text = shown(self.pending[:80].decode(errors="replace"))
-        return (
-            f"`{self.program}` printed more than one line for a row (after its answer: "
-            f"{text}); print one line for each, and what is meant for people on "
-            "standard error"
-        )
-
-    def _silence(self, seconds: float) -> str:
-        """Say that no answer came, and whether it comes when the input ends."""
-        self._end_input()
-        said = self._rest(END_LIMIT)
-        late = (
-            f"it printed when its input ended: {FLUSH}"
-            if said
-            else f"{FLUSH}, and answer each row before you read the next"
-        )
-        return (
-            f"`{self.program}` did not answer its row within {seconds:.3g} s; "
-            f"{late}{self._last_words()}"
-        )
-
-    def _rest(self, seconds: float) -> bytes:
-        """The beginning of what it prints until it ends, or for some seconds."""
-        end, kept = monotonic() + seconds, b""
-        while len(kept) < LINE_LIMIT // 2 and (more := self._more(end - monotonic())):
-            kept = (kept + more)[:LINE_LIMIT].strip()
-        return kept
-
-    def _death(self) -> str:
-        try:
-            code = self.process.wait(timeout=END_LIMIT)
-        except subprocess.TimeoutExpired:
-            return (
-                f"`{self.program}` closed its standard output and runs on; print one "
-                f"line for each row{self._last_words()}"
-            )
-        return f"{self._ended(code)}; answer each row until the input ends"
-
-    def _ended(self, code: int) -> str:
-        return f"`{self.program}` {ending(code)}{self._last_words()}"
-
-    def _last_words(self) -> str:
-        tail = tail_of(self.errors)
-        return f" (standard error: {tail})" if tail else ""
-
-    def _end_input(self) -> None:
-        try:
-            self.given.close()
-        except OSError:  # it reads no more
-            return
-
-    def _kill(self) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-        self.process.wait()
-        self._end_input()
-        assert self.process.stdout is not None
-        self.process.stdout.close()
-        self.errors.close()

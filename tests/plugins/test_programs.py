@@ -37,7 +37,7 @@ from simval.plugins import (
     probe_calibrator,
     run_filter,
 )
-from simval.plugins import programs as commands
+from simval.plugins import filter_programs as commands
 from simval.plugins.answers import calibration_of, calibrations_of, quaternions_of
 from simval.plugins.probe import G, probe_sensor
 from simval.plugins.programs import MOVE, RATE, REST, log_of
