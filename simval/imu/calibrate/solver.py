@@ -48,25 +48,25 @@ def solve_positive(
         scale = 1.0 / np.sqrt(matrices.diagonal(0, -2, -1))[..., None]
         n = matrices * scale * scale.mT
         # N = LDL', and of what is not positive 0
-        lower = _each(np.linalg.cholesky, np.zeros_like(n), n)
+        lower = _each(np.linalg.cholesky, 0.0, n)
         pivot = np.square(lower.diagonal(0, -2, -1)).min(axis=-1)
         good = pivot > _ROUNDING
         if not good.all():
             n[~good], pivot[~good] = np.eye(n.shape[-1]), 0.0
-        scaled = right * scale
-        x = _each(np.linalg.solve, np.full_like(scaled, np.nan), n, scaled) * scale
+        x = _each(np.linalg.solve, np.nan, n, right * scale) * scale
     x[~good] = np.nan
     return x, pivot
 
 
-def _each(of: Callable[..., Array], otherwise: Array, *stacks: Array) -> Array:
+def _each(of: Callable[..., Array], otherwise: float, *stacks: Array) -> Array:
     # a function of each matrix of a stack, and `otherwise` of those that it refuses
     with suppress(np.linalg.LinAlgError):
         return of(*stacks)
-    for result, *own in zip(otherwise, *stacks, strict=True):
+    results = np.full(stacks[-1].shape, otherwise)
+    for result, *own in zip(results, *stacks, strict=True):
         with suppress(np.linalg.LinAlgError):
             result[:] = of(*own)
-    return otherwise
+    return results
 
 
 def trace(matrices: Float[Array, "t p p"]) -> Float[Array, " t"]:
