@@ -23,7 +23,7 @@ from simval.imu.multiposition import calibrate_log
 from simval.imu.noise import load_noise
 from simval.imu.sensor import NoiseModel, load_imu
 from simval.judge import judge_run, read_baseline, write_baseline
-from simval.plugins.probe import probe_sensor
+from simval.plugins.calibrator_probe import probe_sensor
 from simval.plugins.programs import log_of
 from simval.poses import fibonacci_sphere, random_directions
 from simval.scene.physics import load_model

@@ -8,9 +8,10 @@ is measured.
 """
 
 from simval.errors import PluginError
+from simval.plugins.calibrator_probe import probe_calibrator
 from simval.plugins.filter_programs import command_filter
 from simval.plugins.loading import find_plugin
-from simval.plugins.probe import probe_calibrator, probe_estimator
+from simval.plugins.probe import probe_estimator
 from simval.plugins.programs import (
     command_calibrator,
     command_estimator,

@@ -49,8 +49,9 @@ from simval.moments import Moments
 from simval.montecarlo import Sums, mean_square, moments_of, simulate
 from simval.plugins import Calibrator, probe_calibrator
 from simval.plugins.answers import Calibration, calibration_of, calibrations_of
+from simval.plugins.calibrator_probe import G, probe_sensor
 from simval.plugins.names import COMMAND
-from simval.plugins.probe import TOLERANCE, G, probe_sensor
+from simval.plugins.probe import TOLERANCE
 from simval.plugins.programs import in_batch
 from simval.plugins.runs import Places
 from simval.poses import cube_faces, fibonacci_sphere

@@ -29,7 +29,7 @@ from simval.imu.attitude import wahba_quaternion
 from simval.imu.attitude.comparators import davenport, triad
 from simval.imu.calibrate import calibrate
 from simval.plugins import Calibrator, Estimator
-from simval.plugins.probe import probe_sensor
+from simval.plugins.calibrator_probe import probe_sensor
 from simval.sweep import load_run
 
 ALIGN = str(EXAMPLES / "align.py")

@@ -29,7 +29,7 @@ from sound import (
 
 from simval.check import check_function
 from simval.check import told as said_of
-from simval.check.explanation import why
+from simval.check.causes import why
 from simval.errors import CrashedPluginError, PluginError
 from simval.geometry import (
     attitude_error,

@@ -23,7 +23,7 @@ from simval.imu.attitude import (
 from simval.imu.attitude.comparators import ESTIMATORS, davenport, triad
 from simval.imu.calibrate import calibrate
 from simval.plugins import Calibrator, Estimator, find_plugin, probe_calibrator
-from simval.plugins.probe import G, probe_sensor
+from simval.plugins.calibrator_probe import G, probe_sensor
 from simval.poses import cube_faces
 from simval.streams import Streams
 from simval.studies import calibrator, estimator

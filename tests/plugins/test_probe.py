@@ -43,9 +43,10 @@ from simval.plugins import (
     probe_estimator,
 )
 from simval.plugins.attitudes import CLASSES, VERTICALS, FixedReferences, Observed
+from simval.plugins.calibrator_probe import G, probe_sensor
 from simval.plugins.loading import BUILTIN
 from simval.plugins.noise import NAMED, vector_noise
-from simval.plugins.probe import G, failure_shares, probe_sensor
+from simval.plugins.probe import failure_shares
 from simval.studies import estimator
 from simval.studies.study import Cell
 

@@ -39,7 +39,7 @@ from simval.plugins import (
 )
 from simval.plugins import filter_programs as commands
 from simval.plugins.answers import calibration_of, calibrations_of, quaternions_of
-from simval.plugins.probe import G, probe_sensor
+from simval.plugins.calibrator_probe import G, probe_sensor
 from simval.plugins.programs import MOVE, RATE, REST, log_of
 from simval.plugins.runs import run_once
 from simval.poses import fibonacci_sphere

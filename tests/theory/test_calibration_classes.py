@@ -15,7 +15,7 @@ from simval.imu.sensor.models import (
     own_sensor,
     places_of,
 )
-from simval.plugins.probe import G, probe_sensor
+from simval.plugins.calibrator_probe import G, probe_sensor
 from simval.poses import cube_faces, fibonacci_sphere
 from simval.theory.calibration import calibration_moments
 from simval.theory.calibration_classes import (
