@@ -77,6 +77,7 @@ from simval.imu.calibrate.residuals import (
 )
 from simval.imu.calibrate.solver import (
     Code,
+    negative_pivots,
     solve_positive,
 )
 from simval.poses import PARAMETERS, describe, observability
@@ -262,14 +263,10 @@ def ambiguous(moments: Float[Array, "t 10 10"], limit: Float[Array, " t"]) -> An
     """True where a second quadric passes through the poses.
 
     By Sylvester's law of inertia the roots of (N1) below the limit are as many as the
-    negative eigenvalues of G_c - limit^2 C.
+    negative pivots of G_c - limit^2 C.
     """
     scatter, noise = pencil(moments)
-    noise *= (limit * limit)[:, None, None]
-    # of unit size, so that rounding of the largest monomial hides no other
-    size = np.sqrt(np.abs((scatter + noise).diagonal(0, -2, -1)))[..., None]
-    size = np.where(size > 0.0, size, 1.0)
-    return np.linalg.eigvalsh((scatter - noise) / size / size.mT)[:, 1] <= 0.0
+    return negative_pivots(scatter - (limit * limit)[:, None, None] * noise) > 1
 
 
 # An uncalibrated sensor is within some percent of its nominal scale, so error bars

@@ -69,6 +69,18 @@ def _each(of: Callable[..., Array], otherwise: float, *stacks: Array) -> Array:
     return results
 
 
+def negative_pivots(matrices: Float[Array, "t p p"]) -> Any:
+    """Number of negative eigenvalues of each symmetric matrix."""
+    # trials on the last axis: of a stack eight times as fast as its eigenvalues
+    n = matrices.transpose(1, 2, 0).copy()
+    size = len(n)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        for i in range(size - 1):
+            row = n[i, i + 1 :] / n[i, i]
+            n[i + 1 :, i + 1 :] -= n[i, i + 1 :, None] * row
+        return np.sum(~(n[range(size), range(size)] > 0.0), axis=0)
+
+
 def trace(matrices: Float[Array, "t p p"]) -> Float[Array, " t"]:
     """Trace of each matrix, summed in the same order for every size of batch."""
     total = matrices[:, 0, 0].copy()
