@@ -298,6 +298,19 @@ def test_a_noise_stated_too_low_hides_nothing():
         calibrate(poses, G, condition_limit=1e9)
 
 
+def test_a_second_quadric_through_two_circles_is_seen_whatever_the_condition():
+    """One quadric more than the ellipsoid fits them: both roots are below the noise."""
+    rng = np.random.default_rng(8)
+    endings = set()
+    for _ in range(10):
+        poses = G * DEFICIENT["crossing circles"](24, rng)
+        sets = poses + 1e-3 * rng.standard_normal((20, 24, 3))
+        fit = calibrate(sets, G, noise_std=1e-3, condition_limit=1e9)
+        endings |= set(fit.status.tolist())
+    rank = "refused: rank below nine within the noise"
+    assert endings == {rank, "refused: not an ellipsoid"}
+
+
 def test_nine_poses_need_shape_or_a_known_noise():
     """Nothing is left over to find the noise: only geometry far above any noise, or a
     noise that is stated, makes nine poses an answer."""
