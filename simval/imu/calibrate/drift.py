@@ -306,12 +306,30 @@ def _squares(
         )
         by_change = np.concatenate([gradient, gradient * (z - zero)], axis=-1)
         by_change = later[..., None] * (by_change @ columns)
-        rows = monomials(u)[..., :9] / slope[..., None]
-        own = np.linalg.pinv(rows, rcond=_LOST)
-        p_now = np.matvec(own, 1.0 / slope)
-        residual = 1.0 / slope - np.matvec(rows, p_now)
-        least = np.minimum(least, np.sum(residual**2, axis=-1))
-        both = np.concatenate([rows, by_change / slope[..., None]], axis=-1)
-        step = np.matvec(np.linalg.pinv(both, rcond=_LOST), 1.0 / slope)
-        p, change = p_now, np.clip(change + step[:, 9:], -_GREATEST, _GREATEST)
+        both = np.concatenate([monomials(u)[..., :9], by_change], axis=-1)
+        p, step, sums = _solved(both / slope[..., None], 1.0 / slope)
+        least = np.minimum(least, sums)
+        change = np.clip(change + step, -_GREATEST, _GREATEST)
     return least
+
+
+def _solved(
+    both: Float[Array, "places n m"], y: Float[Array, "places n"]
+) -> tuple[Array, Array, Array]:
+    # the nine of the quadric alone, what the others step by beside them, and the sum
+    # of squares that the nine alone leave
+    q, r = np.linalg.qr(both)
+    size = np.abs(np.diagonal(r, axis1=-2, axis2=-1))
+    lost = size.min(axis=-1) <= _LOST * size.max(axis=-1)
+    r[lost] = np.eye(r.shape[-1])
+    along = np.vecmat(y, q)
+    p = np.linalg.solve(r[:, :9, :9], along[:, :9, None])[..., 0]
+    step = np.linalg.solve(r[:, 9:, 9:], along[:, 9:, None])[..., 0]
+    left = y - np.matvec(q[..., :9], along[:, :9])
+    if lost.any():
+        own, rows = both[lost, :, :9], y[lost]
+        p[lost] = np.matvec(np.linalg.pinv(own, rcond=_LOST), rows)
+        left[lost] = rows - np.matvec(own, p[lost])
+        whole = np.linalg.pinv(both[lost], rcond=_LOST)
+        step[lost] = np.matvec(whole, rows)[:, 9:]
+    return p, step, np.sum(left**2, axis=-1)
