@@ -201,8 +201,9 @@ Rate = Annotated[
 ]
 Columns = Annotated[
     str | None,
-    "The columns of LOG in their order, as t,ax,ay,az,wx,wy,wz,mx,my,mz, with - for "
-    "one to ignore, and t[ms], t[us] or t[ns] for a clock that is not in seconds.  "
+    "The columns of LOG in their order, as t,ax,ay,az,wx,wy,wz,mx,my,mz,temp, with - "
+    "for one to ignore, t[ms], t[us] or t[ns] for a clock that is not in seconds, and "
+    "temp[K], temp[degF] or temp[raw/340+36.53] for a temperature not in degC.  "
     "[default: from the header]",
 ]
 Rest = Annotated[

@@ -9,7 +9,8 @@ The header says which columns are taken (by the rules of `simval.imu.logs.names`
 it does not, the user is asked, and nothing is guessed. Without a header the number of
 columns decides: 3 are ``ax ay az``, 4 ``t ax ay az``, 6 ``ax ay az wx wy wz`` and 7
 ``t`` and those six. A magnetometer's are taken by their names alone, ``mx my mz``;
-where one is read more slowly and leaves holes, it is left out, and that is said.
+where one is read more slowly and leaves holes, it is left out, and that is said. So is
+a temperature (`simval.imu.logs.temperature`), which becomes degrees Celsius.
 
 Time becomes seconds by the unit that the header or the caller states
 (`simval.imu.logs.clock`). A log without a clock relies on the caller's rate: everything

@@ -9,16 +9,18 @@ from simval.errors import InputError
 from simval.imu.logs.names import SECONDS, Channel, Kind, channel
 from simval.imu.logs.readers import Table
 
-NAMES = ("t", "ax", "ay", "az", "wx", "wy", "wz", "mx", "my", "mz")
-SENSORS = {"gyroscope": NAMES[4:7], "magnetometer": NAMES[7:]}  # beside the first
+TEMPERATURE = "temp"
+NAMES = ("t", "ax", "ay", "az", "wx", "wy", "wz", "mx", "my", "mz", TEMPERATURE)
+SENSORS = {"gyroscope": NAMES[4:7], "magnetometer": NAMES[7:10]}  # beside the first
 SKIP = "-"
 LAYOUTS = {3: NAMES[1:4], 4: NAMES[:4], 6: NAMES[1:7], 7: NAMES[:7]}
-KINDS: dict[Kind, tuple[str, ...]] = {"gyro": NAMES[4:7], "mag": NAMES[7:]}
+KINDS: dict[Kind, tuple[str, ...]] = {"gyro": NAMES[4:7], "mag": NAMES[7:10]}
 Triple = tuple[int, int, int]
-_GIVEN = re.compile(r"(t|-|[awm][xyz])(?:\[([^\]]+)\])?")
+_GIVEN = re.compile(r"(t|-|temp|[awm][xyz])(?:\[([^\]]+)\])?")
 _OTHER_FILES = re.compile(
     r"gyr|mag|gravity|linear|user|orient|euler|rotation|quat", re.I
 )
+_FREE = ("bare", "force", "temperature", "other")  # kinds that may be misnamed
 _SHOWN = 12  # names of a header that a message lists
 WIDEST = 60  # columns for which a message writes a whole `--columns`
 
@@ -36,7 +38,8 @@ class Column:
     name : str
         As the header has it; empty without one.
     unit : str
-        Of a clock, ``s``, ``ms``, ``us``, ``ns``; empty where nothing says it.
+        Of a clock, ``s``, ``ms``, ``us``, ``ns``, or of a temperature; empty where
+        nothing says it.
     """
 
     role: str
@@ -98,7 +101,8 @@ def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
         msg = (
             f"`columns` is {','.join(names)}; each of ax, ay, az is needed once, t "
             "once at most (t[ms], t[us], t[ns] for a clock not in seconds), wx, wy, wz "
-            "all or none, mx, my, mz all or none, and - marks a column to ignore"
+            "all or none, mx, my, mz all or none, temp (temp[K], temp[degF]) once at "
+            "most, and - marks a column to ignore"
         )
         raise InputError(msg)
     headers = table.names or ("",) * table.width
@@ -112,10 +116,12 @@ def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
 
 def _unit(match: re.Match[str]) -> str:
     unit = (match[2] or "").strip().lower().replace("µ", "u")
+    if match[1] == TEMPERATURE:
+        return unit
     if unit and (match[1] != "t" or unit not in SECONDS):
         msg = (
-            f"`columns` has {match[0]}; a unit is for the clock only, one of t[s], "
-            "t[ms], t[us], t[ns]"
+            f"`columns` has {match[0]}; a unit is for the clock, one of t[s], t[ms], "
+            "t[us], t[ns], and for a temperature"
         )
         raise InputError(msg)
     return unit
@@ -132,12 +138,15 @@ def _by_header(table: Table, names: tuple[str, ...]) -> tuple[Column, ...]:
     clock = _clock(table, channels)
     if clock is not None:
         places = {"t": clock} | places
+    warm = _temperatures(channels)
+    if len(warm) == 1:
+        places[TEMPERATURE] = warm[0]
     return tuple(
         Column(
             role=role,
             place=place,
             name=names[place],
-            unit=channels[place].unit if role == "t" else "",
+            unit=channels[place].unit if role in ("t", TEMPERATURE) else "",
         )
         for role, place in places.items()
     )
@@ -162,7 +171,18 @@ def several(table: Table) -> tuple[str, ...]:
         if not count:
             why = f"the {name} has not x, y and z once each ({', '.join(own[:_SHOWN])})"
         said.append(f"{why}; choose one by --columns with {', '.join(roles)}")
+    warm = [repr(table.names[place]) for place in _temperatures(channels)]
+    if len(warm) > 1:
+        why = f"{len(warm)} temperatures are named ({', '.join(warm[:_SHOWN])})"
+        said.append(f"{why} and none is taken; choose one by --columns with temp")
     return tuple(said)
+
+
+def _temperatures(channels: list[Channel]) -> list[int]:
+    # places of the temperatures: of the accelerometer where it has one of its own
+    warm = [k for k, each in enumerate(channels) if each.kind == "temperature"]
+    own = [k for k in warm if "acc" in channels[k].stem]
+    return own if len(own) == 1 else warm
 
 
 def triples(channels: list[Channel], kind: Kind) -> list[Triple]:
@@ -252,7 +272,7 @@ def _question(
     clock = _clock(table, channels)
     start = {} if clock is None else {clock: "t"}
     numbers = [k for k in range(table.width) if k != clock and not table.is_text(k)]
-    free = [k for k in numbers if channels[k].kind in ("bare", "force", "other")]
+    free = [k for k in numbers if channels[k].kind in _FREE]
     form = "one of" if len(candidates) > 1 else "for example"
     if not candidates and len(free) < 3:  # all are known, as something else
         form, free = "but only if the names are wrong", numbers

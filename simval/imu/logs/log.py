@@ -9,8 +9,16 @@ import numpy as np
 from simval.arrays import Array, frozen, positive_number
 from simval.errors import InputError
 from simval.imu.logs.clock import read_clock, require_finite
-from simval.imu.logs.columns import NAMES, SENSORS, Column, chosen, several
+from simval.imu.logs.columns import (
+    NAMES,
+    SENSORS,
+    TEMPERATURE,
+    Column,
+    chosen,
+    several,
+)
 from simval.imu.logs.readers import Table, read_table
+from simval.imu.logs.temperature import read_temperature
 from simval.shapes import Float
 
 
@@ -38,6 +46,8 @@ class Log:
         Unit of the file's clock, s.
     unclear : tuple of str
         Why a sensor that the file seems to have was left out.
+    temperature : Array or None
+        Of the sensor at each row, degrees Celsius, (n,).
     """
 
     path: str
@@ -49,9 +59,10 @@ class Log:
     second: float = 1.0
     magnetometer: Float[Array, "n 3"] | None = None
     unclear: tuple[str, ...] = ()
+    temperature: Float[Array, " n"] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("time", "accelerometer", "gyro", "magnetometer"):
+        for name in ("time", "accelerometer", "gyro", "magnetometer", "temperature"):
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, frozen(value))
@@ -81,7 +92,8 @@ class Log:
         list of str
             Lines.
         """
-        taken = ", ".join(str(each) for each in self.columns if each.role != "t")
+        aside = ("t", TEMPERATURE)
+        taken = ", ".join(str(each) for each in self.columns if each.role not in aside)
         clock = next((each for each in self.columns if each.role == "t"), None)
         seconds = float(self.time[-1] - self.time[0])
         source = "no clock, the rate as given" if clock is None else str(clock)
@@ -92,7 +104,18 @@ class Log:
             *(f"left out          {each}" for each in self.unclear),
             f"clock             {source}: {len(self.time)} rows in {seconds:.2f} s, "
             f"{self.rate:.6g} Hz{self._lost()}",
+            *self._temperature(),
         ]
+
+    def _temperature(self) -> list[str]:
+        if self.temperature is None:
+            return []
+        column = next(each for each in self.columns if each.role == TEMPERATURE)
+        low, high = self.temperature.min(), self.temperature.max()
+        unit = (
+            f"in {column.unit}" if column.unit else "of no stated unit, taken as degC"
+        )
+        return [f"temperature       {column}, {unit}: {low:.2f} to {high:.2f} degC"]
 
     def _lost(self) -> str:
         step = np.diff(self.time)
@@ -117,10 +140,11 @@ def read_log(
         Rows per second, Hz. Needed where the file has no clock; beside one it must
         agree with it within 10 %, and may tell its unit.
     columns : str or sequence of str or None
-        What each column is: names out of ``t ax ay az wx wy wz mx my mz`` or ``-``
-        for a column to ignore, e.g. ``"-,ax,ay,az"``; ``t[ms]``, ``t[us]``,
-        ``t[ns]`` for a clock that is not in seconds. None takes the file's header where
-        it has one, else the number of columns.
+        What each column is: names out of ``t ax ay az wx wy wz mx my mz temp`` or
+        ``-`` for a column to ignore, e.g. ``"-,ax,ay,az"``; ``t[ms]``, ``t[us]``,
+        ``t[ns]`` for a clock that is not in seconds, ``temp[K]``, ``temp[degF]``,
+        ``temp[raw/340+36.53]`` for a temperature not in degrees Celsius. None takes
+        the file's header where it has one, else the number of columns.
 
     Returns
     -------
@@ -140,10 +164,12 @@ def read_log(
     table = read_table(str(path))
     picked = chosen(table, columns)
     unclear = several(table) if columns is None else ()
+    temperature, picked, why = _temperature(table, picked, columns is not None)
+    unclear += why
     try:
         rows = _rows(table, picked)
     except InputError as error:
-        least = tuple(each for each in picked if each.role not in NAMES[7:])
+        least = tuple(each for each in picked if each.role not in NAMES[7:10])
         if columns is not None or len(least) == len(picked):
             raise
         rows, picked = _rows(table, least), least  # one more slowly read leaves holes
@@ -165,12 +191,29 @@ def read_log(
         columns=tuple(each for each in picked if each.role != "t" or second),
         second=second or 1.0,
         unclear=unclear,
+        temperature=temperature,
     )
 
 
+def _temperature(
+    table: Table, picked: tuple[Column, ...], asked: bool
+) -> tuple[Float[Array, " n"] | None, tuple[Column, ...], tuple[str, ...]]:
+    # the temperature; the columns taken, without one that nobody asked for if it is bad
+    column = next((each for each in picked if each.role == TEMPERATURE), None)
+    if column is None:
+        return None, picked, ()
+    try:
+        return read_temperature(table, column), picked, ()
+    except InputError as error:
+        if asked:
+            raise
+        rest = tuple(each for each in picked if each is not column)
+        return None, rest, (f"the temperature: {error}",)
+
+
 def _rows(table: Table, picked: tuple[Column, ...]) -> dict[str, Float[Array, " n"]]:
-    # the numbers of each role but the clock's
-    roles = [each.role for each in picked if each.role != "t"]
-    values = table.numbers([each.place for each in picked if each.role != "t"])
+    # the numbers of each axis
+    axes = [each for each in picked if each.role not in ("t", TEMPERATURE)]
+    values = table.numbers([each.place for each in axes])
     require_finite(table, values)
-    return dict(zip(roles, values.T, strict=True))
+    return dict(zip([each.role for each in axes], values.T, strict=True))

@@ -9,7 +9,9 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
-Kind = Literal["time", "force", "gyro", "mag", "bare", "no gravity", "other"]
+Kind = Literal[
+    "time", "force", "gyro", "mag", "temperature", "bare", "no gravity", "other"
+]
 
 
 def _listed(words: str) -> frozenset[str]:
@@ -49,6 +51,12 @@ _TIME = _listed(
     "t time times timestamp timestamps stamp ts clock elapsed timer uptime epoch "
     "unixtime datetime date zeit tiempo temps tempo sampletimefine timefine"
 )
+_TEMPERATURE = _listed("temp temperature temperatures temperatura tmp")
+# of what is not the sensor, and what is derived from a temperature
+_NO_TEMPERATURE = _listed(
+    "baro barometer pressure ambient air outside external battery bat batt cpu mcu "
+    "core gpu motor esc target setpoint heater compensated status valid"
+)
 _NO_TIME = _listed("delta dt diff period duration latency delay zone relative")
 _SECONDS = {
     1.0: "s sec secs second seconds",
@@ -66,6 +74,17 @@ _UNITS: dict[Kind, frozenset[str]] = {
         "mdps rps rpm"
     ),
     "mag": _listed("ut μt nt mt t gauss mgauss g mg gs"),
+}
+DEGREES = {  # of one unit in kelvin, and its zero in degrees Celsius
+    word: scale
+    for scale, words in {
+        (1.0, 0.0): "c degc °c deg-c celsius centigrade degreec degreesc",
+        (1.0, -273.15): "k degk °k kelvin",
+        (5.0 / 9.0, -160.0 / 9.0): "f degf °f deg-f fahrenheit degreef degreesf",
+        (1e-2, 0.0): "cdegc centidegc",
+        (1e-3, 0.0): "mdegc millidegc",
+    }.items()
+    for word in words.split()
 }
 _ANY_UNIT = _listed(
     "raw count counts cnt cnts lsb adc digit digits bit bits int16 au mv v uncal cal"
@@ -129,7 +148,7 @@ def channel(name: str) -> Channel:
         unit, tail = tail_unit, []
     words += tail
     if not axis:
-        return _clock(words, unit)
+        return _temperature(words, unit) or _clock(words, unit)
     kind = _settled(_kind(words), unit)
     return Channel(kind, axis, unit, " ".join(words))
 
@@ -184,6 +203,16 @@ def _settled(kind: Kind, unit: str) -> Kind:
     if kind == "bare":
         return by_unit.pop() if len(by_unit) == 1 else "bare"
     return kind if not by_unit or kind in by_unit else "other"
+
+
+def _temperature(words: list[str], unit: str) -> Channel | None:
+    # the words behind the name of a temperature are its unit: temp_deg_C
+    at = next((k for k, word in enumerate(words) if word in _TEMPERATURE), None)
+    if at is None or set(words) & _NO_TEMPERATURE:
+        return None
+    behind = "".join(words[at + 1 :])
+    unit = unit or (behind if behind in DEGREES else "")
+    return Channel("temperature", "", unit, " ".join(words))
 
 
 def _clock(words: list[str], unit: str) -> Channel:

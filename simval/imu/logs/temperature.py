@@ -1,0 +1,66 @@
+"""The temperature column of a log, in degrees Celsius.
+
+The header or `--columns` states the unit: degrees Celsius or Fahrenheit, kelvin, or
+counts with their scale (``temp[raw/340+36.53]``). Without a unit the numbers count as
+degrees Celsius if electronics can be that warm, and else nothing is taken.
+"""
+
+import re
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.errors import InputError
+from simval.imu.logs.clock import require_finite
+from simval.imu.logs.columns import Column
+from simval.imu.logs.names import DEGREES
+from simval.imu.logs.readers import Table
+from simval.shapes import Float
+
+COLDEST, WARMEST = -90.0, 200.0
+"""Degrees Celsius at which an inertial sensor is read, with a margin of 35 and more."""
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?"
+_COUNTS = re.compile(rf"raw(?:(?P<op>[*/])(?P<factor>{_NUMBER}))?(?P<zero>[+-].*)?")
+FORMS = "temp[degC], temp[K], temp[degF], or counts as in temp[raw/340+36.53]"
+
+
+def scale_of(unit: str) -> tuple[float, float] | None:
+    """Factor and zero that turn a unit into degrees Celsius; None if it is none."""
+    if unit in DEGREES:
+        return DEGREES[unit]
+    counts = _COUNTS.fullmatch(unit)
+    if counts is None or not (counts["op"] or counts["zero"]):
+        return None
+    try:
+        factor, zero = float(counts["factor"] or 1.0), float(counts["zero"] or 0.0)
+        return (1.0 / factor if counts["op"] == "/" else factor), zero
+    except (ValueError, ZeroDivisionError):
+        return None
+
+
+def read_temperature(table: Table, column: Column) -> Float[Array, " n"]:
+    """Return the temperature of each row, degrees Celsius.
+
+    Raises
+    ------
+    InputError
+        If a value is not a finite number, the unit is not known, or no sensor is read
+        at such temperatures.
+    """
+    values = table.numbers([column.place])
+    require_finite(table, values)
+    scale = scale_of(column.unit or "degc")
+    low, high = (float(x) for x in (values.min(), values.max()))
+    what = f"{table.path}: the temperature, {column}, reads {low:.6g} to {high:.6g}"
+    if scale is None:
+        msg = f"{what} in {column.unit!r}, which is no unit of it; write {FORMS}"
+        raise InputError(msg)
+    degrees = scale[0] * values[:, 0] + scale[1]
+    if not (degrees.min() > COLDEST and degrees.max() < WARMEST):
+        unit = column.unit or "an unstated unit (taken as degC)"
+        msg = (
+            f"{what} in {unit}, and a sensor is read between {COLDEST:g} and "
+            f"{WARMEST:g} degC; name the column with its unit in --columns: {FORMS}"
+        )
+        raise InputError(msg)
+    return np.asarray(degrees)
