@@ -12,6 +12,7 @@ from simval.cli.options import (
     AsJson,
     Columns,
     Gravity,
+    Instance,
     LogPath,
     OutFile,
     Page,
@@ -40,6 +41,7 @@ def command(
     rate: Rate = None,
     rest: Rest = None,
     columns: Columns = None,
+    instance: Instance = None,
     method: Annotated[Method, "Solver of the least-squares fit."] = "lm",
     residual: Annotated[Residual, "Residual whose squares are minimised."] = "squared",
     loss: Annotated[
@@ -94,7 +96,7 @@ def command(
     from simval.imu.noise import load_noise
     from simval.theory import calibration_moments
 
-    log = read_log(path, rate, columns)
+    log = read_log(path, rate, columns, instance)
     known = None if noise is None else load_noise(noise)
     result = calibrate_log(
         log,

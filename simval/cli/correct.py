@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from simval.cli.options import Columns, LogPath, OutFile, Rate, declared
+from simval.cli.options import Columns, Instance, LogPath, OutFile, Rate, declared
 from simval.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ def command(
     calibration: Annotated[Path, "JSON file that `simval calibrate --out` wrote."],
     rate: Rate = None,
     columns: Columns = None,
+    instance: Instance = None,
     unchecked: Annotated[bool, "Write the force even if it is implausible."] = False,
     out: Annotated[OutFile | None, "File to write, instead of standard output."] = None,
 ) -> None:
@@ -43,7 +44,7 @@ def command(
     from simval.imu.logs import read_log
 
     fit = load_calibration(calibration).require_converged()
-    log = read_log(path, rate, columns)
+    log = read_log(path, rate, columns, instance)
     if not unchecked:
         require_same_sensor(fit, log.accelerometer, log.rate)
     force = fit.sensor().correct(log.accelerometer)

@@ -12,6 +12,7 @@ import click
 from simval.cli.options import (
     AsJson,
     Columns,
+    Instance,
     LogPath,
     Number,
     OutFile,
@@ -88,6 +89,7 @@ def command(
     ] = None,
     rate: Rate = None,
     columns: Columns = None,
+    instance: Instance = None,
     accelerometer_unit: Annotated[
         str | None, unit_words("accelerometer"), dict(metavar="UNIT")
     ] = None,
@@ -126,14 +128,14 @@ def command(
     from simval.imu.recorded.settings import start_of
 
     filters = filters_of(plugins)
-    log = read_log(path, rate, columns)
-    recorded = truth_of(log, truth, truth_columns, truth_rate)
+    log = read_log(path, rate, columns, instance)
+    recorded = truth_of(log, truth, truth_columns, truth_rate, instance)
     units = accelerometer_unit, gyro_unit
     found, alignment = prepared(log, recorded, calibration, units, truth_world)
     start = start_of(found, None if noise is None else load_noise(noise), str(noise))
     head = [*log.described(), *found.described(), *start.described]
     head += alignment_lines(alignment, recorded, found)
-    head += _offered(path) if recorded is None else []
+    head += _offered(path, instance) if recorded is None else []
     say([] if as_json else head)
     done, failed, code = _evaluated(filters, found, start, alignment, time_limit)
     written = log_values(log, found, start, alignment, recorded) | {
@@ -165,7 +167,11 @@ def _write_page(
 
 
 def truth_of(
-    log: Log, truth: str | None, columns: str | None, rate: float | None
+    log: Log,
+    truth: str | None,
+    columns: str | None,
+    rate: float | None,
+    instance: str | None,
 ) -> Truth | None:
     """Recorded attitudes: columns of the log, a file of their own, or none."""
     from simval.imu.logs import read_truth
@@ -182,13 +188,15 @@ def truth_of(
         msg = f"cannot read {truth}: there is no such file; give the path of the truth"
         raise InputError(msg)
     stem = "" if truth in (None, "log") else str(truth)
-    return read_truth(log.path, stem=stem, columns=columns, clock=log.time)
+    return read_truth(
+        log.path, stem=stem, columns=columns, clock=log.time, instance=instance
+    )
 
 
-def _offered(path: Path) -> list[str]:
+def _offered(path: Path, instance: str | None) -> list[str]:
     from simval.imu.logs.truth import quaternion_stems
 
-    stems = quaternion_stems(str(path))
+    stems = quaternion_stems(str(path), instance)
     if not stems:
         return []
     named = ", ".join(stem.rstrip("_.- ") or "log" for stem in stems)

@@ -11,6 +11,7 @@ import click
 from simval.cli.options import (
     AsJson,
     Columns,
+    Instance,
     LogPath,
     OutFile,
     Page,
@@ -36,6 +37,7 @@ def command(
     rate: Rate = None,
     rest: Rest = None,
     columns: Columns = None,
+    instance: Instance = None,
     accelerometer_unit: Annotated[
         str | None, unit_words("accelerometer"), dict(metavar="UNIT")
     ] = None,
@@ -65,7 +67,7 @@ def command(
     from simval.imu.multiposition.noise_description import as_object, described
 
     _require_drawable(figure)
-    log = read_log(path, rate, columns)
+    log = read_log(path, rate, columns, instance)
     found = log_noise(log, rest, increments=increments)
     _require_present("gyro", gyro_unit, log.gyro, path)
     _require_present("magnetometer", magnetometer_unit, log.magnetometer, path)

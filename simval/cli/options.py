@@ -206,6 +206,11 @@ Columns = Annotated[
     "temp[K], temp[degF] or temp[raw/340+36.53] for a temperature not in degC.  "
     "[default: from the header]",
 ]
+Instance = Annotated[
+    str | None,
+    "The topic, table or sensor of LOG to read, where it has more than one.",
+    dict(metavar="NAME"),
+]
 Rest = Annotated[
     Positive | None,
     "State that the first SECONDS are a rest.  [default: found in the log]",

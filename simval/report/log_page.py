@@ -101,11 +101,17 @@ def render_log(page: LogPage) -> str:
 
 
 def _digest(log: Log) -> str:
-    # the file may have gone since it was read, or never have been one
+    # the file may have gone since it was read, or never have been one; of a folder,
+    # that of its files in the order of their names
+    path = Path(log.path)
+    files = sorted(path.rglob("*")) if path.is_dir() else [path]
+    digest = hashlib.sha256()
     try:
-        return hashlib.sha256(Path(log.path).read_bytes()).hexdigest()
+        for each in files:
+            digest.update(each.read_bytes() if each.is_file() or each == path else b"")
     except OSError:
         return ""
+    return digest.hexdigest()
 
 
 def linear(

@@ -48,6 +48,8 @@ class Log:
         Why a sensor that the file seems to have was left out.
     temperature : Array or None
         Of the sensor at each row, degrees Celsius, (n,).
+    source : tuple of (str, str)
+        Label and words: what was taken of the file, joined or mended.
     """
 
     path: str
@@ -60,6 +62,7 @@ class Log:
     magnetometer: Float[Array, "n 3"] | None = None
     unclear: tuple[str, ...] = ()
     temperature: Float[Array, " n"] | None = None
+    source: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("time", "accelerometer", "gyro", "magnetometer", "temperature"):
@@ -100,6 +103,7 @@ class Log:
         if clock is not None and self.second != 1.0:
             source += f", in units of {self.second:g} s"
         return [
+            *(f"{label:<18}{words}" for label, words in self.source),
             f"columns           {taken}",
             *(f"left out          {each}" for each in self.unclear),
             f"clock             {source}: {len(self.time)} rows in {seconds:.2f} s, "
@@ -129,13 +133,14 @@ def read_log(
     path: str | PathLike[str],
     rate: float | None = None,
     columns: str | Sequence[str] | None = None,
+    instance: str | None = None,
 ) -> Log:
     """Read a log of an accelerometer's rows, with a gyroscope's and a magnetometer's.
 
     Parameters
     ----------
     path : path-like
-        Text file or MATLAB file, see the module for their forms.
+        File or folder, see the module for their forms.
     rate : float or None
         Rows per second, Hz. Needed where the file has no clock; beside one it must
         agree with it within 10 %, and may tell its unit.
@@ -145,6 +150,8 @@ def read_log(
         ``t[ns]`` for a clock that is not in seconds, ``temp[K]``, ``temp[degF]``,
         ``temp[raw/340+36.53]`` for a temperature not in degrees Celsius. None takes
         the file's header where it has one, else the number of columns.
+    instance : str or None
+        Name of the topic, table or sensor to read, where the file has more than one.
 
     Returns
     -------
@@ -157,11 +164,11 @@ def read_log(
         If the file is missing, empty, neither text nor MATLAB's, ragged, holds a value
         that is not a finite number in a column that is needed, has times that do not
         increase or leave a gap of 5 s or have no unit, or if it is not clear which
-        columns are the accelerometer's, or what the rate is.
+        columns are the accelerometer's, what the rate is, or which sensor is meant.
     """
     if rate is not None:
         rate = positive_number("rate", rate, "Hz")
-    table = read_table(str(path))
+    table = read_table(str(path), instance)
     picked = chosen(table, columns)
     unclear = several(table) if columns is None else ()
     temperature, picked, why = _temperature(table, picked, columns is not None)
@@ -192,6 +199,7 @@ def read_log(
         second=second or 1.0,
         unclear=unclear,
         temperature=temperature,
+        source=table.source,
     )
 
 

@@ -12,20 +12,21 @@ import scipy
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.imu.logs.names import channel
+from simval.imu.logs.source import Source
 from simval.imu.logs.tables import ArrayTable
 
 TIME_LIMIT = 60.0  # s; a minute reads gigabytes
 ROWS = 10  # an array with fewer is no column of a log, which has a rest in it
 
 
-def sniff(path: str, content: bytes) -> bool:
+def sniff(source: Source) -> bool:
     """Return whether a file is MATLAB's."""
-    if content.startswith(b"MATLAB 5.0"):
+    if source.start.startswith(b"MATLAB 5.0"):
         return True
-    return path.lower().endswith(".mat") and b"\0" in content[:20]
+    return source.path.lower().endswith(".mat") and b"\0" in source.start[:20]
 
 
-def read(path: str, content: bytes) -> ArrayTable:
+def read(source: Source) -> ArrayTable:
     """Columns of the variables that have as many rows as the accelerometer's.
 
     A variable of n rows and one column is a column by its own name, one of n by 3 is
@@ -37,8 +38,9 @@ def read(path: str, content: bytes) -> ArrayTable:
     InputError
         If it cannot be read, or has no variable with rows of numbers.
     """
+    path = source.path
     by_length: dict[int, dict[str, Array]] = defaultdict(dict)
-    for name, array in _variables(path, content).items():
+    for name, array in _variables(path, source.content).items():
         by_length[len(array)][name] = array
     if not by_length:
         msg = (

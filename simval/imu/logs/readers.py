@@ -1,30 +1,40 @@
-"""A log's file as a table: column names and numbers.
+"""A log as a table: column names and numbers.
 
-A reader is a module with two functions: ``sniff(path, content)`` returns whether a file
-is of its kind, and ``read(path, content)`` its table (`ArrayTable` where the columns
-are numbers already), or refuses it in words. A reader that stands in `READERS` serves
+A reader is a module with two functions: ``sniff(source)`` returns whether a `Source` is
+of its kind, and ``read(source)`` its table (`ArrayTable` where the columns are numbers
+already), or refuses it in words. Where a log holds several sensors, `read` returns
+`Candidates` instead, a function that makes the table for each name: the caller takes
+one by its name, and the only one without. A reader that stands in `READERS` serves
 every command that reads a log.
+
+A table's `source` is a sequence of (label, words) that are printed with its columns:
+what was taken, joined or mended.
 """
 
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Final, Protocol
 
 from simval.errors import InputError
-from simval.files import MOST_LOG, read_bytes
 from simval.imu.logs import matlab, text
+from simval.imu.logs.source import Source
 from simval.imu.logs.tables import ArrayTable
 from simval.imu.logs.text import TextTable
 
 Table = ArrayTable | TextTable
+Candidates = Mapping[str, Callable[[], Table]]
+"""What makes each table of a log, by the name that `--instance` takes."""
+_SHOWN = 20  # names that a message lists
 
 
 class Reader(Protocol):
-    """Reader of the files of one kind."""
+    """Reader of the logs of one kind."""
 
-    def sniff(self, path: str, content: bytes) -> bool:
-        """Return whether a file is of this kind."""
+    def sniff(self, source: Source) -> bool:
+        """Return whether a log is of this kind."""
 
-    def read(self, path: str, content: bytes) -> Table:
-        """Return its table."""
+    def read(self, source: Source) -> Table | Candidates:
+        """Return its table, or what makes each of its tables."""
 
 
 READERS: Final[tuple[Reader, ...]] = (matlab, text)
@@ -49,23 +59,57 @@ UNREAD = {  # first bytes: what a file is that no reader takes, and what to do
 }
 
 
-def read_table(path: str) -> Table:
-    """Read a file by the first reader that takes it.
+def read_table(path: str, instance: str | None = None) -> Table:
+    """Read a log by the first reader that takes it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is of a kind without a reader, has no rows of numbers, or
+        holds several sensors of which none, or no known one, is named.
+    """
+    return one_of(path, tables_of(Source(path=path)), instance)
+
+
+def tables_of(source: Source) -> Table | Candidates:
+    """Find the table of a log, or what makes each of its tables.
 
     Raises
     ------
     InputError
         If it cannot be read, is of a kind without a reader, or has no rows of numbers.
     """
-    try:
-        content = read_bytes(path, MOST_LOG)
-    except (OSError, ValueError) as error:  # ValueError: a path with a NUL
-        why = getattr(error, "strerror", None) or error
-        msg = f"cannot read {path}: {why}; give the path of a log"
-        raise InputError(msg) from None
     for start, kind in UNREAD.items():
-        if content.startswith(start):
-            msg = f"{path} is not a text file but {kind}"
+        if source.start.startswith(start):
+            msg = f"{source.path} is not a text file but {kind}"
             raise InputError(msg)
-    reader = next(each for each in READERS if each.sniff(path, content))
-    return reader.read(path, content)
+    return next(each for each in READERS if each.sniff(source)).read(source)
+
+
+def one_of(path: str, found: Table | Candidates, instance: str | None) -> Table:
+    """Table of the sensor that is named, or of the only one.
+
+    Raises
+    ------
+    InputError
+        If there are several and none is named, or none has that name.
+    """
+    if not isinstance(found, Mapping):
+        if instance is None:
+            return found
+        msg = f"{path} has one sensor without a name, so leave out --instance"
+        raise InputError(msg)
+    name = next(iter(found)) if instance is None and len(found) == 1 else instance
+    if name is None or name not in found:
+        listed = ", ".join(list(found)[:_SHOWN])
+        more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+        wrong = "" if instance is None else f"none is called {instance!r}; "
+        msg = (
+            f"{path} holds {len(found)} sensor{'s' * (len(found) > 1)}: {listed}{more};"
+            f" {wrong}give --instance NAME, the name of one"
+        )
+        raise InputError(msg)
+    table = found[name]()
+    others = f", one of {', '.join(list(found)[:_SHOWN])}" if len(found) > 1 else ""
+    taken = ("instance", f"{name}{others}")
+    return replace(table, source=(taken, *table.source))

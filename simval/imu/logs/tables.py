@@ -13,6 +13,7 @@ class ArrayTable:
     path: str  # file they came from
     names: tuple[str, ...] | None  # name of each column
     values: Float[Array, "n columns"]  # (n, columns)
+    source: tuple[tuple[str, str], ...] = ()  # label and words: what was taken
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", frozen(self.values))

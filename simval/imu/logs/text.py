@@ -16,13 +16,14 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.imu.logs.names import channel, is_known, is_unit
+from simval.imu.logs.source import Source
 from simval.shapes import Float
 
 SAMPLE = 64  # lines, spread over the file, by which the dialect is judged
 _PLAIN_CONTROLS = "\t\n\r\f\v\x1a"  # the last ends a file of DOS
 
 
-def sniff(path: str, content: bytes) -> bool:
+def sniff(source: Source) -> bool:
     """Take what no other reader takes: what is no text is refused when read."""
     return True
 
@@ -209,6 +210,7 @@ class TextTable:
     names: tuple[str, ...] | None  # its header
     dialect: Dialect  # how its fields are written
     lines: list[Line]  # line number, from 1, and text of each row
+    source: tuple[tuple[str, str], ...] = ()  # label and words: what was taken
 
     @property
     def width(self) -> int:
@@ -272,7 +274,7 @@ class TextTable:
         return not self.dialect.numbers(self.lines[0][1])[place]
 
 
-def read(path: str, content: bytes) -> TextTable:
+def read(source: Source) -> TextTable:
     """Find the rows of a text, and the header above them.
 
     Raises
@@ -280,9 +282,15 @@ def read(path: str, content: bytes) -> TextTable:
     InputError
         If there are none, or one differs in width.
     """
+    path = source.path
+    if source.is_folder:
+        msg = f"cannot read {path}: it is a folder without a log; give the log's file"
+        raise InputError(msg)
     every = [
         (number, line)
-        for number, line in enumerate(decoded(path, content).splitlines(), start=1)
+        for number, line in enumerate(
+            decoded(path, source.content).splitlines(), start=1
+        )
         if line and not line.isspace()
     ]
     lines = [entry for entry in every if not entry[1].lstrip().startswith(COMMENTS)]

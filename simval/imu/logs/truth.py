@@ -72,6 +72,7 @@ def read_truth(
     columns: str | None = None,
     rate: float | None = None,
     clock: Float[Array, " n"] | None = None,
+    instance: str | None = None,
 ) -> Truth:
     """Read recorded attitudes.
 
@@ -89,6 +90,8 @@ def read_truth(
         Rows per second, Hz, of a file of its own without a clock.
     clock : Array or None
         Times of the rows where the file is the log itself, s.
+    instance : str or None
+        Name of the table to read, where the file has more than one.
 
     Returns
     -------
@@ -101,7 +104,7 @@ def read_truth(
         If the file cannot be read, it is not clear which columns are meant, or they
         hold no quaternions of length 1.
     """
-    table = read_table(path)
+    table = read_table(path, instance)
     places, scalar, column = (
         _by_names(table, stem) if columns is None else _given(table, columns)
     )
@@ -121,9 +124,9 @@ def read_truth(
     )
 
 
-def quaternion_stems(path: str) -> list[str]:
+def quaternion_stems(path: str, instance: str | None = None) -> list[str]:
     """Names of the quaternions that the header of a file seems to have."""
-    table = read_table(path)
+    table = read_table(path, instance)
     return [stem for stem, _, _ in _groups(table) if _NAMED.search(stem.rstrip("_.- "))]
 
 

@@ -307,9 +307,14 @@ def sensor_lines(whole: Any) -> list[str]:
 
 
 def log_object(log: Log) -> dict[str, Any]:
-    """Return which columns were taken and at what rate, as plain JSON values."""
+    """Return what was taken of a log and at what rate, as plain JSON values."""
     taken = {each.role: [each.place + 1, each.name] for each in log.columns}
-    return {"columns": taken, "rate": log.rate, "clock_unit_seconds": log.second}
+    return {
+        "source": [list(each) for each in log.source],
+        "columns": taken,
+        "rate": log.rate,
+        "clock_unit_seconds": log.second,
+    }
 
 
 def as_object(whole: Any) -> dict[str, Any]:
