@@ -14,6 +14,7 @@ from simval.geometry import attitude_matrix, cross_matrix, normalize
 from simval.imu.attitude import (
     case_quaternion,
     estimate_attitude,
+    kernel,
     sequential_quaternion,
     two_vector_quaternion,
     wahba_quaternion,
@@ -73,13 +74,32 @@ weighted_wahba = _own(
     reads=("covariances", "weights"),
     kind="weighted wahba",
 )
+
+
+def _arithmetic(frame: str, *vectors: Any) -> Any:
+    """The code of a block on one column of numbers of any class."""
+    block = np.array(vectors, dtype=object).reshape(12, 1)
+    if frame == "plain":
+        raw = kernel.raw_quaternion(block, frame)
+    else:
+        combines = frame == "combined"
+        columns = kernel.column_matrix(block, symmetric=combines)
+        pick = kernel.combined_quaternion if combines else kernel.best_quaternion
+        raw = pick(columns)
+    return raw[:, 0] * (1.0 / np.sqrt(kernel.squared_norm(raw)))[0]
+
+
 triad = _own(name="triad", estimate=triad_quaternion, kind="triad")
 closed_form = _own(
-    name="closed-form", estimate=two_vector_quaternion, kind="closed form"
+    name="closed-form",
+    estimate=two_vector_quaternion,
+    arithmetic=partial(_arithmetic, "best"),
+    kind="closed form",
 )
 combined = _own(
     name="combined",
     estimate=partial(two_vector_quaternion, frame="combined"),
+    arithmetic=partial(_arithmetic, "combined"),
     kind="combined",
 )
 sequential = _own(
@@ -90,6 +110,7 @@ table_1 = _own(name="table-1", estimate=case_quaternion)
 plain = _own(
     name="plain",
     estimate=lambda b1, b2, r1, r2: estimate_attitude(b1, b2, r1, r2, "plain").q,
+    arithmetic=partial(_arithmetic, "plain"),
     fails_at=(
         "identity",
         "reference as body",

@@ -254,6 +254,7 @@ NEXT_ORDER = _size(
     better=None,
 )
 LEFT_OUT = _size("left_out", "relative distance of a formula from the exact theory")
+OPERATIONS = _size("operations", "operations of one attitude")
 UNIT_LENGTH = _size(
     "unit_length", "relative defect of tr C + |m|² = 2 q'm, unit quaternions"
 )

@@ -1,10 +1,10 @@
 """Classical estimators of Wahba's problem for two pairs, one attitude at a time.
 
-Numbers only: no library hides an operation, so they can be counted (`make bench
-RACES=flops`). b and r are unit vectors, a weights,
-B the sum of a b r', z that of a b x r, sigma the trace of B; attitudes take reference
-to body. Of two pairs the greatest eigenvalue of Davenport's K is
-sqrt(a1^2 + a2^2 + 2 a1 a2 cos(angle of b's less that of r's)) (Shuster and Oh 1981,
+Numbers only: no library hides an operation, so they can be counted: each plug-in gives
+its method as `arithmetic`, and `optimal.toml` measures them all. b and r are unit
+vectors, a weights, B the sum of a b r', z that of a b x r, sigma the trace of B;
+attitudes take reference to body. Of two pairs the greatest eigenvalue of Davenport's K
+is sqrt(a1^2 + a2^2 + 2 a1 a2 cos(angle of b's less that of r's)) (Shuster and Oh 1981,
 eq. 71).
 """
 
@@ -99,7 +99,7 @@ def _euler2(b1, b2, r1, r2, a1, a2):
     axis = _cross(d1, d2)
     length = _dot(axis, axis) ** 0.5
     if not length > 0.0:
-        return length, axis
+        return 0.0, [*axis, 0.0]
     e = [x / length for x in axis]
     sine = cosine = 0.0
     for b, r, a in ((b1, r1, a1), (b2, r2, a2)):
@@ -212,16 +212,17 @@ def svd(b1, b2, r1, r2, a1, a2):
     ]  # fmt: skip
 
 
-def _estimate(method, b1, b2, r1, r2, weights):
+def _estimate(method, b1, b2, r1, r2, weights=(1.0, 1.0)):
     unit = (v / np.linalg.norm(v) for v in (b1, b2, r1, r2))
-    a = (weights / np.sum(weights)).tolist()
+    a = (np.array(weights) / np.sum(weights)).tolist()
     return np.array(method(*(v.tolist() for v in unit), *a))
 
 
-def _plugin(name, method, components="xyzs"):
+def _plugin(name, method, components="xyzs", matrix="passive", **words):
     return Estimator(
         name=name, estimate=partial(_estimate, method), components=components,
-        matrix="passive", reads=("weights",), batch=False, kind="weighted wahba",
+        matrix=matrix, batch=False, **words,
+        arithmetic=lambda *vectors, weights=(0.5, 0.5): method(*vectors, *weights),
     )  # fmt: skip
 
 
@@ -229,9 +230,9 @@ METHODS = {
     "closed form": closed_form, "EULER-2": euler2, "QUEST": quest, "ESOQ2": esoq2,
     "FOAM": foam, "SVD": svd,
 }  # fmt: skip
-EULER2 = Estimator(
-    name="EULER-2", estimate=partial(_estimate, euler2), components="xyzs",
-    matrix="passive", reads=("weights",), batch=False,
-)  # fmt: skip
-QUEST, ESOQ2 = _plugin("QUEST", quest), _plugin("ESOQ2", esoq2)
-FOAM, SVD = _plugin("FOAM", foam, "matrix"), _plugin("SVD", svd, "matrix")
+WEIGHTED = {"reads": ("weights",), "kind": "weighted wahba"}
+CLOSED_FORM = _plugin("closed form", closed_form)
+EULER2 = _plugin("EULER-2", euler2, reads=("weights",))
+QUEST, ESOQ2 = _plugin("QUEST", quest, **WEIGHTED), _plugin("ESOQ2", esoq2, **WEIGHTED)
+FOAM = _plugin("FOAM", foam, "matrix", "active", **WEIGHTED)
+SVD = _plugin("SVD", svd, "matrix", "active", **WEIGHTED)

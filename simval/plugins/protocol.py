@@ -225,6 +225,9 @@ class Estimator(Algorithm):
     series : bool, default False
         Whether `estimate` is made of ``+ - * / **``, `abs`, comparisons and
         `numpy.sqrt` alone, so that it works with power series (`simval.theory.series`).
+    arithmetic : callable, optional
+        The method of `estimate` for one sample of unit vectors, and weights whose sum
+        is 1, in numbers of any class: its operations are counted.
     """
 
     taken_by: ClassVar[str] = "estimator.algorithm"
@@ -250,6 +253,7 @@ class Estimator(Algorithm):
     dip: float | None = None
     reads: tuple[str, ...] = ()
     series: bool = False
+    arithmetic: Callable[..., Any] | None = None
 
     def __post_init__(self) -> None:
         Algorithm.__post_init__(self)

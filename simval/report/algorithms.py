@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from simval import statistics as stat
 from simval.judge.algorithms import (
     STUDIES,
     Measured,
@@ -24,6 +25,7 @@ from simval.judge.algorithms import (
     failures,
     group_rms,
     honesty,
+    of_family,
     over_bound,
     size_row,
 )
@@ -171,6 +173,11 @@ def side_by_side(contest: Contest, verdicts: Sequence[Verdict], times: Times) ->
         seconds = timed(name, "seconds")
         return None if seconds is None else 1e3 * seconds
 
+    def operations(name: str) -> float | None:
+        rows = [row for c in contest.of(name) for row in of_family(c, stat.OPERATIONS)]
+        found = [row.value for row in rows if "median" in row.statistic.entries]
+        return float(np.median(found)) if found else None
+
     def worst(name: str, measure: Any, far: Any) -> Any:
         found = [measure(cell) for cell in contest.of(name)]
         return max((x for x in found if x is not None), key=far, default=None)
@@ -191,6 +198,10 @@ def side_by_side(contest: Contest, verdicts: Sequence[Verdict], times: Times) ->
         Column("call, ms", "number", 3): milliseconds,
         Column("× built-in", "number", 3): lambda n: timed(n, "ratio"),
     }
+    counted = ""
+    if any(operations(name) is not None for name in contest.algorithms):
+        fields[Column("operations", "number", 5)] = operations
+        counted = ", operations of one"
     if any(contest.failures.values()):
         fields[Column("fails at")] = lambda n: fails_at(contest.failures[n])
     return tabulated(
@@ -200,7 +211,7 @@ def side_by_side(contest: Contest, verdicts: Sequence[Verdict], times: Times) ->
         caption=(
             f"RMS error over the bound in {shown}; then, over all of them: greatest "
             "bias over the bound, worst NEES over its mean, time of a call, the same "
-            f"over that of {reference}, where it fails"
+            f"over that of {reference}{counted}, where it fails"
         ),
     )
 

@@ -46,7 +46,7 @@ in some named geometries, neither leading terms, nor the classes of attitudes, n
 stated covariance of first order are judged.
 
 Simulated moments against cubature, the efficiency, unit length and a stated covariance
-are in `simval.studies.estimator_errors`.
+are in `simval.studies.estimator_errors`; operations in `estimator_operations`.
 """
 
 from collections.abc import Iterator
@@ -88,6 +88,7 @@ from simval.studies.estimator_errors import (
     size_rows,
     unit_rows,
 )
+from simval.studies.estimator_operations import operation_rows
 from simval.studies.estimator_series import series_of
 from simval.studies.named_geometries import GEOMETRIES, named_geometry
 from simval.studies.plugin import (
@@ -216,10 +217,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
             2.0 * np.abs(a - b) for a, b in zip(fine, coarse, strict=True)
         )
         chosen = self.choice(noise, DEGREE) + self.choice(noise, DEGREE - 2)
-        left = (
-            float(mean[:3].max() + chosen[0]),
-            float(covariance[:3, :3].max() + chosen[1]),
-        )
+        left = mean[:3].max() + chosen[0], covariance[:3, :3].max() + chosen[1]
         least = float(np.trace(self.bound(noise)))
         rows = [
             *limit(stat.PROBE(unit="rad"), probed, TOLERANCE, stat.TRUTH, n=1),
@@ -229,6 +227,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
             *moment_rows(measured, *fine, stat.CUBATURE, left),
             *size_rows(sums, cubatures, least, (rounding, self.weights), chosen[1]),
             *unit_rows(self.q, self.first_attitudes()),
+            *operation_rows(plugin, len(self.references)),
         ]
         if plugin.series:
             series = (self.series(noise, order) for order in (2, 4))

@@ -1,7 +1,5 @@
 """Speed beside the alternatives: `make bench`, or `make bench RACES="allan filter"`.
 
-`flops` is a table of operations instead of a race: the same on every machine.
-
 Prints for each contender of a race its rate by that of the first one (the median over
 the rounds, the least and the greatest), and its items a second. Quote ratios: a rate is
 a fact about a machine and its day.
@@ -11,10 +9,7 @@ import argparse
 from statistics import median
 
 from benchmarks import attitude, calibration, filters, gyroscope, rest  # noqa: F401
-from benchmarks.flops import table
 from benchmarks.race import RACES, ROUNDS, run_race
-
-FLOPS = "flops"
 
 
 def main() -> None:
@@ -23,13 +18,9 @@ def main() -> None:
     parser.add_argument("races", nargs="*", metavar="RACE")
     parser.add_argument("--rounds", type=int, default=ROUNDS)
     asked = parser.parse_args()
-    every = [*RACES, FLOPS]
-    if unknown := set(asked.races) - set(every):
-        parser.error(f"no race {', '.join(unknown)}; there are {', '.join(every)}")
-    for name in asked.races or every:
-        if name == FLOPS:
-            print(f"\nOperations of one attitude from two pairs ({FLOPS})\n{table()}")
-            continue
+    if unknown := set(asked.races) - set(RACES):
+        parser.error(f"no race {', '.join(unknown)}; there are {', '.join(RACES)}")
+    for name in asked.races or RACES:
         race = RACES[name]
         print(f"\n{race.title} ({name})", flush=True)
         for (who, *_, other), rate, ratios in run_race(race.contenders(), asked.rounds):

@@ -5,6 +5,7 @@ its own, so every estimator, whatever it weighs, must find the same attitude; th
 depends on neither.
 """
 
+import sys
 from collections.abc import Sequence
 from functools import partial
 from importlib.util import find_spec
@@ -12,11 +13,17 @@ from typing import Any
 
 import numpy as np
 import scipy
+from places import EXAMPLES
 
-from benchmarks.flops import optimal, problems
 from benchmarks.race import Answers, Contender, race
 from simval.arrays import Array
-from simval.geometry import attitude_matrix, compose, from_rotation_vector
+from simval.geometry import (
+    attitude_matrix,
+    compose,
+    from_rotation_vector,
+    normalize,
+    random_quaternions,
+)
 from simval.imu.attitude import two_vector_quaternion
 from simval.imu.attitude.comparators import davenport, triad
 from simval.imu.attitude.kernel import (
@@ -27,6 +34,9 @@ from simval.moments import Moments
 from simval.shapes import Float
 from simval.studies.attitude import random_geometry
 from simval.theory import attitude_moments
+
+sys.path.insert(0, str(EXAMPLES))
+import optimal
 
 NOISE = 0.01  # a level of the accuracy suite; the time does not depend on it
 MANY, FEW = 50_000, 500
@@ -81,8 +91,11 @@ def estimators() -> list[Contender]:
 
 @race("one_attitude", "One attitude from two pairs, in Python's numbers", "estimates")
 def one_attitude() -> list[Contender]:
-    """List the methods whose operations `flops` counts; the reference is SciPy's."""
-    each = np.array([v for _, v in problems(FEW, noise=0.0)])
+    """List the methods whose operations are rows; the reference is SciPy's."""
+    rng = np.random.default_rng(35)
+    A = attitude_matrix(random_quaternions(FEW, rng))
+    r = normalize(rng.standard_normal((FEW, 2, 3)))
+    each = np.concatenate([r @ A.swapaxes(1, 2), r], axis=1)
     vectors, given = list(each.swapaxes(0, 1)), [(*v, 0.5, 0.5) for v in each.tolist()]
 
     def seen(found: Sequence[Any]) -> Answers:

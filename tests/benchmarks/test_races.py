@@ -1,11 +1,9 @@
 """The races are fair: the same answers, in turns, and each contender does its work."""
 
-from collections import Counter
-
 import numpy as np
 import pytest
 
-from benchmarks import attitude, calibration, filters, flops, gyroscope, rest
+from benchmarks import attitude, calibration, filters, gyroscope, rest
 from benchmarks.race import RACES, Contender, require_agreement, run_race
 from simval.geometry import attitude_matrix, normalize, random_quaternions
 from simval.imu.attitude import wahba_quaternion
@@ -98,7 +96,7 @@ def test_classical_methods_are_the_q_method():
     for noise in (0.0, 0.1):
         b = normalize(exact + noise * rng.standard_normal(exact.shape))
         best = attitude_matrix(wahba_quaternion(b, r, weights))
-        for name, method in flops.optimal.METHODS.items():
+        for name, method in attitude.optimal.METHODS.items():
             if noise and name in ("closed form", "EULER-2"):  # which are not optimal
                 continue
             pairs = zip(b.tolist(), r.tolist(), strict=True)
@@ -106,21 +104,3 @@ def test_classical_methods_are_the_q_method():
             A = attitude_matrix(found) if found.ndim == 2 else found
             # rounding over the gap of the eigenvalues, 4e-3 here at the least
             np.testing.assert_allclose(A, best, rtol=0, atol=1e-11, err_msg=name)
-
-
-@pytest.mark.usefixtures("unchecked")  # arrays of numbers that count
-def test_operations_are_counted():
-    x, y = flops.Counted(3.0), flops.Counted(4.0)
-    flops.Counted.done = Counter()
-    length = np.sqrt(np.array([x * x + 2.0 * y * y - 5.0], dtype=object))[0]
-    assert length.value == 6.0
-    assert flops.Counted.done == {"x": 3, "+ -": 2, "sqrt": 1}
-    # by hand: 9 sums and differences, 3 quarters, a cross product of 6 and 3, a scalar
-    # product of 3 and 2; a length of 4, 3 and a root, one division and 4 products
-    (plain,) = flops.counts("closed form, plain", 1)
-    assert plain == {"+ -": 9 + 3 + 2 + 3, "x": 3 + 6 + 3 + 4 + 4, "/": 1, "sqrt": 1}
-    # the claim of the page: fewer than any optimal method, in every problem
-    every = {n: [c.total() for c in flops.counts(n, 50)] for n in flops.METHODS}
-    ours = max(map(max, (every[f"closed form, {f}"] for f in flops.FRAMES)))
-    assert ours == 171
-    assert all(min(every[n]) > ours for n in every if "QUEST" in n or n[:4] == "ESOQ")

@@ -1,13 +1,21 @@
 """Study estimator: what a covariance that an estimator states may leave out."""
 
+from collections import Counter
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from cells import answers, outcome
+from cells import answers, of_family, outcome
+from places import EXAMPLES
 
+from simval import algorithms
+from simval.errors import PluginError
 from simval.geometry import attitude_matrix
 from simval.moments import Moments
+from simval.statistics import OPERATIONS
 from simval.studies import estimator
 from simval.studies.estimator_errors import claim_rows
+from simval.studies.estimator_operations import Counted, operation_rows
 from simval.studies.named_geometries import GEOMETRIES, named_geometry
 from simval.theory import wahba_bound
 
@@ -73,3 +81,55 @@ def test_a_named_geometry_has_its_own_vectors():
     # as a suite fills them in
     filled = estimator.Parameters(geometry="markley 1", vectors=2, noise_std=0.01)
     assert (filled.vectors, filled.noise_std) == (3, 1e-6)
+
+
+def operations(rows):
+    """How many operations an attitude takes, by kind."""
+    return {r.statistic.entries[0]: r.value for r in of_family(rows, OPERATIONS)}
+
+
+def test_operations_are_counted():
+    x, y = Counted(3.0), Counted(4.0)
+    Counted.done = Counter()
+    length = np.sqrt(np.array([sum([x * x, 2.0 * y * y, -5.0])], dtype=object))[0]
+    assert length.value == 6.0
+    assert Counted.done == {"products": 3, "sums": 2, "roots": 1}
+    # by hand: 9 sums and differences, 3 quarters, a cross product of 6 and 3, a scalar
+    # product of 3 and 2; a length of 4, 3 and a root, one division and 4 products
+    found = operations(operation_rows(algorithms.plain, 2))
+    sums, products = 9 + 3 + 2 + 3, 3 + 6 + 3 + 4 + 4
+    assert found == {
+        "fewest": 39, "median": 39, "most": 39,
+        "sums": sums, "products": products, "divisions": 1, "roots": 1,
+    }  # fmt: skip
+    assert operation_rows(algorithms.wahba, 2) == ()
+
+
+@pytest.mark.parametrize(
+    ("arithmetic", "words"),
+    [
+        (lambda *v: algorithms.plain.arithmetic(*v[2:], *v[:2]), "in 200 of 200 exact"),
+        (lambda *v: 2.0 * algorithms.plain.arithmetic(*v), "does not answer the attit"),
+        (lambda *v: np.arctan2(v[0][0], v[1][0]), "cannot work with numbers that"),
+        (lambda *v: v[0], "cannot work with numbers that count"),
+    ],
+)
+def test_an_arithmetic_that_is_not_the_estimate_is_refused(arithmetic, words):
+    with pytest.raises(PluginError, match=words):
+        operation_rows(replace(algorithms.plain, arithmetic=arithmetic), 2)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("name", ["EULER-2", "QUEST", "ESOQ2", "FOAM", "SVD"])
+def test_the_closed_form_takes_fewer_operations_than_each_classical_method(name):
+    given = {"samples": 1024, "cases": 128}
+    ours, theirs = (
+        outcome("estimator", algorithm=f"{EXAMPLES / 'optimal.py'}:{who}", **given).rows
+        for who in ("closed form", name)
+    )
+    assert answers(ours) == answers(theirs) == {"pass"}
+    assert 2.5 * operations(ours)["median"] < operations(theirs)["median"]
+    # all its frames together, which need no half turn, take fewer than the optimal ones
+    combined = operations(operation_rows(algorithms.combined, 2))
+    assert combined["most"] == 171
+    assert name == "EULER-2" or operations(theirs)["fewest"] > combined["most"]

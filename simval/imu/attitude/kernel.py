@@ -37,7 +37,7 @@ from typing import Final
 import numpy as np
 
 from simval.arrays import Array
-from simval.shapes import Float
+from simval.shapes import Float, Shaped
 
 BLOCK: Final = 4096  # samples worked at once, for the cache; no result depends on it
 FRAMES: Final = ("x", "y", "z", "plain")  # the order of the columns in (K2)
@@ -60,10 +60,10 @@ _PLACES: Final = {
 
 
 def raw_quaternion(
-    vectors: Float[Array, "4 3 n"] | Float[Array, "12 n"],
+    vectors: Shaped[Array, "4 3 n"] | Shaped[Array, "12 n"],
     frame: str,
-    out: Float[Array, "4 n"] | None = None,
-) -> Float[Array, "4 n"]:
+    out: Shaped[Array, "4 n"] | None = None,
+) -> Shaped[Array, "4 n"]:
     """Un-normalised quaternions of a fixed frame, eq. (K1) with its raw sign."""
     b1, b2, r1, r2 = vectors.reshape(4, 3, -1)
     d1, d2, s1 = np.empty_like(b1), np.empty_like(b1), np.empty_like(b1)
@@ -91,8 +91,8 @@ def raw_quaternion(
 
 
 def column_matrix(
-    vectors: Float[Array, "4 3 n"] | Float[Array, "12 n"], *, symmetric: bool
-) -> Float[Array, "4 4 n"]:
+    vectors: Shaped[Array, "4 3 n"] | Shaped[Array, "12 n"], *, symmetric: bool
+) -> Shaped[Array, "4 4 n"]:
     """The four columns M of eq. (K2), un-normalised, with noise."""
     b1, b2, r1, r2 = vectors.reshape(4, 3, -1)
     # [False]: differences d, [True]: sums s; the factor 1/4 is applied once
@@ -122,7 +122,7 @@ def column_matrix(
     return out
 
 
-def best_quaternion(columns: Float[Array, "4 4 n"]) -> Float[Array, "4 n"]:
+def best_quaternion(columns: Shaped[Array, "4 4 n"]) -> Shaped[Array, "4 n"]:
     """The greatest of the four columns, un-normalised, with its raw sign."""
     norms = np.einsum("kin,kin->kn", columns, columns)
     first, first_norm = _longer(columns[0], norms[0], columns[1], norms[1])
@@ -131,16 +131,16 @@ def best_quaternion(columns: Float[Array, "4 4 n"]) -> Float[Array, "4 n"]:
 
 
 def _longer(
-    a: Float[Array, "4 n"],
-    a_norm: Float[Array, " n"],
-    b: Float[Array, "4 n"],
-    b_norm: Float[Array, " n"],
-) -> tuple[Float[Array, "4 n"], Float[Array, " n"]]:
+    a: Shaped[Array, "4 n"],
+    a_norm: Shaped[Array, " n"],
+    b: Shaped[Array, "4 n"],
+    b_norm: Shaped[Array, " n"],
+) -> tuple[Shaped[Array, "4 n"], Shaped[Array, " n"]]:
     pick = a_norm > b_norm
     return np.where(pick, a, b), np.maximum(a_norm, b_norm)
 
 
-def combined_quaternion(columns: Float[Array, "4 4 n"]) -> Float[Array, "4 n"]:
+def combined_quaternion(columns: Shaped[Array, "4 4 n"]) -> Shaped[Array, "4 n"]:
     """One power step from the greatest column towards the top left singular vector."""
     best = best_quaternion(columns)
     weights = np.einsum("kin,in->kn", columns, best)
@@ -148,7 +148,7 @@ def combined_quaternion(columns: Float[Array, "4 4 n"]) -> Float[Array, "4 n"]:
     return total
 
 
-def squared_norm(v: Float[Array, "m n"]) -> Float[Array, " n"]:
+def squared_norm(v: Shaped[Array, "m n"]) -> Shaped[Array, " n"]:
     """Sum of squares over the rows."""
     total: Array = np.einsum("in,in->n", v, v)
     return total

@@ -1,0 +1,155 @@
+"""Operations of one attitude, counted by numbers that count.
+
+What an estimator gives as `arithmetic` is its method on numbers of any class. Here they
+are numbers that count additions, products, divisions and roots, of unit vectors and of
+weights whose sum is 1; comparisons and signs are free. The problems are the exact
+generic cases, drawn once for all, so a count is a fact about the code and its branches,
+without chance and the same on every machine. Its answers must be those of `estimate`.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simval import statistics as stat
+from simval.arrays import Array
+from simval.errors import PluginError
+from simval.geometry import attitude_error
+from simval.plugins import Estimator
+from simval.plugins.answers import handed, quaternions_of, stacked
+from simval.plugins.attitudes import GENERIC, package_quaternion, sound_rows, tail
+from simval.plugins.child import where_it_lives
+from simval.plugins.probe import allowed
+from simval.results import Row, unjudged
+from simval.shapes import Float, Int
+from simval.text import message_of
+
+COUNT: Final = 200
+"""Problems."""
+
+KINDS: Final = ("sums", "products", "divisions", "roots")
+
+
+class Counted:
+    """A real number whose arithmetic is counted."""
+
+    __slots__ = ("value",)
+    value: float
+    done: ClassVar[Counter[str]] = Counter()
+
+    def __init__(self, value: Any) -> None:
+        self.value = value.value if isinstance(value, Counted) else float(value)
+
+    def sqrt(self) -> "Counted":
+        """Square root; also what `numpy.sqrt` of an array of them calls."""
+        Counted.done["roots"] += 1
+        return Counted(self.value**0.5)
+
+    def __pow__(self, power: float) -> "Counted":
+        if power == 0.5:
+            return self.sqrt()
+        if power not in (2, 3, 4):
+            msg = f"power {power}; a root is ** 0.5, and products are written out"
+            raise TypeError(msg)
+        Counted.done["products"] += int(power) - 1
+        return Counted(self.value**power)
+
+    def __neg__(self) -> "Counted":
+        return Counted(-self.value)
+
+    def __abs__(self) -> "Counted":
+        return Counted(abs(self.value))
+
+    def __gt__(self, other: Any) -> bool:
+        return self.value > Counted(other).value
+
+    def __lt__(self, other: Any) -> bool:
+        return self.value < Counted(other).value
+
+    def __ge__(self, other: Any) -> bool:
+        return self.value >= Counted(other).value
+
+    def __le__(self, other: Any) -> bool:
+        return self.value <= Counted(other).value
+
+
+def _operation(kind: str, swapped: bool, work: Callable[[float, float], float]) -> Any:
+    def counted(self: Counted, other: Any) -> Counted:
+        x, y = self.value, Counted(other).value
+        if not (kind == "sums" and type(other) is not Counted and y == 0.0):
+            Counted.done[kind] += 1  # the 0 that a sum begins with is none
+        return Counted(work(y, x) if swapped else work(x, y))
+
+    return counted
+
+
+for name, kind, work in (
+    ("add", "sums", lambda x, y: x + y),
+    ("sub", "sums", lambda x, y: x - y),
+    ("mul", "products", lambda x, y: x * y),
+    ("truediv", "divisions", lambda x, y: x / y),
+):
+    setattr(Counted, f"__{name}__", _operation(kind, False, work))
+    setattr(Counted, f"__r{name}__", _operation(kind, True, work))
+
+
+def operation_rows(plugin: Estimator, vectors: int) -> tuple[Row, ...]:
+    """Rows of a plug-in's operations; none if it gives no `arithmetic`.
+
+    The fewest, median and most of all problems, and the kinds of the median one.
+    """
+    if plugin.arithmetic is None:
+        return ()
+    _, given = plugin.observed(vectors).cases(GENERIC, COUNT)
+    answers, counts = _counted(plugin, given)
+    sound = sound_rows(answers, plugin.components)
+    found = package_quaternion(answers[sound], plugin.components, plugin.matrix)
+    apart = attitude_error(found, quaternions_of(plugin, given)[sound])
+    wrong = COUNT - int(np.sum(apart <= allowed(given)[sound]))
+    if wrong:
+        msg = (
+            f"`arithmetic` of {plugin.name} does not answer the attitude of `estimate` "
+            f"in {wrong} of {COUNT} exact cases; it must be the same method, of unit "
+            "vectors, in the same convention"
+        )
+        raise PluginError(msg)
+    total = counts.sum(axis=1)
+    order = np.argsort(total, kind="stable")
+    middle = order[COUNT // 2]
+    return unjudged(
+        stat.OPERATIONS.each(("fewest", "median", "most", *KINDS)),
+        [*total[order[[0, COUNT // 2, -1]]], *counts[middle]],
+        n=COUNT,
+    )
+
+
+@where_it_lives
+def _counted(
+    plugin: Estimator, vectors: list[Float[Array, "n 3"]]
+) -> tuple[Float[Array, "n ..."], Int[NDArray[np.intp], "n 4"]]:
+    """Answers of `arithmetic`, one row at a time, and the operations of each."""
+    assert plugin.arithmetic is not None
+    number = np.frompyfunc(Counted, 1, 1)
+    answers, counts = [], []
+    for i in range(len(vectors[0])):
+        row = [v[i : i + 1] for v in vectors]
+        given, words = stacked(plugin, [*map(number, row)]), handed(plugin, row, None)
+        if "weights" in words:
+            words["weights"] = number(words["weights"] / words["weights"].sum())
+        Counted.done = Counter()
+        try:
+            found = plugin.arithmetic(*(v[0] for v in given), **words)
+            answer = np.array([Counted(x).value for x in np.ravel(found)])
+            answers.append(answer.reshape(tail(plugin.components)))
+        except Exception as fault:  # whatever a user's function may raise
+            msg = (
+                f"`arithmetic` of {plugin.name} cannot work with numbers that count: "
+                f"{message_of(fault)}; use + - * /, ** 0.5, abs, comparisons and "
+                "numpy.sqrt, or leave it out"
+            )
+            raise PluginError(msg) from None
+        counts.append([Counted.done[kind] for kind in KINDS])
+    return np.array(answers), np.array(counts)
