@@ -14,7 +14,7 @@ from simval.errors import InputError
 from simval.imu.logs.columns import Column
 from simval.imu.logs.names import SECONDS
 from simval.imu.logs.readers import Table
-from simval.shapes import Float
+from simval.shapes import Bool, Float
 
 GAP = 5.0  # s; beyond it a recording was stopped and begun again
 RATE_AGREEMENT = 0.1  # relative; beyond it time column and stated rate contradict
@@ -27,23 +27,43 @@ _UNITS = {
     "nanoseconds": 1e-9,
 }
 _TICKS = (*_UNITS.values(), 1e-4)  # Xsens's SampleTimeFine counts 0.1 ms
-_ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d{1,9})?)?Z?")
+_ISO = re.compile(
+    r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?)"
+    r"(Z| ?[+-]\d\d:?\d\d)?"
+)
+_OF_DAY = re.compile(r"(\d\d?):(\d\d):(\d\d(?:\.\d+)?)")
+DAY = 86400.0  # s
+WRAP = 2.0**32  # ticks; then a counter of 32 bits begins again
 
 
 def read_clock(
     table: Table, column: Column | None, rate: float | None
-) -> tuple[Float[Array, " n"], float, float]:
-    """Return the times of a log's rows, their rate, and the clock's unit.
+) -> tuple[Float[Array, " n"], float, float, tuple[tuple[str, str], ...]]:
+    """Return the times of a log's rows, their rate, the clock's unit, and what to say.
 
     Raises
     ------
     InputError
         If neither is known, or the clock has no unit that can be right, does not
-        increase, leaves a gap, or contradicts the rate.
+        increase, leaves a gap, or contradicts the rate; or if a header stands again
+        within the log and no clock says that its parts are one.
     """
-    time, second = (None, 0.0) if column is None else times_of(table, column, rate)
-    if time is not None:
-        return time, _checked_rate(table, time, rate), second
+    parts = table.restarts
+    if column is not None:
+        time, second, said = times_of(table, column, rate)
+        if time is not None:
+            rate = _checked_rate(table, time, rate)
+            for row in parts:
+                words = "the header stands again above it, and the clock goes on"
+                said.append(("mended", f"{table.where(row)}: {words}"))
+            return time, rate, second, tuple(said)
+    if parts:
+        msg = (
+            f"{table.where(parts[0])}: the header stands again above it, so the logger "
+            "was started again, and no clock says how long it stood still; split the "
+            "file there"
+        )
+        raise InputError(msg)
     if rate is None:
         why = "no time column and no rate given"
         if table.names is not None:
@@ -53,37 +73,68 @@ def read_clock(
             "time column `t` (--columns)"
         )
         raise InputError(msg)
-    return np.arange(len(table)) / rate, rate, 0.0
+    return np.arange(len(table)) / rate, rate, 0.0, ()
 
 
 def times_of(
     table: Table, column: Column, rate: float | None
-) -> tuple[Float[Array, " n"] | None, float]:
-    """Times in seconds, and the unit of the clock.
+) -> tuple[Float[Array, " n"] | None, float, list[tuple[str, str]]]:
+    """Times in seconds, the unit of the clock, and what was done to it.
 
     None for a clock in words where the caller states the rate.
     """
     if not table.is_text(column.place):
-        time = table.numbers([column.place])[:, 0]
-        require_finite(table, time[:, None])
-        second = _second(table, column, time, rate)
-        return np.asarray(time * second), second
+        places = [column.place] if column.fine is None else [column.place, column.fine]
+        ticks = np.array(table.numbers(places))
+        require_finite(table, ticks)
+        whole, fine = ticks[:, 0], ticks[:, -1]
+        if len(places) == 2 and np.all(
+            (whole == np.floor(whole)) & (fine >= 0.0) & (fine < 1e9)
+        ):
+            return np.asarray(whole - whole[0] + 1e-9 * fine), 1.0, []
+        second = _second(table, column, whole, rate)
+        fallen = np.diff(whole, prepend=whole[:1])
+        wraps = (fallen < 0.0) & ((fallen + WRAP) * second <= GAP)
+        wraps &= (fallen > -WRAP) & (whole >= 0.0) & (np.max(whole) < WRAP)
+        time = np.asarray((whole + WRAP * np.cumsum(wraps)) * second)
+        words = "the counter of 32 bits begins again here, and the clock is continued"
+        return time, second, _said(table, wraps, words)
     texts = table.texts(column.place)
-    if all(_ISO.fullmatch(text) for text in texts):
+    dates = [_ISO.fullmatch(text) for text in texts]
+    days = [_OF_DAY.fullmatch(text) for text in texts]
+    if all(dates):
         try:
-            dates = np.array([text.rstrip("Z") for text in texts], "datetime64[ns]")
+            stamps = np.array([date[1] for date in dates if date], "datetime64[ns]")
         except ValueError:
-            dates = np.array(["NaT"], "datetime64[ns]")
-        if not np.isnat(dates).any():
-            return np.asarray((dates - dates[0]) / np.timedelta64(1, "s")), 1.0
+            stamps = np.array(["NaT"], "datetime64[ns]")
+        zones = {date[2] for date in dates if date}
+        if not np.isnat(stamps).any() and len(zones) == 1:
+            return np.asarray((stamps - stamps[0]) / np.timedelta64(1, "s")), 1.0, []
+    elif all(days):
+        parts = np.array(
+            [[float(part) for part in day.groups()] for day in days if day]
+        )
+        time = parts @ [3600.0, 60.0, 1.0]
+        midnights = np.diff(time, prepend=time[:1]) < GAP - DAY
+        words = "midnight, and the clock is continued"
+        said = _said(table, midnights, words)
+        return np.asarray(time + DAY * np.cumsum(midnights)), 1.0, said
     if rate is not None:
-        return None, 0.0
+        return None, 0.0, []
     msg = (
         f"{table.where(0)}, column {column.place + 1}: {texts[0][:40]!r} is not a time "
         "in numbers, nor a date like 2024-01-31 12:00:00.25 in each row; leave the "
         "column out (--columns, with - for it) and state the rate (--rate HZ)"
     )
     raise InputError(msg)
+
+
+def _said(
+    table: Table, where: Bool[np.ndarray, " n"], words: str
+) -> list[tuple[str, str]]:
+    return [
+        ("mended", f"{table.where(int(k))}: {words}") for k in np.flatnonzero(where)
+    ]
 
 
 def require_finite(table: Table, values: Float[Array, "n k"]) -> None:
@@ -141,6 +192,7 @@ def _unknown_unit(table: Table, column: Column, step: float) -> str:
 
 def _checked_rate(table: Table, time: Float[Array, " n"], rate: float | None) -> float:
     # rate from the times, Hz; they must increase without a gap
+    restarts = table.restarts
     if len(time) < 2:
         msg = f"{table.path} has one row; a log needs many more to show a rest"
         raise InputError(msg)
@@ -148,8 +200,9 @@ def _checked_rate(table: Table, time: Float[Array, " n"], rate: float | None) ->
     if not np.all(step > 0.0):
         row = int(np.argmax(~(step > 0.0))) + 1
         msg = (
-            f"{table.where(row)}: time {time[row]:.6f} s after {time[row - 1]:.6f} s; "
-            "times must increase, so sort the log or cut it where the clock restarts; "
+            f"{table.where(row)}: time {time[row]:.6f} s after {time[row - 1]:.6f} s"
+            f"{', and the header stands again above it' * (row in restarts)}; times "
+            "must increase, so sort the log or cut it where the clock restarts; "
             "if the clock is too coarse for its rows, mark its column - (--columns) "
             "and state the rate (--rate HZ)"
         )

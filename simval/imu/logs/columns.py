@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 from simval.errors import InputError
-from simval.imu.logs.names import SECONDS, Channel, Kind, channel
+from simval.imu.logs.names import SECONDS, Channel, Kind, channel, instance
 from simval.imu.logs.readers import Table
 
 TEMPERATURE = "temp"
@@ -21,6 +21,8 @@ _OTHER_FILES = re.compile(
     r"gyr|mag|gravity|linear|user|orient|euler|rotation|quat", re.I
 )
 _FREE = ("bare", "force", "temperature", "other")  # kinds that may be misnamed
+PX4 = frozenset({"timestamp_sample", "gyro_rad[0]", "accelerometer_m_s2[0]"})
+"""Names of PX4's logs, whose ``timestamp`` is in microseconds since boot."""
 _SHOWN = 12  # names of a header that a message lists
 WIDEST = 60  # columns for which a message writes a whole `--columns`
 
@@ -40,30 +42,39 @@ class Column:
     unit : str
         Of a clock, ``s``, ``ms``, ``us``, ``ns``, or of a temperature; empty where
         nothing says it.
+    fine : int or None
+        Of a clock in whole seconds, the place of the nanoseconds beside it.
     """
 
     role: str
     place: int
     name: str = ""
     unit: str = ""
+    fine: int | None = None
 
     def __str__(self) -> str:
         named = f" {self.name!r}" if self.name else ""
-        return f"{self.role} = column {self.place + 1}{named}"
+        beside = "" if self.fine is None else f" and {self.fine + 1}"
+        return f"{self.role} = column {self.place + 1}{beside}{named}"
 
 
-def chosen(table: Table, columns: str | Sequence[str] | None) -> tuple[Column, ...]:
-    """Choose the columns of a log.
+def chosen(
+    table: Table, columns: str | Sequence[str] | None, sensor: str | None = None
+) -> tuple[Column, ...]:
+    """Choose the columns of a log, where it has several sensors those of one.
 
     Raises
     ------
     InputError
         If the names do not fit, or nothing says which columns are the accelerometer's.
     """
+    if sensor is not None and (columns is not None or table.names is None):
+        msg = f"{table.path} has one sensor without a name, so leave out --instance"
+        raise InputError(msg)
     if columns is not None:
         return _given(table, columns)
     if table.names is not None:
-        return _by_header(table, table.names)
+        return _by_header(table, table.names, sensor)
     if table.width in LAYOUTS:
         roles = LAYOUTS[table.width]
         return tuple(Column(role=role, place=k) for k, role in enumerate(roles))
@@ -127,32 +138,58 @@ def _unit(match: re.Match[str]) -> str:
     return unit
 
 
-def _by_header(table: Table, names: tuple[str, ...]) -> tuple[Column, ...]:
+def _by_header(
+    table: Table, names: tuple[str, ...], sensor: str | None
+) -> tuple[Column, ...]:
     channels = [channel(name) for name in names]
-    force = _force(table, names, channels)
+    force = _force(table, names, channels, sensor)
     places = dict(zip(NAMES[1:4], force, strict=True))
     for kind, roles in KINDS.items():
-        sensors = triples(channels, kind)
-        if len(sensors) == 1:
-            places |= zip(roles, sensors[0], strict=True)
-    clock = _clock(table, channels)
-    if clock is not None:
-        places = {"t": clock} | places
+        own = _beside(channels, force, kind)
+        if len(own) == 1:
+            places |= zip(roles, own[0], strict=True)
     warm = _temperatures(channels)
     if len(warm) == 1:
         places[TEMPERATURE] = warm[0]
-    return tuple(
+    picked = [
         Column(
             role=role,
             place=place,
             name=names[place],
-            unit=channels[place].unit if role in ("t", TEMPERATURE) else "",
+            unit=channels[place].unit if role == TEMPERATURE else "",
         )
         for role, place in places.items()
-    )
+    ]
+    clock = clock_of(table)
+    return tuple(picked if clock is None else [clock, *picked])
 
 
-def several(table: Table) -> tuple[str, ...]:
+def sensors_of(channels: list[Channel]) -> dict[str, Triple]:
+    """Accelerometers of a header, each by the word that tells it from the others."""
+    found = [(channels[xyz[0]].stem, xyz) for xyz in triples(channels, "force")]
+    words = [instance(stem) for stem, _ in found]
+    return {
+        word if word and words.count(word) == 1 else "_".join(stem.split()): xyz
+        for word, (stem, xyz) in zip(words, found, strict=True)
+    }
+
+
+def _beside(channels: list[Channel], force: Triple, kind: Kind) -> list[Triple]:
+    # sensors of a kind that may belong to an accelerometer: where there are several,
+    # those whose columns have its word, and never one with the word of another
+    own = instance(channels[force[0]].stem)
+    others = {
+        instance(channels[xyz[0]].stem)
+        for xyz in triples(channels, "force")
+        if xyz != force
+    }
+    found = {xyz: instance(channels[xyz[0]].stem) for xyz in triples(channels, kind)}
+    free = [xyz for xyz, word in found.items() if word == own or word not in others]
+    same = [xyz for xyz in free if found[xyz] == own]
+    return same if len(same) == 1 else free
+
+
+def several(table: Table, picked: Sequence[Column]) -> tuple[str, ...]:
     """Say which sensors a header names of which none is taken, and why."""
     if table.names is None:
         return ()
@@ -165,9 +202,10 @@ def several(table: Table) -> tuple[str, ...]:
             for column, each in zip(table.names, channels, strict=True)
             if each.kind == kind and each.axis
         ]
-        if count == 1 or not own:
+        if any(each.role == roles[0] for each in picked) or not own:
             continue
-        why = f"{count} {name}s are named and none is taken"
+        are = "is" if count == 1 else "are"
+        why = f"{count} {name}{'s' * (count > 1)} {are} named and none is taken"
         if not count:
             why = f"the {name} has not x, y and z once each ({', '.join(own[:_SHOWN])})"
         said.append(f"{why}; choose one by --columns with {', '.join(roles)}")
@@ -201,19 +239,71 @@ def triples(channels: list[Channel], kind: Kind) -> list[Triple]:
     return whole
 
 
-def _clock(table: Table, channels: list[Channel]) -> int | None:
-    # numbers before text, a plain name before a longer one, a unit before none
+def clock_of(table: Table) -> Column | None:
+    """Return the clock that a header names.
+
+    Numbers come before text, a plain name before a longer one, the accelerometer's
+    before another sensor's, a unit before none.
+    """
+    names = table.names or ()
+    channels = [channel(name) for name in names]
     clocks = [
-        (table.is_text(place), not each.plain, not each.unit, place)
+        (
+            table.is_text(place),
+            not each.plain,
+            "acc" not in each.stem,
+            not each.unit,
+            place,
+        )
         for place, each in enumerate(channels)
         if each.kind == "time"
     ]
-    return min(clocks)[-1] if clocks else None
+    if not clocks:
+        return None
+    place = min(clocks)[-1]
+    unit = channels[place].unit or ("us" if PX4.intersection(names) else "")
+    return Column(
+        role="t",
+        place=place,
+        name=names[place],
+        unit=unit,
+        fine=_nanoseconds(channels, channels[place]),
+    )
 
 
-def _force(table: Table, names: tuple[str, ...], channels: list[Channel]) -> Triple:
+def _nanoseconds(channels: list[Channel], clock: Channel) -> int | None:
+    # the column beside one of whole seconds whose name differs in the unit alone
+    if SECONDS.get(clock.unit) != 1.0 or not clock.stem.endswith(clock.unit):
+        return None
+    stem = clock.stem.removesuffix(clock.unit)
+    fine = (
+        place
+        for place, each in enumerate(channels)
+        if each.kind == "time" and SECONDS.get(each.unit) == 1e-9
+        if each.stem.removesuffix(each.unit) == stem != each.stem
+    )
+    return next(fine, None)
+
+
+def _force(
+    table: Table,
+    names: tuple[str, ...],
+    channels: list[Channel],
+    sensor: str | None,
+) -> Triple:
     # the one accelerometer that the header names
-    sensors = triples(channels, "force")
+    named = sensors_of(channels)
+    sensors = list(named.values())
+    if sensor is not None:
+        match = [xyz for word, xyz in named.items() if word == sensor.lower()]
+        if match:
+            return match[0]
+        have = f"it has {', '.join(named)}" if len(named) > 1 else "it has one sensor"
+        msg = (
+            f"{table.path}: no accelerometer {sensor!r} is in its header; {have}, so "
+            "give its name, or leave out --instance"
+        )
+        raise InputError(msg)
     stems = [channels[triple[0]].stem for triple in sensors]
     if "gf" in stems:  # a phone's g-force; beside it a plain ax is free of gravity
         sensors = [xyz for xyz, stem in zip(sensors, stems, strict=True) if stem != "a"]
@@ -227,7 +317,11 @@ def _force(table: Table, names: tuple[str, ...], channels: list[Channel]) -> Tri
     if len(sensors) == 1:
         return sensors[0]
     if len(sensors) > 1:
-        why = f"{len(sensors)} accelerometers are named, and one is to be calibrated"
+        options = " or ".join(f"--instance {word}" for word in named)
+        why = (
+            f"{len(sensors)} accelerometers are named, and one is to be calibrated: "
+            f"give {options}"
+        )
         raise _question(table, names, channels, why, sensors)
     return _bare(table, names, channels)
 
@@ -269,9 +363,9 @@ def _question(
     why: str,
     candidates: list[Triple],
 ) -> InputError:
-    clock = _clock(table, channels)
-    start = {} if clock is None else {clock: "t"}
-    numbers = [k for k in range(table.width) if k != clock and not table.is_text(k)]
+    clock = clock_of(table)
+    start = {} if clock is None else {clock.place: "t"}
+    numbers = [k for k in range(table.width) if k not in start and not table.is_text(k)]
     free = [k for k in numbers if channels[k].kind in _FREE]
     form = "one of" if len(candidates) > 1 else "for example"
     if not candidates and len(free) < 3:  # all are known, as something else

@@ -19,6 +19,7 @@ from simval.imu.logs.columns import (
 )
 from simval.imu.logs.readers import Table, read_table
 from simval.imu.logs.temperature import read_temperature
+from simval.imu.logs.text import TextTable
 from simval.shapes import Float
 
 
@@ -169,8 +170,12 @@ def read_log(
     if rate is not None:
         rate = positive_number("rate", rate, "Hz")
     table = read_table(str(path), instance)
-    picked = chosen(table, columns)
-    unclear = several(table) if columns is None else ()
+    named = any(label == "instance" for label, _ in table.source)
+    picked = chosen(table, columns, None if named else instance)
+    clock = next((each for each in picked if each.role == "t"), None)
+    if clock is not None and isinstance(table, TextTable):
+        table = table.distinct(clock.place)
+    unclear = several(table, picked) if columns is None else ()
     temperature, picked, why = _temperature(table, picked, columns is not None)
     unclear += why
     try:
@@ -186,8 +191,7 @@ def read_log(
         for name, own in SENSORS.items()
         if own[0] in rows
     }
-    clock = next((each for each in picked if each.role == "t"), None)
-    time, rate, second = read_clock(table, clock, rate)
+    time, rate, second, said = read_clock(table, clock, rate)
     return Log(
         path=str(path),
         time=time,
@@ -199,7 +203,7 @@ def read_log(
         second=second or 1.0,
         unclear=unclear,
         temperature=temperature,
-        source=table.source,
+        source=(*table.source, *said),
     )
 
 

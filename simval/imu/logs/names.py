@@ -39,6 +39,7 @@ _LETTERS: dict[str, Kind] = {
 _WITHOUT_GRAVITY = _listed(
     "linear lin linacc linaccel user free dynamic gravity grav nograv"
 )
+_WORDLESS = _listed("linear velocity vel rate field raw sensor data value axis rs s")
 _OTHER = _listed(
     "cov covariance covar std sd stddev var variance bias offset drift err error sum "
     "norm abs absolute magnitude mean avg rms quat quaternion q orientation ori euler "
@@ -62,7 +63,7 @@ _SECONDS = {
     1.0: "s sec secs second seconds",
     1e-3: "ms msec msecs msecond millisecond milliseconds milli millis",
     1e-6: "us usec usecs μs μsec microsecond microseconds micro micros",
-    1e-9: "ns nsec nsecs nanosecond nanoseconds nano nanos",
+    1e-9: "ns nsec nsecs nanosec nanosecs nanosecond nanoseconds nano nanos",
     60.0: "min mins minute minutes",
     3600.0: "h hr hrs hour hours",
 }
@@ -96,6 +97,10 @@ _FUSED = re.compile(
     r"(?P<number>\d*)(?P<axis>[xyz])(?P<behind>\d*)"
     r"|(?P<axis2>[xyz])(?P<word2>acce?l?|gyro?|magn?)"
 )
+_SENSOR_WORDS = "|".join(
+    sorted((w for words in _WORDS.values() for w in words), key=len, reverse=True)
+)
+_NUMBERED = re.compile(rf"^({_SENSOR_WORDS})(\d+)$")  # acc2 of acc2_x
 _BRACKETS = re.compile(r"[\[({]([^\[\](){}]*)[\])}]")
 _CAPITALS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 _ROS = re.compile(r"(^|[./])linear_acceleration[./][xyz]$")
@@ -113,6 +118,13 @@ class Channel:
     # the name without axis and unit: equal for the three axes of one sensor
     stem: str = ""
     plain: bool = False  # of a clock: whether the name has no further word
+
+
+def instance(stem: str) -> str:
+    """Words of a sensor's columns that name no quantity: ``imu0`` of ``imu0_gyro_``."""
+    words = re.split(r"[^a-z0-9μ°]+", stem.lower())
+    quantities = _WORDLESS.union(_LETTERS, *_WORDS.values())
+    return "_".join(word for word in words if word and word not in quantities)
 
 
 def is_known(name: str) -> bool:
@@ -139,6 +151,7 @@ def channel(name: str) -> Channel:
     units = [_compact(text) for text in inside if text != index]
     base = _CAPITALS.sub("_", _BRACKETS.sub(" ", name).replace("gF", "gf"))
     words = [word for word in re.split(r"[^a-z0-9μ°]+", base.lower()) if word]
+    words = [part for word in words for part in _NUMBERED.sub(r"\1 \2", word).split()]
     axis, words, tail = _axis(words)
     if not axis and index:
         axis = index

@@ -92,13 +92,11 @@ def one_of(path: str, found: Table | Candidates, instance: str | None) -> Table:
     Raises
     ------
     InputError
-        If there are several and none is named, or none has that name.
+        If there are several and none is named, or none has that name. A table may have
+        the columns of several: there the name is one of those that its header says.
     """
     if not isinstance(found, Mapping):
-        if instance is None:
-            return found
-        msg = f"{path} has one sensor without a name, so leave out --instance"
-        raise InputError(msg)
+        return found
     name = next(iter(found)) if instance is None and len(found) == 1 else instance
     if name is None or name not in found:
         listed = ", ".join(list(found)[:_SHOWN])

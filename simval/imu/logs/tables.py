@@ -14,6 +14,7 @@ class ArrayTable:
     names: tuple[str, ...] | None  # name of each column
     values: Float[Array, "n columns"]  # (n, columns)
     source: tuple[tuple[str, str], ...] = ()  # label and words: what was taken
+    restarts: tuple[int, ...] = ()  # none: its rows are of one recording
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", frozen(self.values))

@@ -8,19 +8,29 @@ import csv
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
 from simval.arrays import Array
 from simval.errors import InputError
+from simval.imu.logs.captures import (
+    ECHOED,
+    LOST,
+    Line,
+    arrivals,
+    is_echo,
+    sampled,
+    unlabelled,
+)
 from simval.imu.logs.names import channel, is_known, is_unit
 from simval.imu.logs.source import Source
 from simval.shapes import Float
 
-SAMPLE = 64  # lines, spread over the file, by which the dialect is judged
-_PLAIN_CONTROLS = "\t\n\r\f\v\x1a"  # the last ends a file of DOS
+_PLAIN_CONTROLS = "\t\n\r\f\v\x1a\0"  # the last but one ends a file of DOS
+_PADDING = re.compile("\0+")
+Said = tuple[tuple[str, str], ...]
 
 
 def sniff(source: Source) -> bool:
@@ -28,11 +38,12 @@ def sniff(source: Source) -> bool:
     return True
 
 
-def decoded(path: str, content: bytes) -> str:
+def decoded(path: str, content: bytes) -> tuple[str, Said]:
     """Text in UTF-8, UTF-16 with its mark, or Windows-1252 (which holds Latin-1).
 
     Compatibility characters become plain ones (NFKC): a superscript 2 is a 2, and the
-    two Greek mu are one.
+    two Greek mu are one. NULs, with which a card pads its blocks, are taken out with
+    the row that they cut, and that is said.
 
     Raises
     ------
@@ -45,12 +56,19 @@ def decoded(path: str, content: bytes) -> str:
             text = content.decode(encoding)
         except UnicodeDecodeError:
             continue
-        if all(c in _PLAIN_CONTROLS or ord(c) >= 32 for c in set(text)):
-            text = text.rstrip("\x1a")
-            if text.isascii():
-                return text
-            plain = unicodedata.normalize("NFKC", text)
-            return plain.replace("\N{MINUS SIGN}", "-")
+        pieces = _PADDING.split(text)
+        padded = len(pieces) <= text.count("\n") + 2  # else each character has one
+        if padded and all(c in _PLAIN_CONTROLS or ord(c) >= 32 for c in set(text)):
+            whole = [piece[: piece.rfind("\n") + 1] for piece in pieces[:-1]]
+            cut = sum(map(len, pieces[:-1])) - sum(map(len, whole))
+            nul = len(text) - sum(map(len, pieces))
+            rows = " and the row that they cut" if cut else ""
+            said = (("mended", f"{nul} NULs of padding{rows} are left out"),)
+            text = "".join([*whole, pieces[-1]]).rstrip("\x1a")
+            if not text.isascii():
+                text = unicodedata.normalize("NFKC", text)
+                text = text.replace("\N{MINUS SIGN}", "-")
+            return text, said if nul else ()
     msg = f"{path} is not a text file; export the log as rows of numbers"
     raise InputError(msg)
 
@@ -98,10 +116,9 @@ DIALECTS = (
 )
 
 
-def dialect_of(lines: Sequence[str]) -> Dialect:
+def dialect_of(lines: list[Line]) -> Dialect:
     """Return the dialect that reads the greatest share of the fields as numbers."""
-    picked = np.unique(np.linspace(0, len(lines) - 1, SAMPLE).astype(int))
-    sample = [lines[k] for k in picked]
+    sample = [line for _, line in sampled(lines)]
     best = max(
         DIALECTS, key=lambda each: np.mean([np.mean(each.numbers(s)) for s in sample])
     )
@@ -111,7 +128,6 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
     return Dialect(best.mark, best.comma, width)
 
 
-Line = tuple[int, str]
 # white space outside of brackets, which hold a unit: a whole file in one line is quick
 _BLANK = re.compile(r"\s+(?![^\[(\])]{0,80}[\])])")
 
@@ -210,7 +226,9 @@ class TextTable:
     names: tuple[str, ...] | None  # its header
     dialect: Dialect  # how its fields are written
     lines: list[Line]  # line number, from 1, and text of each row
-    source: tuple[tuple[str, str], ...] = ()  # label and words: what was taken
+    source: Said = ()  # label and words: what was taken
+    # rows from which on a header that stands again parts the log from what is above
+    restarts: tuple[int, ...] = ()
 
     @property
     def width(self) -> int:
@@ -265,6 +283,20 @@ class TextTable:
         """Return one column as it is written."""
         return [self.dialect.fields(line)[place] for _, line in self.lines]
 
+    def distinct(self, place: int) -> "TextTable":
+        """Table without rows that stand twice, where only these repeat its clock."""
+        lines = [line for _, line in self.lines]
+        twice = [a == b for a, b in pairwise(["", *lines])]
+        if not any(twice) or self.restarts:
+            return self
+        kept = [row for row, again in zip(self.lines, twice, strict=True) if not again]
+        once = replace(self, lines=kept)
+        if any(a == b for a, b in pairwise(once.texts(place))):
+            return self
+        words = f"{sum(twice)} rows that stand twice, the first in line "
+        words += f"{self.lines[twice.index(True)][0]}, are taken once"
+        return replace(once, source=(*self.source, ("mended", words)))
+
     def where(self, row: int) -> str:
         """Say where a row stands in the file."""
         return f"{self.path}, line {self.lines[row][0]}"
@@ -286,14 +318,15 @@ def read(source: Source) -> TextTable:
     if source.is_folder:
         msg = f"cannot read {path}: it is a folder without a log; give the log's file"
         raise InputError(msg)
+    text, said = decoded(path, source.content)
     every = [
         (number, line)
-        for number, line in enumerate(
-            decoded(path, source.content).splitlines(), start=1
-        )
+        for number, line in enumerate(text.splitlines(), start=1)
         if line and not line.isspace()
     ]
-    lines = [entry for entry in every if not entry[1].lstrip().startswith(COMMENTS)]
+    every, times = arrivals(every)
+    every, labels = unlabelled(every)
+    lines = [entry for entry in every if not _is_remark(entry[1])]
     if not lines:
         msg = f"{path} is empty: it has no row of numbers; record or export it again"
         raise InputError(msg)
@@ -304,17 +337,141 @@ def read(source: Source) -> TextTable:
             f"at most {MOST_LINE:,}, so export it as rows"
         )
         raise InputError(msg)
-    dialect = dialect_of([line for _, line in lines])
+    dialect = dialect_of(lines)
     first = _first_row(dialect, lines)
     if first is None:
         msg = _no_row(path, lines)
         raise InputError(msg)
     above = [entry for entry in every if entry[0] < lines[first][0]]
     names, rest = header_of(path, dialect, above, COMMENTS)
-    rows = lines[first:]
-    _require_preamble(path, dialect, rest, rows)
-    _require_width(path, dialect, rows)
-    return TextTable(path=path, names=names, dialect=dialect, lines=rows)
+    if labels is None and names is None and is_echo(dialect.fields(lines[first][1])):
+        labels = ECHOED
+    body = _Body(path, dialect, names or labels, list(said))
+    body.take(above, [entry for entry in every if entry[0] >= lines[first][0]])
+    if names is None and labels is None:
+        body.find_header()
+    body.end(whole=text.endswith(("\n", "\r")))
+    _require_preamble(path, dialect, body.begun(rest), body.rows)
+    _require_width(path, dialect, body.rows)
+    return body.table(times)
+
+
+def _is_remark(line: str) -> bool:
+    return line.lstrip().startswith(COMMENTS)
+
+
+@dataclass(slots=True)
+class _Body:
+    """Rows of a text, without what is not one of them; what was left out is said."""
+
+    path: str
+    dialect: Dialect
+    names: tuple[str, ...] | None
+    said: list[tuple[str, str]]
+    rows: list[Line] = field(default_factory=list)
+    restarts: list[int] = field(default_factory=list)
+
+    def take(self, above: list[Line], below: list[Line]) -> None:
+        """Take the rows; a line from above them that stands again begins a part."""
+        heads = {
+            line
+            for _, line in above
+            if not _is_remark(line) or is_names(header_names(line.lstrip("#%/ ")))
+        }
+        lost = 0
+        for number, line in below:
+            if line in heads:
+                if self.rows and len(self.rows) not in self.restarts:
+                    self._leave_out_cut("before the header")
+                    self.restarts.append(len(self.rows))
+            elif self.names == ECHOED and line.lstrip().startswith(LOST):
+                lost += line.startswith(LOST[0])
+            elif not _is_remark(line):
+                self.rows.append((number, line))
+        if lost:
+            self.said.append(("mended", f"ros2 topic echo lost {lost} messages"))
+
+    def find_header(self) -> None:
+        """Leave out a few rows above a header that stands below them.
+
+        Raises
+        ------
+        InputError
+            If they are more than a tenth of those below.
+        """
+        for k, (number, line) in enumerate(self.rows):
+            if self.dialect.is_number(line.rsplit(self.dialect.mark, 1)[-1]):
+                continue
+            fields = self.dialect.fields(line)
+            if not is_names(fields):
+                continue
+            below = self.rows[k + 1 :]
+            if 10 * k > len(below) or len(fields) != self.dialect.width:
+                msg = (
+                    f"{self.path}, line {number}: a header below {k} rows and above "
+                    f"{len(below)}; split the file there, or delete that line where "
+                    "the rows above and below are of one log"
+                )
+                raise InputError(msg)
+            self.rows, self.names = below, tuple(fields)
+            words = f"{k} rows above the header in line {number} are left out"
+            self.said.append(("mended", words))
+            return
+
+    def begun(self, above: list[Line]) -> list[Line]:
+        """Lines above the rows, without a piece of a row in the first line."""
+        if above and above[0][0] == 1:
+            numbers = self.dialect.numbers(above[0][1])
+            if len(numbers) < self.dialect.width and all(numbers):
+                words = "line 1, a piece of a row, is left out"
+                self.said.append(("mended", words))
+                return above[1:]
+        return above
+
+    def end(self, *, whole: bool) -> None:
+        """Leave out a last row that is cut off."""
+        self._leave_out_cut("at the end")
+        if whole or len(self.rows) < 20:
+            return
+        *others, last = (line for _, line in self.rows)
+        texts = [line.rsplit(self.dialect.mark, 1)[-1].strip() for line in others]
+        text = last.rsplit(self.dialect.mark, 1)[-1].strip()
+        number = self.dialect.is_number
+        cut = number(texts[-1]) and not number(text)
+        if cut or len(text) < min(map(len, texts)):
+            self._leave_out("at the end, without an end of line")
+
+    def _leave_out_cut(self, where: str) -> None:
+        if len(self.rows) > 2 and _count(self.dialect, self.rows[-1][1]) < _count(
+            self.dialect, self.rows[-2][1]
+        ):
+            self._leave_out(where)
+
+    def _leave_out(self, where: str) -> None:
+        number, line = self.rows.pop()
+        words = f"line {number} {where}, {line[:20]!r}, is cut off and left out"
+        self.said.append(("mended", words))
+
+    def table(self, times: dict[int, str]) -> TextTable:
+        """Return the table, with times of day before its rows where they have some."""
+        rows, names, dialect = self.rows, self.names, self.dialect
+        timed = all(number in times for number, _ in rows)
+        if times and timed and (names is not None or dialect.width in (3, 6)):
+            mark = " " if dialect.mark is None else dialect.mark
+            rows = [(number, f"{times[number]}{mark}{line}") for number, line in rows]
+            dialect = replace(dialect, width=dialect.width + 1)
+            names = None if names is None else ("time of arrival", *names)
+        elif times and not timed:
+            words = "not each line has a time of day, and none is taken"
+            self.said.append(("left out", words))
+        return TextTable(
+            path=self.path,
+            names=names,
+            dialect=dialect,
+            lines=rows,
+            source=tuple(self.said),
+            restarts=tuple(self.restarts),
+        )
 
 
 def _first_row(dialect: Dialect, lines: list[Line]) -> int | None:
@@ -354,12 +511,16 @@ def _require_preamble(
             raise InputError(msg)
 
 
-def _require_width(path: str, dialect: Dialect, rows: list[Line]) -> None:
+def _count(dialect: Dialect, line: str) -> int:
+    if '"' in line:
+        return len(dialect.fields(line))
     mark = dialect.mark
+    return len(line.split()) if mark is None else line.count(mark) + 1
+
+
+def _require_width(path: str, dialect: Dialect, rows: list[Line]) -> None:
     for number, line in rows:
-        count = len(line.split()) if mark is None else line.count(mark) + 1
-        if '"' in line:
-            count = len(dialect.fields(line))
+        count = _count(dialect, line)
         if count != dialect.width:
             msg = (
                 f"{path}, line {number}: {count} columns, but the first row has "

@@ -16,8 +16,8 @@ import numpy as np
 from simval.arrays import Array, frozen, positive_number
 from simval.errors import InputError
 from simval.imu.logs.clock import times_of
-from simval.imu.logs.columns import Column
-from simval.imu.logs.names import SECONDS, channel
+from simval.imu.logs.columns import Column, clock_of
+from simval.imu.logs.names import SECONDS
 from simval.imu.logs.readers import Table, read_table
 from simval.shapes import Float
 
@@ -26,7 +26,7 @@ UNIT: Final = 1e-2
 """Length of a quaternion beyond 1 that rounding to two digits does not leave."""
 LEAST: Final = 50  # rows with an attitude; fewer show no motion
 _COMPONENT = re.compile(r"(?P<stem>.*?)(?P<which>[wsxyz]|[0-4])", re.I)
-_NAMED = re.compile(r"(^|[^a-z])q$|quat|orient|attitude", re.I)
+_NAMED = re.compile(r"(^|[^a-z])q(_RS)?$|quat|orient|attitude", re.I)
 _ORDERS: Final = ("wxyz", "sxyz", "0123", "1234")
 _MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 _GIVEN = re.compile(r"(t|-|q[xyzws0123])(?:\[([^\]]+)\])?")
@@ -158,13 +158,7 @@ def _by_names(table: Table, stem: str) -> tuple[list[int], Scalar, Column | None
         or (not stem and _NAMED.search(each[0].rstrip("_.- ")))
     ]
     if len(wanted) == 1:
-        named = [(k, name, channel(name)) for k, name in enumerate(table.names or ())]
-        clocks = [
-            Column(role="t", place=place, name=name, unit=each.unit)
-            for place, name, each in named
-            if each.kind == "time"
-        ]
-        return *wanted[0][1:], next(iter(clocks), None)
+        return *wanted[0][1:], clock_of(table)
     listed = ", ".join(each[0].rstrip("_.- ") or "(no name)" for each in groups)
     have = f"it has {listed}" if groups else "it names no four columns of a quaternion"
     asked = f"the quaternion {stem!r}" if stem else "one quaternion"
