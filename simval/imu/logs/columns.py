@@ -23,6 +23,7 @@ _OTHER_FILES = re.compile(
 _FREE = ("bare", "force", "temperature", "other")  # kinds that may be misnamed
 PX4 = frozenset({"timestamp_sample", "gyro_rad[0]", "accelerometer_m_s2[0]"})
 """Names of PX4's logs, whose ``timestamp`` is in microseconds since boot."""
+_APPLE = re.compile(r"accelerometerAcceleration[XYZ]\(G\)")  # of SensorLog, iOS only
 _SHOWN = 12  # names of a header that a message lists
 WIDEST = 60  # columns for which a message writes a whole `--columns`
 
@@ -237,6 +238,17 @@ def triples(channels: list[Channel], kind: Kind) -> list[Triple]:
             x, y, z = (axes[axis][0] for axis in order)
             whole.append((x, y, z))
     return whole
+
+
+def sign_of(picked: Sequence[Column]) -> tuple[tuple[str, str], ...]:
+    """Say where a phone's accelerometer reads minus the specific force."""
+    if not any(_APPLE.match(each.name) for each in picked):
+        return ()
+    words = (
+        "as of an iPhone, minus the specific force: at rest it points down, also after "
+        "a calibration (https://developer.apple.com/documentation/coremotion)"
+    )
+    return (("sign", words),)
 
 
 def clock_of(table: Table) -> Column | None:

@@ -16,6 +16,7 @@ from simval.imu.logs.columns import (
     Column,
     chosen,
     several,
+    sign_of,
 )
 from simval.imu.logs.readers import Table, read_table
 from simval.imu.logs.temperature import read_temperature
@@ -203,7 +204,7 @@ def read_log(
         second=second or 1.0,
         unclear=unclear,
         temperature=temperature,
-        source=(*table.source, *said),
+        source=(*table.source, *sign_of(picked), *said),
     )
 
 
