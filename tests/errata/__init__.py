@@ -7,5 +7,6 @@ import errata.estimator
 import errata.singular
 import errata.errors
 import errata.moments
+import errata.theorem
 import errata.terms
 import errata.tables
