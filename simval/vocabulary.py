@@ -26,6 +26,9 @@ METHODS: Final = get_args(Method)
 RESIDUALS: Final = get_args(Residual)
 LOSSES: Final = get_args(Loss)
 """Forms of the nine parameters, solvers, what is minimised, and robust losses."""
+Target = Literal["px4", "ardupilot", "kalibr", "openvins", "ros"]
+TARGETS: Final = get_args(Target)
+"""Projects for which a calibration is written as parameters."""
 TruthWorld = Literal["NED", "ENU", "NWU", "estimated"]
 """Worlds that a recorded truth may have."""
 

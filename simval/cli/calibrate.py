@@ -23,8 +23,9 @@ from simval.cli.options import (
     declared,
     write,
 )
+from simval.cli.outputs import Output
 from simval.cli.terminal import say
-from simval.vocabulary import Loss, Method, Model, Residual
+from simval.vocabulary import TARGETS, Loss, Method, Model, Residual
 
 if TYPE_CHECKING:
     from simval.imu.logs import Log
@@ -71,7 +72,16 @@ def command(
     ] = None,
     out: Annotated[OutFile | None, "Write the calibration to this JSON file."] = None,
     page: Page = None,
-    kalibr: Annotated[OutFile | None, "Write Kalibr's imu.yaml to this file."] = None,
+    to: Annotated[
+        tuple[tuple[str, Path], ...],
+        "Write the calibration as parameters of a project to FILE: "
+        f"{', '.join(TARGETS)}. What the project cannot hold is said.",
+        dict(
+            type=(click.Choice(TARGETS), Output(dir_okay=False)),
+            multiple=True,
+            metavar="PROJECT FILE",
+        ),
+    ] = (),
     as_json: AsJson = False,
 ) -> None:
     """Calibrate the accelerometer of a LOG, and its gyroscope and magnetometer.
@@ -122,21 +132,32 @@ def command(
         written = as_object(whole) | sensors_object(whole, log) | log_object(log)
     if out is not None:
         write_json(out, written)
-    if kalibr is not None:
-        from simval.imu.multiposition.description import kalibr_yaml
-
-        write(kalibr, kalibr_yaml(log, whole))
+    notes = [
+        line for name, file in to for line in write_parameters(name, file, log, whole)
+    ]
     if page is not None:
         write_page(page, log, whole)
     if as_json:
         click.echo(json.dumps(written, allow_nan=False))
+        say(notes, err=True)
         return
-    say([*log.described(), *str(whole).splitlines()])
+    say([*log.described(), *str(whole).splitlines(), *notes])
 
 
 def listed(words: str) -> list[str]:
     """Names between commas; none for the word none."""
     return [] if words == "none" else [word.strip() for word in words.split(",")]
+
+
+def write_parameters(
+    name: str, path: Path, log: Log, whole: ImuCalibration
+) -> list[str]:
+    """Write the parameters of a project, and say what it cannot hold."""
+    from simval.imu.multiposition.parameters import parameters_of
+
+    text, notes = parameters_of(name, log, whole)
+    write(path, text)
+    return ["", *(f"{name:17s} {note}" for note in notes)]
 
 
 def write_page(path: Path, log: Log, whole: ImuCalibration) -> None:

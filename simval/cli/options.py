@@ -286,7 +286,11 @@ def _words(parameter: click.Parameter, value: Any) -> list[str]:
     title = max(parameter.opts, key=len)
     if getattr(parameter, "is_flag", False):
         return [title] if value else []
-    return [word for each in many for word in (title, _shown(each))]
+    return [
+        word
+        for each in many
+        for word in (title, *map(_shown, each if isinstance(each, tuple) else [each]))
+    ]
 
 
 def _shown(value: Any) -> str:

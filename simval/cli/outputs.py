@@ -51,7 +51,13 @@ def require_apart(command: click.Command, values: Mapping[str, Any]) -> None:
     outputs: list[tuple[str, Path]] = []
     inputs: list[str] = []
     for parameter in command.params:
-        given = list(_each(values.get(parameter.name or "")))
+        value = values.get(parameter.name or "")
+        kinds = getattr(parameter.type, "types", ())  # of what stands in each place
+        if kinds and isinstance(kinds[-1], Output):
+            option = max(parameter.opts, key=len)
+            outputs += [(option, Path(words[-1])) for words in value or ()]
+            continue
+        given = list(_each(value))
         if isinstance(parameter.type, Output):
             option = max(parameter.opts, key=len)
             outputs += [(option, Path(each)) for each in given]

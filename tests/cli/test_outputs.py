@@ -26,10 +26,15 @@ def parameters():
             yield command, parameter
 
 
+def kinds(parameter):
+    """Types of the words of an option; a file to write is the last."""
+    return getattr(parameter.type, "types", [parameter.type])
+
+
 OUTPUTS = [
     pytest.param(command, parameter, id=f"{command.name} {parameter.opts[-1]}")
     for command, parameter in parameters()
-    if isinstance(parameter.type, Output)
+    if isinstance(kinds(parameter)[-1], Output)
 ]
 
 
@@ -41,8 +46,8 @@ def test_each_option_that_writes_is_known():
             assert isinstance(parameter.type, Input | Output), where
         help_text = getattr(parameter, "help", None) or ""
         if WRITES.match(help_text) and not getattr(parameter, "is_flag", False):
-            assert isinstance(parameter.type, Output), where
-        if isinstance(parameter.type, Output):
+            assert isinstance(kinds(parameter)[-1], Output), where
+        if isinstance(kinds(parameter)[-1], Output):
             assert isinstance(command, Command), where
     assert len(OUTPUTS) >= 24
 
@@ -56,7 +61,8 @@ def words_of(command, option, value, run, log):
     words = [command.name]
     for parameter in command.params:
         if parameter is option:
-            words += [max(parameter.opts, key=len), str(value)]
+            choices = [str(kind.choices[0]) for kind in kinds(parameter)[:-1]]
+            words += [max(parameter.opts, key=len), *choices, str(value)]
         elif isinstance(parameter, click.Argument) and parameter.required:
             words.append(str(log if parameter.name == "path" else run))
         elif parameter.required:

@@ -1,0 +1,410 @@
+r"""A log's calibration as parameters of other projects: one table, and a writer each.
+
+With f and :math:`\omega` the corrected values and y the raw ones, the projects compute
+
+.. math::
+   \text{PX4, ArduPilot:}\quad & f = s\,(y - o), \quad \omega = y - o, \quad
+     m = S\,(y - o) \text{ with S symmetric}; \tag{X1} \\
+   \text{Kalibr:}\quad & y_a = M_a f + b_a, \quad
+     y_g = M_g C \omega + A\,C f + b_g; \tag{X2} \\
+   \text{OpenVINS:}\quad & f = T_a^{-1}(y_a - b_a), \quad
+     \omega = C^T T_w^{-1}(y_g - b_g - T_g f); \tag{X3} \\
+   \text{ROS's imu_calib:}\quad & f = S_M\,y - b. \tag{X4}
+
+ArduPilot's compass offset is minus o, in milligauss; PX4's is in gauss. :math:`M_a`,
+:math:`M_g`, :math:`T_a` and :math:`T_w` are lower triangular, so the accelerometer's
+form must be the triangular one; C turns its axes into the gyroscope's. Sources: PX4's
+``sensor_calibration/Accelerometer.hpp`` (011a413), ``Gyroscope.hpp`` (13db2eb) and
+``Magnetometer.cpp`` (033e9ce), ArduPilot's ``AP_InertialSensor_Backend.cpp`` (ee45378)
+and ``AP_Compass_Backend.cpp`` (2017268), Kalibr's ``IccSensors.py`` (7819a2c, its model
+``scale-misalignment``), OpenVINS's ``Propagator.cpp`` and ``rpng_sim`` (068490c, its
+model ``kalibr``), dpkoch/imu_calib's ``accel_calib.cpp`` (07b7433).
+
+**What a project cannot hold is said**, in its file and beside it, with its size. Of a
+matrix A from true to raw, the scales :math:`s_i = A_{ii}/\sum_j A_{ij}^2` leave the
+least mean square of an error over all directions; the greatest is the 2-norm of
+:math:`\mathrm{diag}(s) A - I`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import acos, degrees
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.errors import InputError, RefusedError
+from simval.imu.calibrate.estimate import KNOWN_UNITS, NEAR
+from simval.imu.logs import Log
+from simval.imu.multiposition.description import (
+    honest,
+    judgements,
+    message_covariances,
+)
+from simval.imu.multiposition.log_units import written_unit
+from simval.imu.multiposition.noise import log_noise
+from simval.imu.noise.model import largest
+from simval.imu.sensor import gyroscope_factors
+from simval.shapes import Float
+from simval.text import one_line
+from simval.units import OF_A_LOG
+
+ALIGNED: Final = 10.0  # degrees; mounted otherwise, axes are 90 or 45 degrees apart
+ONE: Final = 2.0  # ratio of scales within which a field is in the unit of its readings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Autopilot:
+    """Names, units and signs of an autopilot's parameters, eq. (X1)."""
+
+    line: str  # of a parameter: its name, its value
+    names: dict[str, str]  # by the first letter of a sensor and what is held; {} is X
+    scales: tuple[float, float]  # least and greatest that are documented
+    field: str  # unit of a magnetic field
+    sign: float  # of an offset of the magnetometer
+    turn: str  # turns a magnetometer after it is corrected; none where it does before
+    notes: dict[str, str]  # by sensor, what a user must know
+
+
+AUTOPILOTS: Final = {
+    "px4": Autopilot(
+        line="1\t1\t{}\t{}\t9",
+        names={
+            "a offset": "CAL_ACC0_{}OFF",
+            "a scale": "CAL_ACC0_{}SCALE",
+            "g offset": "CAL_GYRO0_{}OFF",
+            "m offset": "CAL_MAG0_{}OFF",
+            "m scale": "CAL_MAG0_{}SCALE",
+            "m off-diagonal": "CAL_MAG0_{}ODIAG",
+        },
+        scales=(0.1, 3.0),
+        field="gauss",
+        sign=1.0,
+        turn="CAL_MAG0_ROT",
+        notes={
+            "accelerometer": "CAL_ACC0_ID must be its id; the log's axes are taken for "
+            "the sensor's, before SENS_BOARD_ROT",
+            "gyroscope": "CAL_GYRO0_ID must be its id; axes as of the accelerometer",
+            "magnetometer": "CAL_MAG0_ID must be its id; the log's axes are taken for "
+            "the sensor's, before CAL_MAG0_ROT",
+        },
+    ),
+    "ardupilot": Autopilot(
+        line="{},{}",
+        names={
+            "a offset": "INS_ACCOFFS_{}",
+            "a scale": "INS_ACCSCAL_{}",
+            "g offset": "INS_GYROFFS_{}",
+            "m offset": "COMPASS_OFS_{}",
+            "m scale": "COMPASS_DIA_{}",
+            "m off-diagonal": "COMPASS_ODI_{}",
+        },
+        scales=(0.8, 1.2),
+        field="mgauss",
+        sign=-1.0,
+        turn="",
+        notes={
+            "accelerometer": "the log's axes are taken for the sensor's, before "
+            "AHRS_ORIENTATION",
+            "gyroscope": "its offsets are measured again at each start unless "
+            "INS_GYR_CAL is 0; axes as of the accelerometer",
+            "magnetometer": "COMPASS_SCALE must be 0 or 1; the log's axes are taken "
+            "for the body's, after COMPASS_ORIENT",
+        },
+    ),
+}
+
+
+@dataclass(slots=True)
+class _Sheet:
+    """Lines of a file in the making, and what it does not hold."""
+
+    name: str
+    lines: list[str]
+    notes: list[str]
+
+    def say(self, sensor: str, words: str) -> None:
+        self.notes.append(f"{sensor}: {words}")
+
+
+def _autopilot(sheet: _Sheet, log: Log, whole: Any) -> None:
+    pilot = AUTOPILOTS[sheet.name]
+    for sensor, part in (
+        ("accelerometer", _accelerometer),
+        ("gyroscope", _gyroscope),
+        ("magnetometer", _magnetometer),
+    ):
+        if getattr(whole, sensor) is None:
+            continue
+        size, raw = _size(log, sensor, whole), sensor == "magnetometer"
+        if size is None:
+            unit = pilot.field if raw else next(iter(OF_A_LOG[_COLUMNS[sensor]]))
+            sheet.say(
+                sensor,
+                "the unit of its readings is not known, so it is not in this file, "
+                f"which is for {unit}; state it in the header, as in ax [m/s^2]",
+            )
+            continue
+        _write(sheet, pilot, sensor, part(sheet, pilot, size, whole))
+    if not sheet.lines:
+        msg = f"nothing can be written for {sheet.name}: {'; '.join(sheet.notes)}"
+        raise RefusedError(msg)
+
+
+def _write(
+    sheet: _Sheet, pilot: Autopilot, sensor: str, values: dict[str, Array]
+) -> None:
+    least, most = pilot.scales
+    for what, three in values.items():
+        for axis, value in zip("XYZ", three, strict=True):
+            name = pilot.names[f"{sensor[0]} {what}"].format(axis)
+            sheet.lines.append(pilot.line.format(name, repr(float(value))))
+            if what == "scale" and not least <= value <= most:
+                words = f"{name} is {value:.4g}, the project documents {least:g} to "
+                sheet.say(sensor, f"{words}{most:g}")
+    if values:
+        sheet.say(sensor, pilot.notes[sensor])
+
+
+_COLUMNS: Final = {
+    "accelerometer": "accelerometer",
+    "gyroscope": "gyro",
+    "magnetometer": "magnetometer",
+}
+"""Sensors as logs name them."""
+
+
+def _size(log: Log, sensor: str, whole: Any) -> float | None:
+    """SI units in a raw one: by the header, else by the scale of the calibration."""
+    column = _COLUMNS[sensor]
+    known, unit = OF_A_LOG[column], written_unit(log, column)
+    if unit or sensor == "magnetometer":
+        return known.get(unit)
+    if sensor == "accelerometer":
+        return known.get(whole.accelerometer.raw_unit)
+    scale = float(np.cbrt(abs(np.linalg.det(whole.gyroscope.M))))
+    near = (size for size, _ in KNOWN_UNITS if 1.0 / NEAR < scale / size < NEAR)
+    return next(near, None)
+
+
+def _left(matrix: Array) -> float:
+    """Greatest error of a vector of length 1 that a matrix takes to itself."""
+    return float(np.linalg.norm(matrix - np.eye(3), 2))
+
+
+def _accelerometer(
+    sheet: _Sheet, pilot: Autopilot, size: float, whole: Any
+) -> dict[str, Array]:
+    fit = whole.accelerometer
+    A = np.linalg.inv(fit.matrix)
+    scale = np.diagonal(A) / (A**2).sum(axis=1)
+    angle = degrees(acos(np.min(np.diagonal(A) / np.linalg.norm(A, axis=1))))
+    sheet.say(
+        "accelerometer",
+        f"misalignment of {angle:.3g} degrees is not carried: up to "
+        f"{fit.g * _left(scale[:, None] * A):.3g} m/s^2 at 1 g",
+    )
+    return {"offset": size * fit.B, "scale": scale / size}
+
+
+def _gyroscope(
+    sheet: _Sheet, pilot: Autopilot, size: float, whole: Any
+) -> dict[str, Array]:
+    fit, G = whole.gyroscope, whole.sensitivity
+    percent = 100.0 * _left(size * np.linalg.inv(fit.M))
+    words = f"scales and misalignments are not carried: up to {percent:.3g} % of a rate"
+    sheet.say("gyroscope", words)
+    if np.any(G):
+        felt = size * np.linalg.norm(G, 2) * whole.accelerometer.g
+        words = f"what it feels of forces is not carried: up to {felt:.3g} rad/s at 1 g"
+        sheet.say("gyroscope", words)
+    return {"offset": size * fit.B}
+
+
+def _magnetometer(
+    sheet: _Sheet, pilot: Autopilot, size: float, whole: Any
+) -> dict[str, Array]:
+    fit = whole.magnetometer
+    if not fit.right_handed:
+        words = "its axes are left-handed, which no turn mends, so it is not in this "
+        sheet.say("magnetometer", f"{words}file; change the sign of one of its columns")
+        return {}
+    M, strength = fit.M, float(np.cbrt(np.linalg.det(fit.M)))
+    if not 1.0 / ONE < strength < ONE:
+        M = fit.M / strength
+        words = "the strength of the field was not stated in its unit (--field): the "
+        sheet.say("magnetometer", f"{words}mean of its scales is taken for 1")
+    # M = C S: S symmetric, C the nearest rotation
+    factors = gyroscope_factors(M, form="polar")
+    S, C = factors.shape, factors.rest
+    cosine = min(max((float(np.trace(C)) - 1.0) / 2.0, -1.0), 1.0)
+    turn = degrees(acos(cosine))
+    words = f"its axes are turned by {turn:.3g} degrees against the accelerometer's"
+    if turn > ALIGNED and not pilot.turn:
+        words += ", and the project turns before it corrects, so it is not in this file"
+        sheet.say("magnetometer", f"{words}; record it in the body's axes")
+        return {}
+    percent = 100.0 * _left(S @ np.linalg.inv(M))
+    words += f", which is not carried: up to {percent:.3g} % of the field"
+    words += f"; {pilot.turn} must state it" * (turn > ALIGNED)
+    sheet.say("magnetometer", words)
+    offset = pilot.sign * fit.b * size / OF_A_LOG["magnetometer"][pilot.field]
+    off = S[[0, 0, 1], [1, 2, 2]]
+    return {"offset": offset, "scale": np.diagonal(S), "off-diagonal": off}
+
+
+# files in YAML
+
+NOISE: Final = (
+    ("accelerometer_noise_density", "N", "m/s^2/sqrt(Hz)"),
+    ("accelerometer_random_walk", "K", "m/s^3/sqrt(Hz)"),
+    ("gyroscope_noise_density", "N", "rad/s/sqrt(Hz)"),
+    ("gyroscope_random_walk", "K", "rad/s^2/sqrt(Hz)"),
+)
+
+
+def _chain(sheet: _Sheet, log: Log, whole: Any) -> None:
+    # Kalibr's imu.yaml, and OpenVINS's kalibr_imu_chain.yaml with other intrinsics
+    if whole.accelerometer.model != "triangular" or whole.gyroscope is None:
+        why = "the gyroscope is not calibrated"
+        if whole.accelerometer.model != "triangular":
+            why = f"the form is {whole.accelerometer.model}"
+        msg = (
+            f"--to {sheet.name}: {why}; lower triangular matrices of both sensors are "
+            "needed: calibrate a log with a gyroscope, with --model triangular"
+        )
+        raise InputError(msg)
+    force, G = whole.accelerometer.sensor().matrix, whole.sensitivity
+    factors = whole.gyroscope.factors("kalibr")
+    inverse, turn = np.tril(np.linalg.inv(force)), factors.rest
+    kalibr = sheet.name == "kalibr"
+    sheet.lines += ["imu0:", *_matrix("T_i_b", np.eye(4), 2)]
+    sheet.lines += _noise(sheet, log, force, whole.gyroscope.M)
+    if kalibr:
+        intrinsics = [
+            "  accelerometers:",
+            *_matrix("M", inverse, 4),
+            "  gyroscopes:",
+            *_matrix("A", G @ turn.T, 4),
+            *_matrix("C_gyro_i", turn, 4),
+            *_matrix("M", factors.shape, 4),
+        ]
+    else:
+        intrinsics = [
+            *_matrix("Tw", factors.shape, 2),
+            *_matrix("R_IMUtoGYRO", turn, 2),
+            *_matrix("Ta", inverse, 2),
+            *_matrix("R_IMUtoACC", np.eye(3), 2),
+            *_matrix("Tg", G, 2),
+        ]
+    sheet.lines += [
+        *intrinsics,
+        f"  model: {'scale-misalignment' if kalibr else 'kalibr'}",
+        "  rostopic: /imu0",
+        "  time_offset: 0.0",
+        f"  update_rate: {_number(log.rate)}",
+    ]
+    for sensor in ("accelerometer", "gyroscope"):
+        words = "its bias is not carried, the project estimates its own; here it is "
+        sheet.say(sensor, f"{words}{_triple(getattr(whole, sensor).B)}")
+    if whole.magnetometer is not None:
+        sheet.say("magnetometer", "not carried; the project has none")
+    if any(
+        _size(log, sensor, whole) != 1.0 for sensor in ("accelerometer", "gyroscope")
+    ):
+        words = "not all in m/s^2 and rad/s, which the project reads: the matrices are "
+        sheet.say("readings", f"{words}for messages in the units of the log")
+
+
+def _matrix(name: str, matrix: Array, indent: int) -> list[str]:
+    left = " " * indent
+    rows = (", ".join(map(_number, row)) for row in matrix.tolist())
+    return [f"{left}{name}:", *(f"{left}- [{row}]" for row in rows)]
+
+
+def _number(value: float) -> str:
+    # with a point: 1e-05 is a word in YAML 1.1
+    text = repr(float(value))
+    return text if "." in text else text.replace("e", ".0e")
+
+
+def _triple(values: Float[Array, "3"]) -> str:
+    return f"({', '.join(f'{x:.6g}' for x in values)})"
+
+
+def _noise(
+    sheet: _Sheet, log: Log, force: Float[Array, "3 3"], rate: Float[Array, "3 3"]
+) -> list[str]:
+    # the largest that is seen of the axes; what is only bounded is a comment
+    try:
+        found = log_noise(log)
+    except RefusedError as error:
+        sheet.say("noise", str(error))
+        return []
+    lines = []
+    for name, kind, unit in NOISE:
+        own, M = (found.accelerometer, force) if name[0] == "a" else (found.gyro, rate)
+        value, bound = largest(own, kind, np.linalg.norm(M, axis=0))
+        where = f"by {found.seconds:.0f} s at rest"
+        if value is not None:
+            more = f"; an axis that is not seen, below {bound:.4g}" if bound else ""
+            lines.append(f"  {name}: {_number(value)}  # {unit}{more}")
+            continue
+        seen = "not told" if bound is None else f"not seen, below {bound:.4g} {unit}"
+        lines.append(f"  # {name}: {seen} {where}")
+        words = "the project needs a value: measure a longer rest, or state the data "
+        sheet.say(name, f"{seen} {where}; {words}sheet's")
+    return lines
+
+
+def _ros(sheet: _Sheet, log: Log, whole: Any) -> None:
+    fit, gyroscope, compass = whole.accelerometer, whole.gyroscope, whole.magnetometer
+    held = {"SM": fit.matrix.ravel(), "bias": fit.matrix @ fit.B}
+    held |= message_covariances(log, whole)
+    for name, values in held.items():
+        sheet.lines.append(f"{name}: [{', '.join(map(_number, values))}]")
+    words = "SM and bias are for imu_calib's calib_file, the covariances for a driver"
+    sheet.say("accelerometer", words)
+    if gyroscope is not None:
+        words = "not carried; imu_calib takes its mean at the start for its bias, here "
+        sheet.say("gyroscope", f"{words}{_triple(gyroscope.B)} in the log's unit")
+    if compass is not None:
+        words = "not carried; imu_filter_madgwick's mag_bias is its hard iron alone, "
+        sheet.say("magnetometer", f"{words}{_triple(compass.b)} in the log's unit")
+
+
+_Writer = Callable[[_Sheet, Log, Any], None]
+WRITERS: Final[dict[str, tuple[tuple[str, ...], _Writer]]] = {
+    "px4": (("# Vehicle-Id Component-Id Name Value Type",), _autopilot),
+    "ardupilot": ((), _autopilot),
+    "kalibr": ((), _chain),
+    "openvins": (("%YAML:1.0",), _chain),
+    "ros": ((), _ros),
+}
+"""What a project's file must begin with, and what writes the rest."""
+
+
+def parameters_of(name: str, log: Log, whole: Any) -> tuple[str, tuple[str, ...]]:
+    """Text of a project's parameter file, and what it does not hold.
+
+    Raises
+    ------
+    InputError
+        If the calibration has not the form or the sensors that the project needs.
+    RefusedError
+        If nothing of it can be written.
+    """
+    first, writer = WRITERS[name]
+    sheet = _Sheet(name=name, lines=[], notes=[])
+    writer(sheet, log, whole)
+    sheet.notes += [f"{sensor}: {why}" for sensor, why in whole.left_out.items()]
+    form = whole.accelerometer.model
+    comments = [
+        f"Calibration of {Path(log.path).name}, axes of the {form} form",
+        f"honest bars: {honest(judgements(whole))[1]}",
+        *sheet.notes,
+    ]
+    head = [*first, *(f"# {one_line(each)}" for each in comments)]
+    return "\n".join([*head, *sheet.lines, ""]), tuple(sheet.notes)

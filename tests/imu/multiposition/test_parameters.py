@@ -1,0 +1,175 @@
+"""Parameters of other projects: applied as each does, against `simval correct`.
+
+A reading of each project's formula stands here by itself, from its source: see the
+module `simval.imu.multiposition.parameters` for the files and their commits.
+"""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import yaml
+from made_logs import of_scene
+from places import recording
+
+from simval.poses import fibonacci_sphere
+from simval.vocabulary import TARGETS
+
+STRENGTH = 44.7213595499958  # uT, of the scene
+FELT = 2e-3  # rad/s per m/s^2
+HEADER = "t [s],ax [g],ay,az,wx [deg/s],wy,wz,mx [uT],my,mz"
+UNITS = np.array([[9.80665], [np.pi / 180.0], [1.0]])  # of the log, in m/s^2, rad/s
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A log in units of a header, whose gyroscope feels force; its files and rows."""
+    from simval.cli import run
+
+    folder = tmp_path_factory.mktemp("parameters")
+    rows = np.loadtxt(of_scene(folder), delimiter=",", skiprows=1)[:, :17]
+    raw = rows[:, :10] * ([1.0] + [2.4e-3] * 3 + [1.1e-3] * 3 + [0.15] * 3)
+    raw[:, 4:7] += FELT * rows[:, 11:14] @ np.roll(np.eye(3), 1, axis=0)
+    raw[:, 1:] /= np.repeat(UNITS, 3)
+    log, out = folder / "imu.csv", folder / "cal.json"
+    np.savetxt(log, raw, delimiter=",", header=HEADER, comments="", fmt="%.17g")
+    files = {name: folder / name for name in TARGETS}
+    to = [word for name in TARGETS for word in ("--to", name, str(files[name]))]
+    ask = ["calibrate", str(log), "--out", str(out), "--field", str(STRENGTH), *to]
+    assert run(ask) == 0
+    fixed = folder / "fixed.csv"
+    words = ["correct", str(log), "--calibration", str(out), "--out", str(fixed)]
+    assert run(words) == 0
+    right = np.loadtxt(fixed, delimiter=",", skiprows=1)
+    data = json.loads(out.read_text())
+    assert np.any(data["gyroscope"]["G"])
+    return files, data, raw[:, 1:].reshape(-1, 3, 3), right[:, 1:].reshape(-1, 3, 3)
+
+
+def px4(path, raw):
+    """A parameter file of QGroundControl, for readings in m/s^2, rad/s and gauss."""
+    rows = [x.split("\t") for x in path.read_text().splitlines() if x[0] != "#"]
+    assert all(len(row) == 5 and row[4] == "9" for row in rows)
+    values = {row[2]: float(row[3]) for row in rows}
+    assert len(values) == 18
+    return autopilot(
+        [np.array([values[f"CAL_{name[0]}0_{axis}{name[1]}"] for axis in "XYZ"])
+         for name in (("ACC", "OFF"), ("ACC", "SCALE"), ("GYRO", "OFF"),
+                      ("MAG", "OFF"), ("MAG", "SCALE"), ("MAG", "ODIAG"))],
+        raw, 1e-2, -1.0,
+    )  # fmt: skip
+
+
+def ardupilot(path, raw):
+    """Read by pymavlink; the compass offset is added, in milligauss."""
+    values = pytest.importorskip("pymavlink.mavparm").MAVParmDict()
+    assert values.load(str(path))
+    assert len(values) == 18
+    return autopilot(
+        [np.array([values[f"{name}_{axis}"] for axis in "XYZ"]) for name in (
+            "INS_ACCOFFS", "INS_ACCSCAL", "INS_GYROFFS",
+            "COMPASS_OFS", "COMPASS_DIA", "COMPASS_ODI")],
+        raw, 10.0, 1.0,
+    )  # fmt: skip
+
+
+def autopilot(three, raw, field, sign):
+    """Both turn a raw vector so, but for the sign of the field's offset."""
+    offset, scale, still, iron, (d, e, f), (a, b, c) = three
+    S = np.array([[d, a, b], [a, e, c], [b, c, f]])
+    mag = (field * raw[:, 2] + sign * iron) @ S.T / field
+    return np.stack([(raw[:, 0] - offset) * scale, raw[:, 1] - still, mag], axis=1)
+
+
+@pytest.mark.ci
+def test_autopilots_hold_what_they_can_and_say_how_much_is_left(made):
+    files, data, raw, right = made
+    for name, applied in (("px4", px4), ("ardupilot", ardupilot)):
+        found = applied(files[name], raw * UNITS)
+        text = files[name].read_text()
+        left = [float(re.search(words, text)[1]) for words in (
+            r"up to (\S+) m/s\^2", r"up to (\S+) % of a rate",
+            r"up to (\S+) rad/s at 1 g", r"up to (\S+) % of the field")]  # fmt: skip
+        g = data["g"]
+        size = np.linalg.norm(right, axis=2)
+        off = np.linalg.norm(found - right, axis=2)
+        bound = left[0] * size[:, 0] / g
+        assert np.all(off[:, 0] <= 1.006 * bound)  # three digits are printed
+        assert np.max(off[:, 0] / bound) > 0.5
+        bound = left[1] / 100.0 * size[:, 1] + left[2] * size[:, 0] / g
+        assert np.all(off[:, 1] <= 1.006 * bound)
+        assert np.max(off[:, 1] / bound) > 0.3
+        assert np.all(off[:, 2] <= 1.006e-2 * left[3] * size[:, 2])
+        # any other scale leaves more of the mean square over all directions
+        u = g * fibonacci_sphere(2000)
+        y = np.linalg.solve(data["matrix"], u.T).T + data["B"]
+        f = applied(files[name], np.stack([y] * 3, axis=1) * UNITS)[:, 0]
+        least = np.mean((f - u) ** 2, axis=0)
+        for factor in (0.9999, 1.0001):
+            assert np.all(np.mean((factor * f - u) ** 2, axis=0) > least)
+
+
+@pytest.mark.ci
+def test_kalibr_and_openvins_and_ros_hold_what_correct_applies(made):
+    files, data, raw, right = made
+    force, rate = right[:, 0], right[:, 1]
+    bias, bias_g = np.array(data["B"]), np.array(data["gyroscope"]["B"])
+
+    imu = yaml.safe_load(files["kalibr"].read_text())["imu0"]
+    gyro, C = imu["gyroscopes"], np.array(imu["gyroscopes"]["C_gyro_i"])
+    predicted = force @ np.array(imu["accelerometers"]["M"]).T + bias
+    np.testing.assert_allclose(predicted, raw[:, 0], atol=1e-12 * 20.0)
+    predicted = (rate @ C.T) @ np.array(gyro["M"]).T + (force @ C.T) @ np.array(
+        gyro["A"]
+    ).T  # M (C w) + A (C a), in which Kalibr turns the force as well
+    np.testing.assert_allclose(predicted + bias_g, raw[:, 1], atol=1e-11)
+
+    head, text = files["openvins"].read_text().split("\n", 1)
+    assert head == "%YAML:1.0"
+    imu = {k: np.array(v) for k, v in yaml.safe_load(text)["imu0"].items()}
+    Da, Dw = (np.linalg.inv(imu[k]) for k in ("Ta", "Tw"))
+    for matrix in (Da, Dw):  # its model takes the lower triangle
+        assert np.array_equal(matrix, np.tril(matrix))
+    a = (raw[:, 0] - bias) @ (imu["R_IMUtoACC"].T @ Da).T
+    np.testing.assert_allclose(a, force, atol=1e-11)
+    w = (raw[:, 1] - bias_g - a @ imu["Tg"].T) @ (imu["R_IMUtoGYRO"].T @ Dw).T
+    np.testing.assert_allclose(w, rate, atol=1e-12)
+
+    held = yaml.safe_load(files["ros"].read_text())
+    SM = np.reshape(held["SM"], (3, 3))
+    np.testing.assert_allclose(raw[:, 0] @ SM.T - held["bias"], force, atol=1e-11)
+    for name in data["ros_imu"]:
+        np.testing.assert_array_equal(held[name], data["ros_imu"][name])
+
+
+@pytest.mark.ci
+def test_every_file_says_of_each_sensor_what_it_leaves_out(made):
+    files = made[0]
+    for name, path in files.items():
+        comments = [x for x in path.read_text().splitlines() if x.startswith("#")]
+        for sensor in ("accelerometer", "gyroscope", "magnetometer"):
+            assert any(sensor in x for x in comments), (name, sensor)
+        assert any("honest bars" in x for x in comments)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("name", ["px4", "ros"])
+def test_counts_are_refused_where_a_project_has_units(name, tmp_path, simval):
+    out = tmp_path / "out"
+    log = recording("xsens/xsens_acc.mat")
+    code, _, err = simval("calibrate", log, "--to", name, out)
+    if name == "ros":  # a matrix from any unit
+        assert (code, out.exists()) == (0, True)
+    else:
+        assert (code, out.exists(), "unit of its readings" in err) == (3, False, True)
+
+
+def test_a_file_to_write_is_no_input_and_no_other_output(simval, tmp_path):
+    log = tmp_path / "log.csv"
+    log.write_text("t,ax,ay,az\n0,0,0,1\n")
+    code, _, err = simval("calibrate", log, "--to", "px4", log)
+    assert (code, "reads" in err) == (2, True)
+    x = tmp_path / "x"
+    code, _, err = simval("calibrate", log, "--to", "px4", x, "--to", "ros", x)
+    assert (code, "both name" in err) == (2, True)
