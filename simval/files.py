@@ -40,8 +40,8 @@ class UnreadableError(OSError):
         return str(self.strerror)
 
 
-def read_bytes(path: str | PathLike[str], most: int) -> bytes:
-    """Content of a regular file of at most so many bytes.
+def read_bytes(path: str | PathLike[str], most: int, first: int | None = None) -> bytes:
+    """Content of a regular file of at most so many bytes, or the first of them.
 
     Raises
     ------
@@ -54,6 +54,8 @@ def read_bytes(path: str | PathLike[str], most: int) -> bytes:
     with open(handle, "rb") as file:
         status = os.fstat(handle)
         require_regular(path, status, most)
+        if first is not None:
+            return file.read(first)
         content = file.read(status.st_size + 1)
         while len(content) <= most and (more := file.read(MEBIBYTE)):
             content += more  # it grows, or is of the kernel and has no size

@@ -12,13 +12,14 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.imu.logs.columns import Column
+from simval.imu.logs.joining import SLOWEST
 from simval.imu.logs.names import SECONDS
 from simval.imu.logs.readers import Table
 from simval.shapes import Bool, Float
 
 GAP = 5.0  # s; beyond it a recording was stopped and begun again
 RATE_AGREEMENT = 0.1  # relative; beyond it time column and stated rate contradict
-SLOWEST, FASTEST = 7.0, 5e4  # Hz; rates at which accelerometers are read
+FASTEST = 5e4  # Hz; rates at which accelerometers are read, from `SLOWEST` on
 _EPOCH = (1e9, 2.5e9)  # seconds since 1970 of the years 2001 to 2049
 _UNITS = {
     "seconds": 1.0,

@@ -11,16 +11,22 @@ them, and the noise of such rows is not independent; one that is read faster is 
 Stamps are taken as of one clock. A delay between sensors stays in the rows.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from typing import Any
 
 import numpy as np
 
 from simval.arrays import Array
+from simval.errors import InputError
 from simval.imu.logs.names import channel
 from simval.imu.logs.tables import ArrayTable
 from simval.shapes import Float
 
+SLOWEST = 7.0  # Hz; what is slower shows no motion of a hand
+MOST_NAMED = 400  # characters of a list in a message
 COVERED = 0.9  # of the rows; a sensor with readings for fewer is left out
 
 
@@ -38,11 +44,17 @@ class Stream:
         Numbers of each column, (n,), by a name that says quantity, axis and unit as
         `simval.imu.logs.names` understands it, e.g. ``accel_x [m/s^2]``. No clock is
         among them, and no two streams that are joined have a name in common.
+    group : str
+        What the sensors of one device have in common: a namespace, an instance.
+    words : str
+        What the readings are, as the format's specification says.
     """
 
     name: str
     time: Float[Array, " n"]
     columns: Mapping[str, Float[Array, " n"]]
+    group: str = ""
+    words: str = ""
 
     @property
     def step(self) -> float:
@@ -55,7 +67,60 @@ class Stream:
         return any(each.kind == kind and each.axis for each in known)
 
 
-def joined(path: str, streams: Sequence[Stream]) -> ArrayTable:
+def candidates(
+    path: str, streams: Sequence[Stream], log: Mapping[str, Any]
+) -> dict[str, Callable[[], ArrayTable]]:
+    """Tables of each accelerometer, joined to what was recorded beside it.
+
+    A gyroscope or a magnetometer with a stream of its own is that of the same group if
+    there is one, or else the only one. Where it is neither, each choice has a name, the
+    streams' with ``+`` between, and the accelerometer's alone is without it.
+
+    Raises
+    ------
+    InputError
+        If none has an accelerometer, with what the log ``holds``.
+    """
+    found: dict[str, Callable[[], ArrayTable]] = {}
+    quick = [each for each in streams if each.step <= 1.0 / SLOWEST]
+    forces = [each for each in quick or streams if each.has("force")]
+    if not forces:
+        msg = (
+            f"{path} holds no readings of an accelerometer in a form that is known; it "
+            f"has {log['holds'][:MOST_NAMED] or 'no messages'}; record them, or export "
+            "them as CSV"
+        )
+        raise InputError(msg)
+    for own in forces:
+        alone = [each for each in quick if not each.has("force") and each is not own]
+        gyros = [each for each in alone if each.has("gyro") and not own.has("gyro")]
+        mags = [each for each in alone if each.has("mag") and not own.has("mag")]
+        choices = [_beside(own, gyros), _beside(own, mags)]
+        sure = [each[0] for each in choices if len(each) == 1]
+        open_ = [each for each in choices if len(each) > 1]
+        said = [("readings", own.words), *map(tuple, log["said"])]
+        unsure = [
+            (
+                "left out",
+                f"one of {', '.join(each.name for each in choice)}, by its name",
+            )
+            for choice in open_
+        ]
+        found[own.name] = partial(joined, path, [own, *sure], (*said, *unsure))
+        for more in product(*open_) if open_ else ():
+            name = " + ".join(each.name for each in (own, *more))
+            found[name] = partial(joined, path, [own, *sure, *more], said)
+    return found
+
+
+def _beside(own: Stream, others: Sequence[Stream]) -> Sequence[Stream]:
+    same = [each for each in others if each.group == own.group]
+    return same if len(same) == 1 else others
+
+
+def joined(
+    path: str, streams: Sequence[Stream], source: Iterable[tuple[str, str]] = ()
+) -> ArrayTable:
     """Join streams to one table, whose first column is the clock, ``t [s]``.
 
     The slowest stream with an accelerometer or a gyroscope gives the rows; where none
@@ -65,7 +130,7 @@ def joined(path: str, streams: Sequence[Stream]) -> ArrayTable:
     base = max(inertial or streams[:1], key=lambda each: each.step)
     kept = np.ones(len(base.time), bool)
     columns: dict[str, Array] = dict(base.columns)
-    said = []
+    said = list(source)
     for each in streams:
         if each is base:
             continue
@@ -112,3 +177,32 @@ def _words(own: Stream, base: Stream, apart: Float[Array, " n"]) -> str:
         f"{own.name} to {base.name} by the nearest stamp, at most "
         f"{1e3 * farthest:.3g} ms away{repeats}{thinned}"
     )
+
+
+def sent(
+    streams: Sequence[Stream], holds: str, said: Sequence[tuple[str, str]] = ()
+) -> tuple[dict[str, Any], list[Array]]:
+    """Streams as values and arrays, from a reader in a process of its own.
+
+    What the log holds, and a (label, words) of what is wrong with it, go with them.
+    """
+    values = [
+        {"name": s.name, "group": s.group, "words": s.words, "columns": [*s.columns]}
+        for s in streams
+    ]
+    arrays = [np.column_stack([s.time, *s.columns.values()]) for s in streams]
+    return {"streams": values, "holds": holds, "said": said}, arrays
+
+
+def received(values: Mapping[str, Any], arrays: Sequence[Array]) -> list[Stream]:
+    """The streams that were sent."""
+    return [
+        Stream(
+            name=own["name"],
+            group=own["group"],
+            words=own["words"],
+            time=array[:, 0],
+            columns=dict(zip(own["columns"], array.T[1:], strict=True)),
+        )
+        for own, array in zip(values["streams"], arrays, strict=True)
+    ]

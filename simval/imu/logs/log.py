@@ -19,6 +19,7 @@ from simval.imu.logs.columns import (
     sign_of,
 )
 from simval.imu.logs.readers import Table, read_table
+from simval.imu.logs.tables import ArrayTable
 from simval.imu.logs.temperature import read_temperature
 from simval.imu.logs.text import TextTable
 from simval.shapes import Float
@@ -192,6 +193,10 @@ def read_log(
         for name, own in SENSORS.items()
         if own[0] in rows
     }
+    source = table.source
+    if clock is None and rate is None and isinstance(table, ArrayTable) and table.rate:
+        name, rate = table.rate
+        source = (*source, ("rate", f"{rate:.6g} Hz, by {name!r} in the file"))
     time, rate, second, said = read_clock(table, clock, rate)
     return Log(
         path=str(path),
@@ -204,7 +209,7 @@ def read_log(
         second=second or 1.0,
         unclear=unclear,
         temperature=temperature,
-        source=(*table.source, *sign_of(picked), *said),
+        source=(*source, *sign_of(picked), *said),
     )
 
 

@@ -103,7 +103,7 @@ _SENSOR_WORDS = "|".join(
 _NUMBERED = re.compile(rf"^({_SENSOR_WORDS})(\d+)$")  # acc2 of acc2_x
 _BRACKETS = re.compile(r"[\[({]([^\[\](){}]*)[\])}]")
 _CAPITALS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
-_ROS = re.compile(r"(^|[./])linear_acceleration[./][xyz]$")
+_ROS = re.compile(r"((?:.*[./])?linear_acceleration[./])([xyz])(?: \[(.*)\])?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,8 +144,8 @@ def is_unit(text: str) -> bool:
 
 def channel(name: str) -> Channel:
     """Return what a column's name means."""
-    if _ROS.search(name.strip()):  # as in sensor_msgs/Imu: with gravity
-        return Channel("force", name.strip()[-1], "", name.strip()[:-1])
+    if ros := _ROS.fullmatch(name.strip()):  # as in sensor_msgs/Imu: with gravity
+        return Channel("force", ros[2], _compact(ros[3] or ""), ros[1])
     inside = [text.strip() for text in _BRACKETS.findall(name)]
     index = next((text for text in inside if text in ("0", "1", "2", "3")), "")
     units = [_compact(text) for text in inside if text != index]

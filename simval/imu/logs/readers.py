@@ -11,12 +11,17 @@ A table's `source` is a sequence of (label, words) that are printed with its col
 what was taken, joined or mended.
 """
 
+import bz2
+import lzma
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Final, Protocol
+from functools import partial
+from typing import Any, Final, Protocol
 
 from simval.errors import InputError
-from simval.imu.logs import matlab, text
+from simval.files import MOST_LOG
+from simval.imu.logs import bags, dataflash, text, ulog, variables
 from simval.imu.logs.source import Source
 from simval.imu.logs.tables import ArrayTable
 from simval.imu.logs.text import TextTable
@@ -37,26 +42,26 @@ class Reader(Protocol):
         """Return its table, or what makes each of its tables."""
 
 
-READERS: Final[tuple[Reader, ...]] = (matlab, text)
+READERS: Final[tuple[Reader, ...]] = (variables, bags, ulog, dataflash, text)
 """In the order in which they are asked; text takes what is left."""
 
 UNREAD = {  # first bytes: what a file is that no reader takes, and what to do
-    b"\x1f\x8b": "compressed by gzip; unpack it first (gunzip)",
-    b"BZh": "compressed by bzip2; unpack it first (bunzip2)",
-    b"\xfd7zXZ": "compressed by xz; unpack it first (unxz)",
     b"\x28\xb5\x2f\xfd": "compressed by zstd; unpack it first (unzstd)",
     b"7z\xbc\xaf": "a 7-zip archive; unpack it first",
     b"PK\x03\x04": "a zip archive or a spreadsheet (.xlsx); unpack or save it as CSV",
     b"\xd0\xcf\x11\xe0": "an old spreadsheet (.xls); save it as CSV",
     b"\x89HDF": "HDF5 (also MATLAB 7.3); save it as text, or in MATLAB with -v7",
     b"MATLAB 7.3": "a MATLAB 7.3 file; save it with -v7, or as text",
-    b"PAR1": "a Parquet file; save it as CSV",
-    b"SQLite format 3": "a SQLite database (a ROS 2 bag?); export the IMU topic as CSV",
-    b"#ROSBAG": "a ROS bag; export the IMU topic as CSV (rostopic echo -p)",
-    b"ULog": "a PX4 ULog; export it as CSV (ulog2csv)",
-    b"\x93NUMPY": "a NumPy array; write it with numpy.savetxt",
     b"%PDF": "a PDF; export the log as rows of numbers",
 }
+PACKED: Final[dict[bytes, Callable[[], Any]]] = {
+    b"\x1f\x8b": lambda: zlib.decompressobj(31),
+    b"BZh": bz2.BZ2Decompressor,
+    b"\xfd7zXZ": lambda: lzma.LZMADecompressor(memlimit=MOST_LOG),
+}
+"""First bytes of a compressed file, and what unpacks it."""
+MOST_RATIO: Final = 100
+"""Bytes of a log for one that is packed: rows of numbers take a third to a tenth."""
 
 
 def read_table(path: str, instance: str | None = None) -> Table:
@@ -79,11 +84,45 @@ def tables_of(source: Source) -> Table | Candidates:
     InputError
         If it cannot be read, is of a kind without a reader, or has no rows of numbers.
     """
-    for start, kind in UNREAD.items():
+    for start, unpacker in PACKED.items():
         if source.start.startswith(start):
-            msg = f"{source.path} is not a text file but {kind}"
-            raise InputError(msg)
-    return next(each for each in READERS if each.sniff(source)).read(source)
+            inside = partial(unpacked, source, unpacker())
+            return tables_of(Source(path=source.path, inside=inside))
+    reader = next(each for each in READERS if each.sniff(source))
+    kinds = [kind for start, kind in UNREAD.items() if source.start.startswith(start)]
+    if reader is text and kinds:
+        msg = f"{source.path} is not a text file but {kinds[0]}"
+        raise InputError(msg)
+    return reader.read(source)
+
+
+def unpacked(source: Source, unpacker: Any) -> bytes:
+    """Content of a compressed file.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, cut off, or far larger than a log of its size.
+    """
+    most = min(MOST_LOG, MOST_RATIO * source.size)
+    try:
+        content = bytes(unpacker.decompress(source.content, most + 1))
+    except (OSError, EOFError, zlib.error, lzma.LZMAError, MemoryError) as error:
+        msg = f"{source.path} cannot be unpacked ({error}); copy or make it again"
+        raise InputError(msg) from None
+    if len(content) > most:
+        msg = (
+            f"{source.path} unpacks to more than {most:,} bytes, {MOST_RATIO} times "
+            "its size or more than any log; unpack it yourself if it is one"
+        )
+        raise InputError(msg)
+    if not unpacker.eof:
+        msg = f"{source.path} is cut off: its end is missing; copy or make it again"
+        raise InputError(msg)
+    if content.startswith(tuple(PACKED)):
+        msg = f"{source.path} is compressed twice; unpack it first"
+        raise InputError(msg)
+    return content
 
 
 def one_of(path: str, found: Table | Candidates, instance: str | None) -> Table:

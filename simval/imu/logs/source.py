@@ -34,21 +34,43 @@ class Source:
         InputError
             If it cannot be read, or is larger than any log.
         """
+        return self._read(None)
+
+    @cached_property
+    def start(self) -> bytes:
+        """The first bytes of a file; of a folder none."""
+        return self._read(START)
+
+    def _read(self, first: int | None) -> bytes:
         if self.is_folder:
             return b""
         if self.inside is not None:
-            return self.inside()
+            return (self.inside() if first is None else self.content)[:first]
         try:
-            return read_bytes(self.path, MOST_LOG)
+            return read_bytes(self.path, MOST_LOG, first)
         except (OSError, ValueError) as error:  # ValueError: a path with a NUL
             why = getattr(error, "strerror", None) or error
             msg = f"cannot read {self.path}: {why}; give the path of a log"
             raise InputError(msg) from None
 
-    @property
-    def start(self) -> bytes:
-        """The first bytes of a file."""
-        return self.content[:START]
+    @cached_property
+    def size(self) -> int:
+        """Bytes of the file, or of all files of the folder.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read, or is larger than any log.
+        """
+        if self.inside is not None:
+            return len(self.content)
+        if not self.is_folder:
+            return os.path.getsize(self.path) if self.start else 0
+        size = sum(each.size for each in self.members.values())
+        if size > MOST_LOG:
+            msg = f"{self.path} has {size:,} bytes; a log has at most {MOST_LOG:,}"
+            raise InputError(msg)
+        return size
 
     @cached_property
     def members(self) -> dict[str, "Source"]:

@@ -15,6 +15,7 @@ class ArrayTable:
     values: Float[Array, "n columns"]  # (n, columns)
     source: tuple[tuple[str, str], ...] = ()  # label and words: what was taken
     restarts: tuple[int, ...] = ()  # none: its rows are of one recording
+    rate: tuple[str, float] | None = None  # name and Hz, where the file states it
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", frozen(self.values))

@@ -85,7 +85,11 @@ REFUSED = [  # what a file holds, how it is read, and what is said
     *((replaced(0, NUMBERS[0]), {"columns": names}, "`columns`")
       for names in ("t,ax,ay", "t,ax,ay,ay", "t,ax,ay,up", "t,-,ay,az")),
     (b"\x00\x01\x02" * 100, {}, "not a text file"),
-    (gzip.compress(b"1,2,3"), {}, "compressed by gzip"),
+    (gzip.compress(b"1,2,3"), {}, "no time column and no rate"),
+    (gzip.compress(b"1,2,3" * 99)[:-5], {}, "its end is missing"),
+    (gzip.compress(gzip.compress(b"1,2,3")), {}, "compressed twice"),
+    (gzip.compress(b"1,2,3\n" * 10**6), {}, "100 times its size"),
+    (b"\x1f\x8b" + bytes(99), {}, "cannot be unpacked"),
     (b"PK\x03\x04rest", {}, "spreadsheet"),
     (b"MATLAB 7.3 MAT-file", {}, "with -v7"),
     (b"1" * 10**6, {"rate": 100.0}, "1 column and no names"),
@@ -320,9 +324,7 @@ def test_a_damaged_matlab_file_ends_in_a_sentence(tmp_path):
     content[176] = 0
     path = tmp_path / "log.mat"
     path.write_bytes(content)
-    with pytest.raises(
-        InputError, match=r"reader crashed.*save the log again with -v7"
-    ):
+    with pytest.raises(InputError, match=r"reader crashed.*export it again"):
         read_log(path)
 
 

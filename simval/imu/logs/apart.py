@@ -1,0 +1,122 @@
+"""Reading in a process of its own, with limits of time and memory.
+
+A library that reads binary files may end the interpreter, never end, or take all memory
+where a file is damaged, and a log is what a user was sent. So each is imported in a
+child process alone, by the function ``parsed(path)`` of a reader's module, which gives
+plain values and arrays of numbers.
+"""
+
+import importlib
+import io
+import json
+import os
+import resource
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import PurePath
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.errors import InputError
+from simval.files import MEBIBYTE
+from simval.imu.logs.source import Source
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+SECONDS = 60.0  # of any file, and one more a mebibyte
+MEMORY = 2048 * MEBIBYTE  # of any file, beyond what Python takes, and
+TIMES = 16  # times its size
+EXTRA = "pip install 'simval[logs]'"
+
+
+def read_apart(module: str, source: Source, kind: str) -> tuple[Any, list[Array]]:
+    """Return what ``parsed`` of a module of this folder makes of a log.
+
+    Raises
+    ------
+    InputError
+        If it refuses, fails, does not end, or wants a package that is not installed.
+    """
+    seconds = SECONDS + source.size / MEBIBYTE
+    memory = MEMORY + TIMES * source.size
+    program = "from simval.imu.logs.apart import send; send()"
+    with _on_disk(source) as path:
+        command = [sys.executable, "-c", program, module, path, str(memory)]
+        try:
+            done = subprocess.run(
+                command, capture_output=True, timeout=seconds, check=False
+            )
+        except subprocess.TimeoutExpired:
+            raise _damaged(source, kind, f"not done after {seconds:.0f} s") from None
+    if done.returncode != 0:
+        lines = done.stderr.decode(errors="replace").strip().splitlines()
+        why = lines[-1][:120] if lines else "the reader crashed"
+        raise _damaged(source, kind, why)
+    with np.load(io.BytesIO(done.stdout), allow_pickle=False) as sent:
+        values = json.loads(str(sent["values"]))
+        arrays = [sent[f"array{k}"] for k in range(len(sent.files) - 1)]
+    if "missing" in values:
+        msg = (
+            f"{source.path} is {kind}, and the package {values['missing']!r}, which "
+            f"reads it, is not installed; {EXTRA}"
+        )
+        raise InputError(msg)
+    if "refused" in values:
+        msg = f"{source.path}: {values['refused']}"
+        raise InputError(msg)
+    return values["parsed"], arrays
+
+
+def _damaged(source: Source, kind: str, why: str) -> InputError:
+    return InputError(
+        f"{source.path} is not {kind} that can be read ({why}); it may be damaged or "
+        "cut off: record, copy or export it again"
+    )
+
+
+@contextmanager
+def _on_disk(source: Source) -> "Iterator[str]":
+    # the path of a log, of a copy where it is inside another file
+    if source.inside is None:
+        yield source.path
+        return
+    with TemporaryDirectory(prefix="simval-log-") as folder:
+        path = os.path.join(folder, PurePath(source.path).stem)
+        with open(path, "wb") as file:
+            file.write(source.content)
+        yield path
+
+
+def send() -> None:
+    """Parse the file of the command line, and write what it holds to the output.
+
+    Raises what the reader raises; the parent process looks at the exit code.
+    """
+    module, path, memory = sys.argv[1:4]
+    output, sys.stdout = sys.stdout.buffer, sys.stderr  # libraries print warnings
+    arrays: list[Array] = []
+    values: dict[str, Any] = {}
+    try:
+        parsed = importlib.import_module(f"simval.imu.logs.{module}").parsed
+        _limit(int(memory))
+        values["parsed"], arrays = parsed(path)
+    except ModuleNotFoundError as error:
+        values["missing"] = error.name
+    except InputError as error:
+        values["refused"] = str(error)
+    named = {f"array{k}": array for k, array in enumerate(arrays)}
+    text = np.array(json.dumps(values), dtype=np.str_)
+    np.savez(output, allow_pickle=False, values=text, **named)
+
+
+def _limit(memory: int) -> None:
+    with open("/proc/self/statm", encoding="ascii") as file:
+        memory += int(file.read().split()[0]) * resource.getpagesize()
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    least = min(each for each in (memory, soft, hard) if each != resource.RLIM_INFINITY)
+    resource.setrlimit(resource.RLIMIT_AS, (least, hard))

@@ -1,0 +1,118 @@
+"""ROS bags: of ROS 1, and of ROS 2 as a folder, a SQLite file or an MCAP file.
+
+A candidate is a topic of ``sensor_msgs/Imu``: linear acceleration with gravity in m/s^2
+and angular velocity in rad/s, in the sensor's axes (REP 103, REP 145); a quantity that
+the message says it lacks (first covariance -1), or that is zero in every message, is
+not read. A topic of ``sensor_msgs/MagneticField``, in T, is joined to it. Stamps are
+those of the headers; where these do not increase, the times of receipt.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.imu.logs.apart import read_apart
+from simval.imu.logs.joining import Stream, candidates, received, sent
+from simval.imu.logs.source import Source
+from simval.imu.logs.tables import ArrayTable
+
+_ROS1, _MCAP, _SQLITE = b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0"
+_KINDS: Final = {_ROS1: "a ROS 1 bag", _MCAP: "an MCAP file", _SQLITE: "a ROS 2 bag"}
+_QUANTITIES: Final = {  # of each message: field, components, unit
+    "sensor_msgs/msg/Imu": (
+        ("linear_acceleration", "xyz", " [m/s^2]"),
+        ("angular_velocity", "xyz", " [rad/s]"),
+        ("orientation", "wxyz", ""),
+    ),
+    "sensor_msgs/msg/MagneticField": (("magnetic_field", "xyz", " [T]"),),
+}
+
+
+def sniff(source: Source) -> bool:
+    """Return whether it is a bag."""
+    if source.is_folder:
+        return "metadata.yaml" in source.members
+    return source.start.startswith(tuple(_KINDS))
+
+
+def read(source: Source) -> dict[str, Callable[[], ArrayTable]]:
+    """Tables of the topics with an accelerometer.
+
+    Raises
+    ------
+    InputError
+        If the bag cannot be read or has none.
+    """
+    kinds = (kind for start, kind in _KINDS.items() if source.start.startswith(start))
+    values, arrays = read_apart("bags", source, next(kinds, "a ROS 2 bag"))
+    return candidates(source.path, received(values, arrays), values)
+
+
+def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
+    """Streams of a bag's topics."""
+    from rosbags.typesys import Stores, get_typestore
+
+    first, reader = _reader(Path(path))
+    store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
+    parse = store.deserialize_ros1 if first else store.deserialize_cdr
+    reader.open()
+    topics = sorted({f"{each.topic} ({each.msgtype})" for each in reader.connections})
+    known = [each for each in reader.connections if each.msgtype in _QUANTITIES]
+    rows: dict[tuple[str, str], list[tuple[int, Any]]] = {}
+    for connection, stamp, raw in reader.messages(known) if known else ():
+        message = parse(raw, connection.msgtype)
+        name = connection.topic, connection.msgtype
+        rows.setdefault(name, []).append((stamp, message))
+    stamps = {name: _header_stamps(each) for name, each in rows.items()}
+    said = "stamps of the headers"
+    if not all(np.all(np.diff(each) > 0) for each in stamps.values()):
+        stamps = {name: np.array([t for t, _ in each]) for name, each in rows.items()}
+        said = "times of receipt, for the headers' stamps do not increase"
+    start = min((each[0] for each in stamps.values()), default=0)
+    streams = [
+        Stream(
+            name=topic,
+            group=topic.rpartition("/")[0],
+            words=f"{kind}, {said}",
+            time=(stamps[topic, kind] - start) / 1e9,
+            columns=_columns(kind, [message for _, message in each]),
+        )
+        for (topic, kind), each in sorted(rows.items())
+    ]
+    return sent(streams, ", ".join(topics))
+
+
+def _reader(path: Path) -> tuple[bool, Any]:
+    # whether it is of ROS 1, and the reader of its form, whatever the file's name
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.rosbag2 import Reader as Reader2
+
+    if path.is_dir():
+        return False, Reader2(path)
+    with path.open("rb") as file:
+        start = file.read(16)
+    if start.startswith(_ROS1):
+        return True, Reader1(path)
+    end = ".mcap" if start.startswith(_MCAP) else ".db3"
+    return False, Reader2.STORAGE_PLUGINS[end](path)
+
+
+def _header_stamps(rows: list[tuple[int, Any]]) -> Any:
+    stamps = [message.header.stamp for _, message in rows]
+    return np.array([each.sec * 10**9 + each.nanosec for each in stamps], np.int64)
+
+
+def _columns(kind: str, messages: list[Any]) -> dict[str, Array]:
+    columns: dict[str, Array] = {}
+    for field, axes, unit in _QUANTITIES[kind]:
+        values = [getattr(each, field) for each in messages]
+        if getattr(messages[0], f"{field}_covariance")[0] == -1.0:
+            continue
+        array = np.array([[getattr(each, axis) for axis in axes] for each in values])
+        if array.any():
+            own = zip(axes, array.T, strict=True)
+            columns |= {f"{field}.{axis}{unit}": column for axis, column in own}
+    return columns

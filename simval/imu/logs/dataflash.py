@@ -1,0 +1,178 @@
+"""ArduPilot's dataflash logs: binary (.bin) and text (.log).
+
+Candidates are ``IMU`` of each instance (``IMU2`` in old logs), and ``ACC`` with ``GYR``
+where raw sampling was on: m/s^2 and rad/s, joined to ``MAG`` in milligauss. All are in
+the axes of the vehicle's body, forward right down (FRD), and corrected by the
+autopilot's own calibration. Stamps are ``SampleUS`` where there is one, else
+``TimeUS``.
+
+Each record names its type, whose length and fields a record ``FMT`` states. There is no
+checksum, so a record counts only where the start of another, or the end of the file,
+follows it; bytes that are of no such record are passed over, and that is said.
+"""
+
+import re
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.imu.logs.joining import Stream, candidates
+from simval.imu.logs.source import Source
+from simval.imu.logs.tables import ArrayTable
+
+_HEAD: Final = b"\xa3\x95"  # of a record, before its type
+_FORMAT_TYPE: Final = 128
+_FORMAT_LENGTH: Final = 89
+_CODES: Final = {  # of a field: NumPy's type
+    "a": "V64", "b": "i1", "B": "u1", "g": "f2", "h": "<i2", "H": "<u2", "i": "<i4",
+    "I": "<u4", "f": "<f4", "n": "V4", "N": "V16", "Z": "V64", "c": "<i2", "C": "<u2",
+    "e": "<i4", "E": "<u4", "L": "<i4", "d": "<f8", "M": "u1", "q": "<i8", "Q": "<u8",
+}  # fmt: skip
+_DIVISORS: Final = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
+_NAMED: Final = re.compile(r"(IMU|ACC|GYR|MAG)(\d?)")
+_UNITS: Final = {"Acc": "m/s^2", "Gyr": "rad/s", "Mag": "mgauss"}
+_WORDS: Final = "in the axes of the body, corrected by the autopilot's calibration"
+
+Columns = dict[str, Array]
+
+
+def sniff(source: Source) -> bool:
+    """Return whether a file is a dataflash log."""
+    binary = _HEAD + bytes([_FORMAT_TYPE])
+    return source.start.startswith(binary) or b"FMT, 128, 89," in source.start[:200]
+
+
+def read(source: Source) -> dict[str, Callable[[], ArrayTable]]:
+    """Tables of each accelerometer of the log.
+
+    Raises
+    ------
+    InputError
+        If the log has none.
+    """
+    binary = source.start.startswith(_HEAD)
+    messages, passed = _binary(source.content) if binary else _text(source)
+    streams = [each for name in sorted(messages) for each in _streams(name, messages)]
+    start = min((each.time[0] for each in streams), default=0.0)
+    streams = [replace(each, time=(each.time - start) / 1e6) for each in streams]
+    said = ("damaged", f"{passed:,} bytes of no whole record were passed over")
+    log = {"holds": ", ".join(sorted(messages)), "said": [said] if passed else []}
+    return candidates(source.path, streams, log)
+
+
+def _binary(content: bytes) -> tuple[dict[str, Columns], int]:
+    # columns of the messages of sensors, and how many bytes are of no record
+    formats = {_FORMAT_TYPE: _Format("FMT", _FORMAT_LENGTH, np.dtype("V86"), ())}
+    places: dict[int, list[int]] = defaultdict(list)
+    at, passed, end = 0, 0, len(content)
+    while at < end:
+        kind = content[at + 2] if content.startswith(_HEAD, at) and at + 2 < end else -1
+        known = formats.get(kind)
+        after = at + known.length if known else end + 1
+        if not (after == end or content.startswith(_HEAD, after)):
+            found = content.find(_HEAD, at + 1)
+            found = end if found < 0 else found
+            passed, at = passed + found - at, found
+            continue
+        if kind == _FORMAT_TYPE:
+            formats |= _format(content[at + 3 : after])
+        places[kind].append(at)
+        at = after
+    messages = {}
+    data = np.frombuffer(content, np.uint8)
+    for kind, starts in places.items():
+        own = formats[kind]
+        if _NAMED.fullmatch(own.name):
+            inside = np.arange(len(_HEAD) + 1, own.length)
+            rows = data[np.array(starts)[:, None] + inside].view(own.form)[:, 0]
+            messages[own.name] = {
+                name: rows[name].astype(np.float64) / _DIVISORS.get(code, 1.0)
+                for name, code in own.columns
+                if rows.dtype[name].kind in "iuf"
+            }
+    return {name: own for name, own in messages.items() if own}, passed
+
+
+@dataclass(frozen=True, slots=True)
+class _Format:
+    """Form of one type of record."""
+
+    name: str
+    length: int  # bytes, with the head and the type
+    form: Any  # NumPy's type of the bytes behind these
+    columns: tuple[tuple[str, str], ...]  # name and code of each
+
+
+def _format(record: bytes) -> dict[int, _Format]:
+    # what a record FMT states; nothing where it contradicts itself
+    name, codes, labels = (
+        text.partition(b"\0")[0].decode("ascii", "replace")
+        for text in (record[2:6], record[6:22], record[22:86])
+    )
+    columns = tuple(zip(labels.split(","), codes, strict=False))
+    if not all(code in _CODES for code in codes) or len(set(labels.split(","))) != len(
+        codes
+    ):
+        return {}
+    form = np.dtype([(label, _CODES[code]) for label, code in columns])
+    if form.itemsize + len(_HEAD) + 1 != record[1]:
+        return {}
+    return {record[0]: _Format(name, record[1], form, columns)}
+
+
+def _text(source: Source) -> tuple[dict[str, Columns], int]:
+    # as `_binary`, of lines "NAME, number, number, ..."
+    labels: dict[str, list[str]] = {}
+    rows: dict[str, list[list[float]]] = defaultdict(list)
+    passed = 0
+    for line in source.content.decode("ascii", "replace").splitlines():
+        fields = [field.strip() for field in line.split(",")]
+        if fields[0] == "FMT" and len(fields) > 5:
+            labels[fields[3]] = fields[5:]
+        if not _NAMED.fullmatch(fields[0]):
+            continue
+        try:
+            values = [float(field) for field in fields[1:]]
+        except ValueError:
+            values = []
+        if len(values) == len(labels.get(fields[0], "")):
+            rows[fields[0]].append(values)
+        else:
+            passed += len(line)
+    arrays = {name: np.array(own).T for name, own in rows.items()}
+    return {
+        name: dict(zip(labels[name], own, strict=True)) for name, own in arrays.items()
+    }, passed
+
+
+def _streams(name: str, messages: dict[str, Columns]) -> Iterator[Stream]:
+    # of each instance; stamps in microseconds
+    columns = messages[name]
+    match = _NAMED.fullmatch(name)
+    clocks = (("SampleUS", 1.0), ("TimeUS", 1.0), ("TimeMS", 1e3))
+    clock, scale = next((each for each in clocks if each[0] in columns), ("", 0.0))
+    axes = {
+        f"{stem}{axis} [{unit}]": columns[f"{stem}{axis}"]
+        for stem, unit in _UNITS.items()
+        for axis in "XYZ"
+        if all(f"{stem}{each}" in columns for each in "XYZ")
+    }
+    if not (match and clock and axes):
+        return
+    if "T" in columns and columns["T"].any():
+        axes["temperature [degC]"] = columns["T"]
+    numbered = np.full(len(columns[clock]), int(match[2] or 1) - 1)  # IMU, IMU2; ACC1
+    instances = columns.get("I", numbered)
+    for instance in np.unique(instances):
+        own = instances == instance
+        yield Stream(
+            name=f"{name} {instance:.0f}" if "I" in columns else name,
+            group=f"{instance:.0f}",
+            words=_WORDS,
+            time=columns[clock][own] * scale,
+            columns={label: values[own] for label, values in axes.items()},
+        )

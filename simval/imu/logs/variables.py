@@ -1,0 +1,156 @@
+"""Files of named arrays: MATLAB's (format 4 and 5), NumPy's (.npy, .npz), Parquet's."""
+
+from collections import defaultdict
+from typing import Any, Final
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.errors import InputError
+from simval.imu.logs.apart import read_apart
+from simval.imu.logs.names import channel
+from simval.imu.logs.source import Source
+from simval.imu.logs.tables import ArrayTable
+
+ROWS: Final = 10  # an array with fewer is no column of a log, which has a rest in it
+RATES: Final = ("fs", "samplingrate", "samplerate", "samplingfrequency", "samplefreq")
+"""Names of a number that is the rate in Hz, as in BROAD's files, in small letters and
+without signs."""
+_NUMPY, _ZIP, _PARQUET = b"\x93NUMPY", b"PK", b"PAR1"
+
+
+def sniff(source: Source) -> bool:
+    """Return whether a file is MATLAB's, NumPy's or Parquet's."""
+    if source.start.startswith((b"MATLAB 5.0", _NUMPY, _PARQUET)):
+        return True
+    end = source.path.lower()
+    if source.start.startswith(_ZIP):
+        return end.endswith(".npz")
+    return end.endswith(".mat") and b"\0" in source.start[:20]
+
+
+def read(source: Source) -> ArrayTable:
+    """Columns of the variables that have as many rows as the accelerometer's.
+
+    A variable of n rows and one column is a column by its own name, one of n by 3 is
+    three with ``_x``, ``_y``, ``_z`` behind it; structures are looked into. One matrix
+    alone has no names. A number by one of the names of `RATES` is the rate of a log
+    without a clock.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or has no variable with rows of numbers.
+    """
+    path = source.path
+    found, arrays = read_apart("variables", source, _kind(source))
+    by_length: dict[int, dict[str, Array]] = defaultdict(dict)
+    for name, array in zip(found["names"], arrays, strict=True):
+        by_length[len(array)][name] = array
+    if not by_length:
+        msg = (
+            f"{path} has no variable with {ROWS} rows of numbers or more; save the "
+            "accelerometer as a matrix of n rows and 3 columns"
+        )
+        raise InputError(msg)
+    rate = next(iter(found["rates"].items()), None)
+    group = max(by_length.values(), key=lambda each: (_names_force(each), len(each)))
+    if len(group) == 1 and not _names_force(group):
+        values = next(iter(group.values()))
+        return ArrayTable(path=path, names=None, values=values, rate=rate)
+    columns = [pair for name, array in group.items() for pair in _columns(name, array)]
+    names = tuple(name for name, _ in columns)
+    values = np.column_stack([values for _, values in columns])
+    return ArrayTable(path=path, names=names, values=values, rate=rate)
+
+
+def _kind(source: Source) -> str:
+    kinds = {_NUMPY: "a NumPy file", _ZIP: "a NumPy file", _PARQUET: "a Parquet file"}
+    named = (kind for start, kind in kinds.items() if source.start.startswith(start))
+    return next(named, "a MATLAB file")
+
+
+def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
+    """Names of the variables with rows of numbers, rates, and the variables."""
+    with open(path, "rb") as file:
+        start = file.read(10)
+    pairs: list[tuple[str, Array]] = []
+    rates: dict[str, float] = {}
+    for name, value in _loaded(path, start).items():
+        if name.startswith("__"):
+            continue
+        pairs += _arrays(name, value)
+        rates |= _rates(name, value)
+    return {"names": [name for name, _ in pairs], "rates": rates}, [
+        array for _, array in pairs
+    ]
+
+
+def _loaded(path: str, start: bytes) -> dict[str, Any]:
+    if start.startswith(_PARQUET):
+        import pyarrow.parquet as parquet
+
+        table = parquet.read_table(path, memory_map=False)
+        return {
+            name: column.to_numpy()
+            for name, column in zip(table.column_names, table.columns, strict=True)
+        }
+    if start.startswith((_NUMPY, _ZIP)):
+        values = np.load(path, allow_pickle=False)
+        if isinstance(values, np.ndarray):
+            return {"": values}
+        return {name: values[name] for name in values.files}
+    import scipy.io
+
+    return dict(scipy.io.loadmat(path))
+
+
+def _arrays(name: str, value: Any) -> list[tuple[str, Array]]:
+    # arrays of numbers with rows along the longer axis, those in structures too
+    if not isinstance(value, np.ndarray):
+        return []
+    if value.dtype.names:
+        fields = value.reshape(-1)[0] if value.size == 1 else value
+        stem = f"{name}." if name else ""
+        return [
+            pair
+            for key in value.dtype.names
+            for pair in _arrays(f"{stem}{key}", fields[key])
+        ]
+    if value.dtype.kind == "M" and value.ndim == 1 and len(value):
+        value = (value - value[0]).astype("timedelta64[ns]").astype(np.float64)
+        name = f"{name} [ns]"
+    value = value[:, None] if value.ndim == 1 else value
+    real = value.dtype.kind in "iufb" and value.ndim == 2
+    if not real or max(value.shape) < ROWS:
+        return []
+    array = np.asarray(value, dtype=np.float64)
+    return [(name, array.T if array.shape[0] < min(ROWS, array.shape[1]) else array)]
+
+
+def _rates(name: str, value: Any) -> dict[str, float]:
+    # numbers that are rates, those in structures too
+    if not isinstance(value, np.ndarray) or value.size != 1:
+        return {}
+    if value.dtype.names:
+        fields = value.reshape(-1)[0]
+        each = [_rates(f"{name}.{key}", fields[key]) for key in value.dtype.names]
+        return {key: rate for rates in each for key, rate in rates.items()}
+    word = "".join(filter(str.isalnum, name.rpartition(".")[2])).lower()
+    if word not in RATES or value.dtype.kind not in "iuf":
+        return {}
+    rate = float(value.reshape(-1)[0])
+    return {name: rate} if 0.0 < rate < np.inf else {}
+
+
+def _columns(name: str, array: Array) -> list[tuple[str, Array]]:
+    width = array.shape[1]
+    if width == 1:
+        return [(name, array[:, 0])]
+    ends = "xyz" if width == 3 else [str(k) for k in range(width)]
+    return [(f"{name}_{end}", array[:, k]) for k, end in enumerate(ends)]
+
+
+def _names_force(group: dict[str, Array]) -> bool:
+    names = [name for key, array in group.items() for name, _ in _columns(key, array)]
+    return any(channel(each).kind == "force" and channel(each).axis for each in names)

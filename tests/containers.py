@@ -1,0 +1,235 @@
+"""Files of every kind that holds a log, each made by the writer that users have.
+
+A writer is given a path without its end, times in whole microseconds from zero, and the
+readings of an accelerometer (m/s^2), a gyroscope (rad/s) and a magnetometer (the unit
+of the format), and returns the path of what it made.
+"""
+
+import gzip
+import struct
+
+import numpy as np
+import pyarrow
+import pyarrow.parquet
+import scipy.io
+from pyulog import ULog
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.rosbag2.storage_mcap import McapReader
+from rosbags.typesys import Stores, get_typestore
+
+NAMES = ("ax", "ay", "az", "wx", "wy", "wz", "mx", "my", "mz")
+
+
+def table(us, force, rate, field):
+    return np.column_stack([us / 1e6, force, rate, field])
+
+
+def csv(path, us, force, rate, field):
+    rows = table(us, force, rate, field).tolist()
+    path = path.with_suffix(".csv")
+    lines = [",".join(map(repr, row)) for row in rows]
+    path.write_text("\n".join([f"t [s],{','.join(NAMES)}", *lines, ""]))
+    return path
+
+
+def csv_gz(path, us, force, rate, field):
+    content = csv(path, us, force, rate, field).read_bytes()
+    path = path.with_suffix(".csv.gz")
+    path.write_bytes(gzip.compress(content))
+    return path
+
+
+def npy(path, us, force, rate, field):
+    path = path.with_suffix(".npy")
+    rows = table(us, force, rate, field)
+    form = [(name, "f8") for name in ("t_s", *NAMES)]
+    np.save(path, np.array(list(map(tuple, rows.tolist())), dtype=form))
+    return path
+
+
+def npz(path, us, force, rate, field):
+    path = path.with_suffix(".npz")
+    np.savez_compressed(path, time_us=us, acc=force, gyro=rate, mag=field)
+    return path
+
+
+def parquet(path, us, force, rate, field):
+    path = path.with_suffix(".parquet")
+    rows = table(us, force, rate, field)
+    named = dict(zip(("t_s", *NAMES), rows.T, strict=True))
+    pyarrow.parquet.write_table(pyarrow.table(named), path)
+    return path
+
+
+def matlab(path, us, force, rate, field):
+    path = path.with_suffix(".mat")
+    values = {"imu_acc": force, "imu_gyr": rate, "imu_mag": field}
+    scipy.io.savemat(path, values | {"time_us": us[:, None]}, do_compression=True)
+    return path
+
+
+def ros(path, us, force, rate, field, *, plugin=None):
+    """A bag by rosbags: of ROS 1 without a plugin for storage."""
+    first = plugin is None
+    store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
+    kinds = store.types
+    path = path.with_suffix(".bag") if first else path.with_suffix("")
+    writer = Writer1(path) if first else Writer2(path, version=9, storage_plugin=plugin)
+    pack = store.serialize_ros1 if first else store.serialize_cdr
+    three = kinds["geometry_msgs/msg/Vector3"]
+    none = np.zeros(9)
+    with writer:
+        topics = {
+            name: writer.add_connection(
+                topic, f"sensor_msgs/msg/{name}", typestore=store
+            )
+            for name, topic in (("Imu", "/imu/data"), ("MagneticField", "/imu/mag"))
+        }
+        for k, t in enumerate((us * 1000).tolist()):
+            t += 10**9  # a bag's times are from an epoch
+            stamp = kinds["builtin_interfaces/msg/Time"](
+                sec=t // 10**9, nanosec=t % 10**9
+            )
+            more = {"seq": k} if first else {}
+            header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id="imu", **more)
+            messages = {
+                "Imu": kinds["sensor_msgs/msg/Imu"](
+                    header=header,
+                    orientation=kinds["geometry_msgs/msg/Quaternion"](
+                        x=0.0, y=0.0, z=0.0, w=0.0
+                    ),
+                    orientation_covariance=np.array([-1.0, *none[1:]]),
+                    angular_velocity=three(*rate[k].tolist()),
+                    angular_velocity_covariance=none,
+                    linear_acceleration=three(*force[k].tolist()),
+                    linear_acceleration_covariance=none,
+                ),
+                "MagneticField": kinds["sensor_msgs/msg/MagneticField"](
+                    header=header,
+                    magnetic_field=three(*field[k].tolist()),
+                    magnetic_field_covariance=none,
+                ),
+            }
+            for name, message in messages.items():
+                kind = f"sensor_msgs/msg/{name}"
+                writer.write(topics[name], t, pack(message, kind))
+    return path
+
+
+def ros1(path, *log):
+    return ros(path, *log)
+
+
+def ros2_folder(path, *log):
+    return ros(path, *log, plugin=StoragePlugin.SQLITE3)
+
+
+def ros2_db3(path, *log):
+    return next(ros2_folder(path, *log).glob("*.db3"))
+
+
+def mcap(path, *log):
+    folder = ros(path, *log, plugin=StoragePlugin.MCAP)
+    return next(folder.glob("*.mcap"))
+
+
+def mcap_zstd(path, *log):
+    """The same messages in chunks with checksums, as the writer of MCAP's own makes."""
+    from mcap.writer import Writer
+
+    made = mcap(path, *log)
+    reader = McapReader(made)
+    reader.open()
+    path = path.with_name(f"{path.name}_zstd.mcap")
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2", library="")
+        numbers = {}
+        for each in reader.connections:
+            form = each.msgdef.data.encode()
+            schema = writer.register_schema(each.msgtype, "ros2msg", form)
+            numbers[each.id] = writer.register_channel(each.topic, "cdr", schema)
+        for each, stamp, raw in reader.messages(reader.connections):
+            writer.add_message(numbers[each.id], stamp, bytes(raw), stamp)
+        writer.finish()
+    reader.close()
+    return path
+
+
+def ulog(path, us, force, rate, field):
+    """By pyulog's writer, of three messages at the same times."""
+    log = ULog(None)
+    for number, (name, values) in enumerate(
+        (("sensor_accel", force), ("sensor_gyro", rate), ("sensor_mag", field))
+    ):
+        form = f"{name}:uint64_t timestamp;float x;float y;float z;".encode()
+        header = ULog._MessageHeader()
+        header.msg_size = len(form)
+        log._message_formats[name] = ULog.MessageFormat(form, header)
+        text = struct.pack("<BH", 0, number) + name.encode()
+        header.msg_size = len(text)
+        own = ULog._MessageAddLogged(text, header, log._message_formats)
+        rows = np.zeros(len(us), own.dtype)
+        rows["timestamp"] = us + 1
+        for axis, column in zip("xyz", values.T, strict=True):
+            rows[axis] = column
+        own.buffer = bytearray(rows.tobytes())
+        log._data_list.append(ULog.Data(own))
+    path = path.with_suffix(".ulg")
+    log.write_ulog(str(path))
+    return path
+
+
+def _dataflash(us, force, rate, field):
+    """Records as pymavlink packs them."""
+    from pymavlink.DFReader import DFFormat, DFMessage
+
+    forms = [
+        DFFormat(number, name, 0, codes, labels)
+        for name, number, codes, labels in (
+            ("FMT", 128, "BBnNZ", "Type,Length,Name,Format,Columns"),
+            ("IMU", 129, "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
+            ("MAG", 130, "QBfff", "TimeUS,I,MagX,MagY,MagZ"),
+        )
+    ]
+    for form in forms:
+        form.len = 3 + struct.calcsize(form.msg_struct)
+    for form in forms:
+        text = (form.name, form.format, ",".join(form.columns))
+        yield DFMessage(forms[0], [form.type, form.len, *text], False, None)
+    for k, t in enumerate(us.tolist()):
+        yield DFMessage(forms[1], [t, 0, *rate[k], *force[k]], False, None)
+        yield DFMessage(forms[2], [t, 0, *field[k]], False, None)
+
+
+def dataflash_text(path, us, force, rate, field):
+    """The same records in words, by the form of ArduPilot's .log; not by its writer."""
+    values = (np.float32(x).tolist() for x in (force, rate, field))
+    path = path.with_suffix(".log")
+    records = _dataflash(us, *map(np.array, values))
+    lines = [", ".join(map(str, (r.fmt.name, *r._elements))) for r in records]
+    path.write_text("\n".join([*lines, ""]))
+    return path
+
+
+def dataflash(path, us, force, rate, field):
+    path = path.with_suffix(".bin")
+    values = (np.float32(x).tolist() for x in (force, rate, field))
+    records = _dataflash(us, *map(np.array, values))
+    path.write_bytes(b"".join(each.get_msgbuf() for each in records))
+    return path
+
+
+WRITERS = {  # by the name of the container: what writes it
+    each.__name__: each
+    for each in (
+        *(csv, csv_gz, npy, npz, parquet, matlab, ros1, ros2_folder, ros2_db3, mcap),
+        *(mcap_zstd, ulog, dataflash, dataflash_text),
+    )
+}
+SINGLE = {"ulog", "dataflash", "dataflash_text"}
+"""Formats of single precision."""
+CHECKED = {"csv_gz", "npz", "matlab", "mcap_zstd"}
+"""Formats with a checksum of the readings: a changed byte is seen."""

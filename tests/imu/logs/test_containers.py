@@ -1,0 +1,111 @@
+"""Every container of a log: what was written, what is damaged, what is asked."""
+
+import shutil
+
+import numpy as np
+import pytest
+from containers import CHECKED, SINGLE, WRITERS
+
+from simval.errors import InputError
+from simval.imu.logs import read_log
+
+ROWS = 240
+
+
+def recording(name, seed=0, rows=ROWS):
+    """Times in microseconds and nine axes, all of them different numbers."""
+    rng = np.random.default_rng([37, seed])
+    us = np.arange(rows) * 10_000 + rng.integers(0, 2000, rows)
+    us -= us[0]
+    axes = rng.normal(size=(3, rows, 3))
+    axes[0, :, 2] += 9.8
+    if name in SINGLE:
+        axes = axes.astype(np.float32).astype(float)
+    return us, *axes
+
+
+def made(folder, name, *log):
+    """Path of a container in a folder of its own."""
+    folder.mkdir()
+    return WRITERS[name](folder / "log", *log)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_what_was_written_is_read_to_the_bit(name, tmp_path):
+    us, force, rate, field = recording(name)
+    log = read_log(made(tmp_path / name, name, us, force, rate, field))
+    np.testing.assert_array_equal(log.accelerometer, force)
+    np.testing.assert_array_equal(log.gyro, rate)
+    np.testing.assert_array_equal(log.magnetometer, field)
+    # a clock in microseconds is multiplied by 1e-6, which rounds once more
+    np.testing.assert_allclose(log.time, us / 1e6, rtol=0, atol=1e-15)
+
+
+def truncated(content, rng):
+    return content[: int(rng.integers(len(content)))]
+
+
+def flipped(content, rng):
+    damaged = bytearray(content)
+    for at in rng.integers(0, len(content), int(rng.integers(1, 8))):
+        damaged[at] ^= 1 << int(rng.integers(8))
+    return bytes(damaged)
+
+
+def zeroed(content, rng):
+    size = int(10 ** rng.uniform(0, 3.5))
+    at = int(rng.integers(len(content)))
+    return content[:at] + bytes(len(content[at : at + size])) + content[at + size :]
+
+
+def read_or_refused(path):
+    """The log, or None where it is refused in words that name it."""
+    try:
+        return read_log(path)
+    except InputError as error:
+        words = str(error)
+    assert str(path) in words
+    assert 20 < len(words) - len(str(path)) < 1200
+    return None
+
+
+FAMILIES = (truncated, flipped, zeroed)
+
+
+def files_of(path):
+    return [each for each in path.rglob("*") if each.is_file()] or [path]
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("trials", [6, pytest.param(90, marks=pytest.mark.slow)])
+def test_damage_is_refused_or_leaves_rows_that_were_written(name, trials, tmp_path):
+    """A file that was cut off gives none but true rows, and so does a checksum.
+
+    Without one a byte that is changed within a number cannot be seen by anybody: then
+    the rows are at most as many, finite, and in the order of time.
+    """
+    us, force, rate, field = recording(name)
+    good = made(tmp_path / "good", name, us, force, rate, field)
+    true = {row.tobytes() for row in np.hstack([force, rate])}
+    rng = np.random.default_rng([trials, len(name)])
+    seen = 0
+    for k in range(trials):
+        family = FAMILIES[k % len(FAMILIES)]
+        shutil.rmtree(tmp_path / "bad", ignore_errors=True)
+        shutil.copytree(tmp_path / "good", tmp_path / "bad")
+        bad = tmp_path / "bad" / good.relative_to(tmp_path / "good")
+        file = files_of(bad)[int(rng.integers(len(files_of(bad))))]
+        content = file.read_bytes()
+        file.write_bytes(family(content, rng))
+        log = read_or_refused(bad)
+        seen += log is None or not np.array_equal(log.accelerometer, force)
+        if log is None:
+            continue
+        assert len(log.time) <= ROWS
+        assert np.all(np.diff(log.time) > 0.0)
+        assert np.isfinite(log.accelerometer).all()
+        if (family is truncated or name in CHECKED) and log.gyro is not None:
+            rows = np.hstack([log.accelerometer, log.gyro])
+            assert {row.tobytes() for row in rows} <= true
+    assert seen > trials / 10  # the damage is one
