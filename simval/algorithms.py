@@ -4,6 +4,7 @@ A user's algorithm is compared with them by the same studies (`simval.plugins.lo
 has their names). The estimators declare their class, so theory judges them too.
 """
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -162,4 +163,11 @@ mekf = Filter(
         "magnetometer_noise",
     ),
     batch=True,
+)
+_OF_THE_FIELD = ("field", "magnetometer_noise")
+mekf_six = replace(
+    mekf,
+    name="mekf-six",
+    magnetometer=False,
+    reads=tuple(word for word in mekf.reads if word not in _OF_THE_FIELD),
 )

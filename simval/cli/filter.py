@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from simval.imu.recorded.evaluation import FilterRun
     from simval.imu.recorded.settings import Signals, Start
     from simval.imu.recorded.world import TruthWorld
+    from simval.plugins.protocol import Filter
 
 MOST_ROWS = 200_000
 """Rows whose answers are kept: covariances of six by six are then 60 MB. Of a longer
@@ -106,8 +107,10 @@ def command(
 ) -> int:
     """Run attitude filters over a recorded LOG and measure their errors.
 
-    LOG must have a gyroscope, an accelerometer, a magnetometer and at least one rest.
-    Its columns and its clock are read as by `simval calibrate`.
+    LOG must have a gyroscope, an accelerometer and at least one rest. Its columns and
+    its clock are read as by `simval calibrate`. Without a magnetometer a filter is
+    needed that takes none (simval:mekf-six, or magnetometer=False); its heading is
+    measured from its start.
 
     With --truth, errors are measured against recorded attitudes; their clock and axes
     are found from the log and stated with error bars, and their world is compared
@@ -251,6 +254,8 @@ def run_on_log(
     rate = 1.0 / float(np.median(given.dt))
     with started(time_limit, f"the filter {name}") as child:
         filter = child.ask(find_plugin, algorithm, Filter)
+        if found.field is None:
+            _require_six(filter)
         world = find_world(filter, given.told, rate)
         output = run_filter(filter, given, keep, world.world)
     how = "declared" if filter.world else "found"
@@ -259,8 +264,70 @@ def run_on_log(
         world=world.world,
         how=f"{how}: {filter.name} {world.words}",
         output=replace(output, kept=output.kept + start.row + 1),
+        six=not filter.magnetometer,
         thinned=stride > 1,
     )
+
+
+def _require_six(filter: Filter) -> None:
+    unknown = {"field", "magnetometer_noise"}.intersection(filter.reads)
+    if filter.magnetometer:
+        msg = (
+            f"{filter.name} takes a magnetometer, and the log has none: give a filter "
+            "of six axes (simval:mekf-six, or your own with magnetometer=False), or "
+            "name the magnetometer's columns (--columns)"
+        )
+        raise UnusablePluginError(msg)
+    if unknown:
+        msg = (
+            f"{filter.name} reads `{'`, `'.join(sorted(unknown))}`, and the log has no "
+            "magnetometer to tell them; leave them out of its `reads`"
+        )
+        raise UnusablePluginError(msg)
+
+
+def six_axis_bound(
+    found: Signals, start: Start, alignment: Alignment
+) -> dict[str, dict[str, float]]:
+    """Least RMS errors of any filter without a magnetometer, rad, by part.
+
+    The posterior Cramer-Rao bound of the filter's settings along the truth, by eq. (F2)
+    of `simval.theory.filter_recursion`: the heading at the start is exact, as headings
+    are counted from it, and drifts by the gyroscope's noise and bias. Where the truth
+    is missing the path turns evenly between its ends.
+    """
+    import numpy as np
+    from scipy.spatial.transform import Rotation, Slerp
+
+    from simval.geometry import attitude_matrix
+    from simval.imu.recorded.evaluation import resting
+    from simval.studies.filter_prediction import model_of
+    from simval.theory import FilterPath, filter_bound
+
+    time, q = found.time[start.row :], alignment.attitude[start.row :]
+    there = np.asarray(np.isfinite(q).all(axis=1))
+    known = time[there]
+    between = Slerp(known, Rotation.from_quat(q[there]))
+    q = between(np.clip(time, known[0], known[-1])).as_quat()
+    model = model_of(start.told, magnetometer=False)
+    A, first = attitude_matrix(q[1:]), model.start.copy()
+    first[:3, :3] -= start.told.start_std**2 * np.outer(
+        *2 * [attitude_matrix(q[0])[:, 2]]
+    )
+    path = FilterPath(dt=np.diff(time), attitude=q)
+    body = filter_bound(path, replace(model, start=first)).covariance[:, :3, :3]
+    square = np.diagonal(A.swapaxes(1, 2) @ body @ A, axis1=1, axis2=2)[there[1:]]
+    rest = resting(found)[start.row + 1 :][there[1:]]
+    parts = {"all": np.ones_like(rest), "rest": rest, "moving": ~rest}
+    return {
+        part: {
+            "total": float(np.sqrt(square[rows].sum(axis=1).mean())),
+            "heading": float(np.sqrt(square[rows, 2].mean())),
+            "inclination": float(np.sqrt(square[rows, :2].sum(axis=1).mean())),
+        }
+        for part, rows in parts.items()
+        if rows.any()
+    }
 
 
 def _evaluated(
@@ -274,6 +341,7 @@ def _evaluated(
     from simval.imu.recorded import evaluate
 
     done, failed, code = [], {}, 0
+    bound = None
     for name, word in filters.items():
         try:
             run = run_on_log(name, word, found, start, time_limit)
@@ -281,5 +349,7 @@ def _evaluated(
             failed[name] = str(error)
             code = 4 if isinstance(error, CrashedPluginError) else max(code, 3)
             continue
-        done.append(evaluate(run, found, alignment))
+        if run.six and alignment is not None and bound is None:
+            bound = six_axis_bound(found, start, alignment)
+        done.append(evaluate(run, found, alignment, bound))
     return done, failed, code

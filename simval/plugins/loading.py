@@ -85,7 +85,7 @@ PREFIX: Final = "simval:"
 _CLOSED_FORMS = ("closed-form", "combined", "sequential", "table-1", "plain")
 _ESTIMATORS = ("wahba", "weighted-wahba", "triad", *_CLOSED_FORMS)
 _CALIBRATORS = ("squared", "norm", "weighted", "sampson", "adjusted")
-_FILTERS = ("mekf",)
+_FILTERS = ("mekf", "mekf-six")
 
 BUILTIN: Final[Mapping[str, EntryPoint]] = MappingProxyType(
     {

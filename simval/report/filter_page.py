@@ -28,8 +28,9 @@ from simval.shapes import Bool, Float
 BAND = 3.0
 """Standard deviations of the band that is drawn."""
 
-CHI2 = (0.2158, 9.3484)
-"""Ends of 95 % of a chi-square of 3 degrees of freedom, that of one row."""
+CHI2 = {2: (0.0506, 7.3778), 3: (0.2158, 9.3484)}
+"""Ends of 95 % of a chi-square, that of one row, by degrees of freedom: of inclination
+alone where heading is free."""
 
 NAMES = ("total", "heading", "inclination")
 
@@ -331,11 +332,7 @@ def _drawing(name: str, truth: WithTruth) -> Drawing:
                 "NEES of a row",
                 [signal(errors.time, truth.squares, COLOURS[3])],
                 log_y=True,
-                references=(
-                    (CHI2[0], ""),
-                    (3.0, "3, its mean if the covariance is true"),
-                    (CHI2[1], ""),
-                ),
+                references=_expected(2 if truth.free else 3),
                 spans=rests,
             )
         )
@@ -353,6 +350,12 @@ def _drawing(name: str, truth: WithTruth) -> Drawing:
         panels=panels,
         columns=1,
     )
+
+
+def _expected(freedom: int) -> tuple[tuple[float, str], ...]:
+    low, high = CHI2[freedom]
+    mean = f"{freedom}, its mean if the covariance is true"
+    return (low, ""), (float(freedom), mean), (high, "")
 
 
 def _farthest(truth: WithTruth) -> str:

@@ -75,20 +75,17 @@ def prediction(
 
 def model_of(told: Told, magnetometer: bool) -> FilterModel:
     """Filter model of theory from a filter's settings."""
-    field = VectorSensor(
-        name=MAGNETOMETER, reference=told.field, std=told.magnetometer_noise
-    )
+    up: Array = told.gravity * UP
+    sensors = {ACCELEROMETER: (up, told.accelerometer_noise)}
+    if magnetometer:
+        sensors[MAGNETOMETER] = told.field, told.magnetometer_noise
     start = np.repeat([told.start_std**2, told.bias_std**2], 3)
     return FilterModel(
         gyroscope_noise=told.gyroscope_noise,
         gyroscope_walk=told.gyroscope_walk,
-        sensors=(
-            VectorSensor(
-                name=ACCELEROMETER,
-                reference=told.gravity * UP,
-                std=told.accelerometer_noise,
-            ),
-            *([field] if magnetometer else ()),
+        sensors=tuple(
+            VectorSensor(name=name, reference=vector, std=std)
+            for name, (vector, std) in sensors.items()
         ),
         start=np.diag(start),
     )

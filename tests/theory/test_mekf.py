@@ -339,6 +339,39 @@ def test_a_compiled_form_of_other_numbers_is_not_used(fault, monkeypatch):
         assert mekf._compiled.__wrapped__() is None
 
 
+@pytest.mark.parametrize("form", [in_numpy, pytest.param(in_c, marks=needs_it)])
+def test_noise_that_rounding_loses_is_refused_and_no_row_taken(form):
+    """At 1e-9 m/s^2 the readings' covariance is singular; NaN came of it."""
+    rows = np.ones((5, 3, 3))
+    for noise, lost in ((1e-9, True), (1e-5, False)):
+        q = filter_of()[1]
+        own = Mekf(start=q, **TOLD | {"accelerometer_noise": noise})
+        dt, y = np.full(5, 0.01), [0.1 * rows, 9.8 * rows, None]
+        if lost:
+            before = own.P.copy()
+            with pytest.raises(InputError, match="`accelerometer_noise` is 1e-09"):
+                form(own, dt, y)
+            np.testing.assert_array_equal(own.P, before)
+        else:
+            assert all(np.isfinite(value).all() for value in form(own, dt, y).values())
+
+
+def test_six_axes_are_nine_without_a_magnetometer():
+    rng = np.random.default_rng(4)
+    rows = rng.standard_normal((2, 6, 3, 3))
+    nine, q = filter_of()
+    told = {w: v for w, v in TOLD.items() if w not in ("field", "magnetometer_noise")}
+    six = Mekf(start=q, **told)
+    dt = np.full(6, 0.01)
+    answers = six.update_rows(dt, *rows)
+    for word, value in nine.update_rows(dt, *rows).items():
+        np.testing.assert_array_equal(answers[word], value)
+    with pytest.raises(InputError, match="six axes"):
+        six.update(0.01, *rows[:, 0], rows[0, 0])
+    with pytest.raises(InputError, match="both, or neither"):
+        Mekf(start=q, **told, field=[2e-5, 0.0, -4e-5])
+
+
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [

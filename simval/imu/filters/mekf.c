@@ -239,7 +239,7 @@ static PyObject *rows(PyObject *module, PyObject *args)
     Py_ssize_t sizes[ARRAYS] = {count, 3 * each, 3 * each, 3 * each, 2 * m + 3,
                                 (Py_ssize_t)DOUBLES * trials, (43 + m + m * m) * each};
     for (int i = 0; i < ARRAYS; i++)
-        if (given[i] != NULL && views[i].len != 8 * sizes[i]) {
+        if (views[i].obj != NULL && views[i].len != 8 * sizes[i]) {
             PyErr_Format(PyExc_ValueError, "`%s` has %zd numbers; %zd are needed",
                          NAMES[i], views[i].len / 8, sizes[i]);
             goto done;

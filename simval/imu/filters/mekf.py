@@ -31,6 +31,8 @@ reproduces some rows of the NumPy form, which is the definition, to `ROUNDED`.
 """
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache, partial
 from importlib import import_module
 from typing import Any, Final
@@ -52,6 +54,9 @@ from simval.shapes import Float
 I3: Final = frozen(np.eye(3))
 TINY: Final = 1e-100  # rad, stands in for no turn: sines over it are 1
 ROUNDED: Final = 1e-12  # relative, of the compiled form's answers
+LOST: Final = 1e-14
+"""Of a reading's variance: noise below it is lost in rounding, and what the readings
+have in common is singular."""
 WORDS: Final = ("attitude", "bias", "covariance", "innovation", "innovation_covariance")
 
 
@@ -67,13 +72,17 @@ class Mekf:
         taken as 0 at first.
     gravity : float
         m/s^2; the specific force at rest points along z of the world.
-    field : array_like
-        Magnetic field in the world, T, (3,).
+    field : array_like, optional
+        Magnetic field in the world, T, (3,). Without it and `magnetometer_noise` the
+        filter is one of six axes: it takes no magnetometer, and its heading is the
+        start's, carried on by the gyroscope.
     gyroscope_noise, gyroscope_walk : float
         Angle random walk N, rad/s per root hertz, and rate random walk K, rad/s^2 per
         root hertz.
-    accelerometer_noise, magnetometer_noise : float
-        Standard deviation per axis and row, m/s^2 and T.
+    accelerometer_noise : float
+        Standard deviation per axis and row, m/s^2.
+    magnetometer_noise : float, optional
+        The same of the magnetometer, T.
     coning : bool, default True
         Whether the cross product of eq. (F9) is added.
 
@@ -85,8 +94,9 @@ class Mekf:
 
     def __init__(
         self, *, start: Any, start_std: float, bias_std: float, gravity: float,
-        field: Any, gyroscope_noise: float, gyroscope_walk: float,
-        accelerometer_noise: float, magnetometer_noise: float, coning: bool = True,
+        field: Any = None, gyroscope_noise: float, gyroscope_walk: float,
+        accelerometer_noise: float, magnetometer_noise: float | None = None,
+        coning: bool = True,
     ) -> None:  # fmt: skip
         self.q = unit_quaternions("start", start)
         lead = self.q.shape[:-1]
@@ -100,16 +110,20 @@ class Mekf:
         self.before = np.zeros((*lead, 3))  # S of the step before
         self.N2 = nonnegative_number("gyroscope_noise", gyroscope_noise, "rad/s") ** 2
         self.K2 = nonnegative_number("gyroscope_walk", gyroscope_walk, "rad/s^2") ** 2
-        up = [0.0, 0.0, positive_number("gravity", gravity, "m/s^2")]
-        m = physical_array("field", field, (3,))
-        if m.shape != (3,):
-            msg = f"`field` has shape {m.shape}; give one vector of the world, T, (3,)"
+        self.references = np.array(
+            [[0.0, 0.0, positive_number("gravity", gravity, "m/s^2")]]
+        )
+        noise = [positive_number("accelerometer_noise", accelerometer_noise, "m/s^2")]
+        if (field is None) != (magnetometer_noise is None):
+            msg = "give `field` and `magnetometer_noise` both, or neither for six axes"
             raise InputError(msg)
-        self.references = np.stack([up, m])
-        noise = [
-            positive_number("accelerometer_noise", accelerometer_noise, "m/s^2"),
-            positive_number("magnetometer_noise", magnetometer_noise, "T"),
-        ]
+        if field is not None:
+            m = physical_array("field", field, (3,))
+            if m.shape != (3,):
+                msg = f"`field` has shape {m.shape}; give one vector of the world, (3,)"
+                raise InputError(msg)
+            self.references = np.concatenate([self.references, m[None]])
+            noise += [positive_number("magnetometer_noise", magnetometer_noise, "T")]
         self.R = np.repeat(np.square(noise), 3)
 
     def update(
@@ -135,11 +149,12 @@ class Mekf:
         """
         shape = self.b.shape
         rate = self._rows("gyroscope", gyroscope, shape)
-        self._step(positive_number("dt", dt, "s"), rate)
         given = [("accelerometer", accelerometer), ("magnetometer", magnetometer)]
         some = [i for i, (_, rows) in enumerate(given) if rows is not None]
         y = [self._rows(*given[i], shape) for i in some]
-        z, S = self._correct(np.array(some, dtype=int), y)
+        with self._unless_refused():
+            self._step(positive_number("dt", dt, "s"), rate)
+            z, S = self._correct(np.array(some, dtype=int), y)
         return dict(zip(WORDS, (self.q, self.b, self.P, z, S), strict=True))
 
     def update_rows(
@@ -182,13 +197,14 @@ class Mekf:
 
     def _in_numpy(self, dt: Array, y: list[Array | None]) -> dict[str, Array]:
         columns = [[None] * len(dt) if a is None else a for a in y]
-        each = [self.update(*row) for row in zip(dt, *columns, strict=True)]
+        with self._unless_refused():
+            each = [self.update(*row) for row in zip(dt, *columns, strict=True)]
         return {word: np.stack([row[word] for row in each]) for word in WORDS}
 
     def _in_c(self, code: Any, dt: Array, y: list[Array | None]) -> dict[str, Array]:
         lead = self.q.shape[:-1]
         some = [i for i, a in enumerate(y[1:]) if a is not None]
-        told = [self.references[some].ravel(), self.R.reshape(2, 3)[some].ravel()]
+        told = [self.references[some].ravel(), self.R.reshape(-1, 3)[some].ravel()]
         told.append(np.array([self.N2, self.K2, self.coning]))
         P = self.P.reshape(*lead, 36)
         state = np.concatenate([self.q, self.b, self.before, P], axis=-1)
@@ -196,6 +212,7 @@ class Mekf:
         answers = np.empty((len(dt), *lead, 43 + m + m * m))
         given = [a if a is None else np.require(a, None, ["C", "A"]) for a in (dt, *y)]
         code.rows(*given, np.concatenate(told), state, answers)
+        self._require_noise(some, answers[..., -m * m :][..., :: m + 1] if m else None)
         self.q, self.b, self.before, P = np.split(state, [4, 7, 10], axis=-1)
         self.P = P.reshape(self.P.shape)
         parts = np.split(answers, np.cumsum([4, 3, 36, m]), axis=-1)
@@ -206,9 +223,43 @@ class Mekf:
         )
         return dict(zip(WORDS, found, strict=True))
 
+    @contextmanager
+    def _unless_refused(self) -> Iterator[None]:
+        """Leave the state as it was where rows are refused."""
+        before = self.q, self.b, self.P, self.before
+        try:
+            yield
+        except InputError:
+            self.q, self.b, self.P, self.before = before
+            raise
+
+    def _require_noise(
+        self, some: Any, variances: Float[Array, "... m"] | None
+    ) -> None:
+        # of the innovations, beside which the noise of a reading must be seen
+        if variances is None:
+            return
+        noise = self.R.reshape(-1, 3)[some].ravel()
+        seen = noise >= LOST * variances  # False for NaN
+        if not seen.all():
+            k = int(np.argmin(seen.reshape(-1, len(noise)).all(axis=0)))
+            name = ("accelerometer_noise", "magnetometer_noise")[some[k // 3]]
+            msg = (
+                f"`{name}` is {np.sqrt(noise[k]):.3g}, and lost in rounding beside the "
+                f"{np.sqrt(np.max(variances)):.3g} by which a reading is off for the "
+                "error of the attitude; give the scatter of a row of that sensor"
+            )
+            raise InputError(msg)
+
     def _rows(
         self, name: str, rows: Any, shape: tuple[int, ...]
     ) -> Float[Array, "... 3"]:
+        if name == "magnetometer" and len(self.references) < 2:
+            msg = (
+                "a `magnetometer` is given to a filter of six axes; give the filter "
+                "`field` and `magnetometer_noise`, or leave the reading out"
+            )
+            raise InputError(msg)
         array = physical_array(name, rows, (3,))
         if array.shape != shape:
             msg = (
@@ -243,7 +294,8 @@ class Mekf:
         HP = H @ self.P[..., :3, :]
         S = HP[..., :3] @ H.swapaxes(-1, -2)
         i = np.arange(m)
-        S[..., i, i] += self.R.reshape(2, 3)[some].ravel()
+        S[..., i, i] += self.R.reshape(-1, 3)[some].ravel()
+        self._require_noise(some, S[..., i, i] if m else None)
         K = np.linalg.solve(S, HP).swapaxes(-1, -2)
         P = self.P - K @ HP
         self.P = (P + P.swapaxes(-1, -2)) / 2.0

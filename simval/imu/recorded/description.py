@@ -17,6 +17,11 @@ from simval.text import interval_words
 from simval.units import OF_A_LOG
 
 PARTS = {"all": "all", "rest": "at rest", "moving": "moving"}
+FREE = (
+    "Without a magnetometer heading is free: its error is the drift since the first "
+    "row with truth. The bound (Cramer-Rao) is that of six axes, by the settings told, "
+    "were the specific force gravity's alone."
+)
 BLIND = (
     "Without truth a filter can only be asked about itself: a scale error of the "
     "gyroscope, or noise told wrongly, leaves innovations as they should be. Only "
@@ -55,6 +60,13 @@ def alignment_lines(
     tilt = f"+- {half:.2g} degrees"
     if np.isnan(half):
         tilt = "whose error one rest does not show"
+    north = (
+        "north by the magnetometer's mean, "
+        f"+- {np.degrees(world.half('heading')):.2g} degrees with what the field's "
+        f"direction varies by over the log, {np.degrees(world.deviation):.2g}"
+    )
+    if not world.heading_dof:
+        north = "nothing of north: heading is counted from the first row with truth"
     return [
         f"truth             {', '.join(recorded.columns)}: {alignment.meaning}; read "
         f"otherwise it leaves {alignment.better:.3g} times the variance",
@@ -74,9 +86,7 @@ def alignment_lines(
         f"truth's world     {_world(alignment)}",
         f"                  the log shows it off by ({off}) degrees about "
         f"north, west and up: up by {world.rests} rest(s), {tilt};",
-        "                  north by the magnetometer's mean, "
-        f"+- {np.degrees(world.half('heading')):.2g} degrees with what the field's "
-        f"direction varies by over the log, {np.degrees(world.deviation):.2g}",
+        f"                  {north}",
     ]
 
 
@@ -95,6 +105,9 @@ def _world(alignment: Alignment) -> str:
         near = f"the nearest is {world.name}" if world.name else f"{size:.0f} degrees"
         return f"turned to what the log shows; {near}"
     name = f"{world.name} ({WORLDS[world.name]})"
+    if world.taken == "nearest" and not world.heading_dof:
+        up = "down" if world.name == "NED" else "up"
+        return f"z {up}, the nearest; its north is free"
     return {
         "stated": f"{name}, as stated",
         "standard": f"{name}, as its data set has it",
@@ -136,7 +149,12 @@ def _errors(done: list[Evaluation]) -> list[str]:
             name = each.run.name if part == "all" else ""
             after = f"   {_settled(each.truth.settled)}" if part == "all" else ""
             lines.append(f"  {name:{width}s}{words:9s}{cells}{after}")
-    return lines
+    bound = next((e.truth.bound for e in done if e.truth and e.truth.bound), None)
+    for part, least in (bound or {}).items():
+        cells = "".join(f"{np.degrees(value):17.3g}" for value in least.values())
+        name = "bound" if part == "all" else ""
+        lines.append(f"  {name:{width}s}{PARTS[part]:9s}{cells}")
+    return [*lines, FREE] if bound else lines
 
 
 def _cell(rms: Rms) -> str:
@@ -152,7 +170,10 @@ def _settled(seconds: float) -> str:
 def _covariances(done: list[Evaluation]) -> list[str]:
     width = _width(done)
     lines = [
-        "squared error over covariance (NEES), 3 where that is true; NIS beside it",
+        "squared error over covariance (NEES), 3 where that is true; NIS beside it"
+        if not any(each.truth and each.truth.free for each in done)
+        else "squared error over covariance (NEES): of the attitude 3, of inclination "
+        "alone where heading is free 2, of its drift 1; NIS beside it",
         f"  {'filter':{width}s}{'NEES':>10s}   {'interval':22s}{'verdict':16s}"
         f"{'NIS':>8s}  us a row",
     ]
@@ -166,6 +187,10 @@ def _covariances(done: list[Evaluation]) -> list[str]:
         lines.append(
             f"  {each.run.name:{width}s}{text}{second:>8s}  {each.microseconds:.0f}"
         )
+        if (drift := each.truth.drift) is not None:
+            low = f"{drift.low:.3g} or more" if drift.blocks else "-"
+            text = f"{_known(drift.mean):>10s}   {low:22s}{drift.verdict}"
+            lines.append(f"  {'  its drift':{width}s}{text}")
     return lines
 
 
@@ -226,12 +251,12 @@ def truth_object(alignment: Alignment, recorded: Truth) -> dict[str, Any]:
             "matrix": plain(world.matrix),
             "tilt_sd": plain(world.tilt_sd),
             "tilt_half": plain(world.half("tilt")),
-            "heading_sd": world.heading_sd,
+            "heading_sd": plain(world.heading_sd),
             "heading_half": plain(world.half("heading")),
             "rests": world.rests,
             "name": world.name or None,
             "off": plain(world.off),
-            "heading_deviation": world.deviation,
+            "heading_deviation": plain(world.deviation),
             "taken": world.taken,
         },
     }
@@ -275,6 +300,9 @@ def evaluation_object(each: Evaluation) -> dict[str, Any]:
             "rows_with_truth": len(each.truth.errors.time),
             "converged_after": plain(each.truth.settled),
             "nees": _consistency(each.truth.nees),
+            "heading_free": each.truth.free,
+            "nees_of_drift": _consistency(each.truth.drift),
+            "bound": each.truth.bound,
         }
     return found
 

@@ -26,7 +26,8 @@ recording is correlated over its whole length, so its mean is judged by blocks,
 :math:`e' P^{-1} e` with P the filter's covariance and the truth's own: its noise, and
 the error bars of its axes and world. Blocks are as many of `COUNTS` as leave their
 means uncorrelated; Student's t then gives the interval. A recording can only show a
-mean that is off by its own scatter or more.
+mean that is off by its own scatter or more. A free heading drifts once in a log, and is
+judged as one error.
 """
 
 from dataclasses import dataclass
@@ -266,6 +267,31 @@ def judged(values: Float[Array, " k"], expected: float) -> Consistency:
         low=low,
         high=high,
         blocks=len(means),
+        verdict=verdict,
+    )
+
+
+def judged_once(values: Float[Array, " k"]) -> Consistency:
+    """Judge the mean of squares that are of one error, as of a drift that only grows.
+
+    However they are correlated, it is taken for one square: chi-square of 1 degree of
+    freedom, of which a recording shows a mean that is off eight times or more.
+    """
+    values = values[np.isfinite(values)]
+    mean = float(values.mean()) if len(values) else np.nan
+    least, most = scipy.special.chdtri(1.0, [1.0 - ALPHA / 2.0, ALPHA / 2.0])
+    low, high = mean / most, mean / least
+    verdict: Verdict = "consistent" if len(values) else "not judged"
+    if low > 1.0:
+        verdict = "overconfident"
+    elif high < 1.0:
+        verdict = "underconfident"
+    return Consistency(
+        mean=mean,
+        expected=1.0,
+        low=low,
+        high=high,
+        blocks=min(len(values), 1),
         verdict=verdict,
     )
 

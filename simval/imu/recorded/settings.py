@@ -47,7 +47,8 @@ class Signals:
     time: Float[Array, " n"]  # s
     gyro: Float[Array, "n 3"]  # rad/s, or the log's unit where `gyro_unit` is empty
     force: Float[Array, "n 3"]  # specific force, m/s^2
-    field: Float[Array, "n 3"]  # T, or the log's unit where `field_unit` is empty
+    # T, or the log's unit where `field_unit` is empty; None without a magnetometer
+    field: Float[Array, "n 3"] | None
     rate: float  # Hz
     rests: Intervals
     gyro_unit: str  # where it came from, in words; empty: not known yet
@@ -56,14 +57,16 @@ class Signals:
 
     def __post_init__(self) -> None:
         for name in ("time", "gyro", "force", "field"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, frozen(value))
 
     def described(self) -> list[str]:
         """Describe the units and their origin in lines of text."""
         return [
             f"units             gyroscope {self.gyro_unit}",
             f"                  accelerometer {self.force_unit}",
-            f"                  magnetometer {self.field_unit or UNKNOWN}",
+            "                  magnetometer "
+            + ("none" if self.field is None else self.field_unit or UNKNOWN),
         ]
 
 
@@ -80,13 +83,12 @@ def signals(
     Raises
     ------
     InputError
-        If a sensor is missing, or the accelerometer's unit is not known.
+        If the gyroscope is missing, or the accelerometer's unit is not known.
     RefusedError
         If the calibration is not of this sensor.
     """
-    _require_sensors(log)
+    _require_gyroscope(log)
     assert log.gyro is not None
-    assert log.magnetometer is not None
     raw = Signals(
         time=log.time,
         gyro=log.gyro * (gyro.si_per_raw or 1.0),
@@ -106,15 +108,14 @@ def signals(
     return with_field_unit(log, raw)
 
 
-def _require_sensors(log: Log) -> None:
-    for name, rows in (("gyroscope", log.gyro), ("magnetometer", log.magnetometer)):
-        if rows is None:
-            why = "; ".join(log.unclear)
-            msg = (
-                f"{log.path} has no {name} ({why or 'no column is named as one'}), and "
-                "a filter is given all three sensors; name its columns (--columns)"
-            )
-            raise InputError(msg)
+def _require_gyroscope(log: Log) -> None:
+    if log.gyro is None:
+        why = "; ".join(log.unclear)
+        msg = (
+            f"{log.path} has no gyroscope ({why or 'no column is named as one'}), and "
+            "a filter is given one; name its columns (--columns)"
+        )
+        raise InputError(msg)
     step = np.diff(log.time)
     row = int(np.argmax(step))
     usual = float(np.median(step))
@@ -138,8 +139,7 @@ def _calibrated(log: Log, raw: Signals, path: str) -> Signals:
         assert log.gyro is not None
         corrected = gyroscope.correct(log.gyro, specific_force=force)
         found = replace(found, gyro=corrected, gyro_unit=f"rad/s, {words}")
-    if magnetometer is not None:
-        assert log.magnetometer is not None
+    if magnetometer is not None and log.magnetometer is not None:
         corrected = magnetometer.correct(log.magnetometer)
         found = replace(found, field=corrected)
     return with_field_unit(log, found)
@@ -147,9 +147,10 @@ def _calibrated(log: Log, raw: Signals, path: str) -> Signals:
 
 def with_field_unit(log: Log, found: Signals) -> Signals:
     """Bring the field to T: by the header, else where its length is the Earth's."""
+    if found.field is None or log.magnetometer is None:
+        return found
     units = OF_A_LOG["magnetometer"]
     unit, words = written_unit(log, "magnetometer"), "as the header says"
-    assert log.magnetometer is not None
     if unit not in units or not np.array_equal(found.field, log.magnetometer):
         length = float(np.median(np.linalg.norm(found.field, axis=1)))
         fits = [u for u in units if EARTH[0] <= length * units[u] <= EARTH[1]]
@@ -219,7 +220,8 @@ def start_of(
 ) -> Start:
     """Start at the first rest, by two vectors, with the filter's settings.
 
-    Without known noise the log's longest rest is measured.
+    Without known noise the log's longest rest is measured. Without a magnetometer the
+    start is by the specific force, its heading is any, and the field told is NaN.
 
     Raises
     ------
@@ -232,28 +234,40 @@ def start_of(
     up, north = _directions(found, first)
     N, K, words = _gyro_noise(found, longest, known, source)
     forces = [found.force[part].mean(axis=0) for part in parts]
-    fields = [found.field[part].mean(axis=0) for part in parts]
     gravity = float(np.mean([np.linalg.norm(force) for force in forces]))
-    length = float(np.mean([np.linalg.norm(field) for field in fields]))
-    # of the dip: down against the field
-    sine = [
-        -float(f @ m / np.linalg.norm(f) / np.linalg.norm(m))
-        for f, m in zip(forces, fields, strict=True)
-    ]
-    dip = float(np.arcsin(np.mean(sine)))
-    field = length * np.array([np.cos(dip), 0.0, -np.sin(dip)])
+    field, scatter = np.full(3, np.nan), np.nan
+    sensed = ""
+    told_field = f"gravity {gravity:.5g} m/s^2: mean of the rests"
+    vectors = "the specific force of the first rest, heading free"
+    if found.field is not None:
+        fields = [found.field[part].mean(axis=0) for part in parts]
+        length = float(np.mean([np.linalg.norm(field) for field in fields]))
+        # of the dip: down against the field
+        sine = [
+            -float(f @ m / np.linalg.norm(f) / np.linalg.norm(m))
+            for f, m in zip(forces, fields, strict=True)
+        ]
+        dip = float(np.arcsin(np.mean(sine)))
+        field = length * np.array([np.cos(dip), 0.0, -np.sin(dip)])
+        scatter = _scatter(found.field, parts)
+        unit = "T" if found.field_unit else "in its unit"
+        sensed = f", magnetometer {scatter:.3g} {unit}"
+        told_field = (
+            f"gravity {gravity:.5g} m/s^2, field {length:.4g} {unit}, dip "
+            f"{np.degrees(dip):.2f} degrees: means of the rests"
+        )
+        vectors = "two vectors of the first rest"
     bias = float(np.sqrt(np.mean(found.gyro[first].mean(axis=0) ** 2)))
     told = Told(
         gyroscope_noise=N,
         gyroscope_walk=K,
         accelerometer_noise=_scatter(found.force, parts),
-        magnetometer_noise=_scatter(found.field, parts),
+        magnetometer_noise=scatter,
         gravity=gravity,
         field=field,
         start_std=START_STD,
         bias_std=max(bias, N / np.sqrt((first.stop - first.start) / found.rate)),
     )
-    unit = "T" if found.field_unit else "in its unit"
     return Start(
         row=int(first.start),
         attitude=of_matrix(np.stack([north, np.cross(up, north), up], axis=1)),
@@ -261,13 +275,11 @@ def start_of(
         described=(
             f"told              gyroscope N {N:.3g} rad/s/sqrt(Hz), K {K:.3g} "
             f"rad/s/sqrt(s): {words}",
-            f"                  accelerometer {told.accelerometer_noise:.3g} m/s^2, "
-            f"magnetometer {told.magnetometer_noise:.3g} {unit} a row: scatter in "
-            f"{len(parts)} rest(s)",
-            f"                  gravity {gravity:.5g} m/s^2, field {length:.4g} {unit},"
-            f" dip {np.degrees(dip):.2f} degrees: means of the rests",
-            f"                  start at {found.time[first.start]:.2f} s by two vectors"
-            f" of the first rest, sd {np.degrees(START_STD):.2g} degrees; bias 0, sd "
+            f"                  accelerometer {told.accelerometer_noise:.3g} m/s^2"
+            f"{sensed} a row: scatter in {len(parts)} rest(s)",
+            f"                  {told_field}",
+            f"                  start at {found.time[first.start]:.2f} s by {vectors}"
+            f", sd {np.degrees(START_STD):.2g} degrees; bias 0, sd "
             f"{told.bias_std:.2g} rad/s (what that rest reads)",
         ),
     )
@@ -276,10 +288,13 @@ def start_of(
 def _directions(
     found: Signals, part: slice
 ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-    # up and north in sensor axes
+    # up and north in sensor axes; without a field, of the axis that is most level
     up = found.force[part].mean(axis=0)
     up /= np.linalg.norm(up)
-    field = found.field[part].mean(axis=0)
+    if found.field is None:
+        field = np.eye(3)[int(np.argmin(np.abs(up)))]
+    else:
+        field = found.field[part].mean(axis=0)
     flat = field - (field @ up) * up
     if not np.linalg.norm(flat) > 0.02 * np.linalg.norm(field):
         msg = (

@@ -6,6 +6,9 @@ is the magnetometer's own: the place may turn the field, or a calibration, by as
 its direction scatters over the log, and no mean takes that out. So a world that is
 known is taken as it is, and what the log shows is stated too; errors are turned to
 the log's north only where a user asks for that.
+
+A log without a magnetometer shows up alone. Its north is then that of the nearest
+named world, and carries no claim: `heading_dof` is 0.
 """
 
 from collections.abc import Mapping, Sequence
@@ -50,9 +53,9 @@ class World:
     tilt_dof : int
         Its degrees of freedom; 0 where it is not known.
     heading_sd : float
-        Standard deviation of north, rad.
+        Standard deviation of north, rad; NaN without a magnetometer.
     heading_dof : int
-        Its degrees of freedom.
+        Its degrees of freedom; 0 without a magnetometer.
     deviation : float
         Standard deviation over the log of the field's horizontal direction, rad.
     rests : int
@@ -89,7 +92,7 @@ class World:
         if self.taken != "estimated":
             return np.zeros((3, 3))
         tilt = 0.0 if np.isnan(self.tilt_sd) else self.tilt_sd**2
-        return np.diag([tilt, tilt, self.heading_sd**2])
+        return np.diag([tilt, tilt, self.heading_sd**2 if self.heading_dof else 0.0])
 
     def half(self, which: str) -> float:
         """Half width of the 95 % interval of ``tilt`` or ``heading``, rad.
@@ -107,7 +110,7 @@ class World:
 def find_world(
     q: Float[Array, "n 4"],
     force: Float[Array, "n 3"],
-    field: Float[Array, "n 3"],
+    field: Float[Array, "n 3"] | None,
     rests: Intervals,
     axes: Float[Array, "3 3"],
 ) -> World:
@@ -133,6 +136,17 @@ def find_world(
     common = turn @ axes @ turn.T
     up = ups.mean(axis=0)
     up /= np.linalg.norm(up)
+    tilt_sd, tilt_dof = _tilt(ups, up)
+    leak = 0.0 if np.isnan(tilt_sd) else tilt_sd
+    tilt_sd = float(np.sqrt(tilt_sd**2 + 0.5 * (np.trace(common) - up @ common @ up)))
+    if field is None:
+        axes_of = (np.array(FRAME_AXES[name]) for name in FRAMES)
+        matrix = _level(up, max(axes_of, key=lambda own: float(own[1] @ up))[0])
+        name, off = _named(matrix)
+        return World(
+            matrix=matrix, tilt_sd=tilt_sd, tilt_dof=tilt_dof, heading_sd=np.nan,
+            heading_dof=0, deviation=np.nan, rests=len(ups), name=name, off=off,
+        )  # fmt: skip
     there_field = rotated(q, field)[there]
     mean, covariance, dof = mean_with_error(there_field)
     flat = mean - (mean @ up) * up
@@ -149,9 +163,7 @@ def find_world(
     matrix = np.stack([north, west, up])
     name, off = _named(matrix)
     east = np.arctan2(there_field @ west, there_field @ north)
-    tilt_sd, tilt_dof = _tilt(ups, up)
-    leak = float(mean @ up) / length * (0.0 if np.isnan(tilt_sd) else tilt_sd)
-    tilt_sd = float(np.sqrt(tilt_sd**2 + 0.5 * (np.trace(common) - up @ common @ up)))
+    leak *= float(mean @ up) / length
     heading = west @ covariance @ west / length**2 + leak**2 + up @ common @ up
     return World(
         matrix=matrix,
@@ -184,12 +196,15 @@ def taken_world(
         return _as(shown, STANDARD[tuple(columns)][0], "standard")
     if shown.name:
         return _as(shown, shown.name, "nearest")
+    by, to = "rests", ""
+    if shown.heading_dof:
+        half = np.degrees(shown.half("heading"))
+        by, to = "magnetometer", f", to +- {half:.2g} degrees"
     msg = (
         f"the truth's world is none of {', '.join(FRAMES)}: the nearest is "
         f"{np.degrees(np.linalg.norm(shown.off)):.0f} degrees off by what the log's "
-        f"sensors show; state it (--truth-world), or turn the truth to the log's own "
-        "magnetometer (--truth-world estimated), to "
-        f"+- {np.degrees(shown.half('heading')):.2g} degrees"
+        "sensors show; state it (--truth-world), or turn the truth to the log's own "
+        f"{by} (--truth-world estimated){to}"
     )
     raise RefusedError(msg)
 
@@ -197,7 +212,8 @@ def taken_world(
 def _as(world: World, name: str, taken: Taken) -> World:
     north, up = (np.array(axis) for axis in FRAME_AXES[name])
     own = np.stack([north, np.cross(up, north), up])
-    off = -rotation_vector(of_matrix(world.matrix @ own.T))
+    shown = world.matrix if world.heading_dof else _level(world.matrix[2], north)
+    off = -rotation_vector(of_matrix(shown @ own.T))
     return replace(world, matrix=own, name=name, off=off, taken=taken)
 
 
@@ -218,6 +234,15 @@ def _ups(
         raise RefusedError(msg)
     each = np.array(means)
     return each / np.linalg.norm(each, axis=1, keepdims=True)
+
+
+def _level(up: Float[Array, "3"], north: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    # the world of this up whose north is the nearest to that one
+    flat = np.asarray(north) - (north @ up) * up
+    if not np.linalg.norm(flat) > 0.1:  # it is upright: any other
+        flat = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
+    flat /= np.linalg.norm(flat)
+    return np.stack([flat, np.cross(up, flat), up])
 
 
 def _tilt(ups: Float[Array, "m 3"], up: Float[Array, "3"]) -> tuple[float, int]:

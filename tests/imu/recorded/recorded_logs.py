@@ -116,11 +116,13 @@ def made(
     )  # fmt: skip
 
 
-def write_log(path, log, *, truth=True):
+def write_log(path, log, *, truth=True, field=True):
     """Write a log as text, with its truth beside the readings on the same clock."""
     header = "t [s],ax [m/s^2],ay [m/s^2],az [m/s^2],wx [rad/s],wy [rad/s],wz [rad/s]"
-    header += ",mx [T],my [T],mz [T]"
-    columns = [log.time, log.force, log.gyro, log.field]
+    columns = [log.time, log.force, log.gyro]
+    if field:
+        header += ",mx [T],my [T],mz [T]"
+        columns.append(log.field)
     if truth:
         header += ",opt_q_0,opt_q_1,opt_q_2,opt_q_3"
         columns.append(log.truth.components)
