@@ -9,6 +9,7 @@ A shell starts the program at each key, so only names of `simval.vocabulary` and
 folders are looked at. Where no name fits, the shell completes files by itself.
 """
 
+import os
 import shlex
 from collections.abc import Callable, Iterable
 from inspect import Parameter, signature
@@ -25,6 +26,9 @@ from simval.errors import InputError
 from simval.text import as_whole, read_whole, shown
 from simval.units import OF_A_LOG
 from simval.vocabulary import RUNS, SCENES, STUDIES, builtin_suites
+
+PROCESSORS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
+"""Processors that this process may use."""
 
 EARTH = (9.76, 9.84)
 """Gravity on the Earth, m/s^2: on its highest mountain at the equator, at the poles."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from simval.cli.options import (
+    PROCESSORS,
     Alpha,
     OutFile,
     OutFolder,
@@ -24,6 +25,10 @@ from simval.vocabulary import ALPHA, BASELINE
 if TYPE_CHECKING:
     from simval.report.panels import Drawing
     from simval.sweep import Run
+
+
+MOST_WORKERS = 4
+"""Processes that draw: more take longer to start than they save."""
 
 
 @declared("report")
@@ -83,7 +88,10 @@ def command(
     chosen = _chosen(loaded, names) if pictures is not None else {}
     path = out or beside_store(loaded.folder, "report.html")
     try:
-        page = render(loaded, alpha, baseline=stored, against=other, opened=opened)
+        page = render(
+            loaded, alpha, baseline=stored, against=other, opened=opened,
+            workers=min(PROCESSORS, MOST_WORKERS),
+        )  # fmt: skip
         with _named(path):
             path.write_text(page, encoding="utf-8")
         if pictures is not None:

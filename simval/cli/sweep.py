@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 from contextlib import nullcontext
 from datetime import datetime
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from simval.cli.options import (
+    PROCESSORS,
     Number,
     OutFolder,
     Whole,
@@ -46,7 +46,7 @@ def command(
         Whole(min=1),
         "Number of processes that compute cells.",
         dict(show_default="all processors"),
-    ] = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1,
+    ] = PROCESSORS,
     seed: Annotated[
         int | None, Whole(min=0), "Seed to use instead of the suite's."
     ] = None,

@@ -9,8 +9,13 @@ apply to them.
 
 import io
 import re
+import signal
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from html import escape
+from multiprocessing import get_context
 from textwrap import wrap
 from typing import Any
 
@@ -51,6 +56,9 @@ SLACK = 0.92  # share of the room that is used, for a reader with a wider font
 SEAMS = re.compile(r"(?<=[_:,=/])")
 """After these letters a word that is longer than a line is broken."""
 
+ALONE = 40
+"""Panels that one process draws sooner than several that start for them."""
+
 APART = 0.45  # of a line, between the dots of a name
 STYLE: Any = {
     "svg.fonttype": "none",
@@ -90,6 +98,34 @@ def root(drawing: Drawing) -> str:
 def svg(drawing: Drawing) -> str:
     """Draw as one ``svg`` element for each panel, which a page sets side by side."""
     return "".join(map(_svg, _parts(drawing)))
+
+
+def images(drawings: Sequence[Drawing], workers: int) -> dict[str, str]:
+    """Draw many as `svg` does, by name, in several processes.
+
+    None where that would not be quicker: who needs a picture draws it then.
+    """
+    parts = [(drawing.name, part) for drawing in drawings for part in _parts(drawing)]
+    if workers < 2 or len(parts) < ALONE:
+        return {}
+    # a fork of this process could inherit locks; one that only draws has no others
+    context = get_context("forkserver")
+    context.set_forkserver_preload([__name__])
+    pool = ProcessPoolExecutor(workers, context, initializer=_begin_worker)
+    try:
+        with pool:
+            drawn = list(pool.map(_svg, [part for _, part in parts]))
+    except BrokenProcessPool:  # killed, for memory as a rule: one draws them too
+        return {}
+    found = {drawing.name: "" for drawing in drawings}
+    for (name, _), text in zip(parts, drawn, strict=True):
+        found[name] += text
+    return found
+
+
+def _begin_worker() -> None:
+    # the process that waits for the pictures is the one to interrupt
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def svg_file(drawing: Drawing) -> str:

@@ -60,10 +60,6 @@ def script() -> dict[str, Any]:
     return {"text": Markup(content), "digest": digest}
 
 
-def _picture(drawing: Drawing) -> Markup:
-    return Markup(svg(drawing))
-
-
 @cache
 def _environment() -> Environment:
     environment = Environment(
@@ -76,7 +72,7 @@ def _environment() -> Environment:
     environment.filters.update(number=number)
     environment.globals.update(NAMED=NAMED, PRINTED=PRINTED, MANY=MANY, silent=silent)
     environment.globals.update(
-        measured=measured, picture=_picture, text=text, sort_key=sort_key, script=script
+        measured=measured, text=text, sort_key=sort_key, script=script
     )
     return environment
 
@@ -263,6 +259,8 @@ class Section:
     title: str = ""
     # statistics of its study that it shows in no figure and no table of its own
     elsewhere: tuple[str, ...] = ()
+    # its drawings by name as far as they are drawn already (`paint.images`)
+    images: Mapping[str, str] = field(default_factory=dict)
 
     def under(self, anchor: str, title: str) -> "Section":
         """The section at its place on the page."""
@@ -274,9 +272,13 @@ class Section:
         text = template(self.anchor, "plain").render(
             drawings=self.drawings,
             tables=self.tables,
+            picture=self._picture,
             **{"about": "", **self.values},
         )
         return Markup(text)  # escaped within the template
+
+    def _picture(self, drawing: Drawing) -> Markup:
+        return Markup(self.images.get(drawing.name) or svg(drawing))
 
 
 def made(

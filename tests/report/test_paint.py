@@ -14,7 +14,16 @@ from matplotlib.image import imread
 from matplotlib.text import Text
 
 from simval.report.marks import log_ticks, percent, spelled
-from simval.report.paint import STYLE, broken, figure_of, png, svg, svg_file
+from simval.report.paint import (
+    ALONE,
+    STYLE,
+    broken,
+    figure_of,
+    images,
+    png,
+    svg,
+    svg_file,
+)
 from simval.report.panels import (
     COLOURS,
     MANY,
@@ -172,6 +181,16 @@ def test_the_same_data_are_the_same_bytes_in_every_form():
     assert (alone := svg_file(drawing)).count("<svg") == 1
     assert alone == svg_file(drawing)
     assert png(drawing) == png(drawing)
+
+
+@pytest.mark.ci
+def test_two_processes_draw_what_one_draws():
+    many = [
+        drawing_of(panel_of(Series(label="a", x=X, y=k * X)), panel_of(), name=f"d{k}")
+        for k in range(ALONE // 2)
+    ]
+    assert images(many, 2) == {drawing.name: svg(drawing) for drawing in many}
+    assert images(many, 1) == images(many[1:], 2) == {}
 
 
 def pixels(text):
