@@ -12,11 +12,13 @@ Their numbers are ours, not those of a published table.
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
+from pydantic import AfterValidator
 
 from simval.arrays import Array, frozen
+from simval.errors import InputError
 from simval.geometry import normalize
 from simval.shapes import Float
 
@@ -84,3 +86,14 @@ def named_geometry(name: str) -> tuple[Float[Array, "4"], Float[Array, "k 3"]]:
     return normalize(TRUTH), normalize(
         np.array(GEOMETRIES[name].references, dtype=float)
     )
+
+
+def _known(name: str) -> str:
+    if name not in GEOMETRIES:
+        msg = f"`geometry` is {name:.60}; give a number, or {', '.join(GEOMETRIES)}"
+        raise InputError(msg)
+    return name
+
+
+GeometryName = Annotated[str, AfterValidator(_known)]
+"""A named test case."""

@@ -8,7 +8,7 @@ a fact about a machine and its day.
 import argparse
 from statistics import median
 
-from benchmarks import attitude, calibration, filters, gyroscope, rest  # noqa: F401
+from benchmarks import attitude, calibration, filters, gyroscope, judging, rest  # noqa: F401
 from benchmarks.race import RACES, ROUNDS, run_race
 
 

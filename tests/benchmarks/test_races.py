@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks import attitude, calibration, filters, gyroscope, rest
+from benchmarks import attitude, calibration, filters, gyroscope, judging, rest
 from benchmarks.race import RACES, Contender, require_agreement, run_race
 from simval.geometry import attitude_matrix, normalize, random_quaternions
 from simval.imu.attitude import wahba_quaternion
@@ -65,9 +65,10 @@ SMALL = {
     calibration: {"MANY": 40, "FEW": 10},
     filters: {"ROWS": 20, "TRIALS": 8},
     gyroscope: {"TRIALS": 2, "BLOCK": 2, "POSES": 16},
+    judging: {"ROWS": 3000, "CURVES": 10},
     rest: {"ROWS": 20_000, "MOST_STEPS": 50},
 }
-SLOW = {"gyroscope", "estimators", "predictions"}
+SLOW = {"gyroscope", "estimators", "predictions", "log"}
 
 
 @pytest.mark.parametrize(

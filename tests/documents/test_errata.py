@@ -10,6 +10,9 @@ from errata import moments, page, symmetric
 from errata.claim import CLAIMS, RIGHT, check
 from mutants import claims as faults
 
+from simval.geometry import normalize
+from simval.theory import attitude_moments
+
 EVALUATED = [name for name, claim in CLAIMS.items() if claim.evaluate]
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "errata.md").read_text("utf-8")
@@ -52,6 +55,19 @@ def test_figures_of_the_page():
     stated = f"median ratio of the errors of {np.median(ratios):.2f}, "
     assert f"{stated}at worst {max(ratios):.3f}." in text
     assert f"in {farther} of {len(ratios)} random geometries" in text
+    # the same noise on b1 and b2: what the bilinear part's mean adds across q
+    rng = np.random.default_rng(1664)
+    q, r1, r2 = (normalize(rng.standard_normal(n)) for n in (4, 3, 3))
+    L = 0.02 * np.eye(12)
+    L[3:6, :3], L[3:6, 3:6] = L[:3, :3], 0.0
+    second, exact = (
+        attitude_moments(q, r1, r2, L @ L.T, order, "plain").bias[3]
+        for order in (2, "exact")
+    )
+    length = abs(q[:3] @ np.cross(r1, r2))
+    paper = second + 0.75 * 0.02**2 / length * (1.0 - q[3] ** 2)
+    stated = f"(52) gives {paper:.5f} for the scalar part, with that mean it is "
+    assert f"is {length:.3f}, {stated}{second:.5f}, and exactly {exact:.5f}." in text
 
 
 def test_every_second_derivative_but_one_is_printed_right_somewhere():
