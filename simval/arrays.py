@@ -80,9 +80,11 @@ def physical_array(
 
 
 def noise_levels(
-    name: str, value: Any, count: int, of: str = "poses"
-) -> Float[Array, " count"]:
+    name: str, value: Any, count: int, of: str = "poses", trials: int | None = None
+) -> Float[Array, "... count"]:
     """Standard deviations of poses or axes, one for all or one for each.
+
+    Of each of so many trials, too, if they are given in that shape.
 
     Raises
     ------
@@ -91,18 +93,20 @@ def noise_levels(
         be worked with.
     """
     sigma = shaped_array(name, value, ())
-    fits = sigma.shape in ((), (count,))
+    fits = sigma.shape in ((), (count,), (trials, count))
     if not (fits and np.all((sigma == 0.0) | (sigma >= LEAST))):
         least = np.min(sigma, initial=np.inf)
+        each = "" if trials is None else f", or of {trials} trials ({trials}, {count})"
         msg = (
             f"`{name}` has shape {sigma.shape} and least value {least:g}; give one "
-            f"number, or one for each of the {count} {of}, 0 or {LEAST:g} and more"
+            f"number, or one for each of the {count} {of}{each}, 0 or {LEAST:g} and "
+            "more"
         )
         raise InputError(msg)
     if not np.all(sigma <= GREATEST):
         msg = f"`{name}` is infinite or beyond {GREATEST:g}; check its unit"
         raise InputError(msg)
-    return np.broadcast_to(sigma, (count,))
+    return np.broadcast_to(sigma, (*sigma.shape[:-1], count))
 
 
 def shaped_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:

@@ -169,9 +169,9 @@ def checked_readings(poses: Any) -> Float[Array, "n 3"] | Float[Array, "trials n
 
 
 def checked_noise(
-    noise_std: Any, count: int, residual: str
-) -> Float[Array, " n"] | None:
-    """Return the noise of each pose.
+    noise_std: Any, poses: Float[Array, "... n 3"], residual: str
+) -> Float[Array, "... n"] | None:
+    """Return the noise of each pose, of each trial of a batch.
 
     Raises
     ------
@@ -187,15 +187,16 @@ def checked_noise(
             )
             raise InputError(msg)
         return None
-    sigma = noise_levels("noise_std", noise_std, count)
+    trials = len(poses) if poses.ndim == 3 else None
+    sigma = noise_levels("noise_std", noise_std, poses.shape[-2], trials=trials)
     if residual in WEIGHTED and not np.all(sigma > 0.0) and np.any(sigma > 0.0):
         msg = (
-            f"`noise_std` is 0 for {np.count_nonzero(sigma == 0.0)} of {count} poses; "
-            f"residual {residual!r} weighs each pose by 1/noise^2, so give every pose "
-            "the noise that it has"
+            f"`noise_std` is 0 for {np.count_nonzero(sigma == 0.0)} of {sigma.size} "
+            f"poses; residual {residual!r} weighs each pose by 1/noise^2, so give "
+            "every pose the noise that it has"
         )
         raise InputError(msg)
-    return sigma
+    return np.broadcast_to(sigma, poses.shape[:-1])
 
 
 def checked_time(time: Any, count: int) -> Float[Array, " n"]:
@@ -262,8 +263,8 @@ def calibrate(
         Residual, see `simval.imu.calibrate.residuals`; adjusted needs `noise_std`.
     noise_std : float or array_like, optional
         Standard deviation of each axis of a pose mean, raw units, one number or one
-        for each pose (n,). With it the covariance is that of a known sigma;
-        without, Type A, from the residuals.
+        for each pose (n,), or for each of each trial (trials, n). With it the
+        covariance is that of a known sigma; without, Type A, from the residuals.
     step : float, default 1.0
         Fraction of each step taken, above 0 and up to 1 (damped Gauss-Newton).
     loss : {"linear", "huber", "soft_l1", "cauchy"}
@@ -310,12 +311,14 @@ def calibrate(
     )  # fmt: skip
     readings = checked_readings(poses)
     count = readings.shape[-2]
-    sigma = checked_noise(noise_std, count, options.residual)
+    sigma = checked_noise(noise_std, readings, options.residual)
     batch = readings.reshape(-1, count, 3)
+    sigma = None if sigma is None else sigma.reshape(batch.shape[:2])
     size = max(1, _BLOCK // count)
+    blocks = [slice(i, i + size) for i in range(0, len(batch), size)]
     parts = [
-        _fit_block(batch[i : i + size], sigma, options)
-        for i in range(0, len(batch), size)
+        _fit_block(batch[block], None if sigma is None else sigma[block], options)
+        for block in blocks
     ]
     numbers = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
     code, half_width = numbers.pop("code"), numbers.pop("half_width")
@@ -325,7 +328,7 @@ def calibrate(
             int(code[0]), batch[0],
             full_scale=options.full_scale, limit=options.condition_limit,
             condition=float(numbers["condition"][0]), half_width=float(half_width[0]),
-            suspects=_suspects(batch[0], sigma, options),
+            suspects=_suspects(batch[0], None if sigma is None else sigma[0], options),
         )  # fmt: skip
     numbers["status"] = STATUS_NAMES[code]
     if single:
@@ -360,7 +363,7 @@ def _suspects(
     explained = sigma is not None and np.any(off[~keep] < _EXPLAINED)
     if keep.all() or explained:
         return []
-    std = None if sigma is None else sigma[keep]
+    std = None if sigma is None else sigma[None, keep]
     rest = _fit_block(poses[None, keep], std, options)
     if rest["code"][0] >= Code.NON_FINITE:
         return []
@@ -368,7 +371,7 @@ def _suspects(
 
 
 def _fit_block(
-    poses: Float[Array, "t n 3"], sigma: Float[Array, " n"] | None, options: Options
+    poses: Float[Array, "t n 3"], sigma: Float[Array, "t n"] | None, options: Options
 ) -> _Block:
     # Fit a block of trials, refused ones set aside.
     code = screen(poses, full_scale=options.full_scale, repeats=options.repeats)
@@ -399,6 +402,7 @@ def _fit_block(
     good = checked == Code.CONVERGED
     if not good.any():
         return block
+    sigma = None if sigma is None else sigma[keep]
     data = _Data(
         z=z, moments=moments, leverage=ellipsoid.leverage,
         noise=None if sigma is None else sigma / scale[:, None],
@@ -418,7 +422,7 @@ class _Data:
     moments: Float[Array, "t 10 10"]  # (t, 10, 10)
     leverage: Leverage
     noise: Float[Array, "t n"] | None  # (t, n)
-    shares: Float[Array, " n"] | None  # (n,), as of `noise_shares`
+    shares: Float[Array, "t n"] | None  # (t, n), as of `noise_shares`
     theta: Float[Array, "t 9"]  # starts
     centre: Float[Array, "t 3"]  # raw units
     scale: Float[Array, " t"]  # raw units
@@ -427,7 +431,6 @@ class _Data:
 
     def take(self, rows: Any) -> "_Data":
         every: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(_Data)}
-        del every["shares"]
         leverage = every.pop("leverage").take(rows)
         taken = {k: v[rows] for k, v in every.items() if v is not None}
         return replace(self, leverage=leverage, **taken)

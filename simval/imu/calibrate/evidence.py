@@ -108,7 +108,7 @@ def summarize(
     sigma: Float[Array, "t n"] | None,
     loss: str = "linear",
     ratio: Float[Array, "t n"] | None = None,
-    shares: Float[Array, " n"] | None = None,
+    shares: Float[Array, "t n"] | None = None,
     covariance: bool = True,
 ) -> Summary:
     """Covariance and statistics of each trial at its solution."""
@@ -123,8 +123,10 @@ def summarize(
     chi2 = spread = np.full(len(z), np.nan)
     if dof > 0:
         spread = np.sqrt(distance2.sum(axis=-1) / dof)
-    if sigma is not None and dof > 0 and np.all(sigma > 0.0):
-        chi2 = (distance2 / sigma**2).sum(axis=-1) / dof
+    if sigma is not None and dof > 0:
+        known = np.asarray((sigma > 0.0).all(axis=-1))
+        size = np.where(known[:, None], sigma, np.nan)
+        chi2 = (distance2 / size**2).sum(axis=-1) / dof
     matrix = np.full((len(z), 9, 9), np.nan)
     if covariance and (dof > 0 or (sigma is not None and ratio is None)):
         dv = value_derivatives(residual_quadric(model, theta))
@@ -301,7 +303,7 @@ def weigh(
     moments: Float[Array, "t 10 10"],
     noise: Float[Array, "t n"] | None,
     summary: Summary,
-    shares: Float[Array, " n"] | None,
+    shares: Float[Array, "t n"] | None,
     *,
     condition: Float[Array, " t"],
     stretch: Float[Array, " t"],
@@ -311,11 +313,11 @@ def weigh(
     if noise is not None:  # a noise that is stated too low hides nothing
         # root mean variance of the weighted readings over their mean weight
         weights = np.ones(noise.shape[1]) if shares is None else shares
-        mean = np.vecdot(noise * noise, weights) / weights.sum()
+        mean = np.vecdot(noise * noise, weights) / weights.sum(axis=-1)
         known, chi = np.sqrt(mean), np.sqrt(summary.chi2_per_dof)
         level = np.fmax(known, np.where(np.isnan(chi), level, known * chi))
     if shares is not None:
-        moments = moment_matrix(z, np.broadcast_to(shares, z.shape[:2]))
+        moments = moment_matrix(z, shares)
     dof = z.shape[1] - PARAMETERS
     limit = required_noise(level, dof, known=noise is not None)
     return Evidence(

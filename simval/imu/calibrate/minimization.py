@@ -305,7 +305,7 @@ def pose_objective(
     model: str,
     residual: str,
     z: Float[Array, "t n 3"],
-    shares: Float[Array, " n"] | None = None,
+    shares: Float[Array, "t n"] | None = None,
     *,
     newton: bool,
 ) -> Objective:
@@ -313,17 +313,18 @@ def pose_objective(
 
     def objective(theta: Array, rows: Any) -> Local:
         x = z if rows.size == z.shape[0] else z[rows]
+        share = None if shares is None else shares[rows]
         c = residual_quadric(model, theta)
         q = distance_quadric(c)
         dc, dq = value_derivatives(c), value_derivatives(q)
         values_c, values_q = evaluate([c, q], x)
-        slopes = SLOPES[residual](values_c, values_q, newton=False).weighted(shares)
+        slopes = SLOPES[residual](values_c, values_q, newton=False).weighted(share)
         pull_c = weighted_sum(x, slopes.c)
         pull_q = weighted_sum(x, slopes.q)
         normal = _curve(x, slopes, dc, dq)
         hessian = normal
         if newton:
-            bent = SLOPES[residual](values_c, values_q, newton=True).weighted(shares)
+            bent = SLOPES[residual](values_c, values_q, newton=True).weighted(share)
             seconds = residual_seconds(model, theta)
             hessian = _curve(x, bent, dc, dq)
             hessian += curvature(c, seconds, pull_c)
@@ -370,7 +371,7 @@ def minimize_reweighted(
     noise: Float[Array, "t n"] | None,
     rules: Rules,
     slack: float,
-    shares: Float[Array, " n"] | None = None,
+    shares: Float[Array, "t n"] | None = None,
 ) -> tuple[Solution, Float[Array, "t n"] | None]:
     """Solve with weights renewed between rounds."""
     count = len(theta)
@@ -386,7 +387,8 @@ def minimize_reweighted(
         distance = np.abs(c) / (2.0 * np.sqrt(q))
         weights = 0.25 / q if residual == "weighted" else np.ones_like(q)
         if shares is not None:
-            weights, distance = weights * shares, distance * np.sqrt(shares)
+            share = shares[rows]
+            weights, distance = weights * share, distance * np.sqrt(share)
         if loss != "linear":
             if turn < _SCALE_ROUNDS and noise is not None:
                 scale[rows] = noise[rows].max(axis=-1)

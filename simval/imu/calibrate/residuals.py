@@ -306,12 +306,12 @@ WEIGHTED = ("weighted", "sampson")  # by the variance of the residual
 
 
 def noise_shares(
-    residual: str, sigma: Float[Array, " n"] | None
-) -> Float[Array, " n"] | None:
-    """Weight of each pose by its noise, over that of the best one."""
-    if sigma is None or residual not in WEIGHTED or np.all(sigma == sigma[0]):
+    residual: str, sigma: Float[Array, "... n"] | None
+) -> Float[Array, "... n"] | None:
+    """Weight of each pose by its noise, over that of the best one of its set."""
+    if sigma is None or residual not in WEIGHTED or np.all(sigma == sigma[..., :1]):
         return None
-    return (sigma.min() / sigma) ** 2
+    return np.asarray((sigma.min(axis=-1, keepdims=True) / sigma) ** 2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -327,7 +327,7 @@ class Slopes:
     cq: Float[Array, "t n"]
     qq: Float[Array, "t n"]
 
-    def weighted(self, shares: Float[Array, " n"] | None) -> "Slopes":
+    def weighted(self, shares: Float[Array, "t n"] | None) -> "Slopes":
         """Multiply the cost of each pose by a weight."""
         if shares is None:
             return self

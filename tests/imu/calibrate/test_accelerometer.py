@@ -138,6 +138,28 @@ def test_rows_do_not_depend_on_the_block():
     np.testing.assert_array_equal(tail.parameters, many.parameters[-7:])
 
 
+@pytest.mark.parametrize(
+    ("residual", "loss"),
+    [*((each, "linear") for each in RESIDUALS), ("squared", "huber")],
+)
+def test_a_batch_with_the_noise_of_each_trial_is_its_trials(residual, loss):
+    """Bit by bit, one of them with the same noise in all poses, one without any."""
+    batch = noisy(6, 12, 0.05, seed=8)
+    sigma = 0.05 * np.random.default_rng(9).uniform(0.5, 2.0, batch.shape[:2])
+    sigma[2] = 0.05
+    if residual == "squared":
+        sigma[3, 4] = 0.0  # no chi-square then
+    options = {"residual": residual, "loss": loss}
+    many = calibrate(batch, G, noise_std=sigma, **options)
+    for k, poses in enumerate(batch):
+        one = calibrate(poses, G, noise_std=sigma[k], **options)
+        assert (one.status, one.iterations) == (many.status[k], many.iterations[k])
+        for name in ("parameters", "covariance", "cost", "rms", "chi2_per_dof"):
+            np.testing.assert_array_equal(getattr(many, name)[k], getattr(one, name))
+    with pytest.raises(SimvalError, match=r"or of 6 trials \(6, 12\)"):
+        calibrate(batch, G, noise_std=sigma[:5], **options)
+
+
 @pytest.mark.ci
 @pytest.mark.parametrize("shape", [(10_000, 40), (1_000_000,)])
 def test_memory_of_a_large_batch_and_of_a_large_set(shape):
