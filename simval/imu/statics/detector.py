@@ -80,48 +80,46 @@ def variance_magnitude(
 
     Notes
     -----
-    Each window spans at most two blocks of `window` samples. Sums run from the blocks'
-    ends over data centred per block, and the two parts are merged (Chan, Golub and
-    LeVeque 1983): no sum is longer than a window, so a rest late in a long log of
+    Each window is the end of one block of `window` samples and the start of the next.
+    Sums run along a block over data centred by it, and those of the next are moved to
+    the same centre: no sum is longer than a window, so a rest late in a long log of
     large counts loses no digits.
     """
     window = whole_number("window", window, 3)
     samples = checked_samples(samples, window)
     n, half = len(samples), window // 2
-    blocks = -(-n // window)
-    padded = np.empty((3, blocks * window))
-    padded[:, :n] = samples.T
-    padded[:, n:] = samples[-1:].T
-    cube = padded.reshape(3, blocks, window)
-    centre = cube.mean(axis=2, keepdims=True)
-    cube -= centre
-    count = n - window + 1
-    head_mean, head_spread = (
-        part.reshape(3, -1)[:, window - 1 : n] for part in _running(cube, centre)
-    )
-    tail_mean, tail_spread = (
-        part[:, :, ::-1].reshape(3, -1)[:, :count]
-        for part in _running(cube[:, :, ::-1], centre)
-    )
-    # a window that starts at offset o > 0 has window - o samples in its first block
-    in_head = np.arange(count) % window  # samples in the second block
-    merged = (head_mean - tail_mean) ** 2
-    merged *= in_head * (window - in_head) / window
-    merged += tail_spread + head_spread
-    merged[:, ::window] = tail_spread[:, ::window]  # one whole block
+    blocks = n // window + 1
+    squared = np.zeros(n - window + 1)
+    for axis in samples.T:  # one at a time stays in the cache
+        padded = np.empty(blocks * window)
+        padded[:n], padded[n:] = axis, axis[-1]
+        cube = padded.reshape(blocks, window)
+        centre = cube.mean(axis=1, keepdims=True)
+        cube -= centre
+        sums, squares = (_sums_before(each) for each in (cube, cube * cube))
+        # of a window from offset o of a block: o samples are in the next one
+        head, shift = sums[1:, :-1], np.diff(centre, axis=0)
+        moved = shift * np.arange(window)
+        total = sums[:-1, -1:] - sums[:-1, :-1]
+        total += head
+        total += moved
+        total *= total
+        total /= window
+        spread = squares[:-1, -1:] - squares[:-1, :-1]
+        spread += squares[1:, :-1]
+        spread += shift * (2.0 * head + moved)
+        spread -= total
+        squared += np.maximum(spread.ravel()[: len(squared)], 0.0) ** 2
     result = np.full(n, np.inf)
-    result[half : n - half] = np.linalg.norm(merged / (window - 1), axis=0)
+    result[half : n - half] = np.sqrt(squared) / (window - 1)
     return result
 
 
-def _running(
-    cube: Float[Array, "3 m k"], centre: Float[Array, "3 m 1"]
-) -> tuple[Float[Array, "3 m k"], Float[Array, "3 m k"]]:
-    # running mean and sum of squared deviations along a block
-    count = np.arange(1, cube.shape[2] + 1)
-    total = np.cumsum(cube, axis=2)
-    spread = np.cumsum(cube * cube, axis=2) - total * total / count
-    return total / count + centre, np.maximum(spread, 0.0)
+def _sums_before(values: Float[Array, "m k"]) -> Float[Array, "m k1"]:
+    # sums of the first 0, 1, ... of each row
+    sums = np.zeros((len(values), values.shape[1] + 1))
+    np.cumsum(values, axis=1, out=sums[:, 1:])
+    return sums
 
 
 def checked_samples(samples: Float[Array, "n 3"], window: int) -> Float[Array, "n 3"]:
