@@ -22,7 +22,7 @@ made for the threshold itself, `NEAR` below it and above it: the former is found
 latter is not. All of it is arithmetic: nothing but rounding may differ.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple
@@ -33,7 +33,7 @@ from pydantic import Field, field_validator
 
 from simval import statistics as stat
 from simval.arrays import Array
-from simval.errors import RefusedError
+from simval.consistency import normalised_squares
 from simval.figures import VARYING, Figure, Headline, Quote, Strip, Trace, words
 from simval.imu.calibrate import calibrate
 from simval.imu.sensor import AccelerometerModel
@@ -147,13 +147,13 @@ def score(
     covered = np.zeros(len(still), bool)
     for start, stop in intervals:
         covered[start:stop] = True
-    rests = np.unique(hold[hold >= 0])
-    touched = np.unique(hold[covered & (hold >= 0)])
+    # rows of each rest, and of these the covered ones
+    rests, touched = (np.bincount(k + 1)[1:] for k in (hold, hold[covered]))
     outside = _count(hold >= 0, intervals) == 0
     return {
         stat.PRECISION: float(still[covered].mean()) if covered.any() else 0.0,
-        stat.RECALL: float(covered[hold >= 0].mean()) if len(rests) else 0.0,
-        stat.RESTS_FOUND: len(touched) / max(len(rests), 1),
+        stat.RECALL: int(touched.sum()) / max(int(rests.sum()), 1),
+        stat.RESTS_FOUND: float((touched > 0).sum()) / max(int((rests > 0).sum()), 1),
         stat.INTERVALS: float(len(intervals)),
         stat.IMPURE: float(np.sum(~pure(intervals, still))),
         stat.OUTSIDE: float(np.sum(outside)),
@@ -182,22 +182,31 @@ def detect(
     return intervals_below(spread, threshold, minimum, trim), spread, threshold
 
 
-def normalized_square(
-    raw: Float[Array, "n 3"], intervals: Intervals, sensor: AccelerometerModel, g: float
-) -> float:
-    """Normalised squared error of a calibration from some intervals."""
-    if len(intervals) < PARAMETERS:
-        return float("nan")
-    try:
-        fit = calibrate(
-            interval_means(raw, intervals),
-            g=g,
-            noise_std=sensor.noise_std / np.sqrt(interval_counts(intervals)),
-        ).require_converged()
-    except RefusedError:
-        return float("nan")
-    error = fit.parameters - sensor.parameters
-    return float(error @ np.linalg.solve(fit.covariance, error))
+class Rests(NamedTuple):
+    """Rests of a trial, as a detector found them."""
+
+    means: Float[Array, "m 3"]  # raw units
+    counts: NDArray[np.intp]  # samples of each, (m,)
+
+
+def squares_of(
+    sets: Sequence[Rests], sensor: AccelerometerModel, g: float
+) -> Float[Array, " t"]:
+    """Normalised squared error of a calibration from each set; NaN without a fit.
+
+    Sets of as many rests are one batch.
+    """
+    squares = np.full(len(sets), np.nan)
+    sizes = np.array([len(rests.counts) for rests in sets])
+    for size in np.unique(sizes[sizes >= PARAMETERS]):
+        rows = np.flatnonzero(sizes == size)
+        means = np.array([sets[k].means for k in rows.tolist()])
+        counts = np.array([sets[k].counts for k in rows.tolist()])
+        fit = calibrate(means, g=g, noise_std=sensor.noise_std / np.sqrt(counts))
+        good = np.asarray(fit.converged)
+        error = fit.parameters[good] - sensor.parameters
+        squares[rows[good]] = normalised_squares(error, fit.covariance[good])
+    return squares
 
 
 @lru_cache(maxsize=16)
@@ -216,22 +225,25 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     sensor = true_sensor(parameters.noise_std)
     settings = (parameters.multiplier, parameters.window, parameters.trim)
     scores: list[dict[stat.Family, float]] = []
-    squares: list[tuple[float, float]] = []
+    every: list[Rests] = []
+    own: list[Rests] = []
+    quiet = true_sensor(0.0).distort(truth.force, streams.block(0))  # draws nothing
     for trial in range(parameters.trials):
-        raw = sensor.distort(truth.force, streams.block(trial))
+        noise = streams.block(trial).standard_normal(quiet.shape)
+        raw = quiet + sensor.noise_std * noise
         intervals, spread, threshold = detect(raw, *settings)
         scores.append(score(intervals, truth.still, truth.hold))
-        clean = intervals[pure(intervals, truth.still)]
-        every = own = normalized_square(raw, intervals, sensor, truth.g)
-        if len(clean) < len(intervals):
-            own = normalized_square(raw, clean, sensor, truth.g)
-        squares.append((every, own))
+        rests = Rests(interval_means(raw, intervals), interval_counts(intervals))
+        clean = pure(intervals, truth.still)
+        every.append(rests)
+        own.append(Rests(rests.means[clean], rests.counts[clean]))
         if trial == 0:
             artifact = _artifact(truth, raw, intervals, spread, threshold)
-        if trial + 1 == UNJUDGED and np.isnan(squares)[:, 1].all():
+        if trial + 1 == UNJUDGED and np.isnan(squares_of(own, sensor, truth.g)).all():
             break
+    squares = np.stack([squares_of(each, sensor, truth.g) for each in (every, own)])
     rows = (
-        *_rows(scores, np.array(squares)),
+        *_rows(scores, squares.T),
         *known_rest_rows(detect, interval_means, interval_counts, settings),
     )
     name = artifact_of(parameters.model_dump())

@@ -14,9 +14,10 @@ from simval.scene import simulate
 from simval.studies import end_to_end
 from simval.studies.detector import (
     STILL_FORCE,
-    normalized_square,
+    Rests,
     pure,
     score,
+    squares_of,
     thinned,
 )
 from simval.sweep import load_run
@@ -65,9 +66,8 @@ def test_what_is_still_is_the_simulations_own_rest():
 
 def test_a_fit_that_cannot_be_had_is_not_a_number():
     sensor = AccelerometerModel(T=np.eye(3), K=np.ones(3), B=np.zeros(3), noise_std=1.0)
-    assert np.isnan(
-        normalized_square(np.zeros((50, 3)), np.zeros((0, 2), int), sensor, 9.8)
-    )
+    none = Rests(np.zeros((0, 3)), np.zeros(0, int))
+    assert np.isnan(squares_of([none], sensor, 9.8)).all()
 
 
 @pytest.mark.ci
