@@ -12,7 +12,9 @@ Each part of the budget is also measured by itself: with the noise of one sensor
 of the two tumbles only, and all else at the truth.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -119,55 +121,93 @@ class Scenario:
             g=self.tumble.g, field=1.0, form="triangular",
         )  # fmt: skip
 
-    def calibrated(
-        self,
-        noisy: Float[Array, "m 3"],
-        intervals: Intervals,
-        std: tuple[Float[Array, " m"], Float[Array, " m"]],
-        rng: np.random.Generator,
-    ) -> list[Sensors]:
-        """Both sensors from the accelerometer's noise, the magnetometer's, and both."""
-        force, field = (interval_means(rows, intervals) for rows in self.log)
-        stirred = field + std[1][:, None] * rng.standard_normal(field.shape)
-        fit = calibrate_magnetometer(
-            np.stack([noisy, force, noisy]),
-            np.stack([field, stirred, stirred]),
-            self.tumble.g,
-            accelerometer_std=std[0],
-            magnetometer_std=std[1],
-            model="triangular",
-        ).require_converged()
-        return [
-            (
-                AccelerometerModel.from_parameters(values[:9]),
-                MagnetometerModel(M=values[9:18].reshape(3, 3), b=values[18:21]),
-            )
-            for values in fit.parameters
+    def drawn(
+        self, raw: Float[Array, "n 3"], noise: Std, mean: Std, rng: np.random.Generator
+    ) -> "Readings":
+        """Readings of a trial, by the noise of samples and that of a mean at rest."""
+        intervals, _, _ = detect(raw, *SETTINGS)
+        root = np.sqrt(interval_counts(intervals))
+        std = np.stack([each / root for each in noise])
+        quiet = np.stack([interval_means(rows, intervals) for rows in self.log])
+        field = quiet[1] + std[1][:, None] * rng.standard_normal(quiet[1].shape)
+        rests = [
+            rows + each * rng.standard_normal(rows.shape)
+            for rows, each in zip(self.rests, mean, strict=True)
         ]
+        return Readings(
+            intervals=intervals, std=std, quiet=quiet,
+            noisy=np.stack([interval_means(raw, intervals), field]),
+            rests=(rests[0], rests[1]),
+        )  # fmt: skip
+
+    def calibrated(self, drawn: Sequence["Readings"]) -> list[list[Sensors]]:
+        """Both sensors from the accelerometer's noise, the magnetometer's, and both.
+
+        Of each trial; those with as many rests are one batch.
+        """
+        fitted = np.empty((len(drawn), 3, 22))
+        sizes = np.array([len(each.intervals) for each in drawn])
+        for size in np.unique(sizes):
+            rows = np.flatnonzero(sizes == size)
+            some = [drawn[k] for k in rows.tolist()]
+            force, field = (
+                np.concatenate([each.mixed(k) for each in some]) for k in (0, 1)
+            )
+            std = np.repeat([each.std for each in some], 3, axis=0)
+            fit = calibrate_magnetometer(
+                force, field, self.tumble.g, accelerometer_std=std[:, 0],
+                magnetometer_std=std[:, 1], model="triangular",
+            ).require_converged()  # fmt: skip
+            fitted[rows] = fit.parameters.reshape(-1, 3, 22)
+        return [[_sensors(values) for values in each] for each in fitted]
+
+    def directions(
+        self, fitted: list[Sensors], noisy: tuple[Array, Array]
+    ) -> Float[Array, "2 5 n 3"]:
+        """Gravity and field with one source of error each, and with all, as `PARTS`."""
+        exact = self.rests
+        return np.stack(
+            [
+                [normalize(body.correct(force)), normalize(iron.correct(field))]
+                for (body, iron), (force, field) in (
+                    (fitted[0], exact),
+                    (fitted[1], exact),
+                    (self.sensors, (noisy[0], exact[1])),
+                    (self.sensors, (exact[0], noisy[1])),
+                    (fitted[2], noisy),
+                )
+            ],
+            axis=1,
+        )
 
     def estimates(
-        self, fitted: list[Sensors], std: Std, rng: np.random.Generator
-    ) -> list[Float[Array, "n 4"]]:
-        """Attitudes with one source of error each, and with all, as `PARTS`."""
-        exact = self.rests
-        noisy = tuple(
-            rows + each * rng.standard_normal(rows.shape)
-            for rows, each in zip(exact, std, strict=True)
+        self, directions: Float[Array, "t 2 5 n 3"]
+    ) -> Float[Array, "t 5 n 4"]:
+        """Attitudes."""
+        b1, b2 = directions[:, 0], directions[:, 1]
+        r1, r2 = (np.broadcast_to(r, b1.shape) for r in (UP, self.wanted.field_world))
+        return np.asarray(two_vector_quaternion(b1, b2, r1, r2))
+
+
+class Readings(NamedTuple):
+    """Means of a trial: of the accelerometer, then of the magnetometer."""
+
+    intervals: Intervals
+    std: Float[Array, "2 m"]  # of the means over them
+    quiet: Float[Array, "2 m 3"]  # without noise
+    noisy: Float[Array, "2 m 3"]
+    rests: tuple[Array, Array]  # of the second tumble, with noise
+
+    def mixed(self, sensor: int) -> Float[Array, "3 m 3"]:
+        """A sensor's with noise of the first sensor alone, of the second, of both."""
+        return np.stack(
+            [(self.quiet, self.noisy)[k][sensor] for k in (sensor == 0, sensor, 1)]
         )
-        shape = exact[0].shape
-        r1, r2 = (np.broadcast_to(r, shape) for r in (UP, self.wanted.field_world))
-        return [
-            two_vector_quaternion(
-                normalize(body.correct(force)), normalize(iron.correct(field)), r1, r2
-            )
-            for (body, iron), (force, field) in (
-                (fitted[0], exact),
-                (fitted[1], exact),
-                (self.sensors, (noisy[0], exact[1])),
-                (self.sensors, (exact[0], noisy[1])),
-                (fitted[2], noisy),
-            )
-        ]
+
+
+def _sensors(values: Float[Array, "22"]) -> Sensors:
+    iron = MagnetometerModel(M=values[9:18].reshape(3, 3), b=values[18:21])
+    return AccelerometerModel.from_parameters(values[:9]), iron
 
 
 @refusing("lower the noise, or give more `poses` or a larger `average`")
@@ -183,39 +223,48 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     true = scenario.problem(wanted.q, mean_std)
     carriers = [carrier(true, wanted, k, *mean_std) for k in range(len(wanted.q))]
 
+    drawn: list[Readings] = []
+
     def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
         raw = true_sensor(force_std).distort(scenario.tumble.force, rng)
-        intervals, _, _ = detect(raw, *SETTINGS)
-        samples = np.sqrt(interval_counts(intervals))
-        std = noise[0] / samples, noise[1] / samples
-        means = interval_means(raw, intervals)
-        fitted = scenario.calibrated(means, intervals, std, rng)
-        estimates = scenario.estimates(fitted, mean_std, rng)
-        angles = np.array([attitude_error(q, wanted.q) for q in estimates])
-        middle = scenario.attitude[intervals.sum(axis=1) // 2]  # whole rests
-        covariance = calibration_parts(scenario.problem(middle, std))
-        parts = np.array([each.parts(covariance) for each in carriers])
-        # mean over the poses of one trial, which share its calibration
-        step = compose(conjugate(wanted.q), estimates[-1])
-        rotation = 2.0 * step[:, :3] * np.sign(step[:, 3:])
-        kept = {
-            "measured": np.mean(angles**2, axis=1),
-            "predicted": np.trace(parts, axis1=2, axis2=3).mean(axis=0),
-            "square": np.mean(normalised_squares(rotation, parts[:, -1])),
-            "impure": np.sum(~pure(intervals, scenario.tumble.still)),
-        }
-        drawn = {"samples": (raw - scenario.log[0]) / force_std}
-        return {name: np.array([each], float) for name, each in kept.items()}, drawn
+        drawn.append(scenario.drawn(raw, noise, mean_std, rng))
+        moved = np.sum(~pure(drawn[-1].intervals, scenario.tumble.still))
+        samples = (raw - scenario.log[0]) / force_std
+        return {"impure": np.array([moved], float)}, {"samples": samples}
 
     trials = trials_of(streams, parameters.trials, 1, trial)
+    fitted = scenario.calibrated(drawn)
+    estimates = scenario.estimates(
+        np.stack(
+            [
+                scenario.directions(own, each.rests)
+                for own, each in zip(fitted, drawn, strict=True)
+            ]
+        )
+    )
+    covariance = np.stack(
+        [
+            calibration_parts(
+                # in the middle of whole rests
+                scenario.problem(
+                    scenario.attitude[each.intervals.sum(axis=1) // 2], (*each.std,)
+                )
+            )
+            for each in drawn
+        ]
+    )
+    parts = np.stack([each.parts(covariance) for each in carriers], axis=1)
+    # means over the poses of one trial, which share its calibration
+    step = compose(conjugate(wanted.q), estimates[:, -1])
+    rotation = 2.0 * step[..., :3] * np.sign(step[..., 3:])
+    measured = np.mean(attitude_error(estimates, wanted.q) ** 2, axis=2).T
+    predicted = np.trace(parts, axis1=-2, axis2=-1).mean(axis=1).T
+    square = mean_of(np.mean(normalised_squares(rotation, parts[:, :, -1]), axis=1))
     remainder = NEXT_ORDER * max(mean_std[0] / scenario.tumble.g, mean_std[1]) ** 2
     # contiguous, so that sums are pairwise
-    measured, predicted = (
-        np.ascontiguousarray(trials[name].T) for name in ("measured", "predicted")
-    )
+    measured, predicted = map(np.ascontiguousarray, (measured, predicted))
     error = measured.std(axis=1, ddof=1) / np.sqrt(parameters.trials)
     expected = np.sqrt(np.mean(predicted, axis=1))
-    square = mean_of(trials["square"])
     return Outcome(
         rows=(
             *plain(

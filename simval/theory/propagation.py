@@ -84,11 +84,14 @@ class Carrier(ReadOnly):
     force: Float[Array, "3 3"]
     field: Float[Array, "3 3"]
 
-    def parts(self, calibration: Float[Array, "2 22 22"]) -> Float[Array, "5 3 3"]:
+    def parts(
+        self, calibration: Float[Array, "... 2 22 22"]
+    ) -> Float[Array, "... 5 3 3"]:
         """Covariance of the small rotation by source of error, in PARTS' order."""
         tumble = self.jacobian @ calibration @ self.jacobian.T
-        total = tumble[0] + tumble[1] + self.force + self.field
-        return np.stack([*tumble, self.force, self.field, total])
+        own = np.broadcast_to([self.force, self.field], tumble.shape)
+        parts = np.concatenate([tumble, own], axis=-3)
+        return np.concatenate([parts, parts.sum(axis=-3, keepdims=True)], axis=-3)
 
 
 def calibration_parts(problem: Problem) -> Float[Array, "2 22 22"]:

@@ -144,7 +144,9 @@ def checked_pair(
     return pair[0], pair[1]
 
 
-def checked_std(name: str, value: Any, count: int) -> Float[Array, " n"]:
+def checked_std(
+    name: str, value: Any, poses: Float[Array, "... n 3"]
+) -> Float[Array, "... n"]:
     """Return the noise of each pose mean, which must be above zero.
 
     Raises
@@ -159,7 +161,8 @@ def checked_std(name: str, value: Any, count: int) -> Float[Array, " n"]:
             "mean in raw units, as a rule that of a rest over the root of its samples"
         )
         raise InputError(msg)
-    sigma = noise_levels(name, value, count)
+    count, trials = poses.shape[-2], len(poses) if poses.ndim == 3 else None
+    sigma = noise_levels(name, value, count, trials=trials)
     if not np.all(sigma > 0.0):
         msg = (
             f"`{name}` is 0 for {np.count_nonzero(sigma == 0.0)} of {count} poses; "
@@ -215,7 +218,8 @@ def scale(
 ) -> Scaled:
     """Move both sensors' readings to their middle and scale them to unit size.
 
-    The noise is that of each pose, (n, 1), or of each of its axes, (n, 3).
+    The noise is that of each pose, (n, 1), or of each of its axes, (n, 3); of each
+    trial, (t, n, 1), where they differ.
     """
     raw = [readings[rows] for readings in batch]
     whole = [np.isfinite(x).all(axis=(1, 2)) for x in raw]
@@ -232,7 +236,9 @@ def scale(
     sizes[:, IRON] = scale_m[:, None]
     shifts[:, 6:9], shifts[:, IRON] = centre_a, centre_m
     stds = [
-        np.broadcast_to(std / unit[:, None, None], za.shape)
+        np.broadcast_to(
+            (std[rows] if std.ndim == 3 else std) / unit[:, None, None], za.shape
+        )
         for std, unit in zip(noise, (scale_a, scale_m), strict=True)
     ]
     return Scaled(
@@ -298,7 +304,7 @@ def calibrate_magnetometer(
         Strength of the field, in the unit that M is wanted in; it changes nothing else.
     accelerometer_std, magnetometer_std : float or array_like
         Standard deviation of each axis of a pose mean, raw units, one number or one for
-        each pose (n,).
+        each pose (n,), or for each of each trial (trials, n).
     hemisphere : {"unstated", "north", "south"}
         Where the poses were taken. (M, dip) and (-M, -dip) fit alike; unstated, the one
         with right-handed axes (det M > 0) is taken, and a left-handed order of columns
@@ -342,8 +348,8 @@ def calibrate_magnetometer(
     pair = checked_pair(accelerometer, magnetometer, options.known)
     count, single = pair[0].shape[-2], pair[0].ndim == 2
     noise = (
-        checked_std("accelerometer_std", accelerometer_std, count)[:, None],
-        checked_std("magnetometer_std", magnetometer_std, count)[:, None],
+        checked_std("accelerometer_std", accelerometer_std, pair[0])[..., None],
+        checked_std("magnetometer_std", magnetometer_std, pair[1])[..., None],
     )
     times = checked_time(time, count)
     batch = tuple(readings.reshape(-1, count, 3) for readings in pair)
