@@ -90,7 +90,12 @@ class Diagnosis(ReadOnly):
 
 
 def diagnose(
-    fit: FitResult, poses: Any, noise_std: Any = None, *, time: Any = None
+    fit: FitResult,
+    poses: Any,
+    noise_std: Any = None,
+    *,
+    time: Any = None,
+    further: Any = None,
 ) -> Diagnosis:
     """Judge the residuals of one fit.
 
@@ -104,6 +109,8 @@ def diagnose(
         Noise of each axis of a pose mean, raw units, one number or (n,).
     time : array_like, optional
         When each pose was taken, s, (n,); their order if not given.
+    further : array_like, optional
+        Derivatives of the distances by further parameters that were fitted, (n, k).
 
     Returns
     -------
@@ -118,9 +125,16 @@ def diagnose(
     if instance("fit", fit, FitResult).parameters.ndim != 1:
         msg = f"a batch of {len(fit.parameters)} fits is not one set; pick one"
         raise InputError(msg)
-    readings, sigma = _checked(fit, poses, noise_std)
+    more = (
+        np.zeros((0, 0))
+        if further is None
+        else physical_array("further", further, (None, None))
+    )
+    count = fit.dof + PARAMETERS + more.shape[1]
+    readings, sigma = _checked(fit, poses, noise_std, count)
     clock = checked_time(time, len(readings))
-    distance, rows, steep = _distances(fit, readings)
+    distance, nine, steep = _distances(fit, readings)
+    rows = nine if further is None else np.concatenate([nine, more], axis=1)
     unit = np.ones(len(readings)) if sigma is None else sigma
     total, chi2, p_value = float(np.sum((distance / unit) ** 2)), np.nan, np.nan
     if sigma is not None and fit.dof > 0:
@@ -143,17 +157,17 @@ def diagnose(
         outliers=tuple(int(k) for k in np.flatnonzero(rest.flagged)),
         chi2_per_dof=chi2,
         p_value=p_value,
-        verdict=_verdict(fit, readings, rest, judged, drift),
+        verdict=_verdict(fit, readings, rest, judged, drift, more.shape[1]),
         drift=drift,
-        least_determined=least_determined_of(rows / unit[:, None], fit.names),
+        least_determined=least_determined_of(nine / unit[:, None], fit.names),
     )
 
 
 def _checked(
-    fit: FitResult, poses: Any, noise_std: Any
+    fit: FitResult, poses: Any, noise_std: Any, count: int
 ) -> tuple[Float[Array, "n 3"], Float[Array, " n"] | None]:
     # the readings of the fit, and the noise of each
-    readings, count = physical_array("poses", poses, (None, 3)), fit.dof + PARAMETERS
+    readings = physical_array("poses", poses, (None, 3))
     if readings.shape != (count, 3):
         msg = (
             f"`poses` has shape {readings.shape} and the fit was made from {count} "
@@ -283,8 +297,9 @@ def drift_words(found: Drift) -> str:
 
 
 def _verdict(
-    fit: FitResult, readings: Array, rest: Outliers, chi2: float, drift: Drift
-) -> str:
+    fit: FitResult, readings: Array, rest: Outliers, chi2: float, drift: Drift,
+    further: int,
+) -> str:  # fmt: skip
     # what limits a calibration, the gravest first
     parts, named = [], np.flatnonzero(rest.flagged)
     geometry = geometry_loss(normalize(fit.sensor().correct(readings[~rest.flagged])))
@@ -301,7 +316,7 @@ def _verdict(
     if drift.seen:
         parts.append(drift_words(drift))
     wide = not geometry <= GEOMETRY_LIMIT
-    said = verdict(chi2, rest.dof, drift, first=not (parts or wide))
+    said = verdict(chi2, max(rest.dof - further, 0), drift, first=not (parts or wide))
     scatter = f"without that, {said}" if named.size else said
     if wide:
         factor = f"{geometry:.0f} times" if geometry < 1e6 else "far beyond"

@@ -34,6 +34,7 @@ from simval.arrays import Array, positive_number, shaped_array
 from simval.errors import InputError, RefusedError
 from simval.files import MOST_DOCUMENT, parsed, read_text
 from simval.imu.calibrate.result import STANDARD_GRAVITY, FitResult, raw_unit
+from simval.imu.calibrate.thermal import EDGE, TERMS, Thermal
 from simval.imu.sensor import GyroscopeModel, MagnetometerModel, forms
 from simval.shapes import Float
 from simval.text import shown
@@ -391,6 +392,115 @@ def load_others(
     except InputError as error:
         msg = f"{path}: {error}"
         raise InputError(msg) from None
+
+
+def load_thermal(path: str | Path) -> dict[str, Thermal]:
+    """Read the terms in temperature of a file that `load_calibration` has read already.
+
+    Raises
+    ------
+    InputError
+        If there are some, and their numbers cannot be used.
+    """
+    data = parsed(json.loads, read_text(file_path("path", path), MOST_DOCUMENT))
+    block = _block(path, data, "temperature") or {}
+    found = {}
+    for name, own in (_block(path, block, "sensors") or {}).items():
+        try:
+            found[name] = _thermal(instance(name, own, dict))
+        except (InputError, KeyError) as error:
+            why = f"lacks {error}" if isinstance(error, KeyError) else str(error)
+            msg = (
+                f"{path}: the terms in temperature of the {name}: {why}; write them "
+                "with `simval calibrate --out`"
+            )
+            raise InputError(msg) from None
+    return found
+
+
+def _thermal(own: dict[str, Any]) -> Thermal:
+    listed = instance("terms", own["terms"], list)
+    terms = tuple(term for term in TERMS if list(term) in listed)
+    size = len(terms)
+    if size == 0 or [list(term) for term in terms] != listed:
+        msg = f"`terms` is {shown(listed)}; it must be some of {TERMS}, in order"
+        raise InputError(msg)
+    low, high = array(own, "range_degC", (2,))
+    found = Thermal(
+        reference=float(array(own, "reference_degC", ())), low=low, high=high,
+        terms=terms, coefficients=array(own, "coefficients", (size, 3)),
+        covariance=array(own, "covariance", (3 * size, 3 * size)),
+        centre=array(own, "centre", (3,)), dof=whole_number("dof", own["dof"], 1),
+    )  # fmt: skip
+    numbers = (found.coefficients, found.centre, found.covariance, found.sd)
+    if not (
+        low <= found.reference <= high and all(np.isfinite(x).all() for x in numbers)
+    ):
+        msg = "a number is missing, or the reference is not within the range"
+        raise InputError(msg)
+    return found
+
+
+def at_temperature(
+    thermal: dict[str, Thermal],
+    readings: dict[str, Any],
+    temperature: Any,
+    *,
+    extrapolate: bool = False,
+) -> tuple[dict[str, Any], list[str]]:
+    """Readings of the sensors as they would be at the calibration's temperature.
+
+    Parameters
+    ----------
+    thermal : dict of Thermal
+        As from `load_thermal`.
+    readings : dict of Array or None
+        Raw readings by sensor, (n, 3).
+    temperature : Array or None
+        Of each row, degrees Celsius, (n,).
+    extrapolate : bool, default False
+        Correct rows far outside of the temperatures that the calibration saw.
+
+    Returns
+    -------
+    dict
+        The readings.
+    list of str
+        What is to be said.
+
+    Raises
+    ------
+    RefusedError
+        If the temperature is not known, or far outside of what was seen.
+    """
+    made, said = dict(readings), []
+    for name, own in thermal.items():
+        if readings.get(name) is None:
+            continue
+        if temperature is None:
+            msg = (
+                f"the calibration of the {name} depends on temperature (at "
+                f"{own.reference:.1f} degC, seen from {own.low:.1f} to {own.high:.1f}) "
+                "and the log has none; name its column `temp` (--columns), or state "
+                "it (--temperature DEGC)"
+            )
+            raise RefusedError(msg)
+        rows, off = own.outside(temperature)
+        where = (
+            f"{rows} of {len(temperature)} rows are outside of {own.low:.2f} to "
+            f"{own.high:.2f} degC, which the {name}'s calibration has seen, by up to "
+            f"{off:.2f} K"
+        )
+        if rows and off > EDGE * (own.high - own.low) and not extrapolate:
+            msg = (
+                f"{where}; no reading bears it out there: calibrate over a wider "
+                "range, cut the log, or take the polynomial for it (--extrapolate)"
+            )
+            raise RefusedError(msg)
+        if rows:
+            said.append(f"extrapolated      {where}")
+        made[name] = own.compensated(readings[name], temperature)
+    return made, said
 
 
 def _block(path: str | Path, data: dict[str, Any], name: str) -> dict[str, Any] | None:

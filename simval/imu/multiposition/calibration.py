@@ -3,12 +3,16 @@
 The rests that the accelerometer shows are the poses of all. Accelerometer and gyroscope
 are fitted together, and so are accelerometer and magnetometer; both fits take the noise
 of a pose mean that the residuals show, where that is more than is known of it. Where
-there are all three, one fit of all begins with these two. A sensor that cannot be
+there are all three, one fit of all begins with these two. Where the log has a
+temperature, each sensor's terms in it are chosen first (`simval.imu.calibrate.thermal`)
+and taken out of the rows; in the fits of several sensors their uncertainty is noise of
+each pose. A sensor that cannot be
 calibrated from this log is left out with the reason; one that was asked for is refused.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from dataclasses import field as default
 from functools import partial
 from typing import Any
 
@@ -31,6 +35,13 @@ from simval.imu.calibrate import (
 from simval.imu.calibrate.diagnosis import Diagnosis, diagnose
 from simval.imu.calibrate.evidence import FEW
 from simval.imu.calibrate.gyroscope.imu import joined
+from simval.imu.calibrate.thermal import (
+    RestTemperatures,
+    Thermal,
+    ThermalChoice,
+    choose_thermal,
+    not_modelled,
+)
 from simval.imu.logs import Log
 from simval.imu.multiposition.description import log_lines, sensor_lines
 from simval.imu.multiposition.faults import explained, for_a_log, require_sound
@@ -81,6 +92,14 @@ class LogCalibration:
         asked, or the readings show no noise.
     next_direction : Array
         Direction of a further pose that would help most, sensor axes, (3,).
+    temperatures : RestTemperatures or None
+        Of the rests, where the log has a temperature.
+    thermal : Thermal or None
+        What depends on it; `fit` is at its reference.
+    thermal_reason : str
+        Why it was chosen, or why nothing was.
+    thermal_std : Array
+        Standard deviation that its coefficients leave in each pose, raw units, (m,).
     """
 
     fit: FitResult
@@ -95,6 +114,10 @@ class LogCalibration:
     turns: bool
     predicted: Any
     next_direction: Float[Array, "3"]
+    temperatures: RestTemperatures | None = None
+    thermal: Thermal | None = None
+    thermal_reason: str = ""
+    thermal_std: Any = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "next_direction", frozen(self.next_direction))
@@ -107,7 +130,7 @@ class LogCalibration:
         """Noise of each pose mean: what is known of it, or what the residuals show."""
         excess = self.diagnosis.chi2_per_dof
         grown = np.sqrt(excess) if excess > 1.0 else 1.0  # NaN is no excess
-        return np.asarray(self.pose_noise.std * grown)
+        return np.asarray(np.hypot(self.pose_noise.std * grown, self.thermal_std))
 
 
 def calibrate_log(
@@ -179,12 +202,24 @@ def calibrate_log(
             raise refusal
         std = None if np.any(pose.std == 0.0) else pose.std
         white = None if np.any(pose.white == 0.0) else pose.white
-        alone = diagnose(fit, poses, white)
+        temperatures, chosen = _rest_terms(log, intervals, poses, fit, std, loss)
+        thermal_std: Any = 0.0
+        if chosen.thermal is not None:
+            own = chosen.thermal.variance(poses, temperatures.powers)
+            thermal_std = np.sqrt(own.mean(axis=1))
+            log = at_reference(log, accelerometer=chosen.thermal)
+            poses = interval_means(log.accelerometer, intervals)
+            fit = calibrate(poses, g, model, method=method, full_scale=full_scale)
+            fit = _with_terms(fit, chosen, std)
+        further = None
+        if chosen.thermal is not None:
+            further = chosen.slopes * (1.0 if std is None else std[:, None])
+        alone = diagnose(fit, poses, white, further=further)
         sensor, middle = fit.sensor(), log.time[intervals.sum(axis=1) // 2]
         forces, initial = sensor.correct(poses), rests.initial
         result = LogCalibration(
             fit=fit,
-            diagnosis=diagnose(fit, poses, std, time=middle),
+            diagnosis=diagnose(fit, poses, std, time=middle, further=further),
             white_chi2_per_dof=alone.chi2_per_dof,
             pose_noise=pose,
             rest=initial,
@@ -197,11 +232,66 @@ def calibrate_log(
             if std is None or predict is None
             else predict(sensor, forces, fit.g, std, fit.residual, form=fit.model),
             next_direction=observability(forces).next_direction,
+            temperatures=temperatures,
+            thermal=chosen.thermal,
+            thermal_reason=chosen.reason,
+            thermal_std=thermal_std,
         )
     except RefusedError as error:
         raise explained(log, g, rest, error) from error
     require_sound(case_of(log, g, rest, intervals, fit, alone))
     return result
+
+
+def at_reference(log: Log, **terms: Thermal | None) -> Log:
+    """A log as its sensors, by name, would have read at their references."""
+    if log.temperature is None:
+        return log
+    rows = {name.replace("gyroscope", "gyro"): own for name, own in terms.items()}
+    changed: dict[str, Any] = {
+        name: own.compensated(getattr(log, name), log.temperature)
+        for name, own in rows.items()
+        if own is not None and getattr(log, name) is not None
+    }
+    return replace(log, **changed)
+
+
+def _rest_terms(
+    log: Log,
+    rests: Intervals,
+    poses: Float[Array, "m 3"],
+    fit: FitResult,
+    std: Float[Array, " m"] | None,
+    loss: str = "linear",
+) -> tuple[Any, ThermalChoice]:
+    # the temperature of each rest, and what the readings owe to it
+    nothing = ThermalChoice(
+        None, "", fit.parameters, fit.covariance, np.nan, np.zeros((len(poses), 0))
+    )
+    if log.temperature is None:
+        return None, nothing
+    temperatures = RestTemperatures.of(log.temperature, log.time, rests)
+    if loss != "linear":
+        why = f"the loss is {loss}: the F test needs a linear one"
+        return temperatures, nothing._replace(reason=not_modelled(temperatures, why))
+    return temperatures, choose_thermal(
+        poses, temperatures, start=fit.parameters, model=fit.model, g=fit.g,
+        std=np.ones(len(poses)) if std is None else std, known=std is not None,
+    )  # fmt: skip
+
+
+def _with_terms(
+    fit: FitResult, chosen: ThermalChoice, std: Float[Array, " m"] | None
+) -> FitResult:
+    # the fit of the readings at the reference, with what the terms cost it
+    assert chosen.thermal is not None
+    dof = chosen.thermal.dof
+    chi2: Any = np.float64(np.nan if std is None else chosen.chi_square / dof)
+    return replace(
+        fit, parameters=chosen.theta, covariance=chosen.covariance, residual="weighted",
+        covariance_kind="type A", dof=dof,
+        chi2_per_dof=chi2,
+    )  # fmt: skip
 
 
 SENSORS = ("gyroscope", "magnetometer")
@@ -235,6 +325,10 @@ class ImuCalibration:
         Sensors of the log that are not calibrated, and why.
     compass_noise : PoseNoise or None
         Noise of the magnetometer's pose means, and where it comes from.
+    thermal : mapping of str to Thermal
+        Terms in temperature of each sensor that has any.
+    thermal_reasons : tuple of str
+        Why these, or why there are none.
     """
 
     log: LogCalibration
@@ -247,6 +341,8 @@ class ImuCalibration:
     reasons: tuple[str, ...]
     left_out: Mapping[str, str]
     compass_noise: PoseNoise | None
+    thermal: Mapping[str, Thermal] = default(default_factory=dict)
+    thermal_reasons: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         return "\n".join(log_lines(self.log, self) + sensor_lines(self))
@@ -304,6 +400,7 @@ def calibrate_sensors(
     )
     fits: dict[str, Any] = {}
     left_out: dict[str, str] = {}
+    log = at_reference(log, accelerometer=result.thermal)
     for name, samples, calibrated in kinds:
         if asked is not None and name not in asked:
             continue
@@ -324,7 +421,14 @@ def calibrate_sensors(
                 raise
             left_out[name] = for_a_log(str(error))
     imu: ImuFit | None = fits.get("gyroscope")
-    compass, compass_noise = fits.get("magnetometer", (None, None))
+    compass, compass_noise, warm = fits.get("magnetometer", (None, None, None))
+    log = at_reference(log, magnetometer=None if warm is None else warm.thermal)
+    thermal = {
+        "accelerometer": result.thermal,
+        "gyroscope": None if imu is None else imu.thermal,
+        "magnetometer": None if warm is None else warm.thermal,
+    }
+    said = [result.thermal_reason, *([] if warm is None else [warm.reason])]
     zero = np.zeros((3, 3))
     whole = ImuCalibration(
         log=result,
@@ -337,6 +441,8 @@ def calibrate_sensors(
         compass_noise=compass_noise,
         reasons=() if imu is None else (*imu.reasons, *imu.gyroscope.noise.sentences),
         left_out=left_out,
+        thermal={name: own for name, own in thermal.items() if own is not None},
+        thermal_reasons=tuple(each for each in said if each),
     )
     return whole if imu is None or compass is None else _together(log, whole, imu)
 
@@ -357,6 +463,7 @@ def _gyroscope(
         fit = calibrate_imu(
             log.time, log.accelerometer, rows, result.intervals, g=result.fit.g,
             model=result.fit.model, pose_std=result.pose_std,
+            temperature=log.temperature,
         )  # fmt: skip
         require_one_unit(log, "gyroscope", fit.gyroscope.require_converged().M)
         return fit
@@ -381,13 +488,25 @@ def _magnetometer(
     hemisphere: str,
     field: float,
     file: NoiseFile | None,
-) -> tuple[MagnetometerFit, PoseNoise]:
-    # together with the accelerometer, on its axes
-    rests = result.intervals
+) -> tuple[MagnetometerFit, PoseNoise, ThermalChoice | None]:
+    # together with the accelerometer, on its axes; its terms in temperature by the
+    # strength of the field alone, which is as constant as gravity
+    rests, warm = result.intervals, None
     noise = pose_noise(log, rests, sensor="magnetometer", file=file)
+    fields = interval_means(samples, rests)
+    if log.temperature is not None:
+        std = None if np.any(noise.std == 0.0) else noise.std
+        alone = calibrate(fields, field, result.fit.model)
+        temperatures, warm = _rest_terms(log, rests, fields, alone, std)
+        warm = warm._replace(reason=warm.reason and f"magnetometer: {warm.reason}")
+        if warm.thermal is not None:
+            own = warm.thermal.variance(fields, temperatures.powers).mean(axis=1)
+            noise = replace(noise, std=np.sqrt(noise.std**2 + own))
+            samples = warm.thermal.compensated(samples, log.temperature)
+            fields = interval_means(samples, rests)
     fit = calibrate_magnetometer(
         interval_means(log.accelerometer, rests),
-        interval_means(samples, rests),
+        fields,
         result.fit.g,
         field,
         accelerometer_std=result.pose_std,
@@ -397,7 +516,7 @@ def _magnetometer(
         time=log.time[rests.sum(axis=1) // 2],
     ).require_converged()
     require_one_unit(log, "magnetometer", fit.M)
-    return fit, noise
+    return fit, noise, warm
 
 
 def _together(log: Log, whole: ImuCalibration, imu: ImuFit) -> ImuCalibration:

@@ -33,6 +33,7 @@ from simval.imu.calibrate.goodness_of_fit import BELIEVED, BEYOND, chi_square_ch
 from simval.imu.calibrate.gyroscope.imu import variance_within
 from simval.imu.calibrate.magnetometer.findings import FALSE_ALARM as ONE_POSE
 from simval.imu.calibrate.magnetometer.result import OWN_NAMES
+from simval.imu.calibrate.thermal import Thermal
 from simval.imu.logs import Log
 from simval.imu.statics import Intervals
 from simval.shapes import Float
@@ -214,10 +215,12 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
         f"static intervals  {len(result.intervals)} "
         f"(threshold {result.multiplier:g} times the rest's variance)",
         *(f"{'':18s}{cut}" for cut in result.cuts),
+        *_temperature_lines(result),
         status_line(fit),
         "",
         *([f"accelerometer     {joint}"] if joint else []),
         *parameter_lines(fit, bound_sd(result)),
+        *_term_lines(result.thermal, "in temperature", fit.g / fit.raw_per_g, "m/s^2"),
         "",
         *matrix_lines(fit),
         "",
@@ -247,6 +250,24 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
             "or use --loss cauchy"
         )
     return lines
+
+
+def _temperature_lines(result: Any) -> list[str]:
+    # the range over the rests, what was made of it, and whether time looks the same
+    seen = result.temperatures
+    if seen is None:
+        return []
+    said = [f"temperature       {seen.line}"]
+    said += [f"{'':18s}{each}" for each in (result.thermal_reason,) if each]
+    if result.thermal is not None and seen.monotone:
+        said.append(f"{'':18s}{seen.monotone}")
+    return said
+
+
+def _term_lines(
+    thermal: Thermal | None, name: str, size: Float[Array, "3"], unit: str
+) -> list[str]:
+    return [] if thermal is None else thermal.lines(name, size, unit)
 
 
 def bound_sd(result: Any) -> Float[Array, "9"]:
@@ -279,6 +300,10 @@ def sensor_lines(whole: Any) -> list[str]:
         fit, G, sd = whole.gyroscope, whole.sensitivity, whole.sensitivity_sd
         lines += ["", *gyroscope_lines(fit, others, G, sd)]
         lines += [f"{'':18s}{reason}" for reason in whole.reasons]
+        size = np.linalg.norm(fit.M, axis=0)
+        lines += _term_lines(
+            whole.thermal.get("gyroscope"), "in temperature", size, "rad/s"
+        )
     if whole.magnetometer is not None:
         lines += [
             "",
@@ -287,6 +312,10 @@ def sensor_lines(whole: Any) -> list[str]:
             ),
         ]
         lines.append(_noise_line(whole.compass_noise))
+        size = np.linalg.norm(whole.magnetometer.M, axis=0)
+        own = whole.thermal.get("magnetometer")
+        lines += _term_lines(own, "in temperature", size, "of the field's unit")
+        lines += [f"{'':18s}{each}" for each in whole.thermal_reasons[1:]]
     for name, why in whole.left_out.items():
         lines += ["", f"left out          the {name}: {why}"]
     _, said = honest(judgements(whole))
@@ -334,6 +363,15 @@ def as_object(whole: Any) -> dict[str, Any]:
 def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
     """The sensors after the accelerometer, and the conditions of all error bars."""
     values: dict[str, Any] = {"left_out": dict(whole.left_out)}
+    seen = whole.log.temperatures
+    if seen is not None:
+        values["temperature"] = {
+            "rests_degC": seen.mean.tolist(),
+            "change_within_rest_K": seen.change.tolist(),
+            "reasons": list(whole.thermal_reasons),
+            "confounded_with_time": seen.monotone,
+            "sensors": {name: own.as_object() for name, own in whole.thermal.items()},
+        }
     if whole.gyroscope is not None:
         values["gyroscope"] = whole.gyroscope.as_object() | {
             "G": whole.sensitivity.tolist(),

@@ -31,7 +31,11 @@ from simval.imu.calibrate import (
     calibrate_imu,
     inter_rest_rotations,
 )
-from simval.imu.calibrate.gyroscope.imu import Rests, choose_bias, choose_sensitivity
+from simval.imu.calibrate.gyroscope.evidence import (
+    Rests,
+    choose_bias,
+    choose_sensitivity,
+)
 from simval.imu.sensor import GyroscopeModel
 from simval.poses import fibonacci_sphere
 from simval.theory.gyroscope import gyroscope_bias

@@ -180,11 +180,11 @@ class InterRestRotations(ReadOnly):
     chunk : int
         Steps of the clock that were merged into one.
     force : Array
-        Integral of the specific force over each chunk, m/s, (k, 3, j); empty unless
-        what it does has been taken out.
+        Integral of the specific force over each chunk, m/s, (k, 3, j), and before it
+        of the powers of the temperature; empty unless what they do has been taken out.
     force_noise : Array
-        Covariance of the bias and of a row of the sensitivity that was taken out, over
-        the variance N^2, (4, 4); zero if none was.
+        Covariance of the bias and of an axis's coefficients that were taken out, over
+        the variance N^2, (4, 4) of a force alone; zero if none was.
     """
 
     statistics: Float[Array, "t k 10 j"]
@@ -196,8 +196,8 @@ class InterRestRotations(ReadOnly):
     white: Float[Array, "t 3"]
     seconds: Float[Array, " k"]
     chunk: int
-    force: Float[Array, "k 3 f"]
-    force_noise: Float[Array, "4 4"]
+    force: Float[Array, "k q f"]
+    force_noise: Float[Array, "c c"]
 
 
 def inter_rest_rotations(
@@ -240,9 +240,10 @@ def inter_rest_rotations(
         Readings to take out of each row before, raw units, as `rates`: a bias that
         moves, or what the specific force does.
     force : array_like, optional
-        Specific force of each row, m/s^2, (n, 3), if what it does is in `offset`.
+        Specific force of each row, m/s^2, (n, 3), if what it does is in `offset`, and
+        before it powers of the temperature.
     force_noise : array_like, optional
-        Covariance of that, as in `InterRestRotations`, (4, 4); needed with `force`.
+        Covariance of that, as in `InterRestRotations`; needed with `force`.
 
     Returns
     -------
@@ -303,12 +304,13 @@ def _forces(
     # integrals of the specific force over the chunks
     if force is None:
         return {"force": np.zeros((len(first), 3, 0)), "force_noise": np.zeros((4, 4))}
-    rows = physical_array("force", force, (len(step), 3))
-    shape = physical_array("force_noise", noise, (4, 4))
-    made = np.zeros((len(first), 3, chunks * chunk))
+    rows = physical_array("force", force, (len(step), None))
+    size = rows.shape[1]
+    shape = physical_array("force_noise", noise, (size + 1, size + 1))
+    made = np.zeros((len(first), size, chunks * chunk))
     for k, (a, b) in enumerate(zip(first, last, strict=True)):
         made[k, :, : b - a] = (rows[a + 1 : b + 1] * step[a + 1 : b + 1, None]).T
-    summed = made.reshape(len(first), 3, chunks, chunk).sum(axis=-1)
+    summed = made.reshape(len(first), size, chunks, chunk).sum(axis=-1)
     return {"force": summed, "force_noise": shape}
 
 

@@ -343,7 +343,7 @@ def jitter_covariance(
 
 def sensitivity_noise(
     rows: Linearised, inter_rest: InterRestRotations, noise: GyroscopeNoise
-) -> Float[Array, "t r 9"]:
+) -> Float[Array, "t r s"]:
     """Residuals, and last the rests' bias, by a sensitivity that was taken out.
 
     The regression on the rests gives each axis a row of G with the covariance
@@ -354,7 +354,7 @@ def sensitivity_noise(
     root = np.linalg.cholesky(C)
     mean = -np.linalg.solve(C, inter_rest.force_noise[1:, 0])
     by_G = np.einsum("tkija,kbj->tkiab", rows.rotations.by_rate(N), inter_rest.force)
-    theta = np.einsum("tkiab,bq->tkiaq", by_G, root).reshape(t, k, 3, 9)
-    bias = np.einsum("ac,q,a->acq", np.eye(3), mean @ root, N).reshape(1, 3, 9)
-    own = (-rows.by_angle @ theta).reshape(t, -1, 9)
-    return np.concatenate([own, np.broadcast_to(bias, (t, 3, 9))], axis=1)
+    theta = np.einsum("tkiab,bq->tkiaq", by_G, root).reshape(t, k, 3, -1)
+    bias = np.einsum("ac,q,a->acq", np.eye(3), mean @ root, N).reshape(1, 3, -1)
+    own = (-rows.by_angle @ theta).reshape(t, -1, bias.shape[-1])
+    return np.concatenate([own, np.broadcast_to(bias, (t, *bias.shape[1:]))], axis=1)

@@ -1,0 +1,311 @@
+r"""Bias, temperature and force in a gyroscope's rests, chosen by evidence.
+
+**Bias.** With the rests' white noise :math:`N^2/T_i` and a walk K of the bias, a
+constant leaves the angle of a rotation of T seconds the variance
+:math:`T^2 (N^2/\sum T_i + K^2 v)`, v that between the bias in it and its mean over
+the rests; a line between the neighbouring rests
+:math:`T^2 N^2 / 2 T_r + K^2 T^3/12`. The lesser is chosen, and the line only where it
+tells a rest that was left out better than the others' mean does.
+
+**Temperature.** Where it is known, the rests' mean readings are regressed on it first
+(`simval.imu.calibrate.thermal`): the bias by a line or a parabola, each by the F test
+beside (1, f). A scale that depends on temperature is no part of a rest's reading.
+
+**Sensitivity to force.** The rests' mean readings are regressed on 1 and on (1, f); the
+drop in the sum of squares is judged by the F test. Rests tell it apart from M, which
+they do not show at all.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import scipy
+
+from simval.arrays import Array, ReadOnly, physical_array
+from simval.imu.calibrate.gyroscope.noise import walk_covariance
+from simval.imu.calibrate.thermal import (
+    LEAST_LEFT,
+    LEAST_SPAN,
+    RestTemperatures,
+    Thermal,
+    not_modelled,
+)
+from simval.shapes import Float
+from simval.text import chance_words
+
+CHANCE: Final = 0.01
+"""Of keeping a sensitivity where there is none. Chosen: nine entries are given out
+then, each with its error bar."""
+_SHARES: Final = 31  # of the walk in the scatter that are tried, a factor 1.6 apart
+_COPLANAR: Final = 1e-3  # least singular value of (1, f/g) over the greatest
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rests:
+    """Bias and noise of a gyroscope from its rests."""
+
+    rates: Float[Array, "n 3"]  # mean readings, raw units
+    times: Float[Array, " n"]  # s
+    seconds: Float[Array, " n"]
+    rotation_seconds: Float[Array, " k"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sensitivity(ReadOnly):
+    """Sensitivity to force as the rests show it."""
+
+    kept: bool
+    G: Float[Array, "3 3"]  # raw units per m/s^2; zero where not kept
+    sd: Float[Array, "3 3"]  # of its entries, as wide as the rests scatter
+    # of B and of the coefficients of an axis, over the variance N^2 of that axis
+    shape: Float[Array, "q q"]
+    reason: str
+
+
+def choose_bias(
+    rests: Rests, walk: Float[Array, "3"], drift: float | None
+) -> tuple[str, float, str]:
+    """Model of the bias, the walk K it was chosen with, and the reason."""
+    N2 = float((walk**2).mean())
+    K = walk_of(rests, np.ones((len(rests.times), 1)))[1] if drift is None else drift
+    w = rests.seconds / rests.seconds.sum()
+    middle = 0.5 * (rests.times[1:] + rests.times[:-1])
+    away = np.diagonal(walk_covariance(middle, w, rests.times))
+    T2 = rests.rotation_seconds**2
+    constant = float(np.mean(T2 * (N2 / rests.seconds.sum() + K * K * away)))
+    pairs = 0.25 * (1.0 / rests.seconds[1:] + 1.0 / rests.seconds[:-1])
+    line = float(np.mean(T2 * N2 * pairs + K * K * rests.rotation_seconds**3 / 12.0))
+    told_c, told_l = _left_out(rests)
+    chosen = "line" if line < constant and told_l < told_c else "constant"
+    said = (
+        f"bias: {chosen}; N {np.sqrt(N2):.3g} and K {K:.3g} raw units "
+        f"({'measured between rests' if drift is None else 'given'}) leave a "
+        f"rotation {np.sqrt(constant):.2g} raw units s with a constant and "
+        f"{np.sqrt(line):.2g} with lines between rests; a rest that is left out is "
+        f"told within {told_c:.3g} raw units by the mean of the others and "
+        f"{told_l:.3g} by lines"
+    )
+    return chosen, K, said
+
+
+def walk_of(rests: Rests, X: Float[Array, "n p"]) -> tuple[float, float]:
+    """White scatter and walk of the rests, raw units per root hertz and times it.
+
+    Most likely for what is left of the rests' means without X (restricted likelihood):
+    a scatter that does not grow with the time between rests is no walk.
+    """
+    n, p = X.shape
+    if n - p < 2:
+        return 0.0, 0.0
+    Z = np.linalg.qr(X, mode="complete")[0][:, p:]
+    y = Z.T @ rests.rates
+    times = rests.times - rests.times[0]
+    white = Z.T @ np.diag(1.0 / rests.seconds) @ Z
+    walk = Z.T @ np.minimum(times[:, None], times) @ Z
+    unit = float(np.trace(white) / np.trace(walk))
+    best = (-np.inf, 0.0, 0.0)
+    for share in (0.0, *np.geomspace(1e-3, 1e3, _SHARES)):
+        L = np.linalg.cholesky(white + share * unit * walk)
+        square = float((np.linalg.solve(L, y) ** 2).mean())
+        if not square > 0.0:
+            return 0.0, 0.0
+        likely = -0.5 * y.size * np.log(square) - 3.0 * np.log(L.diagonal()).sum()
+        best = max(best, (float(likely), square, share * unit * square))
+    return float(np.sqrt(best[1])), float(np.sqrt(best[2]))
+
+
+def _left_out(rests: Rests) -> tuple[float, float]:
+    # root mean square of how wrong a rest is told: by the mean of the others, by a line
+    y, t, w = rests.rates, rests.times, rests.seconds
+    if len(y) < 3:
+        return 0.0, float(np.inf)
+    total, weight = (w[:, None] * y).sum(axis=0), w.sum()
+    others = (total - w[:, None] * y) / (weight - w)[:, None]
+    along = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+    lines = (1.0 - along) * y[:-2] + along * y[2:]
+    off = (y - others)[1:-1], y[1:-1] - lines
+    constant, line = (float(np.sqrt((each**2).mean())) for each in off)
+    return constant, line
+
+
+def choose_sensitivity(
+    rests: Rests,
+    force: Float[Array, "n 3"],
+    walk: Float[Array, "3"],
+    drift: float | None = None,
+    *,
+    asked: bool | None = None,
+    powers: Float[Array, "n d"] | None = None,
+) -> Sensitivity:
+    """Choose to fit a g-sensitivity by the F test, or as the caller asked.
+
+    Poses in a regular order and a bias that walks both change slowly: the rests are
+    whitened by N and K first, or three of four walks would pass for a sensitivity.
+    `powers` of the temperature are fitted beside it, and come before it in `shape`.
+    """
+    n = len(force)
+    g = float(np.linalg.norm(force, axis=1).mean())
+    warm = np.zeros((n, 0)) if powers is None else powers
+    lead = 1 + warm.shape[1]
+    X = np.column_stack([np.ones(n), warm, force / g])
+    values = np.linalg.svd(X, compute_uv=False)
+    if asked is False:
+        return _none("as asked")
+    values = values if lead == 1 else np.linalg.svd(X / np.abs(X).max(axis=0))[1]
+    if n < 5 + lead or values[-1] < _COPLANAR * values[0]:
+        why = f"{n} rests" if n < 5 + lead else "rests whose directions lie in a plane"
+        return _none(f"{why} do not tell it")
+    white, K2 = _whitening(rests, X, walk, drift)
+    Xw, y = white @ X, white @ rests.rates
+    found, *_ = np.linalg.lstsq(Xw, y, rcond=None)
+    alone, *_ = np.linalg.lstsq(Xw[:, :lead], y, rcond=None)
+    without = float(((y - Xw[:, :lead] @ alone) ** 2).sum())
+    each = ((y - Xw @ found) ** 2).sum(axis=0)
+    left = float(each.sum())
+    dof = 3 * (n - lead - 3)
+    least = np.finfo(float).eps ** 2 * float((y * y).sum())
+    F = (without - left) / 9.0 / (max(left, least) / dof) if without > least else 0.0
+    chance = float(scipy.special.fdtrc(9, dof, F))
+    kept = chance < CHANCE if asked is None else asked
+    reason = (
+        f"F = {F:.3g} with 9 and {dof} degrees of freedom, as great by chance in "
+        f"{chance:.2g} of logs ({CHANCE:g} allowed); rests whitened for K of "
+        f"{K2**0.5:.2g} raw units"
+    )
+    if not kept:
+        return _none(reason)
+    scale = np.diag([1.0] * lead + [1.0 / g] * 3)
+    shape = scale @ np.linalg.inv(Xw.T @ Xw) @ scale
+    seen = float(np.sum(each / np.maximum(walk**2, np.finfo(float).tiny))) / dof
+    N = (
+        walk * np.sqrt(max(1.0, seen))
+        if np.all(walk > 0.0)
+        else np.sqrt(each / (n - lead - 3))
+    )
+    return Sensitivity(
+        kept=True,
+        G=found[lead:].T / g,
+        sd=np.multiply.outer(N, np.sqrt(np.diagonal(shape)[lead:])),
+        shape=shape,
+        reason=f"sensitivity to force: kept; {reason}",
+    )
+
+
+class BiasTerms(NamedTuple):
+    """What the bias owes to the temperature, as columns of the rests and the rows."""
+
+    thermal: Thermal | None
+    reason: str
+    shape: Float[Array, "c c"]  # covariance of B and the terms over N^2
+    at_rest: Float[Array, "n d"]  # powers of the temperature, no column without terms
+    rows: Float[Array, "r d"]
+
+    @property
+    def coefficients(self) -> Float[Array, "d 3"]:
+        """Raw units over kelvin to the power."""
+        if self.thermal is None:
+            return np.zeros((0, 3))
+        return self.thermal.coefficients
+
+
+def bias_terms(
+    temperature: Any, time: Any, intervals: Any, rests: Rests,
+    force: Float[Array, "n 3"], walk: Float[Array, "3"], drift: float | None,
+) -> BiasTerms:  # fmt: skip
+    """Choose terms by the F test beside (1, f), where the temperature is known.
+
+    Rests whitened as for a sensitivity: a bias that walks is no effect of temperature.
+    """
+    n = len(force)
+    none = BiasTerms(None, "", np.zeros((4, 4)), np.zeros((n, 0)), np.zeros((0, 0)))
+    if temperature is None:
+        return none
+    warm = physical_array("temperature", temperature, (len(np.asarray(time)),))
+    seen = RestTemperatures.of(warm, np.asarray(time, dtype=float), intervals)
+    if seen.span < LEAST_SPAN or n - 5 < LEAST_LEFT:
+        need = f"{LEAST_SPAN:g} K between rests and {5 + LEAST_LEFT} rests are needed"
+        said = f"gyroscope: {not_modelled(seen, need)}" if seen.span > 0.0 else ""
+        return none._replace(reason=said)
+    g, size = np.linalg.norm(force, axis=1).mean(), np.abs(seen.powers).max(axis=0)
+    steady = np.column_stack([np.ones(n), force / g])
+    kept, fit, chance = 0, None, 1.0
+    for degree in (1, 2):
+        X = np.column_stack([steady, (seen.powers / size)[:, :degree]])
+        if n - X.shape[1] < LEAST_LEFT or np.linalg.cond(X) > 1.0 / _COPLANAR:
+            break
+        tried = _regressed(rests, X, walk, drift)
+        if not tried.chance < CHANCE:
+            break
+        kept, fit, chance = degree, tried, tried.chance
+    if fit is None:
+        why = f"no term passes the F test ({CHANCE:g} by chance allowed)"
+        return none._replace(reason=f"gyroscope: {not_modelled(seen, why)}")
+    own, unit = np.r_[0, 4 : 4 + kept], np.r_[1.0, size[:kept]]
+    shape = fit.inverse[np.ix_(own, own)] / np.outer(unit, unit)
+    covariance = np.einsum("jk,ab->jakb", shape[1:, 1:], np.diag(fit.variance))
+    thermal = Thermal(
+        reference=seen.reference, low=seen.low, high=seen.high,
+        terms=(("bias", 1), ("bias", 2))[:kept],
+        coefficients=fit.coefficients[4:] / size[:kept, None],
+        covariance=covariance.reshape(3 * kept, -1), centre=np.zeros(3),
+        dof=n - 4 - kept,
+    )  # fmt: skip
+    said = (
+        f"bias of the gyroscope in temperature: {'line' if kept == 1 else 'parabola'}; "
+        f"the last term as great by chance in {chance_words(chance, 2)} of logs "
+        f"({CHANCE:g} allowed); of its scale, rests say nothing"
+    )
+    return BiasTerms(
+        thermal, said, shape, seen.powers[:, :kept], thermal.powers(warm)[:, :kept]
+    )
+
+
+class _Regression(NamedTuple):
+    coefficients: Float[Array, "p 3"]
+    inverse: Float[Array, "p p"]  # of X'X, whitened
+    variance: Float[Array, "3"]  # of what is left, by axis
+    chance: float  # that the last column explains as much
+
+
+def _regressed(
+    rests: Rests, X: Float[Array, "n p"], walk: Float[Array, "3"], drift: float | None
+) -> _Regression:
+    # of the rests' rates on X, and the F test of its last column
+    white, _ = _whitening(rests, X, walk, drift)
+    Xw, y = white @ X, white @ rests.rates
+    found, without = (np.linalg.lstsq(A, y, rcond=None)[0] for A in (Xw, Xw[:, :-1]))
+    each = ((y - Xw @ found) ** 2).sum(axis=0)
+    more = float(((y - Xw[:, :-1] @ without) ** 2).sum() - each.sum())
+    left, dof = len(X) - X.shape[1], 3 * (len(X) - X.shape[1])
+    least = np.finfo(float).eps ** 2 * float((y * y).sum())
+    F = more / 3.0 / (max(float(each.sum()), least) / dof) if least > 0.0 else 0.0
+    return _Regression(
+        found, np.linalg.inv(Xw.T @ Xw), each / left,
+        float(scipy.special.fdtrc(3, dof, max(F, 0.0))),
+    )  # fmt: skip
+
+
+def _whitening(
+    rests: Rests, X: Float[Array, "n p"], walk: Float[Array, "3"], drift: float | None
+) -> tuple[Float[Array, "n n"], float]:
+    # inverse root of the rests' covariance over N^2, and K^2; what forces would explain
+    # is no drift
+    N2 = max(float((walk**2).mean()), np.finfo(float).tiny)
+    if drift is None:
+        scatter, drift = walk_of(rests, X)
+        N2 = max(N2, scatter**2)
+    times = rests.times - rests.times[0]
+    walked = np.minimum(times[:, None], times)
+    S = np.diag(1.0 / rests.seconds) + drift**2 / N2 * walked
+    return np.linalg.inv(np.linalg.cholesky(S)), drift**2
+
+
+def _none(reason: str) -> Sensitivity:
+    return Sensitivity(
+        kept=False,
+        G=np.zeros((3, 3)),
+        sd=np.zeros((3, 3)),
+        shape=np.zeros((4, 4)),
+        reason=f"sensitivity to force: none; {reason}",
+    )

@@ -1,0 +1,298 @@
+"""Terms in temperature: derivatives, evidence, coverage, files and `correct`.
+
+Readings are made by the law of the sensor itself, bias plus force over scale, which
+shares no step with the fit's own (TH1).
+"""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+from made_logs import three
+from written import written
+
+from simval.cli import run
+from simval.imu.calibrate import calibrate
+from simval.imu.calibrate.files import load_calibration, load_thermal
+from simval.imu.calibrate.gyroscope.evidence import Rests, bias_terms
+from simval.imu.calibrate.thermal import (
+    RestTemperatures,
+    choose_thermal,
+    thermal_problem,
+)
+from simval.imu.multiposition import calibrate_log
+from simval.imu.sensor import forms
+from simval.poses import fibonacci_sphere
+
+G = 9.80665
+MATRIX = np.array([[1.02, 0.0, 0.0], [0.02, 0.98, 0.0], [0.01, -0.03, 1.01]])
+BIAS = np.array([0.1, -0.2, 0.05])
+NOISE = 0.003  # m/s^2, of a pose mean
+BETA = {1: np.array([2e-3, -1e-3, 1e-3]), 2: np.array([4e-5, 2e-5, -3e-5])}
+KAPPA = {1: np.array([1e-4, -5e-5, 2e-4]), 2: np.zeros(3)}
+ALPHA = 1e-4  # false alarms of each statistical test
+
+
+def read(force, tau, bias, beta, kappa):
+    """Readings of a sensor whose bias and scale depend on temperature."""
+    shift = sum(np.multiply.outer(tau**j, b) for j, b in beta.items())
+    stretch = 1.0 + sum(np.multiply.outer(tau**j, k) for j, k in kappa.items())
+    return bias + shift + force / stretch
+
+
+@pytest.fixture
+def rng():
+    """Of each test its own."""
+    return np.random.default_rng(37)
+
+
+def temperatures(degrees, time=None):
+    degrees = np.asarray(degrees, dtype=float)
+    return RestTemperatures(
+        mean=degrees, change=0.0 * degrees, spread=0.0 * degrees,
+        time=np.arange(float(len(degrees))) if time is None else time,
+        low=degrees.min(), high=degrees.max(),
+    )  # fmt: skip
+
+
+def drawn(rng, beta, kappa, count=24, span=30.0):
+    """Poses in an order of chance at temperatures from 15 to 45 degC."""
+    seen = temperatures(rng.permutation(np.linspace(15.0, 15.0 + span, count)))
+    force = np.linalg.solve(MATRIX, G * fibonacci_sphere(count).T).T
+    tau = seen.mean - seen.reference
+    poses = read(force, tau, BIAS, beta, kappa)
+    return poses + NOISE * rng.standard_normal(poses.shape), seen
+
+
+def chosen(poses, seen, known=False):
+    start = calibrate(poses).parameters
+    return choose_thermal(
+        poses, seen, start=start, model="triangular", g=G,
+        std=np.full(len(poses), NOISE), known=known,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("model", forms.MODELS)
+def test_the_derivatives_are_those_of_a_complex_step(model, rng):
+    terms = (("bias", 1), ("scale", 1), ("bias", 2), ("scale", 2))
+    poses, seen = drawn(rng, BETA, KAPPA)
+    powers = seen.powers
+    problem = thermal_problem(
+        poses[None], powers, model, G, np.full(len(poses), NOISE), terms
+    )
+    theta = np.concatenate([calibrate(poses, G, model).parameters, np.zeros(12)])
+    theta[9:] = 1e-3 * rng.standard_normal(12) * np.repeat([1.0, 0.01, 0.01, 1e-4], 3)
+
+    def norm(p):
+        M, c = forms.matrix(model, p[:9]) / G, p[9:].reshape(4, 3)
+        shift = np.outer(powers[:, 0], c[0]) + np.outer(powers[:, 1], c[2])
+        stretch = 1.0 + np.outer(powers[:, 0], c[1]) + np.outer(powers[:, 1], c[3])
+        x = (stretch * (poses - p[6:9] - shift)) @ M.T
+        return (x * x).sum(axis=1) - 1.0
+
+    value, J, _ = problem.rests(problem.corrected(theta[None]), theta[None])
+    np.testing.assert_allclose(value[0, :, 0], norm(theta), rtol=0, atol=1e-14)
+    each = [norm(theta + 1e-30j * e).imag / 1e-30 for e in np.eye(theta.size)]
+    by_step = np.stack(each, axis=1)
+    size = np.abs(by_step).max(axis=0)
+    # products of five numbers each, summed three times: below 100 eps of the greatest
+    np.testing.assert_allclose(J[0, :, 0] / size, by_step / size, rtol=0, atol=3e-14)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("known", [False, True])
+def test_a_sensor_without_an_effect_is_given_one_in_a_hundred(known):
+    """Of 100 sets at most what a rate of 1 % makes with a chance of 1e-4."""
+    sets, none = 100, {1: np.zeros(3)}
+    said = [
+        chosen(*drawn(np.random.default_rng([11, k]), none, none), known)
+        for k in range(sets)
+    ]
+    count = sum(each.thermal is not None for each in said)
+    assert count <= scipy.stats.binom.isf(ALPHA, sets, 0.01)
+    none_said = [each.reason for each in said if each.thermal is None]
+    assert all("not modelled because" in each for each in none_said)
+
+
+@pytest.mark.ci
+def test_the_terms_are_found_and_their_intervals_cover():
+    """Bias and scale linear: found in 97 of 100 sets, and intervals that hold 95 %."""
+    sets, terms, linear = 100, (("bias", 1), ("scale", 1)), {1: BETA[1]}
+    truth = np.stack([BETA[1], KAPPA[1]])
+    held, right, nine = [], 0, []
+    for k in range(sets):
+        rng = np.random.default_rng([12, k])
+        found = chosen(*drawn(rng, linear, {1: KAPPA[1]}))
+        if found.thermal is None or found.thermal.terms != terms:
+            continue
+        right += 1
+        low, high = np.moveaxis(found.thermal.confidence_intervals(), -1, 0)
+        held.append((low <= truth) & (truth <= high))
+        sd = np.sqrt(np.diagonal(found.covariance)[6:])
+        nine.append((found.theta[6:] - BIAS) / sd)
+    assert right >= scipy.stats.binom.isf(1.0 - ALPHA, sets, 0.97)
+    count = np.sum(held, axis=0)  # by term and axis, six tests
+    lowest = scipy.stats.binom.isf(1.0 - ALPHA / 6.0, right, 0.95)
+    assert lowest <= count.min()
+    # power: bars of half the size would hold two in three
+    assert scipy.stats.binom.cdf(lowest, right, 0.68) > 0.999
+    # the biases at the reference, with 9 degrees of freedom
+    square = np.mean(np.square(nine), axis=0) * 7.0 / 9.0
+    assert np.all(np.abs(square - 1.0) < 5.0 * np.sqrt(2.0 / right) * 2.0)
+
+
+def test_a_square_is_found_where_there_is_one(rng):
+    found = chosen(*drawn(rng, BETA, {1: np.zeros(3)}, count=40, span=60.0))
+    assert found.thermal.terms == (("bias", 1), ("bias", 2))
+    low, high = np.moveaxis(found.thermal.confidence_intervals(0.999), -1, 0)
+    truth = np.stack([BETA[1], BETA[2]])
+    assert np.all((low <= truth) & (truth <= high))
+
+
+@pytest.mark.parametrize(
+    ("count", "span", "why"),
+    [(24, 1.9, "2 K or more"), (14, 30.0, "14 rests leave 5"), (24, 0.0, "")],
+)
+def test_too_little_is_left_out_with_a_sentence(rng, count, span, why):
+    found = chosen(*drawn(rng, BETA, KAPPA, count=count, span=span))
+    assert found.thermal is None
+    assert why in found.reason
+    assert bool(found.reason) == bool(why)
+
+
+def test_a_temperature_that_only_rises_is_said_to_be_like_a_drift(rng):
+    rising = np.sort(rng.uniform(15.0, 45.0, 20))
+    for order, word in ((rising, "rises"), (rising[::-1], "falls")):
+        assert word in temperatures(order).monotone
+    assert temperatures(rng.permutation(rising)).monotone == ""
+
+
+def gyroscope_rests(rng, slope, walk=0.0, count=24):
+    time = 6.0 * np.arange(count)
+    degrees = 30.0 + 15.0 * np.sin(time / 25.0 + rng.uniform(0.0, 6.3))
+    rates = rng.normal(0.0, 1e-4, (count, 3)) + np.outer(degrees - 30.0, slope)
+    rates += np.cumsum(walk * np.sqrt(6.0) * rng.standard_normal((count, 3)), axis=0)
+    rests = Rests(
+        rates=rates, times=time, seconds=np.full(count, 4.0),
+        rotation_seconds=np.full(count - 1, 2.0),
+    )  # fmt: skip
+    force = G * rng.permutation(fibonacci_sphere(count))
+    at = np.stack([np.arange(count), np.arange(count) + 1], axis=1)
+    return bias_terms(degrees, time, at, rests, force, np.full(3, 2e-4), None)
+
+
+@pytest.mark.ci
+def test_a_gyroscopes_bias_by_evidence():
+    """White or walking without an effect: 1 %; with one always, its interval right."""
+    sets, limit = 100, scipy.stats.binom.isf(ALPHA, 100, 0.01)
+    rngs = [np.random.default_rng([13, k]) for k in range(sets)]
+    assert sum(bool(gyroscope_rests(r, np.zeros(3)).thermal) for r in rngs) <= limit
+    walks = [gyroscope_rests(r, np.zeros(3), 1e-4).thermal is not None for r in rngs]
+    # the walk is estimated: the F test is liberal by what that leaves
+    assert sum(walks) <= scipy.stats.binom.isf(ALPHA, sets, 0.03)
+    slope = np.array([1e-4, -5e-5, 0.0])
+    held = []
+    for r in rngs:
+        thermal = gyroscope_rests(r, slope).thermal
+        low, high = np.moveaxis(thermal.confidence_intervals()[0], -1, 0)
+        held.append((low <= slope) & (slope <= high))
+    lowest = scipy.stats.binom.isf(1.0 - ALPHA / 3.0, sets, 0.95)
+    assert np.sum(held, axis=0).min() >= lowest
+
+
+def warm_log(rec, low=15.0, high=45.0):
+    """The log of a sensor whose temperature goes up and down."""
+    log, share = rec.log, rec.log.time / rec.log.time[-1]
+    degrees = low + (high - low) * np.abs(np.sin(1.5 * np.pi * share + 0.3))
+    tau = degrees - 30.0
+    bias = rec.accelerometer.B
+    force = log.accelerometer - bias
+    samples = read(force, tau, bias, {1: BETA[1]}, {1: KAPPA[1]})
+    gyro = log.gyro + np.outer(tau, [1e-4, -5e-5, 8e-5])
+    return replace(log, accelerometer=samples, gyro=gyro, temperature=degrees)
+
+
+def file_of(path, log, *, temperature=True):
+    header = "t [s],ax,ay,az,wx,wy,wz" + ",temp [degC]" * temperature
+    more = [log.temperature] * temperature
+    return str(written(path, header, log.time, log.accelerometer, log.gyro, *more))
+
+
+@pytest.mark.ci
+def test_a_log_is_calibrated_written_read_and_corrected(tmp_path, capsys):
+    rec = three(0, turning=False)
+    log, out = warm_log(rec), tmp_path / "sensor.json"
+    path = file_of(tmp_path / "warm.csv", log)
+    assert run(["calibrate", path, "--sensors", "gyroscope", "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "m/s^2/K" in printed
+    assert "rad/s/K" in printed
+    thermal = load_thermal(out)
+    assert set(thermal) == {"accelerometer", "gyroscope"}
+    stated = json.loads(out.read_text())["temperature"]["sensors"]["accelerometer"]
+    assert thermal["accelerometer"].as_object() == stated  # round trip, bit for bit
+
+    fixed = tmp_path / "corrected.csv"
+    arguments = ["correct", path, "--calibration", str(out), "--out", str(fixed)]
+    assert run(arguments) == 0
+    force = np.loadtxt(fixed, delimiter=",", skiprows=1)[:, 1:4]
+    holds = [np.linalg.norm(force[a + 20 : b - 20].mean(axis=0)) for a, b in rec.holds]
+    bare = load_calibration(out).sensor().correct(log.accelerometer)
+    cold = [np.linalg.norm(bare[a + 20 : b - 20].mean(axis=0)) for a, b in rec.holds]
+    assert np.std(np.array(holds) - G) < 0.1 * np.std(np.array(cold) - G)
+    capsys.readouterr()
+
+    lost = file_of(tmp_path / "lost.csv", log, temperature=False)
+    arguments[1] = lost
+    assert run(arguments) != 0
+    assert "--temperature DEGC" in capsys.readouterr().err
+    assert run([*arguments, "--temperature", "30"]) == 0
+    hot = replace(warm_log(rec, 15.0, 60.0))
+    arguments[1] = file_of(tmp_path / "hot.csv", hot)
+    capsys.readouterr()
+    assert run(arguments) != 0
+    said = capsys.readouterr().err
+    assert "--extrapolate" in said
+    assert run([*arguments, "--extrapolate"]) == 0
+    own = thermal["accelerometer"]
+    rows = np.sum((hot.temperature < own.low) | (hot.temperature > own.high))
+    assert f"extrapolated      {rows} of" in capsys.readouterr().err
+
+
+def test_a_temperature_that_does_nothing_changes_nothing():
+    """To the bit: a column alone is no evidence."""
+    rec = three(0, turning=False)
+    degrees = warm_log(rec).temperature
+    plain = calibrate_log(rec.log)
+    found = calibrate_log(replace(rec.log, temperature=degrees))
+    assert found.thermal is None
+    assert "not modelled" in found.thermal_reason
+    np.testing.assert_array_equal(found.fit.parameters, plain.fit.parameters)
+    np.testing.assert_array_equal(found.fit.covariance, plain.fit.covariance)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"terms": [["bias", 3]]},
+        {"terms": 5},
+        {"coefficients": [[1.0]]},
+        {"reference_degC": None},
+        {"range_degC": [40.0, 10.0]},
+        {"dof": 0},
+        {"covariance": "none"},
+    ],
+)
+def test_a_damaged_block_is_refused_in_words(tmp_path, damage, rng, capsys):
+    found = chosen(*drawn(rng, BETA, {1: KAPPA[1]})).thermal
+    block = {"accelerometer": found.as_object() | damage}
+    path = tmp_path / "bad.json"
+    good = {"T": np.eye(3).tolist(), "K": [1.0] * 3, "B": [0.0] * 3}
+    path.write_text(json.dumps(good | {"temperature": {"sensors": block}}))
+    log = file_of(tmp_path / "log.csv", warm_log(three(0, turning=False)))
+    assert run(["correct", log, "--calibration", str(path)]) != 0
+    said = capsys.readouterr().err
+    assert "the terms in temperature of the accelerometer" in said
+    assert "Traceback" not in said
