@@ -14,7 +14,7 @@ from simval.errors import InputError
 from simval.imu.logs.columns import Column
 from simval.imu.logs.joining import SLOWEST
 from simval.imu.logs.names import SECONDS
-from simval.imu.logs.readers import Table
+from simval.imu.logs.text import Table
 from simval.shapes import Bool, Float
 
 GAP = 5.0  # s; beyond it a recording was stopped and begun again

@@ -5,9 +5,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 
+import numpy as np
+
+from simval.arrays import Array
 from simval.errors import InputError
 from simval.imu.logs.names import SECONDS, Channel, Kind, channel, instance
-from simval.imu.logs.readers import Table
+from simval.imu.logs.text import Table
+from simval.shapes import Float
 
 TEMPERATURE = "temp"
 NAMES = ("t", "ax", "ay", "az", "wx", "wy", "wz", "mx", "my", "mz", TEMPERATURE)
@@ -21,6 +25,7 @@ _OTHER_FILES = re.compile(
     r"gyr|mag|gravity|linear|user|orient|euler|rotation|quat", re.I
 )
 _FREE = ("bare", "force", "temperature", "other")  # kinds that may be misnamed
+G_UNIT = 3.0  # between a length in g at rest, 1, and in m/s^2, 9.8
 PX4 = frozenset({"timestamp_sample", "gyro_rad[0]", "accelerometer_m_s2[0]"})
 """Names of PX4's logs, whose ``timestamp`` is in microseconds since boot."""
 _APPLE = re.compile(r"accelerometerAcceleration[XYZ]\(G\)")  # of SensorLog, iOS only
@@ -240,15 +245,22 @@ def triples(channels: list[Channel], kind: Kind) -> list[Triple]:
     return whole
 
 
-def sign_of(picked: Sequence[Column]) -> tuple[tuple[str, str], ...]:
-    """Say where a phone's accelerometer reads minus the specific force."""
-    if not any(_APPLE.match(each.name) for each in picked):
-        return ()
+def sign_of(table: Table, force: Float[Array, "n 3"]) -> list[tuple[str, str]]:
+    """Say where a phone's accelerometer reads minus the specific force.
+
+    An iPhone's is known by SensorLog's names, or in Sensor Logger by its unit g.
+    """
+    names = table.names or ()
+    apple = any(map(_APPLE.fullmatch, names))
+    if "seconds_elapsed" in names and "uncal" in PurePath(table.path).name.lower():
+        apple = bool(np.median(np.linalg.norm(force, axis=1)) < G_UNIT)
+    if not apple:
+        return []
     words = (
         "as of an iPhone, minus the specific force: at rest it points down, also after "
         "a calibration (https://developer.apple.com/documentation/coremotion)"
     )
-    return (("sign", words),)
+    return [("sign", words)]
 
 
 def clock_of(table: Table) -> Column | None:

@@ -18,10 +18,10 @@ from simval.imu.logs.columns import (
     several,
     sign_of,
 )
-from simval.imu.logs.readers import Table, read_table
+from simval.imu.logs.readers import read_table
 from simval.imu.logs.tables import ArrayTable
 from simval.imu.logs.temperature import read_temperature
-from simval.imu.logs.text import TextTable
+from simval.imu.logs.text import Table, TextTable
 from simval.shapes import Float
 
 
@@ -198,10 +198,11 @@ def read_log(
         name, rate = table.rate
         source = (*source, ("rate", f"{rate:.6g} Hz, by {name!r} in the file"))
     time, rate, second, said = read_clock(table, clock, rate)
+    force = np.stack([rows[role] for role in NAMES[1:4]], axis=1)
     return Log(
         path=str(path),
         time=time,
-        accelerometer=np.stack([rows[role] for role in NAMES[1:4]], axis=1),
+        accelerometer=force,
         gyro=sensors.get("gyroscope"),
         magnetometer=sensors.get("magnetometer"),
         rate=rate,
@@ -209,7 +210,7 @@ def read_log(
         second=second or 1.0,
         unclear=unclear,
         temperature=temperature,
-        source=(*source, *sign_of(picked), *said),
+        source=(*source, *sign_of(table, force), *said),
     )
 
 

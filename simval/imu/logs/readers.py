@@ -21,12 +21,10 @@ from typing import Any, Final, Protocol
 
 from simval.errors import InputError
 from simval.files import MOST_LOG
-from simval.imu.logs import bags, dataflash, text, ulog, variables
+from simval.imu.logs import bags, dataflash, folders, text, ulog, variables
 from simval.imu.logs.source import Source
-from simval.imu.logs.tables import ArrayTable
-from simval.imu.logs.text import TextTable
+from simval.imu.logs.text import Table
 
-Table = ArrayTable | TextTable
 Candidates = Mapping[str, Callable[[], Table]]
 """What makes each table of a log, by the name that `--instance` takes."""
 _SHOWN = 20  # names that a message lists
@@ -42,13 +40,14 @@ class Reader(Protocol):
         """Return its table, or what makes each of its tables."""
 
 
-READERS: Final[tuple[Reader, ...]] = (variables, bags, ulog, dataflash, text)
+READERS: Final[tuple[Reader, ...]] = (
+    *(variables, bags, ulog, dataflash, folders, text),
+)
 """In the order in which they are asked; text takes what is left."""
 
 UNREAD = {  # first bytes: what a file is that no reader takes, and what to do
     b"\x28\xb5\x2f\xfd": "compressed by zstd; unpack it first (unzstd)",
     b"7z\xbc\xaf": "a 7-zip archive; unpack it first",
-    b"PK\x03\x04": "a zip archive or a spreadsheet (.xlsx); unpack or save it as CSV",
     b"\xd0\xcf\x11\xe0": "an old spreadsheet (.xls); save it as CSV",
     b"\x89HDF": "HDF5 (also MATLAB 7.3); save it as text, or in MATLAB with -v7",
     b"MATLAB 7.3": "a MATLAB 7.3 file; save it with -v7, or as text",

@@ -14,7 +14,7 @@ from simval.errors import InputError
 from simval.imu.logs.clock import require_finite
 from simval.imu.logs.columns import Column
 from simval.imu.logs.names import DEGREES
-from simval.imu.logs.readers import Table
+from simval.imu.logs.text import Table
 from simval.shapes import Float
 
 COLDEST, WARMEST = -90.0, 200.0

@@ -26,6 +26,7 @@ from simval.imu.logs.captures import (
 )
 from simval.imu.logs.names import channel, is_known, is_unit
 from simval.imu.logs.source import Source
+from simval.imu.logs.tables import ArrayTable
 from simval.shapes import Float
 
 _PLAIN_CONTROLS = "\t\n\r\f\v\x1a\0"  # the last but one ends a file of DOS
@@ -306,6 +307,9 @@ class TextTable:
         return not self.dialect.numbers(self.lines[0][1])[place]
 
 
+Table = ArrayTable | TextTable
+
+
 def read(source: Source) -> TextTable:
     """Find the rows of a text, and the header above them.
 
@@ -315,9 +319,6 @@ def read(source: Source) -> TextTable:
         If there are none, or one differs in width.
     """
     path = source.path
-    if source.is_folder:
-        msg = f"cannot read {path}: it is a folder without a log; give the log's file"
-        raise InputError(msg)
     text, said = decoded(path, source.content)
     every = [
         (number, line)
@@ -337,6 +338,7 @@ def read(source: Source) -> TextTable:
             f"at most {MOST_LINE:,}, so export it as rows"
         )
         raise InputError(msg)
+    _require_no_yaml(path, lines)
     dialect = dialect_of(lines)
     first = _first_row(dialect, lines)
     if first is None:
@@ -484,6 +486,16 @@ def _first_row(dialect: Dialect, lines: list[Line]) -> int | None:
         if len(numbers) == dialect.width and 2 * np.sum(numbers & usual) > usual.sum():
             return k
     return None
+
+
+def _require_no_yaml(path: str, lines: list[Line]) -> None:
+    printed = {line.strip() for _, line in lines[:100]}
+    if {"stamp:", "---"} <= printed:
+        msg = (
+            f"{path} is YAML that `ros2 topic echo` printed; echo the topic with --csv "
+            "(`rostopic echo -p` of ROS 1), or give the bag"
+        )
+        raise InputError(msg)
 
 
 def _no_row(path: str, lines: list[Line]) -> str:

@@ -15,10 +15,13 @@ import numpy as np
 
 from simval.arrays import Array, frozen, positive_number
 from simval.errors import InputError
+from simval.imu.logs import folders
 from simval.imu.logs.clock import times_of
 from simval.imu.logs.columns import Column, clock_of
 from simval.imu.logs.names import SECONDS
-from simval.imu.logs.readers import Table, read_table
+from simval.imu.logs.readers import read_table
+from simval.imu.logs.source import Source
+from simval.imu.logs.text import Table
 from simval.shapes import Float
 
 Scalar = Literal["first", "last", "unstated"]
@@ -104,7 +107,9 @@ def read_truth(
         If the file cannot be read, it is not clear which columns are meant, or they
         hold no quaternions of length 1.
     """
-    table = read_table(path, instance)
+    table = _table(path, instance)
+    if table.path != path:  # a table of its own in a folder
+        clock = None
     places, scalar, column = (
         _by_names(table, stem) if columns is None else _given(table, columns)
     )
@@ -115,7 +120,7 @@ def read_truth(
         raise InputError(msg)
     names = table.names or tuple(f"column {k + 1}" for k in range(table.width))
     return Truth(
-        path=path,
+        path=table.path,
         time=time,
         components=components,
         scalar=scalar,
@@ -126,8 +131,15 @@ def read_truth(
 
 def quaternion_stems(path: str, instance: str | None = None) -> list[str]:
     """Names of the quaternions that the header of a file seems to have."""
-    table = read_table(path, instance)
+    table = _table(path, instance)
     return [stem for stem, _, _ in _groups(table) if _NAMED.search(stem.rstrip("_.- "))]
+
+
+def _table(path: str, instance: str | None) -> Table:
+    # of a folder of a data set, that of its truth
+    source = Source(path=path)
+    inside = folders.truth_of(source) if folders.sniff(source) else None
+    return read_table(path, instance) if inside is None else inside
 
 
 def _groups(table: Table) -> list[tuple[str, list[int], Scalar]]:

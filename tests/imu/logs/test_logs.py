@@ -90,7 +90,7 @@ REFUSED = [  # what a file holds, how it is read, and what is said
     (gzip.compress(gzip.compress(b"1,2,3")), {}, "compressed twice"),
     (gzip.compress(b"1,2,3\n" * 10**6), {}, "100 times its size"),
     (b"\x1f\x8b" + bytes(99), {}, "cannot be unpacked"),
-    (b"PK\x03\x04rest", {}, "spreadsheet"),
+    (b"PK\x03\x04rest", {}, "cannot be unpacked"),
     (b"MATLAB 7.3 MAT-file", {}, "with -v7"),
     (b"1" * 10**6, {"rate": 100.0}, "1 column and no names"),
     ((b'"' + b"1" * 200_000 + b'",2,3\n') * 3, {"rate": 100.0}, "columns"),
@@ -110,7 +110,7 @@ def test_what_is_no_log_ends_in_a_sentence(tmp_path, content, how, words):
 
 
 def test_what_cannot_be_opened_is_said(tmp_path):
-    for name, words in (("absent.txt", "No such file"), ("", "cannot read")):
+    for name, words in (("absent.txt", "No such file"), ("", "without a table")):
         with pytest.raises(InputError, match=words):
             read_log(tmp_path / name)
 

@@ -1,153 +1,154 @@
-"""Text as loggers and terminals write it, spoilt and whole: read with a word, or asked.
+"""Text, folders and archives, whole and spoilt: read with a word, asked, or refused."""
 
-Each form is written by the program's own layout, of which the source stands beside it.
-"""
-
-import csv
-import io
-import json
 import re
 
 import numpy as np
 import pytest
+from places import recording
+from text_forms import (
+    FORMS,
+    NINE,
+    archive,
+    attitudes,
+    axes,
+    echo,
+    euroc,
+    phone,
+    phyphox,
+    saved,
+    table,
+    tum_vi,
+)
 
 from simval.errors import InputError
 from simval.imu.logs import read_log
+from simval.imu.logs.truth import quaternion_stems, read_truth
+from simval.imu.multiposition import calibrate_log
 
 N = 60
 RNG = np.random.default_rng(37)
-NS = 1_700_000_000_987_000_000 + 10_000_000 * np.arange(N)  # crosses a whole second
-FORCE, GYRO = RNG.normal(size=(N, 3)) * 9, RNG.normal(size=(N, 3))
-MAG = RNG.normal(size=(N, 3)) * 40
-SIX = [[*f, *w] for f, w in zip(FORCE.tolist(), GYRO.tolist(), strict=True)]
-
-
-def table(header, rows, **how):
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n", **how).writerows(
-        [*([header] if header else []), *rows]
-    )
-    return out.getvalue()
-
-
-def echo():
-    # ros2cli, ros2topic/verb/echo.py, and rosidl_runtime_py/convert.py, message_to_csv:
-    # https://github.com/ros2/rosidl_runtime_py/blob/rolling/rosidl_runtime_py/convert.py
-    return "".join(
-        ",".join(map(str, [t // 10**9, t % 10**9, "imu_link", 0.0, 0.0, 0.0, 1.0,
-                           *[0.0] * 9, *row[3:], *[0.0] * 9, *row[:3], *[0.0] * 9]))
-        + "\n" for t, row in zip(NS.tolist(), SIX, strict=True)
-    )  # fmt: skip
-
-
-def rostopic():
-    # ros_comm, rostopic/__init__.py, CallbackEcho with field_filter and -p:
-    # https://wiki.ros.org/rostopic#rostopic_echo
-    header = ["%time", "field.header.seq", "field.header.stamp",
-              "field.header.frame_id", *(f"field.orientation.{a}" for a in "xyzw"),
-              *(f"field.angular_velocity.{a}" for a in "xyz"),
-              *(f"field.linear_acceleration.{a}" for a in "xyz"),
-              *(f"field.linear_acceleration_covariance{k}" for k in range(9)),
-              ]  # fmt: skip
-    return table(header, [
-        [t, k, t - 100, "imu", 0.0, 0.0, 0.0, 1.0, *row[3:], *row[:3], *[0.0] * 9]
-        for k, (t, row) in enumerate(zip(NS.tolist(), SIX, strict=True))
-    ])  # fmt: skip
-
-
-def ulog():
-    # pyulog, ulog2csv.py: https://github.com/PX4/pyulog/blob/main/pyulog/ulog2csv.py
-    header = ["timestamp", *(f"gyro_rad[{k}]" for k in range(3)), "gyro_integral_dt",
-              "accelerometer_timestamp_relative",
-              *(f"accelerometer_m_s2[{k}]" for k in range(3))]  # fmt: skip
-    start = 180_000_000
-    return table(header, [
-        [start + 10_000 * k, *row[3:], 10_000, 0, *row[:3]]
-        for k, row in enumerate(SIX)
-    ])  # fmt: skip
-
-
+US = 10_000 * np.arange(N)
+FORCE, GYRO, MAG = (RNG.normal(size=(N, 3)) * scale for scale in (9, 1, 40))
+SIX = np.column_stack([FORCE, GYRO]).tolist()
 NAMES = ["ax", "ay", "az", "gx", "gy", "gz"]
+MIDNIGHT = ("plotter", "monitor", "bare_monitor")
+APPLE = ("sensorlog", "iphone")
 
 
-def arrow(line, k, start=86399.7):
-    # Arduino IDE, serial monitor with "Toggle Timestamp":
-    # https://docs.arduino.cc/software/ide-v2/tutorials/ide-v2-serial-monitor/
-    ms = round(1000 * start) + 10 * k
-    day = ms % 86_400_000
-    clock = (
-        f"{day // 3_600_000:02d}:{day // 60_000 % 60:02d}:{day % 60_000 / 1000:06.3f}"
-    )
-    return f"{clock} -> {line}\n"
-
-
-def labelled(mark=",", between=":"):
-    # https://docs.arduino.cc/software/ide-v2/tutorials/ide-v2-serial-plotter/
-    return [
-        mark.join(f"{n}{between}{v}" for n, v in zip(NAMES, row, strict=True))
-        for row in SIX
-    ]
-
-
-def plotter():
-    return "".join(arrow(line, k) for k, line in enumerate(labelled()))
-
-
-def monitor():
-    lines = [
-        "MPU6050 found",
-        ",".join(NAMES),
-        *(",".join(map(str, row)) for row in SIX),
-    ]
-    return "".join(arrow(line, k) for k, line in enumerate(lines))
-
-
-def bare_monitor():
-    return "".join(arrow("\t".join(map(str, row)), k) for k, row in enumerate(SIX))
-
-
-def objects():
-    rows = [
-        dict(zip(["ms", *NAMES], [10 * k, *row], strict=True))
-        for k, row in enumerate(SIX)
-    ]
-    return "".join(json.dumps(row) + "\n" for row in rows)
-
-
-def sensorlog():
-    # http://sensorlog.berndthomas.net and its example files
-    header = ["loggingTime(txt)", "loggingSample(N)", "locationTimestamp_since1970(s)",
-              "accelerometerTimestamp_sinceReboot(s)",
-              *(f"accelerometerAcceleration{a}(G)" for a in "XYZ"),
-              "gyroTimestamp_sinceReboot(s)",
-              *(f"gyroRotation{a}(rad/s)" for a in "XYZ"),
-              *(f"motionUserAcceleration{a}(G)" for a in "XYZ"),
-              *(f"motionRotationRate{a}(rad/s)" for a in "XYZ"),
-              *(f"magnetometer{a}(µT)" for a in "XYZ")]  # fmt: skip
-    return table(header, [
-        [f"2026-11-23 10:00:00.{k:03d} +0100", k, 1.7e9, 5000 + k / 100, *row[:3],
-         5000 + k / 100, *row[3:], 0.0, 0.0, 0.0, 9.0, 9.0, 9.0, *MAG[k].tolist()]
-        for k, row in enumerate(SIX)
-    ])  # fmt: skip
-
-
-FORMS = [echo, rostopic, ulog, plotter, monitor, bare_monitor, objects, sensorlog]
-
-
-@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.__name__)
-def test_each_form_gives_every_reading_to_the_bit(tmp_path, form):
-    path = tmp_path / "log.csv"
-    path.write_text(form(), encoding="utf-8")
-    log = read_log(path)
-    np.testing.assert_array_equal(log.accelerometer, FORCE)
+@pytest.mark.parametrize("name", FORMS)
+def test_each_form_gives_every_reading_to_the_bit(tmp_path, name):
+    force = FORCE / 9.8 if name in APPLE else FORCE
+    log = read_log(FORMS[name](tmp_path / "log", US, force, GYRO, MAG))
+    np.testing.assert_array_equal(log.accelerometer, force)
     np.testing.assert_array_equal(log.gyro, GYRO)
+    assert (log.magnetometer is not None) == (FORMS[name] in NINE)
+    if log.magnetometer is not None:
+        np.testing.assert_array_equal(log.magnetometer, MAG)
     # nanoseconds since 1970 are rounded to 256 in a double, of a step of 1e7
     np.testing.assert_allclose(np.diff(log.time), 0.01, rtol=1e-4)
-    assert ("is continued" in "".join(log.described())) == (
-        form in (plotter, monitor, bare_monitor)
+    said = "\n".join(log.described())
+    assert ("midnight, and the clock is continued" in said) == (name in MIDNIGHT)
+    assert ("minus the specific force" in said) == (name in APPLE)
+    assert ("Accelerometer.csv of Sensor Logger" in said) == (
+        name in ("android", "iphone")
     )
-    if form is sensorlog:
-        np.testing.assert_array_equal(log.magnetometer, MAG)
+    if name == "ulog2csv":
+        np.testing.assert_array_equal(log.temperature, 31.5)
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """A recording's readings, and its fit without a clock."""
+    path = recording("mpu9150/imu0.log")
+    rows = np.loadtxt(path)
+    return rows[:, :3], rows[:, 3:], calibrate_log(read_log(path, rate=100.0)).fit
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("name", ["echo", "combined", "euroc", "phyphox", "ulog2csv"])
+def test_a_recording_in_each_form_gives_one_calibration(tmp_path, name, recorded):
+    """Its readings to the bit; a clock's last digits move a fit by far less than sd."""
+    force, rate, fit = recorded
+    us = 10_000 * np.arange(len(force))
+    path = FORMS[name](tmp_path / "log", us, force, rate, 0.0 * rate + 1.0)
+    log = read_log(path)
+    np.testing.assert_array_equal(log.accelerometer, force)
+    np.testing.assert_array_equal(log.gyro, rate)
+    found = calibrate_log(log).fit
+    # nanoseconds since 1970 are rounded to 256: 2.6e-5 of a step of 10 ms
+    moved = np.ravel(found.matrix - fit.matrix), found.B - fit.B
+    assert np.max(np.abs(np.concatenate(moved))) < 1e-3 * np.min(fit.sd)
+
+
+@pytest.mark.parametrize("packed", [False, True], ids=["folder", "zip"])
+@pytest.mark.parametrize("form", [euroc, tum_vi])
+def test_the_truth_of_a_data_set_is_read_from_its_folder(tmp_path, form, packed):
+    path = form(tmp_path / "set", US, FORCE, GYRO, MAG)
+    if packed:
+        files = {
+            each.relative_to(path).as_posix(): each.read_text()
+            for each in path.rglob("*.*")
+            if each.is_file()
+        }
+        path = archive(tmp_path / "set.zip", files)
+    assert read_log(path).source[0] == ("instance", "imu0")
+    assert quaternion_stems(str(path)) == ["q_RS_"]
+    truth = read_truth(str(path), clock=US / 1e6)
+    np.testing.assert_allclose(truth.components, attitudes(US), rtol=0, atol=1e-15)
+    assert truth.own_clock
+    assert truth.scalar == "first"
+    assert truth.path.endswith("data.csv")
+    np.testing.assert_allclose(np.diff(truth.time), 0.01, rtol=1e-4)
+
+
+def test_several_imus_of_a_folder_are_asked_for_by_name(tmp_path):
+    path = euroc(tmp_path / "set", US, FORCE, GYRO, MAG)
+    (path / "mav0/imu1").mkdir()
+    text = (path / "mav0/imu0/data.csv").read_text()
+    (path / "mav0/imu1/data.csv").write_text(text)
+    with pytest.raises(InputError, match=r"imu0, imu1; give --instance NAME"):
+        read_log(path)
+    taken = ("instance", "imu1, one of imu0, imu1")
+    assert read_log(path, instance="imu1").source[0] == taken
+
+
+def part(values):
+    return phone(US, axes(values))
+
+
+NO_LOG = {  # files of an archive, and what is said
+    "no table": ({"video.mp4": "x"}, "without a table of text"),
+    "a spreadsheet": ({"[Content_Types].xml": "", "xl/a.xml": ""}, "spreadsheet"),
+    "without gravity": (
+        {"Accelerometer.csv": part(FORCE), "Gyroscope.csv": part(GYRO)},
+        "Accelerometer.csv of Sensor Logger is without gravity"),
+    "linear": ({"Linear Acceleration.csv": part(FORCE), "Gyroscope.csv": part(GYRO)},
+               "holds no readings of an accelerometer"),
+    "a bomb": ({"Accelerometer.csv": "0,0,0\n" * 2_000_000}, "times its size"),
+    "no rows": ({"Accelerometer.csv": "Time (s),X,Y,Z\n"}, "no row of numbers"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", NO_LOG.values(), ids=NO_LOG)
+def test_what_holds_no_accelerometer_is_refused(tmp_path, case):
+    files, words = case
+    with pytest.raises(InputError, match=words):
+        read_log(archive(tmp_path / "log.zip", files))
+
+
+def test_an_archive_that_lies_or_is_locked_is_refused(tmp_path):
+    path = phyphox(tmp_path / "log", US, FORCE, GYRO, MAG)
+    good = path.read_bytes()
+    first = good.index(b"PK\x01\x02")
+    for place, value in ((8, 1), (10, 99)):  # a password; an unknown method
+        bad = bytearray(good)
+        bad[first + place] = value
+        path.write_bytes(bytes(bad))
+        with pytest.raises(InputError, match="cannot be unpacked"):
+            read_log(path)
+    path.write_bytes(good[: len(good) // 2])
+    with pytest.raises(InputError, match="cannot be unpacked"):
+        read_log(path)
 
 
 PLAIN = [
@@ -158,12 +159,6 @@ PLAIN = [
 
 def lines(*picked, end="\n"):
     return "\n".join(picked) + end
-
-
-def echo_with_losses():
-    said = ["A message was lost!!!", "\ttotal count change:1", "\ttotal count: 1---"]
-    rows = echo().splitlines()
-    return lines(*rows[:9], *said, *rows[9:])
 
 
 ALL = slice(0, N)
@@ -184,41 +179,44 @@ MENDED = {  # what is spoilt, and the rows that are read
         lines(*PLAIN[:30], PLAIN[30][:50], HEAD, *PLAIN[31:]),
         np.delete(np.arange(N), 29)),
     "a row twice": (lines(*PLAIN[:30], *PLAIN[29:]), ALL),
-    "messages lost": (echo_with_losses(), ALL),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("case", MENDED.values(), ids=MENDED)
-def test_what_is_mended_is_said(tmp_path, case, simval):
+def test_what_is_mended_is_said(tmp_path, case):
     content, rows = case
-    path = tmp_path / "log.csv"
-    path.write_text(content)
-    log = read_log(path)
+    log = read_log(saved(tmp_path / "log.csv", content))
     np.testing.assert_array_equal(log.accelerometer, FORCE[rows])
     np.testing.assert_array_equal(log.gyro, GYRO[rows])
     assert {label for label, _ in log.source} == {"mended"}
     assert log.described()[0].startswith("mended            ")
 
 
-@pytest.mark.parametrize("bits", [1e-6, 1e-3])
-def test_a_counter_of_32_bits_is_continued(tmp_path, bits):
-    unit = "us" if bits == 1e-6 else "ms"
-    ticks = (2**32 - 200 + np.rint(0.01 * np.arange(N) / bits).astype(int)) % 2**32
-    path = tmp_path / "log.csv"
-    path.write_text(
-        table(
-            [f"time_{unit}", *NAMES],
-            [[t, *row] for t, row in zip(ticks, SIX, strict=True)],
-        )
-    )
+@pytest.mark.parametrize(("unit", "tick"), [("us", 1e-6), ("ms", 1e-3)])
+def test_a_counter_of_32_bits_is_continued(tmp_path, unit, tick):
+    ticks = (2**32 - 200 + np.rint(0.01 * np.arange(N) / tick).astype(int)) % 2**32
+    path = saved(tmp_path / "log.csv", table([f"time_{unit}", *NAMES], ticks, SIX))
     log = read_log(path)
     np.testing.assert_allclose(np.diff(log.time), 0.01, rtol=1e-6)
     assert "begins again" in log.described()[0]
 
 
+def test_messages_that_ros2_lost_are_counted(tmp_path):
+    """https://github.com/ros2/ros2cli, echo.py: printed among the rows."""
+    said = ["A message was lost!!!", "\ttotal count change:1", "\ttotal count: 1---"]
+    path = echo(tmp_path / "log", US, FORCE, GYRO, MAG)
+    rows = path.read_text().splitlines()
+    log = read_log(saved(path, lines(*rows[:9], *said, *rows[9:20], *said, *rows[20:])))
+    np.testing.assert_array_equal(log.accelerometer, FORCE)
+    assert log.source == (("mended", "ros2 topic echo lost 2 messages"),)
+
+
+LABELLED = [
+    " ".join(f"{n}={v}" for n, v in zip(NAMES, row, strict=True)) for row in SIX
+]
 THREES = ["ax,ay,az", *["1,2,3"] * 30]
-OTHER = [*labelled()[:20], "ax:1,ay:2,az:3", *labelled()[20:]]
-SHORT = [[(10_000 * k) % 2**16, *row] for k, row in enumerate(SIX)]
+OTHER = [*LABELLED[:20], "ax:1,ay:2,az:3", *LABELLED[20:]]
+YAML = "header:\n  stamp:\n    sec: 1\n    nanosec: 2\n  frame_id: imu\n---\n" * 9
 AT_100 = {"rate": 100.0}
 REFUSED = {  # what is spoilt so that no word mends it
     "the clock jumps back at a header": (lines(*PLAIN, *PLAIN), {}, "again above it"),
@@ -227,7 +225,9 @@ REFUSED = {  # what is spoilt so that no word mends it
     "a row cut in the middle": (
         lines(*PLAIN[:20], PLAIN[20][:60], *PLAIN[21:]), {}, "line 21"),
     "other labels": (lines(*OTHER), AT_100, "line 21"),
-    "a counter of 16 bits": (table(["time_us", *NAMES], SHORT), {}, "must increase"),
+    "a counter of 16 bits": (
+        table(["time_us", *NAMES], US % 2**16, SIX), {}, "must increase"),
+    "YAML of ros2 topic echo": (YAML, {}, "with --csv"),
     "UTF-16 without its mark": ("\0".join(lines(*PLAIN)), {}, "not a text file"),
 }  # fmt: skip
 
@@ -235,8 +235,7 @@ REFUSED = {  # what is spoilt so that no word mends it
 @pytest.mark.parametrize("case", REFUSED.values(), ids=REFUSED)
 def test_what_cannot_be_mended_is_refused(tmp_path, case):
     content, how, words = case
-    path = tmp_path / "log.csv"
-    path.write_text(content, encoding="latin-1")
+    path = saved(tmp_path / "log.csv", content)
     with pytest.raises(InputError, match=re.escape(words)):
         read_log(path, **how)
 
@@ -254,11 +253,9 @@ PAIRS = [  # names of two instances, and the word of each
 def test_one_of_two_sensors_is_asked_for_by_name(tmp_path, names):
     header = ["t", *(name.format(axis) for name in names[:4] for axis in "xyz")]
     rows = np.column_stack([0.01 * np.arange(N), FORCE, 2 * FORCE, GYRO, 2 * GYRO])
-    path = tmp_path / "log.csv"
-    path.write_text(table(header, rows.tolist()))
-    with pytest.raises(
-        InputError, match=f"--instance {names[4]} or --instance {names[5]}"
-    ):
+    path = saved(tmp_path / "log.csv", table(header, rows))
+    options = f"--instance {names[4]} or --instance {names[5]}"
+    with pytest.raises(InputError, match=options):
         read_log(path)
     with pytest.raises(InputError, match="no accelerometer 'up' is in its header"):
         read_log(path, instance="up")
@@ -274,8 +271,7 @@ def test_a_gyroscope_of_another_sensor_is_not_taken(tmp_path):
         *(f"{n}_{a}" for n in ("imu0_acc", "imu1_acc", "imu1_gyro") for a in "xyz"),
     ]
     rows = np.column_stack([0.01 * np.arange(N), FORCE, 2 * FORCE, GYRO])
-    path = tmp_path / "log.csv"
-    path.write_text(table(header, rows.tolist()))
+    path = saved(tmp_path / "log.csv", table(header, rows))
     assert read_log(path, instance="imu1").gyro is not None
     log = read_log(path, instance="imu0")
     assert log.gyro is None

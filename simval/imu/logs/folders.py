@@ -1,0 +1,246 @@
+"""Folders and zip archives of tables: data sets, phones, and what ``ulog2csv`` writes.
+
+=====================  ==============================================================
+EuRoC and TUM VI       ``mav0/imu0/data.csv`` of each IMU; the truth in
+                       ``mav0/state_groundtruth_estimate0``, ``mocap0`` or ``vicon0``
+Sensor Logger          ``TotalAcceleration.csv`` (Android) or
+                       ``AccelerometerUncalibrated.csv``, ``Gyroscope.csv``,
+                       ``Magnetometer.csv``; its ``Accelerometer.csv`` is without
+                       gravity and never taken
+phyphox                ``Accelerometer.csv`` or ``Raw Data.csv``, ``Gyroscope.csv``,
+                       ``Magnetometer.csv``; never ``Linear Acceleration.csv``
+ulog2csv               ``*_sensor_accel_0.csv`` and, of the same number,
+                       ``*_sensor_gyro_0.csv`` and ``*_sensor_mag_0.csv``
+=====================  ==============================================================
+
+Tables with a clock of their own are joined by `simval.imu.logs.joining`. Units are
+those of https://github.com/tszheichoi/awesome-sensor-logger/blob/main/UNITS.md,
+https://phyphox.org and https://docs.px4.io/main/en/msg_docs/ where a header has none.
+"""
+
+import io
+import re
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping
+from functools import partial
+from lzma import LZMAError
+from pathlib import PurePosixPath
+from typing import Final
+
+from simval.errors import InputError
+from simval.files import MOST_LOG
+from simval.imu.logs import text
+from simval.imu.logs.clock import read_clock, require_finite
+from simval.imu.logs.columns import clock_of, sign_of, triples
+from simval.imu.logs.joining import Stream, candidates
+from simval.imu.logs.names import Kind, channel
+from simval.imu.logs.source import MOST_MEMBERS, Source
+from simval.imu.logs.tables import ArrayTable
+from simval.imu.logs.text import TextTable
+
+MOST_RATIO: Final = 100
+"""Bytes of a table for one in its archive: rows of numbers take a third to a tenth."""
+_ZIP: Final = b"PK\x03\x04"
+_IMU = re.compile(r"(?:.*/)?(imu\d*)/data\.csv", re.I)
+_TRUTHS: Final = tuple(  # the first that is there
+    re.compile(rf"(?:.*/)?{name}\d*/data\.csv", re.I)
+    for name in ("state_groundtruth_estimate", "mocap", "vicon")
+)
+_TABLE = re.compile(r".*\.(csv|txt|tsv|log|dat)", re.I)
+_IGNORED = re.compile(r"(.*/)?(__MACOSX|meta|\.[^/]*)(/.*)?", re.I)
+_NAMES: Final[dict[str, tuple[Kind, str]]] = {  # of a file: its sensor, its unit
+    r"()totalacceleration": ("force", "m/s^2"),
+    r"()accelerometer": ("force", ""),
+    r"accelerometer(uncalibrated)": ("force", ""),
+    r"()rawdata": ("force", ""),
+    r"gyroscope(uncalibrated)?": ("gyro", "rad/s"),
+    r"magnetometer(uncalibrated)?": ("mag", "uT"),
+    r".*sensoraccel(\d+)": ("force", "m/s^2"),
+    r".*sensorgyro(\d+)": ("gyro", "rad/s"),
+    r".*sensormag(\d+)": ("mag", "gauss"),
+}
+_DAMAGE: Final = (
+    *(zipfile.BadZipFile, zlib.error, LZMAError, EOFError, OSError, ValueError),
+    *(RuntimeError, NotImplementedError, MemoryError),  # a password, an unknown method
+)
+_COLUMNS: Final[dict[Kind, str]] = {"force": "acc", "gyro": "gyro", "mag": "mag"}
+
+
+def sniff(source: Source) -> bool:
+    """Return whether a log is a folder or a zip archive."""
+    return source.is_folder or source.start.startswith(_ZIP)
+
+
+def read(
+    source: Source,
+) -> TextTable | Mapping[str, Callable[[], ArrayTable | TextTable]]:
+    """Tables of each accelerometer, by the name of its folder or file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or has no table that is known as an accelerometer's.
+    """
+    tables = members(source)
+    imus = {name: match for name in tables if (match := _IMU.fullmatch(name))}
+    if imus:
+        once = len({match[1] for match in imus.values()}) == len(imus)
+        return {
+            match[1] if once else name: partial(text.read, tables[name])
+            for name, match in imus.items()
+        }
+    known = {name: sensor for name in tables if (sensor := _sensor(name))}
+    if len(tables) == 1 and not known:
+        return text.read(next(iter(tables.values())))
+    said: list[tuple[str, str]] = []
+    streams = [
+        stream
+        for name, sensor in known.items()
+        if (stream := _stream(name, tables[name], sensor, said))
+    ]
+    holds = ", ".join(tables)
+    if not any(stream.has("force") for stream in streams):
+        holds = "; ".join([*(words for _, words in said), holds])
+    return candidates(source.path, streams, {"holds": holds, "said": said})
+
+
+def _sensor(name: str) -> tuple[Kind, str, str] | None:
+    # of a file: its sensor, its unit, and the word that it has in common with others
+    stem = re.sub(r"[\s_-]+", "", PurePosixPath(name).stem.lower())
+    for pattern, (kind, unit) in _NAMES.items():
+        if match := re.fullmatch(pattern, stem):
+            return kind, unit, match[1] or ""
+    return None
+
+
+def _stream(
+    name: str,
+    source: Source,
+    sensor: tuple[Kind, str, str],
+    said: list[tuple[str, str]],
+) -> Stream | None:
+    # the sensor of one table; none, and why, where it is not what a log is joined of
+    kind, unit, group = sensor
+    stem = PurePosixPath(name).stem
+    try:
+        table = text.read(source)
+        names = table.names or ()
+        channels = [channel(each) for each in names]
+        own = next((each for each in _COLUMNS if triples(channels, each)), kind)
+        found = triples(channels, own) or triples(channels, "bare")
+        clock = clock_of(table)
+        if "seconds_elapsed" in names and stem.lower() == "accelerometer":
+            said.append(("left out", f"{name} of Sensor Logger is without gravity"))
+            return None
+        if len(found) != 1 or clock is None:
+            words = f"{name}: not a clock and the axes x, y, z of one sensor"
+            said.append(("left out", words))
+            return None
+        table = table.distinct(clock.place)
+        values = table.numbers(list(found[0]))
+        require_finite(table, values)
+        time, _, _, mended = read_clock(table, clock, None)
+    except InputError as error:
+        if kind == "force":
+            raise
+        said.append(("left out", str(error)))
+        return None
+    unit = next(iter(re.findall(r"[\[(](.*)[\])]", names[found[0][0]])), unit)
+    suffix = f" [{unit}]" if unit else ""
+    columns = {
+        f"{_COLUMNS[own]}_{axis}{suffix}": column
+        for axis, column in zip("xyz", values.T, strict=True)
+    }
+    warm = [k for k, each in enumerate(channels) if each.kind == "temperature"]
+    if own == "force" and len(warm) == 1:
+        columns["acc temperature [degC]"] = table.numbers(warm)[:, 0]
+    if own == "force":
+        said += sign_of(table, values)
+    said += [*table.source, *mended]
+    return Stream(name=stem, time=time, columns=columns, group=group, words=name)
+
+
+def truth_of(source: Source) -> TextTable | None:
+    """Return the table of a data set's recorded attitudes.
+
+    Raises
+    ------
+    InputError
+        If there are several, or it cannot be read.
+    """
+    tables = members(source)
+    for pattern in _TRUTHS:
+        found = [each for name, each in tables.items() if pattern.fullmatch(name)]
+        if len(found) > 1:
+            listed = ", ".join(each.path for each in found)
+            msg = f"{source.path} has several truths, {listed}; give one (--truth FILE)"
+            raise InputError(msg)
+        if found:
+            return text.read(found[0])
+    return None
+
+
+def members(source: Source) -> dict[str, Source]:
+    """Tables in a folder or an archive, by their names in it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or has no text.
+    """
+    every = source.members if source.is_folder else _zipped(source)
+    if "[Content_Types].xml" in every:
+        msg = f"{source.path} is not a text file but a spreadsheet; save it as CSV"
+        raise InputError(msg)
+    tables = {
+        name: each
+        for name, each in every.items()
+        if _TABLE.fullmatch(name) and not _IGNORED.fullmatch(name)
+    }
+    if not tables:
+        kind = "folder" if source.is_folder else "zip archive"
+        listed = ", ".join(list(every)[:12]) or "nothing"
+        msg = (
+            f"{source.path} is a {kind} without a table of text (.csv, .txt); it has "
+            f"{listed}; give the log's file"
+        )
+        raise InputError(msg)
+    return tables
+
+
+def _zipped(source: Source) -> dict[str, Source]:
+    try:
+        archive = zipfile.ZipFile(io.BytesIO(source.content))
+        infos = [each for each in archive.infolist() if not each.is_dir()]
+    except _DAMAGE as error:
+        raise _damaged(source.path, error) from None
+    size = sum(each.file_size for each in infos)
+    if len(infos) > MOST_MEMBERS or size > MOST_LOG:
+        msg = (
+            f"{source.path} holds {len(infos):,} files of {size:,} bytes, more than "
+            "any log; give the log's file"
+        )
+        raise InputError(msg)
+
+    def content(info: zipfile.ZipInfo, path: str) -> bytes:
+        if info.file_size > MOST_RATIO * max(info.compress_size, 4096):
+            msg = (
+                f"{path} unpacks to {info.file_size:,} bytes, more than {MOST_RATIO} "
+                "times its size; unpack it yourself if it is a log"
+            )
+            raise InputError(msg)
+        try:
+            return archive.read(info)
+        except _DAMAGE as error:
+            raise _damaged(path, error) from None
+
+    found = {}
+    for each in infos:
+        path = f"{source.path}/{each.filename}"
+        found[each.filename] = Source(path=path, inside=partial(content, each, path))
+    return found
+
+
+def _damaged(path: str, error: BaseException) -> InputError:
+    return InputError(f"{path} cannot be unpacked ({error}); copy or make it again")
