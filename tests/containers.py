@@ -1,8 +1,8 @@
 """Files of every kind that holds a log, each made by the writer that users have.
 
 A writer is given a path without its end, times in whole microseconds from zero, and the
-readings of an accelerometer (m/s^2), a gyroscope (rad/s) and a magnetometer (the unit
-of the format), and returns the path of what it made.
+readings of an accelerometer (m/s^2), a gyroscope (rad/s) and, if there is one, a
+magnetometer (the unit of the format), and returns the path of what it made.
 """
 
 import gzip
@@ -22,55 +22,60 @@ from rosbags.typesys import Stores, get_typestore
 NAMES = ("ax", "ay", "az", "wx", "wy", "wz", "mx", "my", "mz")
 
 
-def table(us, force, rate, field):
-    return np.column_stack([us / 1e6, force, rate, field])
+def names(sensors):
+    return ("t_s", *NAMES[: 3 * len(sensors)])
 
 
-def csv(path, us, force, rate, field):
-    rows = table(us, force, rate, field).tolist()
+def table(us, *sensors):
+    return np.column_stack([us / 1e6, *sensors])
+
+
+def csv(path, us, *sensors):
+    rows = table(us, *sensors).tolist()
     path = path.with_suffix(".csv")
     lines = [",".join(map(repr, row)) for row in rows]
-    path.write_text("\n".join([f"t [s],{','.join(NAMES)}", *lines, ""]))
+    path.write_text("\n".join([",".join(names(sensors)), *lines, ""]))
     return path
 
 
-def csv_gz(path, us, force, rate, field):
-    content = csv(path, us, force, rate, field).read_bytes()
+def csv_gz(path, us, *sensors):
+    content = csv(path, us, *sensors).read_bytes()
     path = path.with_suffix(".csv.gz")
     path.write_bytes(gzip.compress(content))
     return path
 
 
-def npy(path, us, force, rate, field):
+def npy(path, us, *sensors):
     path = path.with_suffix(".npy")
-    rows = table(us, force, rate, field)
-    form = [(name, "f8") for name in ("t_s", *NAMES)]
+    rows = table(us, *sensors)
+    form = [(name, "f8") for name in names(sensors)]
     np.save(path, np.array(list(map(tuple, rows.tolist())), dtype=form))
     return path
 
 
-def npz(path, us, force, rate, field):
+def npz(path, us, *sensors):
     path = path.with_suffix(".npz")
-    np.savez_compressed(path, time_us=us, acc=force, gyro=rate, mag=field)
+    named = dict(zip(("acc", "gyro", "mag"), sensors, strict=False))
+    np.savez_compressed(path, t_s=us / 1e6, **named)
     return path
 
 
-def parquet(path, us, force, rate, field):
+def parquet(path, us, *sensors):
     path = path.with_suffix(".parquet")
-    rows = table(us, force, rate, field)
-    named = dict(zip(("t_s", *NAMES), rows.T, strict=True))
+    rows = table(us, *sensors)
+    named = dict(zip(names(sensors), rows.T, strict=True))
     pyarrow.parquet.write_table(pyarrow.table(named), path)
     return path
 
 
-def matlab(path, us, force, rate, field):
+def matlab(path, us, *sensors):
     path = path.with_suffix(".mat")
-    values = {"imu_acc": force, "imu_gyr": rate, "imu_mag": field}
-    scipy.io.savemat(path, values | {"time_us": us[:, None]}, do_compression=True)
+    named = dict(zip(("imu_acc", "imu_gyr", "imu_mag"), sensors, strict=False))
+    scipy.io.savemat(path, named | {"t_s": us[:, None] / 1e6}, do_compression=True)
     return path
 
 
-def ros(path, us, force, rate, field, *, plugin=None):
+def ros(path, us, force, rate, field=None, *, plugin=None):
     """A bag by rosbags: of ROS 1 without a plugin for storage."""
     first = plugin is None
     store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
@@ -106,12 +111,14 @@ def ros(path, us, force, rate, field, *, plugin=None):
                     linear_acceleration=three(*force[k].tolist()),
                     linear_acceleration_covariance=none,
                 ),
-                "MagneticField": kinds["sensor_msgs/msg/MagneticField"](
+            }
+            if field is not None:
+                kind = kinds["sensor_msgs/msg/MagneticField"]
+                messages["MagneticField"] = kind(
                     header=header,
                     magnetic_field=three(*field[k].tolist()),
                     magnetic_field_covariance=none,
-                ),
-            }
+                )
             for name, message in messages.items():
                 kind = f"sensor_msgs/msg/{name}"
                 writer.write(topics[name], t, pack(message, kind))
@@ -158,11 +165,11 @@ def mcap_zstd(path, *log):
     return path
 
 
-def ulog(path, us, force, rate, field):
+def ulog(path, us, *sensors):
     """By pyulog's writer, of three messages at the same times."""
     log = ULog(None)
     for number, (name, values) in enumerate(
-        (("sensor_accel", force), ("sensor_gyro", rate), ("sensor_mag", field))
+        zip(("sensor_accel", "sensor_gyro", "sensor_mag"), sensors, strict=False)
     ):
         form = f"{name}:uint64_t timestamp;float x;float y;float z;".encode()
         header = ULog._MessageHeader()
@@ -182,7 +189,7 @@ def ulog(path, us, force, rate, field):
     return path
 
 
-def _dataflash(us, force, rate, field):
+def _dataflash(us, force, rate, field=None):
     """Records as pymavlink packs them."""
     from pymavlink.DFReader import DFFormat, DFMessage
 
@@ -201,12 +208,13 @@ def _dataflash(us, force, rate, field):
         yield DFMessage(forms[0], [form.type, form.len, *text], False, None)
     for k, t in enumerate(us.tolist()):
         yield DFMessage(forms[1], [t, 0, *rate[k], *force[k]], False, None)
-        yield DFMessage(forms[2], [t, 0, *field[k]], False, None)
+        if field is not None:
+            yield DFMessage(forms[2], [t, 0, *field[k]], False, None)
 
 
-def dataflash_text(path, us, force, rate, field):
+def dataflash_text(path, us, *sensors):
     """The same records in words, by the form of ArduPilot's .log; not by its writer."""
-    values = (np.float32(x).tolist() for x in (force, rate, field))
+    values = (np.float32(each).tolist() for each in sensors)
     path = path.with_suffix(".log")
     records = _dataflash(us, *map(np.array, values))
     lines = [", ".join(map(str, (r.fmt.name, *r._elements))) for r in records]
@@ -214,9 +222,9 @@ def dataflash_text(path, us, force, rate, field):
     return path
 
 
-def dataflash(path, us, force, rate, field):
+def dataflash(path, us, *sensors):
     path = path.with_suffix(".bin")
-    values = (np.float32(x).tolist() for x in (force, rate, field))
+    values = (np.float32(each).tolist() for each in sensors)
     records = _dataflash(us, *map(np.array, values))
     path.write_bytes(b"".join(each.get_msgbuf() for each in records))
     return path

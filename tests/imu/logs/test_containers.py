@@ -1,10 +1,12 @@
 """Every container of a log: what was written, what is damaged, what is asked."""
 
+import json
 import shutil
 
 import numpy as np
 import pytest
 from containers import CHECKED, SINGLE, WRITERS
+from places import recording as recording_of
 
 from simval.errors import InputError
 from simval.imu.logs import read_log
@@ -37,8 +39,7 @@ def test_what_was_written_is_read_to_the_bit(name, tmp_path):
     np.testing.assert_array_equal(log.accelerometer, force)
     np.testing.assert_array_equal(log.gyro, rate)
     np.testing.assert_array_equal(log.magnetometer, field)
-    # a clock in microseconds is multiplied by 1e-6, which rounds once more
-    np.testing.assert_allclose(log.time, us / 1e6, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(log.time, us / 1e6)
 
 
 def truncated(content, rng):
@@ -109,3 +110,62 @@ def test_damage_is_refused_or_leaves_rows_that_were_written(name, trials, tmp_pa
             rows = np.hstack([log.accelerometer, log.gyro])
             assert {row.tobytes() for row in rows} <= true
     assert seen > trials / 10  # the damage is one
+
+
+def calibration(simval, path):
+    """What `simval calibrate` says of a log, but for how it was read."""
+    code, out, err = simval("calibrate", path, "--json")
+    assert code == 0, err
+    said = json.loads(out)
+    return {key: said[key] for key in said if key not in ("source", "columns")}
+
+
+def readings(simval, path):
+    """Of a log that has too few rests for a calibration: its rows."""
+    log = read_log(path)
+    return [x.tobytes() for x in (log.time, log.accelerometer, log.gyro)] + [
+        log.magnetometer.tobytes()
+    ]
+
+
+BINARY = ["dataflash", "mcap_zstd", "npz", "ros1", "ulog"]
+BROAD = "broad/05_undisturbed_slow_rotation_with_breaks_B.mat"
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("files", "rate", "containers", "answer"),
+    [
+        (["mpu9150/imu0.log"], 100.0, BINARY, calibration),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (
+                (["mpu9150/imu0.log"], 100.0, sorted(WRITERS), calibration),
+                (["xsens/xsens_acc.mat", "xsens/xsens_gyro.mat"], None, BINARY,
+                 calibration),
+                ([BROAD], None, [*BINARY, "matlab", "parquet"], readings),
+            )
+        ),
+    ],
+)  # fmt: skip
+def test_a_recording_gives_the_same_from_every_container(
+    files, rate, containers, answer, tmp_path, simval
+):
+    """The same numbers and stamps, so the same bits; in single precision of a format
+    that has no other."""
+    log, *others = (read_log(recording_of(file), rate=rate) for file in files)
+    us = np.rint((log.time - log.time[0]) * 1e6).astype(np.int64)
+    sensors = [log.accelerometer, log.gyro, *(each.accelerometer for each in others)]
+    sensors = [each for each in (*sensors, log.magnetometer) if each is not None]
+    single = [each.astype(np.float32).astype(float) for each in sensors]
+    expected = {}
+    for name, values in ((False, sensors), (True, single)):
+        path = made(tmp_path / f"csv{name}", "csv", us, *values)
+        expected[name] = answer(simval, path)
+    # a bit of a reading is seen; counts are the same in single precision
+    same = all(map(np.array_equal, sensors, single))
+    assert (expected[True] == expected[False]) == same
+    for name in containers:
+        values = single if name in SINGLE else sensors
+        path = made(tmp_path / name, name, us, *values)
+        assert answer(simval, path) == expected[name in SINGLE], name
