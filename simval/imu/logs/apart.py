@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 SECONDS = 60.0  # of any file, and one more a mebibyte
 MEMORY = 2048 * MEBIBYTE  # of any file, beyond what Python takes, and
 TIMES = 16  # times its size
-EXTRA = "pip install 'simval[logs]'"
+EXTRAS = {"pyarrow": "parquet"}  # of a package; of the others, logs
 
 
 def read_apart(module: str, source: Source, kind: str) -> tuple[Any, list[Array]]:
@@ -61,9 +61,10 @@ def read_apart(module: str, source: Source, kind: str) -> tuple[Any, list[Array]
         values = json.loads(str(sent["values"]))
         arrays = [sent[f"array{k}"] for k in range(len(sent.files) - 1)]
     if "missing" in values:
+        package = values["missing"]
         msg = (
-            f"{source.path} is {kind}, and the package {values['missing']!r}, which "
-            f"reads it, is not installed; {EXTRA}"
+            f"{source.path} is {kind}, and the package {package!r}, which reads it, is "
+            f"not installed; pip install 'simval[{EXTRAS.get(package, 'logs')}]'"
         )
         raise InputError(msg)
     if "refused" in values:

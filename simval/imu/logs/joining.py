@@ -91,6 +91,7 @@ def candidates(
             "them as CSV"
         )
         raise InputError(msg)
+    slow = [each for each in streams if each.has("mag") and each not in quick]
     for own in forces:
         alone = [each for each in quick if not each.has("force") and each is not own]
         gyros = [each for each in alone if each.has("gyro") and not own.has("gyro")]
@@ -99,6 +100,10 @@ def candidates(
         sure = [each[0] for each in choices if len(each) == 1]
         open_ = [each for each in choices if len(each) > 1]
         said = [("readings", own.words), *map(tuple, log["said"])]
+        said += [
+            ("left out", f"{each.name}: fewer than {SLOWEST:g} readings a second")
+            for each in slow
+        ]
         unsure = [
             (
                 "left out",
@@ -167,15 +172,13 @@ def _nearest(
 
 
 def _words(own: Stream, base: Stream, apart: Float[Array, " n"]) -> str:
-    farthest = float(apart.max(initial=0.0))
-    if farthest == 0.0:
-        return f"{own.name} to {base.name}, which have the same stamps"
     ratio = own.step / base.step
-    repeats = f"; each reading stands in {ratio:.3g} rows" if ratio > 1.5 else ""
-    thinned = f"; one reading of {1.0 / ratio:.3g} is taken" if ratio < 0.67 else ""
+    count = f"; each reading stands in {ratio:.3g} rows" if ratio > 1.5 else ""
+    count += f"; one reading of {1.0 / ratio:.3g} is taken" if ratio < 0.67 else ""
+    farthest = float(apart.max(initial=0.0))
+    how = f"by the nearest stamp, at most {1e3 * farthest:.3g} ms away"
     return (
-        f"{own.name} to {base.name} by the nearest stamp, at most "
-        f"{1e3 * farthest:.3g} ms away{repeats}{thinned}"
+        f"{own.name} to {base.name} {how if farthest else 'of the same stamp'}{count}"
     )
 
 

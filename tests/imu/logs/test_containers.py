@@ -169,3 +169,59 @@ def test_a_recording_gives_the_same_from_every_container(
         values = single if name in SINGLE else sensors
         path = made(tmp_path / name, name, us, *values)
         assert answer(simval, path) == expected[name in SINGLE], name
+
+
+def test_one_of_two_sensors_is_taken_by_its_name(tmp_path, simval):
+    log = recording("dataflash_text")
+    path = made(tmp_path / "two", "dataflash_text", *log)
+    lines = path.read_text().splitlines()
+    fields = [line.split(", ") for line in lines if line.startswith("IMU")]
+    second = [", ".join([*each[:2], "1", *each[3:]]) for each in fields]
+    path.write_text("\n".join([*lines, *second]))
+    with pytest.raises(InputError, match="holds 2 sensors: IMU 0, IMU 1; give --inst"):
+        read_log(path)
+    with pytest.raises(InputError, match="none is called 'IMU 2'"):
+        read_log(path, instance="IMU 2")
+    for name in ("IMU 0", "IMU 1"):
+        one = read_log(path, instance=name)
+        np.testing.assert_array_equal(one.accelerometer, log[1])
+        assert one.described()[0] == f"instance          {name}, one of IMU 0, IMU 1"
+
+
+def test_a_rate_in_the_file_is_the_clock_where_there_is_none(tmp_path):
+    _, force, rate, _ = recording("npz")
+    for name, there in (("sampling_rate", True), ("Fs", True), ("rates", False)):
+        path = tmp_path / f"{name}.npz"
+        np.savez(path, acc=force, gyro=rate, **{name: 50.0})
+        if not there:
+            with pytest.raises(InputError, match="no time column and no rate"):
+                read_log(path)
+            continue
+        log = read_log(path)
+        assert log.rate == 50.0
+        assert ("rate", f"50 Hz, by {name!r} in the file") in log.source
+        assert read_log(path, rate=100.0).rate == 100.0
+
+
+def test_an_array_that_would_take_all_memory_is_refused(tmp_path):
+    """A terabyte, by the header of a file of a hundred bytes."""
+    form = {"descr": "<f8", "fortran_order": False, "shape": (10**11, 3)}
+    path = tmp_path / "log.npy"
+    with path.open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, form)
+    with pytest.raises(InputError, match="not a NumPy file that can be read"):
+        read_log(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "package"),
+    [("ros1", "rosbags"), ("ulog", "pyulog"), ("parquet", "pyarrow")],
+)
+def test_a_package_that_is_not_there_is_named(name, package, tmp_path, monkeypatch):
+    path = made(tmp_path / "log", name, *recording(name))
+    (tmp_path / "none" / package).mkdir(parents=True)
+    init = tmp_path / "none" / package / "__init__.py"
+    init.write_text(f"raise ModuleNotFoundError(name={package!r})")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "none"), prepend=":")
+    with pytest.raises(InputError, match=rf"{package}.*pip install 'simval\["):
+        read_log(path)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simval.cli import run
-from simval.imu.logs.joining import COVERED, Stream, joined
+from simval.imu.logs.joining import COVERED, Stream, candidates, joined
 
 
 def stream(word, time, name=None):
@@ -65,7 +65,7 @@ def test_each_row_has_the_nearest_readings_and_none_from_across_a_gap(
 def test_equal_stamps_are_the_same_rows_and_slow_sensors_are_said_to_stand_still():
     time = np.arange(100) / 100
     same = joined("log", [stream("acc", time), stream("gyro", time, "/gyro")])
-    assert same.source == (("joined", "/gyro to acc, which have the same stamps"),)
+    assert same.source == (("joined", "/gyro to acc of the same stamp"),)
     np.testing.assert_array_equal(same.values[:, 0], time)
     slow = joined("log", [stream("acc", time), stream("mag", time[::10] + 1e-4)])
     assert slow.source == (
@@ -83,3 +83,35 @@ def test_a_log_of_one_sensor_takes_no_name(tmp_path, capsys, command):
     path.write_text("t,ax,ay,az\n" + "".join(f"{k / 100},0,0,9\n" for k in range(50)))
     assert run([command, str(path), "--instance", "imu1"]) == 2
     assert "leave out --instance" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("streams", "tables"),
+    [
+        (["/imu aw", "/mag m"], {"/imu": "awm"}),
+        (["/cam/accel a /cam", "/cam/gyro w /cam"], {"/cam/accel": "aw"}),
+        (["one aw 1", "two aw 2", "m1 m 1", "m2 m 2"], {"one": "awm", "two": "awm"}),
+        (
+            ["imu aw", "m1 m", "m2 m"],
+            {"imu": "aw", "imu + m1": "awm", "imu + m2": "awm"},
+        ),
+        (["a1 a 1", "w1 w 1", "w2 w 2", "m m 3"], {"a1": "awm"}),
+        (["slow a 1 30", "fast aw 2", "idle m 2 30"], {"fast": "aw"}),
+    ],
+)
+def test_what_stands_beside_an_accelerometer_is_taken_or_asked_for(streams, tables):
+    """Name, sensors, group and step in hundredths of a second of each stream."""
+    words = {"a": "acc", "w": "gyro", "m": "mag"}
+    made = []
+    for name, kinds, *more in (each.split() for each in streams):
+        group, step = (*more, *("", "1")[len(more) :])
+        time = np.arange(300) * float(step) / 100
+        parts = [stream(words[kind], time).columns for kind in kinds]
+        columns = {key: value for part in parts for key, value in part.items()}
+        made.append(Stream(name=name, time=time, columns=columns, group=group))
+    found = candidates("log", made, {"holds": "", "said": []})
+    has = {
+        name: "".join(k for k in "awm" if f"{words[k]}_x" in table().names)
+        for name, table in found.items()
+    }
+    assert has == tables
