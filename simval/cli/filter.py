@@ -36,6 +36,9 @@ from simval.vocabulary import FILTER_SECONDS, TruthWorld
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from simval.imu.logs import Log, Truth
     from simval.imu.recorded import Alignment, Evaluation
     from simval.imu.recorded.evaluation import FilterRun
@@ -88,6 +91,11 @@ def command(
         "Noise given to the filters, a file made by `simval noise LOG --json`.  "
         "[default: measured in the log's rests]",
     ] = None,
+    as_published: Annotated[
+        bool,
+        "Also by the definitions of the benchmark BROAD: started at the first row, "
+        "truth as recorded, rows marked by the column `movement`.",
+    ] = False,
     rate: Rate = None,
     columns: Columns = None,
     instance: Instance = None,
@@ -128,6 +136,7 @@ def command(
         filter_lines,
         log_values,
     )
+    from simval.imu.recorded.published import published_rows, published_start
     from simval.imu.recorded.settings import start_of
 
     filters = filters_of(plugins)
@@ -140,7 +149,12 @@ def command(
     head += alignment_lines(alignment, recorded, found)
     head += _offered(path, instance) if recorded is None else []
     say([] if as_json else head)
-    done, failed, code = _evaluated(filters, found, start, alignment, time_limit)
+    more = None
+    if as_published:
+        world = None if alignment is None else alignment.world
+        truth_rows, marks = published_rows(log, recorded, world, instance)
+        more = truth_rows, marks, published_start(found, start)
+    done, failed, code = _evaluated(filters, found, start, alignment, time_limit, more)
     written = log_values(log, found, start, alignment, recorded) | {
         "filters": [evaluation_object(each) for each in done],
         "failed": failed,
@@ -336,20 +350,29 @@ def _evaluated(
     start: Start,
     alignment: Alignment | None,
     time_limit: float,
+    published: tuple[Truth, NDArray[np.bool_], Start] | None,
 ) -> tuple[list[Evaluation], dict[str, str], int]:
     # what was measured, why others were not, and the exit code of that
     from simval.imu.recorded import evaluate
+    from simval.imu.recorded.published import steps
 
     done, failed, code = [], {}, 0
     bound = None
     for name, word in filters.items():
         try:
             run = run_on_log(name, word, found, start, time_limit)
+            if published is not None:
+                recorded, marks, at = published
+                first = run_on_log(name, word, found, at, time_limit)
         except PluginError as error:
             failed[name] = str(error)
             code = 4 if isinstance(error, CrashedPluginError) else max(code, 3)
             continue
         if run.six and alignment is not None and bound is None:
             bound = six_axis_bound(found, start, alignment)
-        done.append(evaluate(run, found, alignment, bound))
+        each = evaluate(run, found, alignment, bound)
+        if published is not None and alignment is not None:
+            changed = steps(first, run, found, recorded, alignment, marks)
+            each = replace(each, published=tuple(changed))
+        done.append(each)
     return done, failed, code

@@ -9,6 +9,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.imu.logs import Log
 from simval.imu.recorded import Evaluation
+from simval.imu.recorded.description import published_lines
 from simval.imu.recorded.errors import ALPHA, Consistency, Rms
 from simval.imu.recorded.evaluation import WithTruth, turned_words
 from simval.report.formatting import measured, rounded, slug
@@ -84,6 +85,9 @@ def filter_page(
         worlds = [f"{each.run.name}: {each.run.how}." for each in done]
         how = "How each filter was run, and the frame that was found for it"
         notes.append(Note(words=how, lines=worlds))
+    if lines := published_lines(done):
+        words = "By the definitions of a published benchmark, and then by ours"
+        notes.append(Note(words=words, lines=[line for line in lines if line]))
     return LogPage(
         title="Attitude filters over",
         log=log,

@@ -98,16 +98,18 @@ class Attitudes:
         )
 
 
+def meant(components: Float[Array, "n 4"], meaning: Meaning) -> Float[Array, "n 4"]:
+    """Recorded numbers as attitudes world to body, by a meaning."""
+    q = np.roll(components, -1, axis=1) if meaning.scalar == "first" else components
+    return conjugate(q) if meaning.takes == "world to body" else q
+
+
 def attitudes(
     time: Float[Array, " n"], components: Float[Array, "n 4"], meaning: Meaning
 ) -> Attitudes:
     """Read quaternions by a meaning, without the rows that are missing."""
     there = np.isfinite(components).all(axis=1)
-    q = components[there]
-    if meaning.scalar == "first":
-        q = np.roll(q, -1, axis=1)
-    if meaning.takes == "world to body":
-        q = conjugate(q)
+    q = meant(components[there], meaning)
     flips = np.where(np.vecdot(q[1:], q[:-1]) < 0.0, -1.0, 1.0)
     q = q * np.cumprod(np.concatenate([[1.0], flips]))[:, None]
     return Attitudes(time=time[there], q=q, step=float(np.median(np.diff(time))))

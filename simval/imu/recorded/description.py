@@ -12,6 +12,7 @@ from simval.imu.recorded import Alignment, Evaluation
 from simval.imu.recorded.alignment import polar
 from simval.imu.recorded.errors import Consistency, Measured, Rms
 from simval.imu.recorded.evaluation import norths, turned_words
+from simval.imu.recorded.published import SOURCE
 from simval.imu.recorded.settings import Signals, Start
 from simval.text import interval_words
 from simval.units import OF_A_LOG
@@ -124,6 +125,7 @@ def filter_lines(
     if truth and done:
         turned = turned_words(done)
         lines += ["", *_errors(done), *([turned] if turned else [])]
+        lines += published_lines(done)
         lines += ["", *_covariances(done)]
     elif done:
         lines += ["", *_alone(done), "", BLIND]
@@ -155,6 +157,21 @@ def _errors(done: list[Evaluation]) -> list[str]:
         name = "bound" if part == "all" else ""
         lines.append(f"  {name:{width}s}{PARTS[part]:9s}{cells}")
     return [*lines, FREE] if bound else lines
+
+
+def published_lines(done: Iterable[Evaluation]) -> list[str]:
+    """RMS errors by a benchmark's definitions, and what turns them into ours."""
+    lines = []
+    for each in (one for one in done if one.published):
+        lines += ["", f"{each.run.name} by published definitions ({SOURCE}), degrees"]
+        names = each.published[0].rms
+        lines.append(f"  {'changed in turn':42s}" + "".join(f"{n:>13s}" for n in names))
+        lines += [
+            f"  {step.words:42s}"
+            + "".join(f"{np.degrees(rms.value):13.3f}" for rms in step.rms.values())
+            for step in each.published
+        ]
+    return lines
 
 
 def _cell(rms: Rms) -> str:
@@ -304,6 +321,15 @@ def evaluation_object(each: Evaluation) -> dict[str, Any]:
             "nees_of_drift": _consistency(each.truth.drift),
             "bound": each.truth.bound,
         }
+    if each.published:
+        found["as_published"] = [
+            {
+                "step": step.words,
+                "rms": {name: plain(rms.value) for name, rms in step.rms.items()},
+                "rows": next(iter(step.rms.values())).rows,
+            }
+            for step in each.published
+        ]
     return found
 
 

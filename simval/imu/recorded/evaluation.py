@@ -44,8 +44,11 @@ class FilterRun:
 def filter_input(found: Signals, start: Start) -> FilterInput:
     """Readings of a log for a filter, from the row after the start on."""
     rows = slice(start.row + 1, None)
+    before = found.time[start.row]
+    if start.row < 0:  # before the first row, by as much as the first step
+        before = 2.0 * found.time[0] - found.time[1]
     return FilterInput(
-        dt=np.diff(found.time[start.row :]),
+        dt=np.diff(found.time[rows], prepend=before),
         gyroscope=found.gyro[None, rows],
         accelerometer=found.force[None, rows],
         magnetometer=np.full_like(found.force, np.nan)[None, rows]
@@ -129,6 +132,14 @@ class WithTruth:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Step:
+    """RMS errors of one filter by one set of definitions."""
+
+    words: str  # what is changed against the step before
+    rms: dict[str, Rms]  # total, heading, inclination
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evaluation:
     """All measurements of one filter over one log.
 
@@ -146,6 +157,8 @@ class Evaluation:
         Correlation of each whitened innovation with the next.
     microseconds : float
         Median time of a row.
+    published : tuple of Step
+        Its errors by a benchmark's definitions, and then by ours.
     """
 
     run: FilterRun
@@ -154,6 +167,7 @@ class Evaluation:
     nis: Consistency | None
     white: Float[Array, " m"] | None
     microseconds: float
+    published: tuple[Step, ...] = ()
 
 
 def evaluate(

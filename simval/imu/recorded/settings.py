@@ -231,7 +231,7 @@ def start_of(
     parts = [slice(a, b) for a, b in found.rests]
     first = parts[0]
     longest = max(parts, key=lambda each: each.stop - each.start)
-    up, north = _directions(found, first)
+    attitude = two_vectors(found, first)
     N, K, words = _gyro_noise(found, longest, known, source)
     forces = [found.force[part].mean(axis=0) for part in parts]
     gravity = float(np.mean([np.linalg.norm(force) for force in forces]))
@@ -270,7 +270,7 @@ def start_of(
     )
     return Start(
         row=int(first.start),
-        attitude=of_matrix(np.stack([north, np.cross(up, north), up], axis=1)),
+        attitude=attitude,
         told=told,
         described=(
             f"told              gyroscope N {N:.3g} rad/s/sqrt(Hz), K {K:.3g} "
@@ -285,10 +285,16 @@ def start_of(
     )
 
 
-def _directions(
-    found: Signals, part: slice
-) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-    # up and north in sensor axes; without a field, of the axis that is most level
+def two_vectors(found: Signals, part: slice) -> Float[Array, "4"]:
+    """Attitude north-west-up to sensor by the mean force and field of some rows.
+
+    Without a field, north is the axis of the sensor that is most level.
+
+    Raises
+    ------
+    RefusedError
+        If the field is vertical.
+    """
     up = found.force[part].mean(axis=0)
     up /= np.linalg.norm(up)
     if found.field is None:
@@ -298,11 +304,12 @@ def _directions(
     flat = field - (field @ up) * up
     if not np.linalg.norm(flat) > 0.02 * np.linalg.norm(field):
         msg = (
-            "at the first rest the magnetic field is vertical, so it has no north; "
+            "at the start the magnetic field is vertical, so it has no north; "
             "look at the magnetometer, or calibrate it (--calibration)"
         )
         raise RefusedError(msg)
-    return up, flat / np.linalg.norm(flat)
+    north = flat / np.linalg.norm(flat)
+    return of_matrix(np.stack([north, np.cross(up, north), up], axis=1))
 
 
 def _scatter(rows: Float[Array, "n 3"], parts: list[slice]) -> float:
