@@ -128,8 +128,9 @@ def _text(source: Source) -> tuple[dict[str, Columns], int]:
     # as `_binary`, of lines "NAME, number, number, ..."
     labels: dict[str, list[str]] = {}
     rows: dict[str, list[list[float]]] = defaultdict(list)
-    passed = 0
-    for line in source.content.decode("ascii", "replace").splitlines():
+    lines = source.content.decode("ascii", "replace").split("\n")
+    passed = len(lines.pop())  # the last one, if its end is missing
+    for line in lines:
         fields = [field.strip() for field in line.split(",")]
         if fields[0] == "FMT" and len(fields) > 5:
             labels[fields[3]] = fields[5:]

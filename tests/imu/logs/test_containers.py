@@ -1,11 +1,14 @@
 """Every container of a log: what was written, what is damaged, what is asked."""
 
 import json
+import os
+import re
 import shutil
 
 import numpy as np
 import pytest
 from containers import CHECKED, SINGLE, WRITERS
+from places import ROOT
 from places import recording as recording_of
 
 from simval.errors import InputError
@@ -40,6 +43,20 @@ def test_what_was_written_is_read_to_the_bit(name, tmp_path):
     np.testing.assert_array_equal(log.gyro, rate)
     np.testing.assert_array_equal(log.magnetometer, field)
     np.testing.assert_array_equal(log.time, us / 1e6)
+
+
+def test_the_table_of_formats_has_every_container():
+    lines = (ROOT / "docs" / "howto" / "logs.md").read_text().splitlines()
+    cells = [line.split("|")[3] for line in lines if line.count("|") == 5]
+    assert set(re.findall(r"`(\w+)`", " ".join(cells))) == set(WRITERS)
+
+
+def test_what_stands_in_a_folder_is_looked_at_before_it_is_read(tmp_path):
+    path = made(tmp_path / "log", "ros2_folder", *recording("ros2_folder"))
+    (path / "metadata.yaml").unlink()
+    os.mkfifo(path / "metadata.yaml")
+    with pytest.raises(InputError, match="it is a pipe"):
+        read_log(path)
 
 
 def truncated(content, rng):
