@@ -35,6 +35,7 @@ def made(folder, name, *log):
     return WRITERS[name](folder / "log", *log)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", WRITERS)
 def test_what_was_written_is_read_to_the_bit(name, tmp_path):
     us, force, rate, field = recording(name)
@@ -205,6 +206,7 @@ def test_one_of_two_sensors_is_taken_by_its_name(tmp_path, simval):
         assert one.described()[0] == f"instance          {name}, one of IMU 0, IMU 1"
 
 
+@pytest.mark.ci
 def test_a_rate_in_the_file_is_the_clock_where_there_is_none(tmp_path):
     _, force, rate, _ = recording("npz")
     for name, there in (("sampling_rate", True), ("Fs", True), ("rates", False)):
@@ -230,6 +232,7 @@ def test_an_array_that_would_take_all_memory_is_refused(tmp_path):
         read_log(path)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("name", "package"),
     [("ros1", "rosbags"), ("ulog", "pyulog"), ("parquet", "pyarrow")],

@@ -20,6 +20,7 @@ steps = st.integers(1, 40)
 lost = st.lists(st.tuples(st.integers(0, 300), st.integers(1, 40)), max_size=3)
 
 
+@pytest.mark.ci
 @given(steps, steps, steps, lost, lost, st.integers(-20, 20))
 def test_each_row_has_the_nearest_readings_and_none_from_across_a_gap(
     acc, gyro, mag, holes, more, late
