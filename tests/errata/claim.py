@@ -107,11 +107,13 @@ def add(
     )
 
 
-def check(claim: Claim, evaluate: Evaluation | None = None) -> None:
+def check(
+    claim: Claim, evaluate: Evaluation | None = None, seeds: slice = slice(None)
+) -> None:
     """Demand that the claim is as its verdict says; `evaluate` for a mutant."""
     evaluate = evaluate or claim.evaluate
     assert evaluate is not None
-    for seed in range(claim.seeds):
+    for seed in range(claim.seeds)[seeds]:
         truth, *forms = evaluate(np.random.default_rng(seed))
         assert len(forms) == (1 if claim.verdict == RIGHT else 2)
         printed, right = forms[0], forms[-1]

@@ -169,6 +169,7 @@ def deepest_after(friction, attitude, seconds=1.0):
     return -min((contact.dist for contact in data.contact), default=0.0)
 
 
+@pytest.mark.ci
 def test_the_shakers_die_does_not_jam_in_a_corner():
     """With a friction of 0.8 two walls held it against the third, until it was through.
 

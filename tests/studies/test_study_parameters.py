@@ -159,6 +159,7 @@ def answer(study, parameters):
     return "measured"
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("study", CHEAP)
 def test_drawn_parameters_of_cheap_studies(study):
     for parameters in drawn(study, *CHEAP[study]):
