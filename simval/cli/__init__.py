@@ -31,7 +31,7 @@ COMMANDS = (
     ("filter", "Run attitude filters over a log and measure their errors."),
     ("plan", "Predict a calibration's error bars before any data is taken."),
     ("scene", "Simulate a scene and write its readings or a picture."),
-    ("compare", "Show what changed between two runs beyond its uncertainty."),
+    ("compare", "Show what changed between two runs, or two calibrations of a sensor."),
     ("trend", "Show what became better or worse in a series of runs."),
     ("repro", "Compute one cell again and compare it with the run."),
     ("export", "Write the table of a run as Parquet."),

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
@@ -54,22 +55,36 @@ def command(
     Each run is a folder, or `latest`. They may be of two commits; the first lines name
     them. Only changes beyond the uncertainty are shown.
 
+    RUN_A and RUN_B may be two files of `simval calibrate --out` instead, of one sensor:
+    the command says whether it is the same within the uncertainties, or has drifted.
+
     With --algorithms A B the command says where A is better or worse than B in RUN_A,
     and by how much.
 
-    Exit code 0, or 3 if the runs have nothing in common. To fail on a change, use
+    Exit code 0, or 3 if the two have nothing in common. To fail on a change, use
     `simval gate` with a baseline; for more than two runs, use `simval trend`.
     """
-    from simval.judge import compare_runs
-    from simval.judge.formats import comparison_json
-    from simval.sweep import load_run
-
     if algorithms:
         files = (out, csv_file, json_file)
         return _algorithms(run_a, run_b, algorithms, files, alpha)
     if run_b is None:
         msg = "give two runs, or one with `--algorithms A B`"
         raise InputError(msg)
+    if any(map(_is_file, (run_a, run_b))):
+        pages = {"--out": out, "--csv": csv_file, "--all": every or None}
+        return _calibrations(Path(run_a), Path(run_b), json_file, alpha, pages)
+    return _runs(run_a, run_b, every, (out, csv_file, json_file), alpha)
+
+
+def _runs(
+    run_a: str, run_b: str, every: bool, files: tuple[Path | None, ...], alpha: float
+) -> int:
+    """Compare two runs."""
+    from simval.judge import compare_runs
+    from simval.judge.formats import comparison_json
+    from simval.sweep import load_run
+
+    out, csv_file, json_file = files
     a, b = load_run(run_a), load_run(run_b)
     comparison = compare_runs(a, b, alpha)
     show(a, b, comparison, every=every)
@@ -86,6 +101,31 @@ def command(
     for file in filter(None, (csv_file, json_file, out)):
         click.echo(str(file))
     return 0 if comparison.total else 3
+
+
+def _is_file(name: str) -> bool:
+    """True of a JSON file, by its name or its first byte."""
+    path = Path(name)
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return path.suffix.lower() == ".json" or file.read(1) == b"{"
+
+
+def _calibrations(
+    a: Path, b: Path, json_file: Path | None, alpha: float, pages: dict[str, Any]
+) -> int:
+    """Compare two calibration files."""
+    from simval.imu.calibrate.comparison import compare_calibrations
+
+    for option, given in pages.items():
+        refuse_if(given is not None, f"`{option}` is of two runs, not of calibrations")
+    found = compare_calibrations(a, b, alpha)
+    tell([f"A is {a}", f"B is {b}", *found.lines()])
+    if json_file is not None:
+        write(json_file, json.dumps(found.as_object(), allow_nan=False) + "\n")
+        click.echo(str(json_file))
+    return 3 if found.drifted is None else 0
 
 
 def _algorithms(

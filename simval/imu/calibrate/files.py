@@ -372,8 +372,7 @@ def load_others(
     InputError
         If a sensor is there and its numbers cannot be used.
     """
-    data = parsed(json.loads, read_text(file_path("path", path), MOST_DOCUMENT))
-    gyroscope, magnetometer = (_block(path, data, name) for name in BLOCKS)
+    gyroscope, magnetometer = load_blocks(path)
     try:
         return (
             None
@@ -392,6 +391,18 @@ def load_others(
     except InputError as error:
         msg = f"{path}: {error}"
         raise InputError(msg) from None
+
+
+def load_blocks(path: str | Path) -> tuple[dict[str, Any] | None, ...]:
+    """Tables of the other sensors, where there are any.
+
+    Raises
+    ------
+    InputError
+        If one is there and is no table.
+    """
+    data = parsed(json.loads, read_text(file_path("path", path), MOST_DOCUMENT))
+    return tuple(_block(path, data, name) for name in BLOCKS)
 
 
 def load_thermal(path: str | Path) -> dict[str, Thermal]:

@@ -4,12 +4,12 @@ With f and :math:`\omega` the corrected values and y the raw ones, the projects 
 
 .. math::
    \text{PX4, ArduPilot:}\quad & f = s\,(y - o), \quad \omega = y - o, \quad
-     m = S\,(y - o) \text{ with S symmetric}; \tag{X1} \\
+     m = S\,(y - o) \text{ with S symmetric}; \tag{PX1} \\
    \text{Kalibr:}\quad & y_a = M_a f + b_a, \quad
-     y_g = M_g C \omega + A\,C f + b_g; \tag{X2} \\
+     y_g = M_g C \omega + A\,C f + b_g; \tag{PX2} \\
    \text{OpenVINS:}\quad & f = T_a^{-1}(y_a - b_a), \quad
-     \omega = C^T T_w^{-1}(y_g - b_g - T_g f); \tag{X3} \\
-   \text{ROS's imu_calib:}\quad & f = S_M\,y - b. \tag{X4}
+     \omega = C^T T_w^{-1}(y_g - b_g - T_g f); \tag{PX3} \\
+   \text{ROS's imu_calib:}\quad & f = S_M\,y - b. \tag{PX4}
 
 ArduPilot's compass offset is minus o, in milligauss; PX4's is in gauss. :math:`M_a`,
 :math:`M_g`, :math:`T_a` and :math:`T_w` are lower triangular, so the accelerometer's
@@ -47,6 +47,7 @@ from simval.imu.multiposition.log_units import written_unit
 from simval.imu.multiposition.noise import log_noise
 from simval.imu.noise.model import largest
 from simval.imu.sensor import gyroscope_factors
+from simval.poses import fibonacci_sphere
 from simval.shapes import Float
 from simval.text import one_line
 from simval.units import OF_A_LOG
@@ -57,7 +58,7 @@ ONE: Final = 2.0  # ratio of scales within which a field is in the unit of its r
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Autopilot:
-    """Names, units and signs of an autopilot's parameters, eq. (X1)."""
+    """Names, units and signs of an autopilot's parameters, eq. (PX1)."""
 
     line: str  # of a parameter: its name, its value
     names: dict[str, str]  # by the first letter of a sensor and what is held; {} is X
@@ -375,6 +376,24 @@ def _ros(sheet: _Sheet, log: Log, whole: Any) -> None:
         sheet.say("magnetometer", f"{words}{_triple(compass.b)} in the log's unit")
 
 
+def _warm(sensor: str, whole: Any) -> str:
+    """Greatest error of a corrected reading, at 1 g, at rest or in the field."""
+    fit, own = getattr(whole, sensor), whole.thermal[sensor]
+    M = fit.matrix if sensor == "accelerometer" else fit.M
+    b = fit.b if sensor == "magnetometer" else fit.B
+    size, unit = {
+        "accelerometer": (whole.accelerometer.g, "m/s^2 at 1 g"),
+        "gyroscope": (0.0, "rad/s at rest"),
+        "magnetometer": (getattr(fit, "field", 0.0), "units of the field"),
+    }[sensor]
+    raw = np.linalg.solve(M, size * fibonacci_sphere(200).T).T + b
+    off = [
+        own.compensated(raw, np.full(len(raw), temperature)) - raw
+        for temperature in np.linspace(own.low, own.high, 9)
+    ]
+    return f"{np.max(np.linalg.norm(np.array(off) @ M.T, axis=-1)):.3g} {unit}"
+
+
 _Writer = Callable[[_Sheet, Log, Any], None]
 WRITERS: Final[dict[str, tuple[tuple[str, ...], _Writer]]] = {
     "px4": (("# Vehicle-Id Component-Id Name Value Type",), _autopilot),
@@ -399,6 +418,12 @@ def parameters_of(name: str, log: Log, whole: Any) -> tuple[str, tuple[str, ...]
     first, writer = WRITERS[name]
     sheet = _Sheet(name=name, lines=[], notes=[])
     writer(sheet, log, whole)
+    for sensor, own in whole.thermal.items():
+        words = (
+            f"its terms in temperature are not carried: up to {_warm(sensor, whole)}"
+        )
+        ends = f"{own.low:.1f} to {own.high:.1f} degC, away from {own.reference:.1f}"
+        sheet.say(sensor, f"{words} at {ends}")
     sheet.notes += [f"{sensor}: {why}" for sensor, why in whole.left_out.items()]
     form = whole.accelerometer.model
     comments = [

@@ -5,6 +5,7 @@ shares no step with the fit's own (TH1).
 """
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -225,7 +226,9 @@ def test_a_log_is_calibrated_written_read_and_corrected(tmp_path, capsys):
     rec = three(0, turning=False)
     log, out = warm_log(rec), tmp_path / "sensor.json"
     path = file_of(tmp_path / "warm.csv", log)
-    assert run(["calibrate", path, "--sensors", "gyroscope", "--out", str(out)]) == 0
+    px4 = tmp_path / "px4.params"
+    to = ["--out", str(out), "--to", "px4", str(px4)]
+    assert run(["calibrate", path, "--sensors", "gyroscope", *to]) == 0
     printed = capsys.readouterr().out
     assert "m/s^2/K" in printed
     assert "rad/s/K" in printed
@@ -242,6 +245,14 @@ def test_a_log_is_calibrated_written_read_and_corrected(tmp_path, capsys):
     bare = load_calibration(out).sensor().correct(log.accelerometer)
     cold = [np.linalg.norm(bare[a + 20 : b - 20].mean(axis=0)) for a, b in rec.holds]
     assert np.std(np.array(holds) - G) < 0.1 * np.std(np.array(cold) - G)
+    said = re.findall(r"temperature are not carried: up to (\S+)", px4.read_text())
+    still = np.concatenate([np.arange(a + 20, b - 20) for a, b in rec.holds])
+    off = np.linalg.norm(force - bare, axis=1)[still].max()
+    # the log need not have the worst pose at the worst temperature
+    assert 0.6 * float(said[0]) < off < 1.02 * float(said[0])
+    assert len(said) == 2
+    assert run(["compare", str(out), str(out)]) == 0
+    assert "terms in temperature" in capsys.readouterr().out
     capsys.readouterr()
 
     lost = file_of(tmp_path / "lost.csv", log, temperature=False)

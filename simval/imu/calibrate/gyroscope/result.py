@@ -170,6 +170,7 @@ class GyroscopeFit(Estimate):
             "names": list(self.names),
             "parameters": self.parameters.tolist(),
             "sd": self.sd.tolist(),
+            "covariance": self.own_covariance.tolist(),
             "M": self.M.tolist(),
             "B": self.B.tolist(),
             "T": scaled.shape.tolist(),

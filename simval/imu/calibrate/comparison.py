@@ -1,0 +1,463 @@
+r"""Two calibration files of one sensor: the same within their uncertainties, or not.
+
+With :math:`d = p_B - p_A` the difference of the parameters of a sensor, both in one
+form, and :math:`V = V_A + V_B` (the data are taken for independent),
+
+.. math::
+   E_n = \frac{|d|}{\sqrt{U_A^2 + U_B^2}}, \qquad U = k\,u, \tag{DC1}
+
+for each parameter, as in ISO/IEC 17043, k the 97.5 % quantile of Student's t with the
+degrees of freedom of its file, and of the normal law where the noise is known. Single
+parameters are correlated, so the verdict is that of all together,
+
+.. math::
+   p = E\, P\{\chi^2_p > d^T (\alpha V_A + \beta V_B)^{-1} d\}, \qquad
+   \alpha = \nu_A/\chi^2_{\nu_A}, \quad \beta = \nu_B/\chi^2_{\nu_B}, \tag{DC2}
+
+the generalised p-value of the multivariate Behrens-Fisher problem (Gamage, Mathew and
+Weerahandi 2004): :math:`\alpha` is what a variance may be over what it was found to
+be, 1 where the noise is known. For one unknown variance it is Hotelling's F. (Welch's
+degrees of freedom alarm up to 16 times too often at 12 poses against 40.)
+A file that states standard deviations alone is judged by its
+largest difference in them, times the number of parameters (Bonferroni). What a
+difference does to a reading is the largest change of a corrected vector of one length,
+
+.. math:: \max_{|u| = 1} |M_B (M_A^{-1} s u + b_A - b_B) - s u|. \tag{DC3}
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import scipy
+
+from simval.arguments import file_path, instance
+from simval.arrays import Array, positive_number
+from simval.errors import InputError, RefusedError
+from simval.imu.calibrate.equations import FIELD_NAMES
+from simval.imu.calibrate.files import (
+    array,
+    load_blocks,
+    load_calibration,
+    load_others,
+    load_thermal,
+    plain,
+)
+from simval.imu.calibrate.result import FitResult
+from simval.poses import fibonacci_sphere
+from simval.shapes import Float
+from simval.vocabulary import ALPHA
+
+COVERAGE: Final = 0.95
+"""Probability that an expanded uncertainty covers."""
+UNIT: Final = 1.4  # of readings for g: ranges and units differ by factors from 2 up
+FIELDS: Final = 3.1  # of strengths of the field; 22 to 67 uT are on the Earth
+NODES: Final = 96  # leave 1e-4 of a chance at 1 degree of freedom, 1e-8 from 2 on
+MANY: Final = 10**6  # degrees of freedom from which a variance is known
+FURTHER: Final = {
+    "gyroscope": ((*FIELD_NAMES[:9], "B_x", "B_y", "B_z"), " rad/s"),
+    "magnetometer": (FIELD_NAMES[:12], " units of field"),
+}
+"""Sensors after the accelerometer, and their parameters; a dip is of the place."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class State:
+    """What one file states of one sensor: parameters, M and b among them."""
+
+    parameters: Float[Array, " p"]
+    covariance: Float[Array, "p p"]  # NaN where it is not stated, or off the diagonal
+    dof: float  # infinite where the noise is known
+    matrix: Float[Array, "3 3"]
+    bias: Float[Array, "3"]
+    size: float  # length of the vector whose correction is compared
+
+    @property
+    def sd(self) -> Float[Array, " p"]:
+        """Standard deviation of each parameter."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+    @property
+    def expanded(self) -> Float[Array, " p"]:
+        """Expanded uncertainty of each parameter at `COVERAGE`."""
+        return scipy.special.stdtrit(self.dof, 0.5 + COVERAGE / 2.0) * self.sd
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SensorComparison:
+    """One sensor in two files, eqs. (DC1) to (DC3).
+
+    Attributes
+    ----------
+    sensor : str
+        Its name.
+    names : tuple of str
+        Names of the p parameters.
+    a, b : State
+        What each file states.
+    unit : str
+        Unit of the vector whose correction is compared: of 1 g, 1 rad/s, the field.
+    """
+
+    sensor: str
+    names: tuple[str, ...]
+    a: State
+    b: State
+    unit: str
+
+    @property
+    def difference(self) -> Float[Array, " p"]:
+        """Parameters of B less those of A."""
+        return self.b.parameters - self.a.parameters
+
+    @property
+    def E_n(self) -> Float[Array, " p"]:
+        """Difference over its expanded uncertainty, (DC1); NaN where none is stated."""
+        return np.abs(self.difference) / np.hypot(self.a.expanded, self.b.expanded)
+
+    @property
+    def chi_square(self) -> float:
+        """Joint square of the difference, as if both variances were known."""
+        split = self._split()
+        return float(np.sum(split[1] ** 2)) if split is not None else np.nan
+
+    def _split(self) -> tuple[Array, Array] | None:
+        # shares of A in V, and the difference, in coordinates in which V is the unit
+        V = self.a.covariance + self.b.covariance
+        sd = np.sqrt(np.diagonal(V))
+        scaled = V / np.outer(sd, sd)
+        if not np.isfinite(scaled).all() or np.linalg.eigvalsh(scaled)[0] < 1e-12:
+            return None
+        share, basis = scipy.linalg.eigh(self.a.covariance / np.outer(sd, sd), scaled)
+        return np.clip(share, 0.0, 1.0), basis.T @ (self.difference / sd)
+
+    @property
+    def p_value(self) -> float:
+        """Chance of a difference as large without a drift, (DC2); NaN if not told."""
+        split, p = self._split(), len(self.names)
+        if split is not None:
+            share, z = split
+            (alpha, weight_a), (beta, weight_b) = map(
+                _variances, (self.a.dof, self.b.dof)
+            )
+            V = alpha[:, None, None] * share + beta[:, None] * (1.0 - share)
+            tails = scipy.special.chdtrc(p, np.sum(z**2 / V, axis=-1))
+            return float(min(weight_a @ tails @ weight_b, 1.0))
+        worst = np.max(np.abs(self.difference) / np.hypot(self.a.sd, self.b.sd))
+        dof = min(self.a.dof, self.b.dof)
+        return float(np.minimum(1.0, 2.0 * p * scipy.special.stdtr(dof, -worst)))
+
+    @property
+    def beyond(self) -> str:
+        """Parameters with an E_n above 1, the largest first."""
+        order = [k for k in np.argsort(-self.E_n) if self.E_n[k] > 1.0]
+        return ", ".join(f"{self.names[k]} (E_n {self.E_n[k]:.3g})" for k in order)
+
+    @property
+    def change(self) -> float:
+        """Largest change of a corrected reading, (DC3)."""
+        u = self.a.size * fibonacci_sphere(2000)
+        raw = np.linalg.solve(self.a.matrix, u.T).T + self.a.bias
+        moved = (raw - self.b.bias) @ self.b.matrix.T - u
+        return float(np.max(np.linalg.norm(moved, axis=1)))
+
+
+def _variances(dof: float) -> tuple[Array, Array]:
+    """Nodes and weights of what a variance may be over what it was found to be."""
+    if np.isinf(dof):
+        return np.ones(1), np.ones(1)
+    low, high = np.log(scipy.special.chdtri(dof, [1.0 - 1e-13, 1e-13]))
+    t = np.linspace(low, high, NODES)
+    density = dof / 2.0 * t - np.exp(t) / 2.0  # of log chi-square, but for a factor
+    weight = np.exp(density - density.max())
+    return dof / np.exp(t), weight / weight.sum()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CalibrationComparison:
+    """Two calibration files of one set of sensors.
+
+    Attributes
+    ----------
+    sensors : tuple of SensorComparison
+        Those that both files have and that can be compared.
+    notes : tuple of str
+        What is not compared, and what was taken for granted.
+    alpha : float
+        False-alarm rate of the verdict.
+    """
+
+    sensors: tuple[SensorComparison, ...]
+    notes: tuple[str, ...]
+    alpha: float
+
+    @property
+    def p_values(self) -> dict[str, float]:
+        """Chance of the difference of each sensor that is judged."""
+        found = {each.sensor: each.p_value for each in self.sensors}
+        return {name: p for name, p in found.items() if np.isfinite(p)}
+
+    @property
+    def drifted(self) -> bool | None:
+        """True where they differ beyond their uncertainty; None if none is stated."""
+        p = self.p_values
+        return min(p.values()) < self.alpha / len(p) if p else None
+
+    @property
+    def verdict(self) -> str:
+        """The answer in words."""
+        p = self.p_values
+        if self.drifted is None:
+            return "not told: no sensor has its uncertainty in both files"
+        said = ", ".join(
+            f"{name} {f'{chance:.2g}' if chance > 0.0 else 'below 1e-300'}"
+            for name, chance in p.items()
+        )
+        level = f"{self.alpha / len(p):.2g}"
+        if not self.drifted:
+            alike = [n for n, chance in p.items() if 1.0 - chance < self.alpha / len(p)]
+            more = (
+                f"; {alike[0]}: more alike than independent data are" if alike else ""
+            )
+            words = f"the same within uncertainties: chance {said}"
+            return f"{words}, drifted below {level}{more}"
+        named = [
+            f"{each.sensor} by {each.beyond or 'a combination, no parameter by itself'}"
+            for each in self.sensors
+            if p.get(each.sensor, 1.0) < self.alpha / len(p)
+        ]
+        words = f"drifted, or two sensors: {'; '.join(named)}; chance {said}"
+        return f"{words}, drifted below {level}"
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+    def lines(self) -> Iterator[str]:
+        """Describe it in lines of text."""
+        for each in self.sensors:
+            yield from _table(each)
+        yield from (f"note              {note}" for note in self.notes)
+        yield f"verdict           {self.verdict}"
+
+    def as_object(self) -> dict[str, Any]:
+        """Return it as JSON can hold it.
+
+        Returns
+        -------
+        dict
+            Verdict, chances, and of each sensor its parameters, E_n and change.
+        """
+        return {
+            "format": "simval calibration comparison 1",
+            "drifted": self.drifted,
+            "verdict": self.verdict,
+            "alpha": self.alpha,
+            "coverage": COVERAGE,
+            "notes": list(self.notes),
+            "sensors": {each.sensor: _object(each) for each in self.sensors},
+        }
+
+
+def _table(each: SensorComparison) -> Iterator[str]:
+    square = each.chi_square
+    told = f"chi-square {square:.4g} of {len(each.names)}"
+    for file, dof in (("A", each.a.dof), ("B", each.b.dof)):
+        if np.isfinite(dof):
+            told += f"; variance of {file} by {dof:g} degrees of freedom"
+    words = told if np.isfinite(square) else "not both files state a covariance"
+    yield f"{each.sensor:17s} {words}"
+    yield f"{'A':>25s} {'B':>15s} {'B - A':>12s} {'U':>10s} {'E_n':>8s}"
+    U = np.hypot(each.a.expanded, each.b.expanded)
+    rows = zip(
+        each.names, each.a.parameters, each.b.parameters, each.difference, U, each.E_n,
+        strict=True,
+    )  # fmt: skip
+    for name, a, b, d, u, e in rows:
+        bars = f"{u:10.3g} {e:8.3g}" if np.isfinite(u) else f"{'-':>10s} {'-':>8s}"
+        yield f"  {name:7s} {a:15.8g} {b:15.8g} {d:12.4g} {bars}"
+    words = "a corrected reading of"
+    yield f"  {words} {each.a.size:.5g}{each.unit} changes by up to {each.change:.3g}"
+
+
+def _object(each: SensorComparison) -> dict[str, Any]:
+    numbers = {"chi_square": each.chi_square, "p_value": each.p_value}
+    return {
+        "names": list(each.names),
+        "difference": plain(each.difference),
+        "expanded_uncertainty": plain(np.hypot(each.a.expanded, each.b.expanded)),
+        "E_n": plain(each.E_n),
+        **{name: plain(value) for name, value in numbers.items()},
+        "reading": each.a.size,
+        "largest_change": plain(each.change),
+    }
+
+
+def compare_calibrations(
+    a: str | PathLike[str], b: str | PathLike[str], alpha: float = ALPHA
+) -> CalibrationComparison:
+    """Compare two calibration files of one sensor.
+
+    Parameters
+    ----------
+    a, b : path-like
+        Files that ``simval calibrate --out`` wrote, the earlier first.
+    alpha : float
+        False-alarm rate of the verdict, all sensors together.
+
+    Returns
+    -------
+    CalibrationComparison
+        Differences with their uncertainties, and the verdict.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or states numbers that no calibration has.
+    RefusedError
+        If they are of readings in different units, or a fit did not converge.
+    """
+    first, second = _read(file_path("a", a)), _read(file_path("b", b))
+    fits = first.fit, second.fit
+    sizes = [float(np.mean(np.abs(fit.raw_per_g))) for fit in fits]
+    if not 1.0 / UNIT < sizes[1] / sizes[0] < UNIT:
+        msg = (
+            f"A reads {sizes[0]:.5g} for g ({fits[0].raw_unit}) and B {sizes[1]:.5g} "
+            f"({fits[1].raw_unit}): another unit or range; calibrate both from "
+            "readings in one"
+        )
+        raise RefusedError(msg)
+    notes = [
+        "A and B are taken for independent data of one sensor; U is expanded to "
+        f"{100 * COVERAGE:g} %, and B - A is beyond it above E_n = 1"
+    ]
+    if fits[0].g != fits[1].g:
+        off = 100.0 * abs(fits[1].g / fits[0].g - 1.0)
+        notes.append(
+            f"A took {fits[0].g:.6g} m/s^2 for g and B {fits[1].g:.6g}: where one is "
+            f"wrong, its K is wrong by {off:.2g} %"
+        )
+    form, other = fits[0].model, fits[1].model
+    if form != other:
+        notes.append(f"accelerometer: B, of the {other} form, is turned to the {form}")
+    own = _of_fit(fits[1].to_form(form), second.own.dof)
+    found = [
+        SensorComparison(
+            sensor="accelerometer", names=fits[0].names, a=first.own, b=own,
+            unit=" m/s^2",
+        )
+    ]  # fmt: skip
+    for sensor, (names, unit) in FURTHER.items():
+        why = _apart(first, second, sensor)
+        if why:
+            notes.append(f"{sensor}: not compared, {why}")
+        elif sensor in first.others:
+            states = first.others[sensor], second.others[sensor]
+            each = dict(zip("ab", states, strict=True))
+            found.append(
+                SensorComparison(sensor=sensor, names=names, unit=unit, **each)
+            )
+    for what in sorted(first.more | second.more):
+        which = "".join(
+            "AB"[k] for k, x in enumerate((first, second)) if what in x.more
+        )
+        notes.append(f"{' and '.join(which)}: {what}, not compared")
+    return CalibrationComparison(sensors=tuple(found), notes=tuple(notes), alpha=alpha)
+
+
+def _apart(first: "_File", second: "_File", sensor: str) -> str:
+    """Why a sensor of one file or both cannot be compared; nothing if it can."""
+    a, b = first.others.get(sensor), second.others.get(sensor)
+    if a is None or b is None:
+        return "" if a is b else f"only {'A' if b is None else 'B'} has one"
+    forms = first.fit.model, second.fit.model
+    if forms[0] != forms[1]:
+        return (
+            f"its axes are those of the {forms[0]} form in A and of the {forms[1]} in "
+            "B; calibrate both with one --model"
+        )
+    if not 1.0 / FIELDS < b.size / a.size < FIELDS:
+        return (
+            f"A takes the field for {a.size:.5g} and B for {b.size:.5g}; state --field "
+            "in one unit"
+        )
+    return ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _File:
+    """What a file states, and what it has more than is compared."""
+
+    fit: FitResult
+    own: State
+    others: dict[str, State]
+    more: frozenset[str]
+
+
+def _read(path: Path) -> _File:
+    fit = load_calibration(path)
+    if not fit.converged:
+        msg = f"{path}: `status` is {str(fit.status)!r}; calibrate again, {fit.advice}"
+        raise RefusedError(msg)
+    if fit.covariance_kind == "type A" and fit.dof < 1:
+        msg = f"{path}: `dof` is {fit.dof}, and a Type A covariance has one or more"
+        raise InputError(msg)
+    gyroscope, magnetometer = load_others(path)
+    blocks, others, more = load_blocks(path), {}, set()
+    for sensor, terms in load_thermal(path).items():
+        more.add(
+            f"the {sensor} is that at {terms.reference:.1f} degC; its terms in "
+            f"temperature, {terms.low:.1f} to {terms.high:.1f} degC"
+        )
+    if gyroscope is not None:
+        others["gyroscope"] = _state(path, blocks[0], gyroscope.M, gyroscope.B)
+        if np.any(gyroscope.G):
+            more.add("a gyroscope that feels force")
+    if magnetometer is not None:
+        own = _state(path, blocks[1], magnetometer.M, magnetometer.b)
+        others["magnetometer"] = own
+        if own.size == 1.0:
+            more.add("a field of 1 for its strength, which is another elsewhere")
+    guessed = fit.covariance_kind == "type A" and fit.dof < MANY
+    dof = float(fit.dof) if guessed else np.inf
+    own = _of_fit(fit, dof)
+    return _File(fit=fit, own=own, others=others, more=frozenset(more))
+
+
+def _of_fit(fit: FitResult, dof: float) -> State:
+    return State(
+        parameters=fit.parameters,
+        covariance=fit.covariance,
+        dof=dof,
+        matrix=fit.matrix,
+        bias=fit.B,
+        size=fit.g,
+    )
+
+
+def _state(path: Path, block: Any, M: Array, bias: Array) -> State:
+    values = np.concatenate([M.ravel(), bias])
+    try:
+        count = len(instance("names", block.get("names", [""] * len(values)), list))
+        P = array(block, "covariance", (count, count))[: len(values), : len(values)]
+        size = positive_number("field", block.get("field", 1.0), "")
+        variance = np.diagonal(P)
+        if (
+            P.shape != 2 * values.shape
+            or not (np.isnan(variance) | (variance > 0)).all()
+        ):
+            msg = "`covariance` is not that of its parameters; leave it out"
+            raise InputError(msg)
+    except InputError as error:
+        msg = f"{path}: {error}"
+        raise InputError(msg) from None
+    return State(
+        parameters=values,
+        covariance=P,
+        dof=np.inf,
+        matrix=M,
+        bias=bias,
+        size=size,
+    )
