@@ -38,6 +38,7 @@ STUDIES: Final = (
     "calibration",
     "ladder",
     "coverage",
+    "thermal",
     "gyroscope",
     "solvers",
     "magnetometer",

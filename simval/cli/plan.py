@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
@@ -12,6 +12,10 @@ from simval.cli.options import AsJson, Gravity, declared, refuse_if, stated
 from simval.cli.terminal import say
 from simval.errors import InputError
 from simval.vocabulary import Model
+
+if TYPE_CHECKING:
+    from simval.arrays import Array
+    from simval.shapes import Float
 
 SOURCES = {
     "given": "",
@@ -67,6 +71,15 @@ def command(
         "Time of the rotation between two poses, for the gyroscope.  [default: 2]",
         dict(metavar="SECONDS"),
     ] = None,
+    temperatures: Annotated[
+        str | None,
+        "Temperatures that can be had, degC, as 10,25,40: plan which pose to take at "
+        "which of them, for bias and scale that depend on it.",
+    ] = None,
+    rests: Annotated[
+        int | None,
+        "Rests to take over --temperatures.  [default: as many as poses, 20 at least]",
+    ] = None,
     g: Annotated[Gravity, "Gravity, m/s^2."] = 9.80665,
     model: Annotated[
         Model, "Form of the matrix whose parameters are predicted."
@@ -82,6 +95,9 @@ def command(
     With --angle-random-walk the command also predicts the error bars of a gyroscope's
     matrix and bias, for the shortest rotations between the poses in their order,
     and the next rotation that would help most.
+
+    With --temperatures it says which pose to take at which temperature, and how well
+    linear terms of bias and scale will be known, of an ideal sensor.
     """
     from simval.poses import named_poses, read_directions
     from simval.theory.plans import (
@@ -125,6 +141,13 @@ def command(
         from simval.imu.multiposition.noise import planned_noise
 
         std = planned_noise(noise_file, hold, known)
+    refuse_if(
+        rests is not None and temperatures is None,
+        "`--rests` is of a plan over temperature; give `--temperatures` too",
+    )
+    if temperatures is not None:
+        say(thermal_lines(chosen, temperatures, rests, std, g, known, as_json=as_json))
+        return
     result = plan(chosen, std, sensor=known, g=g, form=model)
     source = "given" if noise_std is not None else "white"
     source = source if noise_file is None else "file"
@@ -147,6 +170,45 @@ def command(
         return
     say(described(result, model, g, SOURCES[source]))
     say(gyroscope_described(turned) if turned else ())
+
+
+def thermal_lines(
+    directions: Float[Array, "n 3"],
+    temperatures: str,
+    rests: int | None,
+    noise_std: float,
+    g: float,
+    sensor: object,
+    *,
+    as_json: bool,
+) -> list[str]:
+    """Which pose to take at which temperature, as text or as JSON."""
+    from simval.theory.thermal import plan_thermal, thermal_described
+
+    refuse_if(
+        sensor is not None,
+        "`--temperatures` plans for an ideal sensor; leave out `--sensor`, and give "
+        "the noise in m/s^2",
+    )
+    try:
+        degrees = [float(each) for each in temperatures.split(",")]
+    except ValueError:
+        msg = (
+            f"`--temperatures` is {temperatures!r}; give numbers with commas between "
+            "them, degC, as 10,25,40"
+        )
+        raise InputError(msg) from None
+    count = max(len(directions), 20) if rests is None else rests
+    found = plan_thermal(directions, degrees, noise_std, rests=count, g=g)
+    if not as_json:
+        return thermal_described(found)
+    made = {
+        "directions": found.directions.tolist(),
+        "temperatures": found.temperatures.tolist(),
+        "reference": found.reference,
+        "sd": dict(zip(found.names, found.sd.tolist(), strict=True)),
+    }
+    return [json.dumps(made)]
 
 
 def noise_of(

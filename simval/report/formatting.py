@@ -93,6 +93,7 @@ class Parameter(NamedTuple):
 
 ACCELEROMETER = (
     "calibration", "calibrator", "coverage", "detector", "ladder", "solvers",
+    "thermal",
 )  # fmt: skip
 """Studies whose noise is that of an accelerometer, not of a unit vector."""
 
@@ -120,6 +121,7 @@ PARAMETERS = {
     "rows": Parameter("rows", counted=True),
     "seconds": Parameter("length", "s"),
     "shift": Parameter("wrong vector off by", "standard deviations"),
+    "temperature_span": Parameter("span of temperature", "K"),
     "trim": Parameter("trim", "samples"),
     "vectors": Parameter("vectors", counted=True),
     "walk": Parameter("random walk / white noise", "Hz"),

@@ -28,6 +28,7 @@ TAIL_RUNS = {
     "calibration": 500,
     "ladder": 500,
     "coverage": 500,
+    "thermal": 50,
     "gyroscope": 20,
     "magnetometer": 100,
     "attitude": 1000,

@@ -32,6 +32,7 @@ from simval.studies import (
     magnetometer,
     noise_model,
     sampling,
+    thermal,
 )
 from simval.theory.two_vector import two_vector_geometry
 
@@ -183,6 +184,9 @@ SETTINGS: Final[Mapping] = MappingProxyType(
         ),
         "coverage": sampled(
             coverage, poses=(15, 60), sigma=either("known", "type A"), trials=4 * FEW
+        ),
+        "thermal": sampled(
+            thermal, poses=(24, 60), temperature_span=(10.0, 60.0), trials=FEW
         ),
         "gyroscope": sampled(gyroscope, poses=(13, 17), trials=256),
         "magnetometer": sampled(

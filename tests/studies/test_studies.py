@@ -58,6 +58,7 @@ SMALL = {  # study, parameters, and how many of its rows are judged
     },
     "type A": ("coverage", {"poses": 12, "trials": 4096}, 16, ()),
     "known": ("coverage", {"sigma": "known", "poses": 12, "trials": 4096}, 16, ()),
+    "temperature": ("thermal", {"trials": 1024}, 32, CI),
     "solvers": ("solvers", {}, 7, ()),
     "attitude": ("attitude", {"noise_std": 0.02, "samples": 400_000}, 59, ()),
     "attitude_order": ("attitude_order", {"noise": "full"}, 10, ()),

@@ -492,8 +492,8 @@ def at_temperature(
             msg = (
                 f"the calibration of the {name} depends on temperature (at "
                 f"{own.reference:.1f} degC, seen from {own.low:.1f} to {own.high:.1f}) "
-                "and the log has none; name its column `temp` (--columns), or state "
-                "it (--temperature DEGC)"
+                "and the log has none; name its column `temp` (--columns), or, of "
+                "`simval correct`, state it (--temperature DEGC)"
             )
             raise RefusedError(msg)
         rows, off = own.outside(temperature)

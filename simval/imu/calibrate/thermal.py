@@ -111,7 +111,8 @@ class ThermalTriad(Accelerometer):
 
 def names_of(terms: tuple[Term, ...]) -> tuple[str, ...]:
     """Names of the coefficients of some terms, axis by axis."""
-    return tuple(f"{what}_{a} per K^{j}" for what, j in terms for a in "xyz")
+    power = {1: "K", 2: "K^2"}
+    return tuple(f"{what}_{a} per {power[j]}" for what, j in terms for a in "xyz")
 
 
 def split(

@@ -12,8 +12,10 @@ import numpy as np
 from simval.arrays import Array, frozen
 from simval.errors import InputError, RefusedError
 from simval.imu.calibrate.files import (
+    at_temperature,
     load_calibration,
     load_others,
+    load_thermal,
     require_same_sensor,
 )
 from simval.imu.filters.signals import Told
@@ -130,6 +132,11 @@ def _require_gyroscope(log: Log) -> None:
 
 def _calibrated(log: Log, raw: Signals, path: str) -> Signals:
     fit = load_calibration(path).require_converged()
+    rows = {"accelerometer": log.accelerometer, "gyroscope": log.gyro}
+    rows["magnetometer"] = log.magnetometer
+    at, _ = at_temperature(load_thermal(path), rows, log.temperature)
+    log = replace(log, accelerometer=at["accelerometer"], gyro=at["gyroscope"])
+    log = replace(log, magnetometer=at["magnetometer"])
     require_same_sensor(fit, log.accelerometer, log.rate)
     force = fit.sensor().correct(log.accelerometer)
     gyroscope, magnetometer = load_others(path)

@@ -1,0 +1,211 @@
+r"""Bound of a calibration whose bias and scale depend on temperature, and its plan.
+
+A reading at the temperature offset :math:`\tau` of a force a of length g is
+:math:`y = b + \beta + (M^{-1}a)/(1 + \kappa)`, :math:`\beta` and :math:`\kappa` sums of
+powers of :math:`\tau`; its direction is not known, so that a rest says no more than
+:math:`|M(1 + \kappa)\circ(y - b - \beta)|^2 = g^2`. The temperature is known, so its
+terms are further parameters with the columns of bias and scale, times a power of it;
+of an ideal sensor, after (P1) of `simval.poses`,
+
+.. math:: \bigl[\,j(u),\ -2\tau^j u_a,\ 2\tau^j u_a^2\,\bigr]. \tag{TH2}
+
+A plan adds the rest, of the poses and temperatures that can be had, that tells most
+(`simval.poses.best_addition`), until there are as many as wanted.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simval.arguments import whole_number
+from simval.arrays import Array, ReadOnly, physical_array, positive_number
+from simval.errors import GeometryError, InputError
+from simval.geometry import normalize
+from simval.imu.sensor import AccelerometerModel, forms
+from simval.poses import PARAMETERS, best_addition, direction_jacobian, one_set
+from simval.shapes import Float, Inexact
+from simval.theory.estimating import Block, Estimating
+
+Terms = tuple[tuple[str, int], ...]  # bias or scale, and the power of the temperature
+LINEAR: Terms = (("bias", 1), ("scale", 1))
+MOST = 200
+"""Rests of a plan: each looks at every pose at every temperature."""
+_FAINT = 1e-8  # relative, of an eigenvalue: rounding leaves 1e-15
+
+
+def thermal_equations(
+    model: AccelerometerModel,
+    directions: Float[Array, "n 3"],
+    tau: Float[Array, " n"],
+    coefficients: Float[Array, "k 3"],
+    noise_std: float,
+    *,
+    g: float = 9.80665,
+    terms: Terms = LINEAR,
+) -> Estimating:
+    """Equations of a calibration with terms in temperature, at the truth."""
+    powers = np.stack([tau**power for _, power in terms], axis=-1)
+
+    def parts(theta: Inexact[Array, "t p"]) -> tuple[Any, Any]:
+        values = theta[:, PARAMETERS:].reshape(len(theta), -1, 3)
+        found: dict[str, Any] = {"bias": 0.0, "scale": 1.0}
+        for k, (what, _) in enumerate(terms):
+            found[what] = found[what] + powers[:, k, None] * values[:, None, k]
+        return found["bias"], found["scale"]
+
+    def rows(
+        theta: Inexact[Array, "t p"], y: Inexact[Array, "t n 3"]
+    ) -> Inexact[Array, "t n 1"]:
+        shift, stretch = parts(theta)
+        M = forms.matrix("triangular", theta[:, :PARAMETERS]) / g
+        f = (stretch * (y - theta[:, None, 6:9] - shift)) @ np.swapaxes(M, -1, -2)
+        return np.sum(f * f, axis=-1, keepdims=True) - 1.0
+
+    theta = np.concatenate([model.parameters, coefficients.ravel()])
+    shift, stretch = parts(theta[None])
+    force = g * normalize(one_set("directions", directions))
+    readings = model.B + shift + np.linalg.solve(model.matrix, force.T).T / stretch
+    noise = np.full((len(force), 3), noise_std)
+    return Estimating(
+        blocks=(Block(rows=rows, y=readings[0], sigma=noise),), theta=theta
+    )
+
+
+def thermal_jacobian(
+    directions: Float[Array, "n 3"], tau: Float[Array, " n"], terms: Terms = LINEAR
+) -> Float[Array, "n p"]:
+    """Rows (TH2) of an ideal sensor."""
+    nine = direction_jacobian(directions)
+    own = {"scale": nine[:, 3:6], "bias": nine[:, 6:]}
+    more = [own[what] * (tau**power)[:, None] for what, power in terms]
+    return np.concatenate([nine, *more], axis=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ThermalPlan(ReadOnly):
+    """Rests of a calibration over temperature, in the order in which they tell most.
+
+    Attributes
+    ----------
+    directions : Array
+        Specific force of each rest, sensor axes, unit length, (n, 3).
+    temperatures : Array
+        Of each rest, degrees Celsius, (n,).
+    names : tuple of str
+        Names of the parameters, the nine and then the coefficients.
+    sd : Array
+        Standard deviation of each at the mean temperature: rad, 1, m/s^2, and m/s^2/K
+        or 1/K for the coefficients, (p,).
+    reference : float
+        The mean of the temperatures that were given, degrees Celsius.
+    """
+
+    directions: Float[Array, "n 3"]
+    temperatures: Float[Array, " n"]
+    names: tuple[str, ...]
+    sd: Float[Array, " p"]
+    reference: float
+
+
+def plan_thermal(
+    directions: Any,
+    temperatures: Any,
+    noise_std: float,
+    *,
+    rests: int,
+    g: float = 9.80665,
+    terms: Terms = LINEAR,
+) -> ThermalPlan:
+    """Choose which pose to take at which temperature.
+
+    Parameters
+    ----------
+    directions : array_like
+        Poses that can be had, sensor axes, (n, 3), of any length but 0.
+    temperatures : array_like
+        Temperatures that can be had, degrees Celsius: two or more, of a square three.
+    noise_std : float
+        Noise of each axis of a pose mean, m/s^2.
+    rests : int
+        Rests to take; each pair may be taken again.
+    g : float, default 9.80665
+        Gravity, m/s^2.
+    terms : tuple, default bias and scale, linear
+        What depends on temperature.
+
+    Returns
+    -------
+    ThermalPlan
+        The rests, and the error bars that they leave.
+
+    Raises
+    ------
+    InputError
+        If an argument is not usable.
+    GeometryError
+        If so many rests of these poses and temperatures do not tell the terms.
+    """
+    u = normalize(one_set("directions", directions))
+    degrees = physical_array("temperatures", temperatures, (None,))
+    sigma = positive_number("noise_std", noise_std, "m/s^2")
+    g = positive_number("g", g, "m/s^2")
+    size = PARAMETERS + 3 * len(terms)
+    rests = whole_number("rests", rests, size, MOST)
+    least = 1 + max(power for _, power in terms)
+    if degrees.ndim != 1 or len(np.unique(degrees)) < least:
+        msg = (
+            f"`temperatures` is {degrees.tolist()}; {least} or more different ones, in "
+            "degrees Celsius, are needed"
+        )
+        raise InputError(msg)
+    reference = float(degrees.mean())
+    half = float(np.abs(degrees - reference).max())
+    which = np.repeat(np.arange(len(degrees)), len(u))
+    every = np.tile(u, (len(degrees), 1))
+    # the temperature in units of half its range, so that all columns are of one size
+    rows = thermal_jacobian(every, (degrees[which] - reference) / half, terms)
+    each = rows[:, :, None] * rows[:, None]
+    told, taken = np.zeros((size, size)), []
+    for _ in range(rests):
+        taken.append(best_addition(told, each))
+        told = told + each[taken[-1]]
+    values = np.linalg.eigvalsh(told)
+    if not values[0] > _FAINT * values[-1]:
+        msg = (
+            f"{rests} rests of {len(u)} poses at {len(degrees)} temperatures do not "
+            "tell every term; give poses all over the sphere, or more rests"
+        )
+        raise GeometryError(msg)
+    # the noise of a row is 2 sigma / g; biases of the rows are in units of g
+    sd = 2.0 * sigma / g * np.sqrt(np.diagonal(np.linalg.inv(told)))
+    unit = [1.0] * 6 + [g] * 3
+    for what, power in terms:
+        unit += [(g if what == "bias" else 1.0) / half**power] * 3
+    names = forms.names("triangular") + tuple(
+        f"{what}_{a} per {'K' if power == 1 else f'K^{power}'}"
+        for what, power in terms
+        for a in "xyz"
+    )
+    return ThermalPlan(
+        directions=every[taken], temperatures=degrees[which][taken], names=names,
+        sd=sd * np.array(unit), reference=reference,
+    )  # fmt: skip
+
+
+def thermal_described(plan: ThermalPlan) -> list[str]:
+    """Say which poses to take at which temperature, and what that will tell."""
+    lines = ["rests by temperature, specific force in sensor axes:"]
+    for degrees in np.unique(plan.temperatures):
+        own = plan.directions[plan.temperatures == degrees]
+        lines.append(f"  {degrees:g} degC: {len(own)} rests")
+        lines += ["    " + " ".join(f"{x:6.2f}" for x in u) for u in own]
+    lines.append(f"predicted sd at {plan.reference:g} degC, rad, 1, m/s^2, and per K:")
+    lines += [
+        f"  {name:14s} {sd:.3g}" for name, sd in zip(plan.names, plan.sd, strict=True)
+    ]
+    lines.append(
+        "take the temperatures up and down, not in one way: what drifts with time then "
+        "looks like none of the terms"
+    )
+    return lines
