@@ -166,9 +166,9 @@ POSE = [
 ]
 
 
-def euroc(path, us, force, rate, field):
+def euroc(path, us, force, rate, field, q=None):
     """https://projects.asl.ethz.ch/datasets/doku.php?id=kmavvisualinertialdatasets."""
-    ns = EPOCH + 1000 * us
+    ns, q = EPOCH + 1000 * us, attitudes(us) if q is None else q
     imu = ["#timestamp [ns]", *(f"w_RS_S_{a} [rad s^-1]" for a in XYZ),
            *(f"a_RS_S_{a} [m s^-2]" for a in XYZ)]  # fmt: skip
     truth = ["#timestamp", *POSE[1:], *(f" v_RS_R_{a} [m s^-1]" for a in XYZ),
@@ -180,7 +180,7 @@ def euroc(path, us, force, rate, field):
         "mav0/imu0/data.csv": table(imu, ns, rate, force),
         "mav0/imu0/sensor.yaml": "sensor_type: imu\nrate_hz: 200\n",
         "mav0/state_groundtruth_estimate0/data.csv": table(
-            truth, ns, force, attitudes(us), force, force, force),
+            truth, ns, force, q, force, force, force),
     })  # fmt: skip
 
 

@@ -193,7 +193,7 @@ def truth_of(
     """Recorded attitudes: columns of the log, a file of their own, or none."""
     from simval.imu.logs import read_truth
 
-    if truth is not None and Path(truth).exists():
+    if truth is not None and truth != "log" and Path(truth).exists():
         return read_truth(truth, columns=columns, rate=rate)
     refuse_if(
         rate is not None,

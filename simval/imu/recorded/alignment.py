@@ -27,7 +27,7 @@ would share its noise with the residuals: between two rows an interpolation has 
 noise than on one, and least squares would move the clock to where there is less.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -583,5 +583,9 @@ def prepared(
     )
     if recorded is None:
         return with_gyro_unit(found, None), None
+    start = float(log.time[0])
+    if np.spacing(start) > 1e-9:  # seconds since 1970: both from the log's start on
+        found = replace(found, time=found.time - start)
+        recorded = replace(recorded, time=recorded.time - start)
     alignment = align(recorded, found, world)
     return with_gyro_unit(found, alignment.fit.scale), alignment
