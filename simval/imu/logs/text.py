@@ -30,6 +30,7 @@ from simval.imu.logs.tables import ArrayTable
 from simval.shapes import Float
 
 _PLAIN_CONTROLS = "\t\n\r\f\v\x1a\0"  # the last but one ends a file of DOS
+_MARK = re.compile("[.,]")
 _PADDING = re.compile("\0+")
 Said = tuple[tuple[str, str], ...]
 
@@ -431,16 +432,23 @@ class _Body:
         return above
 
     def end(self, *, whole: bool) -> None:
-        """Leave out a last row that is cut off."""
+        """Leave out a last row that is cut off, or may be: one without an end of line.
+
+        Its last field has fewer decimals than nearly all, or fewer digits than a count
+        can have. Where numbers have 17 digits, one without the last two may be left.
+        """
         self._leave_out_cut("at the end")
-        if whole or len(self.rows) < 20:
+        if whole or len(self.rows) < 3:
             return
-        *others, last = (line for _, line in self.rows)
-        texts = [line.rsplit(self.dialect.mark, 1)[-1].strip() for line in others]
-        text = last.rsplit(self.dialect.mark, 1)[-1].strip()
+        *others, last = (
+            line.rsplit(self.dialect.mark, 1)[-1].strip() for _, line in self.rows
+        )
+        digits = sorted(len(_MARK.split(text)[-1]) for text in others)
+        counts = not any(_MARK.search(text) for text in others)
+        usual = digits[-1] if counts else digits[len(digits) // 20]
         number = self.dialect.is_number
-        cut = number(texts[-1]) and not number(text)
-        if cut or len(text) < min(map(len, texts)):
+        cut = number(others[-1]) and not number(last)
+        if cut or len(_MARK.split(last)[-1]) < usual:
             self._leave_out("at the end, without an end of line")
 
     def _leave_out_cut(self, where: str) -> None:
