@@ -85,7 +85,7 @@ def tables_of(source: Source) -> Table | Candidates:
     """
     for start, unpacker in PACKED.items():
         if source.start.startswith(start):
-            inside = partial(unpacked, source, unpacker())
+            inside = partial(unpacked, source, unpacker)
             return tables_of(Source(path=source.path, inside=inside))
     reader = next(each for each in READERS if each.sniff(source))
     kinds = [kind for start, kind in UNREAD.items() if source.start.startswith(start)]
@@ -95,7 +95,7 @@ def tables_of(source: Source) -> Table | Candidates:
     return reader.read(source)
 
 
-def unpacked(source: Source, unpacker: Any) -> bytes:
+def unpacked(source: Source, unpacker: Callable[[], Any]) -> bytes:
     """Content of a compressed file.
 
     Raises
@@ -104,18 +104,22 @@ def unpacked(source: Source, unpacker: Any) -> bytes:
         If it is damaged, cut off, or far larger than a log of its size.
     """
     most = min(MOST_LOG, MOST_RATIO * source.size)
-    try:
-        content = bytes(unpacker.decompress(source.content, most + 1))
-    except (OSError, EOFError, zlib.error, lzma.LZMAError, MemoryError) as error:
-        msg = f"{source.path} cannot be unpacked ({error}); copy or make it again"
-        raise InputError(msg) from None
+    content, packed, whole = b"", source.content, True
+    while packed and whole and len(content) <= most:  # several, one behind another
+        own = unpacker()
+        try:
+            content += own.decompress(packed, most + 1 - len(content))
+        except (OSError, EOFError, zlib.error, lzma.LZMAError, MemoryError) as error:
+            msg = f"{source.path} cannot be unpacked ({error}); copy or make it again"
+            raise InputError(msg) from None
+        whole, packed = own.eof, own.unused_data.lstrip(b"\0")
     if len(content) > most:
         msg = (
             f"{source.path} unpacks to more than {most:,} bytes, {MOST_RATIO} times "
             "its size or more than any log; unpack it yourself if it is one"
         )
         raise InputError(msg)
-    if not unpacker.eof:
+    if not whole:
         msg = f"{source.path} is cut off: its end is missing; copy or make it again"
         raise InputError(msg)
     if content.startswith(tuple(PACKED)):

@@ -1,7 +1,9 @@
 """Logs in every layout and spelling, their clocks, and every bad file by its words."""
 
+import bz2
 import gzip
 import io
+import lzma
 import re
 
 import numpy as np
@@ -24,6 +26,20 @@ ROWS[:, 0] = 0.01 * np.arange(10)
 
 def write(folder, rows, separator=" ", header=""):
     return written(folder / "log.txt", header.rstrip("\n"), rows, mark=separator)
+
+
+@pytest.mark.parametrize("kind", [gzip, bz2, lzma], ids=lambda kind: kind.__name__)
+def test_packed_parts_one_behind_another_are_one_log(tmp_path, kind):
+    whole = "\n".join(NUMBERS).encode()
+    (tmp_path / "log").write_bytes(
+        kind.compress(whole[:99]) + kind.compress(whole[99:])
+    )
+    (tmp_path / "plain").write_bytes(whole)
+    found = [read_log(tmp_path / name) for name in ("log", "plain")]
+    assert found[0].accelerometer.tolist() == found[1].accelerometer.tolist()
+    (tmp_path / "log").write_bytes(kind.compress(whole) + b"rest")
+    with pytest.raises(InputError, match="cannot be unpacked"):
+        read_log(tmp_path / "log")
 
 
 @pytest.mark.parametrize(
