@@ -34,6 +34,7 @@ for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
 _ENTRIES = np.eye(9).reshape(9, 3, 3)  # derivative of M by its entries, row by row
 # of its cofactors, by entry ab: sum over l, n of e_ial e_jbn M_ln
 _COFACTOR = np.einsum("lia,njb->lnabij", _CROSS, _CROSS).reshape(9, 81)
+_CACHED = 1 << 12  # chunks worked at once: thirty arrays of 32 kB, 3 times as fast
 _SMALL = 1e-2  # rad; the next term of each series is below 1e-16 of its first
 
 
@@ -103,12 +104,15 @@ def rotations(
     """Rotations and derivatives, eqs. (N1) and (N3)."""
     t, k, _, j = statistics.shape
     phi = _vectors(statistics, M, B)
-    D, q = _swept(phi, prefixes(quaternions(phi)))
-    flat = np.moveaxis(D.reshape(9, j, t, k), 1, -1)  # 9 t k j
+    whole, swept = prefixes(quaternions(phi)), np.empty((3, 3, j, t * k))
+    size = max(1, _CACHED // (t * k))
+    for some in (slice(i, i + size) for i in range(0, j, size)):
+        swept[:, :, some] = _swept(phi[:, some], whole[:, :-1][:, some])
+    flat = np.moveaxis(swept.reshape(9, j, t, k), 1, -1)  # 9 t k j
     D = np.ascontiguousarray(np.moveaxis(flat, 0, 2))  # t k 9 j
     moments = D @ np.swapaxes(statistics, -1, -2)  # t k 9 10
     slopes = moments.reshape(t, k, 3, 30) @ map_slopes(M, B)[:, None]
-    C = _matrices(q, t, k)
+    C = _matrices(whole[:, -1], t, k)
     return Rotations(statistics=statistics, M=M, B=B, C=C, slopes=slopes, D=D)
 
 
@@ -204,9 +208,9 @@ def prefixes(q: Float[Array, "4 j n"]) -> Float[Array, "4 i n"]:
 
 
 def _swept(
-    phi: Float[Array, "3 j n"], whole: Float[Array, "4 i n"]
-) -> tuple[Float[Array, "3 3 j n"], Float[Array, "4 n"]]:
-    # D = C J(phi), J = I + b [phi x] + c (phi phi' - |phi|^2 I); the last quaternion
+    phi: Float[Array, "3 j n"], before: Float[Array, "4 j n"]
+) -> Float[Array, "3 3 j n"]:
+    # D = C J(phi), J = I + b [phi x] + c (phi phi' - |phi|^2 I)
     angle = _length(phi)
     squared = angle * angle
     half = np.sin(0.5 * angle)
@@ -226,12 +230,12 @@ def _swept(
         np.subtract(even, bphi[k], out=J[i, j])
         np.add(even, bphi[k], out=J[j, i])
         np.subtract(1.0, c * (squares[i] + squares[j]), out=J[k, k])
-    C = _entries(whole[:, :-1])
+    C = _entries(before)
     D = C[:, 0, None] * J[0]
     for row, by in zip(D, C, strict=True):  # a row at a time stays in the cache
         row += by[1] * J[1]
         row += by[2] * J[2]
-    return D, whole[:, -1]
+    return D
 
 
 def _entries(q: Float[Array, "4 ..."]) -> Float[Array, "3 3 ..."]:
