@@ -22,6 +22,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import InputError
+from simval.extras import refuse_without
 from simval.files import MEBIBYTE
 from simval.imu.logs.source import Source
 
@@ -62,11 +63,8 @@ def read_apart(module: str, source: Source, kind: str) -> tuple[Any, list[Array]
         arrays = [sent[f"array{k}"] for k in range(len(sent.files) - 1)]
     if "missing" in values:
         package = values["missing"]
-        msg = (
-            f"{source.path} is {kind}, and the package {package!r}, which reads it, is "
-            f"not installed; pip install 'simval[{EXTRAS.get(package, 'logs')}]'"
-        )
-        raise InputError(msg)
+        what = f"{source.path} is {kind}, which the package {package!r} reads: it"
+        refuse_without(EXTRAS.get(package, "logs"), what)
     if "refused" in values:
         msg = f"{source.path}: {values['refused']}"
         raise InputError(msg)

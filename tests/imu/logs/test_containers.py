@@ -254,5 +254,5 @@ def test_a_package_that_is_not_there_is_named(name, package, tmp_path, monkeypat
     init = tmp_path / "none" / package / "__init__.py"
     init.write_text(f"raise ModuleNotFoundError(name={package!r})")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path / "none"), prepend=":")
-    with pytest.raises(InputError, match=rf"{package}.*pip install 'simval\["):
+    with pytest.raises(InputError, match=rf"{package}.*needs the extra `"):
         read_log(path)
