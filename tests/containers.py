@@ -75,8 +75,8 @@ def matlab(path, us, *sensors):
     return path
 
 
-def ros(path, us, force, rate, field=None, *, plugin=None):
-    """A bag by rosbags: of ROS 1 without a plugin for storage."""
+def ros(path, us, force, rate, field=None, *, plugin=None, stamped=True):
+    """A bag by rosbags: of ROS 1 without a plugin for storage, stamps if any."""
     first = plugin is None
     store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
     kinds = store.types
@@ -95,7 +95,7 @@ def ros(path, us, force, rate, field=None, *, plugin=None):
         for k, t in enumerate((us * 1000).tolist()):
             t += 10**9  # a bag's times are from an epoch
             stamp = kinds["builtin_interfaces/msg/Time"](
-                sec=t // 10**9, nanosec=t % 10**9
+                sec=stamped * t // 10**9, nanosec=stamped * t % 10**9
             )
             more = {"seq": k} if first else {}
             header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id="imu", **more)
@@ -165,28 +165,40 @@ def mcap_zstd(path, *log):
     return path
 
 
-def ulog(path, us, *sensors):
-    """By pyulog's writer, of three messages at the same times."""
+def ulog_of(path, messages):
+    """By pyulog: of each (name, number) the form of its fields, and their columns."""
     log = ULog(None)
-    for number, (name, values) in enumerate(
-        zip(("sensor_accel", "sensor_gyro", "sensor_mag"), sensors, strict=False)
-    ):
-        form = f"{name}:uint64_t timestamp;float x;float y;float z;".encode()
+    for at, ((name, number), (form, rows)) in enumerate(messages.items()):
+        text = f"{name}:{form}".encode()
         header = ULog._MessageHeader()
-        header.msg_size = len(form)
-        log._message_formats[name] = ULog.MessageFormat(form, header)
-        text = struct.pack("<BH", 0, number) + name.encode()
+        header.msg_size = len(text)
+        log._message_formats[name] = ULog.MessageFormat(text, header)
+        text = struct.pack("<BH", number, at) + name.encode()
         header.msg_size = len(text)
         own = ULog._MessageAddLogged(text, header, log._message_formats)
-        rows = np.zeros(len(us), own.dtype)
-        rows["timestamp"] = us + 1
-        for axis, column in zip("xyz", values.T, strict=True):
-            rows[axis] = column
-        own.buffer = bytearray(rows.tobytes())
+        columns = [rows[field] for field in own.dtype.names]
+        own.buffer = bytearray(np.rec.fromarrays(columns, own.dtype).tobytes())
         log._data_list.append(ULog.Data(own))
     path = path.with_suffix(".ulg")
     log.write_ulog(str(path))
     return path
+
+
+def ulog(path, us, *sensors):
+    """Three messages of the same times."""
+    form = "uint64_t timestamp;float x;float y;float z;"
+    return ulog_of(
+        path,
+        {
+            (name, 0): (
+                form,
+                {"timestamp": us + 1} | dict(zip("xyz", own.T, strict=True)),
+            )
+            for name, own in zip(
+                ("sensor_accel", "sensor_gyro", "sensor_mag"), sensors, strict=False
+            )
+        },
+    )
 
 
 def _dataflash(us, force, rate, field=None):

@@ -7,7 +7,7 @@ import shutil
 
 import numpy as np
 import pytest
-from containers import CHECKED, SINGLE, WRITERS
+from containers import CHECKED, SINGLE, WRITERS, ros, ulog_of
 from places import ROOT
 from places import recording as recording_of
 from text_forms import FORMS
@@ -215,6 +215,68 @@ def test_one_of_two_sensors_is_taken_by_its_name(tmp_path, simval):
         one = read_log(path, instance=name)
         np.testing.assert_array_equal(one.accelerometer, log[1])
         assert one.described()[0] == f"instance          {name}, one of IMU 0, IMU 1"
+
+
+def test_a_flight_log_of_px4_is_read_by_its_one_quick_sensor(tmp_path):
+    """What PX4 writes by default: drivers once a second, the corrected ones quickly."""
+    us, force, rate, field = recording("ulog")
+    three = dict(zip("xyz", np.ones((3, 3)), strict=True))
+    form = "uint64_t timestamp;float x;float y;float z;"
+    combined = {"timestamp": us + 1, "accelerometer_timestamp_relative": 0 * us}
+    combined["accelerometer_timestamp_relative"][7] = 2**31 - 1  # no measurement
+    magnetic = {"timestamp": us[::5] + 1}
+    for k in range(3):
+        combined[f"gyro_rad[{k}]"] = rate[:, k]
+        combined[f"accelerometer_m_s2[{k}]"] = force[:, k]
+        magnetic[f"magnetometer_ga[{k}]"] = field[::5, k]
+    whole = (
+        "uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;"
+        "int32_t accelerometer_timestamp_relative;"
+    )
+    seconds = {"timestamp": np.arange(3) * 1_000_000} | three
+    messages = {
+        ("sensor_accel", 0): (form, seconds),
+        ("sensor_accel", 1): (form, seconds),
+        ("sensor_combined", 0): (whole, combined),
+        ("vehicle_magnetometer", 0): (
+            "uint64_t timestamp;float[3] magnetometer_ga;",
+            magnetic,
+        ),
+    }
+    log = read_log(ulog_of(tmp_path / "log", messages))
+    assert log.source[0] == ("instance", "sensor_combined")
+    assert "corrected by the autopilot" in dict(log.source)["readings"]
+    there = np.arange(ROWS) != 7
+    np.testing.assert_array_equal(log.accelerometer, force[there])
+    np.testing.assert_array_equal(log.gyro, rate[there])
+    nearest = np.abs(us[::5] - us[there, None]).argmin(axis=1)
+    np.testing.assert_array_equal(log.magnetometer, field[::5][nearest])
+
+
+def test_a_bag_without_stamps_is_read_by_the_times_of_receipt(tmp_path):
+    us, *sensors = recording("ros1")
+    log = read_log(ros(tmp_path / "log", us, *sensors, stamped=False))
+    np.testing.assert_array_equal(log.time, us / 1e6)
+    assert "times of receipt" in dict(log.source)["readings"]
+
+
+def test_old_names_of_ardupilots_sensors(tmp_path):
+    rows = [
+        "FMT, 1, 35, IMU2, Qffffff, TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ",
+        "FMT, 2, 35, ACC1, QQfff, TimeUS,SampleUS,AccX,AccY,AccZ",
+        "FMT, 3, 35, GYR1, QQfff, TimeUS,SampleUS,GyrX,GyrY,GyrZ",
+    ]
+    for k in range(40):
+        rows.append(f"IMU2, {10 * k}, 1, 2, 3, 4, 5, {k}")
+        rows.append(f"ACC1, 0, {1000 * k}, 1, 2, {k}")
+        rows.append(f"GYR1, 0, {1000 * k}, 4, 5, {-k}")
+    path = tmp_path / "old.log"
+    path.write_text("\n".join(["FMT, 128, 89, FMT, BBnNZ, Type", *rows, ""]))
+    for name, hertz in (("IMU2", 100.0), ("ACC1", 1000.0)):
+        log = read_log(path, instance=name)
+        np.testing.assert_array_equal(log.accelerometer[:, 2], np.arange(40))
+        assert log.gyro is not None
+        assert log.rate == pytest.approx(hertz, rel=1e-12)
 
 
 @pytest.mark.ci
