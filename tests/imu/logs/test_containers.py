@@ -206,7 +206,7 @@ def test_one_of_two_sensors_is_taken_by_its_name(tmp_path, simval):
     lines = path.read_text().splitlines()
     fields = [line.split(", ") for line in lines if line.startswith("IMU")]
     second = [", ".join([*each[:2], "1", *each[3:]]) for each in fields]
-    path.write_text("\n".join([*lines, *second]))
+    path.write_text("\n".join([*lines, *second, ""]))
     with pytest.raises(InputError, match="holds 2 sensors: IMU 0, IMU 1; give --inst"):
         read_log(path)
     with pytest.raises(InputError, match="none is called 'IMU 2'"):
