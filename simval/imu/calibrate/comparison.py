@@ -57,11 +57,12 @@ UNIT: Final = 1.4  # of readings for g: ranges and units differ by factors from 
 FIELDS: Final = 3.1  # of strengths of the field; 22 to 67 uT are on the Earth
 NODES: Final = 96  # leave 1e-4 of a chance at 1 degree of freedom, 1e-8 from 2 on
 MANY: Final = 10**6  # degrees of freedom from which a variance is known
-FURTHER: Final = {
+SENSORS: Final = {
+    "accelerometer": ((), " m/s^2"),
     "gyroscope": ((*FIELD_NAMES[:9], "B_x", "B_y", "B_z"), " rad/s"),
     "magnetometer": (FIELD_NAMES[:12], " units of field"),
 }
-"""Sensors after the accelerometer, and their parameters; a dip is of the place."""
+"""Names of their parameters, those of its form first; a dip is of the place."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -88,25 +89,13 @@ class State:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorComparison:
-    """One sensor in two files, eqs. (DC1) to (DC3).
-
-    Attributes
-    ----------
-    sensor : str
-        Its name.
-    names : tuple of str
-        Names of the p parameters.
-    a, b : State
-        What each file states.
-    unit : str
-        Unit of the vector whose correction is compared: of 1 g, 1 rad/s, the field.
-    """
+    """One sensor in two files, eqs. (DC1) to (DC3)."""
 
     sensor: str
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the p parameters
     a: State
     b: State
-    unit: str
+    unit: str  # of the vector whose correction is compared
 
     @property
     def difference(self) -> Float[Array, " p"]:
@@ -178,21 +167,11 @@ def _variances(dof: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CalibrationComparison:
-    """Two calibration files of one set of sensors.
+    """Two calibration files of one set of sensors."""
 
-    Attributes
-    ----------
-    sensors : tuple of SensorComparison
-        Those that both files have and that can be compared.
-    notes : tuple of str
-        What is not compared, and what was taken for granted.
-    alpha : float
-        False-alarm rate of the verdict.
-    """
-
-    sensors: tuple[SensorComparison, ...]
-    notes: tuple[str, ...]
-    alpha: float
+    sensors: tuple[SensorComparison, ...]  # that both have
+    notes: tuple[str, ...]  # what is not compared, and what is taken for granted
+    alpha: float  # false-alarm rate of the verdict
 
     @property
     def p_values(self) -> dict[str, float]:
@@ -212,25 +191,21 @@ class CalibrationComparison:
         p = self.p_values
         if self.drifted is None:
             return "not told: no sensor has its uncertainty in both files"
-        said = ", ".join(
-            f"{name} {f'{chance:.2g}' if chance > 0.0 else 'below 1e-300'}"
-            for name, chance in p.items()
+        level = self.alpha / len(p)
+        chances = (
+            f"{n} {x:.2g}" if x > 0.0 else f"{n} below 1e-300" for n, x in p.items()
         )
-        level = f"{self.alpha / len(p):.2g}"
+        said = f"chance {', '.join(chances)}, drifted below {level:.2g}"
         if not self.drifted:
-            alike = [n for n, chance in p.items() if 1.0 - chance < self.alpha / len(p)]
-            more = (
-                f"; {alike[0]}: more alike than independent data are" if alike else ""
-            )
-            words = f"the same within uncertainties: chance {said}"
-            return f"{words}, drifted below {level}{more}"
+            alike = next((name for name, x in p.items() if 1.0 - x < level), "")
+            more = f"; {alike}: more alike than independent data are" if alike else ""
+            return f"the same within uncertainties: {said}{more}"
         named = [
             f"{each.sensor} by {each.beyond or 'a combination, no parameter by itself'}"
             for each in self.sensors
-            if p.get(each.sensor, 1.0) < self.alpha / len(p)
+            if p.get(each.sensor, 1.0) < level
         ]
-        words = f"drifted, or two sensors: {'; '.join(named)}; chance {said}"
-        return f"{words}, drifted below {level}"
+        return f"drifted, or two sensors: {'; '.join(named)}; {said}"
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
@@ -243,13 +218,7 @@ class CalibrationComparison:
         yield f"verdict           {self.verdict}"
 
     def as_object(self) -> dict[str, Any]:
-        """Return it as JSON can hold it.
-
-        Returns
-        -------
-        dict
-            Verdict, chances, and of each sensor its parameters, E_n and change.
-        """
+        """Return it as JSON can hold it."""
         return {
             "format": "simval calibration comparison 1",
             "drifted": self.drifted,
@@ -296,21 +265,9 @@ def _object(each: SensorComparison) -> dict[str, Any]:
 
 
 def compare_calibrations(
-    a: str | PathLike[str], b: str | PathLike[str], alpha: float = ALPHA
+    earlier: str | PathLike[str], later: str | PathLike[str], alpha: float = ALPHA
 ) -> CalibrationComparison:
-    """Compare two calibration files of one sensor.
-
-    Parameters
-    ----------
-    a, b : path-like
-        Files that ``simval calibrate --out`` wrote, the earlier first.
-    alpha : float
-        False-alarm rate of the verdict, all sensors together.
-
-    Returns
-    -------
-    CalibrationComparison
-        Differences with their uncertainties, and the verdict.
+    """Compare two files of one sensor, at a false-alarm rate of all its parts.
 
     Raises
     ------
@@ -319,7 +276,8 @@ def compare_calibrations(
     RefusedError
         If they are of readings in different units, or a fit did not converge.
     """
-    first, second = _read(file_path("a", a)), _read(file_path("b", b))
+    first = _read(file_path("earlier", earlier))
+    second = _read(file_path("later", later))
     fits = first.fit, second.fit
     sizes = [float(np.mean(np.abs(fit.raw_per_g))) for fit in fits]
     if not 1.0 / UNIT < sizes[1] / sizes[0] < UNIT:
@@ -342,38 +300,31 @@ def compare_calibrations(
     form, other = fits[0].model, fits[1].model
     if form != other:
         notes.append(f"accelerometer: B, of the {other} form, is turned to the {form}")
-    own = _of_fit(fits[1].to_form(form), second.own.dof)
-    found = [
-        SensorComparison(
-            sensor="accelerometer", names=fits[0].names, a=first.own, b=own,
-            unit=" m/s^2",
-        )
-    ]  # fmt: skip
-    for sensor, (names, unit) in FURTHER.items():
+    turned = _of_fit(fits[1].to_form(form), second.states["accelerometer"].dof)
+    theirs = second.states | {"accelerometer": turned}
+    found = []
+    for sensor, (names, unit) in SENSORS.items():
         why = _apart(first, second, sensor)
         if why:
             notes.append(f"{sensor}: not compared, {why}")
-        elif sensor in first.others:
-            states = first.others[sensor], second.others[sensor]
-            each = dict(zip("ab", states, strict=True))
-            found.append(
-                SensorComparison(sensor=sensor, names=names, unit=unit, **each)
-            )
+        elif sensor in first.states:
+            a, b = first.states[sensor], theirs[sensor]
+            own = names or fits[0].names
+            each = SensorComparison(sensor=sensor, names=own, a=a, b=b, unit=unit)
+            found.append(each)
     for what in sorted(first.more | second.more):
-        which = "".join(
-            "AB"[k] for k, x in enumerate((first, second)) if what in x.more
-        )
+        which = [x for x, file in (("A", first), ("B", second)) if what in file.more]
         notes.append(f"{' and '.join(which)}: {what}, not compared")
     return CalibrationComparison(sensors=tuple(found), notes=tuple(notes), alpha=alpha)
 
 
 def _apart(first: "_File", second: "_File", sensor: str) -> str:
     """Why a sensor of one file or both cannot be compared; nothing if it can."""
-    a, b = first.others.get(sensor), second.others.get(sensor)
+    a, b = first.states.get(sensor), second.states.get(sensor)
     if a is None or b is None:
         return "" if a is b else f"only {'A' if b is None else 'B'} has one"
     forms = first.fit.model, second.fit.model
-    if forms[0] != forms[1]:
+    if sensor != "accelerometer" and forms[0] != forms[1]:
         return (
             f"its axes are those of the {forms[0]} form in A and of the {forms[1]} in "
             "B; calibrate both with one --model"
@@ -391,9 +342,8 @@ class _File:
     """What a file states, and what it has more than is compared."""
 
     fit: FitResult
-    own: State
-    others: dict[str, State]
-    more: frozenset[str]
+    states: dict[str, State]
+    more: set[str]
 
 
 def _read(path: Path) -> _File:
@@ -404,37 +354,29 @@ def _read(path: Path) -> _File:
     if fit.covariance_kind == "type A" and fit.dof < 1:
         msg = f"{path}: `dof` is {fit.dof}, and a Type A covariance has one or more"
         raise InputError(msg)
-    gyroscope, magnetometer = load_others(path)
-    blocks, others, more = load_blocks(path), {}, set()
-    for sensor, terms in load_thermal(path).items():
-        more.add(
-            f"the {sensor} is that at {terms.reference:.1f} degC; its terms in "
-            f"temperature, {terms.low:.1f} to {terms.high:.1f} degC"
-        )
-    if gyroscope is not None:
-        others["gyroscope"] = _state(path, blocks[0], gyroscope.M, gyroscope.B)
-        if np.any(gyroscope.G):
-            more.add("a gyroscope that feels force")
-    if magnetometer is not None:
-        own = _state(path, blocks[1], magnetometer.M, magnetometer.b)
-        others["magnetometer"] = own
-        if own.size == 1.0:
-            more.add("a field of 1 for its strength, which is another elsewhere")
     guessed = fit.covariance_kind == "type A" and fit.dof < MANY
-    dof = float(fit.dof) if guessed else np.inf
-    own = _of_fit(fit, dof)
-    return _File(fit=fit, own=own, others=others, more=frozenset(more))
+    states = {"accelerometer": _of_fit(fit, float(fit.dof) if guessed else np.inf)}
+    models, blocks = load_others(path), load_blocks(path)
+    more = {
+        f"the {sensor} is that at {terms.reference:.1f} degC, and a difference may be "
+        f"of another; its terms, of {terms.low:.1f} to {terms.high:.1f} degC"
+        for sensor, terms in load_thermal(path).items()
+    }
+    if models[0] is not None:
+        states["gyroscope"] = _state(path, blocks[0], models[0].M, models[0].B)
+        more |= {"a gyroscope that feels force"} if np.any(models[0].G) else set()
+    if models[1] is not None:
+        own = states["magnetometer"] = _state(path, blocks[1], models[1].M, models[1].b)
+        strength = "a field of 1 for its strength, which is another elsewhere"
+        more |= {strength} if own.size == 1.0 else set()
+    return _File(fit=fit, states=states, more=more)
 
 
 def _of_fit(fit: FitResult, dof: float) -> State:
     return State(
-        parameters=fit.parameters,
-        covariance=fit.covariance,
-        dof=dof,
-        matrix=fit.matrix,
-        bias=fit.B,
-        size=fit.g,
-    )
+        parameters=fit.parameters, covariance=fit.covariance, dof=dof,
+        matrix=fit.matrix, bias=fit.B, size=fit.g,
+    )  # fmt: skip
 
 
 def _state(path: Path, block: Any, M: Array, bias: Array) -> State:
@@ -443,21 +385,13 @@ def _state(path: Path, block: Any, M: Array, bias: Array) -> State:
         count = len(instance("names", block.get("names", [""] * len(values)), list))
         P = array(block, "covariance", (count, count))[: len(values), : len(values)]
         size = positive_number("field", block.get("field", 1.0), "")
-        variance = np.diagonal(P)
-        if (
-            P.shape != 2 * values.shape
-            or not (np.isnan(variance) | (variance > 0)).all()
-        ):
+        sound = np.isnan(np.diagonal(P)) | (np.diagonal(P) > 0.0)
+        if P.shape != 2 * values.shape or not sound.all():
             msg = "`covariance` is not that of its parameters; leave it out"
             raise InputError(msg)
     except InputError as error:
         msg = f"{path}: {error}"
         raise InputError(msg) from None
     return State(
-        parameters=values,
-        covariance=P,
-        dof=np.inf,
-        matrix=M,
-        bias=bias,
-        size=size,
+        parameters=values, covariance=P, dof=np.inf, matrix=M, bias=bias, size=size
     )

@@ -139,9 +139,9 @@ def _autopilot(sheet: _Sheet, log: Log, whole: Any) -> None:
     ):
         if getattr(whole, sensor) is None:
             continue
-        size, raw = _size(log, sensor, whole), sensor == "magnetometer"
+        size = _size(log, sensor, whole)
         if size is None:
-            unit = pilot.field if raw else next(iter(OF_A_LOG[_COLUMNS[sensor]]))
+            unit = {"a": "m/s^2", "g": "rad/s", "m": pilot.field}[sensor[0]]
             sheet.say(
                 sensor,
                 "the unit of its readings is not known, so it is not in this file, "
@@ -169,17 +169,9 @@ def _write(
         sheet.say(sensor, pilot.notes[sensor])
 
 
-_COLUMNS: Final = {
-    "accelerometer": "accelerometer",
-    "gyroscope": "gyro",
-    "magnetometer": "magnetometer",
-}
-"""Sensors as logs name them."""
-
-
 def _size(log: Log, sensor: str, whole: Any) -> float | None:
     """SI units in a raw one: by the header, else by the scale of the calibration."""
-    column = _COLUMNS[sensor]
+    column = "gyro" if sensor == "gyroscope" else sensor
     known, unit = OF_A_LOG[column], written_unit(log, column)
     if unit or sensor == "magnetometer":
         return known.get(unit)

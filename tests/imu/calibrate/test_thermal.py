@@ -252,7 +252,7 @@ def test_a_log_is_calibrated_written_read_and_corrected(tmp_path, capsys):
     assert 0.6 * float(said[0]) < off < 1.02 * float(said[0])
     assert len(said) == 2
     assert run(["compare", str(out), str(out)]) == 0
-    assert "terms in temperature" in capsys.readouterr().out
+    assert "degC, not compared" in capsys.readouterr().out
     capsys.readouterr()
 
     lost = file_of(tmp_path / "lost.csv", log, temperature=False)
