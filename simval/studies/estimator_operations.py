@@ -7,6 +7,7 @@ generic cases, drawn once for all, so a count is a fact about the code and its b
 without chance and the same on every machine. Its answers must be those of `estimate`.
 """
 
+import operator
 from collections import Counter
 from collections.abc import Callable
 from typing import Any, ClassVar, Final
@@ -63,20 +64,12 @@ class Counted:
     def __abs__(self) -> "Counted":
         return Counted(abs(self.value))
 
-    def __gt__(self, other: Any) -> bool:
-        return self.value > Counted(other).value
 
-    def __lt__(self, other: Any) -> bool:
-        return self.value < Counted(other).value
-
-    def __ge__(self, other: Any) -> bool:
-        return self.value >= Counted(other).value
-
-    def __le__(self, other: Any) -> bool:
-        return self.value <= Counted(other).value
+def _compared(work: Callable[[Any, Any], Any]) -> Any:
+    return lambda self, other: work(self.value, Counted(other).value)
 
 
-def _operation(kind: str, swapped: bool, work: Callable[[float, float], float]) -> Any:
+def _operation(kind: str, swapped: bool, work: Callable[[Any, Any], Any]) -> Any:
     def counted(self: Counted, other: Any) -> Counted:
         x, y = self.value, Counted(other).value
         if not (kind == "sums" and type(other) is not Counted and y == 0.0):
@@ -86,14 +79,14 @@ def _operation(kind: str, swapped: bool, work: Callable[[float, float], float]) 
     return counted
 
 
-for name, kind, work in (
-    ("add", "sums", lambda x, y: x + y),
-    ("sub", "sums", lambda x, y: x - y),
-    ("mul", "products", lambda x, y: x * y),
-    ("truediv", "divisions", lambda x, y: x / y),
-):
-    setattr(Counted, f"__{name}__", _operation(kind, False, work))
-    setattr(Counted, f"__r{name}__", _operation(kind, True, work))
+for work in (operator.lt, operator.le, operator.gt, operator.ge):
+    setattr(Counted, f"__{work.__name__}__", _compared(work))
+for work, kind in (
+    (operator.add, "sums"), (operator.sub, "sums"),
+    (operator.mul, "products"), (operator.truediv, "divisions"),
+):  # fmt: skip
+    setattr(Counted, f"__{work.__name__}__", _operation(kind, False, work))
+    setattr(Counted, f"__r{work.__name__}__", _operation(kind, True, work))
 
 
 def operation_rows(plugin: Estimator, vectors: int) -> tuple[Row, ...]:
