@@ -9,7 +9,7 @@ import re
 import unicodedata
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from operator import eq
 
 import numpy as np
 
@@ -58,7 +58,7 @@ def decoded(path: str, content: bytes) -> tuple[str, Said]:
             text = content.decode(encoding)
         except UnicodeDecodeError:
             continue
-        pieces = _PADDING.split(text)
+        pieces = _PADDING.split(text) if "\0" in text else [text]
         padded = len(pieces) <= text.count("\n") + 2  # else each character has one
         if padded and all(c in _PLAIN_CONTROLS or ord(c) >= 32 for c in set(text)):
             whole = [piece[: piece.rfind("\n") + 1] for piece in pieces[:-1]]
@@ -288,12 +288,13 @@ class TextTable:
     def distinct(self, place: int) -> "TextTable":
         """Table without rows that stand twice, where only these repeat its clock."""
         lines = [line for _, line in self.lines]
-        twice = [a == b for a, b in pairwise(["", *lines])]
+        twice = [False, *map(eq, lines, lines[1:])]
         if not any(twice) or self.restarts:
             return self
         kept = [row for row, again in zip(self.lines, twice, strict=True) if not again]
         once = replace(self, lines=kept)
-        if any(a == b for a, b in pairwise(once.texts(place))):
+        clock = once.texts(place)
+        if any(map(eq, clock, clock[1:])):
             return self
         words = f"{sum(twice)} rows that stand twice, the first in line "
         words += f"{self.lines[twice.index(True)][0]}, are taken once"
@@ -350,7 +351,8 @@ def read(source: Source) -> TextTable:
     if labels is None and names is None and is_echo(dialect.fields(lines[first][1])):
         labels = ECHOED
     body = _Body(path, dialect, names or labels, list(said))
-    body.take(above, [entry for entry in every if entry[0] >= lines[first][0]])
+    body.rows = lines[first:]
+    body.part(above, [entry for entry in every if entry[0] >= lines[first][0]])
     if names is None and labels is None:
         body.find_header()
     body.end(whole=text.endswith(("\n", "\r")))
@@ -374,14 +376,16 @@ class _Body:
     rows: list[Line] = field(default_factory=list)
     restarts: list[int] = field(default_factory=list)
 
-    def take(self, above: list[Line], below: list[Line]) -> None:
-        """Take the rows; a line from above them that stands again begins a part."""
+    def part(self, above: list[Line], below: list[Line]) -> None:
+        """Part the rows where a line from above them stands again."""
         heads = {
             line
             for _, line in above
             if not _is_remark(line) or is_names(header_names(line.lstrip("#%/ ")))
         }
-        lost = 0
+        if heads.isdisjoint(line for _, line in below) and self.names != ECHOED:
+            return
+        self.rows, lost = [], 0
         for number, line in below:
             if line in heads:
                 if self.rows and len(self.rows) not in self.restarts:
@@ -465,8 +469,8 @@ class _Body:
     def table(self, times: dict[int, str]) -> TextTable:
         """Return the table, with times of day before its rows where they have some."""
         rows, names, dialect = self.rows, self.names, self.dialect
-        timed = all(number in times for number, _ in rows)
-        if times and timed and (names is not None or dialect.width in (3, 6)):
+        timed = bool(times) and all(number in times for number, _ in rows)
+        if timed and (names is not None or dialect.width in (3, 6)):
             mark = " " if dialect.mark is None else dialect.mark
             rows = [(number, f"{times[number]}{mark}{line}") for number, line in rows]
             dialect = replace(dialect, width=dialect.width + 1)
@@ -480,7 +484,7 @@ class _Body:
             dialect=dialect,
             lines=rows,
             source=tuple(self.said),
-            restarts=tuple(self.restarts),
+            restarts=tuple(row for row in self.restarts if row < len(rows)),
         )
 
 

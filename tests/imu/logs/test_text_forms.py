@@ -192,6 +192,7 @@ MENDED = {  # what is spoilt, and the rows that are read
     "the header again": (lines(*PLAIN[:30], HEAD, *PLAIN[30:]), ALL),
     "a remark is the header again": (
         lines(f"#{HEAD}", *BODY[:30], f"#{HEAD}", *BODY[30:]), ALL),
+    "the header again, and no more": (lines(*PLAIN, "Stopped", HEAD), ALL),
     "a row cut by a restart": (
         lines(*PLAIN[:30], PLAIN[30][:50], HEAD, *PLAIN[31:]),
         np.delete(np.arange(N), 29)),
