@@ -2,8 +2,8 @@
 
 A row is one instant. Text is in UTF-8, UTF-16 or Latin-1, its fields are separated by
 tabs, semicolons, commas, bars or white space, its decimal mark is a point or a comma;
-words above the header, and lines that start with ``#``, ``%`` or ``//``, are ignored. A
-MATLAB file (format 4 or 5) is read by the names of its variables.
+words above the header, and lines that start with ``#``, ``%`` or ``//``, are ignored.
+Other files, folders and archives are those of `simval.imu.logs.readers`.
 
 The header says which columns are taken (by the rules of `simval.imu.logs.names`); where
 it does not, the user is asked, and nothing is guessed. Without a header the number of
@@ -19,8 +19,11 @@ counts or SI), because a calibration absorbs it.
 
 Rows may be missing where a clock says when, up to 5 s of them at once: what needs each
 row refuses them itself. A log with a longer hole, a repeated time, or a value that is
-not a number in a column that is taken, is refused with the file and the line, and never
-repaired. Recorded attitudes (`simval.imu.logs.truth`) may be missing in any row.
+not a number in a column that is taken, is refused with the file and the line. What is
+mended is said: padding, a first or last line that is cut off, a row that stands twice,
+a header that stands again where the clock goes on, midnight, and a counter of 32 bits
+that begins again. Recorded attitudes (`simval.imu.logs.truth`) may be missing in any
+row.
 """
 
 from simval.imu.logs.columns import Column

@@ -36,8 +36,7 @@ from simval.imu.logs.columns import clock_of, sign_of, triples
 from simval.imu.logs.joining import Stream, candidates
 from simval.imu.logs.names import Kind, channel
 from simval.imu.logs.source import MOST_MEMBERS, Source
-from simval.imu.logs.tables import ArrayTable
-from simval.imu.logs.text import TextTable
+from simval.imu.logs.text import Table, TextTable
 
 MOST_RATIO: Final = 100
 """Bytes of a table for one in its archive: rows of numbers take a third to a tenth."""
@@ -72,9 +71,7 @@ def sniff(source: Source) -> bool:
     return source.is_folder or source.start.startswith(_ZIP)
 
 
-def read(
-    source: Source,
-) -> TextTable | Mapping[str, Callable[[], ArrayTable | TextTable]]:
+def read(source: Source) -> Mapping[str, Callable[[], Table]]:
     """Tables of each accelerometer, by the name of its folder or file.
 
     Raises
@@ -91,8 +88,8 @@ def read(
             for name, match in imus.items()
         }
     known = {name: sensor for name in tables if (sensor := _sensor(name))}
-    if len(tables) == 1 and not known:
-        return text.read(next(iter(tables.values())))
+    if not known:
+        return {name: partial(text.read, each) for name, each in tables.items()}
     said: list[tuple[str, str]] = []
     streams = [
         stream
