@@ -13,6 +13,7 @@ of the two tumbles only, and all else at the truth.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -242,16 +243,14 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             ]
         )
     )
+    # of whole rests the attitude in their middle; rows of a problem are its rests
+    middle = np.concatenate([each.intervals.sum(axis=1) // 2 for each in drawn])
+    stds = np.concatenate([each.std for each in drawn], axis=1)
+    every = scenario.problem(scenario.attitude[middle], (stds[0], stds[1]))
+    ends = np.cumsum([len(each.intervals) for each in drawn])[:-1]
+    pairs = zip(np.split(every.y, ends), np.split(every.sigma, ends), strict=True)
     covariance = np.stack(
-        [
-            calibration_parts(
-                # in the middle of whole rests
-                scenario.problem(
-                    scenario.attitude[each.intervals.sum(axis=1) // 2], (*each.std,)
-                )
-            )
-            for each in drawn
-        ]
+        [calibration_parts(replace(every, y=y, sigma=sigma)) for y, sigma in pairs]
     )
     parts = np.stack([each.parts(covariance) for each in carriers], axis=1)
     # means over the poses of one trial, which share its calibration
