@@ -74,24 +74,35 @@ OF_A_LOG = {
 """SI units in one unit of a log's readings; the SI unit comes first."""
 
 HOUR = 3600.0
+OF_TIME = {"T": Unit("s", 1.0), "f": Unit("Hz", 1.0)}
+"""Units of the correlation time of a bias, and of the frequency of a sine."""
 OF_A_DATA_SHEET = {
     "accelerometer": {
         "N": Unit("µg/√Hz", 1e6 / G0),
         "B": Unit("µg", 1e6 / G0),
         "K": Unit("µg/√s", 1e6 / G0),
         "Q": Unit("mm/s", 1e3),
+        "R": Unit("µg/s", 1e6 / G0),
+        "A": Unit("µg", 1e6 / G0),
+        **OF_TIME,
     },
     "gyro": {
         "N": Unit("°/√h", DEGREE.factor * sqrt(HOUR)),
         "B": Unit("°/h", DEGREE.factor * HOUR),
         "K": Unit("°/h/√h", DEGREE.factor * HOUR * sqrt(HOUR)),
         "Q": Unit("mrad", 1e3),
+        "R": Unit("°/h/s", DEGREE.factor * HOUR),
+        "A": Unit("°/h", DEGREE.factor * HOUR),
+        **OF_TIME,
     },
     "magnetometer": {
         "N": Unit("nT/√Hz", 1e9),
         "B": Unit("nT", 1e9),
         "K": Unit("nT/√s", 1e9),
         "Q": Unit("nT s", 1e9),
+        "R": Unit("nT/s", 1e9),
+        "A": Unit("nT", 1e9),
+        **OF_TIME,
     },
 }
 """Units of a coefficient of noise in SI, by sensor and letter."""

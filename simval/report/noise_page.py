@@ -17,13 +17,29 @@ from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
 from simval.report.section import made
 from simval.report.table import Column, Table
 from simval.shapes import Float
-from simval.units import OF_A_DATA_SHEET, Unit
+from simval.units import OF_A_DATA_SHEET, OF_TIME, Unit
 
 AXES = "xyz"
-WORDS = {"N": "white noise", "B": "flicker", "K": "random walk", "Q": "rounding"}
+WORDS = {
+    "N": "white noise",
+    "B": "flicker",
+    "K": "random walk",
+    "T": "correlation time",
+    "Q": "rounding",
+    "R": "ramp",
+    "A": "sine",
+    "f": "frequency of the sine",
+}
 """What the coefficients are, in the order of a reader."""
 BAND = 1.96  # standard deviations of a 95 % band
-RAW = {"N": "raw/√Hz", "B": "raw", "K": "raw/√s", "Q": "raw s"}
+RAW = {
+    "N": "raw/√Hz",
+    "B": "raw",
+    "K": "raw/√s",
+    "Q": "raw s",
+    "R": "raw/s",
+    "A": "raw",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +67,8 @@ class SensorNoise:
 
     def unit(self, kind: str) -> Unit:
         """Unit in which a person reads a coefficient in raw units."""
+        if kind in OF_TIME:
+            return OF_TIME[kind]
         if self.si_per_raw is None:
             return Unit(RAW[kind], 1.0)
         own = OF_A_DATA_SHEET[self.name][kind]
@@ -227,7 +245,7 @@ def _cells(each: Coefficient, unit: Unit) -> tuple[object, ...]:
     low, high = unit.factor * each.low, unit.factor * each.high
     ends = low, high if np.isfinite(high) else None
     if each.value is None:
-        known = "a bound only" if np.isfinite(high) else "not bounded"
+        known = "a bound only" if low or np.isfinite(high) else "not bounded"
         return (None, unit.name, *ends, known)
     value = unit.factor * each.value, unit.factor * (each.sd or 0.0)
     return (value, unit.name, *ends, "yes")
@@ -327,6 +345,8 @@ def _model(sensor: SensorNoise, axis: AxisNoise) -> str:
         unit = sensor.unit(c.kind)
         if c.value is not None:
             parts.append(f"{c.kind} = {unit.factor * c.value:.3g} {unit.name}")
+        elif c.low > 0.0:  # a correlation time
+            parts.append(f"{c.kind} > {rounded(unit.factor * c.low)} {unit.name}")
         elif np.isfinite(c.high):
             parts.append(f"{c.kind} < {rounded(unit.factor * c.high)} {unit.name}")
     return ", ".join(parts)

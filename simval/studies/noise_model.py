@@ -38,7 +38,7 @@ from simval.imu.noise import (
     averaging_counts,
     covariance_forms,
 )
-from simval.imu.noise.fit import RIDGE, Problem, ends, fitted
+from simval.imu.noise.least_squares import RIDGE, Problem, ends, fitted
 from simval.imu.sensor import NoiseModel
 from simval.montecarlo import moments_of
 from simval.results import Outcome, Row, exact, plain

@@ -9,7 +9,7 @@ from scipy import stats
 from scipy.integrate import quad
 
 from simval.imu.noise import allan_covariance, allan_law
-from simval.imu.noise.fit import RIDGE
+from simval.imu.noise.least_squares import RIDGE
 from simval.studies.noise_model import LAGS, REMAINDERS, SECOND, Parameters, Theory
 from simval.theory.coloured_noise import LONGEST, sampled_allan_law
 

@@ -10,7 +10,14 @@ from simval.imu.multiposition.description import log_object
 from simval.imu.multiposition.log_units import Scale
 from simval.imu.multiposition.noise import LogNoise
 from simval.imu.noise import AxisNoise
-from simval.imu.noise.model import AXES, FORMAT, axis_to_json, largest
+from simval.imu.noise.model import (
+    AXES,
+    FORMAT,
+    LETTERS,
+    OF_TIME,
+    axis_to_json,
+    largest,
+)
 from simval.imu.noise.model import UNITS as RAW
 from simval.text import interval_words
 from simval.units import G0, OF_A_LOG
@@ -40,7 +47,7 @@ class Printed(NamedTuple):
 HOUR: Final = 3600.0
 ROOT_TWO: Final = np.sqrt(2.0)
 FLOOR: Final = np.sqrt(2.0 * np.log(2.0) / np.pi)  # of the Allan deviation, over B
-PRINTED: Final = {
+PRINTED: Final[dict[tuple[str, str], Printed]] = {
     ("accelerometer", "N"): Printed("white noise N", "m/s^2/sqrt(Hz)", (
         Further("ug/sqrt(Hz)", 1e6 / G0),
         Further("m/s/sqrt(h)", np.sqrt(HOUR)),
@@ -89,6 +96,12 @@ PRINTED: Final = {
     )),
 }  # fmt: skip
 
+for _sensor, _units in OF_A_LOG.items():
+    _si = next(iter(_units))
+    PRINTED[_sensor, "R"] = Printed("ramp R", f"{_si}/s")
+    PRINTED[_sensor, "A"] = Printed("amplitude A of a sine", _si)
+    PRINTED[_sensor, "T"] = Printed("correlation time of the bias", "s")
+    PRINTED[_sensor, "f"] = Printed("frequency of the sine", "Hz")
 Sensors = dict[str, tuple[tuple[AxisNoise, ...], Scale]]
 KALIBR = {
     ("accelerometer", "N"): "accelerometer_noise_density",
@@ -146,7 +159,7 @@ def described(found: LogNoise, sensors: Sensors) -> list[str]:
     lines += [f"raw unit          {name}: {sensors[name][1].how}" for name in sensors]
     for name, (axes, scale) in sensors.items():
         kinds = sorted(
-            {c.kind for axis in axes for c in axis.coefficients}, key="NBKQ".index
+            {c.kind for axis in axes for c in axis.coefficients}, key=LETTERS.index
         )
         for kind in kinds:
             lines += ["", *_table(name, kind, axes, scale.si_per_raw)]
@@ -161,19 +174,25 @@ def _table(
 ) -> list[str]:
     # one row for each axis; a bound is printed as a bound
     how = PRINTED[name, kind]
-    unit = RAW[kind] if si is None else how.si
+    known = si is not None or kind in OF_TIME
+    unit = how.si if known else RAW[kind]
     further = how.further if si is not None else ()
-    scale = 1.0 if si is None else si
+    scale = 1.0 if si is None or kind in OF_TIME else si
     heads = "".join(f"   {each.title}" for each in further)
     head = f"  {'':4s}{'value':>12s}{'sd':>10s}   {'95 % interval':22s}"
     lines = [f"{name}, {how.title}, {unit}", head + heads]
     for letter, axis in zip(AXES, axes, strict=True):
         found = next((c for c in axis.coefficients if c.kind == kind), None)
         if found is None:
-            lines.append(f"  {letter:4s}{'no model':>12s}")
+            lines.append(
+                f"  {letter:4s}{'-' if axis.coefficients else 'no model':>12s}"
+            )
             continue
         seen = found.value is not None
         size = scale * (found.high if found.value is None else found.value)
+        if found.low > 0.0 and not np.isfinite(size):  # of a correlation time
+            lines.append(f"  {letter:4s}{f'>{found.low:.4g}':>12s}{'-':>10s}")
+            continue
         if not np.isfinite(size):
             lines.append(f"  {letter:4s}{'not seen, and not bounded either':>12s}")
             continue

@@ -34,6 +34,7 @@ The law of :math:`B` and :math:`K` is that of averages of a continuous signal; t
 samples differs by a share of :math:`1/(2 m^2)` for the walk.
 """
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -41,6 +42,7 @@ import numpy as np
 from simval.arguments import whole_number
 from simval.arrays import physical_array
 from simval.errors import InputError
+from simval.imu.noise.components import Component
 from simval.shapes import Float, Int
 from simval.text import shown
 
@@ -194,8 +196,10 @@ def allan_law(counts: Any) -> Float[np.ndarray, "m 4"]:
     return np.stack([1.0 / m, floor, m / 3.0, 3.0 / m**2], axis=-1)
 
 
-def covariance_forms(counts: Any, n: int) -> Float[np.ndarray, "m m 4 4"]:
-    """Matrices of the quadratic forms (V4) in (N^2, B^2, K^2, Q^2).
+def covariance_forms(
+    counts: Any, n: int, further: Sequence[Component] = ()
+) -> Float[np.ndarray, "m m k k"]:
+    """Matrices of the quadratic forms (V4) in (N^2, B^2, K^2, Q^2) and further ones.
 
     Parameters
     ----------
@@ -203,11 +207,14 @@ def covariance_forms(counts: Any, n: int) -> Float[np.ndarray, "m m 4 4"]:
         Rows to an average, (m,).
     n : int
         Rows of the signal.
+    further : sequence of Component
+        Markov noise, a ramp, a sine, in any number: (V11) and (V12).
 
     Returns
     -------
     Array
-        For each pair of lengths, in the order of `KINDS`, (m, m, 4, 4).
+        For each pair of lengths, in the order of `KINDS`, then the further ones,
+        (m, m, k, k).
 
     Raises
     ------
@@ -217,10 +224,11 @@ def covariance_forms(counts: Any, n: int) -> Float[np.ndarray, "m m 4 4"]:
     n = whole_number("n", n, LEAST_ROWS)
     lengths = checked_counts(counts, n)
     first, second = np.triu_indices(len(lengths))
-    forms = np.empty((len(lengths), len(lengths), 4, 4))
+    size = len(KINDS) + len(further)
+    forms = np.empty((len(lengths), len(lengths), size, size))
     for start in range(0, len(first), 256):  # 256 pairs at a time: 30 MB
         pairs = slice(start, start + 256)
-        some = _pair_forms(lengths[first[pairs]], lengths[second[pairs]], n)
+        some = _pair_forms(lengths[first[pairs]], lengths[second[pairs]], n, further)
         forms[first[pairs], second[pairs]] = some
         forms[second[pairs], first[pairs]] = some
     return forms
@@ -250,8 +258,11 @@ def allan_covariance(
 
 
 def _pair_forms(
-    m: Int[np.ndarray, " p"], other: Int[np.ndarray, " p"], n: int
-) -> Float[np.ndarray, "p 4 4"]:
+    m: Int[np.ndarray, " p"],
+    other: Int[np.ndarray, " p"],
+    n: int,
+    further: Sequence[Component],
+) -> Float[np.ndarray, "p k k"]:
     # the sums over lags for pairs of lengths
     one, two = m[:, None].astype(float), other[:, None].astype(float)
     many = (n - 2 * m + 1)[:, None], (n - 2 * other + 1)[:, None]
@@ -261,18 +272,53 @@ def _pair_forms(
     kinks = (one[..., None] * _SIGNS[:, None] + two[..., None] * _SIGNS).reshape(-1, 9)
     lags, share = _lags(kinks, REACH * (one + two), low, high)
     pairs = _pairs_at(lags, one, two, many)
-    smooth = _smooth(lags, one, two)
-    forms = np.zeros((len(m), 4, 4))
-    forms[:, :3, :3] = np.einsum("pil,pjl,pl->pij", smooth, smooth, share * pairs)
+    smooth = _smooth(lags, one, two, further)
+    size = len(KINDS) + len(further)
+    forms = np.zeros((len(m), size, size))
+    rest = np.delete(np.arange(size), 3)
+    every = np.einsum("pil,pjl,pl->pij", smooth, smooth, share * pairs)
+    forms[:, rest[:, None], rest] = every
     # Q: a sum over the nine lags at which its c is not zero
     weight = np.multiply.outer(_WEIGHTS, _WEIGHTS).ravel()
     at = weight * _pairs_at(kinks, one, two, many)
-    mixed = np.einsum("pil,pl->pi", _smooth(kinks, one, two), at)
-    forms[:, 3, :3] = forms[:, :3, 3] = mixed
+    mixed = np.einsum("pil,pl->pi", _smooth(kinks, one, two, further), at)
+    forms[:, 3, rest] = forms[:, rest, 3] = mixed
     same = kinks[:, :, None] == kinks[:, None, :]
     forms[:, 3, 3] = np.einsum("pl,pln,n->p", at, same, weight)
+    every = (*map(Component, KINDS), *further)
+    for place, component in enumerate(every):
+        if component.kind == "R":
+            forms[:, place, place] = 0.0
+        elif component.kind == "A":
+            row = _sine_forms(one, two, many, component.rows, every)
+            forms[:, place] = forms[:, :, place] = row
     norm = 2.0 * one * one * two * two * many[0] * many[1]
     return forms / norm[..., None]
+
+
+def _sine_forms(
+    one: Float[np.ndarray, "p 1"],
+    two: Float[np.ndarray, "p 1"],
+    many: tuple[Int[np.ndarray, "p 1"], Int[np.ndarray, "p 1"]],
+    period: float,
+    every: Sequence[Component],
+) -> Float[np.ndarray, "p k"]:
+    # (V12): its product with each component, and its own at the end
+    omega = 2.0 * np.pi / period
+    squares = np.sin(0.5 * omega * one) ** 2 * np.sin(0.5 * omega * two) ** 2
+    size = 2.0 * squares / np.sin(0.5 * omega) ** 2  # of D D'/2
+    least = np.minimum(*many)
+    row = np.zeros((len(one), len(every)))
+    for place, component in enumerate(every):
+        density = component.process.spectrum
+        if component.kind == "A" and component.rows == period:
+            turned = [np.sin(omega * n) / np.sin(omega) for n in many]
+            own = (0.5 * size) ** 2 * turned[0] * turned[1]
+            row[:, place] = np.where(np.abs(np.sin(omega)) > 1e-9, own, 0.0)[:, 0]
+        elif density is not None:
+            level = density(np.array(omega), component.rows)
+            row[:, place] = (2.0 * size * size * level * least)[:, 0]
+    return row
 
 
 def _lags(
@@ -334,12 +380,36 @@ def _smooth(
     lags: Float[np.ndarray, "p l"],
     one: Float[np.ndarray, "p 1"],
     two: Float[np.ndarray, "p 1"],
-) -> Float[np.ndarray, "p 3 l"]:
-    # c(t) of one unit of N^2, B^2 and K^2: the shorter difference in closed form
-    return sum(
+    further: Sequence[Component] = (),
+) -> Float[np.ndarray, "p k l"]:
+    # c(t) of one unit of N^2, B^2, K^2 and more: the shorter difference in closed form
+    outer = list(zip(_SIGNS, _WEIGHTS, strict=True))
+    plain = sum(
         weight * _second_difference(np.abs(lags + sign * two), one)
-        for sign, weight in zip(_SIGNS, _WEIGHTS, strict=True)
+        for sign, weight in outer
     )
+    if not further:
+        return plain
+    more = np.zeros((len(lags), len(further), lags.shape[1]))
+    for place, (kind, rows) in enumerate(further):
+        if kind == "R":
+            more[:, place] = one**2 * two**2
+        elif kind == "M":
+            for sign, weight in outer:
+                t = np.abs(lags + sign * two)
+                more[:, place] += weight * _markov_difference(t / rows, one / rows)
+            more[:, place] *= 0.5 * rows**3
+    return np.concatenate([plain, more], axis=1)
+
+
+def _markov_difference(
+    x: Float[np.ndarray, "p l"], m: Float[np.ndarray, "p 1"]
+) -> Float[np.ndarray, "p l"]:
+    # R(x + m) - 2 R(x) + R(x - m) of (V11) for x >= 0, but for what cancels in c
+    def walk(t: Float[np.ndarray, "p l"]) -> Float[np.ndarray, "p l"]:
+        return np.asarray(t - 0.5 * t * t + np.expm1(-t))
+
+    return 2.0 * walk(x) - walk(x + m) - walk(np.abs(x - m))
 
 
 def _second_difference(

@@ -4,24 +4,6 @@ Which averaging times follow the model is decided by the chi-square of the fit: 
 shortest ones are dropped until it fits (a filter in the sensor), and only then an
 octave of the longest (a drift, as with temperature). What is dropped is said.
 
-**Least squares.** The Allan variances y of a signal are linear in the squares, :math:`y
-= X \theta`, and their covariance (V4) is a quadratic form in the same numbers. So the
-weights follow the estimate, in a few rounds:
-
-.. math:: \hat\theta = \arg\min_{\theta \ge 0}
-   (y - X\theta)^T V(\hat\theta)^{-1} (y - X\theta).  \tag{V5}
-
-An end of a confidence interval is the value that the estimate without signs would lie
-:math:`z` standard deviations from, were it the true one: V is taken there, since a
-larger coefficient scatters more,
-
-.. math:: \theta_i^\pm = \tilde\theta_i(V(\theta^\pm)) \pm z\,
-   \tilde s_i(V(\theta^\pm)).  \tag{V6}
-
-Where that estimate is more than one standard deviation below zero, the upper end takes
-it for one: a bound is then no lower than one signal in six without the coefficient
-shows, and never zero, which no signal tells.
-
 **Rounding.** Rounding to a step q adds, where the noise is half a step or more, white
 noise of the variance :math:`q^2/12`  (V7), to 1.5 % of that. Below, a reading sticks to
 one value and its error follows the signal: neither white nor a noise of the sensor.
@@ -35,27 +17,35 @@ the sensor's own readings and its own rate are known; else they are not.
 """
 
 from dataclasses import dataclass, replace
-from functools import cache
-from itertools import product
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from simval.arguments import switch
 from simval.arrays import Array, physical_array, positive_number
 from simval.errors import InputError, RefusedError
 from simval.imu.noise.allan import (
+    KINDS,
     PER_OCTAVE,
     allan_covariance,
-    allan_law,
     allan_variance,
     averaging_counts,
-    covariance_forms,
 )
-from simval.imu.noise.model import LEAST_ROWS, AxisNoise, Coefficient
-from simval.shapes import Bool, Float, Int
+from simval.imu.noise.components import PROCESSES, Component
+from simval.imu.noise.evidence import (
+    WALK,
+    Chosen,
+    Family,
+    Line,
+    is_slow,
+    line_of,
+    weighed,
+    words_of,
+)
+from simval.imu.noise.least_squares import Problem, Squares, Z, ends, fitted, greatest
+from simval.imu.noise.model import LEAST_ROWS, LETTERS, AxisNoise, Coefficient
+from simval.shapes import Float
 
 SHARE: Final = 12.0  # of a squared step: its variance
 LEAST_NOISE: Final = 0.5  # sd of the noise in steps, rounding taken off
@@ -89,184 +79,10 @@ def is_dithered(variance: float, step: float) -> bool:
     return variance - step**2 / SHARE >= (LEAST_NOISE * step) ** 2
 
 
-ROUNDS: Final = 12  # four to seven settle the weights
-SETTLED: Final = 0.02  # standard deviations; the next round moves half of it or less
-RIDGE: Final = 1e-4
-"""Share of each variance that is added to it, what (V4) itself may be off by; without
-it neighbours of a long random walk, equal to 1e-6, would be told apart."""
-_FLAT: Final = 1e-12  # relative: a slope that is rounding
-Z: Final = 1.959963984540054  # of 95 %, both ends together
-
-
-class Problem(NamedTuple):
-    """Allan variances of signals of the same length, and what theory says of them."""
-
-    variances: Float[Array, "s m"]
-    law: Float[Array, "m k"]  # of the coefficients that are asked for
-    forms: Float[Array, "m m k k"]
-
-    def of(self, signals: NDArray[np.intp]) -> "Problem":
-        """Take some of the signals, each as often as it is named."""
-        return self._replace(variances=self.variances[signals])
-
-    def part(self, first: int, last: int) -> "Problem":
-        """Take some of the lengths."""
-        some = slice(first, last)
-        return Problem(self.variances[:, some], self.law[some], self.forms[some, some])
-
-
-class Squares(NamedTuple):
-    """Estimates (V5) of signals, and how well they fit."""
-
-    values: Float[Array, "s k"]  # 0 or more
-    free: Float[Array, "s k"]  # of least squares without signs, unbiased
-    sd: Float[Array, "s k"]  # of `free`
-    chi2: Float[Array, " s"]
-    dof: Int[Array, " s"]
-    p_value: Float[Array, " s"]
-
-
-class _Whitened(NamedTuple):
-    # divided by the Cholesky factor of the variances' covariance
-    law: Float[Array, "s m k"]
-    target: Float[Array, "s m"]  # the variances
-
-
-def fitted(problem: Problem) -> Squares:
-    """Fit the squares of the coefficients of each signal."""
-    # variances of the variances, up to a factor: longer averages are fewer
-    roughly = problem.variances**2 / problem.law[:, 0]
-    whitened = _whitened(problem, roughly[:, None] * np.eye(len(problem.law)))
-    free, sd = _free(whitened)
-    values = _nonnegative(whitened, free)
-    left = np.arange(len(values))  # signals whose weights are not settled
-    for _ in range(ROUNDS):
-        before = values[left]
-        V = allan_covariance(problem.forms, before)
-        whitened = _whitened(problem.of(left), V)
-        free[left], sd[left] = _free(whitened)
-        now = _nonnegative(whitened, free[left])
-        nothing = ~np.any(now, axis=1)  # no weights at all: keep the last ones
-        now[nothing] = before[nothing]
-        values[left] = now
-        left = left[~np.all(np.abs(now - before) <= SETTLED * sd[left], axis=1)]
-        if not len(left):
-            break
-    law, target = _whitened(problem, allan_covariance(problem.forms, values))
-    chi2 = np.sum((target - _times(law, values)) ** 2, axis=1)
-    dof = len(problem.law) - np.count_nonzero(values, axis=1)
-    p_value = scipy.special.chdtrc(dof, chi2)
-    return Squares(values, free, sd, chi2, dof, p_value)
-
-
-def ends(problem: Problem, found: Squares) -> tuple[Float[Array, "s k"], ...]:
-    """Lower and upper ends (V6) of the 95 % intervals of each signal.
-
-    The lower is 0 where the coefficient is not seen, the upper infinite where nothing
-    bounds it.
-    """
-    size = (*found.values.shape, 2)
-    signal, place, side = (each.ravel() for each in np.indices(size))
-    z = np.array([-Z, Z])[side]
-    at_fit = _whitened(problem, allan_covariance(problem.forms, found.values))
-    value = np.maximum(found.free[signal, place] + z * found.sd[signal, place], 0.0)
-    most = 1e3 * problem.variances.max(axis=1)[signal] / problem.law.max(axis=0)[place]
-    end = np.where(z > 0.0, np.inf, 0.0)
-    left = np.arange(len(end))
-    for _ in range(4 * ROUNDS):
-        i, k, before = signal[left], place[left], value[left]
-        there = _with_end(_Whitened(*(each[i] for each in at_fit)), k, before)
-        whitened = _whitened(problem.of(i), allan_covariance(problem.forms, there))
-        free, sd = (each[np.arange(len(k)), k] for each in _free(whitened))
-        near = np.where(z[left] > 0.0, np.maximum(free, -sd), free)
-        now = value[left] = np.maximum(near + z[left] * sd, 0.0)
-        settled = np.abs(now - before) <= 0.01 * sd
-        beyond = ~settled & ~(now <= most[left])
-        end[left[settled]], end[left[beyond]] = now[settled], np.inf
-        left = left[~settled & ~beyond]
-        if not len(left):
-            break
-    low, high = np.moveaxis(end.reshape(size), -1, 0)
-    return low, high
-
-
-def _whitened(problem: Problem, covariance: Float[Array, "s m m"]) -> _Whitened:
-    scale = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    factor = np.linalg.cholesky(
-        covariance / (scale[:, :, None] * scale[:, None, :])
-        + RIDGE * np.eye(len(problem.law))
-    )
-    law = np.broadcast_to(problem.law, (len(scale), *problem.law.shape))
-    both = np.concatenate([law, problem.variances[..., None]], axis=2)
-    solved = np.linalg.solve(factor, both / scale[..., None])
-    return _Whitened(solved[..., :-1], solved[..., -1])
-
-
-def _times(
-    matrices: Float[Array, "s m k"], vectors: Float[Array, "s k"]
-) -> Float[Array, "s m"]:
-    # each matrix times its vector
-    return np.asarray((matrices @ vectors[..., None])[..., 0])
-
-
-def _free(whitened: _Whitened) -> tuple[Float[Array, "s k"], Float[Array, "s k"]]:
-    # estimates without signs, and their standard deviations
-    law, target = whitened
-    size = np.linalg.norm(law, axis=1)
-    left, spread, right = np.linalg.svd(law / size[:, None], full_matrices=False)
-    right = np.swapaxes(right, 1, 2)
-    free = _times(right, _times(np.swapaxes(left, 1, 2), target) / spread) / size
-    return free, np.linalg.norm(right / spread[:, None], axis=2) / size
-
-
-@cache
-def _sets(count: int) -> list[Bool[Array, " k"]]:
-    # some of so many coefficients, not all and not none, the largest sets first
-    sets = np.array(list(product([True, False], repeat=count)))[1:-1]
-    return sorted(sets, key=np.count_nonzero, reverse=True)
-
-
-def _nonnegative(whitened: _Whitened, free: Float[Array, "s k"]) -> Float[Array, "s k"]:
-    # the set of coefficients whose free estimates are above zero, and which no other
-    # would improve: the conditions of Karush, Kuhn and Tucker, for which it is the best
-    whole = np.all(free > 0.0, axis=1)
-    best = np.where(whole[:, None], free, 0.0)
-    left = np.flatnonzero(~whole)
-    law, target = whitened
-    for some in _sets(free.shape[1]):
-        if not len(left):
-            break
-        X, y = law[left], target[left]
-        values = np.zeros((len(left), len(some)))
-        values[:, some] = _free(_Whitened(X[..., some], y))[0]
-        slope = _times(np.swapaxes(X, 1, 2), y - _times(X, values))
-        size = np.linalg.norm(X, axis=1) * np.linalg.norm(y, axis=1)[:, None]
-        good = np.where(some, values > 0.0, slope <= _FLAT * size).all(axis=1)
-        best[left[good]] = values[good]
-        left = left[~good]
-    return best
-
-
-def _with_end(
-    at_fit: _Whitened, place: NDArray[np.intp], value: Float[Array, " s"]
-) -> Float[Array, "s k"]:
-    # the other coefficients' best, where one has a given value
-    law, target = at_fit
-    columns = np.swapaxes(law, 1, 2)
-    own = place[:, None] == np.arange(law.shape[2])
-    others = columns[~own].reshape(len(law), -1, law.shape[1])
-    rest = target - value[:, None] * columns[own]
-    whitened = _Whitened(np.swapaxes(others, 1, 2), rest)
-    there = np.where(own, value[:, None], 0.0)
-    there[~own] = _nonnegative(whitened, _free(whitened)[0]).ravel()
-    return there
-
-
 FALSE_ALARM: Final = 0.01
 """Chance that lengths are dropped, or a model is, of a signal that has the model's
 noise; measured, 0.3 to 1.8 % (`test_chi_square_is_one`, test_noise_fit.py)."""
 LEAST_POINTS: Final = 9  # three octaves of lengths: fewer and any four terms fit
-_ORDER: Final = (0, 1, 2, 3)
 
 
 def noise_of(
@@ -303,7 +119,7 @@ def noise_of(
         msg = f"`rows` has shape {signals.shape}; give (n,) or (n, signals)"
         raise InputError(msg)
     rate_hz = positive_number("rate_hz", rate_hz, "Hz")
-    kinds = _ORDER if switch("increments", increments) else _ORDER[:3]
+    kinds = KINDS if switch("increments", increments) else KINDS[:3]
     if len(signals) < LEAST_ROWS:
         msg = (
             f"{len(signals)} rows at rest are too few for a noise model: {LEAST_ROWS} "
@@ -312,70 +128,75 @@ def noise_of(
         raise RefusedError(msg)
     counts = averaging_counts(len(signals))
     variances = allan_variance(signals, counts)
-    forms = covariance_forms(counts, len(signals))
     steps = [rounding_step(signals[:, k]) for k in range(signals.shape[1])]
     # fourth powers of any unit stay finite; powers of two round nothing
     units = np.ldexp(1.0, np.frexp(variances.max(axis=0))[1] - 1)
-    law, some = allan_law(counts)[:, kinds], forms[:, :, kinds][..., kinds]
-    problem = Problem(variances.T / units[:, None], law, some)
     refusals = list(map(_unusable, variances.T, steps))
     usable = np.flatnonzero([not refusal for refusal in refusals])
-    chosen = dict(zip(usable.tolist(), _chosen(problem.of(usable)), strict=True))
-    whole = (rate_hz, len(signals), counts, forms, kinds)
-    one = [problem.of(np.array([k])) for k in range(len(steps))]
+    scaled = (variances / units).T[usable]
+    lines = [line_of(signals[:, k]) for k in usable]
+    sines = [line.component for line in lines if line.period]
+    family = Family(counts, len(signals), kinds, sines)
+    sets = _chosen(family, scaled, lines)
+    chosen = dict(zip(usable.tolist(), sets, strict=True))
     return tuple(
-        _axis(one[k], chosen.get(k), float(units[k]), steps[k], refusals[k], *whole)
+        _axis(
+            family,
+            variances[:, k],
+            chosen.get(k),
+            float(units[k]),
+            steps[k],
+            refusals[k],
+            rate_hz,
+        )
         for k in range(len(steps))
     )
 
 
-_Chosen = tuple[tuple[int, int], Squares]  # lengths, and the fit of one signal to them
-
-
 def _axis(
-    problem: Problem,
-    chosen: _Chosen | None,
+    family: Family,
+    variances: Float[Array, " m"],
+    chosen: Chosen | None,
     unit: float,
     step: float,
     refusal: str,
     rate_hz: float,
-    rows: int,
-    counts: Int[Array, " m"],
-    forms: Float[Array, "m m 4 4"],
-    kinds: tuple[int, ...],
 ) -> AxisNoise:
-    variances = problem.variances[0] * unit
-    used, found = chosen or ((0, len(counts)), None)
-    squares, spread = np.zeros(4), np.zeros(len(counts))
+    counts = family.counts
+    used, spread = (0, len(counts)), np.zeros(len(counts))
     statements = [refusal] if refusal else []
-    if found is not None:
-        squares[list(kinds)] = found.values[0]
-        relative = np.diagonal(allan_covariance(forms, squares))
-        spread = variances * np.sqrt(relative) / (allan_law(counts) @ squares)
-        squares = squares * unit
+    coefficients: tuple[Coefficient, ...] = ()
+    squares: dict[Component, float] = {}
+    if chosen is not None:
+        used, found = chosen.used, chosen.found
+        whole = family.problem(variances[None] / unit, chosen.components)
+        squares = dict(zip(chosen.components, found.values[0] * unit, strict=True))
+        relative = np.diagonal(allan_covariance(whole.forms, found.values[0]))
+        spread = variances * np.sqrt(relative) / (whole.law @ found.values[0])
         statements += _statements(found, used, counts / rate_hz)
+        if found.p_value[0] >= FALSE_ALARM:
+            coefficients = _coefficients(family, variances[None], chosen, unit, rate_hz)
+            seen = {each.kind for each in coefficients if each.value is not None}
+            statements += words_of(chosen, seen, rate_hz, unit)
     if step > 0.0 and not refusal:
         share = step**2 / SHARE / variances[0]
         statements.append(
             f"rounding to steps of {step:.4g} makes {100.0 * share:.2g} % of the "
             "variance of a row"
         )
-    coefficients: tuple[Coefficient, ...] = ()
-    if found is not None and found.p_value[0] >= FALSE_ALARM:
-        both = ends(problem.part(*used), found)
-        coefficients = _coefficients(found, both, unit, rate_hz, kinds)
     return AxisNoise(
         rate_hz=rate_hz,
-        rows=rows,
+        rows=family.rows,
         counts=counts,
         variances=variances,
         variance_sd=spread,
         used=used,
         coefficients=coefficients,
-        squares=squares,
-        chi2=0.0 if found is None else float(found.chi2[0]),
-        dof=0 if found is None else int(found.dof[0]),
-        p_value=0.0 if found is None else float(found.p_value[0]),
+        squares=np.array([squares.get(Component(kind), 0.0) for kind in KINDS]),
+        further=tuple((c, float(x)) for c, x in squares.items() if c.kind not in KINDS),
+        chi2=0.0 if chosen is None else float(found.chi2[0]),
+        dof=0 if chosen is None else int(found.dof[0]),
+        p_value=0.0 if chosen is None else float(found.p_value[0]),
         step=step,
         statements=tuple(statements),
     )
@@ -398,9 +219,13 @@ def _unusable(variances: Float[Array, " m"], step: float) -> str:
     return ""
 
 
-def _chosen(problem: Problem) -> list[_Chosen]:
-    # for each signal the widest range that fits, dropping the shortest lengths first;
-    # else all
+def _chosen(
+    family: Family, variances: Float[Array, "s m"], lines: list[Line]
+) -> list[Chosen]:
+    # for each signal the widest range that white noise, flicker and a walk fit,
+    # dropping the shortest lengths first; else all; and then what else may be there
+    plain = (*family.fast, WALK)
+    problem = family.problem(variances, plain)
     size = len(problem.law)
     found = fitted(problem)
     used = np.tile([0, size], (len(problem.variances), 1))
@@ -416,9 +241,30 @@ def _chosen(problem: Problem) -> list[_Chosen]:
             used[left[good]] = first, last
             left = left[~good]
     return [
-        ((first, last), Squares(*(of_all[[k]] for of_all in found)))
+        _weighed(
+            family,
+            problem.of(np.array([k])),
+            Chosen((first, last), Squares(*(every[[k]] for every in found)), (plain,)),
+            lines[k],
+        )
         for k, (first, last) in enumerate(used.tolist())
     ]
+
+
+def _weighed(family: Family, problem: Problem, plain: Chosen, line: Line) -> Chosen:
+    # what else may be there, if something is
+    size = len(problem.law)
+    fits = plain.found.p_value[0] >= FALSE_ALARM
+    quiet = fits and plain.used == (0, size) and not line.period
+    if quiet and not is_slow(problem, plain.components, FALSE_ALARM):
+        return plain
+    first = plain.used[0]
+    starts = [0, first] if fits else range(0, size - LEAST_POINTS, PER_OCTAVE)
+    for used in dict.fromkeys([*((k, size) for k in starts), plain.used]):
+        chosen = weighed(family, problem.variances, used, line, FALSE_ALARM)
+        if chosen is not None:
+            return chosen
+    return plain
 
 
 def _statements(
@@ -449,30 +295,67 @@ def _statements(
 
 
 def _coefficients(
-    found: Squares,
-    both: tuple[Float[Array, "1 k"], ...],
+    family: Family,
+    variances: Float[Array, "1 m"],
+    chosen: Chosen,
     unit: float,
     rate_hz: float,
-    kinds: tuple[int, ...],
 ) -> tuple[Coefficient, ...]:
-    # roots of the squares; a square in units of rows over this is one in seconds
-    seconds = (rate_hz, 1.0, 1.0 / rate_hz, rate_hz**2)
+    # roots of the squares, from the least end to the greatest of all that is likely
+    lows: dict[str, list[float]] = {}
+    highs: dict[str, list[float]] = {}
+    for components in chosen.likely:
+        problem = family.problem(variances / unit, components).part(*chosen.used)
+        lowest, highest = (end[0] for end in ends(problem, fitted(problem)))
+        highest = np.minimum(highest, greatest(problem))
+        for place, component in enumerate(components):
+            low, high = float(lowest[place]), float(highest[place])
+            letter = component.process.letter
+            lows.setdefault(letter, []).append(low)
+            # Markov noise that is not seen would be bounded by white noise alone
+            if low > 0.0 or component.kind != "M":
+                highs.setdefault(letter, []).append(high)
     made = []
-    for place, kind in enumerate(kinds):
-        scale = unit / seconds[kind]
-        low, high = (float(np.sqrt(end[0, place] * scale)) for end in both)
-        value = float(np.sqrt(found.values[0, place] * scale))
-        seen = low > 0.0 and value > 0.0
+    found, kinds = chosen.found, [c.process.letter for c in chosen.components]
+    for letter in sorted(highs, key=LETTERS.index):
+        square = spread = 0.0
+        if letter in kinds:
+            place = kinds.index(letter)
+            square, spread = found.values[0, place], found.sd[0, place]
+        scale = unit * rate_hz ** -PROCESSES[letter].rate_power
+        least = min(lows[letter]) if len(lows[letter]) == len(chosen.likely) else 0.0
+        value = float(np.sqrt(square * scale))
+        seen = least > 0.0 and value > 0.0
         made.append(
             Coefficient(
-                kind="NBKQ"[kind],
+                kind=letter,
                 value=value if seen else None,
-                sd=float(found.sd[0, place] * scale / (2.0 * value)) if seen else None,
-                low=low if seen else 0.0,
-                high=high,
+                sd=float(spread * scale / (2.0 * value)) if seen else None,
+                low=float(np.sqrt(least * scale)) if seen else 0.0,
+                high=float(np.sqrt(max(highs[letter]) * scale)),
             )
         )
-    return tuple(made)
+    made += _times(chosen, made, rate_hz)
+    return tuple(sorted(made, key=lambda each: LETTERS.index(each.kind)))
+
+
+def _times(
+    chosen: Chosen, made: list[Coefficient], rate_hz: float
+) -> list[Coefficient]:
+    # correlation time of Markov noise and frequency of a sine, if they are seen
+    seen = {each.kind for each in made if each.value is not None}
+    times = {c.kind: c.rows / rate_hz for c in chosen.components}
+    found = []
+    if "K" in seen and np.isfinite(chosen.least_time):
+        low, high = chosen.least_time / rate_hz, chosen.most_time / rate_hz
+        tau = times.get("M")
+        sd = None if tau is None else (high - low) / (2.0 * Z)
+        found.append(Coefficient(kind="T", value=tau, sd=sd, low=low, high=high))
+    if "A" in seen:
+        f, sd = 1.0 / times["A"], chosen.frequency_sd * rate_hz
+        ends_of_f = {"low": f - Z * sd, "high": f + Z * sd}
+        found.append(Coefficient(kind="f", value=f, sd=sd, **ends_of_f))
+    return found
 
 
 _CHANCE: Final = 0.5

@@ -9,15 +9,25 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arguments import file_path, whole_number
-from simval.arrays import Array, finite_array, frozen, positive_number
+from simval.arrays import (
+    Array,
+    finite_array,
+    frozen,
+    nonnegative_number,
+    positive_number,
+)
 from simval.errors import InputError, RefusedError
 from simval.files import MOST_DOCUMENT, parsed, read_text
 from simval.imu.noise.allan import allan_law
+from simval.imu.noise.components import PROCESSES, Component
 from simval.shapes import Float, Int
 from simval.text import shown
 
 LEAST_ROWS: Final = 500  # averages over 1 to 50 rows: 17 lengths for four coefficients
-UNITS = {"N": "raw/sqrt(Hz)", "B": "raw", "K": "raw/sqrt(s)", "Q": "raw s"}
+OF_TIME: Final = {"T": "s", "f": "Hz"}
+"""Units of coefficients that have none of the readings."""
+UNITS = {each.letter: each.raw_unit for each in PROCESSES.values()} | OF_TIME
+LETTERS: Final = "NBKTQRAf"  # in the order of a reader
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,15 +38,18 @@ class Coefficient:
     ----------
     kind : str
         ``N`` white noise, raw units per root hertz; ``B`` flicker, raw units; ``K``
-        rate random walk, raw units per root second; ``Q`` rounding of increments, raw
-        units times second.
+        rate random walk, or the driving noise of Markov noise, raw units per root
+        second; ``T`` its correlation time, s; ``Q`` rounding of increments, raw units
+        times second; ``R`` ramp, raw units per second; ``A`` amplitude of a sine, raw
+        units; ``f`` its frequency, Hz.
     value : float or None
         The estimate; None where the signal does not show the coefficient.
     sd : float or None
         Its standard deviation; None where there is no estimate.
     low, high : float
         Ends of its 95 % interval: 0 and the upper bound where it is not seen; `high`
-        is infinite where nothing bounds it.
+        is infinite where nothing bounds it. A correlation time that is not seen has a
+        lower bound: a random walk's is infinite.
     """
 
     kind: str
@@ -65,9 +78,11 @@ class AxisNoise:
     used : tuple of int
         First and last but one of the lengths that the fit took.
     coefficients : tuple of Coefficient
-        N, B, K (and Q); none where no range of lengths follows the model.
+        N, B, K (and Q), and what else is seen; none where no range of lengths follows.
     squares : Array
         N^2, B^2, K^2 and Q^2 of the fit in units of rows, raw units squared, (4,).
+    further : tuple of (Component, float)
+        Markov noise, ramp and sine of the fit, and the square of each in the same.
     chi2 : float
         Chi-square of the fit.
     dof : int
@@ -88,6 +103,7 @@ class AxisNoise:
     used: tuple[int, int]
     coefficients: tuple[Coefficient, ...]
     squares: Float[Array, "4"]
+    further: tuple[tuple[Component, float], ...]
     chi2: float
     dof: int
     p_value: float
@@ -116,7 +132,9 @@ class AxisNoise:
         Array
             Raw units squared, (t,).
         """
-        return np.asarray(allan_law(np.asarray(seconds) * self.rate_hz) @ self.squares)
+        m = np.asarray(seconds) * self.rate_hz
+        more = sum(square * each.law(m) for each, square in self.further)
+        return np.asarray(allan_law(m) @ self.squares + more)
 
     def variance_at(self, seconds: float) -> float:
         """Measured Allan variance at an averaging time.
@@ -209,6 +227,10 @@ def axis_to_json(axis: AxisNoise) -> dict[str, Any]:
         "rows": axis.rows,
         "coefficients": {c.kind: _coefficient(c, 1.0) for c in axis.coefficients},
         "squares_per_row": axis.squares.tolist(),
+        "further": [
+            {"kind": c.kind, "rows": c.rows, "square_per_row": square}
+            for c, square in axis.further
+        ],
         "rows_to_an_average": axis.counts.tolist(),
         "seconds": axis.seconds.tolist(),
         "allan_variance": axis.variances.tolist(),
@@ -263,12 +285,30 @@ def axis_from_json(data: dict[str, Any]) -> AxisNoise:
         used=(int(used[0]), int(used[1])),
         coefficients=tuple(_rebuilt(kind, value) for kind, value in _items(made)),
         squares=squares,
+        further=_further(data.get("further", [])),
         chi2=float(finite_array("chi2", data.get("chi2"), ())),
         dof=whole_number("dof", data.get("dof"), 0),
         p_value=float(finite_array("p_value", data.get("p_value"), ())),
         step=float(finite_array("rounding_step", data.get("rounding_step"), ())),
         statements=_words(data.get("statements")),
     )
+
+
+def _further(given: Any) -> tuple[tuple[Component, float], ...]:
+    if not isinstance(given, list) or not all(isinstance(each, dict) for each in given):
+        msg = f"`further` is {shown(given)}; it must be a list of objects"
+        raise InputError(msg)
+    made = []
+    for each in given:
+        kind, rows = each.get("kind"), each.get("rows")
+        square = nonnegative_number("square_per_row", each.get("square_per_row"), "")
+        if kind not in ("M", "R", "A"):
+            msg = f"`kind` is {shown(kind)}; further components are M, R and A"
+            raise InputError(msg)
+        timed = kind != "R"
+        time = positive_number("rows", rows, "rows") if timed else 0.0
+        made.append((Component(kind, time), square))
+    return tuple(made)
 
 
 def _words(given: Any) -> tuple[str, ...]:

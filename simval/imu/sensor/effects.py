@@ -7,7 +7,16 @@ Each axis adds to its readings, at steps of :math:`h` seconds, the sum of
    b_k &= B \sum_{j \ge 0} c_j\,g''_{k-j},\quad
    c_0 = 1,\ c_j = c_{j-1}\,(j - 1/2)/j  \tag{C3}
 
-of independent standard normal numbers. Their spectra, of both signs of the frequency,
+of independent standard normal numbers; of a Markov bias (exponentially correlated
+noise) of the driving noise q and the correlation time :math:`\tau`, exact at any step,
+of a ramp and of a sine, its phase drawn once for each axis:
+
+.. math:: m_k &= \varphi\,m_{k-1}
+   + \sqrt{\tfrac12 q^2\tau\,(1 - \varphi^2)}\;g_k,\quad
+   \varphi = e^{-h/\tau},\ m_0 = \sqrt{\tfrac12 q^2\tau}\;g_0  \tag{C4}\\
+   s_k &= R\,h\,k + A \sin(2\pi f h k + \psi)  \tag{C5}
+
+The spectra of the first three, of both signs of the frequency,
 are :math:`N^2`, :math:`K^2/(2\pi f)^2` and :math:`B^2/(2\pi f)` far below the rate
 (exactly, :math:`2\pi f` is :math:`2\sin(\pi f h)/h`), and so their Allan variances are
 :math:`N^2/\tau`, :math:`K^2\tau/3` and :math:`(2\ln 2/\pi)\,B^2` for averages over many
@@ -66,25 +75,47 @@ class NoiseModel:
     walk_raw_per_sqrt_s : Array
         Rate random walk K, raw units per square root of a second: the standard
         deviation that the walk has reached after one second.
+    markov_raw_per_sqrt_s : Array
+        Driving noise q of a Markov bias, raw units per square root of a second: it has
+        the standard deviation q times the square root of half its correlation time,
+        and is a walk of K = q over times far below it.
+    markov_s : Array
+        Its correlation time, s; above 0 where it has a driving noise.
+    ramp_raw_per_s : Array
+        Rate ramp R, raw units per second.
+    sine_raw : Array
+        Amplitude A of a sine in the output, raw units.
+    sine_hz : float
+        Its frequency, Hz.
 
     Raises
     ------
     InputError
-        If a value is negative or not finite.
+        If a value is negative or not finite, or a Markov bias has no correlation time.
     """
 
     white_raw_per_sqrt_hz: Array | float = 0.0
     flicker_raw: Array | float = 0.0
     walk_raw_per_sqrt_s: Array | float = 0.0
+    markov_raw_per_sqrt_s: Array | float = 0.0
+    markov_s: Array | float = 0.0
+    ramp_raw_per_s: Array | float = 0.0
+    sine_raw: Array | float = 0.0
+    sine_hz: float = 0.0
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
-            object.__setattr__(self, name, levels_of_axes(name, getattr(self, name)))
+            if name != "sine_hz":
+                levels = levels_of_axes(name, getattr(self, name))
+                object.__setattr__(self, name, levels)
+        require_times(self.markov_raw_per_sqrt_s, "markov_s", self.markov_s)
+        frequency = nonnegative_number("sine_hz", self.sine_hz, "Hz")
+        object.__setattr__(self, "sine_hz", frequency)
 
     def parts(
         self, n: int, rate_hz: float, rng: np.random.Generator
-    ) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"], Float[Array, "n 3"]]:
-        """White noise, flicker and random walk of consecutive rows, each apart.
+    ) -> tuple[Float[Array, "n 3"], ...]:
+        """Each kind of noise of consecutive rows, apart.
 
         Parameters
         ----------
@@ -99,8 +130,8 @@ class NoiseModel:
         Returns
         -------
         tuple of Array
-            White noise, flicker and walk, raw units, each (n, 3); the walk starts
-            from 0.
+            White noise, flicker, walk, Markov bias, and ramp and sine together, raw
+            units, each (n, 3); walk and ramp start from 0.
 
         Raises
         ------
@@ -111,6 +142,7 @@ class NoiseModel:
         rate_hz = positive_number("rate_hz", rate_hz, "Hz")
         instance("rng", rng, np.random.Generator)
         for_white, for_flicker, for_walk = rng.spawn(3)
+        for_markov, for_sine = for_walk.spawn(2)  # where the next draw's stay
         white = np.asarray(self.white_raw_per_sqrt_hz) * np.sqrt(rate_hz)
         walk = np.asarray(self.walk_raw_per_sqrt_s) / np.sqrt(rate_hz)
         steps = for_walk.standard_normal((n, 3))
@@ -122,7 +154,33 @@ class NoiseModel:
             white * for_white.standard_normal((n, 3)),
             np.asarray(self.flicker_raw) * flicker,
             walk * np.cumsum(steps, axis=0),
+            self._markov(n, rate_hz, for_markov),
+            self._certain(n, rate_hz, for_sine),
         )
+
+    def _markov(
+        self, n: int, rate_hz: float, rng: np.random.Generator
+    ) -> Float[Array, "n 3"]:
+        # (C4)
+        rows = np.zeros((n, 3))
+        for axis in np.flatnonzero(self.markov_raw_per_sqrt_s):
+            time = np.asarray(self.markov_s)[axis]
+            size = np.asarray(self.markov_raw_per_sqrt_s)[axis] * np.sqrt(0.5 * time)
+            driving = size * rng.standard_normal(n)
+            driving[1:] *= np.sqrt(-np.expm1(-2.0 / (time * rate_hz)))
+            memory = np.exp(-1.0 / (time * rate_hz))
+            rows[:, axis] = scipy.signal.lfilter([1.0], [1.0, -memory], driving)
+        return rows
+
+    def _certain(
+        self, n: int, rate_hz: float, rng: np.random.Generator
+    ) -> Float[Array, "n 3"]:
+        # (C5)
+        seconds = np.arange(n)[:, None] / rate_hz
+        phase = rng.uniform(0.0, 2.0 * np.pi, 3)
+        swing = np.sin(2.0 * np.pi * self.sine_hz * seconds + phase)
+        ramp = np.asarray(self.ramp_raw_per_s) * seconds
+        return np.asarray(ramp + np.asarray(self.sine_raw) * swing)
 
     def draw(
         self, n: int, rate_hz: float, rng: np.random.Generator
@@ -141,15 +199,17 @@ class NoiseModel:
         Returns
         -------
         Array
-            The sum of white noise, flicker and walk, raw units, (n, 3).
+            Their sum, raw units, (n, 3).
 
         Raises
         ------
         InputError
             If the number of rows or the rate cannot be used.
         """
-        white, flicker, walk = self.parts(n, rate_hz, rng)
-        return white + flicker + walk
+        first, *others = self.parts(n, rate_hz, rng)
+        for each in others:
+            first += each
+        return first
 
 
 def _flicker(n: int, rng: np.random.Generator) -> Float[Array, "n 3"]:
@@ -164,6 +224,22 @@ def _flicker(n: int, rng: np.random.Generator) -> Float[Array, "n 3"]:
         driven = scipy.fft.rfft(stream.standard_normal(2 * n), size) * spectrum
         rows[:, axis] = scipy.fft.irfft(driven, size)[n : 2 * n]
     return rows
+
+
+def require_times(driving: Any, name: str, times: Any) -> None:
+    """Require a correlation time of each axis that has a driving noise.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if np.any((np.asarray(driving) > 0.0) & ~(np.asarray(times) > 0.0)):
+        msg = (
+            f"`{name}` is {shown(times)}, and a Markov bias is driven by "
+            f"{shown(driving)}; give its correlation time, above 0 s"
+        )
+        raise InputError(msg)
 
 
 def levels_of_axes(name: str, value: Any) -> Float[Array, "3"]:
@@ -181,6 +257,14 @@ def levels_of_axes(name: str, value: Any) -> Float[Array, "3"]:
     return frozen(np.broadcast_to(array, (3,)))
 
 
+_LEVELS: Final = (
+    "flicker_raw",
+    "bias_walk_raw_per_sqrt_s",
+    "bias_markov_raw_per_sqrt_s",
+    "bias_markov_s",
+    "bias_ramp_raw_per_s",
+    "sine_raw",
+)
 STANDARD_GRAVITY: Final = 9.80665  # m/s^2, the unit of `range_g`
 UNEVEN: Final = 1e-3  # share of a step that a clock of even steps may be off by
 E = TypeVar("E", bound="Electronics")
@@ -203,6 +287,17 @@ class Electronics:
     bias_walk_raw_per_sqrt_s : Array
         Bias random walk K of each axis, raw units per square root of a second, (3,):
         the standard deviation that it has reached after one second.
+    bias_markov_raw_per_sqrt_s : Array
+        Driving noise of a Markov bias of each axis, raw units per square root of a
+        second, (3,), see `NoiseModel`.
+    bias_markov_s : Array
+        Its correlation time, s, (3,); above 0 where it has a driving noise.
+    bias_ramp_raw_per_s : Array
+        Rate ramp R of each axis, raw units per second, (3,), from the first row.
+    sine_raw : Array
+        Amplitude of a sine in the output of each axis, raw units, (3,).
+    sine_hz : float
+        Its frequency, Hz.
     quantum_raw : float
         Step of the converter, raw units; 0 does not quantise.
     limits_raw : tuple of float or None
@@ -223,16 +318,23 @@ class Electronics:
     white_raw_per_sqrt_hz: Array | float | None = None
     flicker_raw: Array | float = 0.0
     bias_walk_raw_per_sqrt_s: Array | float = 0.0
+    bias_markov_raw_per_sqrt_s: Array | float = 0.0
+    bias_markov_s: Array | float = 0.0
+    bias_ramp_raw_per_s: Array | float = 0.0
+    sine_raw: Array | float = 0.0
+    sine_hz: float = 0.0
     quantum_raw: float = 0.0
     limits_raw: tuple[float, float] | None = None
     delay_s: float = 0.0
 
     def __post_init__(self) -> None:
         optional = ("noise_std_raw", "white_raw_per_sqrt_hz")  # None: the model's
-        for name in (*optional, "flicker_raw", "bias_walk_raw_per_sqrt_s"):
+        for name in (*optional, *_LEVELS):
             value = getattr(self, name)
             if value is not None or name not in optional:
                 object.__setattr__(self, name, levels_of_axes(name, value))
+        times = self.bias_markov_s
+        require_times(self.bias_markov_raw_per_sqrt_s, "bias_markov_s", times)
         if self.noise_std_raw is not None and self.white_raw_per_sqrt_hz is not None:
             msg = (
                 f"`noise_std_raw` is {shown(self.noise_std_raw)} and "
@@ -240,7 +342,8 @@ class Electronics:
                 "state the white noise, so give one of them"
             )
             raise InputError(msg)
-        for name, unit in (("quantum_raw", "raw units"), ("delay_s", "s")):
+        units = (("quantum_raw", "raw units"), ("delay_s", "s"), ("sine_hz", "Hz"))
+        for name, unit in units:
             number = nonnegative_number(name, getattr(self, name), unit)
             object.__setattr__(self, name, number)
         if self.limits_raw is not None:
@@ -335,6 +438,8 @@ class Readings:
         Bias random walk, raw units, (n, 3).
     flicker_raw : Array
         Flicker noise, raw units, (n, 3).
+    drift_raw : Array
+        Markov bias, ramp and sine together, raw units, (n, 3).
     noise_raw : Array
         White noise, raw units, (n, 3).
     out_of_range : NDArray[np.bool_]
@@ -347,13 +452,15 @@ class Readings:
     vibration_m_s2: Float[Array, "n 3"]
     bias_walk_raw: Float[Array, "n 3"]
     flicker_raw: Float[Array, "n 3"]
+    drift_raw: Float[Array, "n 3"]
     noise_raw: Float[Array, "n 3"]
     out_of_range: NDArray[np.bool_]
     saturated: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
         for name in (
-            "raw", "vibration_m_s2", "bias_walk_raw", "flicker_raw", "noise_raw"
+            "raw", "vibration_m_s2", "bias_walk_raw", "flicker_raw", "drift_raw",
+            "noise_raw",
         ):  # fmt: skip
             object.__setattr__(self, name, frozen(getattr(self, name)))
 

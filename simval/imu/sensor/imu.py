@@ -251,7 +251,7 @@ def _read(
     rng: np.random.Generator,
 ) -> Readings:
     # (E1) to (E3) of a sensor's matrix, bias, and what else its readings are off by; a
-    # new effect's stream comes last, so the others' stay
+    # new effect's stream is a child of another's, so the others' stay
     for_noise, for_walk, for_phase, for_flicker = rng.spawn(4)
     late = shaken = delayed(truth, effects.delay_s, time)
     if isinstance(effects, Effects):
@@ -269,8 +269,9 @@ def _read(
     if np.any(effects.flicker_raw):
         model = NoiseModel(flicker_raw=effects.flicker_raw)
         flicker = model.draw(len(time), even_rate(time), for_flicker)
+    drift = _drift(effects, time, for_walk.spawn(1)[0])
     matrix, bias, offset = linear
-    raw = unscaled(matrix, felt) + bias + offset + walk + noise + flicker
+    raw = unscaled(matrix, felt) + bias + offset + walk + noise + flicker + drift
     if effects.quantum_raw > 0.0:
         raw = effects.quantum_raw * np.round(raw / effects.quantum_raw)
     low, high = effects.limits_raw or (-np.inf, np.inf)
@@ -279,10 +280,28 @@ def _read(
         vibration_m_s2=shaken - late,
         bias_walk_raw=walk,
         flicker_raw=flicker,
+        drift_raw=drift,
         noise_raw=noise,
         out_of_range=felt != shaken,
         saturated=(raw < low) | (raw > high),
     )
+
+
+def _drift(
+    effects: Electronics, time: Float[Array, " n"], rng: np.random.Generator
+) -> Float[Array, "n 3"]:
+    # Markov bias, ramp and sine, of a clock with even steps
+    driving, ramp = effects.bias_markov_raw_per_sqrt_s, effects.bias_ramp_raw_per_s
+    if not (np.any(driving) or np.any(ramp) or np.any(effects.sine_raw)):
+        return np.zeros((len(time), 3))
+    model = NoiseModel(
+        markov_raw_per_sqrt_s=driving,
+        markov_s=effects.bias_markov_s,
+        ramp_raw_per_s=ramp,
+        sine_raw=effects.sine_raw,
+        sine_hz=effects.sine_hz,
+    )
+    return model.draw(len(time), even_rate(time), rng)
 
 
 def _stamped(

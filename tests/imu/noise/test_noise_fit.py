@@ -11,7 +11,8 @@ from simval.imu.noise import (
     averaging_counts,
     covariance_forms,
 )
-from simval.imu.noise.fit import Problem, ends, fitted, noise_of, rounding_step
+from simval.imu.noise.fit import noise_of, rounding_step
+from simval.imu.noise.least_squares import Problem, ends, fitted
 from simval.imu.sensor import NoiseModel
 from simval.streams import cell_key, stream
 from simval.theory.coloured_noise import noise_bound
@@ -143,9 +144,10 @@ def test_a_filter_in_the_sensor_is_said():
 
 def test_what_follows_no_model_has_no_coefficients():
     rows = 2048
-    sine = np.sin(2.0 * np.pi * 0.7 * np.arange(rows) / RATE)
+    time = np.arange(rows) / RATE
+    two = np.sin(2.0 * np.pi * 0.7 * time) + np.sin(2.0 * np.pi * 3.1 * time)
     noise = drawn(1, rows, 8, white_raw_per_sqrt_hz=0.02)[:, 0]
-    (found,) = noise_of(sine + noise, RATE)
+    (found,) = noise_of(two + noise, RATE)
     assert found.coefficients == ()
     assert "no coefficients" in found.statements[0]
 
@@ -153,7 +155,8 @@ def test_what_follows_no_model_has_no_coefficients():
 @pytest.mark.ci
 def test_signals_that_are_measured_together_are_each_as_if_alone():
     white = drawn(3, 4096, 16, white_raw_per_sqrt_hz=0.02, walk_raw_per_sqrt_s=0.05)
-    moving = np.sin(2.0 * np.pi * 0.7 * np.arange(4096) / RATE)
+    angle = 2.0 * np.pi * np.arange(4096) / RATE
+    moving = np.sin(0.7 * angle) + np.sin(3.1 * angle)  # one sine would be told
     filtered = np.convolve(white[:, 1], np.full(4, 0.25), mode="same")
     columns = (white[:, 0], filtered, np.ones(4096), white[:, 0] + moving, white[:, 2])
     signals = np.stack(columns, axis=1)

@@ -54,7 +54,7 @@ def measured():
     rng = stream(1, KEY, 0)
     out = []
     for _ in range(DRAWS):
-        parts = np.stack(model.parts(ROWS, RATE, rng), axis=-1)
+        parts = np.stack(model.parts(ROWS, RATE, rng)[:3], axis=-1)
         parts = np.concatenate([parts, parts.sum(axis=-1, keepdims=True)], axis=-1)
         out.append(np.stack([allan_variance(parts, m) for m in LENGTHS], axis=1))
     return np.concatenate(out)

@@ -1,0 +1,312 @@
+r"""Which components a signal's noise has: slow noise of several kinds, by evidence.
+
+White noise, flicker and a random walk are fitted first. Where that shows flicker or a
+walk, or does not fit, others may explain the same averages: in place of the walk K,
+Markov noise of any correlation time, or a ramp; beside it a ramp, or a sine at the
+highest line of the spectrum. Each is one more fit of the same kind, a row of
+`simval.imu.noise.components`, and they are weighed by their deviance
+
+.. math:: D = (y - X\theta)^T V(\theta)^{-1} (y - X\theta) + \ln\det V(\theta)
+   \tag{V13}
+
+at one length an octave (at three, whose correlations are near one, D is two to three
+times too sharp). What is within `LIKELY` of the least is not told apart by the signal:
+an interval is then from the least end to the greatest of all of these, and a
+coefficient is seen if all of them show it. A walk is Markov noise of a time without
+end, so the times that are left are the interval of the correlation time.
+"""
+
+from collections.abc import Sequence, Set
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simval.arrays import Array
+from simval.imu.noise.allan import KINDS, PER_OCTAVE, covariance_forms
+from simval.imu.noise.components import Component
+from simval.imu.noise.least_squares import Problem, Squares, ends, fitted
+from simval.shapes import Float, Int
+
+LIKELY: Final = 6.0
+"""Of (V13): what the true component may be above the best; measured, see
+`test_true_time_is_likely`: exceeded by 1 to 5 % of signals."""
+EVIDENCE: Final = 9.0
+"""Of (V13): what a ramp or a sine beside all others must gain."""
+SHORTEST: Final = 8.0  # rows to a correlation time; a shorter one is a sensor's filter
+CYCLES: Final = 10  # of a sine within the signal; of fewer a drift has as many
+_LINE: Final = 1e-4  # chance of a line as high in noise of a smooth spectrum
+_CLOSE: Final = 2.0  # of (V13): from one correlation time to the next about the best
+_ROUNDS: Final = 6  # of times between those before
+
+WALK: Final = Component("K")
+RAMP: Final = Component("R")
+
+
+class Family:
+    """Laws and forms of components for signals of one length, each made once."""
+
+    def __init__(
+        self,
+        counts: Int[Array, " m"],
+        rows: int,
+        kinds: Sequence[str],
+        sines: Sequence[Component] = (),
+    ) -> None:
+        self.counts, self.rows, self._kinds = counts, rows, kinds
+        self.fast = tuple(Component(kind) for kind in kinds if kind != "K")
+        self._sines = list(dict.fromkeys(sines))
+        self._some: dict[tuple[int, ...], Family] = {}
+        self._forms: dict[tuple[Component, Component], Array] = {}
+        self._make(())
+
+    def problem(
+        self, variances: Float[Array, "s m"], components: Sequence[Component]
+    ) -> Problem:
+        """Return the least squares problem of some components."""
+        law = np.stack([each.law(self.counts) for each in components], axis=1)
+        rows = [[self._forms[a, b] for b in components] for a in components]
+        return Problem(variances, law, np.moveaxis(np.array(rows), (0, 1), (2, 3)))
+
+    def markov(self, times: Sequence[float]) -> list[Component]:
+        """Markov noise of each time in rows, its forms made together."""
+        made = [Component("M", float(time)) for time in dict.fromkeys(times)]
+        new = [each for each in made if (each, each) not in self._forms]
+        if new:
+            self._make(new)
+        return made
+
+    def of(self, places: NDArray[np.intp]) -> "Family":
+        """Take some of the lengths: few have forms that are made in no time."""
+        counts = self.counts[places]
+        known = tuple(counts.tolist())
+        if known not in self._some:
+            some = Family(counts, self.rows, self._kinds, self._sines)
+            self._some[known] = some
+        return self._some[known]
+
+    def _make(self, new: Sequence[Component]) -> None:
+        # forms of Markov noise with all that it may stand beside
+        further = [RAMP, *self._sines, *new]
+        forms = covariance_forms(self.counts, self.rows, further)
+        every = [*map(Component, KINDS), *further]
+        for i, one in enumerate(every):
+            for j, other in enumerate(every):
+                self._forms[one, other] = forms[:, :, i, j]
+
+
+class Chosen(NamedTuple):
+    """Components of a signal, and lengths that follow them."""
+
+    used: tuple[int, int]
+    found: Squares
+    """The fit of the first of `likely`."""
+    likely: tuple[tuple[Component, ...], ...]
+    """Sets of components that the signal does not tell apart, the stated one first."""
+    least_time: float = np.inf
+    """Rows: shortest correlation time that is left; infinite where none was asked."""
+    most_time: float = np.inf
+    """Rows: longest; infinite where a walk is likely."""
+    frequency_sd: float = 0.0
+    """Of a sine, cycles a row."""
+    slow: bool = False
+    """Whether there is more than white noise and a sine."""
+
+    @property
+    def components(self) -> tuple[Component, ...]:
+        """The stated set."""
+        return self.likely[0]
+
+
+def weighed(
+    family: Family,
+    variances: Float[Array, "1 m"],
+    used: tuple[int, int],
+    line: "Line",
+    p_value: float,
+) -> Chosen | None:
+    """Choose components for some of the lengths; None if no set fits them."""
+    first, last = used
+    # one length an octave, where these are enough
+    step = PER_OCTAVE if last - first >= 6 * PER_OCTAVE else 1
+    octaves = np.arange(first, last)[::step]
+    few, some = family.of(octaves), variances[:, octaves]
+    sets = _deviances(few, some, ())
+    extra: tuple[Component, ...] = ()
+    if line.period:
+        sine = (line.component,)
+        with_it = _deviances(few, some, sine)
+        if min(sets.values()) - min(with_it.values()) > EVIDENCE:
+            sets, extra = with_it, sine
+    plain = (*family.fast, WALK, *extra)
+    slow = is_slow(family.problem(variances, plain).part(*used), plain, p_value)
+    if not slow:
+        sets = {plain: sets[plain]}
+    # beside a walk, a ramp must show itself, or be all that is needed
+    least = min(sets.values())
+    walk = (*plain, RAMP)
+    alone = sets.get((*family.fast, RAMP, *extra), np.inf) - least <= LIKELY
+    if slow and (alone or least - _deviance(few, some, walk) > EVIDENCE):
+        sets |= _deviances(few, some, (*extra, RAMP))
+    limit = min(sets.values()) + LIKELY
+    likely = [each for each in sorted(sets, key=sets.__getitem__) if sets[each] < limit]
+    if any(RAMP in each for each in likely) and walk not in likely:
+        likely.append(walk)  # a walk's slope counts for a ramp's, however little it is
+    for each in (plain, walk):  # the simplest first
+        if each in likely:
+            likely.remove(each)
+            likely.insert(0, each)
+            break
+    family.markov([c.rows for each in likely for c in each if c.kind == "M"])
+    problem = family.problem(variances, likely[0]).part(*used)
+    found = fitted(problem)
+    if not found.p_value[0] >= p_value:
+        return None
+    known = np.unique([c.rows for each in sets for c in each if c.kind == "M"])
+    left = np.isin(known, [c.rows for each in likely for c in each if c.kind == "M"])
+    # to the middle between what is likely and what is not
+    wide = np.sqrt(np.append(known, known[-1:]) * np.insert(known, 0, known[:1]))
+    times = np.concatenate([wide[:-1][left], wide[1:][left]])
+    without = any(WALK in each for each in likely) or not len(times)
+    return Chosen(
+        used,
+        found,
+        tuple(likely),
+        least_time=float(min(times, default=np.inf)),
+        most_time=np.inf if without else float(max(times)),
+        frequency_sd=line.frequency_sd,
+        slow=slow,
+    )
+
+
+def is_slow(
+    problem: Problem, components: tuple[Component, ...], p_value: float
+) -> bool:
+    """Return whether flicker or a walk is seen, or needed beside white noise."""
+    slow = np.array([each.kind in "BK" for each in components])
+    low, _ = ends(problem, fitted(problem))
+    if np.any(low[0, slow] > 0.0):
+        return True
+    law, forms = problem.law[:, ~slow], problem.forms[..., ~slow][..., ~slow, :]
+    white = fitted(problem._replace(law=law, forms=forms))
+    return not white.p_value[0] >= p_value
+
+
+def _deviance(
+    family: Family, variances: Float[Array, "1 m"], components: tuple[Component, ...]
+) -> float:
+    # (V13)
+    return float(fitted(family.problem(variances, components)).deviance[0])
+
+
+def _deviances(
+    family: Family, variances: Float[Array, "1 m"], extra: tuple[Component, ...]
+) -> dict[tuple[Component, ...], float]:
+    # the walk, a ramp in its place, and Markov noise, finer about the likely times
+    def beside(slow: Component) -> tuple[Component, ...]:
+        return (*family.fast, slow, *extra)
+
+    plain = [beside(WALK)] if RAMP in extra else [beside(WALK), beside(RAMP)]
+    sets = {each: _deviance(family, variances, each) for each in plain}
+    shortest = SHORTEST * float(family.counts[0])
+    octaves = int(np.log2(family.rows / shortest))
+    times = shortest * 2.0 ** np.arange(0, octaves + 2, 2)
+    D: dict[float, float] = {}
+    for _ in range(_ROUNDS):
+        for markov in family.markov(times.tolist()):
+            D[markov.rows] = _deviance(family, variances, beside(markov))
+            sets[beside(markov)] = D[markov.rows]
+        known = np.sort(list(D))
+        levels = np.array([D[time] for time in known]) - min(sets.values())
+        # where it changes much from one time to the next, and one of them is likely
+        near = np.minimum(levels[1:], levels[:-1]) <= LIKELY
+        near &= np.abs(np.diff(levels)) > _CLOSE
+        times = np.sqrt(known[1:] * known[:-1])[near]
+        if not len(times):
+            break
+    return sets
+
+
+class Line(NamedTuple):
+    """A line of a spectrum."""
+
+    period: float = 0.0
+    """Rows; 0 if there is none."""
+    frequency_sd: float = 0.0
+    """Cycles a row."""
+
+    @property
+    def component(self) -> Component:
+        """The sine that it is."""
+        return Component("A", self.period)
+
+
+def line_of(signal: Float[Array, " n"]) -> Line:
+    """Find the highest line of a signal's spectrum.
+
+    A line stands above a smooth curve through the logarithms of the periodogram by
+    more than noise does in one signal of 10 000.
+    """
+    n = len(signal)
+    k = np.arange(CYCLES, n // 2)
+    if len(k) < 8 * CYCLES:
+        return Line()
+    x = signal - signal.mean()
+    window = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
+    power = np.abs(np.fft.rfft(x * window)[k]) ** 2
+    if not np.all(power > 0.0):
+        return Line()
+    curve = np.polynomial.Polynomial.fit(np.log(k), np.log(power), 5, w=k**-0.5)
+    above = np.log(power) - curve(np.log(k)) - np.euler_gamma
+    top = int(np.argmax(above))
+    if not above[top] > np.log(-np.log(_LINE / len(k))):
+        return Line()
+    # between two frequencies of the transform, by the squares of three
+    around = np.sqrt(power[max(top - 1, 0) : top + 2])
+    shift = 0.0
+    if len(around) == 3:
+        whole = around[0] + 2.0 * around[1] + around[2]  # exact for this window
+        shift = float(2.0 * (around[2] - around[0]) / whole)
+    # the bound 24 s^2/(A^2 n^3) on its variance in radians a row, in white noise of the
+    # level about it, and 1.4 times its root for three frequencies under this window
+    sd = 1.4 / (np.pi * n * np.exp(0.5 * above[top]))
+    return Line(float(n / (k[top] + shift)), float(sd))
+
+
+def words_of(chosen: Chosen, seen: Set[str], rate_hz: float, unit: float) -> list[str]:
+    """Say what was chosen beside N, B and K, and what is not told apart.
+
+    `seen` are the letters of the coefficients that the signal shows.
+    """
+    said = []
+    stated = {c.kind: place for place, c in enumerate(chosen.components)}
+    kinds = {c.kind for each in chosen.likely for c in each}
+    low = chosen.least_time / rate_hz
+    if "M" in stated and "K" in seen:
+        tau = chosen.components[stated["M"]].rows
+        size = np.sqrt(0.5 * tau * chosen.found.values[0, stated["M"]] * unit)
+        said.append(
+            f"the bias is Markov noise of {size:.3g} raw units (1 sd), its correlation "
+            f"time {tau / rate_hz:.3g} s ({low:.3g} to "
+            f"{chosen.most_time / rate_hz:.3g} s): K is its driving noise, and no "
+            "random walk follows the averages"
+        )
+    elif "M" in kinds and "K" in seen:
+        said.append(
+            "K is of a random walk, or of Markov noise with a correlation time above "
+            f"{low:.3g} s: this signal does not tell them apart"
+        )
+    if not seen & {"B", "K", "R"} and chosen.slow:
+        said.append(
+            "there is slow noise, and the signal does not tell what: flicker, a random "
+            "walk, Markov noise or a ramp, each below its bound; a longer rest does"
+        )
+    if "R" in seen:
+        said.append("a ramp: the bias drifts evenly (temperature?)")
+    if "A" in seen:
+        period = chosen.components[stated["A"]].rows
+        said.append(
+            f"a sine of {rate_hz / period:.6g} Hz, a line of the spectrum: something "
+            "near the sensor, or its own"
+        )
+    return said

@@ -1,0 +1,229 @@
+r"""Squares of the components of noise, by least squares on Allan variances.
+
+The Allan variances y of a signal are linear in the squares, :math:`y
+= X \theta`, and their covariance (V4) is a quadratic form in the same numbers. So the
+weights follow the estimate, in a few rounds:
+
+.. math:: \hat\theta = \arg\min_{\theta \ge 0}
+   (y - X\theta)^T V(\hat\theta)^{-1} (y - X\theta).  \tag{V5}
+
+An end of a confidence interval is the value that the estimate without signs would lie
+:math:`z` standard deviations from, were it the true one: V is taken there, since a
+larger coefficient scatters more,
+
+.. math:: \theta_i^\pm = \tilde\theta_i(V(\theta^\pm)) \pm z\,
+   \tilde s_i(V(\theta^\pm)).  \tag{V6}
+
+Where that estimate is more than one standard deviation below zero, the upper end takes
+it for one: a bound is then no lower than one signal in six without the coefficient
+shows, and never zero, which no signal tells.
+"""
+
+from functools import cache
+from itertools import product
+from typing import Final, NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from simval.arrays import Array
+from simval.imu.noise.allan import allan_covariance
+from simval.shapes import Bool, Float, Int
+
+ROUNDS: Final = 12  # four to seven settle the weights
+SETTLED: Final = 0.02  # standard deviations; the next round moves half of it or less
+RIDGE: Final = 1e-4
+"""Share of each variance that is added to it, what (V4) itself may be off by; without
+it neighbours of a long random walk, equal to 1e-6, would be told apart."""
+LEAST_VARIANCE: Final = 1e-12  # of an Allan variance's square: 1e12 rows
+_FLAT: Final = 1e-12  # relative: a slope that is rounding
+FAR: Final = 3.0  # standard deviations, as the least of all lengths is taken
+Z: Final = 1.959963984540054  # of 95 %, both ends together
+
+
+class Problem(NamedTuple):
+    """Allan variances of signals of the same length, and what theory says of them."""
+
+    variances: Float[Array, "s m"]
+    law: Float[Array, "m k"]  # of the coefficients that are asked for
+    forms: Float[Array, "m m k k"]
+
+    def of(self, signals: NDArray[np.intp]) -> "Problem":
+        """Take some of the signals, each as often as it is named."""
+        return self._replace(variances=self.variances[signals])
+
+    def part(self, first: int, last: int) -> "Problem":
+        """Take some of the lengths."""
+        some = slice(first, last)
+        return Problem(self.variances[:, some], self.law[some], self.forms[some, some])
+
+
+class Squares(NamedTuple):
+    """Estimates (V5) of signals, and how well they fit."""
+
+    values: Float[Array, "s k"]  # 0 or more
+    free: Float[Array, "s k"]  # of least squares without signs, unbiased
+    sd: Float[Array, "s k"]  # of `free`
+    chi2: Float[Array, " s"]
+    dof: Int[Array, " s"]
+    p_value: Float[Array, " s"]
+    deviance: Float[Array, " s"]  # chi2 and the logarithm of V's determinant
+
+
+class _Whitened(NamedTuple):
+    # divided by the Cholesky factor of the variances' covariance
+    law: Float[Array, "s m k"]
+    target: Float[Array, "s m"]  # the variances
+    log_volume: Float[Array, " s"]  # logarithm of the covariance's determinant
+
+
+def fitted(problem: Problem) -> Squares:
+    """Fit the squares of the coefficients of each signal."""
+    # variances of the variances, up to a factor: longer averages are fewer
+    roughly = problem.variances**2 / problem.law[:, 0]
+    whitened = _whitened(problem, roughly[:, None] * np.eye(len(problem.law)))
+    free, sd = _free(whitened)
+    values = _nonnegative(whitened, free)
+    left = np.arange(len(values))  # signals whose weights are not settled
+    for _ in range(ROUNDS):
+        before = values[left]
+        V = allan_covariance(problem.forms, before)
+        whitened = _whitened(problem.of(left), V)
+        free[left], sd[left] = _free(whitened)
+        now = _nonnegative(whitened, free[left])
+        nothing = ~np.any(now, axis=1)  # no weights at all: keep the last ones
+        now[nothing] = before[nothing]
+        values[left] = now
+        left = left[~np.all(np.abs(now - before) <= SETTLED * sd[left], axis=1)]
+        if not len(left):
+            break
+    V = allan_covariance(problem.forms, values)
+    law, target, log_volume = _whitened(problem, V)
+    chi2 = np.sum((target - _times(law, values)) ** 2, axis=1)
+    dof = len(problem.law) - np.count_nonzero(values, axis=1)
+    p_value = scipy.special.chdtrc(dof, chi2)
+    return Squares(values, free, sd, chi2, dof, p_value, chi2 + log_volume)
+
+
+def ends(problem: Problem, found: Squares) -> tuple[Float[Array, "s k"], ...]:
+    """Lower and upper ends (V6) of the 95 % intervals of each signal.
+
+    The lower is 0 where the coefficient is not seen, the upper infinite where nothing
+    bounds it.
+    """
+    size = (*found.values.shape, 2)
+    signal, place, side = (each.ravel() for each in np.indices(size))
+    z = np.array([-Z, Z])[side]
+    at_fit = _whitened(problem, allan_covariance(problem.forms, found.values))
+    value = np.maximum(found.free[signal, place] + z * found.sd[signal, place], 0.0)
+    most = 1e3 * problem.variances.max(axis=1)[signal] / problem.law.max(axis=0)[place]
+    end = np.where(z > 0.0, np.inf, 0.0)
+    left = np.arange(len(end))
+    for _ in range(4 * ROUNDS):
+        i, k, before = signal[left], place[left], value[left]
+        there = _with_end(_Whitened(*(each[i] for each in at_fit)), k, before)
+        whitened = _whitened(problem.of(i), allan_covariance(problem.forms, there))
+        free, sd = (each[np.arange(len(k)), k] for each in _free(whitened))
+        near = np.where(z[left] > 0.0, np.maximum(free, -sd), free)
+        now = value[left] = np.maximum(near + z[left] * sd, 0.0)
+        settled = np.abs(now - before) <= 0.01 * sd
+        beyond = ~settled & ~(now <= most[left])
+        end[left[settled]], end[left[beyond]] = now[settled], np.inf
+        left = left[~settled & ~beyond]
+        if not len(left):
+            break
+    low, high = np.moveaxis(end.reshape(size), -1, 0)
+    return low, high
+
+
+def greatest(problem: Problem) -> Float[Array, " k"]:
+    """Squares that alone would exceed the Allan variances of the first signal.
+
+    At some length by `FAR` standard deviations of what the square alone would scatter
+    by; other components only add to it. Where (V6) bounds nothing, this does.
+    """
+    share = 1.0 - FAR * np.sqrt(np.einsum("mmkk->mk", problem.forms)) / problem.law
+    with np.errstate(divide="ignore"):
+        each = problem.variances[0][:, None] / (problem.law * np.maximum(share, 0.0))
+    return np.asarray(each.min(axis=0))
+
+
+def _whitened(problem: Problem, covariance: Float[Array, "s m m"]) -> _Whitened:
+    least = LEAST_VARIANCE * problem.variances**2  # a ramp alone scatters by nothing
+    scale = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), least))
+    near = covariance / (scale[:, :, None] * scale[:, None, :])
+    ridge = RIDGE * np.eye(len(problem.law))
+    try:
+        factor = np.linalg.cholesky(near + ridge)
+    except np.linalg.LinAlgError:  # a ramp alone, whose V is known to 1e-3 only
+        level, turn = np.linalg.eigh(near)
+        level = np.maximum(level, 0.0)[:, None, :]
+        positive = (turn * level) @ np.swapaxes(turn, 1, 2)
+        factor = np.linalg.cholesky(positive + ridge)
+    law = np.broadcast_to(problem.law, (len(scale), *problem.law.shape))
+    both = np.concatenate([law, problem.variances[..., None]], axis=2)
+    solved = np.linalg.solve(factor, both / scale[..., None])
+    diagonal = np.diagonal(factor, axis1=1, axis2=2) * scale
+    log_volume = 2.0 * np.sum(np.log(diagonal), axis=1)
+    return _Whitened(solved[..., :-1], solved[..., -1], log_volume)
+
+
+def _times(
+    matrices: Float[Array, "s m k"], vectors: Float[Array, "s k"]
+) -> Float[Array, "s m"]:
+    # each matrix times its vector
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
+
+
+def _free(whitened: _Whitened) -> tuple[Float[Array, "s k"], Float[Array, "s k"]]:
+    # estimates without signs, and their standard deviations
+    law, target, _ = whitened
+    size = np.linalg.norm(law, axis=1)
+    left, spread, right = np.linalg.svd(law / size[:, None], full_matrices=False)
+    right = np.swapaxes(right, 1, 2)
+    free = _times(right, _times(np.swapaxes(left, 1, 2), target) / spread) / size
+    return free, np.linalg.norm(right / spread[:, None], axis=2) / size
+
+
+@cache
+def _sets(count: int) -> list[Bool[Array, " k"]]:
+    # some of so many coefficients, not all and not none, the largest sets first
+    sets = np.array(list(product([True, False], repeat=count)))[1:-1]
+    return sorted(sets, key=np.count_nonzero, reverse=True)
+
+
+def _nonnegative(whitened: _Whitened, free: Float[Array, "s k"]) -> Float[Array, "s k"]:
+    # the set of coefficients whose free estimates are above zero, and which no other
+    # would improve: the conditions of Karush, Kuhn and Tucker, for which it is the best
+    whole = np.all(free > 0.0, axis=1)
+    best = np.where(whole[:, None], free, 0.0)
+    left = np.flatnonzero(~whole)
+    law, target, none = whitened
+    for some in _sets(free.shape[1]):
+        if not len(left):
+            break
+        X, y = law[left], target[left]
+        values = np.zeros((len(left), len(some)))
+        values[:, some] = _free(_Whitened(X[..., some], y, none))[0]
+        slope = _times(np.swapaxes(X, 1, 2), y - _times(X, values))
+        size = np.linalg.norm(X, axis=1) * np.linalg.norm(y, axis=1)[:, None]
+        good = np.where(some, values > 0.0, slope <= _FLAT * size).all(axis=1)
+        best[left[good]] = values[good]
+        left = left[~good]
+    return best
+
+
+def _with_end(
+    at_fit: _Whitened, place: NDArray[np.intp], value: Float[Array, " s"]
+) -> Float[Array, "s k"]:
+    # the other coefficients' best, where one has a given value
+    law, target, none = at_fit
+    columns = np.swapaxes(law, 1, 2)
+    own = place[:, None] == np.arange(law.shape[2])
+    others = columns[~own].reshape(len(law), -1, law.shape[1])
+    rest = target - value[:, None] * columns[own]
+    whitened = _Whitened(np.swapaxes(others, 1, 2), rest, none)
+    there = np.where(own, value[:, None], 0.0)
+    there[~own] = _nonnegative(whitened, _free(whitened)[0]).ravel()
+    return there
