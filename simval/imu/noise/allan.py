@@ -27,6 +27,21 @@ averages over n and n' such differences, is then
 .. math:: \mathrm{cov}(m, m') = \frac{1}{2 m^2 m'^2 n n'} \sum_{j, k} c(t_j - t_k)^2.
    \tag{V4}
 
+Markov noise adds to :math:`R`
+
+.. math:: -\tfrac12 K^2\tau^3\,\bigl(e^{-|t|/\tau} - 1 + |t|/\tau\bigr).  \tag{V11}
+
+A ramp and a sine are certain: their second differences d are no noise, and scatter the
+mean squares only together with noise, by :math:`4 d_j d'_k c(t_j - t_k)` in place of
+:math:`2 c^2`. That is (V4) with, for a ramp, :math:`d d' = R^2 m^2 m'^2` beside c and
+no square of its own; for a sine, over all phases and for many periods,
+
+.. math:: d d' = 2 A^2 \frac{\sin^2(\omega m/2)\,\sin^2(\omega m'/2)}
+   {\sin^2(\omega/2)} \cos\omega t,\qquad
+   \sum_{j,k} d d'\,c = \min(n, n')\,|d d'|\;\hat c(\omega)  \tag{V12}
+
+with the spectrum of c, and the square that its phase leaves in a mean over n.
+
 All is in rows: one row is the unit of time, so that each of the four is a variance in
 the readings' unit squared. As c is linear in them, (V4) is a quadratic form
 in the four whose matrix depends on the lengths alone: it is made once for all signals.

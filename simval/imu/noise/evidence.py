@@ -16,7 +16,7 @@ coefficient is seen if all of them show it. A walk is Markov noise of a time wit
 end, so the times that are left are the interval of the correlation time.
 """
 
-from collections.abc import Sequence, Set
+from collections.abc import Iterable, Sequence, Set
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -152,31 +152,39 @@ def weighed(
     likely = [each for each in sorted(sets, key=sets.__getitem__) if sets[each] < limit]
     if any(RAMP in each for each in likely) and walk not in likely:
         likely.append(walk)  # a walk's slope counts for a ramp's, however little it is
-    for each in (plain, walk):  # the simplest first
-        if each in likely:
-            likely.remove(each)
-            likely.insert(0, each)
-            break
+    likely.sort(key=lambda each: (plain, walk, each).index(each))  # the simplest first
     family.markov([c.rows for each in likely for c in each if c.kind == "M"])
     problem = family.problem(variances, likely[0]).part(*used)
     found = fitted(problem)
     if not found.p_value[0] >= p_value:
         return None
-    known = np.unique([c.rows for each in sets for c in each if c.kind == "M"])
-    left = np.isin(known, [c.rows for each in likely for c in each if c.kind == "M"])
-    # to the middle between what is likely and what is not
-    wide = np.sqrt(np.append(known, known[-1:]) * np.insert(known, 0, known[:1]))
-    times = np.concatenate([wide[:-1][left], wide[1:][left]])
-    without = any(WALK in each for each in likely) or not len(times)
+    least_time, most_time = _times_left(sets, likely)
     return Chosen(
         used,
         found,
         tuple(likely),
-        least_time=float(min(times, default=np.inf)),
-        most_time=np.inf if without else float(max(times)),
+        least_time=least_time,
+        most_time=most_time,
         frequency_sd=line.frequency_sd,
         slow=slow,
     )
+
+
+def _times_left(
+    sets: Iterable[tuple[Component, ...]], likely: Iterable[tuple[Component, ...]]
+) -> tuple[float, float]:
+    # ends of the likely correlation times, to the middle to those that are not
+    known, left = (
+        np.unique([c.rows for each in some for c in each if c.kind == "M"])
+        for some in (sets, likely)
+    )
+    if not len(left):
+        return np.inf, np.inf
+    middles = np.sqrt(known[1:] * known[:-1])
+    wide = np.concatenate([known[:1], middles, known[-1:]])
+    first, last = np.searchsorted(known, left[[0, -1]])
+    walk = any(WALK in each for each in likely)
+    return float(wide[first]), np.inf if walk else float(wide[last + 1])
 
 
 def is_slow(
@@ -268,8 +276,8 @@ def line_of(signal: Float[Array, " n"]) -> Line:
         whole = around[0] + 2.0 * around[1] + around[2]  # exact for this window
         shift = float(2.0 * (around[2] - around[0]) / whole)
     # the bound 24 s^2/(A^2 n^3) on its variance in radians a row, in white noise of the
-    # level about it, and 1.4 times its root for three frequencies under this window
-    sd = 1.4 / (np.pi * n * np.exp(0.5 * above[top]))
+    # level about it, and 1.8 times its root for three frequencies under this window
+    sd = 1.8 / (np.pi * n * np.exp(0.5 * above[top]))
     return Line(float(n / (k[top] + shift)), float(sd))
 
 

@@ -307,7 +307,8 @@ def _coefficients(
     for components in chosen.likely:
         problem = family.problem(variances / unit, components).part(*chosen.used)
         lowest, highest = (end[0] for end in ends(problem, fitted(problem)))
-        highest = np.minimum(highest, greatest(problem))
+        noise = [each.process.spectrum is not None for each in components]
+        highest = np.where(noise, np.minimum(highest, greatest(problem)), highest)
         for place, component in enumerate(components):
             low, high = float(lowest[place]), float(highest[place])
             letter = component.process.letter

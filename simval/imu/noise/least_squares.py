@@ -141,7 +141,8 @@ def greatest(problem: Problem) -> Float[Array, " k"]:
     """Squares that alone would exceed the Allan variances of the first signal.
 
     At some length by `FAR` standard deviations of what the square alone would scatter
-    by; other components only add to it. Where (V6) bounds nothing, this does.
+    by; other noise only adds to it. Where (V6) bounds nothing, this does. It is no
+    bound of a ramp or a sine, which noise may lessen.
     """
     share = 1.0 - FAR * np.sqrt(np.einsum("mmkk->mk", problem.forms)) / problem.law
     with np.errstate(divide="ignore"):
