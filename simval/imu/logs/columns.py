@@ -28,6 +28,10 @@ _FREE = ("bare", "force", "temperature", "other")  # kinds that may be misnamed
 G_UNIT = 3.0  # between a length in g at rest, 1, and in m/s^2, 9.8
 PX4 = frozenset({"timestamp_sample", "gyro_rad[0]", "accelerometer_m_s2[0]"})
 """Names of PX4's logs, whose ``timestamp`` is in microseconds since boot."""
+_FREE_FILES = re.compile(
+    r".*(linear|user)[ _-]?acc.*|.*without[ _-]?g(ravity)?\b.*|gravity\W*\d*", re.I
+)
+_DEVICE_MOTION = frozenset({"gravityX", "rotationRateX", "accelerationX"})
 _APPLE = re.compile(r"accelerometerAcceleration[XYZ]\(G\)")  # of SensorLog, iOS only
 _SHOWN = 12  # names of a header that a message lists
 WIDEST = 60  # columns for which a message writes a whole `--columns`
@@ -338,6 +342,8 @@ def _force(
             "record the accelerometer or the g-force meter"
         )
         raise _question(table, names, channels, why, sensors)
+    if sensors and (why := _free_of_gravity(table, names)):
+        raise _question(table, names, channels, why, sensors)
     if len(sensors) == 1:
         return sensors[0]
     if len(sensors) > 1:
@@ -348,6 +354,18 @@ def _force(
         )
         raise _question(table, names, channels, why, sensors)
     return _bare(table, names, channels)
+
+
+def _free_of_gravity(table: Table, names: tuple[str, ...]) -> str:
+    # why an acceleration leaves gravity out, by its file's name or what is beside it
+    file = PurePath(table.path)
+    said = ""
+    ros = any("linear_acceleration" in name for name in names)  # with gravity
+    if _FREE_FILES.fullmatch(file.stem) and not ros:
+        said = f"by its name, {file.name} is gravity alone or leaves it out"
+    if names and _DEVICE_MOTION.issubset(names):
+        said = "acceleration beside gravity and rotationRate is Apple's, which has none"
+    return said and f"{said}; a calibration needs what an accelerometer reads at rest"
 
 
 def _bare(table: Table, names: tuple[str, ...], channels: list[Channel]) -> Triple:

@@ -129,6 +129,27 @@ def test_several_imus_of_a_folder_are_asked_for_by_name(tmp_path):
     assert read_log(path, instance="imu1").source[0] == taken
 
 
+MOTION = [f"{name}{a}" for name in ("rotationRate", "gravity", "acceleration")
+          for a in "XYZ"]  # fmt: skip
+FREE = {  # of a file without gravity: its name and header
+    "phyphox": ("Linear Acceleration", ["Time (s)", *(f"{a} (m/s^2)" for a in "XYZ")]),
+    "phyphox of iOS": ("Linear Accelerometer", ["t", "X (g)", "Y (g)", "Z (g)"]),
+    "phyphox, one": ("Raw", ["t", *(f"Linear Acceleration {a} (g)" for a in "xyz")]),
+    "Sensor Logger's gravity": ("Gravity", ["t", "x (g)", "y (g)", "z (g)"]),
+    "user": ("userAcceleration", ["t", "ax", "ay", "az"]),
+    "Sensor Logger's watch": ("WristMotion", ["time", *MOTION]),
+}
+
+
+@pytest.mark.parametrize("case", FREE.values(), ids=FREE)
+def test_an_acceleration_without_gravity_is_never_taken(tmp_path, case):
+    name, header = case
+    parts = [US / 1e6, *[FORCE] * (len(header) // 3)]
+    path = saved(tmp_path / f"{name}.csv", table(header, *parts))
+    with pytest.raises(InputError, match="which columns are the accelerometer's"):
+        read_log(path)
+
+
 def part(values):
     return phone(US, axes(values))
 
@@ -217,6 +238,15 @@ def test_a_counter_of_32_bits_is_continued(tmp_path, unit, tick):
     log = read_log(path)
     np.testing.assert_allclose(np.diff(log.time), 0.01, rtol=1e-6)
     assert "begins again" in log.described()[0]
+
+
+def test_a_count_that_may_be_cut_is_left_out(tmp_path):
+    """Its last field has fewer digits than another: 16384 may be what is left of it."""
+    rows = [f"{100 + k},5,-7,{16384 - k}" for k in range(40)]
+    for cut, left in ((0, 40), (1, 39), (3, 39)):
+        text = lines("t [ms],ax,ay,az", *rows, end="")
+        path = saved(tmp_path / "log.csv", text[: len(text) - cut])
+        assert len(read_log(path).time) == left
 
 
 def test_messages_that_ros2_lost_are_counted(tmp_path):
