@@ -22,6 +22,7 @@ from simval.imu.multiposition.description import (
     judgements,
     poses_alike,
     steady,
+    temperature_lines,
 )
 from simval.imu.sensor import forms
 from simval.imu.statics import interval_means
@@ -102,6 +103,7 @@ def calibration_page(log: Log, whole: ImuCalibration, command: str = "") -> LogP
     notes = [
         Note(words=MEANING),
         Note(words=f"force = {product}, with {letter} =", matrix=_written(matrix)),
+        *(Note(words=each) for each in temperature_lines(result)),
     ]
     if joint := fit_of(whole):
         words = f"The accelerometer's parameters are those of the {joint}."
@@ -316,7 +318,19 @@ def _lines(log: Log, rows: Float[Array, "n 3"]) -> list[Series]:
 
 
 def _residuals(result: LogCalibration) -> Drawing:
-    diagnosis = result.diagnosis
+    diagnosis, seen = result.diagnosis, result.temperatures
+    marked = diagnosis.standardized, diagnosis.outliers, "outlier"
+    warm = []
+    if seen is not None:
+        warm = [
+            linear(
+                "the same, by temperature",
+                "temperature of the rest, °C",
+                "residual, standard deviations",
+                numbered(*marked, seen.mean),
+                references=((-1.96, ""), (1.96, "")),
+            )
+        ]
     return Drawing(
         name="residuals",
         asked="Does every pose belong to the same sensor?",
@@ -330,9 +344,10 @@ def _residuals(result: LogCalibration) -> Drawing:
                 "residual of each pose",
                 "static interval, from 0",
                 "residual, standard deviations",
-                numbered(diagnosis.standardized, diagnosis.outliers, "outlier"),
+                numbered(*marked),
                 references=((-1.96, ""), (1.96, "")),
-            )
+            ),
+            *warm,
         ],
         columns=1,
     )

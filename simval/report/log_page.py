@@ -137,11 +137,15 @@ def signal(
 
 
 def numbered(
-    values: Float[Array, " n"], marked: Sequence[int], label: str
+    values: Float[Array, " n"],
+    marked: Sequence[int],
+    label: str,
+    places: Float[Array, " n"] | None = None,
 ) -> list[Series]:
-    """Points in their order, some of them marked under a label."""
-    places = np.arange(float(len(values)))
-    odd = np.isin(places, marked)
+    """Points in their order, or at some places, some marked under a label."""
+    order = np.arange(float(len(values)))
+    odd = np.isin(order, marked)
+    places = order if places is None else places
     series = [Series(label="", x=places[~odd], y=values[~odd])]
     if odd.any():
         x, y = places[odd], values[odd]

@@ -451,8 +451,8 @@ def choose_thermal(
     )  # fmt: skip
     kept = ", ".join(f"{what} {'linear' if j == 1 else 'square'}" for what, j in terms)
     reason = (
-        f"terms in temperature: {kept}; the last as great by chance in "
-        f"{chance_words(chance, 2)} of sensors without ({FALSE_ALARM:g} allowed)"
+        f"terms in temperature: {kept}; without an effect the chance of the last is "
+        f"{chance_words(chance, 2)} ({FALSE_ALARM:g} allowed)"
     )
     return ThermalChoice(
         thermal=thermal, reason=reason, theta=last.theta[:9],

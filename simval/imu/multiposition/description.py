@@ -29,11 +29,16 @@ from simval.imu.calibrate.estimate import (
 )
 from simval.imu.calibrate.factors import CHANCE, NoiseFactors
 from simval.imu.calibrate.files import to_json
-from simval.imu.calibrate.goodness_of_fit import BELIEVED, BEYOND, chi_square_chance
+from simval.imu.calibrate.goodness_of_fit import (
+    BELIEVED,
+    BEYOND,
+    FALSE_ALARM,
+    chi_square_chance,
+)
 from simval.imu.calibrate.gyroscope.imu import variance_within
 from simval.imu.calibrate.magnetometer.findings import FALSE_ALARM as ONE_POSE
 from simval.imu.calibrate.magnetometer.result import OWN_NAMES
-from simval.imu.calibrate.thermal import Thermal
+from simval.imu.calibrate.thermal import LEAST_SPAN, Thermal
 from simval.imu.logs import Log
 from simval.imu.statics import Intervals
 from simval.shapes import Float
@@ -82,6 +87,8 @@ def judgements(whole: Any) -> tuple[Judgement, ...]:
         _scatter(whole.log),
         _drift("accelerometer", whole.log.diagnosis.drift),
     ]
+    if whole.log.temperatures is not None:
+        found.append(_temperature(whole.log))
     gyroscope, compass = whole.gyroscope, whole.magnetometer
     if gyroscope is not None:
         judged = gyroscope.noise.sources
@@ -151,6 +158,23 @@ def _drift(name: str, found: Drift) -> Judgement:
     return replace(told, holds=None) if hidden else told
 
 
+def _temperature(log: Any) -> Judgement:
+    # whether its effect is in the bars: tested, and not the same as a drift in time
+    seen, words = log.temperatures, "the temperature has no effect that is left out"
+    untold = ""
+    if log.thermal is not None:
+        untold = seen.monotone
+    elif log.fit.loss != "linear" or seen.refusal(log.fit.dof):
+        untold = log.thermal_reason if seen.span >= LEAST_SPAN else ""
+    return Judgement(
+        about="temperature of the rests",
+        holds=None if untold else True,
+        p_value=float("nan"),
+        level=FALSE_ALARM,
+        words=untold or words,
+    )
+
+
 def _joint(noise: NoiseFactors) -> Judgement:
     names = " and ".join(noise.sources)
     return _by_chance(
@@ -215,7 +239,7 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
         f"static intervals  {len(result.intervals)} "
         f"(threshold {result.multiplier:g} times the rest's variance)",
         *(f"{'':18s}{cut}" for cut in result.cuts),
-        *_temperature_lines(result),
+        *temperature_lines(result),
         status_line(fit),
         "",
         *([f"accelerometer     {joint}"] if joint else []),
@@ -252,8 +276,8 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
     return lines
 
 
-def _temperature_lines(result: Any) -> list[str]:
-    # the range over the rests, what was made of it, and whether time looks the same
+def temperature_lines(result: Any) -> list[str]:
+    """Say the range over the rests, what was made of it, and if time looks the same."""
     seen = result.temperatures
     if seen is None:
         return []

@@ -23,7 +23,8 @@ from simval.imu.calibrate.thermal import (
     choose_thermal,
     thermal_problem,
 )
-from simval.imu.multiposition import calibrate_log
+from simval.imu.multiposition import calibrate_log, calibrate_sensors
+from simval.imu.multiposition.description import judgements
 from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
 
@@ -270,6 +271,24 @@ def test_a_log_is_calibrated_written_read_and_corrected(tmp_path, capsys):
     own = thermal["accelerometer"]
     rows = np.sum((hot.temperature < own.low) | (hot.temperature > own.high))
     assert f"extrapolated      {rows} of" in capsys.readouterr().err
+
+
+def test_bars_that_a_temperature_may_spoil_are_not_called_honest():
+    """It rises with time, or a robust loss leaves it untested."""
+    log = three(2, turning=False).log
+    rising = np.linspace(15.0, 45.0, len(log.time))
+    shift = np.outer(rising, [3e-3, -2e-3, 2e-3])
+    ramp = replace(log, temperature=rising, accelerometer=log.accelerometer + shift)
+    result = calibrate_log(ramp)
+    assert result.thermal is not None
+    robust = calibrate_log(ramp, loss="cauchy")
+    assert robust.thermal is None
+    for each, word in ((result, "rises with time"), (robust, "not modelled")):
+        whole = calibrate_sensors(ramp, each, sensors=[])
+        found = {j.about: j for j in judgements(whole)}["temperature of the rests"]
+        assert found.holds is None
+        assert word in found.words
+        assert "honest bars       Yes" not in str(whole)
 
 
 def test_a_temperature_that_does_nothing_changes_nothing():

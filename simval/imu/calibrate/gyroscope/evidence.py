@@ -253,7 +253,7 @@ def bias_terms(
     )  # fmt: skip
     said = (
         f"bias of the gyroscope in temperature: {'line' if kept == 1 else 'parabola'}; "
-        f"the last term as great by chance in {chance_words(chance, 2)} of logs "
+        f"without an effect the chance of the last term is {chance_words(chance, 2)} "
         f"({CHANCE:g} allowed); of its scale, rests say nothing"
     )
     return BiasTerms(
