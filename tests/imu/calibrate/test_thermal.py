@@ -326,3 +326,22 @@ def test_a_damaged_block_is_refused_in_words(tmp_path, damage, rng, capsys):
     said = capsys.readouterr().err
     assert "the terms in temperature of the accelerometer" in said
     assert "Traceback" not in said
+
+
+@pytest.mark.ci
+def test_a_gyroscope_with_both_is_told_both():
+    """Temperature and force on its bias at once, and M beside them, within 5 sd."""
+    rec = three(0, turning=False)
+    G_true = 3e-4 * np.array([[2.0, 0.0, 1.0], [0.0, -3.0, 0.0], [1.0, 0.0, 2.0]])
+    force = rec.accelerometer.correct(rec.log.accelerometer)
+    log = warm_log(rec)
+    log = replace(log, gyro=log.gyro + force @ G_true.T)
+    whole = calibrate_sensors(log, calibrate_log(log), sensors=["gyroscope"])
+    thermal, fit = whole.thermal["gyroscope"], whole.gyroscope
+    off = [
+        (thermal.coefficients[0] - [1e-4, -5e-5, 8e-5]) / thermal.sd[0],
+        (whole.sensitivity - G_true) / whole.sensitivity_sd,
+        (fit.parameters[:9] - rec.gyroscope.M.ravel()) / fit.sd[:9],
+    ]
+    # 21 numbers, normal or Student's t: 5 is passed once in 1e5
+    assert max(np.abs(each).max() for each in off) < 5.0
