@@ -243,7 +243,12 @@ def filters_of(plugins: Sequence[str]) -> dict[str, str]:
 
 
 def run_on_log(
-    name: str, algorithm: str, found: Signals, start: Start, time_limit: float
+    name: str,
+    algorithm: str,
+    found: Signals,
+    start: Start,
+    time_limit: float,
+    alignment: Alignment | None = None,
 ) -> FilterRun:
     """Run a filter over a log, in a child process, and give its answers a name.
 
@@ -255,30 +260,33 @@ def run_on_log(
     """
     import numpy as np
 
-    from simval.imu.recorded.evaluation import FilterRun, filter_input
+    from simval.imu.recorded.evaluation import FilterRun, filter_input, in_view
     from simval.plugins.child import started
     from simval.plugins.loading import find_plugin
     from simval.plugins.protocol import Filter
     from simval.plugins.runs import run_filter
     from simval.plugins.worlds import find_world
 
-    given = filter_input(found, start)
-    stride = -(-len(given.dt) // MOST_ROWS)
-    keep = np.arange(stride - 1, len(given.dt), stride)
-    rate = 1.0 / float(np.median(given.dt))
     with started(time_limit, f"the filter {name}") as child:
         filter = child.ask(find_plugin, algorithm, Filter)
         if found.field is None:
             _require_six(filter)
+        if not filter.magnetometer and alignment is not None:
+            start = in_view(start, found, alignment.attitude)
+        given = filter_input(found, start)
+        stride = -(-len(given.dt) // MOST_ROWS)
+        keep = np.arange(stride - 1, len(given.dt), stride)
+        rate = 1.0 / float(np.median(given.dt))
         world = find_world(filter, given.told, rate)
         output = run_filter(filter, given, keep, world.world)
     how = "declared" if filter.world else "found"
+    at = "" if filter.magnetometer else f"; starts at {found.time[start.row]:.2f} s"
     return FilterRun(
         name=name,
         world=world.world,
-        how=f"{how}: {filter.name} {world.words}",
+        how=f"{how}: {filter.name} {world.words}{at}",
         output=replace(output, kept=output.kept + start.row + 1),
-        six=not filter.magnetometer,
+        six=None if filter.magnetometer else start,
         thinned=stride > 1,
     )
 
@@ -302,13 +310,14 @@ def _require_six(filter: Filter) -> None:
 
 def six_axis_bound(
     found: Signals, start: Start, alignment: Alignment
-) -> dict[str, dict[str, float]]:
+) -> dict[str, dict[str, float]] | None:
     """Least RMS errors of any filter without a magnetometer, rad, by part.
 
     The posterior Cramer-Rao bound of the filter's settings along the truth, by eq. (F2)
     of `simval.theory.filter_recursion`: the heading at the start is exact, as headings
     are counted from it, and drifts by the gyroscope's noise and bias. Where the truth
-    is missing the path turns evenly between its ends.
+    is missing the path turns evenly between its ends. None where the rests show no
+    noise of the accelerometer, as counts that do not change: any bound is then 0.
     """
     import numpy as np
     from scipy.spatial.transform import Rotation, Slerp
@@ -318,6 +327,8 @@ def six_axis_bound(
     from simval.studies.filter_prediction import model_of
     from simval.theory import FilterPath, filter_bound
 
+    if not start.told.accelerometer_noise > 0.0:
+        return None
     time, q = found.time[start.row :], alignment.attitude[start.row :]
     there = np.asarray(np.isfinite(q).all(axis=1))
     known = time[there]
@@ -360,7 +371,7 @@ def _evaluated(
     bound = None
     for name, word in filters.items():
         try:
-            run = run_on_log(name, word, found, start, time_limit)
+            run = run_on_log(name, word, found, start, time_limit, alignment)
             if published is not None:
                 recorded, marks, at = published
                 first = run_on_log(name, word, found, at, time_limit)
@@ -369,7 +380,7 @@ def _evaluated(
             code = 4 if isinstance(error, CrashedPluginError) else max(code, 3)
             continue
         if run.six and alignment is not None and bound is None:
-            bound = six_axis_bound(found, start, alignment)
+            bound = six_axis_bound(found, run.six, alignment)
         each = evaluate(run, found, alignment, bound)
         if published is not None and alignment is not None:
             changed = steps(first, run, found, recorded, alignment, marks)

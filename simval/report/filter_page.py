@@ -9,7 +9,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.imu.logs import Log
 from simval.imu.recorded import Evaluation
-from simval.imu.recorded.description import published_lines
+from simval.imu.recorded.description import FREE, bound_lines, published_lines
 from simval.imu.recorded.errors import ALPHA, Consistency, Rms
 from simval.imu.recorded.evaluation import WithTruth, turned_words
 from simval.report.formatting import measured, rounded, slug
@@ -45,7 +45,8 @@ WITHOUT_TRUTH = (
 )
 
 MEANING = (
-    "NEES is the squared error over the covariance, 3 where the covariance is true, "
+    "NEES is the squared error over the covariance, 3 where the covariance is true (2, "
+    "that of the inclination, where a filter takes no magnetometer), "
     "with its interval at a false-alarm rate of 1 %; NIS the squared innovation over "
     "its covariance. At rest: the drift of the heading, degrees a minute, and up, the "
     "angle between the filter's up and the specific force, degrees. Time is in "
@@ -85,6 +86,8 @@ def filter_page(
         worlds = [f"{each.run.name}: {each.run.how}." for each in done]
         how = "How each filter was run, and the frame that was found for it"
         notes.append(Note(words=how, lines=worlds))
+    if lines := bound_lines(done, 12):
+        notes.append(Note(words=f"{FREE} In degrees, as above:", lines=lines))
     if lines := published_lines(done):
         words = "By the definitions of a published benchmark, and then by ours"
         notes.append(Note(words=words, lines=[line for line in lines if line]))

@@ -151,12 +151,18 @@ def _errors(done: list[Evaluation]) -> list[str]:
             name = each.run.name if part == "all" else ""
             after = f"   {_settled(each.truth.settled)}" if part == "all" else ""
             lines.append(f"  {name:{width}s}{words:9s}{cells}{after}")
+    free = bound_lines(done, width)
+    return [*lines, *free, FREE] if free else lines
+
+
+def bound_lines(done: Iterable[Evaluation], width: int) -> list[str]:
+    """The bound of a filter whose heading is free, by part, degrees."""
     bound = next((e.truth.bound for e in done if e.truth and e.truth.bound), None)
-    for part, least in (bound or {}).items():
-        cells = "".join(f"{np.degrees(value):17.3g}" for value in least.values())
-        name = "bound" if part == "all" else ""
-        lines.append(f"  {name:{width}s}{PARTS[part]:9s}{cells}")
-    return [*lines, FREE] if bound else lines
+    return [
+        f"  {'bound' if part == 'all' else '':{width}s}{PARTS[part]:9s}"
+        + "".join(f"{np.degrees(value):17.3g}" for value in least.values())
+        for part, least in (bound or {}).items()
+    ]
 
 
 def published_lines(done: Iterable[Evaluation]) -> list[str]:

@@ -24,7 +24,7 @@ from simval.imu.recorded.errors import (
     table,
     whiteness,
 )
-from simval.imu.recorded.settings import Signals, Start
+from simval.imu.recorded.settings import Signals, Start, two_vectors
 from simval.imu.recorded.world import World
 from simval.shapes import Bool, Float
 
@@ -37,8 +37,23 @@ class FilterRun:
     world: str
     how: str  # declared, or found
     output: FilterOutput  # rows counted in the log
-    six: bool = False  # it takes no magnetometer: its heading is free
+    six: Start | None = None  # of one without a magnetometer, whose heading is free
     thinned: bool  # whether rows between the kept ones are left out
+
+
+def in_view(start: Start, found: Signals, truth: Float[Array, "n 4"]) -> Start:
+    """Start at the first row of a rest that has a truth, as heading is counted there.
+
+    Between an earlier start and that row a heading drifts by what the filter learns of
+    the bias afterwards, and no difference of the two errors is its own.
+    """
+    there = np.asarray(np.isfinite(truth).all(axis=1))
+    for begin, end in found.rests:
+        rows = np.flatnonzero(there[begin:end])
+        if len(rows) and begin + rows[0] < len(there) - 1:
+            attitude = two_vectors(found, slice(begin, end))
+            return replace(start, row=int(begin + rows[0]), attitude=attitude)
+    return start
 
 
 def filter_input(found: Signals, start: Start) -> FilterInput:
@@ -238,10 +253,10 @@ def _with_truth(
             wide = own + extra(alignment, truth) + A @ north @ A.swapaxes(1, 2)
             if judged(normalised(errors.body, wide), 3.0).verdict != nees.verdict:
                 nees = replace(nees, verdict="not judged")
-        band = _band(own, truth, run.six)
+        band = _band(own, truth, run.six is not None)
     return WithTruth(
         errors=errors,
-        free=run.six,
+        free=run.six is not None,
         bound=bound if run.six else None,
         rms=table(errors),
         settled=convergence(errors),

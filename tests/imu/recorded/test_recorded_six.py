@@ -26,6 +26,7 @@ from simval.imu.recorded.evaluation import (
     FilterRun,
     filter_input,
     from_its_start,
+    in_view,
 )
 from simval.imu.recorded.settings import start_of
 
@@ -119,14 +120,18 @@ def test_the_reference_filter_is_at_the_bound_and_consistent():
     for k in range(30):
         log = made(400 + k, seconds=42.0, rate=100.0, bias=2e-3, gyro_noise=noise)
         signals = replace(six_axes(log), rate=100.0)
-        alignment, start = align(log.truth, signals, "NWU"), start_of(signals)
+        alignment = align(log.truth, signals, "NWU")
         # the truth itself: what an alignment leaves is in other tests
         exact = replace(alignment.errors, rotation=np.zeros((3, 3)))
+        attitude = log.attitude.copy()
+        attitude[: 500 * (k % 2)] = np.nan  # every other begins late, still at rest
         alignment = replace(
-            alignment, attitude=log.attitude, errors=exact, noise=np.zeros(3)
+            alignment, attitude=attitude, errors=exact, noise=np.zeros(3)
         )
         told = {"gyroscope_noise": noise / 10.0, "gyroscope_walk": 1e-5,
                 "accelerometer_noise": 0.02, "bias_std": 2e-3}  # fmt: skip
+        start = in_view(start_of(signals), signals, attitude)
+        assert start.row == (500 if k % 2 else signals.rests[0][0])
         start = replace(start, told=replace(start.told, **told))
         given = filter_input(signals, start)
         told |= {"start_std": 3e-3, "gravity": start.told.gravity}
@@ -139,7 +144,7 @@ def test_the_reference_filter_is_at_the_bound_and_consistent():
             bias=None, innovation=None, innovation_covariance=None, seconds=np.ones(1),
         )  # fmt: skip
         answers = FilterRun(
-            name="own", world="NWU", how="", output=output, thinned=False, six=True
+            name="own", world="NWU", how="", output=output, thinned=False, six=start
         )
         bound = six_axis_bound(signals, start, alignment)
         truth = evaluate(answers, signals, alignment, bound).truth
@@ -198,6 +203,9 @@ def test_a_log_of_six_axes_is_measured_and_a_nine_axis_filter_told_so(folder, ca
     for line in ("heading is counted from", "bound", "its drift", "magnetometer none"):
         assert line in printed.out
     assert "nan" not in printed.out
+    assert (
+        "heading is free: its error is the drift" in (folder / "page.html").read_text()
+    )
 
 
 @pytest.mark.slow
