@@ -99,6 +99,6 @@ def test_empty_fields_are_rows_without_truth(log, tmp_path):
     found = read_truth(str(path))
     assert np.isnan(found.components[40:60]).all()
     assert np.isfinite(np.delete(found.components, np.s_[40:60], axis=0)).all()
-    path.write_text("\n".join(["t,q_0,q_1,q_2,q_3", *rows, "99.0,1,what,0,0"]))
+    path.write_text("\n".join(["t,q_0,q_1,q_2,q_3", *rows, "99.0,1,what,0,0", ""]))
     with pytest.raises(InputError, match="not a number"):
         read_truth(str(path))
