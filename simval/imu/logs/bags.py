@@ -8,6 +8,7 @@ those of the headers; where these do not increase, the times of receipt.
 """
 
 from collections.abc import Callable
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -61,16 +62,21 @@ def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
     reader.open()
     topics = sorted({f"{each.topic} ({each.msgtype})" for each in reader.connections})
     known = [each for each in reader.connections if each.msgtype in _QUANTITIES]
-    rows: dict[tuple[str, str], list[tuple[int, Any]]] = {}
+    rows: dict[tuple[str, str], _Rows] = {}
     for connection, stamp, raw in reader.messages(known) if known else ():
         message = parse(raw, connection.msgtype)
         name = connection.topic, connection.msgtype
-        rows.setdefault(name, []).append((stamp, message))
-    stamps = {name: _header_stamps(each) for name, each in rows.items()}
+        if name not in rows:
+            rows[name] = _Rows(connection.msgtype, message)
+        rows[name].add(stamp, message)
+    ordered = all(np.all(np.diff(each.headers) > 0) for each in rows.values())
     said = "stamps of the headers"
-    if not all(np.all(np.diff(each) > 0) for each in stamps.values()):
-        stamps = {name: np.array([t for t, _ in each]) for name, each in rows.items()}
+    if not ordered:
         said = "times of receipt, for the headers' stamps do not increase"
+    stamps = {
+        name: np.array(each.headers if ordered else each.receipts, np.int64)
+        for name, each in rows.items()
+    }
     start = min((each[0] for each in stamps.values()), default=0)
     streams = [
         Stream(
@@ -78,11 +84,45 @@ def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
             group=topic.rpartition("/")[0],
             words=f"{kind}, {said}",
             time=(stamps[topic, kind] - start) / 1e9,
-            columns=_columns(kind, [message for _, message in each]),
+            columns=each.columns(),
         )
         for (topic, kind), each in sorted(rows.items())
     ]
     return sent(streams, ", ".join(topics))
+
+
+class _Rows:
+    """Numbers of the messages of one topic."""
+
+    def __init__(self, kind: str, first: Any) -> None:
+        # a quantity that the first message says it lacks is not read
+        self.fields = [
+            (field, axis, unit)
+            for field, axes, unit in _QUANTITIES[kind]
+            if getattr(first, f"{field}_covariance")[0] != -1.0
+            for axis in axes
+        ]
+        self.numbers = [attrgetter(f"{f}.{a}") for f, a, _ in self.fields]
+        self.headers: list[int] = []  # ns
+        self.receipts: list[int] = []  # ns
+        self.values: list[list[float]] = []
+
+    def add(self, receipt: int, message: Any) -> None:
+        """Take the numbers of a message."""
+        stamp = message.header.stamp
+        self.headers.append(stamp.sec * 10**9 + stamp.nanosec)
+        self.receipts.append(receipt)
+        self.values.append([number(message) for number in self.numbers])
+
+    def columns(self) -> dict[str, Array]:
+        """Columns of the quantities that are not zero in every message."""
+        columns = list(zip(self.fields, np.array(self.values).T, strict=True))
+        there = {field for (field, _, _), own in columns if own.any()}
+        return {
+            f"{field}.{axis}{unit}": own
+            for (field, axis, unit), own in columns
+            if field in there
+        }
 
 
 def _reader(path: Path) -> tuple[bool, Any]:
@@ -98,21 +138,3 @@ def _reader(path: Path) -> tuple[bool, Any]:
         return True, Reader1(path)
     end = ".mcap" if start.startswith(_MCAP) else ".db3"
     return False, Reader2.STORAGE_PLUGINS[end](path)
-
-
-def _header_stamps(rows: list[tuple[int, Any]]) -> Any:
-    stamps = [message.header.stamp for _, message in rows]
-    return np.array([each.sec * 10**9 + each.nanosec for each in stamps], np.int64)
-
-
-def _columns(kind: str, messages: list[Any]) -> dict[str, Array]:
-    columns: dict[str, Array] = {}
-    for field, axes, unit in _QUANTITIES[kind]:
-        values = [getattr(each, field) for each in messages]
-        if getattr(messages[0], f"{field}_covariance")[0] == -1.0:
-            continue
-        array = np.array([[getattr(each, axis) for axis in axes] for each in values])
-        if array.any():
-            own = zip(axes, array.T, strict=True)
-            columns |= {f"{field}.{axis}{unit}": column for axis, column in own}
-    return columns

@@ -164,7 +164,7 @@ def read_log(
     Raises
     ------
     InputError
-        If the file is missing, empty, neither text nor MATLAB's, ragged, holds a value
+        If the file is missing, empty, of no known form, ragged, or damaged, has a value
         that is not a finite number in a column that is needed, has times that do not
         increase or leave a gap of 5 s or have no unit, or if it is not clear which
         columns are the accelerometer's, what the rate is, or which sensor is meant.
