@@ -99,11 +99,17 @@ def warm(
     import numpy as np
 
     from simval.imu.calibrate.files import at_temperature
+    from simval.imu.logs.temperature import COLDEST, WARMEST
 
     refuse_if(
         temperature is not None and log.temperature is not None,
         "`--temperature` is for a log without a temperature, and this one has a column "
         "of it; leave the option out, or mark the column - (--columns)",
+    )
+    refuse_if(
+        temperature is not None and not COLDEST < temperature < WARMEST,
+        f"`--temperature` is {temperature}; a sensor is read between {COLDEST:g} and "
+        f"{WARMEST:g} degC",
     )
     known = log.temperature
     if temperature is not None:

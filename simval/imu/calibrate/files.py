@@ -312,7 +312,8 @@ def load_calibration(path: str | PathLike[str]) -> FitResult:
     Returns
     -------
     FitResult
-        The fit, bit for bit.
+        The fit, bit for bit; where there are terms in temperature (`load_thermal`), at
+        their reference.
 
     Raises
     ------
@@ -429,6 +430,9 @@ def load_thermal(path: str | Path) -> dict[str, Thermal]:
     return found
 
 
+_USABLE = 1e50  # far beyond any coefficient; its square is still a number
+
+
 def _thermal(own: dict[str, Any]) -> Thermal:
     listed = instance("terms", own["terms"], list)
     terms = tuple(term for term in TERMS if list(term) in listed)
@@ -443,11 +447,14 @@ def _thermal(own: dict[str, Any]) -> Thermal:
         covariance=array(own, "covariance", (3 * size, 3 * size)),
         centre=array(own, "centre", (3,)), dof=whole_number("dof", own["dof"], 1),
     )  # fmt: skip
-    numbers = (found.coefficients, found.centre, found.covariance, found.sd)
-    if not (
-        low <= found.reference <= high and all(np.isfinite(x).all() for x in numbers)
-    ):
-        msg = "a number is missing, or the reference is not within the range"
+    numbers = (found.coefficients, found.centre, found.covariance)
+    usable = all(np.all(np.abs(x) < _USABLE) for x in numbers)
+    variances = np.diagonal(found.covariance)
+    if not (low <= found.reference <= high and usable and np.all(variances > 0.0)):
+        msg = (
+            "a number is missing or beyond all use, a variance is not above 0, or the "
+            "reference is not within the range"
+        )
         raise InputError(msg)
     return found
 

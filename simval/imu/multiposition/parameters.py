@@ -417,9 +417,6 @@ def parameters_of(name: str, log: Log, whole: Any) -> tuple[str, tuple[str, ...]
         ends = f"{own.low:.1f} to {own.high:.1f} degC, away from {own.reference:.1f}"
         sheet.say(sensor, f"{words} at {ends}")
     sheet.notes += [f"{sensor}: {why}" for sensor, why in whole.left_out.items()]
-    for sensor, terms in whole.thermal.items():
-        at = f"at {terms.reference:.1f} degC"
-        sheet.say(sensor, f"{at}; what depends on temperature is not in this file")
     form = whole.accelerometer.model
     comments = [
         f"Calibration of {Path(log.path).name}, axes of the {form} form",

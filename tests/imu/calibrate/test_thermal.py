@@ -261,6 +261,8 @@ def test_a_log_is_calibrated_written_read_and_corrected(tmp_path, capsys):
     assert run(arguments) != 0
     assert "--temperature DEGC" in capsys.readouterr().err
     assert run([*arguments, "--temperature", "30"]) == 0
+    for bad in ("nan", "1000"):
+        assert run([*arguments, "--temperature", bad]) != 0
     hot = replace(warm_log(rec, 15.0, 60.0))
     arguments[1] = file_of(tmp_path / "hot.csv", hot)
     capsys.readouterr()
@@ -312,6 +314,8 @@ def test_a_temperature_that_does_nothing_changes_nothing():
         {"reference_degC": None},
         {"range_degC": [40.0, 10.0]},
         {"dof": 0},
+        {"coefficients": [[1e300, 0.0, 0.0]] * 2},
+        {"covariance": (-np.eye(6)).tolist()},
         {"covariance": "none"},
     ],
 )
