@@ -170,7 +170,7 @@ def _honest(sensors: Sequence[SensorNoise]) -> Reply:
     share = f"All {len(axes)}" if fitted == len(axes) else f"{fitted} of {len(axes)}"
     return Reply(
         title="Does the model hold?",
-        headline=f"{share} axes follow white noise, flicker and random walk"
+        headline=f"{share} axes follow the components that are stated"
         if len(stuck) < len(axes)
         else "Cannot be judged: no reading varies",
         answer="fail" if without else "inconclusive" if stuck else "pass",
@@ -275,7 +275,7 @@ def allan_drawing(name: str, sensors: Sequence[SensorNoise]) -> Drawing:
         finding=" ".join(_quietest(s) for s in drawn),
         caption=(
             f"Allan deviation of {name}: points are measured, bars their 95 % band by "
-            "the closed-form covariance, lines the fitted N, B and K where they are "
+            "the closed-form covariance, lines the fitted components where they are "
             "fitted, dotted beyond."
         ),
         panels=[_panel(s) for s in drawn],

@@ -37,6 +37,7 @@ from simval.imu.noise import (
     allan_variance,
     averaging_counts,
     covariance_forms,
+    noise_of,
 )
 from simval.imu.noise.least_squares import RIDGE, Problem, ends, fitted
 from simval.imu.sensor import NoiseModel
@@ -64,6 +65,8 @@ RATE_OF_INTERVALS = 0.95
 COVERED = 0.02
 SHORTEST = 4  # rows to an average from which samples follow the laws of averages
 KINDS = ("N", "B", "K")
+TIMES = 120.0  # correlation times of Markov noise in a signal: 30 s in an hour
+KNEE = 45.0  # of its driving noise over white noise, times its correlation time
 FEW = 64
 """Rows of white noise whose quadratic forms are written out."""
 
@@ -71,9 +74,10 @@ FEW = 64
 class Parameters(StudyParameters):
     """One cell: a signal's length, its flicker and walk, and how it is fitted."""
 
-    estimate: Literal["known weights", "fitted", "intervals"] = Field(
+    estimate: Literal["known weights", "fitted", "intervals", "chosen"] = Field(
         default="intervals",
-        description="Weights as theory has them, or the fit, or its intervals, too.",
+        description="Weights as theory has them, or the fit, or its intervals, too; or "
+        "Markov noise in place of flicker and walk, components chosen by evidence.",
     )
     rows: int = ranged(16_384, "Rows of a signal, at 100 Hz.", 4096, 1_000_000)
     flicker: Annotated[float, Field(gt=0.0, le=10.0)] = Field(
@@ -86,7 +90,13 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell: a draw, a fit and its intervals, for each signal."""
-        fit = {"known weights": 0.0, "fitted": 7e-4, "intervals": 0.004}[self.estimate]
+        costs = {
+            "known weights": 0.0,
+            "fitted": 7e-4,
+            "intervals": 0.004,
+            "chosen": 0.2,
+        }
+        fit = costs[self.estimate]
         return Cost(0.2 + self.trials * (fit + 4e-4 + 2e-7 * self.rows), 40)
 
 
@@ -163,6 +173,8 @@ class Theory:
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate one cell."""
+    if parameters.estimate == "chosen":
+        return _chosen(parameters, streams)
     theory = Theory(parameters)
     model = NoiseModel(
         white_raw_per_sqrt_hz=WHITE,
@@ -216,6 +228,40 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         rows += _mean_rows(trials["misfit"], theory)
     rows += correlation_row(trials["differences"])
     return Outcome(rows=(*rows, *_white_row()))
+
+
+def _chosen(parameters: Parameters, streams: Streams) -> Outcome:
+    """Whether intervals hold where Markov noise could pass for flicker or a walk.
+
+    An interval runs over all sets of components that are not told apart, so it holds
+    at its rate or more often; flicker is none, and is claimed where it misses zero.
+    """
+    seconds = parameters.rows / RATE / TIMES
+    driving = KNEE * WHITE / seconds
+    # N is left out: over the shortest averages samples are not as averages are
+    truth = {"B": 0.0, "K": driving, "T": seconds}
+    model = NoiseModel(
+        white_raw_per_sqrt_hz=WHITE, markov_raw_per_sqrt_s=driving, markov_s=seconds
+    )
+
+    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
+        draws = [model.draw(parameters.rows, RATE, rng) for _ in range(BLOCK // 3)]
+        inside = np.zeros((BLOCK, len(truth)))
+        for own, axis in zip(inside, noise_of(np.hstack(draws), RATE), strict=True):
+            ends_of = {c.kind: (c.low, c.high) for c in axis.coefficients}
+            for place, (kind, value) in enumerate(truth.items()):
+                low, high = ends_of.get(kind, (np.inf, 0.0))  # not stated: a miss
+                own[place] = low <= value <= high
+        return {"inside": inside}, {}
+
+    inside = trials_of(streams, parameters.trials, BLOCK, trial)["inside"]
+    n = len(inside)
+    spread = np.sqrt(RATE_OF_INTERVALS * (1.0 - RATE_OF_INTERVALS) / n)
+    rows = plain(
+        stat.COVERAGE.each(f"{kind}, chosen" for kind in truth), inside.mean(axis=0),
+        spread, n, RATE_OF_INTERVALS, stat.NORMAL, 1.0 - RATE_OF_INTERVALS,
+    )  # fmt: skip
+    return Outcome(rows=rows)
 
 
 def _mean_rows(misfits: Float[Array, "n m"], theory: Theory) -> tuple[Row, ...]:

@@ -142,6 +142,14 @@ def test_strong_flicker_is_judged_by_the_law_of_samples():
     assert mean.value > limit * mean.standard_error
 
 
+@pytest.mark.slow
+def test_intervals_of_what_is_chosen_hold():
+    """Markov noise, which flicker and a walk could pass for."""
+    rows = outcome("noise_model", estimate="chosen", rows=4096, trials=256).rows
+    assert len(rows) == 3
+    assert max(excess(row) for row in rows) < stats.norm.isf(1e-3 / 6)
+
+
 def test_samples_of_flicker_are_those_of_its_spectrum():
     # the spectrum is 1/(2 sin pi f), and neighbouring averages of m rows differ by a
     # filter of gain 2 sin^4(pi m f)/(m sin pi f)^2: no autocovariance is asked

@@ -18,6 +18,7 @@ from simval.imu.noise import (
 from simval.imu.noise.components import PROCESSES, Component
 from simval.imu.noise.evidence import LIKELY, WALK, Family
 from simval.imu.noise.least_squares import fitted
+from simval.imu.noise.model import axis_from_json, axis_to_json
 from simval.imu.sensor import NoiseModel
 from simval.streams import cell_key, stream
 
@@ -160,14 +161,14 @@ def test_true_time_is_likely():
         many = signals(96, 3, markov_raw_per_sqrt_s=DRIVING, markov_s=seconds)
         V = allan_variance(many, counts).T
         times = RATE * seconds * 2.0 ** np.arange(-2.0, 2.5, 0.25)
-        sets = [(*family.fast, each) for each in (*family.markov(times), WALK)]
+        sets = [(*family.fast, each) for each in (*family.markov(times.tolist()), WALK)]
         D = np.array([fitted(family.problem(V, each)).deviance for each in sets])
         above = D[8] - D.min(axis=0)
         assert times[8] == RATE * seconds
         # 5 % at most, with a false alarm of one in a thousand seeds
         assert np.count_nonzero(above > LIKELY) <= stats.binom.isf(1e-3, 96, 0.05)
         walk = D[-1] - D.min(axis=0)
-        assert (np.median(walk) > 2.0 * LIKELY) is (seconds == 30.0)  # power
+        assert bool(np.median(walk) > 2.0 * LIKELY) is (seconds == 30.0)  # power
 
 
 @pytest.mark.slow
@@ -216,6 +217,9 @@ def test_each_is_recognised_and_no_other(kind, size, given):
     if kind == "A":
         assert all(c.low - c.sd < 0.05 < c.high + c.sd for c in of(axes, "f"))
     for axis in axes:  # a bound is above nothing, and never an estimate
+        again = axis_from_json(axis_to_json(axis))
+        np.testing.assert_array_equal(again.law(axis.seconds), axis.law(axis.seconds))
+        assert again.coefficients == axis.coefficients
         for c in axis.coefficients:
             assert c.high > 0.0
             assert (c.sd is None) is (c.value is None)
