@@ -174,17 +174,39 @@ def _nees(each: Evaluation) -> Consistency | None:
     return None if each.truth is None else each.truth.nees
 
 
+def _judged(each: Evaluation) -> list[tuple[str, Consistency]]:
+    """What is judged of a covariance; where heading is free its drift apart."""
+    if (nees := _nees(each)) is None:
+        return []
+    assert each.truth is not None
+    found = [(each.run.name, nees)]
+    if each.truth.drift is not None:
+        found.append((f"{each.run.name}, drift of heading", each.truth.drift))
+    return found
+
+
+def _worst(each: Evaluation) -> Consistency | None:
+    """What advice is on: a drift only where a verdict on it speaks against it."""
+    found = [one for _, one in _judged(each)]
+    against = [one for one in found if one.verdict.endswith("confident")]
+    return next(iter(against or found), None)
+
+
 def _honest(done: Sequence[Evaluation]) -> Reply:
-    stated = [(each.run.name, nees) for each in done if (nees := _nees(each))]
-    told = [nees.verdict for _, nees in stated if nees.verdict != "not judged"]
-    lines = [f"{name}: {_words(nees)}." for name, nees in stated]
+    told = [
+        {found.verdict for _, found in of} - {"not judged"}
+        for each in done
+        if (of := _judged(each))
+    ]
+    told = [verdicts for verdicts in told if verdicts]
+    lines = [f"{name}: {_words(found)}." for e in done for name, found in _judged(e)]
     lines += [
         f"{each.run.name}: {_why_not(each)}." for each in done if _nees(each) is None
     ]
     answer: Answer = "inconclusive"
     headline = "Cannot be judged"
     if told:
-        good = told.count("consistent")
+        good = told.count({"consistent"})
         answer = "pass" if good == len(told) else "fail"
         headline = _how_many(good, len(told))
         lines.append(f"False-alarm rate of each verdict: {100.0 * ALPHA:g} %.")
@@ -213,6 +235,8 @@ def _why_not(each: Evaluation) -> str:
 
 
 def _words(nees: Consistency) -> str:
+    if np.isnan(nees.mean):
+        return f"{nees.verdict}, too little to judge"
     ratio = np.sqrt(nees.mean / nees.expected)
     return (
         f"{nees.verdict}, squared error over covariance {rounded(nees.mean, 3)} of "
@@ -228,9 +252,9 @@ def _next(done: Sequence[Evaluation], failed: Mapping[str, str]) -> Reply:
     if done and not any(each.truth is not None for each in done):
         todo.append(("Give the recorded attitudes (--truth)", WITHOUT_TRUTH))
     todo += [
-        _advice(each.run.name, nees)
+        _advice(each.run.name, found)
         for each in done
-        if (nees := _nees(each)) and nees.verdict != "consistent"
+        if (found := _worst(each)) and found.verdict != "consistent"
     ]
     headline = "Nothing stands out: the covariances agree with the errors"
     if todo:

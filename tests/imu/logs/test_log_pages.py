@@ -18,7 +18,7 @@ from hypothesis.extra.numpy import arrays
 from simval.cli import run
 from simval.cli.options import command_again
 from simval.imu.calibrate import calibrate
-from simval.imu.recorded.errors import Consistency, Rms
+from simval.imu.recorded.errors import Consistency, Rms, judged_once
 from simval.imu.sensor import AccelerometerModel, forms
 from simval.poses import fibonacci_sphere
 from simval.report.calibration_page import KINDS, kinds_of, readable
@@ -69,7 +69,7 @@ WORDS = {
     "outlier": ["and calibrate without it", "which is not on the others"],
     "filtered": ["When is the filter mekf wrong?", "overconfident"],
     "blind": ["No truth, so errors are unknown", "Give the recorded attitudes"],
-    "noise": ["°/√h", "µg/√Hz", "All 6 axes follow white noise"],
+    "noise": ["°/√h", "µg/√Hz", "All 6 axes follow the components"],
     "stuck": ["do not vary", "the gyroscope, whose"],
 }
 
@@ -95,7 +95,7 @@ def test_a_page_has_the_numbers_of_the_terminal(pages, name):
         assert words.lower() in page.lower(), words
 
 
-def filtered(name, verdict=None, mean=3.0, rms=0.01):
+def filtered(name, verdict=None, mean=3.0, rms=0.01, drift=None):
     """What a filter's measured errors and stated covariance are."""
     nees = verdict and Consistency(
         mean=mean,
@@ -109,8 +109,15 @@ def filtered(name, verdict=None, mean=3.0, rms=0.01):
         key: Rms(value=rms, sd=rms / 10, rows=100)
         for key in ("total", "heading", "inclination")
     }
-    world = SimpleNamespace(taken="stated", off=np.zeros(3))
-    known = SimpleNamespace(rms={"all": of}, nees=nees, world=world, turned=(rms, rms))
+    world = SimpleNamespace(taken="stated", off=np.zeros(3), heading_dof=23)
+    known = SimpleNamespace(
+        rms={"all": of},
+        free=drift is not None,
+        nees=nees,
+        drift=drift,
+        world=world,
+        turned=(rms, rms),
+    )
     rest = SimpleNamespace(drift=1e-4, inclination=1e-3, rests=3)
     named = SimpleNamespace(name=name)
     return SimpleNamespace(run=named, truth=known, nis=None, at_rest=rest)
@@ -139,6 +146,24 @@ def test_no_filter_is_called_honest_that_is_not(verdict, mean, answer, advice):
     *_, following = replies([best], {"other": "it returned NaN"})
     assert following.answer == "fail"
     assert following.headline.startswith("Look at other, which was not measured")
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    ("drift", "answer", "advice"),
+    [
+        (20.0, "fail", "more noise"),
+        (1.0, "pass", "Nothing stands out"),
+        (np.nan, "pass", "Nothing stands out"),
+    ],
+)
+def test_a_drift_that_is_not_honest_is_said(drift, answer, advice):
+    """Without a magnetometer inclination may be honest where heading is not."""
+    free = filtered("six", "consistent", 2.0, drift=judged_once(np.full(100, drift)))
+    _, honest, following = replies([free], {})
+    assert honest.answer == answer
+    assert advice in following.headline
+    assert "nan" not in " ".join(honest.lines)
 
 
 @given(arrays(float, st.integers(1, 500), elements=st.floats(-1e6, 1e6)))
