@@ -18,13 +18,15 @@ the generalised p-value of the multivariate Behrens-Fisher problem (Gamage, Math
 Weerahandi 2004): :math:`\alpha` is what a variance may be over what it was found to
 be, 1 where the noise is known. For one unknown variance it is Hotelling's F. (Welch's
 degrees of freedom alarm up to 16 times too often at 12 poses against 40.)
-A file that states standard deviations alone is judged by its
-largest difference in them, times the number of parameters (Bonferroni). What a
-difference does to a reading is the largest change of a corrected vector of one length,
+A difference
+that is too small by as little a chance is of no independent data: one log, or a file
+and its copy, and then nothing is told of the sensor. What a difference does to a
+reading is the largest change of a corrected vector of one length,
 
 .. math:: \max_{|u| = 1} |M_B (M_A^{-1} s u + b_A - b_B) - s u|. \tag{DC3}
 """
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from os import PathLike
@@ -37,6 +39,7 @@ import scipy
 from simval.arguments import file_path, instance
 from simval.arrays import Array, positive_number
 from simval.errors import InputError, RefusedError
+from simval.files import MOST_DOCUMENT, parsed, read_text
 from simval.imu.calibrate.equations import FIELD_NAMES
 from simval.imu.calibrate.files import (
     array,
@@ -49,6 +52,7 @@ from simval.imu.calibrate.files import (
 from simval.imu.calibrate.result import FitResult
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
+from simval.text import one_line
 from simval.vocabulary import ALPHA
 
 COVERAGE: Final = 0.95
@@ -70,7 +74,7 @@ class State:
     """What one file states of one sensor: parameters, M and b among them."""
 
     parameters: Float[Array, " p"]
-    covariance: Float[Array, "p p"]  # NaN where it is not stated, or off the diagonal
+    covariance: Float[Array, "p p"]  # NaN where it is not stated
     dof: float  # infinite where the noise is known
     matrix: Float[Array, "3 3"]
     bias: Float[Array, "3"]
@@ -103,9 +107,14 @@ class SensorComparison:
         return self.b.parameters - self.a.parameters
 
     @property
+    def U(self) -> Float[Array, " p"]:
+        """Expanded uncertainty of the difference; NaN where none is stated."""
+        return np.hypot(self.a.expanded, self.b.expanded)
+
+    @property
     def E_n(self) -> Float[Array, " p"]:
-        """Difference over its expanded uncertainty, (DC1); NaN where none is stated."""
-        return np.abs(self.difference) / np.hypot(self.a.expanded, self.b.expanded)
+        """Difference over its expanded uncertainty, (DC1)."""
+        return np.abs(self.difference) / self.U
 
     @property
     def chi_square(self) -> float:
@@ -126,18 +135,14 @@ class SensorComparison:
     @property
     def p_value(self) -> float:
         """Chance of a difference as large without a drift, (DC2); NaN if not told."""
-        split, p = self._split(), len(self.names)
-        if split is not None:
-            share, z = split
-            (alpha, weight_a), (beta, weight_b) = map(
-                _variances, (self.a.dof, self.b.dof)
-            )
-            V = alpha[:, None, None] * share + beta[:, None] * (1.0 - share)
-            tails = scipy.special.chdtrc(p, np.sum(z**2 / V, axis=-1))
-            return float(min(weight_a @ tails @ weight_b, 1.0))
-        worst = np.max(np.abs(self.difference) / np.hypot(self.a.sd, self.b.sd))
-        dof = min(self.a.dof, self.b.dof)
-        return float(np.minimum(1.0, 2.0 * p * scipy.special.stdtr(dof, -worst)))
+        split = self._split()
+        if split is None:
+            return np.nan
+        share, z = split
+        (alpha, weight_a), (beta, weight_b) = map(_variances, (self.a.dof, self.b.dof))
+        V = alpha[:, None, None] * share + beta[:, None] * (1.0 - share)
+        tails = scipy.special.chdtrc(len(z), np.sum(z**2 / V, axis=-1))
+        return float(min(weight_a @ tails @ weight_b, 1.0))
 
     @property
     def beyond(self) -> str:
@@ -171,6 +176,7 @@ class CalibrationComparison:
 
     sensors: tuple[SensorComparison, ...]  # that both have
     notes: tuple[str, ...]  # what is not compared, and what is taken for granted
+    doubted: tuple[str, ...]  # which of A and B have bars that their own checks refuse
     alpha: float  # false-alarm rate of the verdict
 
     @property
@@ -180,32 +186,45 @@ class CalibrationComparison:
         return {name: p for name, p in found.items() if np.isfinite(p)}
 
     @property
-    def drifted(self) -> bool | None:
-        """True where they differ beyond their uncertainty; None if none is stated."""
+    def alike(self) -> tuple[str, ...]:
+        """Sensors whose difference is less than independent data leave."""
         p = self.p_values
-        return min(p.values()) < self.alpha / len(p) if p else None
+        return tuple(name for name, x in p.items() if 1.0 - x < self.alpha / len(p))
+
+    @property
+    def drifted(self) -> bool | None:
+        """True where they differ beyond their uncertainty; None if that is not told."""
+        p = self.p_values
+        if p and min(p.values()) < self.alpha / len(p):
+            return True
+        return False if p and not self.alike else None
 
     @property
     def verdict(self) -> str:
         """The answer in words."""
         p = self.p_values
-        if self.drifted is None:
+        if not p:
             return "not told: no sensor has its uncertainty in both files"
         level = self.alpha / len(p)
         chances = (
             f"{n} {x:.2g}" if x > 0.0 else f"{n} below 1e-300" for n, x in p.items()
         )
         said = f"chance {', '.join(chances)}, drifted below {level:.2g}"
-        if not self.drifted:
-            alike = next((name for name, x in p.items() if 1.0 - x < level), "")
-            more = f"; {alike}: more alike than independent data are" if alike else ""
-            return f"the same within uncertainties: {said}{more}"
-        named = [
-            f"{each.sensor} by {each.beyond or 'a combination, no parameter by itself'}"
-            for each in self.sensors
-            if p.get(each.sensor, 1.0) < level
-        ]
-        return f"drifted, or two sensors: {'; '.join(named)}; {said}"
+        if self.doubted:
+            said += f"; the bars of {' and '.join(self.doubted)} are in doubt"
+        if self.drifted:
+            named = [
+                f"{each.sensor} by {each.beyond or 'a combination, no parameter alone'}"
+                for each in self.sensors
+                if p.get(each.sensor, 1.0) < level
+            ]
+            said = f"drifted, or two sensors: {'; '.join(named)}; {said}"
+        elif not self.alike:
+            return f"the same within uncertainties: {said}"
+        if self.alike:
+            words = f"{' and '.join(self.alike)} more alike than independent data are"
+            said += f"; {words}: A and B seem to be of the same data"
+        return said if self.drifted else f"not told: {said}"
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
@@ -239,10 +258,9 @@ def _table(each: SensorComparison) -> Iterator[str]:
     words = told if np.isfinite(square) else "not both files state a covariance"
     yield f"{each.sensor:17s} {words}"
     yield f"{'A':>25s} {'B':>15s} {'B - A':>12s} {'U':>10s} {'E_n':>8s}"
-    U = np.hypot(each.a.expanded, each.b.expanded)
     rows = zip(
-        each.names, each.a.parameters, each.b.parameters, each.difference, U, each.E_n,
-        strict=True,
+        each.names, each.a.parameters, each.b.parameters,
+        each.difference, each.U, each.E_n, strict=True,
     )  # fmt: skip
     for name, a, b, d, u, e in rows:
         bars = f"{u:10.3g} {e:8.3g}" if np.isfinite(u) else f"{'-':>10s} {'-':>8s}"
@@ -252,13 +270,13 @@ def _table(each: SensorComparison) -> Iterator[str]:
 
 
 def _object(each: SensorComparison) -> dict[str, Any]:
-    numbers = {"chi_square": each.chi_square, "p_value": each.p_value}
     return {
         "names": list(each.names),
         "difference": plain(each.difference),
-        "expanded_uncertainty": plain(np.hypot(each.a.expanded, each.b.expanded)),
+        "expanded_uncertainty": plain(each.U),
         "E_n": plain(each.E_n),
-        **{name: plain(value) for name, value in numbers.items()},
+        "chi_square": plain(each.chi_square),
+        "p_value": plain(each.p_value),
         "reading": each.a.size,
         "largest_change": plain(each.change),
     }
@@ -312,10 +330,17 @@ def compare_calibrations(
             own = names or fits[0].names
             each = SensorComparison(sensor=sensor, names=own, a=a, b=b, unit=unit)
             found.append(each)
+    files = {"A": first, "B": second}
+    notes += [f"{x}: {words}" for x, file in files.items() for words in file.doubts]
     for what in sorted(first.more | second.more):
-        which = [x for x, file in (("A", first), ("B", second)) if what in file.more]
+        which = [x for x, file in files.items() if what in file.more]
         notes.append(f"{' and '.join(which)}: {what}, not compared")
-    return CalibrationComparison(sensors=tuple(found), notes=tuple(notes), alpha=alpha)
+    return CalibrationComparison(
+        sensors=tuple(found),
+        notes=tuple(notes),
+        doubted=tuple(x for x, file in files.items() if file.doubts),
+        alpha=alpha,
+    )
 
 
 def _apart(first: "_File", second: "_File", sensor: str) -> str:
@@ -325,14 +350,19 @@ def _apart(first: "_File", second: "_File", sensor: str) -> str:
         return "" if a is b else f"only {'A' if b is None else 'B'} has one"
     forms = first.fit.model, second.fit.model
     if sensor != "accelerometer" and forms[0] != forms[1]:
-        return (
-            f"its axes are those of the {forms[0]} form in A and of the {forms[1]} in "
-            "B; calibrate both with one --model"
-        )
+        return f"in axes of the {forms[0]} and the {forms[1]} form; use one --model"
     if not 1.0 / FIELDS < b.size / a.size < FIELDS:
         return (
             f"A takes the field for {a.size:.5g} and B for {b.size:.5g}; state --field "
             "in one unit"
+        )
+    # raw units for 1 rad/s or 1 unit of the field; an accelerometer's are known alike
+    sizes = [abs(np.linalg.det(x.matrix)) ** (-1.0 / 3.0) for x in (a, b)]
+    most = {"gyroscope": UNIT, "magnetometer": FIELDS}.get(sensor, np.inf)
+    if not 1.0 / most < sizes[1] / sizes[0] < most:
+        return (
+            f"A reads {sizes[0]:.5g} and B {sizes[1]:.5g} for 1{SENSORS[sensor][1]}: "
+            "another unit or range; calibrate both from readings in one"
         )
     return ""
 
@@ -344,6 +374,7 @@ class _File:
     fit: FitResult
     states: dict[str, State]
     more: set[str]
+    doubts: tuple[str, ...]  # of its bars, by its own checks
 
 
 def _read(path: Path) -> _File:
@@ -369,7 +400,17 @@ def _read(path: Path) -> _File:
         own = states["magnetometer"] = _state(path, blocks[1], models[1].M, models[1].b)
         strength = "a field of 1 for its strength, which is another elsewhere"
         more |= {strength} if own.size == 1.0 else set()
-    return _File(fit=fit, states=states, more=more)
+    return _File(fit=fit, states=states, more=more, doubts=_doubts(path))
+
+
+def _doubts(path: Path) -> tuple[str, ...]:
+    """Words of the checks of a file's error bars that do not hold."""
+    checks = parsed(json.loads, read_text(path, MOST_DOCUMENT)).get("judgements")
+    return tuple(
+        f"its error bars are not honest: {one_line(str(each.get('words')))}"
+        for each in (checks if isinstance(checks, list) else ())
+        if isinstance(each, dict) and each.get("holds") is False
+    )
 
 
 def _of_fit(fit: FitResult, dof: float) -> State:

@@ -52,6 +52,7 @@ from simval.shapes import Float
 from simval.text import one_line
 from simval.units import OF_A_LOG
 
+CORRECTED: Final = "corrected by the autopilot"  # as a log's reader says it
 ALIGNED: Final = 10.0  # degrees; mounted otherwise, axes are 90 or 45 degrees apart
 ONE: Final = 2.0  # ratio of scales within which a field is in the unit of its readings
 
@@ -62,7 +63,8 @@ class Autopilot:
 
     line: str  # of a parameter: its name, its value
     names: dict[str, str]  # by the first letter of a sensor and what is held; {} is X
-    scales: tuple[float, float]  # least and greatest that are documented
+    ranges: dict[str, tuple[float, float]]  # that are documented
+    step: float  # length of a change of scales below which those in use are kept
     field: str  # unit of a magnetic field
     sign: float  # of an offset of the magnetometer
     turn: str  # turns a magnetometer after it is corrected; none where it does before
@@ -80,7 +82,8 @@ AUTOPILOTS: Final = {
             "m scale": "CAL_MAG0_{}SCALE",
             "m off-diagonal": "CAL_MAG0_{}ODIAG",
         },
-        scales=(0.1, 3.0),
+        ranges={"a scale": (0.1, 3.0), "m scale": (0.1, 3.0)},
+        step=0.01,
         field="gauss",
         sign=1.0,
         turn="CAL_MAG0_ROT",
@@ -102,13 +105,18 @@ AUTOPILOTS: Final = {
             "m scale": "COMPASS_DIA_{}",
             "m off-diagonal": "COMPASS_ODI_{}",
         },
-        scales=(0.8, 1.2),
+        ranges={
+            "a offset": (-3.5, 3.5),
+            "a scale": (0.8, 1.2),
+            "m offset": (-400.0, 400.0),
+        },
+        step=0.0,
         field="mgauss",
         sign=-1.0,
         turn="",
         notes={
-            "accelerometer": "the log's axes are taken for the sensor's, before "
-            "AHRS_ORIENTATION",
+            "accelerometer": "INS_ACC_ID must be its id; the log's axes are taken for "
+            "the sensor's, before AHRS_ORIENTATION",
             "gyroscope": "its offsets are measured again at each start unless "
             "INS_GYR_CAL is 0; axes as of the accelerometer",
             "magnetometer": "COMPASS_SCALE must be 0 or 1; the log's axes are taken "
@@ -132,6 +140,13 @@ class _Sheet:
 
 def _autopilot(sheet: _Sheet, log: Log, whole: Any) -> None:
     pilot = AUTOPILOTS[sheet.name]
+    if any(CORRECTED in words for _, words in log.source):
+        sheet.say(
+            "readings",
+            "corrected and turned by the autopilot already, and this file replaces its "
+            "parameters: right only where those were 0 for offsets, 1 for scales and "
+            "no turn; else calibrate readings as the driver had them, or with those",
+        )
     for sensor, part in (
         ("accelerometer", _accelerometer),
         ("gyroscope", _gyroscope),
@@ -157,14 +172,22 @@ def _autopilot(sheet: _Sheet, log: Log, whole: Any) -> None:
 def _write(
     sheet: _Sheet, pilot: Autopilot, sensor: str, values: dict[str, Array]
 ) -> None:
-    least, most = pilot.scales
     for what, three in values.items():
-        for axis, value in zip("XYZ", three, strict=True):
-            name = pilot.names[f"{sensor[0]} {what}"].format(axis)
-            sheet.lines.append(pilot.line.format(name, repr(float(value))))
-            if what == "scale" and not least <= value <= most:
-                words = f"{name} is {value:.4g}, the project documents {least:g} to "
-                sheet.say(sensor, f"{words}{most:g}")
+        held = f"{sensor[0]} {what}"
+        name, kept = pilot.names[held], 1.0 if what == "scale" else 0.0
+        least, most = pilot.ranges.get(held, (-np.inf, np.inf))
+        for axis, value in zip("XYZ", three.tolist(), strict=True):
+            sheet.lines.append(pilot.line.format(name.format(axis), repr(value)))
+            if not least <= value <= most:
+                words = f"{name.format(axis)} is {value:.4g}, the project documents "
+                sheet.say(sensor, f"{words}{least:g} to {most:g}")
+        off = float(np.linalg.norm(three - kept))
+        if what != "offset" and off < pilot.step:
+            words = (
+                f"{name.format('*')} will not be taken up: together they are {off:.2g} "
+            )
+            words += f"from the {kept:g} of the project's start, which it keeps where "
+            sheet.say(sensor, f"{words}that is below {pilot.step:g}")
     if values:
         sheet.say(sensor, pilot.notes[sensor])
 
@@ -225,7 +248,7 @@ def _magnetometer(
         sheet.say("magnetometer", f"{words}file; change the sign of one of its columns")
         return {}
     M, strength = fit.M, float(np.cbrt(np.linalg.det(fit.M)))
-    if not 1.0 / ONE < strength < ONE:
+    if fit.field == 1.0 or not 1.0 / ONE < strength < ONE:  # 1 is: not stated
         M = fit.M / strength
         words = "the strength of the field was not stated in its unit (--field): the "
         sheet.say("magnetometer", f"{words}mean of its scales is taken for 1")

@@ -129,9 +129,13 @@ def test_forms_are_turned_units_are_refused_and_covariances_are_asked_for(
     assert turned.p_values == pytest.approx(same.p_values, rel=1e-6)
     assert not same.drifted
     assert any("turned" in note for note in turned.notes)
-    both = compare_calibrations(a, a)
-    assert not both.drifted
-    assert "more alike" in both.verdict
+    # the same file, and the same readings in another form: nothing of the sensor
+    for again in (a, fitted(tmp_path / "again.json", "symmetric")):
+        both = compare_calibrations(a, again)
+        assert both.drifted is None
+        assert "more alike" in both.verdict
+        assert "same within" not in both.verdict
+    assert simval("compare", a, a)[0] == 3
     counts = AccelerometerModel(T=MODEL.T, K=MODEL.K / 4096, B=4096 * MODEL.B)
     code, out, err = simval("compare", a, fitted(tmp_path / "d.json", sensor=counts))
     assert (code, out, "another unit" in err) == (3, "", True)
@@ -176,6 +180,19 @@ def test_three_sensors_are_compared_on_what_both_files_have(
     # 12 of one standard deviation, of two files: 12 / (1.96 sqrt 2)
     assert E_n[9] == pytest.approx(12.0 / (1.959964 * np.sqrt(2.0)), rel=1e-6)
     assert "gyroscope by B_x" in text
+    # in deg/s, and in mgauss for gauss: another unit, not a drift
+    for name, factor in (("gyroscope", 57.3), ("magnetometer", 1e3)):
+        block = other[name] = dict(other[name])
+        block["M"] = (np.array(block["M"]) / factor).tolist()
+    other["judgements"] = [{"holds": False, "words": "too quiet"}, {"holds": None}]
+    b.write_text(json.dumps(other))
+    simval("compare", a, b, "--json", out)
+    found = json.loads(out.read_text())
+    assert list(found["sensors"]) == ["accelerometer"]
+    assert sum("another unit or range" in note for note in found["notes"]) == 2
+    assert "the bars of B are in doubt" in found["verdict"]
+    assert any("too quiet" in note for note in found["notes"])
+    other |= {"gyroscope": gyro}
     del other["magnetometer"], gyro["covariance"]
     b.write_text(json.dumps(other))
     simval("compare", a, b, "--json", out)

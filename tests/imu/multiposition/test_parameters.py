@@ -154,6 +154,56 @@ def test_every_file_says_of_each_sensor_what_it_leaves_out(made):
 
 
 @pytest.mark.ci
+def test_a_field_that_is_not_stated_goes_out_in_gauss(made, tmp_path, simval):
+    """0.6 gauss, which a strength of 1 would make 1 gauss; an offset out of range."""
+    rows = np.loadtxt(made[0]["px4"].parent / "imu.csv", delimiter=",", skiprows=1)
+    rows[:, 7:] *= 0.6 / STRENGTH
+    rows[:, 1] += 0.5
+    log, out, other = (tmp_path / name for name in ("log.csv", "out", "other"))
+    head = HEADER.replace("uT", "gauss")
+    np.savetxt(log, rows, delimiter=",", header=head, comments="", fmt="%.17g")
+    simval("calibrate", log, "--to", "px4", out, "--to", "ardupilot", other)
+    found = re.findall(r"CAL_MAG0_.(SCALE|ODIAG)\t(\S+)", out.read_text())
+    d, e, f, a, b, c = (float(value) for _, value in found)
+    assert np.linalg.det([[d, a, b], [a, e, c], [b, c, f]]) == pytest.approx(1.0)
+    assert "field was not stated" in out.read_text()
+    (words,) = (x for x in other.read_text().splitlines() if "INS_ACCOFFS_X is" in x)
+    assert words.endswith("documents -3.5 to 3.5")
+    assert "COMPASS_DIA_X is" not in other.read_text()  # no range is documented
+
+
+@pytest.mark.ci
+def test_readings_that_an_autopilot_corrected_are_said_to_be(made, tmp_path, simval):
+    rows = np.loadtxt(made[0]["px4"].parent / "imu.csv", delimiter=",", skiprows=1)
+    lines = [
+        "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns",
+        "FMT, 163, 60, IMU, QBffffff, TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ",
+    ]
+    for t, *y in rows[:, :7]:
+        values = [*np.multiply(y[3:], np.pi / 180.0), *np.multiply(y[:3], 9.80665)]
+        lines.append(f"IMU, {1e6 * t:.0f}, 0, {', '.join(f'{x:.9g}' for x in values)}")
+    log, out = tmp_path / "log.log", tmp_path / "out"
+    log.write_text("\n".join([*lines, ""]))
+    code, said, _ = simval("calibrate", log, "--to", "ardupilot", out)
+    assert (code, "corrected and turned by the autopilot" in said) == (0, True)
+    assert "corrected and turned" in out.read_text()
+    assert "corrected and turned" not in made[0]["ardupilot"].read_text()
+
+
+@pytest.mark.ci
+def test_px4_takes_up_no_scales_within_a_hundredth_of_one(tmp_path, simval):
+    """Its `set_scale` asks for a change of length 0.01; 1 is what it starts at."""
+    off = {}
+    for k in range(2):
+        log, out = recording(f"mpu9150/imu{k}.log"), tmp_path / "out"
+        simval("calibrate", log, "--rate", "100", "--g", "9.81", "--to", "px4", out)
+        scales = re.findall(r"CAL_ACC0_.SCALE\t(\S+)", out.read_text())
+        off[k] = np.linalg.norm([float(x) - 1.0 for x in scales])
+        assert ("SCALE will not be taken up" in out.read_text()) == (off[k] < 0.01)
+    assert off[0] < 0.01 < off[1]
+
+
+@pytest.mark.ci
 @pytest.mark.parametrize("name", ["px4", "ros"])
 def test_counts_are_refused_where_a_project_has_units(name, tmp_path, simval):
     out = tmp_path / "out"
