@@ -189,7 +189,7 @@ class CalibrationComparison:
     def alike(self) -> tuple[str, ...]:
         """Sensors whose difference is less than independent data leave."""
         p = self.p_values
-        return tuple(name for name, x in p.items() if 1.0 - x < self.alpha / len(p))
+        return tuple(name for name, x in p.items() if 1.0 - x < ALPHA / len(p))
 
     @property
     def drifted(self) -> bool | None:

@@ -137,6 +137,12 @@ class _Sheet:
     def say(self, sensor: str, words: str) -> None:
         self.notes.append(f"{sensor}: {words}")
 
+    def leave(self, sensor: str, what: str, most: float, unit: str) -> None:
+        self.say(sensor, f"{what} not carried: up to {most:.3g} {unit}")
+
+
+_Values = dict[str, Array]
+
 
 def _autopilot(sheet: _Sheet, log: Log, whole: Any) -> None:
     pilot = AUTOPILOTS[sheet.name]
@@ -169,9 +175,7 @@ def _autopilot(sheet: _Sheet, log: Log, whole: Any) -> None:
         raise RefusedError(msg)
 
 
-def _write(
-    sheet: _Sheet, pilot: Autopilot, sensor: str, values: dict[str, Array]
-) -> None:
+def _write(sheet: _Sheet, pilot: Autopilot, sensor: str, values: _Values) -> None:
     for what, three in values.items():
         held = f"{sensor[0]} {what}"
         name, kept = pilot.names[held], 1.0 if what == "scale" else 0.0
@@ -183,11 +187,10 @@ def _write(
                 sheet.say(sensor, f"{words}{least:g} to {most:g}")
         off = float(np.linalg.norm(three - kept))
         if what != "offset" and off < pilot.step:
-            words = (
-                f"{name.format('*')} will not be taken up: together they are {off:.2g} "
-            )
-            words += f"from the {kept:g} of the project's start, which it keeps where "
-            sheet.say(sensor, f"{words}that is below {pilot.step:g}")
+            words = f"{name.format('*')} will not be taken up: it is {off:.2g} from "
+            words += f"{kept:g}, with which the project starts, and a change below "
+            words += f"{pilot.step:g} is ignored there"
+            sheet.say(sensor, words)
     if values:
         sheet.say(sensor, pilot.notes[sensor])
 
@@ -210,38 +213,27 @@ def _left(matrix: Array) -> float:
     return float(np.linalg.norm(matrix - np.eye(3), 2))
 
 
-def _accelerometer(
-    sheet: _Sheet, pilot: Autopilot, size: float, whole: Any
-) -> dict[str, Array]:
+def _accelerometer(sheet: _Sheet, pilot: Autopilot, size: float, whole: Any) -> _Values:
     fit = whole.accelerometer
     A = np.linalg.inv(fit.matrix)
     scale = np.diagonal(A) / (A**2).sum(axis=1)
     angle = degrees(acos(np.min(np.diagonal(A) / np.linalg.norm(A, axis=1))))
-    sheet.say(
-        "accelerometer",
-        f"misalignment of {angle:.3g} degrees is not carried: up to "
-        f"{fit.g * _left(scale[:, None] * A):.3g} m/s^2 at 1 g",
-    )
+    words, most = f"misalignment of {angle:.3g} degrees is", _left(scale[:, None] * A)
+    sheet.leave("accelerometer", words, fit.g * most, "m/s^2 at 1 g")
     return {"offset": size * fit.B, "scale": scale / size}
 
 
-def _gyroscope(
-    sheet: _Sheet, pilot: Autopilot, size: float, whole: Any
-) -> dict[str, Array]:
+def _gyroscope(sheet: _Sheet, pilot: Autopilot, size: float, whole: Any) -> _Values:
     fit, G = whole.gyroscope, whole.sensitivity
     percent = 100.0 * _left(size * np.linalg.inv(fit.M))
-    words = f"scales and misalignments are not carried: up to {percent:.3g} % of a rate"
-    sheet.say("gyroscope", words)
+    sheet.leave("gyroscope", "scales and misalignments are", percent, "% of a rate")
     if np.any(G):
-        felt = size * np.linalg.norm(G, 2) * whole.accelerometer.g
-        words = f"what it feels of forces is not carried: up to {felt:.3g} rad/s at 1 g"
-        sheet.say("gyroscope", words)
+        felt = float(size * np.linalg.norm(G, 2) * whole.accelerometer.g)
+        sheet.leave("gyroscope", "what it feels of forces is", felt, "rad/s at 1 g")
     return {"offset": size * fit.B}
 
 
-def _magnetometer(
-    sheet: _Sheet, pilot: Autopilot, size: float, whole: Any
-) -> dict[str, Array]:
+def _magnetometer(sheet: _Sheet, pilot: Autopilot, size: float, whole: Any) -> _Values:
     fit = whole.magnetometer
     if not fit.right_handed:
         words = "its axes are left-handed, which no turn mends, so it is not in this "
@@ -262,10 +254,9 @@ def _magnetometer(
         words += ", and the project turns before it corrects, so it is not in this file"
         sheet.say("magnetometer", f"{words}; record it in the body's axes")
         return {}
+    unit = "% of the field" + f"; {pilot.turn} must state it" * (turn > ALIGNED)
     percent = 100.0 * _left(S @ np.linalg.inv(M))
-    words += f", which is not carried: up to {percent:.3g} % of the field"
-    words += f"; {pilot.turn} must state it" * (turn > ALIGNED)
-    sheet.say("magnetometer", words)
+    sheet.leave("magnetometer", f"{words}, which is", percent, unit)
     offset = pilot.sign * fit.b * size / OF_A_LOG["magnetometer"][pilot.field]
     off = S[[0, 0, 1], [1, 2, 2]]
     return {"offset": offset, "scale": np.diagonal(S), "off-diagonal": off}
@@ -283,10 +274,10 @@ NOISE: Final = (
 
 def _chain(sheet: _Sheet, log: Log, whole: Any) -> None:
     # Kalibr's imu.yaml, and OpenVINS's kalibr_imu_chain.yaml with other intrinsics
-    if whole.accelerometer.model != "triangular" or whole.gyroscope is None:
-        why = "the gyroscope is not calibrated"
-        if whole.accelerometer.model != "triangular":
-            why = f"the form is {whole.accelerometer.model}"
+    form = whole.accelerometer.model
+    if form != "triangular" or whole.gyroscope is None:
+        why = f"the form is {form}"
+        why = "the gyroscope is not calibrated" if form == "triangular" else why
         msg = (
             f"--to {sheet.name}: {why}; lower triangular matrices of both sensors are "
             "needed: calibrate a log with a gyroscope, with --model triangular"
@@ -391,7 +382,7 @@ def _ros(sheet: _Sheet, log: Log, whole: Any) -> None:
         sheet.say("magnetometer", f"{words}{_triple(compass.b)} in the log's unit")
 
 
-def _warm(sensor: str, whole: Any) -> str:
+def _warm(sensor: str, whole: Any) -> tuple[float, str]:
     """Greatest error of a corrected reading, at 1 g, at rest or in the field."""
     fit, own = getattr(whole, sensor), whole.thermal[sensor]
     M = fit.matrix if sensor == "accelerometer" else fit.M
@@ -406,7 +397,7 @@ def _warm(sensor: str, whole: Any) -> str:
         own.compensated(raw, np.full(len(raw), temperature)) - raw
         for temperature in np.linspace(own.low, own.high, 9)
     ]
-    return f"{np.max(np.linalg.norm(np.array(off) @ M.T, axis=-1)):.3g} {unit}"
+    return float(np.max(np.linalg.norm(np.array(off) @ M.T, axis=-1))), unit
 
 
 _Writer = Callable[[_Sheet, Log, Any], None]
@@ -434,11 +425,9 @@ def parameters_of(name: str, log: Log, whole: Any) -> tuple[str, tuple[str, ...]
     sheet = _Sheet(name=name, lines=[], notes=[])
     writer(sheet, log, whole)
     for sensor, own in whole.thermal.items():
-        words = (
-            f"its terms in temperature are not carried: up to {_warm(sensor, whole)}"
-        )
         ends = f"{own.low:.1f} to {own.high:.1f} degC, away from {own.reference:.1f}"
-        sheet.say(sensor, f"{words} at {ends}")
+        most, unit = _warm(sensor, whole)
+        sheet.leave(sensor, "its terms in temperature are", most, f"{unit} at {ends}")
     sheet.notes += [f"{sensor}: {why}" for sensor, why in whole.left_out.items()]
     form = whole.accelerometer.model
     comments = [
