@@ -357,6 +357,7 @@ def test_cells_are_grouped_by_what_varies_beside_the_axis():
 # a unit as the page has it, and as the descriptions of the parameters do
 SPELLED = {
     "s": (", s.",),
+    "K": (", K.",),
     "Hz": (" Hz",),
     "√Hz": (", root Hz.",),
     "T": (", T.",),
