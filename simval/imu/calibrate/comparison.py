@@ -176,6 +176,7 @@ class CalibrationComparison:
 
     sensors: tuple[SensorComparison, ...]  # that both have
     notes: tuple[str, ...]  # what is not compared, and what is taken for granted
+    causes: tuple[str, ...]  # of a difference, other than a drift
     doubted: tuple[str, ...]  # which of A and B have bars that their own checks refuse
     alpha: float  # false-alarm rate of the verdict
 
@@ -218,7 +219,8 @@ class CalibrationComparison:
                 for each in self.sensors
                 if p.get(each.sensor, 1.0) < level
             ]
-            said = f"drifted, or two sensors: {'; '.join(named)}; {said}"
+            causes = "".join(f", or {cause}" for cause in self.causes)
+            said = f"drifted{causes}: {'; '.join(named)}; {said}"
         elif not self.alike:
             return f"the same within uncertainties: {said}"
         if self.alike:
@@ -338,6 +340,11 @@ def compare_calibrations(
     return CalibrationComparison(
         sensors=tuple(found),
         notes=tuple(notes),
+        causes=(
+            "two sensors",
+            *["a wrong g"] * (fits[0].g != fits[1].g),
+            *["another temperature"] * (first.warmth != second.warmth),
+        ),
         doubted=tuple(x for x, file in files.items() if file.doubts),
         alpha=alpha,
     )
@@ -350,7 +357,10 @@ def _apart(first: "_File", second: "_File", sensor: str) -> str:
         return "" if a is b else f"only {'A' if b is None else 'B'} has one"
     forms = first.fit.model, second.fit.model
     if sensor != "accelerometer" and forms[0] != forms[1]:
-        return f"in axes of the {forms[0]} and the {forms[1]} form; use one --model"
+        return (
+            f"its axes are those of the {forms[0]} form in A and of the {forms[1]} in "
+            "B; calibrate both with one --model"
+        )
     if not 1.0 / FIELDS < b.size / a.size < FIELDS:
         return (
             f"A takes the field for {a.size:.5g} and B for {b.size:.5g}; state --field "
@@ -374,6 +384,7 @@ class _File:
     fit: FitResult
     states: dict[str, State]
     more: set[str]
+    warmth: dict[str, float]  # temperature of each sensor's parameters, degC, if told
     doubts: tuple[str, ...]  # of its bars, by its own checks
 
 
@@ -387,11 +398,11 @@ def _read(path: Path) -> _File:
         raise InputError(msg)
     guessed = fit.covariance_kind == "type A" and fit.dof < MANY
     states = {"accelerometer": _of_fit(fit, float(fit.dof) if guessed else np.inf)}
-    models, blocks = load_others(path), load_blocks(path)
+    models, blocks, warm = load_others(path), load_blocks(path), load_thermal(path)
     more = {
         f"the {sensor} is that at {terms.reference:.1f} degC, and a difference may be "
         f"of another; its terms, of {terms.low:.1f} to {terms.high:.1f} degC"
-        for sensor, terms in load_thermal(path).items()
+        for sensor, terms in warm.items()
     }
     if models[0] is not None:
         states["gyroscope"] = _state(path, blocks[0], models[0].M, models[0].B)
@@ -400,7 +411,13 @@ def _read(path: Path) -> _File:
         own = states["magnetometer"] = _state(path, blocks[1], models[1].M, models[1].b)
         strength = "a field of 1 for its strength, which is another elsewhere"
         more |= {strength} if own.size == 1.0 else set()
-    return _File(fit=fit, states=states, more=more, doubts=_doubts(path))
+    return _File(
+        fit=fit,
+        states=states,
+        more=more,
+        warmth={sensor: terms.reference for sensor, terms in warm.items()},
+        doubts=_doubts(path),
+    )
 
 
 def _doubts(path: Path) -> tuple[str, ...]:

@@ -112,10 +112,10 @@ def test_what_a_drift_does_to_a_reading():
     assert compared(a, b).change == pytest.approx(0.01 * G, rel=1e-9)
 
 
-def fitted(path, model="triangular", sensor=MODEL, seed=0, n=24, **more):
+def fitted(path, model="triangular", sensor=MODEL, seed=0, n=24, g=G):
     rng = np.random.default_rng(seed)
     raw = sensor.distort(G * fibonacci_sphere(n), rng)
-    fit = calibrate(raw + SIGMA * rng.standard_normal(raw.shape), G, model, **more)
+    fit = calibrate(raw + SIGMA * rng.standard_normal(raw.shape), g, model)
     save_calibration(path, fit)
     return path
 
@@ -136,6 +136,8 @@ def test_forms_are_turned_units_are_refused_and_covariances_are_asked_for(
         assert "more alike" in both.verdict
         assert "same within" not in both.verdict
     assert simval("compare", a, a)[0] == 3
+    heavy = fitted(tmp_path / "heavy.json", seed=1, g=1.02 * G)
+    assert "or a wrong g" in compare_calibrations(a, heavy).verdict
     counts = AccelerometerModel(T=MODEL.T, K=MODEL.K / 4096, B=4096 * MODEL.B)
     code, out, err = simval("compare", a, fitted(tmp_path / "d.json", sensor=counts))
     assert (code, out, "another unit" in err) == (3, "", True)
