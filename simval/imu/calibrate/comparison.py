@@ -57,7 +57,7 @@ from simval.vocabulary import ALPHA
 
 COVERAGE: Final = 0.95
 """Probability that an expanded uncertainty covers."""
-UNIT: Final = 1.4  # of readings for g: ranges and units differ by factors from 2 up
+UNIT: Final = 1.4  # of readings for 1: ranges and units differ by factors from 2 up
 FIELDS: Final = 3.1  # of strengths of the field; 22 to 67 uT are on the Earth
 NODES: Final = 96  # leave 1e-4 of a chance at 1 degree of freedom, 1e-8 from 2 on
 MANY: Final = 10**6  # degrees of freedom from which a variance is known
@@ -299,14 +299,6 @@ def compare_calibrations(
     first = _read(file_path("earlier", earlier))
     second = _read(file_path("later", later))
     fits = first.fit, second.fit
-    sizes = [float(np.mean(np.abs(fit.raw_per_g))) for fit in fits]
-    if not 1.0 / UNIT < sizes[1] / sizes[0] < UNIT:
-        msg = (
-            f"A reads {sizes[0]:.5g} for g ({fits[0].raw_unit}) and B {sizes[1]:.5g} "
-            f"({fits[1].raw_unit}): another unit or range; calibrate both from "
-            "readings in one"
-        )
-        raise RefusedError(msg)
     notes = [
         "A and B are taken for independent data of one sensor; U is expanded to "
         f"{100 * COVERAGE:g} %, and B - A is beyond it above E_n = 1"
@@ -325,6 +317,8 @@ def compare_calibrations(
     found = []
     for sensor, (names, unit) in SENSORS.items():
         why = _apart(first, second, sensor)
+        if why and sensor == "accelerometer":
+            raise RefusedError(why)
         if why:
             notes.append(f"{sensor}: not compared, {why}")
         elif sensor in first.states:
@@ -361,14 +355,13 @@ def _apart(first: "_File", second: "_File", sensor: str) -> str:
             f"its axes are those of the {forms[0]} form in A and of the {forms[1]} in "
             "B; calibrate both with one --model"
         )
-    if not 1.0 / FIELDS < b.size / a.size < FIELDS:
+    if sensor == "magnetometer" and not 1.0 / FIELDS < b.size / a.size < FIELDS:
         return (
             f"A takes the field for {a.size:.5g} and B for {b.size:.5g}; state --field "
             "in one unit"
         )
-    # raw units for 1 rad/s or 1 unit of the field; an accelerometer's are known alike
     sizes = [abs(np.linalg.det(x.matrix)) ** (-1.0 / 3.0) for x in (a, b)]
-    most = {"gyroscope": UNIT, "magnetometer": FIELDS}.get(sensor, np.inf)
+    most = FIELDS if sensor == "magnetometer" else UNIT
     if not 1.0 / most < sizes[1] / sizes[0] < most:
         return (
             f"A reads {sizes[0]:.5g} and B {sizes[1]:.5g} for 1{SENSORS[sensor][1]}: "
