@@ -129,12 +129,29 @@ def _greatest(sensor: SensorNoise, kind: str) -> str:
     )
 
 
+def _where_seen(sensor: SensorNoise, kind: str) -> SensorNoise:
+    """Take the axes that show a coefficient which others do not have."""
+    axes = [
+        axis
+        for axis in sensor.axes
+        if any(c.kind == kind and c.value is not None for c in axis.coefficients)
+    ]
+    return replace(sensor, axes=axes)
+
+
 def _how_noisy(sensors: Sequence[SensorNoise], seconds: float) -> Reply:
     first = [f"{s.title} {words}" for s in sensors if (words := _greatest(s, "N"))]
     lines = [
         f"{s.title}: {', '.join(others)}."
         for s in sensors
         if (others := [w for kind in ("B", "K", "Q") if (w := _greatest(s, kind))])
+    ]
+    lines += [
+        f"{s.title}: {_greatest(shown, kind)}, on {len(shown.axes)} of "
+        f"{len(s.axes)} axes."
+        for s in sensors
+        for kind in ("T", "R", "A")
+        if (shown := _where_seen(s, kind)).axes
     ]
     lines.append(
         f"The greatest of the three axes; measured at rest for {seconds:.0f} s."

@@ -36,6 +36,8 @@ EVIDENCE: Final = 9.0
 SHORTEST: Final = 8.0  # rows to a correlation time; a shorter one is a sensor's filter
 CYCLES: Final = 10  # of a sine within the signal; of fewer a drift has as many
 _LINE: Final = 1e-4  # chance of a line as high in noise of a smooth spectrum
+_BESIDE: Final = 10  # frequencies to either side of a line
+_BAND: Final = 3.0  # of the level: their mean, which noise exceeds in one line of 1000
 _CLOSE: Final = 2.0  # of (V13): from one correlation time to the next about the best
 _ROUNDS: Final = 6  # of times between those before
 
@@ -253,7 +255,7 @@ def line_of(signal: Float[Array, " n"]) -> Line:
     """Find the highest line of a signal's spectrum.
 
     A line stands above a smooth curve through the logarithms of the periodogram by
-    more than noise does in one signal of 10 000.
+    more than noise does in one signal of 10 000, and alone: no band of noise is one.
     """
     n = len(signal)
     k = np.arange(CYCLES, n // 2)
@@ -268,6 +270,15 @@ def line_of(signal: Float[Array, " n"]) -> Line:
     above = np.log(power) - curve(np.log(k)) - np.euler_gamma
     top = int(np.argmax(above))
     if not above[top] > np.log(-np.log(_LINE / len(k))):
+        return Line()
+    # a line under this window has less than that beyond two frequencies; a resonance,
+    # or a motor whose speed wanders, is a band of noise
+    away = np.abs(np.arange(len(k)) - top)
+    near = (away > 2) & (away <= _BESIDE)
+    d = away[near] - 0.5
+    leak = 2.0 * power[top] / (np.pi * d * (d * d - 1.0)) ** 2
+    level = np.exp(curve(np.log(k[near])) + np.euler_gamma)
+    if np.mean(power[near] / level) > _BAND + np.mean(leak / level):
         return Line()
     # between two frequencies of the transform, by the squares of three
     around = np.sqrt(power[max(top - 1, 0) : top + 2])

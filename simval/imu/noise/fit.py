@@ -275,9 +275,10 @@ def _statements(
     if found.p_value[0] < FALSE_ALARM:
         said.append(
             "no range of averaging times follows white noise, flicker and a random "
-            f"walk (chi-square {found.chi2[0]:.3g} with {found.dof[0]} degrees of "
-            "freedom for all of them), so no coefficients are given; is the sensor at "
-            "rest, its temperature settled, its output without a periodic disturbance?"
+            "walk, Markov noise, a ramp or a sine (chi-square of the first three "
+            f"{found.chi2[0]:.3g} with {found.dof[0]} degrees of freedom for all of "
+            "them), so no coefficients are given; is the sensor at rest, its "
+            "temperature settled, its output without periodic disturbances?"
         )
         return said
     if first > 0:
@@ -289,7 +290,7 @@ def _statements(
     if last < len(seconds):
         said.append(
             f"averages over more than {seconds[last - 1]:.3g} s drift otherwise than "
-            "flicker and a random walk do (temperature?) and are left out"
+            "these components do (temperature?) and are left out"
         )
     return said
 
@@ -325,15 +326,17 @@ def _coefficients(
             square, spread = found.values[0, place], found.sd[0, place]
         scale = unit * rate_hz ** -PROCESSES[letter].rate_power
         least = min(lows[letter]) if len(lows[letter]) == len(chosen.likely) else 0.0
+        # fitted with signs, an end is not always on its side of what is fitted without
+        least, most = min(least, square), max(*highs[letter], square)
         value = float(np.sqrt(square * scale))
-        seen = least > 0.0 and value > 0.0
+        seen = least > 0.0
         made.append(
             Coefficient(
                 kind=letter,
                 value=value if seen else None,
                 sd=float(spread * scale / (2.0 * value)) if seen else None,
                 low=float(np.sqrt(least * scale)) if seen else 0.0,
-                high=float(np.sqrt(max(highs[letter]) * scale)),
+                high=float(np.sqrt(most * scale)),
             )
         )
     made += _times(chosen, made, rate_hz)

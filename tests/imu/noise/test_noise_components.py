@@ -5,7 +5,7 @@ from itertools import pairwise
 import allantools
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import signal, stats
 from scipy.integrate import quad
 
 from simval.imu.noise import (
@@ -16,7 +16,7 @@ from simval.imu.noise import (
     noise_of,
 )
 from simval.imu.noise.components import PROCESSES, Component
-from simval.imu.noise.evidence import LIKELY, WALK, Family
+from simval.imu.noise.evidence import LIKELY, WALK, Family, line_of
 from simval.imu.noise.least_squares import fitted
 from simval.imu.noise.model import axis_from_json, axis_to_json
 from simval.imu.sensor import NoiseModel
@@ -223,3 +223,31 @@ def test_each_is_recognised_and_no_other(kind, size, given):
         for c in axis.coefficients:
             assert c.high > 0.0
             assert (c.sd is None) is (c.value is None)
+
+
+@pytest.mark.parametrize("size", [0.3, 1.0, 1e4])
+def test_a_line_is_a_sine_and_no_band_of_noise(size):
+    """A resonance of 1 % of its frequency, or a motor whose speed wanders."""
+    rng = stream(6, KEY, 0)
+    n, count, turns = 12_000, 12, rng.uniform(0.01, 0.45, 12)
+    band = signal.iirpeak(0.2, 100.0)
+    told = 0
+    for turn in turns:
+        white, driving = rng.normal(size=(2, n))
+        swing = size * np.sin(2.0 * np.pi * (turn * np.arange(n) + rng.uniform()))
+        line = line_of(white + swing)
+        assert abs(line.period * turn - 1.0) < 1.0 / (n * turn)
+        told += line_of(white + 10.0 * size * signal.lfilter(*band, driving)).period > 0
+    assert told <= count // 4
+
+
+@pytest.mark.ci
+def test_a_value_is_within_its_interval():
+    """A bias that settles, which no component is: ends and value by other fits."""
+    drift = 0.05 * np.exp(-np.arange(HOUR) / (600.0 * RATE))
+    white = WHITE * np.sqrt(RATE) * np.random.default_rng(1).normal(size=HOUR)
+    (axis,) = noise_of(white + drift, RATE)
+    seen = [c for c in axis.coefficients if c.value is not None]
+    assert {"N", "K"} <= {c.kind for c in seen}
+    for c in seen:
+        assert c.low <= c.value <= c.high, c.kind
