@@ -82,13 +82,18 @@ def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
         Stream(
             name=topic,
             group=topic.rpartition("/")[0],
-            words=f"{kind}, {said}",
+            words="; ".join([f"{kind}, {said}", *each.lacking()]),
             time=(stamps[topic, kind] - start) / 1e9,
             columns=each.columns(),
         )
         for (topic, kind), each in sorted(rows.items())
     ]
-    return sent(streams, ", ".join(topics))
+    lacking = [
+        f"{topic}: {words}"
+        for (topic, _), each in sorted(rows.items())
+        for words in each.lacking()
+    ]
+    return sent(streams, ", ".join([*lacking, *topics]))
 
 
 class _Rows:
@@ -96,6 +101,7 @@ class _Rows:
 
     def __init__(self, kind: str, first: Any) -> None:
         # a quantity that the first message says it lacks is not read
+        self.kind = kind
         self.fields = [
             (field, axis, unit)
             for field, axes, unit in _QUANTITIES[kind]
@@ -113,6 +119,18 @@ class _Rows:
         self.headers.append(stamp.sec * 10**9 + stamp.nanosec)
         self.receipts.append(receipt)
         self.values.append([number(message) for number in self.numbers])
+
+    def lacking(self) -> list[str]:
+        """Say which quantities with a unit are not read, and why."""
+        read = {name.partition(".")[0] for name in self.columns()}
+        zero = {field for field, _, _ in self.fields} - read
+        return [
+            f"{field} is zero in every message"
+            if field in zero
+            else f"{field} is not measured, by its covariance of -1"
+            for field, _, unit in _QUANTITIES[self.kind]
+            if unit and field not in read
+        ]
 
     def columns(self) -> dict[str, Array]:
         """Columns of the quantities that are not zero in every message."""

@@ -9,8 +9,9 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import InputError
+from simval.imu.logs.captures import sampled
 from simval.imu.logs.names import SECONDS, Channel, Kind, channel, instance
-from simval.imu.logs.text import Table
+from simval.imu.logs.text import Table, TextTable
 from simval.shapes import Float
 
 TEMPERATURE = "temp"
@@ -22,14 +23,23 @@ KINDS: dict[Kind, tuple[str, ...]] = {"gyro": NAMES[4:7], "mag": NAMES[7:10]}
 Triple = tuple[int, int, int]
 _GIVEN = re.compile(r"(t|-|temp|[awm][xyz])(?:\[([^\]]+)\])?")
 _OTHER_FILES = re.compile(
-    r"gyr|mag|gravity|linear|user|orient|euler|rotation|quat", re.I
+    r"gyr|mag|gravity|linear|user|orient|euler|rotation|quat|^position\b|trajector"
+    r"|ground.?truth|mocap|vicon|veloc|gps",
+    re.I,
 )
+_POSE = re.compile(r"(q|quat|v|vel)[ _.]?[wxyz0-3]|roll|pitch|yaw", re.I)
 _FREE = ("bare", "force", "temperature", "other")  # kinds that may be misnamed
 G_UNIT = 3.0  # between a length in g at rest, 1, and in m/s^2, 9.8
 PX4 = frozenset({"timestamp_sample", "gyro_rad[0]", "accelerometer_m_s2[0]"})
 """Names of PX4's logs, whose ``timestamp`` is in microseconds since boot."""
+STANDARD = 9.80665  # m/s^2, gravity at rest
+_PADDED = re.compile(r"0\d+")
+_OTHER_SENSOR = re.compile(  # as a word of a file's name, without an accelerometer's
+    r"^(?!.*acc)(.*[^a-z])?(gyro?s?|gyroscopes?|magn?|magnet|magnetometer)([^a-z].*)?$",
+    re.I,
+)
 _FREE_FILES = re.compile(
-    r".*(linear|user)[ _-]?acc.*|.*without[ _-]?g(ravity)?\b.*|gravity\W*\d*", re.I
+    r".*(lin(ear)?|user)[ _-]?acc.*|.*without[ _-]?g(ravity)?\b.*|gravity\W*\d*", re.I
 )
 _DEVICE_MOTION = frozenset({"gravityX", "rotationRateX", "accelerationX"})
 _APPLE = re.compile(r"accelerometerAcceleration[XYZ]\(G\)")  # of SensorLog, iOS only
@@ -87,6 +97,12 @@ def chosen(
         return _by_header(table, table.names, sensor)
     if table.width in LAYOUTS:
         roles = LAYOUTS[table.width]
+        if why := _doubt(table, roles):
+            msg = (
+                f"{table.path} has no names for its {table.width} columns; {why}. Name "
+                f"them in their order: --columns {','.join(roles)} if they are these"
+            )
+            raise InputError(msg)
         return tuple(Column(role=role, place=k) for k, role in enumerate(roles))
     msg = (
         f"{table.path} has {table.width} column{'s' * (table.width > 1)} and no names "
@@ -95,6 +111,50 @@ def chosen(
         f"--columns {template(table.width)}, - for one to ignore"
     )
     raise InputError(msg)
+
+
+def _doubt(table: Table, roles: tuple[str, ...]) -> str:
+    # why columns without names are not what their number says
+    file = PurePath(table.path).name
+    if _OTHER_SENSOR.search(file) or _FREE_FILES.fullmatch(PurePath(file).stem):
+        return f"by the name of the file, {file}, they are not an accelerometer's"
+    if isinstance(table, TextTable) and _are_halves(table):
+        return (
+            "each second one may be the decimals of the one before it (are decimal "
+            "commas and separating commas mixed?)"
+        )
+    if roles[-1] != "wz":
+        return ""
+    values = table.numbers([roles.index(name) for name in (*NAMES[1:4], *NAMES[4:7])])
+    if not np.isfinite(values).all():
+        return ""
+    first, second = np.linalg.norm(values.reshape(len(values), 2, 3), axis=2).T
+    low, usual, high = np.percentile(second, [5, 50, 95])
+    steady = 0.8 * usual < low and high < 1.25 * usual
+    moving = np.percentile(first, 95) > 3.0 * np.percentile(first, 5)
+    still = abs(usual / STANDARD - 1.0) < 0.05 and np.median(first) < G_UNIT
+    if steady and (moving or still):
+        return (
+            "the last three have a length as steady as gravity's and the three before "
+            "them have not, so the gyroscope's may come first: then it is "
+            f"{','.join((*roles[:-6], *NAMES[4:7], *NAMES[1:4]))}"
+        )
+    return ""
+
+
+def _are_halves(table: TextTable) -> bool:
+    # whole numbers before their decimals: 0,05,-0,12,9,81
+    if table.dialect.mark != "," or table.width < 6:
+        return False
+    lines = sampled(table.lines)
+    rows = [table.dialect.fields(line)[table.width % 2 :] for _, line in lines]
+    behind = [field for row in rows for field in row[1::2]]
+    before = [field for row in rows for field in row[::2]]
+    return (
+        all(map(str.isdecimal, behind))
+        and all(re.fullmatch(r"[+-]?(0|[1-9]\d*)", field) for field in before)
+        and (any(map(_PADDED.fullmatch, behind)) or "-0" in before)
+    )
 
 
 def template(width: int, taken: dict[int, str] | None = None) -> str:
@@ -234,7 +294,7 @@ def _temperatures(channels: list[Channel]) -> list[int]:
 
 
 def triples(channels: list[Channel], kind: Kind) -> list[Triple]:
-    """Places of x, y and z of each sensor of a kind that has each of them once."""
+    """Places of x, y and z of each sensor of a kind, each of them once in one unit."""
     groups: dict[str, dict[str, list[int]]] = {}
     for place, each in enumerate(channels):
         if each.kind == kind and each.axis:
@@ -245,7 +305,8 @@ def triples(channels: list[Channel], kind: Kind) -> list[Triple]:
         order = next((o for o in ("xyz", "012", "123") if set(axes) == set(o)), "")
         if order and all(len(places) == 1 for places in axes.values()):
             x, y, z = (axes[axis][0] for axis in order)
-            whole.append((x, y, z))
+            if len({channels[k].unit for k in (x, y, z)} - {""}) < 2:
+                whole.append((x, y, z))
     return whole
 
 
@@ -373,8 +434,14 @@ def _bare(table: Table, names: tuple[str, ...], channels: list[Channel]) -> Trip
     bare = triples(channels, "bare")
     others: tuple[Kind, ...] = ("gyro", "mag", "no gravity", "force")
     rest = [c for c in channels if c.axis and c.kind in others]
+    pose = [name for name in names if _POSE.fullmatch(name.strip())]
     file = PurePath(table.path).name.lower()
-    if len(bare) == 1 and not rest and not _OTHER_FILES.search(file):
+    if bare and pose:
+        why = (
+            f"x, y, z beside {pose[0]!r} may be a position, and no others are known "
+            "names of an accelerometer's axes"
+        )
+    elif len(bare) == 1 and not rest and not _OTHER_FILES.search(file):
         if "seconds_elapsed" not in names or "total" in file or "uncal" in file:
             return bare[0]
         why = (
@@ -388,7 +455,10 @@ def _bare(table: Table, names: tuple[str, ...], channels: list[Channel]) -> Trip
             "readings with gravity: at rest they must show it"
         )
     elif any(c.kind == "force" and c.axis for c in channels):
-        why = "not each of the accelerometer's axes x, y, z is named exactly once"
+        why = (
+            "not each of the accelerometer's axes x, y, z is named exactly once, "
+            "all in one unit"
+        )
     else:
         why = "no three of them are known names of an accelerometer's axes"
     raise _question(table, names, channels, why, bare)

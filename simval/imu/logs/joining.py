@@ -11,7 +11,7 @@ them, and the noise of such rows is not independent; one that is read faster is 
 Stamps are taken as of one clock. A delay between sensors stays in the rows.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -73,8 +73,9 @@ def candidates(
     """Tables of each accelerometer, joined to what was recorded beside it.
 
     A gyroscope or a magnetometer with a stream of its own is that of the same group if
-    there is one, or else the only one. Where it is neither, each choice has a name, the
-    streams' with ``+`` between, and the accelerometer's alone is without it.
+    there is one, or else the only one that is not another accelerometer's. Where it is
+    neither, each choice has a name, the streams' with ``+`` between, and the
+    accelerometer's alone is without it.
 
     Raises
     ------
@@ -96,7 +97,8 @@ def candidates(
         alone = [each for each in quick if not each.has("force") and each is not own]
         gyros = [each for each in alone if each.has("gyro") and not own.has("gyro")]
         mags = [each for each in alone if each.has("mag") and not own.has("mag")]
-        choices = [_beside(own, gyros), _beside(own, mags)]
+        others = {each.group for each in forces} - {own.group}
+        choices = [_beside(own, gyros, others), _beside(own, mags, _named(others))]
         sure = [each[0] for each in choices if len(each) == 1]
         open_ = [each for each in choices if len(each) > 1]
         said = [("readings", own.words), *map(tuple, log["said"])]
@@ -118,9 +120,18 @@ def candidates(
     return found
 
 
-def _beside(own: Stream, others: Sequence[Stream]) -> Sequence[Stream]:
-    same = [each for each in others if each.group == own.group]
-    return same if len(same) == 1 else others
+def _beside(
+    own: Stream, streams: Sequence[Stream], others: Container[str]
+) -> Sequence[Stream]:
+    # those of its group, else those of no group of another accelerometer
+    same = [each for each in streams if each.group == own.group]
+    free = [each for each in streams if each.group not in others]
+    return same if len(same) == 1 else free
+
+
+def _named(groups: Iterable[str]) -> set[str]:
+    # groups with a name; where they are counted, a magnetometer has a count of its own
+    return {each for each in groups if each and not each.isdigit()}
 
 
 def joined(

@@ -43,10 +43,10 @@ _WORDLESS = _listed("linear velocity vel rate field raw sensor data value axis r
 _OTHER = _listed(
     "cov covariance covar std sd stddev var variance bias offset drift err error sum "
     "norm abs absolute magnitude mean avg rms quat quaternion q orientation ori euler "
-    "angle angles roll pitch yaw pos position vel velocity speed jerk world earth ned "
-    "enu global nav navigation ref reference true truth gt desired cmd command "
-    "setpoint scale misalignment delta diff inc increment integral dv dq noise temp "
-    "temperature vector rot rotvec heading status accuracy"
+    "angle angles roll pitch yaw pos position pose trajectory vel velocity speed jerk "
+    "world earth ned enu global nav navigation ref reference true truth gt desired cmd "
+    "command setpoint scale misalignment delta diff inc increment integral dv dq noise "
+    "temp temperature vector rot rotvec heading status accuracy"
 )
 _TIME = _listed(
     "t time times timestamp timestamps stamp ts clock elapsed timer uptime epoch "

@@ -8,7 +8,7 @@ is about -9.8 m/s^2 on z. Stamps are ``timestamp_sample`` where it increases.
 """
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -84,7 +84,25 @@ def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
     start = min((int(_stamps(each)[0]) for each in known), default=0)
     holds = ", ".join(sorted({each.name for each in log.data_list}))
     said = (("damaged", "bytes that are no whole message were passed over"),)
-    return sent([_stream(each, start) for each in known], holds, said * damaged)
+    groups = _groups(known)
+    streams = [_stream(each, start, groups) for each in known]
+    return sent(streams, holds, said * damaged)
+
+
+def _groups(known: list[Any]) -> dict[tuple[str, int], str]:
+    # an accelerometer and a gyroscope of one chip have one device_id, whatever their
+    # numbers; where each accelerometer's is one gyroscope's, that joins them
+    found: dict[str, dict[int, int]] = {"sensor_accel": {}, "sensor_gyro": {}}
+    for each in known:
+        ids = np.unique(each.data.get("device_id", np.zeros(1)))
+        if each.name in found and len(ids) == 1 and ids[0] > 0:
+            found[each.name][int(ids[0])] = each.multi_id
+    forces, gyros = found.values()
+    return {
+        ("sensor_gyro", gyros[device]): str(number)
+        for device, number in forces.items()
+        if set(forces) == set(gyros)
+    }
 
 
 def _stamps(each: Any) -> Any:
@@ -94,7 +112,7 @@ def _stamps(each: Any) -> Any:
     return each.data["timestamp"].astype(np.int64)
 
 
-def _stream(each: Any, start: int) -> Stream:
+def _stream(each: Any, start: int, groups: Mapping[tuple[str, int], str]) -> Stream:
     # of one message; its number is left out of its name where there is but one kind
     words, sensors = _MESSAGES[each.name]
     raw = each.name.startswith("sensor_") and words == _RAW
@@ -110,7 +128,9 @@ def _stream(each: Any, start: int) -> Stream:
         columns |= {"sensor_accel.temperature [degC]": warm} if warm.any() else {}
     return Stream(
         name=f"{each.name} {each.multi_id}" if raw else each.name,
-        group=str(each.multi_id) if raw else "corrected",
+        group=groups.get((each.name, each.multi_id), str(each.multi_id))
+        if raw
+        else "corrected",
         words=words,
         time=(_stamps(each)[there] - start) / 1e6,
         columns=columns,

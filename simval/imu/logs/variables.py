@@ -1,6 +1,8 @@
 """Files of named arrays: MATLAB's (format 4 and 5), NumPy's (.npy, .npz), Parquet's."""
 
 from collections import defaultdict
+from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -8,7 +10,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.imu.logs.apart import read_apart
-from simval.imu.logs.names import channel
+from simval.imu.logs.names import channel, is_known
 from simval.imu.logs.source import Source
 from simval.imu.logs.tables import ArrayTable
 
@@ -16,6 +18,7 @@ ROWS: Final = 10  # an array with fewer is no column of a log, which has a rest 
 RATES: Final = ("fs", "samplingrate", "samplerate", "samplingfrequency", "samplefreq")
 """Names of a number that is the rate in Hz, as in BROAD's files, in small letters and
 without signs."""
+_INDEX: Final = "__index_level_"  # of pandas, without a name
 _NUMPY, _ZIP, _PARQUET = b"\x93NUMPY", b"PK", b"PAR1"
 
 
@@ -29,13 +32,14 @@ def sniff(source: Source) -> bool:
     return end.endswith(".mat") and b"\0" in source.start[:20]
 
 
-def read(source: Source) -> ArrayTable:
+def read(source: Source) -> ArrayTable | dict[str, Callable[[], ArrayTable]]:
     """Columns of the variables that have as many rows as the accelerometer's.
 
     A variable of n rows and one column is a column by its own name, one of n by 3 is
     three with ``_x``, ``_y``, ``_z`` behind it; structures are looked into. One matrix
-    alone has no names. A number by one of the names of `RATES` is the rate of a log
-    without a clock.
+    alone has no names, unless its own is that of another sensor. A number by one of the
+    names of `RATES` is the rate of a log without a clock, the accelerometer's own where
+    there are several. Accelerometers with different numbers of rows are candidates.
 
     Raises
     ------
@@ -53,15 +57,58 @@ def read(source: Source) -> ArrayTable:
             "accelerometer as a matrix of n rows and 3 columns"
         )
         raise InputError(msg)
-    rate = next(iter(found["rates"].items()), None)
-    group = max(by_length.values(), key=lambda each: (_names_force(each), len(each)))
-    if len(group) == 1 and not _names_force(group):
-        values = next(iter(group.values()))
-        return ArrayTable(path=path, names=None, values=values, rate=rate)
+    groups = [*by_length.values()]
+    forces = {name: each for each in groups if (name := _force_of(each)) is not None}
+    tables: dict[str, Callable[[], ArrayTable]] = {
+        name: partial(_table, path, each, groups, name, found["rates"])
+        for name, each in forces.items()
+    }
+    if len(tables) > 1:
+        return tables
+    for make in tables.values():
+        return make()
+    return _table(path, max(groups, key=len), groups, None, found["rates"])
+
+
+def _table(
+    path: str,
+    group: dict[str, Array],
+    groups: list[dict[str, Array]],
+    force: str | None,
+    rates: dict[str, float],
+) -> ArrayTable:
+    # the variables of one number of rows, with a word on those of another
+    rate = _rate(force or "", rates)
+    rows = len(next(iter(group.values())))
+    source = tuple(
+        ("left out", f"{name}: {len(array)} rows, where the others have {rows}")
+        for each in groups
+        if each is not group
+        for name, array in each.items()
+        if any(channel(label).axis for label, _ in _columns(name, array))
+    )
+    if len(group) == 1 and force is None:
+        name, values = next(iter(group.items()))
+        if not (is_known(name) or channel(f"{name}_x").kind not in ("bare", "other")):
+            return ArrayTable(
+                path=path, names=None, values=values, rate=rate, source=source
+            )
     columns = [pair for name, array in group.items() for pair in _columns(name, array)]
     names = tuple(name for name, _ in columns)
     values = np.column_stack([values for _, values in columns])
-    return ArrayTable(path=path, names=names, values=values, rate=rate)
+    return ArrayTable(path=path, names=names, values=values, rate=rate, source=source)
+
+
+def _rate(force: str, rates: dict[str, float]) -> tuple[str, float] | None:
+    # of several that differ, that of the accelerometer's own structure
+    stem = force.rpartition(".")[0]
+    own = {
+        name: rate for name, rate in rates.items() if name.rpartition(".")[0] == stem
+    }
+    for each in (own, rates):
+        if len(set(each.values())) == 1:
+            return next(iter(each.items()))
+    return None
 
 
 def _kind(source: Source) -> str:
@@ -77,7 +124,7 @@ def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
     pairs: list[tuple[str, Array]] = []
     rates: dict[str, float] = {}
     for name, value in _loaded(path, start).items():
-        if name.startswith("__"):
+        if name.startswith("__") and not name.startswith(_INDEX):
             continue
         pairs += _arrays(name, value)
         rates |= _rates(name, value)
@@ -117,9 +164,11 @@ def _arrays(name: str, value: Any) -> list[tuple[str, Array]]:
             for key in value.dtype.names
             for pair in _arrays(f"{stem}{key}", fields[key])
         ]
-    if value.dtype.kind == "M" and value.ndim == 1 and len(value):
+    if value.dtype.kind in "mM" and value.ndim == 1 and len(value):
         value = (value - value[0]).astype("timedelta64[ns]").astype(np.float64)
-        name = f"{name} [ns]"
+        name = f"{'time' * name.startswith(_INDEX) or name} [ns]"
+    elif name.startswith(_INDEX):
+        return []
     value = value[:, None] if value.ndim == 1 else value
     real = value.dtype.kind in "iufb" and value.ndim == 2
     if not real or max(value.shape) < ROWS:
@@ -151,6 +200,10 @@ def _columns(name: str, array: Array) -> list[tuple[str, Array]]:
     return [(f"{name}_{end}", array[:, k]) for k, end in enumerate(ends)]
 
 
-def _names_force(group: dict[str, Array]) -> bool:
-    names = [name for key, array in group.items() for name, _ in _columns(key, array)]
-    return any(channel(each).kind == "force" and channel(each).axis for each in names)
+def _force_of(group: dict[str, Array]) -> str | None:
+    # the first variable that names axes of an accelerometer
+    for key, array in group.items():
+        known = (channel(name) for name, _ in _columns(key, array))
+        if any(each.kind == "force" and each.axis for each in known):
+            return key
+    return None

@@ -182,7 +182,11 @@ def test_a_recording_gives_the_same_from_every_container(
 ):
     """The same numbers and stamps, so the same bits; in single precision of a format
     that has no other."""
-    log, *others = (read_log(recording_of(file), rate=rate) for file in files)
+    columns = {"xsens/xsens_gyro.mat": "t,ax,ay,az"}  # else its name objects
+    log, *others = (
+        read_log(recording_of(file), rate=rate, columns=columns.get(file))
+        for file in files
+    )
     us = np.rint((log.time - log.time[0]) * 1e6).astype(np.int64)
     sensors = [log.accelerometer, log.gyro, *(each.accelerometer for each in others)]
     sensors = [each for each in (*sensors, log.magnetometer) if each is not None]

@@ -1,0 +1,84 @@
+"""Columns that only look like an accelerometer's are asked for, never taken."""
+
+import numpy as np
+import pytest
+
+from simval.errors import InputError
+from simval.imu.logs import read_log
+
+N = 400
+RNG = np.random.default_rng(372)
+TIME = np.arange(N)[:, None] / 100
+FORCE = np.where(TIME < 2, [0.1, -0.2, 9.8], [9.7, 0.3, 0.2])
+FORCE = FORCE + 0.02 * RNG.standard_normal((N, 3))
+GYRO = [0.01, -0.02, 0.03] + 0.001 * RNG.standard_normal((N, 3))
+TURN = GYRO + np.where(np.abs(TIME - 2) < 0.5, [0.0, 1.6, 0.2], 0.0)
+
+
+def saved(path, *columns, header=None, form="%.6f"):
+    rows = np.hstack(columns)
+    np.savetxt(path, rows, delimiter=",", fmt=form, header=header or "", comments="")
+    text = path.read_text()
+    path.write_text(text if header else text.lstrip("\n"))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "taken"),
+    [
+        ("gyro.txt", False),
+        ("imu_gyr_01.csv", False),
+        ("Magnetometer.csv", False),
+        ("linacce.txt", False),
+        ("gravity.txt", False),
+        ("acce.txt", True),
+        ("acc_and_gyro.csv", True),
+        ("image1.csv", True),
+        ("gyrate.csv", True),
+    ],
+)
+def test_the_name_of_a_file_tells_of_columns_without_names(tmp_path, name, taken):
+    path = saved(tmp_path / name, TIME, FORCE)
+    if not taken:
+        with pytest.raises(InputError, match="by the name of the file"):
+            read_log(path)
+    assert len(read_log(path, columns=None if taken else "t,ax,ay,az").time) == N
+
+
+@pytest.mark.parametrize("scale", [1, 1000])
+@pytest.mark.parametrize("gyro", [GYRO, TURN], ids=["still", "turned"])
+def test_a_gyroscope_that_comes_first_is_seen(tmp_path, gyro, scale):
+    """In SI units also at rest; in counts where it turns."""
+    parts = scale * gyro, scale * FORCE
+    wrong = saved(tmp_path / "wrong.csv", TIME, *parts)
+    right = saved(tmp_path / "right.csv", TIME, *parts[::-1])
+    assert read_log(right).gyro is not None
+    if scale > 1 and gyro is GYRO:
+        return
+    with pytest.raises(InputError, match="t,wx,wy,wz,ax,ay,az"):
+        read_log(wrong)
+
+
+def test_decimals_behind_commas_are_no_columns(tmp_path):
+    path = saved(tmp_path / "log.csv", FORCE, form="%.2f")
+    path.write_text(path.read_text().replace(".", ","))
+    with pytest.raises(InputError, match="decimal commas"):
+        read_log(path, rate=100.0)
+    counts = np.rint(np.hstack([100 * FORCE, 1000 * GYRO]))
+    path = saved(path, counts, form="%.0f")
+    np.testing.assert_array_equal(read_log(path, rate=100.0).gyro, counts[:, 3:])
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "t,x,y,z,qx,qy,qz",
+        "t,x,y,z,vx,vy,vz",
+        "t,x,y,z,roll,pitch,yaw",
+        "t,ax [g],ay [m/s^2],az [g],wx,wy,wz",
+    ],
+)
+def test_a_pose_and_a_mixture_of_units_are_asked_for(tmp_path, header):
+    path = saved(tmp_path / "log.csv", TIME, FORCE, GYRO, header=header)
+    with pytest.raises(InputError, match="which columns are the accelerometer's"):
+        read_log(path)
