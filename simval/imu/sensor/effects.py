@@ -91,7 +91,8 @@ class NoiseModel:
     Raises
     ------
     InputError
-        If a value is negative or not finite, or a Markov bias has no correlation time.
+        If a value is negative or not finite, a Markov bias has no correlation time,
+        or a sine no frequency.
     """
 
     white_raw_per_sqrt_hz: Array | float = 0.0
@@ -108,9 +109,11 @@ class NoiseModel:
             if name != "sine_hz":
                 levels = levels_of_axes(name, getattr(self, name))
                 object.__setattr__(self, name, levels)
-        require_times(self.markov_raw_per_sqrt_s, "markov_s", self.markov_s)
         frequency = nonnegative_number("sine_hz", self.sine_hz, "Hz")
         object.__setattr__(self, "sine_hz", frequency)
+        driving = self.markov_raw_per_sqrt_s
+        require_times("markov_raw_per_sqrt_s", driving, "markov_s", self.markov_s)
+        require_times("sine_raw", self.sine_raw, "sine_hz", frequency)
 
     def parts(
         self, n: int, rate_hz: float, rng: np.random.Generator
@@ -226,18 +229,18 @@ def _flicker(n: int, rng: np.random.Generator) -> Float[Array, "n 3"]:
     return rows
 
 
-def require_times(driving: Any, name: str, times: Any) -> None:
-    """Require a correlation time of each axis that has a driving noise.
+def require_times(size: str, of: Any, name: str, times: Any) -> None:
+    """Require a time or a frequency of each axis that has a Markov bias or a sine.
 
     Raises
     ------
     InputError
         If there is none.
     """
-    if np.any((np.asarray(driving) > 0.0) & ~(np.asarray(times) > 0.0)):
+    if np.any((np.asarray(of) > 0.0) & ~(np.asarray(times) > 0.0)):
         msg = (
-            f"`{name}` is {shown(times)}, and a Markov bias is driven by "
-            f"{shown(driving)}; give its correlation time, above 0 s"
+            f"`{name}` is {shown(times)}, and `{size}` is {shown(of)}; give "
+            f"`{name}` above 0, or no `{size}`"
         )
         raise InputError(msg)
 
@@ -333,8 +336,9 @@ class Electronics:
             value = getattr(self, name)
             if value is not None or name not in optional:
                 object.__setattr__(self, name, levels_of_axes(name, value))
+        markov = "bias_markov_raw_per_sqrt_s"
         times = self.bias_markov_s
-        require_times(self.bias_markov_raw_per_sqrt_s, "bias_markov_s", times)
+        require_times(markov, getattr(self, markov), "bias_markov_s", times)
         if self.noise_std_raw is not None and self.white_raw_per_sqrt_hz is not None:
             msg = (
                 f"`noise_std_raw` is {shown(self.noise_std_raw)} and "
@@ -346,6 +350,7 @@ class Electronics:
         for name, unit in units:
             number = nonnegative_number(name, getattr(self, name), unit)
             object.__setattr__(self, name, number)
+        require_times("sine_raw", self.sine_raw, "sine_hz", self.sine_hz)
         if self.limits_raw is not None:
             limits = physical_array("limits_raw", self.limits_raw, (2,))
             if limits.shape != (2,) or not limits[0] < limits[1]:

@@ -8,6 +8,7 @@ import pytest
 from scipy import signal, stats
 from scipy.integrate import quad
 
+from simval.errors import InputError
 from simval.imu.noise import (
     allan_covariance,
     allan_variance,
@@ -137,6 +138,15 @@ def test_simulated_markov_noise_ramp_and_sine():
     law = (0.2 / rate) ** 2 * Component("R").law(m)
     law += 1.5**2 * Component("A", PERIOD).law(m)
     np.testing.assert_allclose(deviation**2, law, rtol=0.02)  # ends of the sine
+
+
+@pytest.mark.parametrize(
+    "given", [{"sine_raw": 1.0}, {"markov_raw_per_sqrt_s": [0.0, 1.0, 0.0]}]
+)
+def test_a_sine_or_a_markov_bias_without_its_time_is_refused(given):
+    (name,) = given
+    with pytest.raises(InputError, match=f"above 0, or no `{name}`"):
+        NoiseModel(**given)
 
 
 HOUR, RATE, WHITE, DRIVING = 36_000, 10.0, 4e-3, 6e-3
