@@ -104,13 +104,9 @@ def times_of(
     dates = [_ISO.fullmatch(text) for text in texts]
     days = [_OF_DAY.fullmatch(text) for text in texts]
     if all(dates):
-        try:
-            stamps = np.array([date[1] for date in dates if date], "datetime64[ns]")
-        except ValueError:
-            stamps = np.array(["NaT"], "datetime64[ns]")
-        zones = {date[2] for date in dates if date}
-        if not np.isnat(stamps).any() and len(zones) == 1:
-            return np.asarray((stamps - stamps[0]) / np.timedelta64(1, "s")), 1.0, []
+        dated = _dated([date for date in dates if date])
+        if dated is not None:
+            return dated, 1.0, []
     elif all(days):
         parts = np.array(
             [[float(part) for part in day.groups()] for day in days if day]
@@ -128,6 +124,28 @@ def times_of(
         "column out (--columns, with - for it) and state the rate (--rate HZ)"
     )
     raise InputError(msg)
+
+
+def _dated(dates: list[re.Match[str]]) -> Float[Array, " n"] | None:
+    # seconds since the first date; None if one is impossible, or not all have a zone
+    try:
+        stamps = np.array([date[1] for date in dates], "datetime64[ns]")
+    except ValueError:
+        return None
+    zones = [date[2] for date in dates]
+    if np.isnat(stamps).any() or not (len(set(zones)) == 1 or all(zones)):
+        return None
+    if len(set(zones)) > 1:  # summer time begins or ends
+        stamps = stamps - np.array([*map(_east, zones)], "m8[m]")
+    return np.asarray((stamps - stamps[0]) / np.timedelta64(1, "s"))
+
+
+def _east(zone: str) -> int:
+    # minutes by which a zone's time is ahead of UTC: Z, +02:00, -0330
+    if zone == "Z":
+        return 0
+    hours, minutes = int(zone[-5:-2].strip(":+-")), int(zone[-2:])
+    return (-1 if "-" in zone else 1) * (60 * hours + minutes)
 
 
 def _said(
@@ -162,8 +180,8 @@ def _second(
     if rate is not None:
         fitting = [u for u in _TICKS if _agree(1.0 / (median * u), rate)]
         return fitting[0] if len(fitting) == 1 else 1.0
-    if SLOWEST <= 1.0 / median <= FASTEST:
-        return 1.0
+    if SLOWEST <= 1.0 / median <= FASTEST and time[0] <= _EPOCH[1]:
+        return 1.0  # unless it is later than any date
     for size in _UNITS.values():
         dated = _EPOCH[0] <= time[0] * size and time[-1] * size <= _EPOCH[1]
         if dated and SLOWEST <= 1.0 / (median * size) <= FASTEST:

@@ -82,3 +82,26 @@ def test_a_pose_and_a_mixture_of_units_are_asked_for(tmp_path, header):
     path = saved(tmp_path / "log.csv", TIME, FORCE, GYRO, header=header)
     with pytest.raises(InputError, match="which columns are the accelerometer's"):
         read_log(path)
+
+
+def test_dates_go_on_where_summer_time_begins_and_milliseconds_are_no_seconds(
+    tmp_path,
+):
+    """10 kHz in milliseconds since 1970 would be 10 Hz, in the year 55,000."""
+    path = tmp_path / "log.csv"
+    utc = np.datetime64("2026-03-29T00:59:58") + np.rint(1000 * TIME[:, 0]).astype(
+        "m8[ms]"
+    )
+    for winter, summer in (("+01:00", "+02:00"), ("-0330", "-02:30"), ("Z", " +0045")):
+        rows = ["time,ax,ay,az"]
+        for k, (stamp, row) in enumerate(zip(utc, FORCE, strict=True)):
+            zone = winter if k < 200 else summer
+            sign = -1 if "-" in zone else 1
+            digits = zone.replace(":", "").strip(" +-Z") or "0000"
+            ahead = sign * (60 * int(digits[:2]) + int(digits[2:]))
+            local = stamp + np.timedelta64(ahead, "m")
+            rows.append(f"{local}{zone},{row[0]},{row[1]},{row[2]}")
+        path.write_text("\n".join([*rows, ""]))
+        np.testing.assert_allclose(read_log(path).time, TIME[:, 0], atol=1e-9)
+    saved(path, 1.7e12 + 10 * TIME, FORCE, header="timestamp,ax,ay,az", form="%.3f")
+    np.testing.assert_allclose(read_log(path).rate, 1e4, rtol=1e-2)
