@@ -308,53 +308,6 @@ def _require_six(filter: Filter) -> None:
         raise UnusablePluginError(msg)
 
 
-def six_axis_bound(
-    found: Signals, start: Start, alignment: Alignment
-) -> dict[str, dict[str, float]] | None:
-    """Least RMS errors of any filter without a magnetometer, rad, by part.
-
-    The posterior Cramer-Rao bound of the filter's settings along the truth, by eq. (F2)
-    of `simval.theory.filter_recursion`: the heading at the start is exact, as headings
-    are counted from it, and drifts by the gyroscope's noise and bias. Where the truth
-    is missing the path turns evenly between its ends. None where the rests show no
-    noise of the accelerometer, as counts that do not change: any bound is then 0.
-    """
-    import numpy as np
-    from scipy.spatial.transform import Rotation, Slerp
-
-    from simval.geometry import attitude_matrix
-    from simval.imu.recorded.evaluation import resting
-    from simval.studies.filter_prediction import model_of
-    from simval.theory import FilterPath, filter_bound
-
-    if not start.told.accelerometer_noise > 0.0:
-        return None
-    time, q = found.time[start.row :], alignment.attitude[start.row :]
-    there = np.asarray(np.isfinite(q).all(axis=1))
-    known = time[there]
-    between = Slerp(known, Rotation.from_quat(q[there]))
-    q = between(np.clip(time, known[0], known[-1])).as_quat()
-    model = model_of(start.told, magnetometer=False)
-    A, first = attitude_matrix(q[1:]), model.start.copy()
-    first[:3, :3] -= start.told.start_std**2 * np.outer(
-        *2 * [attitude_matrix(q[0])[:, 2]]
-    )
-    path = FilterPath(dt=np.diff(time), attitude=q)
-    body = filter_bound(path, replace(model, start=first)).covariance[:, :3, :3]
-    square = np.diagonal(A.swapaxes(1, 2) @ body @ A, axis1=1, axis2=2)[there[1:]]
-    rest = resting(found)[start.row + 1 :][there[1:]]
-    parts = {"all": np.ones_like(rest), "rest": rest, "moving": ~rest}
-    return {
-        part: {
-            "total": float(np.sqrt(square[rows].sum(axis=1).mean())),
-            "heading": float(np.sqrt(square[rows, 2].mean())),
-            "inclination": float(np.sqrt(square[rows, :2].sum(axis=1).mean())),
-        }
-        for part, rows in parts.items()
-        if rows.any()
-    }
-
-
 def _evaluated(
     filters: dict[str, str],
     found: Signals,
@@ -366,6 +319,7 @@ def _evaluated(
     # what was measured, why others were not, and the exit code of that
     from simval.imu.recorded import evaluate
     from simval.imu.recorded.published import steps
+    from simval.studies.filter_prediction import six_axis_bound
 
     done, failed, code = [], {}, 0
     bound = None

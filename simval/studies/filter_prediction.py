@@ -22,8 +22,11 @@ from numpy.typing import NDArray
 
 from simval import statistics as stat
 from simval.arrays import Array
-from simval.geometry import compose, conjugate, rotation_vector
+from simval.geometry import attitude_matrix, compose, conjugate, rotation_vector
 from simval.imu.filters.signals import FilterInput, Told
+from simval.imu.recorded import Alignment
+from simval.imu.recorded.evaluation import resting
+from simval.imu.recorded.settings import Signals, Start
 from simval.plugins import Filter
 from simval.plugins.runs import run_filter
 from simval.results import Row, exact
@@ -38,6 +41,7 @@ from simval.theory import (
     FilterPrediction,
     RowError,
     VectorSensor,
+    filter_bound,
     filter_prediction,
 )
 
@@ -89,6 +93,47 @@ def model_of(told: Told, magnetometer: bool) -> FilterModel:
         ),
         start=np.diag(start),
     )
+
+
+def six_axis_bound(
+    found: Signals, start: Start, alignment: Alignment
+) -> dict[str, dict[str, float]] | None:
+    """Least RMS errors of any filter without a magnetometer, rad, by part.
+
+    The posterior Cramer-Rao bound of the filter's settings along the truth, by eq. (F2)
+    of `simval.theory.filter_recursion`: the heading at the start is exact, as headings
+    are counted from it, and drifts by the gyroscope's noise and bias. Where the truth
+    is missing the path turns evenly between its ends. None where the rests show no
+    noise of the accelerometer, as counts that do not change: any bound is then 0.
+    """
+    from scipy.spatial.transform import Rotation, Slerp
+
+    if not start.told.accelerometer_noise > 0.0:
+        return None
+    time, q = found.time[start.row :], alignment.attitude[start.row :]
+    there = np.asarray(np.isfinite(q).all(axis=1))
+    known = time[there]
+    between = Slerp(known, Rotation.from_quat(q[there]))
+    q = between(np.clip(time, known[0], known[-1])).as_quat()
+    model = model_of(start.told, magnetometer=False)
+    A, first = attitude_matrix(q[1:]), model.start.copy()
+    first[:3, :3] -= start.told.start_std**2 * np.outer(
+        *2 * [attitude_matrix(q[0])[:, 2]]
+    )
+    path = FilterPath(dt=np.diff(time), attitude=q)
+    body = filter_bound(path, replace(model, start=first)).covariance[:, :3, :3]
+    square = np.diagonal(A.swapaxes(1, 2) @ body @ A, axis1=1, axis2=2)[there[1:]]
+    rest = resting(found)[start.row + 1 :][there[1:]]
+    parts = {"all": np.ones_like(rest), "rest": rest, "moving": ~rest}
+    return {
+        part: {
+            "total": float(np.sqrt(square[rows].sum(axis=1).mean())),
+            "heading": float(np.sqrt(square[rows, 2].mean())),
+            "inclination": float(np.sqrt(square[rows, :2].sum(axis=1).mean())),
+        }
+        for part, rows in parts.items()
+        if rows.any()
+    }
 
 
 def undisturbed(way: Course) -> Course:

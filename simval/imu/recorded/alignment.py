@@ -54,7 +54,7 @@ from simval.imu.recorded.attitudes import (
     turned,
 )
 from simval.imu.recorded.errors import Measured, block_of, jackknife
-from simval.imu.recorded.settings import Signals, signals, with_gyro_unit
+from simval.imu.recorded.settings import Signals, signals, with_gyro_unit, without_turns
 from simval.imu.recorded.world import TruthWorld, World, find_world, taken_world
 from simval.imu.statics import interval_means
 from simval.shapes import Float
@@ -582,10 +582,10 @@ def prepared(
         calibration=None if calibration is None else str(calibration),
     )
     if recorded is None:
-        return with_gyro_unit(found, None), None
+        return without_turns(with_gyro_unit(found, None)), None
     start = float(log.time[0])
     if np.spacing(start) > 1e-9:  # seconds since 1970: both from the log's start on
         found = replace(found, time=found.time - start)
         recorded = replace(recorded, time=recorded.time - start)
     alignment = align(recorded, found, world)
-    return with_gyro_unit(found, alignment.fit.scale), alignment
+    return without_turns(with_gyro_unit(found, alignment.fit.scale)), alignment

@@ -25,6 +25,7 @@ from simval.imu.noise import AxisNoise, noise_of
 from simval.imu.noise.model import NoiseFile
 from simval.imu.recorded.attitudes import of_matrix
 from simval.imu.statics import Intervals
+from simval.imu.statics.detector import runs_of
 from simval.shapes import Float
 from simval.units import OF_A_LOG
 
@@ -56,6 +57,7 @@ class Signals:
     gyro_unit: str  # where it came from, in words; empty: not known yet
     force_unit: str
     field_unit: str
+    cuts: tuple[str, ...] = ()  # rests in which the gyroscope turns, in words
 
     def __post_init__(self) -> None:
         for name in ("time", "gyro", "force", "field"):
@@ -69,6 +71,7 @@ class Signals:
             f"                  accelerometer {self.force_unit}",
             "                  magnetometer "
             + ("none" if self.field is None else self.field_unit or UNKNOWN),
+            *self.cuts,
         ]
 
 
@@ -150,6 +153,58 @@ def _calibrated(log: Log, raw: Signals, path: str) -> Signals:
         corrected = magnetometer.correct(log.magnetometer)
         found = replace(found, field=corrected)
     return with_field_unit(log, found)
+
+
+TURNS: Final = 0.05
+"""rad/s, off its bias over half a second: what a rest is not, of any gyroscope."""
+STILL: Final = 0.01  # rad/s, beside noise; of what is kept of a rest that is cut
+SHORTEST: Final = 1.0  # s; of that
+
+
+def without_turns(found: Signals) -> Signals:
+    """Cut what turns off the rests: a turn about the vertical leaves gravity alone.
+
+    Four rests and more are judged by each other (`simval.imu.statics`); a yawing
+    vehicle may have one, its whole log. The bias is that of the quietest half second.
+
+    Raises
+    ------
+    RefusedError
+        If nothing of the rests is still.
+    """
+    size = max(3, round(0.5 * found.rate))
+    kept, words = [], []
+    for start, stop in found.rests:
+        rows = found.gyro[start:stop]
+        if len(rows) < 2 * size:
+            kept.append((start, stop))
+            continue
+        windows = np.lib.stride_tricks.sliding_window_view(rows, size, axis=0)
+        mean, variance = windows.mean(axis=-1), windows.var(axis=-1).sum(axis=-1)
+        quiet = int(np.argmin(variance))
+        off = np.linalg.norm(mean - mean[quiet], axis=1)
+        if not off.max() > TURNS + 6.0 * np.sqrt(variance[quiet] / size):
+            kept.append((start, stop))
+            continue
+        still = off <= STILL + 6.0 * np.sqrt(variance[quiet] / size)
+        runs = runs_of(still)
+        first, last = runs[int(np.argmax(np.ptp(runs, axis=1)))]
+        first, last = start + first, start + last + size - 1
+        said = "left out"
+        if last - first >= SHORTEST * found.rate:
+            kept.append((first, last))
+            said = f"cut to {found.time[first]:.2f} to {found.time[last - 1]:.2f} s"
+        words.append(
+            f"{'rest':18s}{found.time[start]:.2f} to {found.time[stop - 1]:.2f} s "
+            f"{said}: the gyroscope turns in it, by {off.max():.2g} rad/s at most"
+        )
+    if not kept:
+        msg = (
+            "the log has no rest: where the accelerometer is still the gyroscope "
+            f"turns, {' '.join(words[0].split()[1:])}; record a rest of some seconds"
+        )
+        raise RefusedError(msg)
+    return replace(found, rests=np.array(kept, dtype=np.intp), cuts=tuple(words))
 
 
 def with_field_unit(log: Log, found: Signals) -> Signals:

@@ -16,9 +16,11 @@ from simval.imu.noise import noise_of
 from simval.imu.noise.model import NoiseFile
 from simval.imu.recorded.attitudes import Attitudes, stretches
 from simval.imu.recorded.settings import (
+    Signals,
     signals,
     start_of,
     with_gyro_unit,
+    without_turns,
 )
 from simval.units import OF_A_LOG
 
@@ -167,3 +169,29 @@ def test_recorded_attitudes_give_the_integral_of_the_rate(kind, seed):
     # (R1) leaves the fourth order: a hundredth of what coning adds at 10 ms
     added = np.abs(without - exact)[good].max()
     assert np.abs(found - exact)[good].max() < 0.04 * added
+
+
+def test_a_turn_about_the_vertical_is_no_rest():
+    """A yawing vehicle: the accelerometer is still all along, the gyroscope is not."""
+    rng, rate = np.random.default_rng(6), 100.0
+    time = np.arange(0.0, 40.0, 1.0 / rate)
+    yaw = np.where((time > 9.0) & (time < 30.0), 0.8 * np.sin(time), 0.0)
+    noise = 0.02 * rng.standard_normal((2, len(time), 3))
+    found = Signals(
+        time=time, gyro=noise[0] + [0.0, 0.03, 0.01] + yaw[:, None] * [0, 0, 1],
+        force=noise[1] + [0.0, 0.0, G], field=None, rate=rate,
+        rests=np.array([[0, len(time)]]), gyro_unit="rad/s", force_unit="m/s^2",
+        field_unit="",
+    )  # fmt: skip
+    kept = without_turns(found)
+    ((start, stop),) = kept.rests
+    # a still part, to a window of half a second, and said
+    assert np.count_nonzero(yaw[start:stop]) < 0.5 * rate
+    assert stop - start > 8.0 * rate
+    assert "turns" in " ".join(kept.described())
+    assert start_of(kept).told.bias_std < 0.03
+    # what is still, with a bias, loses nothing
+    still = replace(found, gyro=found.gyro - yaw[:, None] * [0, 0, 1])
+    np.testing.assert_array_equal(without_turns(still).rests, found.rests)
+    with pytest.raises(RefusedError, match="no rest"):
+        without_turns(replace(found, gyro=found.gyro + np.sin(9.0 * time)[:, None]))

@@ -11,7 +11,6 @@ from recorded_logs import made, write_log
 from test_recorded_alignment import readings
 
 from simval.cli import run
-from simval.cli.filter import six_axis_bound
 from simval.errors import GeometryError, RefusedError
 from simval.geometry import (
     attitude_error,
@@ -29,6 +28,7 @@ from simval.imu.recorded.evaluation import (
     in_view,
 )
 from simval.imu.recorded.settings import start_of
+from simval.studies.filter_prediction import six_axis_bound
 
 SIX = (
     GOOD.replace(", field, gyroscope_noise", ", gyroscope_noise")
