@@ -100,6 +100,17 @@ class NineAxisFit(Estimate):
         )
         return (*forms.names(self.gyroscope.model), *others[0], *others[1])
 
+    def with_covariance(self, covariance: Float[Array, "34 34"]) -> "NineAxisFit":
+        """The same fit, and each sensor's part, with another covariance."""
+        poses = np.r_[ACCELEROMETER, MAGNETOMETER]
+        compass = covariance[np.ix_(poses, poses)]
+        return replace(
+            self,
+            covariance=covariance,
+            gyroscope=replace(self.gyroscope, covariance=covariance[:21, :21]),
+            magnetometer=replace(self.magnetometer, covariance=compass),
+        )
+
     def as_object(self) -> dict[str, Any]:
         """Return what the sensors' own objects do not hold, as JSON can hold it.
 

@@ -18,7 +18,8 @@ that does not depend on temperature is given a term with that chance at most.
 
 **Error bars.** The covariance is that of all parameters, by the scatter that is left
 with as many degrees of freedom (Student's t). What is fitted afterwards to the
-readings y' has, beside its own covariance, that of the terms times its slope by them:
+readings y' has, beside its own covariance C, that of the terms by its slope S to them,
+:math:`C + S C_b S^T`, the slopes by refits; for
 an efficient estimate of the rest at known terms is uncorrelated with their error. At a
 temperature beyond the rests' nothing bears out the polynomial, whatever its bars say.
 
@@ -194,13 +195,18 @@ class Thermal(ReadOnly):
         each = [by[what] * powers[:, j - 1, None] for what, j in self.terms]
         return np.stack(each, axis=-1)
 
-    def variance(
+    def shifts(
         self, readings: Float[Array, "n 3"], powers: Float[Array, "n 2"]
-    ) -> Float[Array, "n 3"]:
-        """Variance of compensated readings by that of the coefficients."""
-        slopes, k = self.slopes(readings, powers), len(self.terms)
-        own = np.einsum("iaja->aij", self.covariance.reshape(k, 3, k, 3))
-        return np.asarray(np.einsum("nai,aij,naj->na", slopes, own, slopes))
+    ) -> Float[Array, "c n 3"]:
+        """What each of c independent errors of the coefficients does to readings.
+
+        Of one standard deviation each, so that the sum of their outer products is the
+        covariance that the coefficients leave in the compensated readings.
+        """
+        values, vectors = np.linalg.eigh(self.covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        errors = root.T.reshape(-1, len(self.terms), 3)
+        return np.einsum("nak,cka->cna", self.slopes(readings, powers), errors)
 
     def outside(self, temperature: Float[Array, " n"]) -> tuple[int, float]:
         """Rows beyond the temperatures seen, and by how many kelvin at most."""

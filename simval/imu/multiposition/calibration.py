@@ -28,6 +28,7 @@ from simval.imu.calibrate import (
     MagnetometerFit,
     NineAxisFit,
     calibrate,
+    calibrate_gyroscope,
     calibrate_imu,
     calibrate_magnetometer,
     calibrate_nine_axis,
@@ -98,8 +99,9 @@ class LogCalibration:
         What depends on it; `fit` is at its reference.
     thermal_reason : str
         Why it was chosen, or why nothing was.
-    thermal_std : Array
-        Standard deviation that its coefficients leave in each pose, raw units, (m,).
+    thermal_shifts : Array
+        What independent errors of its coefficients, of one standard deviation each, do
+        to the poses, raw units, (c, m, 3).
     """
 
     fit: FitResult
@@ -117,7 +119,7 @@ class LogCalibration:
     temperatures: RestTemperatures | None = None
     thermal: Thermal | None = None
     thermal_reason: str = ""
-    thermal_std: Any = 0.0
+    thermal_shifts: Any = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "next_direction", frozen(self.next_direction))
@@ -130,7 +132,7 @@ class LogCalibration:
         """Noise of each pose mean: what is known of it, or what the residuals show."""
         excess = self.diagnosis.chi2_per_dof
         grown = np.sqrt(excess) if excess > 1.0 else 1.0  # NaN is no excess
-        return np.asarray(np.hypot(self.pose_noise.std * grown, self.thermal_std))
+        return np.asarray(self.pose_noise.std * grown)
 
 
 def calibrate_log(
@@ -203,10 +205,9 @@ def calibrate_log(
         std = None if np.any(pose.std == 0.0) else pose.std
         white = None if np.any(pose.white == 0.0) else pose.white
         temperatures, chosen = _rest_terms(log, intervals, poses, fit, std, loss)
-        thermal_std: Any = 0.0
+        shifts: Any = ()
         if chosen.thermal is not None:
-            own = chosen.thermal.variance(poses, temperatures.powers)
-            thermal_std = np.sqrt(own.mean(axis=1))
+            shifts = chosen.thermal.shifts(poses, temperatures.powers)
             log = at_reference(log, accelerometer=chosen.thermal)
             poses = interval_means(log.accelerometer, intervals)
             fit = calibrate(poses, g, model, method=method, full_scale=full_scale)
@@ -235,7 +236,7 @@ def calibrate_log(
             temperatures=temperatures,
             thermal=chosen.thermal,
             thermal_reason=chosen.reason,
-            thermal_std=thermal_std,
+            thermal_shifts=shifts,
         )
     except RefusedError as error:
         raise explained(log, g, rest, error) from error
@@ -421,7 +422,9 @@ def calibrate_sensors(
                 raise
             left_out[name] = for_a_log(str(error))
     imu: ImuFit | None = fits.get("gyroscope")
-    compass, compass_noise, warm = fits.get("magnetometer", (None, None, None))
+    compass, compass_noise, warm, moved = fits.get(
+        "magnetometer", (None, None, None, ())
+    )
     log = at_reference(log, magnetometer=None if warm is None else warm.thermal)
     thermal = {
         "accelerometer": result.thermal,
@@ -444,7 +447,9 @@ def calibrate_sensors(
         thermal={name: own for name, own in thermal.items() if own is not None},
         thermal_reasons=tuple(each for each in said if each),
     )
-    return whole if imu is None or compass is None else _together(log, whole, imu)
+    if imu is None or compass is None:
+        return whole
+    return _together(log, whole, imu, _of_both(result.thermal_shifts, moved))
 
 
 def _gyroscope(
@@ -466,7 +471,25 @@ def _gyroscope(
             temperature=log.temperature,
         )  # fmt: skip
         require_one_unit(log, "gyroscope", fit.gyroscope.require_converged().M)
-        return fit
+        if not len(result.thermal_shifts):
+            return fit
+        read = fit.reduced
+
+        def refitted(shift: Float[Array, "n 3"]) -> Float[Array, "21"]:
+            found = calibrate_gyroscope(
+                read.inter_rest, read.poses + shift, result.fit,
+                pose_std=read.pose_std, angle_random_walk=read.angle_random_walk,
+                bias_random_walk=read.bias_random_walk, bias=fit.gyroscope.bias,
+                known_bias=read.known_bias, bias_std=read.bias_std,
+            )  # fmt: skip
+            return np.concatenate([found.accelerometer, found.parameters])
+
+        P = _widened(fit.gyroscope.covariance, refitted, result.thermal_shifts)
+        return replace(
+            fit,
+            accelerometer=replace(fit.accelerometer, covariance=P[:9, :9]),
+            gyroscope=replace(fit.gyroscope, covariance=P),
+        )
 
     # axes of different units make any move look blind to the one with small numbers
     try:
@@ -488,10 +511,11 @@ def _magnetometer(
     hemisphere: str,
     field: float,
     file: NoiseFile | None,
-) -> tuple[MagnetometerFit, PoseNoise, ThermalChoice | None]:
+) -> tuple[MagnetometerFit, PoseNoise, ThermalChoice | None, Any]:
     # together with the accelerometer, on its axes; its terms in temperature by the
     # strength of the field alone, which is as constant as gravity
     rests, warm = result.intervals, None
+    shifts: Any = ()
     noise = pose_noise(log, rests, sensor="magnetometer", file=file)
     fields = interval_means(samples, rests)
     if log.temperature is not None:
@@ -500,41 +524,79 @@ def _magnetometer(
         temperatures, warm = _rest_terms(log, rests, fields, alone, std)
         warm = warm._replace(reason=warm.reason and f"magnetometer: {warm.reason}")
         if warm.thermal is not None:
-            own = warm.thermal.variance(fields, temperatures.powers).mean(axis=1)
-            noise = replace(noise, std=np.sqrt(noise.std**2 + own))
+            shifts = warm.thermal.shifts(fields, temperatures.powers)
             samples = warm.thermal.compensated(samples, log.temperature)
             fields = interval_means(samples, rests)
-    fit = calibrate_magnetometer(
-        interval_means(log.accelerometer, rests),
-        fields,
-        result.fit.g,
-        field,
-        accelerometer_std=result.pose_std,
-        magnetometer_std=noise.std,
-        hemisphere=hemisphere,
-        model=result.fit.model,
+    poses = interval_means(log.accelerometer, rests)
+    fitted = partial(
+        calibrate_magnetometer, g=result.fit.g, field=field,
+        accelerometer_std=result.pose_std, magnetometer_std=noise.std,
+        hemisphere=hemisphere, model=result.fit.model,
         time=log.time[rests.sum(axis=1) // 2],
-    ).require_converged()
+    )  # fmt: skip
+    fit = fitted(poses, fields).require_converged()
     require_one_unit(log, "magnetometer", fit.M)
-    return fit, noise, warm
+    P = _widened(
+        fit.covariance,
+        lambda shift: fitted(poses + shift[0], fields + shift[1]).parameters,
+        _of_both(result.thermal_shifts, shifts),
+    )
+    fit = replace(fit, covariance=P)
+    return fit, noise, warm, shifts
 
 
-def _together(log: Log, whole: ImuCalibration, imu: ImuFit) -> ImuCalibration:
+_SHARE = 0.1  # of a standard deviation, over which a fit is linear
+
+
+def _of_both(accelerometer: Any, magnetometer: Any) -> list[Any]:
+    # shifts of one sensor's poses, and none of the other's
+    return [
+        *((own, 0.0 * own) for own in accelerometer),
+        *((0.0 * own, own) for own in magnetometer),
+    ]
+
+
+def _widened(
+    covariance: Float[Array, "p p"], refitted: Callable[[Any], Any], shifts: Any
+) -> Float[Array, "p p"]:
+    # with errors that the rests share, each shift one of one standard deviation
+    shifts = np.array(shifts)
+    if not len(shifts):
+        return covariance
+    still = refitted(0.0 * shifts[0])
+    moved = np.array([refitted(_SHARE * each) - still for each in shifts]) / _SHARE
+    return np.asarray(covariance + moved.T @ moved)
+
+
+def _together(
+    log: Log, whole: ImuCalibration, imu: ImuFit, shifts: Any
+) -> ImuCalibration:
     # the three sensors as one fit has them, or two and two as they are
     assert log.magnetometer is not None
     assert whole.magnetometer is not None
     assert whole.compass_noise is not None
     reduced = imu.reduced
     fields = interval_means(log.magnetometer, whole.log.intervals)
+    fitted = partial(
+        calibrate_nine_axis, reduced.inter_rest, gyroscope=imu.gyroscope,
+        magnetometer=whole.magnetometer, pose_std=reduced.pose_std,
+        field_std=whole.compass_noise.std,
+        angle_random_walk=reduced.angle_random_walk,
+        bias_random_walk=reduced.bias_random_walk,
+        known_bias=reduced.known_bias, bias_std=reduced.bias_std,
+    )  # fmt: skip
     try:
-        fit = calibrate_nine_axis(
-            reduced.inter_rest, reduced.poses, fields, imu.gyroscope,
-            whole.magnetometer, pose_std=reduced.pose_std,
-            field_std=whole.compass_noise.std,
-            angle_random_walk=reduced.angle_random_walk,
-            bias_random_walk=reduced.bias_random_walk,
-            known_bias=reduced.known_bias, bias_std=reduced.bias_std,
-        ).require_converged()  # fmt: skip
+        fit = fitted(poses=reduced.poses, fields=fields).require_converged()
+        P = _widened(
+            fit.covariance,
+            lambda shift: (
+                fitted(
+                    poses=reduced.poses + shift[0], fields=fields + shift[1]
+                ).parameters
+            ),
+            shifts,
+        )
+        fit = fit.with_covariance(P)
     except RefusedError as error:
         words = f"the three sensors are not fitted together: {error}"
         return replace(whole, reasons=(*whole.reasons, words))
