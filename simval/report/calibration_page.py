@@ -103,7 +103,7 @@ def calibration_page(log: Log, whole: ImuCalibration, command: str = "") -> LogP
     notes = [
         Note(words=MEANING),
         Note(words=f"force = {product}, with {letter} =", matrix=_written(matrix)),
-        *(Note(words=each) for each in temperature_lines(result)),
+        *(Note(words=each) for each in temperature_lines(result, whole.thermal)),
     ]
     if joint := fit_of(whole):
         words = f"The accelerometer's parameters are those of the {joint}."

@@ -33,6 +33,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
+import scipy.ndimage
 
 from simval.arrays import Array, ReadOnly
 from simval.imu.calibrate.equations import Accelerometer, Corrected, Problem
@@ -46,12 +47,16 @@ Term = tuple[str, int]  # bias or scale, and the power of the temperature
 TERMS: Final[tuple[Term, ...]] = (
     ("bias", 1), ("scale", 1), ("bias", 2), ("scale", 2),
 )  # fmt: skip
-LEAST_SPAN: Final = 2.0
-"""K over the rests: a thermometer's steps of 0.3 K, uniform errors of the regressor,
-weaken a slope by 2 % there (their variance over that of the temperatures)."""
+LEAST_SPAN: Final = 2.0  # K over the rests
+LEAST_STEPS: Final = 7.0
+"""Of the thermometer, over the rests: uniform errors of the regressor weaken a slope by
+2 % there (their variance over that of the temperatures)."""
 LEAST_LEFT: Final = 3  # degrees of freedom; two make a t of 4.3, and one of 12.7
 MONOTONE: Final = 0.95
 """Of 12 rests in an order of chance one set in 500 000 has such a correlation."""
+FOLLOWS: Final = 0.9
+"""Share of their variance; three axes explain as much of 24 by chance in 4e-10."""
+_AROUND = 5  # rows of a running median
 EDGE: Final = 0.1
 """Of the span seen: so far beyond it a reading is corrected, and that is said."""
 _STEPS = 50
@@ -287,6 +292,10 @@ class RestTemperatures(ReadOnly):
         Middle of each rest, s, (m,).
     low, high : float
         Of all their rows, degrees Celsius.
+    step : float
+        Least difference between two values of the thermometer, K.
+    by_force : float
+        Share of their variance that follows the mean readings, 0 to 1.
     """
 
     mean: Float[Array, " m"]
@@ -295,13 +304,24 @@ class RestTemperatures(ReadOnly):
     time: Float[Array, " m"]
     low: float
     high: float
+    step: float = 0.0
+    by_force: float = 0.0
 
     @classmethod
     def of(
-        cls, temperature: Float[Array, " n"], time: Float[Array, " n"], rests: Any
+        cls,
+        temperature: Float[Array, " n"],
+        time: Float[Array, " n"],
+        rests: Any,
+        poses: Float[Array, "m 3"] | None = None,
     ) -> "RestTemperatures":
-        """From the rows and the rests among them."""
-        rows = [temperature[a:b] for a, b in rests]
+        """From the rows and the rests among them, and the mean readings in these.
+
+        One or two wrong rows in a row (a bus that fails reads 85 or 0) are passed over.
+        """
+        rows = [
+            scipy.ndimage.median_filter(temperature[a:b], _AROUND) for a, b in rests
+        ]
         change = []
         for (a, b), own in zip(rests, rows, strict=True):
             x = time[a:b] - time[a:b].mean()
@@ -315,12 +335,20 @@ class RestTemperatures(ReadOnly):
             time=np.array([time[a:b].mean() for a, b in rests]),
             low=float(min(own.min() for own in rows)),
             high=float(max(own.max() for own in rows)),
+            step=float(np.diff(np.unique(np.concatenate(rows))).min(initial=np.inf)),
+            by_force=_share([own.mean() for own in rows], poses),
         )
 
     @property
     def span(self) -> float:
         """Greatest less least mean, K."""
         return float(np.ptp(self.mean))
+
+    @property
+    def least_span(self) -> float:
+        """Least span from which an effect can be told, K."""
+        step = self.step if np.isfinite(self.step) else 0.0  # of one value
+        return max(LEAST_SPAN, LEAST_STEPS * step)
 
     @property
     def reference(self) -> float:
@@ -356,11 +384,23 @@ class RestTemperatures(ReadOnly):
             "and cannot be told apart: cool down again in the same recording"
         )
 
+    @property
+    def confounded(self) -> str:
+        """Say what else looks the same as an effect of temperature, or nothing."""
+        if self.monotone or self.by_force < FOLLOWS:
+            return self.monotone
+        return (
+            f"the temperature follows the direction of the force (R^2 "
+            f"{self.by_force:.2f}), so that bias and scale in it hide each other and "
+            "the parameters: take the poses in another order"
+        )
+
     def refusal(self, left: int) -> str:
         """Say why no term can be told with so many degrees of freedom, or nothing."""
-        if self.span < LEAST_SPAN:
+        if self.span < self.least_span:
             return (
-                f"{LEAST_SPAN:g} K or more between rests are needed to tell an effect"
+                f"{self.least_span:g} K or more between rests are needed to tell an "
+                "effect"
             )
         if left - 3 < LEAST_LEFT:
             return (
@@ -368,6 +408,16 @@ class RestTemperatures(ReadOnly):
                 f"terms with {LEAST_LEFT} to spare need {3 + LEAST_LEFT}: add rests"
             )
         return ""
+
+
+def _share(mean: Any, poses: Float[Array, "m 3"] | None) -> float:
+    # of the variance of the temperatures, by a plane through the mean readings
+    away = np.asarray(mean) - np.mean(mean)
+    if poses is None or len(poses) < 8 or not away.any():
+        return 0.0
+    X = np.column_stack([np.ones(len(poses)), poses - poses.mean(axis=0)])
+    left = away - X @ np.linalg.lstsq(X, away, rcond=None)[0]
+    return float(1.0 - (left @ left) / (away @ away))
 
 
 class ThermalChoice(NamedTuple):

@@ -271,7 +271,7 @@ def _rest_terms(
     )
     if log.temperature is None:
         return None, nothing
-    temperatures = RestTemperatures.of(log.temperature, log.time, rests)
+    temperatures = RestTemperatures.of(log.temperature, log.time, rests, poses)
     if loss != "linear":
         why = f"the loss is {loss}: the F test needs a linear one"
         return temperatures, nothing._replace(reason=not_modelled(temperatures, why))

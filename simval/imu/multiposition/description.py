@@ -88,7 +88,7 @@ def judgements(whole: Any) -> tuple[Judgement, ...]:
         _drift("accelerometer", whole.log.diagnosis.drift),
     ]
     if whole.log.temperatures is not None:
-        found.append(_temperature(whole.log))
+        found.append(_temperature(whole))
     gyroscope, compass = whole.gyroscope, whole.magnetometer
     if gyroscope is not None:
         judged = gyroscope.noise.sources
@@ -158,12 +158,13 @@ def _drift(name: str, found: Drift) -> Judgement:
     return replace(told, holds=None) if hidden else told
 
 
-def _temperature(log: Any) -> Judgement:
+def _temperature(whole: Any) -> Judgement:
     # whether its effect is in the bars: tested, and not the same as a drift in time
+    log = whole.log
     seen, words = log.temperatures, "the temperature has no effect that is left out"
     untold = ""
-    if log.thermal is not None:
-        untold = seen.monotone
+    if whole.thermal:
+        untold = seen.confounded
     elif log.fit.loss != "linear" or seen.refusal(log.fit.dof):
         untold = log.thermal_reason if seen.span >= LEAST_SPAN else ""
     return Judgement(
@@ -239,7 +240,7 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
         f"static intervals  {len(result.intervals)} "
         f"(threshold {result.multiplier:g} times the rest's variance)",
         *(f"{'':18s}{cut}" for cut in result.cuts),
-        *temperature_lines(result),
+        *temperature_lines(result, {} if whole is None else whole.thermal),
         status_line(fit),
         "",
         *([f"accelerometer     {joint}"] if joint else []),
@@ -276,15 +277,15 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
     return lines
 
 
-def temperature_lines(result: Any) -> list[str]:
+def temperature_lines(result: Any, thermal: Any) -> list[str]:
     """Say the range over the rests, what was made of it, and if time looks the same."""
     seen = result.temperatures
     if seen is None:
         return []
     said = [f"temperature       {seen.line}"]
     said += [f"{'':18s}{each}" for each in (result.thermal_reason,) if each]
-    if result.thermal is not None and seen.monotone:
-        said.append(f"{'':18s}{seen.monotone}")
+    if (thermal or result.thermal is not None) and seen.confounded:
+        said.append(f"{'':18s}{seen.confounded}")
     return said
 
 

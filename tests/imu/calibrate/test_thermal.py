@@ -171,6 +171,28 @@ def test_a_temperature_that_only_rises_is_said_to_be_like_a_drift(rng):
     assert temperatures(rng.permutation(rising)).monotone == ""
 
 
+def test_steps_and_wrong_rows_of_a_thermometer():
+    """Steps of 1 K need 7 K; a row of 85 degC is no part of the range."""
+    time = np.arange(2400) / 100.0
+    degrees = np.round(30.0 + 2.0 * np.sin(time / 3.0))
+    degrees[250] = 85.0
+    at = np.stack([np.arange(0, 2400, 200), np.arange(150, 2400, 200)], axis=1)
+    seen = RestTemperatures.of(degrees, time, at)
+    assert (seen.low, seen.high, seen.step) == (28.0, 32.0, 1.0)
+    assert "7 K or more" in seen.refusal(20)
+    assert RestTemperatures.of(0.0 * time, time, at).least_span == 2.0
+
+
+def test_a_temperature_that_follows_the_force_is_said_to_hide_the_terms(rng):
+    poses = G * rng.permutation(fibonacci_sphere(24))
+    time, at = np.arange(2400) / 100.0, np.arange(0, 2401, 100)
+    rests = np.stack([at[:-1], at[1:]], axis=1)
+    for noise, said in ((0.1, True), (0.6, False)):
+        degrees = 30.0 + 10.0 * (poses[:, 1] / G + noise * rng.standard_normal(24))
+        seen = RestTemperatures.of(np.repeat(degrees, 100), time, rests, poses)
+        assert ("follows the direction" in seen.confounded) == said
+
+
 def gyroscope_rests(rng, slope, walk=0.0, count=24):
     time = 6.0 * np.arange(count)
     degrees = 30.0 + 15.0 * np.sin(time / 25.0 + rng.uniform(0.0, 6.3))

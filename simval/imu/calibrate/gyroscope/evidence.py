@@ -26,7 +26,6 @@ from simval.arrays import Array, ReadOnly, physical_array
 from simval.imu.calibrate.gyroscope.noise import walk_covariance
 from simval.imu.calibrate.thermal import (
     LEAST_LEFT,
-    LEAST_SPAN,
     RestTemperatures,
     Thermal,
     not_modelled,
@@ -223,8 +222,10 @@ def bias_terms(
         return none
     warm = physical_array("temperature", temperature, (len(np.asarray(time)),))
     seen = RestTemperatures.of(warm, np.asarray(time, dtype=float), intervals)
-    if seen.span < LEAST_SPAN or n - 5 < LEAST_LEFT:
-        need = f"{LEAST_SPAN:g} K between rests and {5 + LEAST_LEFT} rests are needed"
+    if seen.span < seen.least_span or n - 5 < LEAST_LEFT:
+        need = (
+            f"{seen.least_span:g} K between rests and {5 + LEAST_LEFT} rests are needed"
+        )
         said = f"gyroscope: {not_modelled(seen, need)}" if seen.span > 0.0 else ""
         return none._replace(reason=said)
     g, size = np.linalg.norm(force, axis=1).mean(), np.abs(seen.powers).max(axis=0)
