@@ -274,7 +274,7 @@ def test_a_log_is_calibrated_written_read_and_corrected(tmp_path, capsys):
     # the log need not have the worst pose at the worst temperature
     assert 0.6 * float(said[0]) < off < 1.02 * float(said[0])
     assert len(said) == 2
-    assert run(["compare", str(out), str(out)]) == 0
+    assert run(["compare", str(out), str(out)]) == 3  # one file twice tells nothing
     assert "degC, not compared" in capsys.readouterr().out
     capsys.readouterr()
 
