@@ -33,6 +33,7 @@ G_UNIT = 3.0  # between a length in g at rest, 1, and in m/s^2, 9.8
 PX4 = frozenset({"timestamp_sample", "gyro_rad[0]", "accelerometer_m_s2[0]"})
 """Names of PX4's logs, whose ``timestamp`` is in microseconds since boot."""
 STANDARD = 9.80665  # m/s^2, gravity at rest
+ROWS = 20  # readings that do not increase each time but by chance, 1 in 20!
 _PADDED = re.compile(r"0\d+")
 _OTHER_SENSOR = re.compile(  # as a word of a file's name, without an accelerometer's
     r"^(?!.*acc)(.*[^a-z])?(gyro?s?|gyroscopes?|magn?|magnet|magnetometer)([^a-z].*)?$",
@@ -123,6 +124,9 @@ def _doubt(table: Table, roles: tuple[str, ...]) -> str:
             "each second one may be the decimals of the one before it (are decimal "
             "commas and separating commas mixed?)"
         )
+    timeless = roles[0] != "t" and len(table) > ROWS
+    if timeless and np.all(np.diff(table.numbers([0])[:, 0]) > 0.0):
+        return "the first increases in every row, as a clock does"
     if roles[-1] != "wz":
         return ""
     values = table.numbers([roles.index(name) for name in (*NAMES[1:4], *NAMES[4:7])])

@@ -105,3 +105,9 @@ def test_dates_go_on_where_summer_time_begins_and_milliseconds_are_no_seconds(
         np.testing.assert_allclose(read_log(path).time, TIME[:, 0], atol=1e-9)
     saved(path, 1.7e12 + 10 * TIME, FORCE, header="timestamp,ax,ay,az", form="%.3f")
     np.testing.assert_allclose(read_log(path).rate, 1e4, rtol=1e-2)
+
+
+def test_a_clock_is_no_axis(tmp_path):
+    path = saved(tmp_path / "log.csv", TIME, FORCE, GYRO[:, :2])
+    with pytest.raises(InputError, match="as a clock does"):
+        read_log(path, rate=100.0)
