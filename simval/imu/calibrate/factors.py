@@ -217,3 +217,26 @@ def _balanced(left: Left, free: list[int]) -> Float[Array, " s"]:
         if np.all(np.abs(np.log(factor / last)) < _STILL):
             break
     return factor
+
+
+_SHARE = 0.1  # of a standard deviation, over which a fit is linear
+
+
+def of_both(accelerometer: Any, magnetometer: Any) -> list[Any]:
+    """Shifts of one sensor's poses, and none of the other's."""
+    return [
+        *((own, 0.0 * own) for own in accelerometer),
+        *((0.0 * own, own) for own in magnetometer),
+    ]
+
+
+def widened(
+    covariance: Float[Array, "p p"], refitted: Callable[[Any], Any], shifts: Any
+) -> Float[Array, "p p"]:
+    """Covariance with errors that all rests share, each shift one of one sd."""
+    shifts = np.array(shifts)
+    if not len(shifts):
+        return covariance
+    still = refitted(0.0 * shifts[0])
+    moved = np.array([refitted(_SHARE * each) - still for each in shifts]) / _SHARE
+    return np.asarray(covariance + moved.T @ moved)

@@ -101,7 +101,18 @@ class NineAxisFit(Estimate):
         return (*forms.names(self.gyroscope.model), *others[0], *others[1])
 
     def with_covariance(self, covariance: Float[Array, "34 34"]) -> "NineAxisFit":
-        """The same fit, and each sensor's part, with another covariance."""
+        """Return the same fit, and each sensor's part, with another covariance.
+
+        Parameters
+        ----------
+        covariance : Array
+            Of all parameters, (34, 34).
+
+        Returns
+        -------
+        NineAxisFit
+            The fit.
+        """
         poses = np.r_[ACCELEROMETER, MAGNETOMETER]
         compass = covariance[np.ix_(poses, poses)]
         return replace(

@@ -35,6 +35,7 @@ from simval.imu.calibrate import (
 )
 from simval.imu.calibrate.diagnosis import Diagnosis, diagnose
 from simval.imu.calibrate.evidence import FEW
+from simval.imu.calibrate.factors import of_both, widened
 from simval.imu.calibrate.gyroscope.imu import joined
 from simval.imu.calibrate.thermal import (
     RestTemperatures,
@@ -449,7 +450,7 @@ def calibrate_sensors(
     )
     if imu is None or compass is None:
         return whole
-    return _together(log, whole, imu, _of_both(result.thermal_shifts, moved))
+    return _together(log, whole, imu, of_both(result.thermal_shifts, moved))
 
 
 def _gyroscope(
@@ -484,7 +485,7 @@ def _gyroscope(
             )  # fmt: skip
             return np.concatenate([found.accelerometer, found.parameters])
 
-        P = _widened(fit.gyroscope.covariance, refitted, result.thermal_shifts)
+        P = widened(fit.gyroscope.covariance, refitted, result.thermal_shifts)
         return replace(
             fit,
             accelerometer=replace(fit.accelerometer, covariance=P[:9, :9]),
@@ -536,36 +537,13 @@ def _magnetometer(
     )  # fmt: skip
     fit = fitted(poses, fields).require_converged()
     require_one_unit(log, "magnetometer", fit.M)
-    P = _widened(
+    P = widened(
         fit.covariance,
         lambda shift: fitted(poses + shift[0], fields + shift[1]).parameters,
-        _of_both(result.thermal_shifts, shifts),
+        of_both(result.thermal_shifts, shifts),
     )
     fit = replace(fit, covariance=P)
     return fit, noise, warm, shifts
-
-
-_SHARE = 0.1  # of a standard deviation, over which a fit is linear
-
-
-def _of_both(accelerometer: Any, magnetometer: Any) -> list[Any]:
-    # shifts of one sensor's poses, and none of the other's
-    return [
-        *((own, 0.0 * own) for own in accelerometer),
-        *((0.0 * own, own) for own in magnetometer),
-    ]
-
-
-def _widened(
-    covariance: Float[Array, "p p"], refitted: Callable[[Any], Any], shifts: Any
-) -> Float[Array, "p p"]:
-    # with errors that the rests share, each shift one of one standard deviation
-    shifts = np.array(shifts)
-    if not len(shifts):
-        return covariance
-    still = refitted(0.0 * shifts[0])
-    moved = np.array([refitted(_SHARE * each) - still for each in shifts]) / _SHARE
-    return np.asarray(covariance + moved.T @ moved)
 
 
 def _together(
@@ -587,7 +565,7 @@ def _together(
     )  # fmt: skip
     try:
         fit = fitted(poses=reduced.poses, fields=fields).require_converged()
-        P = _widened(
+        P = widened(
             fit.covariance,
             lambda shift: (
                 fitted(
