@@ -42,6 +42,7 @@ G = 9.80665  # m/s^2, standard gravity
 TRUE = np.array([[2e-3, -1e-3, 1.5e-3], [1e-4, -5e-5, 2e-4]])
 """Of bias, m/s^2/K, and scale, 1/K: of a consumer's part, as of a data sheet."""
 STEPS = 60
+NAMES = (*forms.names("triangular"), *names_of(LINEAR))
 UNITS = ("1",) * 6 + ("m/s²",) * 3 + ("m/s²/K",) * 3 + ("1/K",) * 3
 
 
@@ -107,7 +108,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
     trials = trials_of(streams, parameters.trials, BLOCK, trial)
     measured = moments_of(trials.sums("error"))
-    n, names = measured.samples, (*forms.names("triangular"), *names_of(LINEAR))
+    n = measured.samples
     sd, variance_error = measured.sd, np.diagonal(measured.covariance_error)
     remainder = VARIANCE_NEXT * (sigma * np.abs(sensor.matrix).max() / G) ** 2
     inside = trials["inside"].mean(axis=0)
@@ -115,11 +116,11 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(
         rows=(
             *plain(
-                stat.SD.each(names, UNITS), sd, variance_error / (2.0 * sd), n,
+                stat.SD.each(NAMES, UNITS), sd, variance_error / (2.0 * sd), n,
                 predicted, stat.CRAMER_RAO, predicted * remainder / 2.0,
             ),
             *plain(
-                stat.COVERAGE.each(names), inside, sqrt(LEVEL * (1.0 - LEVEL) / n), n,
+                stat.COVERAGE.each(NAMES), inside, sqrt(LEVEL * (1.0 - LEVEL) / n), n,
                 LEVEL, stat.STUDENT, slopes,
             ),
             *unjudged(stat.LEFT("modelled"), *mean_of(trials["left"])),
@@ -162,16 +163,17 @@ FIGURES = (
     ),
     Figure(
         name="thermal-sd",
-        asked="Are the terms as accurate as theory allows?",
+        asked="Are parameters and terms as accurate as theory allows?",
         what="The spread of the coefficients",
-        rows=stat.SD.each(names_of(LINEAR)),
+        rows=stat.SD.each(NAMES),
         along="temperature_span",
         lines=entries,
         panels=lambda row: row.statistic.entries[0].partition("_")[0],
         columns=2,
         caption=(
-            "Standard deviation of each linear coefficient, and the Cramér-Rao bound: "
-            "a span of temperatures twice as wide tells them twice as well."
+            "Standard deviation of each parameter and of each linear coefficient, and "
+            "the Cramér-Rao bound: a span of temperatures twice as wide tells the "
+            "coefficients twice as well."
         ),
     ),
 )

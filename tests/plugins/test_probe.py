@@ -109,9 +109,9 @@ def test_what_fails_alone_is_what_fails():
 @pytest.mark.ci
 def test_the_packages_own_pass():
     probes = {Estimator: probe_estimator, Calibrator: probe_calibrator}
-    for name in BUILTIN.keys() - {"simval:mekf"}:
-        plugin = BUILTIN[name].load()
-        assert probes[type(plugin)](plugin) <= 1e-9, name
+    for name in BUILTIN:
+        if not isinstance(plugin := BUILTIN[name].load(), Filter):
+            assert probes[type(plugin)](plugin) <= 1e-9, name
 
 
 def test_a_noise_of_nothing_moves_no_parameter():
