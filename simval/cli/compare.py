@@ -61,7 +61,8 @@ def command(
     With --algorithms A B the command says where A is better or worse than B in RUN_A,
     and by how much.
 
-    Exit code 0, or 3 if the two have nothing in common. To fail on a change, use
+    Exit code 0, or 3 if the two have nothing in common or, as two files of the same
+    data, tell nothing. To fail on a change, use
     `simval gate` with a baseline; for more than two runs, use `simval trend`.
     """
     if algorithms:

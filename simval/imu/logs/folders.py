@@ -35,11 +35,9 @@ from simval.imu.logs.clock import read_clock, require_finite
 from simval.imu.logs.columns import clock_of, sign_of, triples
 from simval.imu.logs.joining import Stream, candidates
 from simval.imu.logs.names import Kind, channel
-from simval.imu.logs.source import MOST_MEMBERS, Source
+from simval.imu.logs.source import MOST_MEMBERS, MOST_RATIO, Source
 from simval.imu.logs.text import Table, TextTable
 
-MOST_RATIO: Final = 100
-"""Bytes of a table for one in its archive: rows of numbers take a third to a tenth."""
 _ZIP: Final = b"PK\x03\x04"
 _IMU = re.compile(r"(?:.*/)?(imu\d*)/data\.csv", re.I)
 _TRUTHS: Final = tuple(  # the first that is there

@@ -22,7 +22,7 @@ from typing import Any, Final, Protocol
 from simval.errors import InputError
 from simval.files import MOST_LOG
 from simval.imu.logs import bags, dataflash, folders, text, ulog, variables
-from simval.imu.logs.source import Source
+from simval.imu.logs.source import MOST_RATIO, Source
 from simval.imu.logs.text import Table
 
 Candidates = Mapping[str, Callable[[], Table]]
@@ -59,8 +59,6 @@ PACKED: Final[dict[bytes, Callable[[], Any]]] = {
     b"\xfd7zXZ": lambda: lzma.LZMADecompressor(memlimit=MOST_LOG),
 }
 """First bytes of a compressed file, and what unpacks it."""
-MOST_RATIO: Final = 100
-"""Bytes of a log for one that is packed: rows of numbers take a third to a tenth."""
 
 
 def read_table(path: str, instance: str | None = None) -> Table:

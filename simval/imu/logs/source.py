@@ -10,6 +10,9 @@ from simval.errors import InputError
 from simval.files import MOST_LOG, read_bytes
 
 START = 4096  # bytes by which a reader knows its kind
+MOST_RATIO = (
+    100  # bytes for one that is packed: rows of numbers take a third to a tenth
+)
 MOST_MEMBERS = 10_000  # files of a folder; a recording's has a few
 
 

@@ -1,5 +1,7 @@
 """Files of named arrays: MATLAB's (format 4 and 5), NumPy's (.npy, .npz), Parquet's."""
 
+import os
+import zipfile
 from collections import defaultdict
 from collections.abc import Callable
 from functools import partial
@@ -11,7 +13,7 @@ from simval.arrays import Array
 from simval.errors import InputError
 from simval.imu.logs.apart import read_apart
 from simval.imu.logs.names import channel, is_known
-from simval.imu.logs.source import Source
+from simval.imu.logs.source import MOST_RATIO, Source
 from simval.imu.logs.tables import ArrayTable
 
 ROWS: Final = 10  # an array with fewer is no column of a log, which has a rest in it
@@ -142,6 +144,15 @@ def _loaded(path: str, start: bytes) -> dict[str, Any]:
             name: column.to_numpy()
             for name, column in zip(table.column_names, table.columns, strict=True)
         }
+    if start.startswith(_ZIP):
+        with zipfile.ZipFile(path) as archive:
+            size = sum(each.file_size for each in archive.infolist())
+        if size > MOST_RATIO * max(os.path.getsize(path), 4096):
+            msg = (
+                f"it unpacks to {size:,} bytes, more than {MOST_RATIO} times its size; "
+                "save it with numpy.savez if it is a log"
+            )
+            raise InputError(msg)
     if start.startswith((_NUMPY, _ZIP)):
         values = np.load(path, allow_pickle=False)
         if isinstance(values, np.ndarray):

@@ -131,6 +131,13 @@ def test_what_cannot_be_opened_is_said(tmp_path):
             read_log(tmp_path / name)
 
 
+@pytest.mark.ci
+def test_an_archive_of_arrays_that_swells_is_refused(tmp_path):
+    np.savez_compressed(tmp_path / "log.npz", acc=np.zeros((10**6, 3)))
+    with pytest.raises(InputError, match="more than 100 times its size"):
+        read_log(tmp_path / "log.npz", rate=100.0)
+
+
 @pytest.mark.parametrize("seed", range(25))
 def test_a_log_in_any_spelling_reads_the_same(tmp_path, seed):
     case = spelled(np.random.default_rng([12, seed]))
