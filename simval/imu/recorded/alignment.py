@@ -495,7 +495,7 @@ def _require_it(best: _Tried, others: list[_Tried]) -> None:
             f"offset {best.fit.offset:.3f} s) leaves {100 * share:.0f} % of the "
             f"variance of its turns, and at most {100 * MOST_LEFT:.0f} % is allowed; "
             "give the truth of this log (--truth), name its columns (--truth-columns), "
-            "or look at the gyroscope's columns (--columns)"
+            "look at the gyroscope's columns (--columns), or record a log that turns"
         )
         raise RefusedError(msg)
     for other in others:
