@@ -382,7 +382,7 @@ def test_a_step_that_takes_longer_and_longer_is_refused(grows):
             self.past = []
 
         def update(self, dt, w, f, m):
-            self.past.append(np.tile(w, 20))
+            self.past.append(np.tile(w, 60))
             np.sort(np.ravel(self.past if grows else self.past[-1:]))
             return self.step(dt, w)
 

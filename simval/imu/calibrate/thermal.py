@@ -33,7 +33,6 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
-import scipy.ndimage
 
 from simval.arrays import Array, ReadOnly
 from simval.imu.calibrate.equations import Accelerometer, Corrected, Problem
