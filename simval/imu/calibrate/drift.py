@@ -228,7 +228,7 @@ _MOST = (
     64  # poses, some 0.5 s; of more the parts are judged by themselves (`find_break`)
 )
 _SIDE = 3  # poses on either side: fewer are outliers, not a step
-_LOST = 1e-9  # singular values below, relative, are not fixed by the poses
+_LOST = 1e-9  # entries of a triangle below, relative, are not fixed by the poses
 # Of the readings' radius, and of a scale: what changes by more leaves several percent
 # of gravity, and freely a part shrinks to a point, which lies on any ellipsoid.
 _GREATEST = 0.5
@@ -317,7 +317,7 @@ def _solved(
     both: Float[Array, "places n m"], y: Float[Array, "places n"]
 ) -> tuple[Array, Array, Array]:
     # the nine of the quadric alone, what the others step by beside them, and the sum
-    # of squares that the nine alone leave
+    # of squares that the nine alone leave; infinite where the poses do not fix them all
     q, r = np.linalg.qr(both)
     size = np.abs(np.diagonal(r, axis1=-2, axis2=-1))
     lost = size.min(axis=-1) <= _LOST * size.max(axis=-1)
@@ -326,10 +326,4 @@ def _solved(
     p = np.linalg.solve(r[:, :9, :9], along[:, :9, None])[..., 0]
     step = np.linalg.solve(r[:, 9:, 9:], along[:, 9:, None])[..., 0]
     left = y - np.matvec(q[..., :9], along[:, :9])
-    if lost.any():
-        own, rows = both[lost, :, :9], y[lost]
-        p[lost] = np.matvec(np.linalg.pinv(own, rcond=_LOST), rows)
-        left[lost] = rows - np.matvec(own, p[lost])
-        whole = np.linalg.pinv(both[lost], rcond=_LOST)
-        step[lost] = np.matvec(whole, rows)[:, 9:]
-    return p, step, np.sum(left**2, axis=-1)
+    return p, step, np.where(lost, np.inf, np.sum(left**2, axis=-1))
