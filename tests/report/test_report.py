@@ -330,6 +330,21 @@ def test_the_sample_can_be_made_again():
         assert [words for words in told if f">{words}<" not in page] == []
 
 
+@pytest.mark.slow
+def test_the_sample_is_of_today_s_code(simval, tmp_path, monkeypatch):
+    """Made anew by `make sample` when this fails: a number is not as today's."""
+    monkeypatch.chdir(tmp_path)
+    folder = "reports/runs/sample"  # as the commands on the page have it
+    assert simval("sweep", ROOT / "reports" / "sample.toml", "--out", folder)[0] == 0
+    assert simval("report", folder, "--out", "page.html")[0] == 0
+    made, committed = (
+        re.findall(r"<(?:title|text|td)\b[^>]*>([^<]+)<", path.read_text("utf-8"))
+        for path in (tmp_path / "page.html", ROOT / "reports" / "sample.html")
+    )
+    assert len(made) > 1000
+    assert made == committed
+
+
 @pytest.mark.ci
 def test_every_note_of_a_run_names_a_cell_of_it(tiny_run, simval, monkeypatch):
     monkeypatch.chdir(tiny_run.parent)
