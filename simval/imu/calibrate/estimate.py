@@ -137,7 +137,7 @@ def gyroscope_lines(
     lines = [
         f"gyroscope         rate = M (reading - B{_force_term(G)}), axes of "
         f"the accelerometer's {fit.model} form, rad/s; readings "
-        f"{_unit(fit.M)}",
+        f"{rate_unit(fit.M)[1]}",
         f"                  fitted together with the {others}; chi2 per dof "
         f"{float(fit.chi2_per_dof):.3g} with {fit.dof}",
         "                  value           sd",
@@ -183,12 +183,16 @@ def _force_term(sensitivity: Array) -> str:
     return " - G f" if np.any(sensitivity) else ""
 
 
-def _unit(M: Float[Array, "3 3"]) -> str:
+def rate_unit(M: Float[Array, "3 3"]) -> tuple[float | None, str]:
+    """Unit of a gyroscope's readings by their scale, rad/s, and what there is to say.
+
+    None of counts.
+    """
     scale = float(np.cbrt(abs(np.linalg.det(M))))
     for size, name in KNOWN_UNITS:
         if 1.0 / NEAR < scale / size < NEAR:
-            return f"are in {name} by their scale, {scale:.5g}"
-    return f"are counts of {scale:.4g} rad/s"
+            return size, f"are in {name} by their scale, {scale:.5g}"
+    return None, f"are counts of {scale:.4g} rad/s"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
