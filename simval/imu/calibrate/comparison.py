@@ -26,7 +26,6 @@ reading is the largest change of a corrected vector of one length,
 .. math:: \max_{|u| = 1} |M_B (M_A^{-1} s u + b_A - b_B) - s u|. \tag{DC3}
 """
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from os import PathLike
@@ -39,17 +38,16 @@ import scipy
 from simval.arguments import file_path, instance
 from simval.arrays import Array, positive_number
 from simval.errors import InputError, RefusedError
-from simval.files import MOST_DOCUMENT, parsed, read_text
 from simval.imu.calibrate.equations import FIELD_NAMES
 from simval.imu.calibrate.files import (
     array,
-    load_blocks,
     load_calibration,
+    load_document,
     load_others,
     load_thermal,
     plain,
 )
-from simval.imu.calibrate.result import FitResult
+from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
 from simval.text import one_line
@@ -99,7 +97,6 @@ class SensorComparison:
     names: tuple[str, ...]  # of the p parameters
     a: State
     b: State
-    unit: str  # of the vector whose correction is compared
 
     @property
     def difference(self) -> Float[Array, " p"]:
@@ -256,7 +253,7 @@ def _table(each: SensorComparison) -> Iterator[str]:
     told = f"chi-square {square:.4g} of {len(each.names)}"
     for file, dof in (("A", each.a.dof), ("B", each.b.dof)):
         if np.isfinite(dof):
-            told += f"; variance of {file} by {dof:g} degrees of freedom"
+            told += f"; variance of {file} by {round(dof, 1):g} degrees of freedom"
     words = told if np.isfinite(square) else "not both files state a covariance"
     yield f"{each.sensor:17s} {words}"
     yield f"{'A':>25s} {'B':>15s} {'B - A':>12s} {'U':>10s} {'E_n':>8s}"
@@ -267,8 +264,8 @@ def _table(each: SensorComparison) -> Iterator[str]:
     for name, a, b, d, u, e in rows:
         bars = f"{u:10.3g} {e:8.3g}" if np.isfinite(u) else f"{'-':>10s} {'-':>8s}"
         yield f"  {name:7s} {a:15.8g} {b:15.8g} {d:12.4g} {bars}"
-    words = "a corrected reading of"
-    yield f"  {words} {each.a.size:.5g}{each.unit} changes by up to {each.change:.3g}"
+    words, (_, unit) = "a corrected reading of", SENSORS[each.sensor]
+    yield f"  {words} {each.a.size:.5g}{unit} changes by up to {each.change:.3g}"
 
 
 def _object(each: SensorComparison) -> dict[str, Any]:
@@ -297,35 +294,32 @@ def compare_calibrations(
         If they are of readings in different units, or a fit did not converge.
     """
     first = _read(file_path("earlier", earlier))
-    second = _read(file_path("later", later))
-    fits = first.fit, second.fit
+    second = _read(file_path("later", later), first.form)
     notes = [
         "A and B are taken for independent data of one sensor; U is expanded to "
         f"{100 * COVERAGE:g} %, and B - A is beyond it above E_n = 1"
     ]
-    if fits[0].g != fits[1].g:
-        off = 100.0 * abs(fits[1].g / fits[0].g - 1.0)
+    g, other = (x.states["accelerometer"].size for x in (first, second))
+    if g != other:
+        off = 100.0 * abs(other / g - 1.0)
         notes.append(
-            f"A took {fits[0].g:.6g} m/s^2 for g and B {fits[1].g:.6g}: where one is "
-            f"wrong, its K is wrong by {off:.2g} %"
+            f"A took {g:.6g} m/s^2 for g and B {other:.6g}: where one is wrong, its K "
+            f"is wrong by {off:.2g} %"
         )
-    form, other = fits[0].model, fits[1].model
-    if form != other:
-        notes.append(f"accelerometer: B, of the {other} form, is turned to the {form}")
-    turned = _of_fit(fits[1].to_form(form), second.states["accelerometer"].dof)
-    theirs = second.states | {"accelerometer": turned}
+    if first.form != second.form:
+        words = f"accelerometer: B, of the {second.form} form, is turned to the"
+        notes.append(f"{words} {first.form}")
     found = []
-    for sensor, (names, unit) in SENSORS.items():
+    for sensor, (names, _) in SENSORS.items():
         why = _apart(first, second, sensor)
         if why and sensor == "accelerometer":
             raise RefusedError(why)
         if why:
             notes.append(f"{sensor}: not compared, {why}")
         elif sensor in first.states:
-            a, b = first.states[sensor], theirs[sensor]
-            own = names or fits[0].names
-            each = SensorComparison(sensor=sensor, names=own, a=a, b=b, unit=unit)
-            found.append(each)
+            a, b = first.states[sensor], second.states[sensor]
+            own = names or forms.names(first.form)
+            found.append(SensorComparison(sensor=sensor, names=own, a=a, b=b))
     files = {"A": first, "B": second}
     notes += [f"{x}: {words}" for x, file in files.items() for words in file.doubts]
     for what in sorted(first.more | second.more):
@@ -336,7 +330,7 @@ def compare_calibrations(
         notes=tuple(notes),
         causes=(
             "two sensors",
-            *["a wrong g"] * (fits[0].g != fits[1].g),
+            *["a wrong g"] * (g != other),
             *["another temperature"] * (first.warmth != second.warmth),
         ),
         doubted=tuple(x for x, file in files.items() if file.doubts),
@@ -349,11 +343,10 @@ def _apart(first: "_File", second: "_File", sensor: str) -> str:
     a, b = first.states.get(sensor), second.states.get(sensor)
     if a is None or b is None:
         return "" if a is b else f"only {'A' if b is None else 'B'} has one"
-    forms = first.fit.model, second.fit.model
-    if sensor != "accelerometer" and forms[0] != forms[1]:
+    if sensor != "accelerometer" and first.form != second.form:
         return (
-            f"its axes are those of the {forms[0]} form in A and of the {forms[1]} in "
-            "B; calibrate both with one --model"
+            f"its axes are those of the {first.form} form in A and of the "
+            f"{second.form} in B; calibrate both with one --model"
         )
     if sensor == "magnetometer" and not 1.0 / FIELDS < b.size / a.size < FIELDS:
         return (
@@ -374,15 +367,16 @@ def _apart(first: "_File", second: "_File", sensor: str) -> str:
 class _File:
     """What a file states, and what it has more than is compared."""
 
-    fit: FitResult
+    form: str  # of the accelerometer's parameters; the other sensors have its axes
     states: dict[str, State]
     more: set[str]
     warmth: dict[str, float]  # temperature of each sensor's parameters, degC, if told
     doubts: tuple[str, ...]  # of its bars, by its own checks
 
 
-def _read(path: Path) -> _File:
-    fit = load_calibration(path)
+def _read(path: Path, form: str = "") -> _File:
+    """Read a file, its accelerometer in a form if one is given."""
+    fit, models, warm = load_calibration(path), load_others(path), load_thermal(path)
     if not fit.converged:
         msg = f"{path}: `status` is {str(fit.status)!r}; calibrate again, {fit.advice}"
         raise RefusedError(msg)
@@ -390,48 +384,46 @@ def _read(path: Path) -> _File:
         msg = f"{path}: `dof` is {fit.dof}, and a Type A covariance has one or more"
         raise InputError(msg)
     guessed = fit.covariance_kind == "type A" and fit.dof < MANY
-    states = {"accelerometer": _of_fit(fit, float(fit.dof) if guessed else np.inf)}
-    models, blocks, warm = load_others(path), load_blocks(path), load_thermal(path)
+    turned = fit.to_form(form or fit.model)
+    states = {
+        "accelerometer": State(
+            parameters=turned.parameters, covariance=turned.covariance,
+            dof=float(fit.dof) if guessed else np.inf,
+            matrix=turned.matrix, bias=turned.B, size=fit.g,
+        )
+    }  # fmt: skip
     more = {
         f"the {sensor} is that at {terms.reference:.1f} degC, and a difference may be "
         f"of another; its terms, of {terms.low:.1f} to {terms.high:.1f} degC"
         for sensor, terms in warm.items()
     }
-    if models[0] is not None:
-        states["gyroscope"] = _state(path, blocks[0], models[0].M, models[0].B)
-        more |= {"a gyroscope that feels force"} if np.any(models[0].G) else set()
-    if models[1] is not None:
-        own = states["magnetometer"] = _state(path, blocks[1], models[1].M, models[1].b)
+    data, (gyroscope, magnetometer) = load_document(path), models
+    if gyroscope is not None:
+        states["gyroscope"] = _state(path, data, "gyroscope", gyroscope.M, gyroscope.B)
+        more |= {"a gyroscope that feels force"} if np.any(gyroscope.G) else set()
+    if magnetometer is not None:
+        own = _state(path, data, "magnetometer", magnetometer.M, magnetometer.b)
+        states["magnetometer"] = own
         strength = "a field of 1 for its strength, which is another elsewhere"
         more |= {strength} if own.size == 1.0 else set()
+    checks = data.get("judgements")
     return _File(
-        fit=fit,
+        form=fit.model,
         states=states,
         more=more,
         warmth={sensor: terms.reference for sensor, terms in warm.items()},
-        doubts=_doubts(path),
+        doubts=tuple(
+            f"its error bars are not honest: {one_line(str(each.get('words')))}"
+            for each in (checks if isinstance(checks, list) else ())
+            if isinstance(each, dict) and each.get("holds") is False
+        ),
     )
 
 
-def _doubts(path: Path) -> tuple[str, ...]:
-    """Words of the checks of a file's error bars that do not hold."""
-    checks = parsed(json.loads, read_text(path, MOST_DOCUMENT)).get("judgements")
-    return tuple(
-        f"its error bars are not honest: {one_line(str(each.get('words')))}"
-        for each in (checks if isinstance(checks, list) else ())
-        if isinstance(each, dict) and each.get("holds") is False
-    )
-
-
-def _of_fit(fit: FitResult, dof: float) -> State:
-    return State(
-        parameters=fit.parameters, covariance=fit.covariance, dof=dof,
-        matrix=fit.matrix, bias=fit.B, size=fit.g,
-    )  # fmt: skip
-
-
-def _state(path: Path, block: Any, M: Array, bias: Array) -> State:
-    values = np.concatenate([M.ravel(), bias])
+def _state(
+    path: Path, data: dict[str, Any], sensor: str, M: Array, bias: Array
+) -> State:
+    block, values = data[sensor], np.concatenate([M.ravel(), bias])
     try:
         count = len(instance("names", block.get("names", [""] * len(values)), list))
         P = array(block, "covariance", (count, count))[: len(values), : len(values)]
@@ -440,9 +432,20 @@ def _state(path: Path, block: Any, M: Array, bias: Array) -> State:
         if P.shape != 2 * values.shape or not sound.all():
             msg = "`covariance` is not that of its parameters; leave it out"
             raise InputError(msg)
+        dof = _dof(block, sensor)
     except InputError as error:
         msg = f"{path}: {error}"
         raise InputError(msg) from None
     return State(
-        parameters=values, covariance=P, dof=np.inf, matrix=M, bias=bias, size=size
+        parameters=values, covariance=P, dof=dof, matrix=M, bias=bias, size=size
     )
+
+
+def _dof(block: dict[str, Any], sensor: str) -> float:
+    """Degrees of freedom of the noise, if the residuals made it larger than stated."""
+    residuals = instance("residuals", block.get("residuals", {}), dict)
+    own = instance(sensor, residuals.get(sensor, {}), dict)
+    if not array(own, "factor", ()) > 1.0:
+        return np.inf
+    dof = positive_number("dof", own.get("dof"), "")
+    return max(dof, 1.0) if dof < MANY else np.inf  # the nodes are for 1 and more

@@ -320,17 +320,27 @@ def load_calibration(path: str | PathLike[str]) -> FitResult:
     InputError
         If the file is missing, is not a calibration, or contradicts itself.
     """
+    return from_json(load_document(path), str(path))
+
+
+def load_document(path: str | PathLike[str]) -> Any:
+    """All that a JSON file of a calibration holds.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, or is not JSON.
+    """
     path = file_path("path", path)
     try:
         text = read_text(path, MOST_DOCUMENT)
-        data = parsed(json.loads, text, object_pairs_hook=_once)
+        return parsed(json.loads, text, object_pairs_hook=_once)
     except OSError as error:
         msg = f"cannot read {path}: {error.strerror}; give the path of a calibration"
         raise InputError(msg) from None
     except ValueError as error:
         msg = f"{path} is not JSON ({error}); give a file of `simval calibrate --out`"
         raise InputError(msg) from None
-    return from_json(data, str(path))
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -373,7 +383,8 @@ def load_others(
     InputError
         If a sensor is there and its numbers cannot be used.
     """
-    gyroscope, magnetometer = load_blocks(path)
+    data = load_document(path)
+    gyroscope, magnetometer = (_block(path, data, name) for name in BLOCKS)
     try:
         return (
             None
@@ -394,18 +405,6 @@ def load_others(
         raise InputError(msg) from None
 
 
-def load_blocks(path: str | Path) -> tuple[dict[str, Any] | None, ...]:
-    """Tables of the other sensors, where there are any.
-
-    Raises
-    ------
-    InputError
-        If one is there and is no table.
-    """
-    data = parsed(json.loads, read_text(file_path("path", path), MOST_DOCUMENT))
-    return tuple(_block(path, data, name) for name in BLOCKS)
-
-
 def load_thermal(path: str | Path) -> dict[str, Thermal]:
     """Read the terms in temperature of a file that `load_calibration` has read already.
 
@@ -414,8 +413,7 @@ def load_thermal(path: str | Path) -> dict[str, Thermal]:
     InputError
         If there are some, and their numbers cannot be used.
     """
-    data = parsed(json.loads, read_text(file_path("path", path), MOST_DOCUMENT))
-    block = _block(path, data, "temperature") or {}
+    block = _block(path, load_document(path), "temperature") or {}
     found = {}
     for name, own in (_block(path, block, "sensors") or {}).items():
         try:

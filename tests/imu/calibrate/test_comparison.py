@@ -38,7 +38,7 @@ def states(poses, known, trials, rng, sensor=MODEL):
 
 
 def compared(a, b, names="abcdefghi"):
-    return SensorComparison(sensor="a", names=tuple(names), a=a, b=b, unit="")
+    return SensorComparison(sensor="a", names=tuple(names), a=a, b=b)
 
 
 @pytest.mark.ci
@@ -182,6 +182,12 @@ def test_three_sensors_are_compared_on_what_both_files_have(
     # 12 of one standard deviation, of two files: 12 / (1.96 sqrt 2)
     assert E_n[9] == pytest.approx(12.0 / (1.959964 * np.sqrt(2.0)), rel=1e-6)
     assert "gyroscope by B_x" in text
+    # a noise that B's residuals made larger is known by their degrees of freedom
+    gyro["residuals"]["gyroscope"] |= {"factor": 2.0, "dof": 10.0}
+    b.write_text(json.dumps(other))
+    simval("compare", a, b, "--json", out)
+    E_n = json.loads(out.read_text())["sensors"]["gyroscope"]["E_n"]
+    assert E_n[9] == pytest.approx(12.0 / np.hypot(1.959964, 2.228139), rel=1e-6)
     # in deg/s, and in mgauss for gauss: another unit, not a drift
     for name, factor in (("gyroscope", 57.3), ("magnetometer", 1e3)):
         block = other[name] = dict(other[name])
