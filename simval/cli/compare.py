@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
@@ -71,9 +71,12 @@ def command(
     if run_b is None:
         msg = "give two runs, or one with `--algorithms A B`"
         raise InputError(msg)
-    if any(map(_is_file, (run_a, run_b))):
-        pages = {"--out": out, "--csv": csv_file, "--all": every or None}
-        return _calibrations(Path(run_a), Path(run_b), json_file, alpha, pages)
+    if any(Path(each).is_file() for each in (run_a, run_b)):
+        refuse_if(
+            every or any(file is not None for file in (out, csv_file)),
+            "`--out`, `--csv` and `--all` are of two runs, not of calibrations",
+        )
+        return _calibrations(Path(run_a), Path(run_b), json_file, alpha)
     return _runs(run_a, run_b, every, (out, csv_file, json_file), alpha)
 
 
@@ -104,23 +107,10 @@ def _runs(
     return 0 if comparison.total else 3
 
 
-def _is_file(name: str) -> bool:
-    """True of a JSON file, by its name or its first byte."""
-    path = Path(name)
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return path.suffix.lower() == ".json" or file.read(1) == b"{"
-
-
-def _calibrations(
-    a: Path, b: Path, json_file: Path | None, alpha: float, pages: dict[str, Any]
-) -> int:
+def _calibrations(a: Path, b: Path, json_file: Path | None, alpha: float) -> int:
     """Compare two calibration files."""
     from simval.imu.calibrate.comparison import compare_calibrations
 
-    for option, given in pages.items():
-        refuse_if(given is not None, f"`{option}` is of two runs, not of calibrations")
     found = compare_calibrations(a, b, alpha)
     tell([f"A is {a}", f"B is {b}", *found.lines()])
     if json_file is not None:

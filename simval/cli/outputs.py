@@ -51,14 +51,11 @@ def require_apart(command: click.Command, values: Mapping[str, Any]) -> None:
     outputs: list[tuple[str, Path]] = []
     inputs: list[str] = []
     for parameter in command.params:
-        value = values.get(parameter.name or "")
-        kinds = getattr(parameter.type, "types", ())  # of what stands in each place
-        if kinds and isinstance(kinds[-1], Output):
-            option = max(parameter.opts, key=len)
-            outputs += [(option, Path(words[-1])) for words in value or ()]
-            continue
+        kind, value = parameter.type, values.get(parameter.name or "")
+        if isinstance(kind, click.Tuple):  # the last of its words is the file
+            kind, value = kind.types[-1], [words[-1] for words in value or ()]
         given = list(_each(value))
-        if isinstance(parameter.type, Output):
+        if isinstance(kind, Output):
             option = max(parameter.opts, key=len)
             outputs += [(option, Path(each)) for each in given]
         else:
