@@ -247,14 +247,14 @@ class Thermal(ReadOnly):
             found[what] = np.sqrt(np.einsum("i,aij,j->a", z, own, z))
         return found
 
-    def lines(self, name: str, size: Float[Array, "3"], unit: str) -> list[str]:
+    def lines(self, size: Float[Array, "3"], unit: str) -> list[str]:
         """Describe the coefficients, a bias in `unit`, of which a raw unit has `size`.
 
         Of a scale in parts per million.
         """
         said = [
-            f"{name:18s}at {self.reference:.2f} degC, and in the difference from it, "
-            f"seen from {self.low:.2f} to {self.high:.2f} degC:",
+            f"in temperature    at {self.reference:.2f} degC, and in the difference "
+            f"from it, seen from {self.low:.2f} to {self.high:.2f} degC:",
             "                  value           sd",
         ]
         for k, (what, power) in enumerate(self.terms):

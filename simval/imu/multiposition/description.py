@@ -245,7 +245,7 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
         "",
         *([f"accelerometer     {joint}"] if joint else []),
         *parameter_lines(fit, bound_sd(result)),
-        *_term_lines(result.thermal, "in temperature", fit.g / fit.raw_per_g, "m/s^2"),
+        *_term_lines(result.thermal, fit.g / fit.raw_per_g, "m/s^2"),
         "",
         *matrix_lines(fit),
         "",
@@ -282,17 +282,15 @@ def temperature_lines(result: Any, thermal: Any) -> list[str]:
     seen = result.temperatures
     if seen is None:
         return []
-    said = [f"temperature       {seen.line}"]
-    said += [f"{'':18s}{each}" for each in (result.thermal_reason,) if each]
-    if (thermal or result.thermal is not None) and seen.confounded:
-        said.append(f"{'':18s}{seen.confounded}")
-    return said
+    confounded = seen.confounded if thermal or result.thermal is not None else ""
+    more = [each for each in (result.thermal_reason, confounded) if each]
+    return [f"temperature       {seen.line}", *(f"{'':18s}{each}" for each in more)]
 
 
 def _term_lines(
-    thermal: Thermal | None, name: str, size: Float[Array, "3"], unit: str
+    thermal: Thermal | None, size: Float[Array, "3"], unit: str
 ) -> list[str]:
-    return [] if thermal is None else thermal.lines(name, size, unit)
+    return [] if thermal is None else thermal.lines(size, unit)
 
 
 def bound_sd(result: Any) -> Float[Array, "9"]:
@@ -326,9 +324,7 @@ def sensor_lines(whole: Any) -> list[str]:
         lines += ["", *gyroscope_lines(fit, others, G, sd)]
         lines += [f"{'':18s}{reason}" for reason in whole.reasons]
         size = np.linalg.norm(fit.M, axis=0)
-        lines += _term_lines(
-            whole.thermal.get("gyroscope"), "in temperature", size, "rad/s"
-        )
+        lines += _term_lines(whole.thermal.get("gyroscope"), size, "rad/s")
     if whole.magnetometer is not None:
         lines += [
             "",
@@ -339,7 +335,7 @@ def sensor_lines(whole: Any) -> list[str]:
         lines.append(_noise_line(whole.compass_noise))
         size = np.linalg.norm(whole.magnetometer.M, axis=0)
         own = whole.thermal.get("magnetometer")
-        lines += _term_lines(own, "in temperature", size, "of the field's unit")
+        lines += _term_lines(own, size, "of the field's unit")
         lines += [f"{'':18s}{each}" for each in whole.thermal_reasons[1:]]
     for name, why in whole.left_out.items():
         lines += ["", f"left out          the {name}: {why}"]
