@@ -104,9 +104,8 @@ class Parameters(StudyParameters):
         return value
 
     def cost(self) -> Cost:
-        """Cost of a cell: a trial of the gimbal has four times the rows of another."""
-        one = 1.6e-2 if self.scene == "gimbal" else 4e-3
-        return Cost(0.2 + one * self.trials, 20)
+        """Cost of a cell."""
+        return Cost(0.2 + self.trials * (6e-4 + 8e-5 * self.poses), 20)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -71,7 +71,8 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        return Cost(0.5 + 3.5e-2 * self.trials, 22)
+        one = 1.8e-3 + 1.5e-4 * self.poses + 2.4e-5 * self.attitudes
+        return Cost(0.2 + one * self.trials, 22)
 
 
 Sensors = tuple[AccelerometerModel, MagnetometerModel]
