@@ -13,6 +13,8 @@ import yaml
 from made_logs import of_scene
 from places import recording
 
+from simval.imu.logs import read_log
+from simval.imu.multiposition.noise import log_noise
 from simval.poses import fibonacci_sphere
 from simval.vocabulary import TARGETS
 
@@ -124,6 +126,16 @@ def test_kalibr_and_openvins_and_ros_hold_what_correct_applies(made):
         gyro["A"]
     ).T  # M (C w) + A (C a), in which Kalibr turns the force as well
     np.testing.assert_allclose(predicted + bias_g, raw[:, 1], atol=1e-11)
+    log = read_log(str(files["kalibr"].parent / "imu.csv"))
+    assert imu["update_rate"] == log.rate
+    noise = log_noise(log)
+    for name, axes, M in (
+        ("accelerometer", noise.accelerometer, data["matrix"]),
+        ("gyroscope", noise.gyro, data["gyroscope"]["M"]),
+    ):
+        white = [c.value for axis in axes for c in axis.coefficients if c.kind == "N"]
+        most = np.max(np.linalg.norm(M * np.array(white), axis=0))  # M e_k, of axis k
+        assert imu[f"{name}_noise_density"] == pytest.approx(most, rel=1e-12)
 
     head, text = files["openvins"].read_text().split("\n", 1)
     assert head == "%YAML:1.0"
