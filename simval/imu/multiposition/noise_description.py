@@ -174,8 +174,7 @@ def _table(
 ) -> list[str]:
     # one row for each axis; a bound is printed as a bound
     how = PRINTED[name, kind]
-    known = si is not None or kind in OF_TIME
-    unit = how.si if known else RAW[kind]
+    unit = RAW[kind] if si is None else how.si
     further = how.further if si is not None else ()
     scale = 1.0 if si is None or kind in OF_TIME else si
     heads = "".join(f"   {each.title}" for each in further)
