@@ -1,7 +1,7 @@
 """Role of each column of a log: by the caller, the header or the number of columns."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 
@@ -10,16 +10,28 @@ import numpy as np
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.imu.logs.captures import sampled
-from simval.imu.logs.names import SECONDS, Channel, Kind, channel, instance
+from simval.imu.logs.names import (
+    SECONDS,
+    Channel,
+    Kind,
+    beside,
+    channel,
+    instance,
+    listed,
+)
 from simval.imu.logs.text import Table, TextTable
 from simval.shapes import Float
 
 TEMPERATURE = "temp"
 NAMES = ("t", "ax", "ay", "az", "wx", "wy", "wz", "mx", "my", "mz", TEMPERATURE)
-SENSORS = {"gyroscope": NAMES[4:7], "magnetometer": NAMES[7:10]}  # beside the first
+ROLES: dict[Kind, tuple[str, ...]] = {
+    "force": NAMES[1:4],
+    "gyro": NAMES[4:7],
+    "mag": NAMES[7:10],
+}
 SKIP = "-"
 LAYOUTS = {3: NAMES[1:4], 4: NAMES[:4], 6: NAMES[1:7], 7: NAMES[:7]}
-KINDS: dict[Kind, tuple[str, ...]] = {"gyro": NAMES[4:7], "mag": NAMES[7:10]}
+_BESIDE: dict[Kind, str] = {"gyro": "gyroscope", "mag": "magnetometer"}
 Triple = tuple[int, int, int]
 _GIVEN = re.compile(r"(t|-|temp|[awm][xyz])(?:\[([^\]]+)\])?")
 _OTHER_FILES = re.compile(
@@ -95,7 +107,7 @@ def chosen(
     if columns is not None:
         return _given(table, columns)
     if table.names is not None:
-        return _by_header(table, table.names, sensor)
+        return _by_header(table, sensor)
     if table.width in LAYOUTS:
         roles = LAYOUTS[table.width]
         if why := _doubt(table, roles):
@@ -170,8 +182,8 @@ def template(width: int, taken: dict[int, str] | None = None) -> str:
 
 
 def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
-    listed = columns.split(",") if isinstance(columns, str) else columns
-    names = [str(name).strip() for name in listed]
+    given = columns.split(",") if isinstance(columns, str) else columns
+    names = [str(name).strip() for name in given]
     if len(names) != table.width:
         msg = (
             f"{table.path} has {table.width} columns, `columns` names {len(names)} "
@@ -180,8 +192,8 @@ def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
         raise InputError(msg)
     matches = [_GIVEN.fullmatch(name) for name in names]
     used = [match[1] for match in matches if match and match[1] != SKIP]
-    parts = [len(set(names) & set(used)) for names in SENSORS.values()]
-    complete = {"ax", "ay", "az"} <= set(used) and set(parts) <= {0, 3}
+    parts = [len(set(roles) & set(used)) for roles in ROLES.values()]
+    complete = parts[0] == 3 and set(parts) <= {0, 3}
     if not (all(matches) and complete and len(set(used)) == len(used)):
         msg = (
             f"`columns` is {','.join(names)}; each of ax, ay, az is needed once, t "
@@ -212,17 +224,22 @@ def _unit(match: re.Match[str]) -> str:
     return unit
 
 
-def _by_header(
-    table: Table, names: tuple[str, ...], sensor: str | None
-) -> tuple[Column, ...]:
-    channels = [channel(name) for name in names]
-    force = _force(table, names, channels, sensor)
-    places = dict(zip(NAMES[1:4], force, strict=True))
-    for kind, roles in KINDS.items():
-        own = _beside(channels, force, kind)
-        if len(own) == 1:
-            places |= zip(roles, own[0], strict=True)
-    warm = _temperatures(channels)
+def channels_of(table: Table) -> list[Channel]:
+    """Meaning of each name of a header; nothing without one."""
+    return [channel(name) for name in table.names or ()]
+
+
+def _by_header(table: Table, sensor: str | None) -> tuple[Column, ...]:
+    names, channels = table.names or (), channels_of(table)
+    force = _force(table, sensor)
+    own = instance(channels[force[0]].stem)
+    others = {word for xyz, word in triples(table, "force").items() if xyz != force}
+    places = dict(zip(ROLES["force"], force, strict=True))
+    for kind in _BESIDE:
+        found = beside(own, triples(table, kind), others)
+        if len(found) == 1:
+            places |= zip(ROLES[kind], found[0], strict=True)
+    warm = _temperatures(table)
     if len(warm) == 1:
         places[TEMPERATURE] = warm[0]
     picked = [
@@ -238,79 +255,53 @@ def _by_header(
     return tuple(picked if clock is None else [clock, *picked])
 
 
-def sensors_of(channels: list[Channel]) -> dict[str, Triple]:
-    """Accelerometers of a header, each by the word that tells it from the others."""
-    found = [(channels[xyz[0]].stem, xyz) for xyz in triples(channels, "force")]
-    words = [instance(stem) for stem, _ in found]
-    return {
-        word if word and words.count(word) == 1 else "_".join(stem.split()): xyz
-        for word, (stem, xyz) in zip(words, found, strict=True)
-    }
-
-
-def _beside(channels: list[Channel], force: Triple, kind: Kind) -> list[Triple]:
-    # sensors of a kind that may belong to an accelerometer: where there are several,
-    # those whose columns have its word, and never one with the word of another
-    own = instance(channels[force[0]].stem)
-    others = {
-        instance(channels[xyz[0]].stem)
-        for xyz in triples(channels, "force")
-        if xyz != force
-    }
-    found = {xyz: instance(channels[xyz[0]].stem) for xyz in triples(channels, kind)}
-    free = [xyz for xyz, word in found.items() if word == own or word not in others]
-    same = [xyz for xyz in free if found[xyz] == own]
-    return same if len(same) == 1 else free
-
-
 def several(table: Table, picked: Sequence[Column]) -> tuple[str, ...]:
     """Say which sensors a header names of which none is taken, and why."""
-    if table.names is None:
-        return ()
-    channels = [channel(name) for name in table.names]
+    names, channels = table.names or (), channels_of(table)
+    taken = {each.role for each in picked}
     said = []
-    for (kind, roles), name in zip(KINDS.items(), SENSORS, strict=True):
-        count = len(triples(channels, kind))
-        own = [
-            repr(column)
-            for column, each in zip(table.names, channels, strict=True)
-            if each.kind == kind and each.axis
-        ]
-        if any(each.role == roles[0] for each in picked) or not own:
+    for kind, name in _BESIDE.items():
+        count = len(triples(table, kind))
+        own = [k for k, each in enumerate(channels) if each.kind == kind and each.axis]
+        if taken.issuperset(ROLES[kind]) or not own:
             continue
         are = "is" if count == 1 else "are"
         why = f"{count} {name}{'s' * (count > 1)} {are} named and none is taken"
         if not count:
-            why = f"the {name} has not x, y and z once each ({', '.join(own[:_SHOWN])})"
-        said.append(f"{why}; choose one by --columns with {', '.join(roles)}")
-    warm = [repr(table.names[place]) for place in _temperatures(channels)]
+            columns = ", ".join(repr(names[k]) for k in own[:_SHOWN])
+            why = f"the {name} has not x, y and z once each ({columns})"
+        said.append(f"{why}; choose one by --columns with {', '.join(ROLES[kind])}")
+    warm = _temperatures(table)
     if len(warm) > 1:
-        why = f"{len(warm)} temperatures are named ({', '.join(warm[:_SHOWN])})"
+        columns = ", ".join(repr(names[k]) for k in warm[:_SHOWN])
+        why = f"{len(warm)} temperatures are named ({columns})"
         said.append(f"{why} and none is taken; choose one by --columns with temp")
     return tuple(said)
 
 
-def _temperatures(channels: list[Channel]) -> list[int]:
+def _temperatures(table: Table) -> list[int]:
     # places of the temperatures: of the accelerometer where it has one of its own
+    channels = channels_of(table)
     warm = [k for k, each in enumerate(channels) if each.kind == "temperature"]
     own = [k for k in warm if "acc" in channels[k].stem]
     return own if len(own) == 1 else warm
 
 
-def triples(channels: list[Channel], kind: Kind) -> list[Triple]:
-    """Places of x, y and z of each sensor of a kind, each of them once in one unit."""
+def triples(table: Table, kind: Kind) -> dict[Triple, str]:
+    """Places of x, y, z of each sensor of a kind, all in one unit, and its words."""
+    channels = channels_of(table)
     groups: dict[str, dict[str, list[int]]] = {}
     for place, each in enumerate(channels):
         if each.kind == kind and each.axis:
             axes = groups.setdefault(each.stem, {})
             axes.setdefault(each.axis, []).append(place)
-    whole = []
-    for axes in groups.values():
+    whole = {}
+    for stem, axes in groups.items():
         order = next((o for o in ("xyz", "012", "123") if set(axes) == set(o)), "")
         if order and all(len(places) == 1 for places in axes.values()):
             x, y, z = (axes[axis][0] for axis in order)
             if len({channels[k].unit for k in (x, y, z)} - {""}) < 2:
-                whole.append((x, y, z))
+                whole[x, y, z] = instance(stem)
     return whole
 
 
@@ -338,8 +329,7 @@ def clock_of(table: Table) -> Column | None:
     Numbers come before text, a plain name before a longer one, the accelerometer's
     before another sensor's, a unit before none.
     """
-    names = table.names or ()
-    channels = [channel(name) for name in names]
+    names, channels = table.names or (), channels_of(table)
     clocks = [
         (
             table.is_text(place),
@@ -378,51 +368,50 @@ def _nanoseconds(channels: list[Channel], clock: Channel) -> int | None:
     return next(fine, None)
 
 
-def _force(
-    table: Table,
-    names: tuple[str, ...],
-    channels: list[Channel],
-    sensor: str | None,
-) -> Triple:
+def _force(table: Table, sensor: str | None) -> Triple:
     # the one accelerometer that the header names
-    named = sensors_of(channels)
-    sensors = list(named.values())
+    channels, words = channels_of(table), triples(table, "force")
+    stems = {xyz: channels[xyz[0]].stem for xyz in words}
+    named: dict[str, Triple] = {}  # by the word that tells it from the others
+    for xyz, word in words.items():
+        alone = word and [*words.values()].count(word) == 1
+        named[word if alone else "_".join(stems[xyz].split())] = xyz
     if sensor is not None:
-        match = [xyz for word, xyz in named.items() if word == sensor.lower()]
-        if match:
-            return match[0]
+        if sensor.lower() in named:
+            return named[sensor.lower()]
         have = f"it has {', '.join(named)}" if len(named) > 1 else "it has one sensor"
         msg = (
             f"{table.path}: no accelerometer {sensor!r} is in its header; {have}, so "
             "give its name, or leave out --instance"
         )
         raise InputError(msg)
-    stems = [channels[triple[0]].stem for triple in sensors]
-    if "gf" in stems:  # a phone's g-force; beside it a plain ax is free of gravity
-        sensors = [xyz for xyz, stem in zip(sensors, stems, strict=True) if stem != "a"]
-    elif "a" in stems and any(_words(name) == "at" for name in names):
+    found = [*named.values()]
+    if "gf" in stems.values():  # a phone's; beside it a plain ax is free of gravity
+        found = [xyz for xyz in found if stems[xyz] != "a"]
+    if not found:
+        found = [*triples(table, "bare")]
+        why = _not_bare(table, len(found))
+    elif not (why := _free_of_gravity(table, stems.values())) and len(found) > 1:
+        options = " or ".join(f"--instance {word}" for word in named)
         why = (
+            f"{len(found)} accelerometers are named, and one is to be calibrated: "
+            f"give {options}"
+        )
+    if why:
+        raise _question(table, why, found)
+    return found[0]
+
+
+def _free_of_gravity(table: Table, stems: Collection[str]) -> str:
+    # why an acceleration leaves gravity out, by its file's name or what is beside it
+    names = table.names or ()
+    words = {re.split(r"[\[( ]", name.strip().lower())[0] for name in names}
+    if "a" in stems and "gf" not in stems and "at" in words:
+        return (
             "with a column aT, ax ay az are those of a phone's linear accelerometer, "
             "which leaves gravity out; a calibration needs readings with gravity, so "
             "record the accelerometer or the g-force meter"
         )
-        raise _question(table, names, channels, why, sensors)
-    if sensors and (why := _free_of_gravity(table, names)):
-        raise _question(table, names, channels, why, sensors)
-    if len(sensors) == 1:
-        return sensors[0]
-    if len(sensors) > 1:
-        options = " or ".join(f"--instance {word}" for word in named)
-        why = (
-            f"{len(sensors)} accelerometers are named, and one is to be calibrated: "
-            f"give {options}"
-        )
-        raise _question(table, names, channels, why, sensors)
-    return _bare(table, names, channels)
-
-
-def _free_of_gravity(table: Table, names: tuple[str, ...]) -> str:
-    # why an acceleration leaves gravity out, by its file's name or what is beside it
     file = PurePath(table.path)
     said = ""
     ros = any("linear_acceleration" in name for name in names)  # with gravity
@@ -433,52 +422,41 @@ def _free_of_gravity(table: Table, names: tuple[str, ...]) -> str:
     return said and f"{said}; a calibration needs what an accelerometer reads at rest"
 
 
-def _bare(table: Table, names: tuple[str, ...], channels: list[Channel]) -> Triple:
+def _not_bare(table: Table, count: int) -> str:
     # x, y, z and nothing else are the accelerometer's, unless the file's name objects
-    bare = triples(channels, "bare")
-    others: tuple[Kind, ...] = ("gyro", "mag", "no gravity", "force")
-    rest = [c for c in channels if c.axis and c.kind in others]
+    names, channels = table.names or (), channels_of(table)
+    kinds = {each.kind for each in channels if each.axis}
     pose = [name for name in names if _POSE.fullmatch(name.strip())]
     file = PurePath(table.path).name.lower()
-    if bare and pose:
-        why = (
+    if count and pose:
+        return (
             f"x, y, z beside {pose[0]!r} may be a position, and no others are known "
             "names of an accelerometer's axes"
         )
-    elif len(bare) == 1 and not rest and not _OTHER_FILES.search(file):
+    others = kinds & {"gyro", "mag", "no gravity", "force"}
+    if count == 1 and not others and not _OTHER_FILES.search(file):
         if "seconds_elapsed" not in names or "total" in file or "uncal" in file:
-            return bare[0]
-        why = (
+            return ""
+        return (
             "x, y, z beside seconds_elapsed are Sensor Logger's, whose Accelerometer "
             "leaves gravity out; a calibration needs readings with gravity, those of "
             "its TotalAcceleration.csv"
         )
-    elif triples(channels, "no gravity"):
-        why = (
+    if triples(table, "no gravity"):
+        return (
             "the acceleration it names is without gravity, and a calibration needs "
             "readings with gravity: at rest they must show it"
         )
-    elif any(c.kind == "force" and c.axis for c in channels):
-        why = (
+    if "force" in kinds:
+        return (
             "not each of the accelerometer's axes x, y, z is named exactly once, "
             "all in one unit"
         )
-    else:
-        why = "no three of them are known names of an accelerometer's axes"
-    raise _question(table, names, channels, why, bare)
+    return "no three of them are known names of an accelerometer's axes"
 
 
-def _words(name: str) -> str:
-    return re.split(r"[\[( ]", name.strip().lower())[0]
-
-
-def _question(
-    table: Table,
-    names: tuple[str, ...],
-    channels: list[Channel],
-    why: str,
-    candidates: list[Triple],
-) -> InputError:
+def _question(table: Table, why: str, candidates: list[Triple]) -> InputError:
+    names, channels = table.names or (), channels_of(table)
     clock = clock_of(table)
     start = {} if clock is None else {clock.place: "t"}
     numbers = [k for k in range(table.width) if k not in start and not table.is_text(k)]
@@ -486,18 +464,16 @@ def _question(
     form = "one of" if len(candidates) > 1 else "for example"
     if not candidates and len(free) < 3:  # all are known, as something else
         form, free = "but only if the names are wrong", numbers
-    fitting = candidates[:3] or (
-        [(free[0], free[1], free[2])] if len(free) >= 3 else []
-    )
+    fitting: Sequence[Sequence[int]] = candidates[:3]
+    if not fitting and len(free) >= 3:
+        fitting = [free[:3]]
     lines = [
-        template(table.width, start | dict(zip(each, NAMES[1:4], strict=True)))
+        template(table.width, start | dict(zip(each, ROLES["force"], strict=True)))
         for each in fitting
     ]
-    listed = ", ".join(repr(name) for name in names[:_SHOWN])
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     say = " or ".join(f"--columns {line}" for line in lines) or "--columns"
     return InputError(
         f"{table.path}: which columns are the accelerometer's x, y and z? The header "
-        f"has {listed}{more}; {why}. Name each column in its order, "
-        f"{form} {say} ({', '.join(NAMES)}, - for one to ignore)"
+        f"has {listed(map(repr, names), _SHOWN)}; {why}. Name each column in its order,"
+        f" {form} {say} ({', '.join(NAMES)}, - for one to ignore)"
     )

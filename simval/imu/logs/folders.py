@@ -29,13 +29,12 @@ from pathlib import PurePosixPath
 from typing import Final
 
 from simval.errors import InputError
-from simval.files import MOST_LOG
 from simval.imu.logs import text
 from simval.imu.logs.clock import read_clock, require_finite
-from simval.imu.logs.columns import clock_of, sign_of, triples
+from simval.imu.logs.columns import channels_of, clock_of, sign_of, triples
 from simval.imu.logs.joining import Stream, candidates
-from simval.imu.logs.names import Kind, channel
-from simval.imu.logs.source import MOST_MEMBERS, MOST_RATIO, Source
+from simval.imu.logs.names import Kind, listed
+from simval.imu.logs.source import Source, require_moderate
 from simval.imu.logs.text import Table, TextTable
 
 _ZIP: Final = b"PK\x03\x04"
@@ -121,9 +120,8 @@ def _stream(
     try:
         table = text.read(source)
         names = table.names or ()
-        channels = [channel(each) for each in names]
-        own = next((each for each in _COLUMNS if triples(channels, each)), kind)
-        found = triples(channels, own) or triples(channels, "bare")
+        own = next((each for each in _COLUMNS if triples(table, each)), kind)
+        found = [*(triples(table, own) or triples(table, "bare"))]
         clock = clock_of(table)
         if "seconds_elapsed" in names and stem.lower() == "accelerometer":
             said.append(("left out", f"{name} of Sensor Logger is without gravity"))
@@ -147,7 +145,9 @@ def _stream(
         f"{_COLUMNS[own]}_{axis}{suffix}": column
         for axis, column in zip("xyz", values.T, strict=True)
     }
-    warm = [k for k, each in enumerate(channels) if each.kind == "temperature"]
+    warm = [
+        k for k, each in enumerate(channels_of(table)) if each.kind == "temperature"
+    ]
     if own == "force" and len(warm) == 1:
         columns["acc temperature [degC]"] = table.numbers(warm)[:, 0]
     if own == "force":
@@ -168,8 +168,8 @@ def truth_of(source: Source) -> TextTable | None:
     for pattern in _TRUTHS:
         found = [each for name, each in tables.items() if pattern.fullmatch(name)]
         if len(found) > 1:
-            listed = ", ".join(each.path for each in found)
-            msg = f"{source.path} has several truths, {listed}; give one (--truth FILE)"
+            paths = ", ".join(each.path for each in found)
+            msg = f"{source.path} has several truths, {paths}; give one (--truth FILE)"
             raise InputError(msg)
         if found:
             return text.read(found[0])
@@ -195,10 +195,9 @@ def members(source: Source) -> dict[str, Source]:
     }
     if not tables:
         kind = "folder" if source.is_folder else "zip archive"
-        listed = ", ".join(list(every)[:12]) or "nothing"
         msg = (
             f"{source.path} is a {kind} without a table of text (.csv, .txt); it has "
-            f"{listed}; give the log's file"
+            f"{listed(every, 12) or 'nothing'}; give the log's file"
         )
         raise InputError(msg)
     return tables
@@ -210,21 +209,9 @@ def _zipped(source: Source) -> dict[str, Source]:
         infos = [each for each in archive.infolist() if not each.is_dir()]
     except _DAMAGE as error:
         raise _damaged(source.path, error) from None
-    size = sum(each.file_size for each in infos)
-    if len(infos) > MOST_MEMBERS or size > MOST_LOG:
-        msg = (
-            f"{source.path} holds {len(infos):,} files of {size:,} bytes, more than "
-            "any log; give the log's file"
-        )
-        raise InputError(msg)
+    require_moderate(source.path, sum(x.file_size for x in infos), source.size)
 
     def content(info: zipfile.ZipInfo, path: str) -> bytes:
-        if info.file_size > MOST_RATIO * max(info.compress_size, 4096):
-            msg = (
-                f"{path} unpacks to {info.file_size:,} bytes, more than {MOST_RATIO} "
-                "times its size; unpack it yourself if it is a log"
-            )
-            raise InputError(msg)
         try:
             return archive.read(info)
         except _DAMAGE as error:

@@ -11,7 +11,7 @@ them, and the noise of such rows is not independent; one that is read faster is 
 Stamps are taken as of one clock. A delay between sensors stays in the rows.
 """
 
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -21,7 +21,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import InputError
-from simval.imu.logs.names import channel
+from simval.imu.logs.names import Kind, beside, channel
 from simval.imu.logs.tables import ArrayTable
 from simval.shapes import Float
 
@@ -61,7 +61,7 @@ class Stream:
         """Usual time between two readings, s; infinite for fewer than two."""
         return float(np.median(np.diff(self.time))) if len(self.time) > 1 else np.inf
 
-    def has(self, kind: str) -> bool:
+    def has(self, kind: Kind) -> bool:
         """Return whether a column is an axis of this quantity."""
         known = (channel(name) for name in self.columns)
         return any(each.kind == kind and each.axis for each in known)
@@ -93,45 +93,31 @@ def candidates(
         )
         raise InputError(msg)
     slow = [each for each in streams if each.has("mag") and each not in quick]
+    groups = {each.group for each in forces}
+    # where groups are counted, a magnetometer has a count of its own
+    named = {each for each in groups if each and not each.isdigit()}
+    kinds: tuple[tuple[Kind, set[str]], ...] = (("gyro", groups), ("mag", named))
+    alone = [each for each in quick if not each.has("force")]
+    said = [
+        ("left out", f"{each.name}: fewer than {SLOWEST:g} readings a second")
+        for each in slow
+    ]
     for own in forces:
-        alone = [each for each in quick if not each.has("force") and each is not own]
-        gyros = [each for each in alone if each.has("gyro") and not own.has("gyro")]
-        mags = [each for each in alone if each.has("mag") and not own.has("mag")]
-        others = {each.group for each in forces} - {own.group}
-        choices = [_beside(own, gyros, others), _beside(own, mags, _named(others))]
-        sure = [each[0] for each in choices if len(each) == 1]
-        open_ = [each for each in choices if len(each) > 1]
-        said = [("readings", own.words), *map(tuple, log["said"])]
-        said += [
-            ("left out", f"{each.name}: fewer than {SLOWEST:g} readings a second")
-            for each in slow
+        choices = [
+            beside(own.group, {x: x.group for x in alone if x.has(kind)}, others)
+            for kind, others in kinds
+            if not own.has(kind)
         ]
-        unsure = [
-            (
-                "left out",
-                f"one of {', '.join(each.name for each in choice)}, by its name",
-            )
-            for choice in open_
-        ]
-        found[own.name] = partial(joined, path, [own, *sure], (*said, *unsure))
-        for more in product(*open_) if open_ else ():
+        sure = [own, *(each[0] for each in choices if len(each) == 1)]
+        unsure = [each for each in choices if len(each) > 1]
+        source = [("readings", own.words), *map(tuple, log["said"]), *said]
+        either = [", ".join(each.name for each in choice) for choice in unsure]
+        out = [("left out", f"one of {names}, by its name") for names in either]
+        found[own.name] = partial(joined, path, sure, (*source, *out))
+        for more in product(*unsure):
             name = " + ".join(each.name for each in (own, *more))
-            found[name] = partial(joined, path, [own, *sure, *more], said)
+            found[name] = partial(joined, path, [*sure, *more], source)
     return found
-
-
-def _beside(
-    own: Stream, streams: Sequence[Stream], others: Container[str]
-) -> Sequence[Stream]:
-    # those of its group, else those of no group of another accelerometer
-    same = [each for each in streams if each.group == own.group]
-    free = [each for each in streams if each.group not in others]
-    return same if len(same) == 1 else free
-
-
-def _named(groups: Iterable[str]) -> set[str]:
-    # groups with a name; where they are counted, a magnetometer has a count of its own
-    return {each for each in groups if each and not each.isdigit()}
 
 
 def joined(

@@ -6,18 +6,18 @@ from os import PathLike
 
 import numpy as np
 
-from simval.arrays import Array, frozen, positive_number
+from simval.arrays import Array, ReadOnly, positive_number
 from simval.errors import InputError
 from simval.imu.logs.clock import read_clock, require_finite
 from simval.imu.logs.columns import (
-    NAMES,
-    SENSORS,
+    ROLES,
     TEMPERATURE,
     Column,
     chosen,
     several,
     sign_of,
 )
+from simval.imu.logs.names import Kind
 from simval.imu.logs.readers import read_table
 from simval.imu.logs.tables import ArrayTable
 from simval.imu.logs.temperature import read_temperature
@@ -26,7 +26,7 @@ from simval.shapes import Float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Log:
+class Log(ReadOnly):
     """A user's log, in the units of its file.
 
     Attributes
@@ -67,12 +67,6 @@ class Log:
     temperature: Float[Array, " n"] | None = None
     source: tuple[tuple[str, str], ...] = ()
 
-    def __post_init__(self) -> None:
-        for name in ("time", "accelerometer", "gyro", "magnetometer", "temperature"):
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, frozen(value))
-
     def rows_within(self, seconds: float) -> int:
         """Number of rows in the first seconds of the log.
 
@@ -100,7 +94,7 @@ class Log:
         """
         aside = ("t", TEMPERATURE)
         taken = ", ".join(str(each) for each in self.columns if each.role not in aside)
-        clock = next((each for each in self.columns if each.role == "t"), None)
+        clock = _of("t", self.columns)
         seconds = float(self.time[-1] - self.time[0])
         source = "no clock, the rate as given" if clock is None else str(clock)
         if clock is not None and self.second != 1.0:
@@ -115,9 +109,9 @@ class Log:
         ]
 
     def _temperature(self) -> list[str]:
-        if self.temperature is None:
+        column = _of(TEMPERATURE, self.columns)
+        if column is None or self.temperature is None:
             return []
-        column = next(each for each in self.columns if each.role == TEMPERATURE)
         low, high = self.temperature.min(), self.temperature.max()
         unit = (
             f"in {column.unit}" if column.unit else "of no stated unit, taken as degC"
@@ -174,43 +168,37 @@ def read_log(
     table = read_table(str(path), instance)
     named = any(label == "instance" for label, _ in table.source)
     picked = chosen(table, columns, None if named else instance)
-    clock = next((each for each in picked if each.role == "t"), None)
+    clock = _of("t", picked)
     if clock is not None and isinstance(table, TextTable):
         table = table.distinct(clock.place)
     unclear = several(table, picked) if columns is None else ()
     temperature, picked, why = _temperature(table, picked, columns is not None)
     unclear += why
     try:
-        rows = _rows(table, picked)
+        readings = _readings(table, picked)
     except InputError as error:
-        least = tuple(each for each in picked if each.role not in NAMES[7:10])
+        least = tuple(each for each in picked if each.role not in ROLES["mag"])
         if columns is not None or len(least) == len(picked):
             raise
-        rows, picked = _rows(table, least), least  # one more slowly read leaves holes
-        unclear = (*unclear, f"the magnetometer: {error}")
-    sensors = {
-        name: np.stack([rows[role] for role in own], axis=1)
-        for name, own in SENSORS.items()
-        if own[0] in rows
-    }
+        readings, picked = _readings(table, least), least  # one read slowly has holes
+        unclear += (f"the magnetometer: {error}",)
     source = table.source
     if clock is None and rate is None and isinstance(table, ArrayTable) and table.rate:
         name, rate = table.rate
         source = (*source, ("rate", f"{rate:.6g} Hz, by {name!r} in the file"))
     time, rate, second, said = read_clock(table, clock, rate)
-    force = np.stack([rows[role] for role in NAMES[1:4]], axis=1)
     return Log(
         path=str(path),
         time=time,
-        accelerometer=force,
-        gyro=sensors.get("gyroscope"),
-        magnetometer=sensors.get("magnetometer"),
+        accelerometer=readings["force"],
+        gyro=readings.get("gyro"),
+        magnetometer=readings.get("mag"),
         rate=rate,
         columns=tuple(each for each in picked if each.role != "t" or second),
         second=second or 1.0,
         unclear=unclear,
         temperature=temperature,
-        source=(*source, *sign_of(table, force), *said),
+        source=(*source, *sign_of(table, readings["force"]), *said),
     )
 
 
@@ -218,7 +206,7 @@ def _temperature(
     table: Table, picked: tuple[Column, ...], asked: bool
 ) -> tuple[Float[Array, " n"] | None, tuple[Column, ...], tuple[str, ...]]:
     # the temperature; the columns taken, without one that nobody asked for if it is bad
-    column = next((each for each in picked if each.role == TEMPERATURE), None)
+    column = _of(TEMPERATURE, picked)
     if column is None:
         return None, picked, ()
     try:
@@ -230,9 +218,17 @@ def _temperature(
         return None, rest, (f"the temperature: {error}",)
 
 
-def _rows(table: Table, picked: tuple[Column, ...]) -> dict[str, Float[Array, " n"]]:
-    # the numbers of each axis
-    axes = [each for each in picked if each.role not in ("t", TEMPERATURE)]
-    values = table.numbers([each.place for each in axes])
+def _readings(
+    table: Table, picked: tuple[Column, ...]
+) -> dict[Kind, Float[Array, "n 3"]]:
+    # the numbers of each sensor, in one pass over the rows
+    places = {each.role: each.place for each in picked}
+    own = {kind: roles for kind, roles in ROLES.items() if places.keys() >= {*roles}}
+    values = table.numbers([places[role] for roles in own.values() for role in roles])
     require_finite(table, values)
-    return dict(zip([each.role for each in axes], values.T, strict=True))
+    parts = map(np.ascontiguousarray, np.hsplit(values, len(own)))
+    return dict(zip(own, parts, strict=True))
+
+
+def _of(role: str, columns: tuple[Column, ...]) -> Column | None:
+    return next((each for each in columns if each.role == role), None)

@@ -6,8 +6,12 @@ where the words do not, and overrules them where it contradicts.
 """
 
 import re
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from functools import lru_cache
+from typing import Literal, TypeVar
+
+T = TypeVar("T")
 
 Kind = Literal[
     "time", "force", "gyro", "mag", "temperature", "bare", "no gravity", "other"
@@ -127,6 +131,23 @@ def instance(stem: str) -> str:
     return "_".join(word for word in words if word and word not in quantities)
 
 
+def beside(own: str, words: Mapping[T, str], others: Container[str]) -> list[T]:
+    """Sensors, each with its words, that may belong to the one whose words are `own`.
+
+    The one with the same words, else those without the words of `others`.
+    """
+    same = [each for each, word in words.items() if word == own]
+    free = [each for each, word in words.items() if word == own or word not in others]
+    return same if len(same) == 1 else free
+
+
+def listed(words: Iterable[str], most: int) -> str:
+    """Join the first words, and say how many more there are."""
+    every = list(words)
+    more = f" and {len(every) - most} more" if len(every) > most else ""
+    return ", ".join(every[:most]) + more
+
+
 def is_known(name: str) -> bool:
     """Return whether a name is known, even as that of a column that is not needed."""
     known = channel(name)
@@ -142,6 +163,7 @@ def is_unit(text: str) -> bool:
     return bracketed or any(unit in words for words in known)
 
 
+@lru_cache(maxsize=4096)
 def channel(name: str) -> Channel:
     """Return what a column's name means."""
     if ros := _ROS.fullmatch(name.strip()):  # as in sensor_msgs/Imu: with gravity

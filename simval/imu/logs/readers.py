@@ -22,7 +22,8 @@ from typing import Any, Final, Protocol
 from simval.errors import InputError
 from simval.files import MOST_LOG
 from simval.imu.logs import bags, dataflash, folders, text, ulog, variables
-from simval.imu.logs.source import MOST_RATIO, Source
+from simval.imu.logs.names import listed
+from simval.imu.logs.source import Source, most_unpacked, require_moderate
 from simval.imu.logs.text import Table
 
 Candidates = Mapping[str, Callable[[], Table]]
@@ -101,7 +102,7 @@ def unpacked(source: Source, unpacker: Callable[[], Any]) -> bytes:
     InputError
         If it is damaged, cut off, or far larger than a log of its size.
     """
-    most = min(MOST_LOG, MOST_RATIO * source.size)
+    most = most_unpacked(source.size)
     content, packed, whole = b"", source.content, True
     while packed and whole and len(content) <= most:  # several, one behind another
         own = unpacker()
@@ -111,12 +112,7 @@ def unpacked(source: Source, unpacker: Callable[[], Any]) -> bytes:
             msg = f"{source.path} cannot be unpacked ({error}); copy or make it again"
             raise InputError(msg) from None
         whole, packed = own.eof, own.unused_data.lstrip(b"\0")
-    if len(content) > most:
-        msg = (
-            f"{source.path} unpacks to more than {most:,} bytes, {MOST_RATIO} times "
-            "its size or more than any log; unpack it yourself if it is one"
-        )
-        raise InputError(msg)
+    require_moderate(source.path, len(content), source.size)
     if not whole:
         msg = f"{source.path} is cut off: its end is missing; copy or make it again"
         raise InputError(msg)
@@ -139,15 +135,13 @@ def one_of(path: str, found: Table | Candidates, instance: str | None) -> Table:
         return found
     name = next(iter(found)) if instance is None and len(found) == 1 else instance
     if name is None or name not in found:
-        listed = ", ".join(list(found)[:_SHOWN])
-        more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
         wrong = "" if instance is None else f"none is called {instance!r}; "
         msg = (
-            f"{path} holds {len(found)} sensor{'s' * (len(found) > 1)}: {listed}{more};"
-            f" {wrong}give --instance NAME, the name of one"
+            f"{path} holds {len(found)} sensor{'s' * (len(found) > 1)}: "
+            f"{listed(found, _SHOWN)}; {wrong}give --instance NAME, the name of one"
         )
         raise InputError(msg)
     table = found[name]()
-    others = f", one of {', '.join(list(found)[:_SHOWN])}" if len(found) > 1 else ""
+    others = f", one of {listed(found, _SHOWN)}" if len(found) > 1 else ""
     taken = ("instance", f"{name}{others}")
     return replace(table, source=(taken, *table.source))

@@ -10,10 +10,8 @@ from simval.errors import InputError
 from simval.files import MOST_LOG, read_bytes
 
 START = 4096  # bytes by which a reader knows its kind
-MOST_RATIO = (
-    100  # bytes for one that is packed: rows of numbers take a third to a tenth
-)
 MOST_MEMBERS = 10_000  # files of a folder; a recording's has a few
+MOST_RATIO = 100  # of bytes and packed bytes; rows of numbers take a third to a tenth
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,18 +35,16 @@ class Source:
         InputError
             If it cannot be read, or is larger than any log.
         """
-        return self._read(None)
+        return self._file(None) if self.inside is None else self.inside()
 
     @cached_property
     def start(self) -> bytes:
         """The first bytes of a file; of a folder none."""
-        return self._read(START)
+        return self._file(START) if self.inside is None else self.content[:START]
 
-    def _read(self, first: int | None) -> bytes:
+    def _file(self, first: int | None) -> bytes:
         if self.is_folder:
             return b""
-        if self.inside is not None:
-            return (self.inside() if first is None else self.content)[:first]
         try:
             return read_bytes(self.path, MOST_LOG, first)
         except (OSError, ValueError) as error:  # ValueError: a path with a NUL
@@ -99,3 +95,18 @@ class Source:
             msg = f"cannot read {self.path}: {error.strerror}; give the path of a log"
             raise InputError(msg) from None
         return {name: Source(path=str(root / name)) for name in sorted(found)}
+
+
+def most_unpacked(packed: int) -> int:
+    """Bytes that a log unpacks to at most."""
+    return min(MOST_LOG, MOST_RATIO * max(packed, START))
+
+
+def require_moderate(what: str, size: int, packed: int) -> None:
+    """Raise InputError for a file that unpacks to far more than a log of its size."""
+    if size > most_unpacked(packed):
+        msg = (
+            f"{what} unpacks to {size:,} bytes or more, more than {MOST_RATIO} times "
+            "its size or than any log; unpack it yourself if it is one"
+        )
+        raise InputError(msg)

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
-from simval.arrays import Array, frozen
+from simval.arrays import Array, ReadOnly
 from simval.shapes import Float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ArrayTable:
+class ArrayTable(ReadOnly):
     """Table of columns that are numbers already."""
 
     path: str  # file they came from
@@ -16,9 +16,6 @@ class ArrayTable:
     source: tuple[tuple[str, str], ...] = ()  # label and words: what was taken
     restarts: tuple[int, ...] = ()  # none: its rows are of one recording
     rate: tuple[str, float] | None = None  # name and Hz, where the file states it
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "values", frozen(self.values))
 
     @property
     def width(self) -> int:

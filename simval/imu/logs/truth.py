@@ -13,7 +13,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from simval.arrays import Array, frozen, positive_number
+from simval.arrays import Array, ReadOnly, positive_number
 from simval.errors import InputError
 from simval.imu.logs import folders
 from simval.imu.logs.clock import times_of
@@ -36,7 +36,7 @@ _GIVEN = re.compile(r"(t|-|q[xyzws0123])(?:\[([^\]]+)\])?")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Truth:
+class Truth(ReadOnly):
     """Recorded attitudes, as their file has them.
 
     Attributes
@@ -62,10 +62,6 @@ class Truth:
     scalar: Scalar
     columns: tuple[str, ...]
     own_clock: bool
-
-    def __post_init__(self) -> None:
-        for name in ("time", "components"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 def read_truth(

@@ -13,7 +13,7 @@ from simval.arrays import Array
 from simval.errors import InputError
 from simval.imu.logs.apart import read_apart
 from simval.imu.logs.names import channel, is_known
-from simval.imu.logs.source import MOST_RATIO, Source
+from simval.imu.logs.source import Source, require_moderate
 from simval.imu.logs.tables import ArrayTable
 
 ROWS: Final = 10  # an array with fewer is no column of a log, which has a rest in it
@@ -147,12 +147,7 @@ def _loaded(path: str, start: bytes) -> dict[str, Any]:
     if start.startswith(_ZIP):
         with zipfile.ZipFile(path) as archive:
             size = sum(each.file_size for each in archive.infolist())
-        if size > MOST_RATIO * max(os.path.getsize(path), 4096):
-            msg = (
-                f"it unpacks to {size:,} bytes, more than {MOST_RATIO} times its size; "
-                "save it with numpy.savez if it is a log"
-            )
-            raise InputError(msg)
+        require_moderate("it", size, os.path.getsize(path))
     if start.startswith((_NUMPY, _ZIP)):
         values = np.load(path, allow_pickle=False)
         if isinstance(values, np.ndarray):
