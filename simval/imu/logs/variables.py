@@ -3,7 +3,7 @@
 import os
 import zipfile
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, Final
 
@@ -22,6 +22,12 @@ RATES: Final = ("fs", "samplingrate", "samplerate", "samplingfrequency", "sample
 without signs."""
 _INDEX: Final = "__index_level_"  # of pandas, without a name
 _NUMPY, _ZIP, _PARQUET = b"\x93NUMPY", b"PK", b"PAR1"
+_KINDS: Final = {
+    _NUMPY: "a NumPy file",
+    _ZIP: "a NumPy file",
+    _PARQUET: "a Parquet file",
+    b"": "a MATLAB file",
+}
 
 
 def sniff(source: Source) -> bool:
@@ -49,9 +55,12 @@ def read(source: Source) -> ArrayTable | dict[str, Callable[[], ArrayTable]]:
         If it cannot be read, or has no variable with rows of numbers.
     """
     path = source.path
-    found, arrays = read_apart("variables", source, _kind(source))
+    kind = next(
+        kind for start, kind in _KINDS.items() if source.start.startswith(start)
+    )
+    values, arrays = read_apart("variables", source, kind)
     by_length: dict[int, dict[str, Array]] = defaultdict(dict)
-    for name, array in zip(found["names"], arrays, strict=True):
+    for name, array in zip(values["names"], arrays, strict=True):
         by_length[len(array)][name] = array
     if not by_length:
         msg = (
@@ -60,27 +69,24 @@ def read(source: Source) -> ArrayTable | dict[str, Callable[[], ArrayTable]]:
         )
         raise InputError(msg)
     groups = [*by_length.values()]
-    forces = {name: each for each in groups if (name := _force_of(each)) is not None}
-    tables: dict[str, Callable[[], ArrayTable]] = {
-        name: partial(_table, path, each, groups, name, found["rates"])
+    forces = {name: each for each in groups if (name := _force_of(each))}
+    if len(forces) < 2:
+        group = next(iter(forces.values()), max(groups, key=len))
+        return _table(path, group, groups, values["rates"])
+    return {
+        name: partial(_table, path, each, groups, values["rates"])
         for name, each in forces.items()
     }
-    if len(tables) > 1:
-        return tables
-    for make in tables.values():
-        return make()
-    return _table(path, max(groups, key=len), groups, None, found["rates"])
 
 
 def _table(
     path: str,
     group: dict[str, Array],
     groups: list[dict[str, Array]],
-    force: str | None,
     rates: dict[str, float],
 ) -> ArrayTable:
     # the variables of one number of rows, with a word on those of another
-    rate = _rate(force or "", rates)
+    force = _force_of(group)
     rows = len(next(iter(group.values())))
     source = tuple(
         ("left out", f"{name}: {len(array)} rows, where the others have {rows}")
@@ -89,16 +95,19 @@ def _table(
         for name, array in each.items()
         if any(channel(label).axis for label, _ in _columns(name, array))
     )
-    if len(group) == 1 and force is None:
-        name, values = next(iter(group.items()))
-        if not (is_known(name) or channel(f"{name}_x").kind not in ("bare", "other")):
-            return ArrayTable(
-                path=path, names=None, values=values, rate=rate, source=source
-            )
     columns = [pair for name, array in group.items() for pair in _columns(name, array)]
-    names = tuple(name for name, _ in columns)
-    values = np.column_stack([values for _, values in columns])
-    return ArrayTable(path=path, names=names, values=values, rate=rate, source=source)
+    names: tuple[str, ...] | None = tuple(name for name, _ in columns)
+    if len(group) == 1 and not force:
+        name = next(iter(group))
+        if not (is_known(name) or channel(f"{name}_x").kind not in ("bare", "other")):
+            names = None
+    return ArrayTable(
+        path=path,
+        names=names,
+        values=np.column_stack([values for _, values in columns]),
+        rate=_rate(force, rates),
+        source=source,
+    )
 
 
 def _rate(force: str, rates: dict[str, float]) -> tuple[str, float] | None:
@@ -113,26 +122,20 @@ def _rate(force: str, rates: dict[str, float]) -> tuple[str, float] | None:
     return None
 
 
-def _kind(source: Source) -> str:
-    kinds = {_NUMPY: "a NumPy file", _ZIP: "a NumPy file", _PARQUET: "a Parquet file"}
-    named = (kind for start, kind in kinds.items() if source.start.startswith(start))
-    return next(named, "a MATLAB file")
-
-
 def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
     """Names of the variables with rows of numbers, rates, and the variables."""
     with open(path, "rb") as file:
         start = file.read(10)
-    pairs: list[tuple[str, Array]] = []
+    arrays: list[tuple[str, Array]] = []
     rates: dict[str, float] = {}
     for name, value in _loaded(path, start).items():
         if name.startswith("__") and not name.startswith(_INDEX):
             continue
-        pairs += _arrays(name, value)
-        rates |= _rates(name, value)
-    return {"names": [name for name, _ in pairs], "rates": rates}, [
-        array for _, array in pairs
-    ]
+        for key, leaf in _leaves(name, value):
+            arrays += _array(key, leaf)
+            rates |= _rate_of(key, leaf)
+    names = [name for name, _ in arrays]
+    return {"names": names, "rates": rates}, [array for _, array in arrays]
 
 
 def _loaded(path: str, start: bytes) -> dict[str, Any]:
@@ -158,18 +161,21 @@ def _loaded(path: str, start: bytes) -> dict[str, Any]:
     return dict(scipy.io.loadmat(path))
 
 
-def _arrays(name: str, value: Any) -> list[tuple[str, Array]]:
-    # arrays of numbers with rows along the longer axis, those in structures too
+def _leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    # the arrays of a variable, those in structures too
     if not isinstance(value, np.ndarray):
-        return []
-    if value.dtype.names:
-        fields = value.reshape(-1)[0] if value.size == 1 else value
-        stem = f"{name}." if name else ""
-        return [
-            pair
-            for key in value.dtype.names
-            for pair in _arrays(f"{stem}{key}", fields[key])
-        ]
+        return
+    if not value.dtype.names:
+        yield name, value
+        return
+    fields = value.reshape(-1)[0] if value.size == 1 else value
+    stem = f"{name}." if name else ""
+    for key in value.dtype.names:
+        yield from _leaves(f"{stem}{key}", fields[key])
+
+
+def _array(name: str, value: Any) -> list[tuple[str, Array]]:
+    # numbers with rows along the longer axis
     if value.dtype.kind in "mM" and value.ndim == 1 and len(value):
         value = (value - value[0]).astype("timedelta64[ns]").astype(np.float64)
         name = f"{'time' * name.startswith(_INDEX) or name} [ns]"
@@ -183,16 +189,10 @@ def _arrays(name: str, value: Any) -> list[tuple[str, Array]]:
     return [(name, array.T if array.shape[0] < min(ROWS, array.shape[1]) else array)]
 
 
-def _rates(name: str, value: Any) -> dict[str, float]:
-    # numbers that are rates, those in structures too
-    if not isinstance(value, np.ndarray) or value.size != 1:
-        return {}
-    if value.dtype.names:
-        fields = value.reshape(-1)[0]
-        each = [_rates(f"{name}.{key}", fields[key]) for key in value.dtype.names]
-        return {key: rate for rates in each for key, rate in rates.items()}
+def _rate_of(name: str, value: Any) -> dict[str, float]:
+    # a number that is a rate
     word = "".join(filter(str.isalnum, name.rpartition(".")[2])).lower()
-    if word not in RATES or value.dtype.kind not in "iuf":
+    if word not in RATES or value.size != 1 or value.dtype.kind not in "iuf":
         return {}
     rate = float(value.reshape(-1)[0])
     return {name: rate} if 0.0 < rate < np.inf else {}
@@ -206,10 +206,10 @@ def _columns(name: str, array: Array) -> list[tuple[str, Array]]:
     return [(f"{name}_{end}", array[:, k]) for k, end in enumerate(ends)]
 
 
-def _force_of(group: dict[str, Array]) -> str | None:
-    # the first variable that names axes of an accelerometer
+def _force_of(group: dict[str, Array]) -> str:
+    # the first variable that names axes of an accelerometer; empty for none
     for key, array in group.items():
         known = (channel(name) for name, _ in _columns(key, array))
         if any(each.kind == "force" and each.axis for each in known):
             return key
-    return None
+    return ""
