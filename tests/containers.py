@@ -18,6 +18,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import Stores, get_typestore
+from written import written
 
 NAMES = ("ax", "ay", "az", "wx", "wy", "wz", "mx", "my", "mz")
 
@@ -31,11 +32,9 @@ def table(us, *sensors):
 
 
 def csv(path, us, *sensors):
-    rows = table(us, *sensors).tolist()
-    path = path.with_suffix(".csv")
-    lines = [",".join(map(repr, row)) for row in rows]
-    path.write_text("\n".join([",".join(names(sensors)), *lines, ""]))
-    return path
+    return written(
+        path.with_suffix(".csv"), ",".join(names(sensors)), table(us, *sensors)
+    )
 
 
 def csv_gz(path, us, *sensors):
@@ -62,8 +61,7 @@ def npz(path, us, *sensors):
 
 def parquet(path, us, *sensors):
     path = path.with_suffix(".parquet")
-    rows = table(us, *sensors)
-    named = dict(zip(names(sensors), rows.T, strict=True))
+    named = dict(zip(names(sensors), table(us, *sensors).T, strict=True))
     pyarrow.parquet.write_table(pyarrow.table(named), path)
     return path
 
@@ -85,43 +83,30 @@ def ros(path, us, force, rate, field=None, *, plugin=None, stamped=True):
     pack = store.serialize_ros1 if first else store.serialize_cdr
     three = kinds["geometry_msgs/msg/Vector3"]
     none = np.zeros(9)
+    topics = {"Imu": "/imu/data", "MagneticField": "/imu/mag"}
+    form = "sensor_msgs/msg/{}".format
     with writer:
-        topics = {
-            name: writer.add_connection(
-                topic, f"sensor_msgs/msg/{name}", typestore=store
-            )
-            for name, topic in (("Imu", "/imu/data"), ("MagneticField", "/imu/mag"))
+        added = {
+            name: writer.add_connection(topic, form(name), typestore=store)
+            for name, topic in topics.items()
         }
         for k, t in enumerate((us * 1000).tolist()):
             t += 10**9  # a bag's times are from an epoch
             stamp = kinds["builtin_interfaces/msg/Time"](
-                sec=stamped * t // 10**9, nanosec=stamped * t % 10**9
+                *divmod(stamped * t, 10**9),
             )
-            more = {"seq": k} if first else {}
-            header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id="imu", **more)
-            messages = {
-                "Imu": kinds["sensor_msgs/msg/Imu"](
-                    header=header,
-                    orientation=kinds["geometry_msgs/msg/Quaternion"](
-                        x=0.0, y=0.0, z=0.0, w=0.0
-                    ),
-                    orientation_covariance=np.array([-1.0, *none[1:]]),
-                    angular_velocity=three(*rate[k].tolist()),
-                    angular_velocity_covariance=none,
-                    linear_acceleration=three(*force[k].tolist()),
-                    linear_acceleration_covariance=none,
-                ),
-            }
+            sequence = {"seq": k} if first else {}
+            header = kinds["std_msgs/msg/Header"](
+                stamp=stamp, frame_id="imu", **sequence
+            )
+            turn = kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 0.0)
+            parts = turn, np.array([-1.0, *none[1:]]), three(*rate[k].tolist()), none
+            messages = {"Imu": (header, *parts, three(*force[k].tolist()), none)}
             if field is not None:
-                kind = kinds["sensor_msgs/msg/MagneticField"]
-                messages["MagneticField"] = kind(
-                    header=header,
-                    magnetic_field=three(*field[k].tolist()),
-                    magnetic_field_covariance=none,
-                )
-            for name, message in messages.items():
-                kind = f"sensor_msgs/msg/{name}"
-                writer.write(topics[name], t, pack(message, kind))
+                messages["MagneticField"] = (header, three(*field[k].tolist()), none)
+            for name, parts in messages.items():
+                raw = pack(kinds[form(name)](*parts), form(name))
+                writer.write(added[name], t, raw)
     return path
 
 
@@ -187,24 +172,18 @@ def ulog_of(path, messages):
 def ulog(path, us, *sensors):
     """Three messages of the same times."""
     form = "uint64_t timestamp;float x;float y;float z;"
+    named = ("sensor_accel", 0), ("sensor_gyro", 0), ("sensor_mag", 0)
+    rows = ({"timestamp": us + 1} | dict(zip("xyz", x.T, strict=True)) for x in sensors)
     return ulog_of(
-        path,
-        {
-            (name, 0): (
-                form,
-                {"timestamp": us + 1} | dict(zip("xyz", own.T, strict=True)),
-            )
-            for name, own in zip(
-                ("sensor_accel", "sensor_gyro", "sensor_mag"), sensors, strict=False
-            )
-        },
+        path, {name: (form, x) for name, x in zip(named, rows, strict=False)}
     )
 
 
-def _dataflash(us, force, rate, field=None):
+def _dataflash(us, *sensors):
     """Records as pymavlink packs them."""
     from pymavlink.DFReader import DFFormat, DFMessage
 
+    force, rate, *field = (np.float32(each).tolist() for each in sensors)
     forms = [
         DFFormat(number, name, 0, codes, labels)
         for name, number, codes, labels in (
@@ -220,15 +199,14 @@ def _dataflash(us, force, rate, field=None):
         yield DFMessage(forms[0], [form.type, form.len, *text], False, None)
     for k, t in enumerate(us.tolist()):
         yield DFMessage(forms[1], [t, 0, *rate[k], *force[k]], False, None)
-        if field is not None:
-            yield DFMessage(forms[2], [t, 0, *field[k]], False, None)
+        for each in field:
+            yield DFMessage(forms[2], [t, 0, *each[k]], False, None)
 
 
 def dataflash_text(path, us, *sensors):
     """The same records in words, by the form of ArduPilot's .log; not by its writer."""
-    values = (np.float32(each).tolist() for each in sensors)
     path = path.with_suffix(".log")
-    records = _dataflash(us, *map(np.array, values))
+    records = _dataflash(us, *sensors)
     lines = [", ".join(map(str, (r.fmt.name, *r._elements))) for r in records]
     path.write_text("\n".join([*lines, ""]))
     return path
@@ -236,9 +214,7 @@ def dataflash_text(path, us, *sensors):
 
 def dataflash(path, us, *sensors):
     path = path.with_suffix(".bin")
-    values = (np.float32(each).tolist() for each in sensors)
-    records = _dataflash(us, *map(np.array, values))
-    path.write_bytes(b"".join(each.get_msgbuf() for each in records))
+    path.write_bytes(b"".join(each.get_msgbuf() for each in _dataflash(us, *sensors)))
     return path
 
 

@@ -8,6 +8,7 @@ those of the headers; where these do not increase, the times of receipt.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
@@ -22,7 +23,10 @@ from simval.imu.logs.tables import ArrayTable
 
 _ROS1, _MCAP, _SQLITE = b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 _KINDS: Final = {_ROS1: "a ROS 1 bag", _MCAP: "an MCAP file", _SQLITE: "a ROS 2 bag"}
-_QUANTITIES: Final = {  # of each message: field, components, unit
+_Quantities = tuple[tuple[str, str, str], ...]
+_QUANTITIES: Final[
+    dict[str, _Quantities]
+] = {  # of each message: field, components, unit
     "sensor_msgs/msg/Imu": (
         ("linear_acceleration", "xyz", " [m/s^2]"),
         ("angular_velocity", "xyz", " [rad/s]"),
@@ -65,10 +69,8 @@ def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
     rows: dict[tuple[str, str], _Rows] = {}
     for connection, stamp, raw in reader.messages(known) if known else ():
         message = parse(raw, connection.msgtype)
-        name = connection.topic, connection.msgtype
-        if name not in rows:
-            rows[name] = _Rows(connection.msgtype, message)
-        rows[name].add(stamp, message)
+        own = rows.setdefault((connection.topic, connection.msgtype), _Rows())
+        own.add(_QUANTITIES[connection.msgtype], stamp, message)
     ordered = all(np.all(np.diff(each.headers) > 0) for each in rows.values())
     said = "stamps of the headers"
     if not ordered:
@@ -78,69 +80,59 @@ def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
         for name, each in rows.items()
     }
     start = min((each[0] for each in stamps.values()), default=0)
-    streams = [
-        Stream(
-            name=topic,
-            group=topic.rpartition("/")[0],
-            words="; ".join([f"{kind}, {said}", *each.lacking()]),
-            time=(stamps[topic, kind] - start) / 1e9,
-            columns=each.columns(),
+    streams, lacking = [], []
+    for (topic, kind), each in sorted(rows.items()):
+        columns, words = each.columns(_QUANTITIES[kind])
+        lacking += [f"{topic}: {word}" for word in words]
+        streams.append(
+            Stream(
+                name=topic,
+                group=topic.rpartition("/")[0],
+                words="; ".join([f"{kind}, {said}", *words]),
+                time=(stamps[topic, kind] - start) / 1e9,
+                columns=columns,
+            )
         )
-        for (topic, kind), each in sorted(rows.items())
-    ]
-    lacking = [
-        f"{topic}: {words}"
-        for (topic, _), each in sorted(rows.items())
-        for words in each.lacking()
-    ]
     return sent(streams, ", ".join([*lacking, *topics]))
 
 
+@dataclass(slots=True)
 class _Rows:
     """Numbers of the messages of one topic."""
 
-    def __init__(self, kind: str, first: Any) -> None:
-        # a quantity that the first message says it lacks is not read
-        self.kind = kind
-        self.fields = [
-            (field, axis, unit)
-            for field, axes, unit in _QUANTITIES[kind]
-            if getattr(first, f"{field}_covariance")[0] != -1.0
-            for axis in axes
-        ]
-        self.numbers = [attrgetter(f"{f}.{a}") for f, a, _ in self.fields]
-        self.headers: list[int] = []  # ns
-        self.receipts: list[int] = []  # ns
-        self.values: list[list[float]] = []
+    headers: list[int] = field(default_factory=list)  # ns
+    receipts: list[int] = field(default_factory=list)  # ns
+    values: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
 
-    def add(self, receipt: int, message: Any) -> None:
-        """Take the numbers of a message."""
+    def add(self, quantities: _Quantities, receipt: int, message: Any) -> None:
+        """Take the numbers of a message, of what the first one says it measures."""
+        if not self.headers:
+            self.values = {
+                name: []
+                for name, _, _ in quantities
+                if getattr(message, f"{name}_covariance")[0] != -1.0
+            }
         stamp = message.header.stamp
         self.headers.append(stamp.sec * 10**9 + stamp.nanosec)
         self.receipts.append(receipt)
-        self.values.append([number(message) for number in self.numbers])
+        for name, axes, _ in quantities:
+            if name in self.values:
+                self.values[name].append(attrgetter(*axes)(getattr(message, name)))
 
-    def lacking(self) -> list[str]:
-        """Say which quantities with a unit are not read, and why."""
-        read = {name.partition(".")[0] for name in self.columns()}
-        zero = {field for field, _, _ in self.fields} - read
-        return [
-            f"{field} is zero in every message"
-            if field in zero
-            else f"{field} is not measured, by its covariance of -1"
-            for field, _, unit in _QUANTITIES[self.kind]
-            if unit and field not in read
-        ]
-
-    def columns(self) -> dict[str, Array]:
-        """Columns of the quantities that are not zero in every message."""
-        columns = list(zip(self.fields, np.array(self.values).T, strict=True))
-        there = {field for (field, _, _), own in columns if own.any()}
-        return {
-            f"{field}.{axis}{unit}": own
-            for (field, axis, unit), own in columns
-            if field in there
-        }
+    def columns(self, quantities: _Quantities) -> tuple[dict[str, Array], list[str]]:
+        """Columns of what is not zero in every message, and what is not read, why."""
+        columns: dict[str, Array] = {}
+        lacking = []
+        for name, axes, unit in quantities:
+            own = np.array(self.values.get(name, ()))
+            if own.any():
+                names = (f"{name}.{axis}{unit}" for axis in axes)
+                columns |= zip(names, own.T, strict=True)
+            elif unit:
+                zero = "zero in every message"
+                none = "not measured, by its covariance of -1"
+                lacking.append(f"{name} is {zero if name in self.values else none}")
+        return columns, lacking
 
 
 def _reader(path: Path) -> tuple[bool, Any]:

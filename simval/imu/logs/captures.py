@@ -89,7 +89,7 @@ def is_echo(fields: list[str]) -> bool:
     if len(fields) != len(ECHOED) or not all(f.isdecimal() for f in fields[:2]):
         return False
     numbers = fields[3:]
-    return int(fields[1]) < 10**9 and all(map(_is_number, numbers))
+    return int(fields[1]) < 10**9 and all(map(is_number, numbers))
 
 
 def _most(found: list[bool]) -> bool:
@@ -105,13 +105,14 @@ def _pairs(line: str) -> dict[str, str]:
     pairs: dict[str, str] = {}
     for word in words:
         label, _, value = word.partition(":")
-        if not label or label in pairs or _is_number(label) or not _is_number(value):
+        if not label or label in pairs or is_number(label) or not is_number(value):
             return {}
         pairs[label] = value
     return pairs if len(pairs) >= 3 else {}
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Return whether a text is a number, NaN and infinity among them."""
     try:
         float(text)
     except ValueError:

@@ -168,6 +168,19 @@ def require_finite(table: Table, values: Float[Array, "n k"]) -> None:
         raise InputError(msg)
 
 
+def require_increasing(table: Table, time: Float[Array, " n"], advice: str) -> None:
+    """Raise InputError for the first row that is not later than the one before it."""
+    later = np.diff(time) > 0.0
+    if not later.all():
+        row = int(np.argmin(later)) + 1
+        again = ", and the header stands again above it" * (row in table.restarts)
+        msg = (
+            f"{table.where(row)}: time {time[row]:.6f} s after {time[row - 1]:.6f} s"
+            f"{again}; times must increase, so {advice}"
+        )
+        raise InputError(msg)
+
+
 def _second(
     table: Table, column: Column, time: Float[Array, " n"], rate: float | None
 ) -> float:
@@ -211,21 +224,16 @@ def _unknown_unit(table: Table, column: Column, step: float) -> str:
 
 def _checked_rate(table: Table, time: Float[Array, " n"], rate: float | None) -> float:
     # rate from the times, Hz; they must increase without a gap
-    restarts = table.restarts
     if len(time) < 2:
         msg = f"{table.path} has one row; a log needs many more to show a rest"
         raise InputError(msg)
+    require_increasing(
+        table,
+        time,
+        "sort the log or cut it where the clock restarts; if the clock is too coarse "
+        "for its rows, mark its column - (--columns) and state the rate (--rate HZ)",
+    )
     step = np.diff(time)
-    if not np.all(step > 0.0):
-        row = int(np.argmax(~(step > 0.0))) + 1
-        msg = (
-            f"{table.where(row)}: time {time[row]:.6f} s after {time[row - 1]:.6f} s"
-            f"{', and the header stands again above it' * (row in restarts)}; times "
-            "must increase, so sort the log or cut it where the clock restarts; "
-            "if the clock is too coarse for its rows, mark its column - (--columns) "
-            "and state the rate (--rate HZ)"
-        )
-        raise InputError(msg)
     median = float(np.median(step))
     if not np.all(step <= GAP):
         row = int(np.argmax(~(step <= GAP))) + 1

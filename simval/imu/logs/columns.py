@@ -181,22 +181,37 @@ def template(width: int, taken: dict[int, str] | None = None) -> str:
     return ",".join(roles.get(k, SKIP) for k in range(width))
 
 
-def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
-    given = columns.split(",") if isinstance(columns, str) else columns
-    names = [str(name).strip() for name in given]
+def given(
+    table: Table, columns: str | Sequence[str], option: str, form: re.Pattern[str]
+) -> list[re.Match[str]]:
+    """Role and unit that the caller gives to each column; none if one has no such form.
+
+    Raises
+    ------
+    InputError
+        If they are not as many as the columns.
+    """
+    listed = columns.split(",") if isinstance(columns, str) else columns
+    names = [str(name).strip() for name in listed]
     if len(names) != table.width:
         msg = (
-            f"{table.path} has {table.width} columns, `columns` names {len(names)} "
+            f"{table.path} has {table.width} columns, `{option}` names {len(names)} "
             f"({','.join(names)}); name each, with - for one to ignore"
         )
         raise InputError(msg)
-    matches = [_GIVEN.fullmatch(name) for name in names]
-    used = [match[1] for match in matches if match and match[1] != SKIP]
+    matches = [match for name in names if (match := form.fullmatch(name))]
+    return matches if len(matches) == len(names) else []
+
+
+def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
+    matches = given(table, columns, "columns", _GIVEN)
+    used = [match[1] for match in matches if match[1] != SKIP]
     parts = [len(set(roles) & set(used)) for roles in ROLES.values()]
     complete = parts[0] == 3 and set(parts) <= {0, 3}
-    if not (all(matches) and complete and len(set(used)) == len(used)):
+    if not (complete and len(set(used)) == len(used)):
+        names = columns if isinstance(columns, str) else ",".join(map(str, columns))
         msg = (
-            f"`columns` is {','.join(names)}; each of ax, ay, az is needed once, t "
+            f"`columns` is {names}; each of ax, ay, az is needed once, t "
             "once at most (t[ms], t[us], t[ns] for a clock not in seconds), wx, wy, wz "
             "all or none, mx, my, mz all or none, temp (temp[K], temp[degF]) once at "
             "most, and - marks a column to ignore"
@@ -204,20 +219,27 @@ def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
         raise InputError(msg)
     headers = table.names or ("",) * table.width
     picked = [
-        Column(role=match[1], place=k, name=headers[k], unit=_unit(match))
+        Column(role=match[1], place=k, name=headers[k], unit=unit_of(match))
         for k, match in enumerate(matches)
-        if match and match[1] != SKIP
+        if match[1] != SKIP
     ]
     return tuple(sorted(picked, key=lambda each: NAMES.index(each.role)))
 
 
-def _unit(match: re.Match[str]) -> str:
+def unit_of(match: re.Match[str], option: str = "columns") -> str:
+    """Unit that the caller gives to a clock or a temperature.
+
+    Raises
+    ------
+    InputError
+        If it is none of a clock's, or of another column.
+    """
     unit = (match[2] or "").strip().lower().replace("µ", "u")
     if match[1] == TEMPERATURE:
         return unit
     if unit and (match[1] != "t" or unit not in SECONDS):
         msg = (
-            f"`columns` has {match[0]}; a unit is for the clock, one of t[s], t[ms], "
+            f"`{option}` has {match[0]}; a unit is for the clock, one of t[s], t[ms], "
             "t[us], t[ns], and for a temperature"
         )
         raise InputError(msg)

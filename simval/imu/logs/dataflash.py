@@ -20,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arrays import Array
-from simval.imu.logs.joining import Stream, candidates
+from simval.imu.logs.joining import Stream, candidates, columns_of
 from simval.imu.logs.source import Source
 from simval.imu.logs.tables import ArrayTable
 
@@ -34,7 +34,12 @@ _CODES: Final = {  # of a field: NumPy's type
 }  # fmt: skip
 _DIVISORS: Final = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
 _NAMED: Final = re.compile(r"(IMU|ACC|GYR|MAG)(\d?)")
-_UNITS: Final = {"Acc": "m/s^2", "Gyr": "rad/s", "Mag": "mgauss"}
+_FIELDS: Final = {  # of the records, and the names of their columns
+    f"{stem}{axis}": f"{stem}{axis} [{unit}]"
+    for stem, unit in (("Acc", "m/s^2"), ("Gyr", "rad/s"), ("Mag", "mgauss"))
+    for axis in "XYZ"
+} | {"T": "temperature [degC]"}
+_CLOCKS: Final = {"SampleUS": 1.0, "TimeUS": 1.0, "TimeMS": 1e3}  # microseconds
 _WORDS: Final = "in the axes of the body, corrected by the autopilot's calibration"
 
 Columns = dict[str, Array]
@@ -154,18 +159,9 @@ def _streams(name: str, messages: dict[str, Columns]) -> Iterator[Stream]:
     # of each instance; stamps in microseconds
     columns = messages[name]
     match = _NAMED.fullmatch(name)
-    clocks = (("SampleUS", 1.0), ("TimeUS", 1.0), ("TimeMS", 1e3))
-    clock, scale = next((each for each in clocks if each[0] in columns), ("", 0.0))
-    axes = {
-        f"{stem}{axis} [{unit}]": columns[f"{stem}{axis}"]
-        for stem, unit in _UNITS.items()
-        for axis in "XYZ"
-        if all(f"{stem}{each}" in columns for each in "XYZ")
-    }
-    if not (match and clock and axes):
+    clock = next((each for each in _CLOCKS if each in columns), None)
+    if clock is None or not match or columns.keys().isdisjoint(_FIELDS.keys() - "T"):
         return
-    if "T" in columns and columns["T"].any():
-        axes["temperature [degC]"] = columns["T"]
     numbered = np.full(len(columns[clock]), int(match[2] or 1) - 1)  # IMU, IMU2; ACC1
     instances = columns.get("I", numbered)
     for instance in np.unique(instances):
@@ -174,6 +170,6 @@ def _streams(name: str, messages: dict[str, Columns]) -> Iterator[Stream]:
             name=f"{name} {instance:.0f}" if "I" in columns else name,
             group=f"{instance:.0f}",
             words=_WORDS,
-            time=columns[clock][own] * scale,
-            columns={label: values[own] for label, values in axes.items()},
+            time=columns[clock][own] * _CLOCKS[clock],
+            columns=columns_of(columns, _FIELDS, own),
         )

@@ -67,6 +67,25 @@ class Stream:
         return any(each.kind == kind and each.axis for each in known)
 
 
+def columns_of(
+    message: Mapping[str, Array], names: Mapping[str, str], there: np.ndarray
+) -> dict[str, Array]:
+    """Columns by their names, of the fields and rows that are there.
+
+    A temperature that is zero in every row was not measured.
+    """
+    columns = {
+        name: message[field][there].astype(np.float64)
+        for field, name in names.items()
+        if field in message
+    }
+    return {
+        name: values
+        for name, values in columns.items()
+        if values.any() or not name.endswith("temperature [degC]")
+    }
+
+
 def candidates(
     path: str, streams: Sequence[Stream], log: Mapping[str, Any]
 ) -> dict[str, Callable[[], ArrayTable]]:

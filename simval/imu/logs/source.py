@@ -107,6 +107,7 @@ def require_moderate(what: str, size: int, packed: int) -> None:
     if size > most_unpacked(packed):
         msg = (
             f"{what} unpacks to {size:,} bytes or more, more than {MOST_RATIO} times "
-            "its size or than any log; unpack it yourself if it is one"
+            "its size or than any log; unpack it, or save it without compression, "
+            "if it is one"
         )
         raise InputError(msg)

@@ -21,6 +21,7 @@ from simval.imu.logs.captures import (
     Line,
     arrivals,
     is_echo,
+    is_number,
     sampled,
     unlabelled,
 )
@@ -58,7 +59,7 @@ def decoded(path: str, content: bytes) -> tuple[str, Said]:
             text = content.decode(encoding)
         except UnicodeDecodeError:
             continue
-        pieces = _PADDING.split(text) if "\0" in text else [text]
+        pieces = _PADDING.split(text)
         padded = len(pieces) <= text.count("\n") + 2  # else each character has one
         if padded and all(c in _PLAIN_CONTROLS or ord(c) >= 32 for c in set(text)):
             whole = [piece[: piece.rfind("\n") + 1] for piece in pieces[:-1]]
@@ -99,11 +100,7 @@ class Dialect:
             if "." in field:
                 return False
             field = field.replace(",", ".", 1)
-        try:
-            float(field)
-        except ValueError:
-            return False
-        return "_" not in field
+        return is_number(field)
 
     def numbers(self, line: str) -> list[bool]:
         """Return which fields of a line are numbers."""

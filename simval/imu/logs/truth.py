@@ -16,9 +16,8 @@ import numpy as np
 from simval.arrays import Array, ReadOnly, positive_number
 from simval.errors import InputError
 from simval.imu.logs import folders
-from simval.imu.logs.clock import times_of
-from simval.imu.logs.columns import Column, clock_of
-from simval.imu.logs.names import SECONDS
+from simval.imu.logs.clock import require_increasing, times_of
+from simval.imu.logs.columns import Column, clock_of, given, unit_of
 from simval.imu.logs.readers import read_table
 from simval.imu.logs.source import Source
 from simval.imu.logs.text import Table
@@ -180,15 +179,8 @@ def _by_names(table: Table, stem: str) -> tuple[list[int], Scalar, Column | None
 
 
 def _given(table: Table, columns: str) -> tuple[list[int], Scalar, Column | None]:
-    matches = [_GIVEN.fullmatch(name.strip()) for name in columns.split(",")]
-    if len(matches) != table.width or not all(matches):
-        msg = (
-            f"{table.path} has {table.width} columns, `--truth-columns` is {columns}; "
-            "name each, out of t, qx, qy, qz, qs, or q0, q1, q2, q3, with - for one to "
-            "ignore"
-        )
-        raise InputError(msg)
-    roles = [match[1].replace("qw", "qs") for match in matches if match]
+    matches = given(table, columns, "--truth-columns", _GIVEN)
+    roles = [match[1].replace("qw", "qs") for match in matches]
     orders: dict[Scalar, list[str]] = {
         "first": ["qs", "qx", "qy", "qz"],
         "unstated": ["q0", "q1", "q2", "q3"],
@@ -198,15 +190,15 @@ def _given(table: Table, columns: str) -> tuple[list[int], Scalar, Column | None
     if scalar is None:
         msg = (
             f"`--truth-columns` is {columns}; it needs qx, qy, qz, qs once each, or "
-            "q0, q1, q2, q3"
+            "q0, q1, q2, q3; t may be the clock, and - marks a column to ignore"
         )
         raise InputError(msg)
-    clock = None
-    if "t" in roles:
-        match = matches[roles.index("t")]
-        unit = ((match and match[2]) or "").strip().lower()
-        unit = unit if unit in SECONDS else ""
-        clock = Column(role="t", place=roles.index("t"), unit=unit)
+    clocks = [
+        Column(role="t", place=k, unit=unit_of(match, "--truth-columns"))
+        for k, match in enumerate(matches)
+        if match[1] == "t"
+    ]
+    clock = clocks[0] if clocks else None
     return [roles.index(role) for role in orders[scalar]], scalar, clock
 
 
@@ -264,12 +256,5 @@ def _times(table: Table, column: Column | None, rate: float | None) -> Array:
             )
             raise InputError(msg)
         return np.arange(len(table)) / positive_number("truth_rate", rate, "Hz")
-    step = np.diff(time)
-    if not np.all(step > 0.0):
-        row = int(np.argmax(~(step > 0.0))) + 1
-        msg = (
-            f"{table.where(row)}: time {time[row]:.6f} s after {time[row - 1]:.6f} s; "
-            "times must increase, so sort the rows, or leave repeated ones out"
-        )
-        raise InputError(msg)
+    require_increasing(table, time, "sort the rows, or leave repeated ones out")
     return time

@@ -15,33 +15,34 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.imu.logs.apart import read_apart
-from simval.imu.logs.joining import Stream, candidates, received, sent
+from simval.imu.logs.joining import Stream, candidates, columns_of, received, sent
 from simval.imu.logs.source import Source
 from simval.imu.logs.tables import ArrayTable
 
 _START: Final = b"ULog\x01\x12\x35"
-_AXES = tuple("xyz")
-_RAW, _CORRECTED = "as the driver read it", "corrected by the autopilot's calibration"
 _INVALID: Final = 2**31 - 1  # accelerometer_timestamp_relative of no measurement
-# of each message: words, and of each sensor its fields, their names and unit
-_MESSAGES: Final[
-    dict[str, tuple[str, tuple[tuple[tuple[str, ...], str, str], ...]]]
-] = {
-    "sensor_accel": (_RAW, ((_AXES, "sensor_accel.", " [m/s^2]"),)),
-    "sensor_gyro": (_RAW, ((_AXES, "sensor_gyro.", " [rad/s]"),)),
-    "sensor_mag": (_RAW, ((_AXES, "sensor_mag.", " [gauss]"),)),
-    "sensor_combined": (
-        _CORRECTED,
-        (
-            (tuple(f"accelerometer_m_s2[{k}]" for k in range(3)), "", " [m/s^2]"),
-            (tuple(f"gyro_rad[{k}]" for k in range(3)), "", " [rad/s]"),
-        ),
-    ),
-    "vehicle_magnetometer": (
-        _CORRECTED,
-        ((tuple(f"magnetometer_ga[{k}]" for k in range(3)), "", " [gauss]"),),
-    ),
+
+
+def _axes(message: str, unit: str) -> dict[str, str]:
+    return {axis: f"{message}.{axis} [{unit}]" for axis in "xyz"}
+
+
+def _indexed(name: str, unit: str) -> dict[str, str]:
+    return {f"{name}[{k}]": f"{name}[{k}] [{unit}]" for k in range(3)}
+
+
+_RAW: Final = {  # of each message its fields, and the names of their columns
+    "sensor_accel": _axes("sensor_accel", "m/s^2")
+    | {"temperature": "sensor_accel.temperature [degC]"},
+    "sensor_gyro": _axes("sensor_gyro", "rad/s"),
+    "sensor_mag": _axes("sensor_mag", "gauss"),
 }
+_CORRECTED: Final = {
+    "sensor_combined": _indexed("accelerometer_m_s2", "m/s^2")
+    | _indexed("gyro_rad", "rad/s"),
+    "vehicle_magnetometer": _indexed("magnetometer_ga", "gauss"),
+}
+_FIELDS: Final = _RAW | _CORRECTED
 
 
 def sniff(source: Source) -> bool:
@@ -80,7 +81,7 @@ def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
     with _File(path) as file:
         log = ULog(file, None, disable_str_exceptions=True)
         damaged = log.file_corruption or file.cut
-    known = [each for each in log.data_list if each.name in _MESSAGES]
+    known = [each for each in log.data_list if each.name in _FIELDS]
     start = min((int(_stamps(each)[0]) for each in known), default=0)
     holds = ", ".join(sorted({each.name for each in log.data_list}))
     said = (("damaged", "bytes that are no whole message were passed over"),)
@@ -114,24 +115,17 @@ def _stamps(each: Any) -> Any:
 
 def _stream(each: Any, start: int, groups: Mapping[tuple[str, int], str]) -> Stream:
     # of one message; its number is left out of its name where there is but one kind
-    words, sensors = _MESSAGES[each.name]
-    raw = each.name.startswith("sensor_") and words == _RAW
+    name, group = each.name, "corrected"
+    words = "corrected by the autopilot's calibration"
+    if name in _RAW:
+        group = groups.get((name, each.multi_id), str(each.multi_id))
+        name, words = f"{name} {each.multi_id}", "as the driver read it"
     missing = each.data.get("accelerometer_timestamp_relative", np.zeros(1)) == _INVALID
     there = np.broadcast_to(~missing, len(each.data["timestamp"]))
-    columns = {
-        f"{stem}{field}{unit}": each.data[field][there].astype(np.float64)
-        for fields, stem, unit in sensors
-        for field in fields
-    }
-    if "temperature" in each.data and each.name == "sensor_accel":
-        warm = each.data["temperature"][there].astype(np.float64)
-        columns |= {"sensor_accel.temperature [degC]": warm} if warm.any() else {}
     return Stream(
-        name=f"{each.name} {each.multi_id}" if raw else each.name,
-        group=groups.get((each.name, each.multi_id), str(each.multi_id))
-        if raw
-        else "corrected",
+        name=name,
+        group=group,
         words=words,
         time=(_stamps(each)[there] - start) / 1e6,
-        columns=columns,
+        columns=columns_of(each.data, _FIELDS[each.name], there),
     )

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from written import written
 
 from simval.errors import InputError
 from simval.imu.logs import read_log
@@ -15,12 +16,8 @@ GYRO = [0.01, -0.02, 0.03] + 0.001 * RNG.standard_normal((N, 3))
 TURN = GYRO + np.where(np.abs(TIME - 2) < 0.5, [0.0, 1.6, 0.2], 0.0)
 
 
-def saved(path, *columns, header=None, form="%.6f"):
-    rows = np.hstack(columns)
-    np.savetxt(path, rows, delimiter=",", fmt=form, header=header or "", comments="")
-    text = path.read_text()
-    path.write_text(text if header else text.lstrip("\n"))
-    return path
+def saved(path, *columns, header="", form="{:.6f}"):
+    return written(path, header, *columns, form=form)
 
 
 @pytest.mark.parametrize(
@@ -60,12 +57,12 @@ def test_a_gyroscope_that_comes_first_is_seen(tmp_path, gyro, scale):
 
 
 def test_decimals_behind_commas_are_no_columns(tmp_path):
-    path = saved(tmp_path / "log.csv", FORCE, form="%.2f")
+    path = saved(tmp_path / "log.csv", FORCE, form="{:.2f}")
     path.write_text(path.read_text().replace(".", ","))
     with pytest.raises(InputError, match="decimal commas"):
         read_log(path, rate=100.0)
     counts = np.rint(np.hstack([100 * FORCE, 1000 * GYRO]))
-    path = saved(path, counts, form="%.0f")
+    path = saved(path, counts, form="{:.0f}")
     np.testing.assert_array_equal(read_log(path, rate=100.0).gyro, counts[:, 3:])
 
 
@@ -103,7 +100,7 @@ def test_dates_go_on_where_summer_time_begins_and_milliseconds_are_no_seconds(
             rows.append(f"{local}{zone},{row[0]},{row[1]},{row[2]}")
         path.write_text("\n".join([*rows, ""]))
         np.testing.assert_allclose(read_log(path).time, TIME[:, 0], atol=1e-9)
-    saved(path, 1.7e12 + 10 * TIME, FORCE, header="timestamp,ax,ay,az", form="%.3f")
+    saved(path, 1.7e12 + 10 * TIME, FORCE, header="timestamp,ax,ay,az", form="{:.3f}")
     np.testing.assert_allclose(read_log(path).rate, 1e4, rtol=1e-2)
 
 

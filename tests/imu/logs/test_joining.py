@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simval.cli import run
 from simval.imu.logs.joining import COVERED, Stream, candidates, joined
 
 
@@ -78,14 +77,6 @@ def test_equal_stamps_are_the_same_rows_and_slow_sensors_are_said_to_stand_still
     )
 
 
-@pytest.mark.parametrize("command", ["calibrate", "noise"])
-def test_a_log_of_one_sensor_takes_no_name(tmp_path, capsys, command):
-    path = tmp_path / "log.csv"
-    path.write_text("t,ax,ay,az\n" + "".join(f"{k / 100},0,0,9\n" for k in range(50)))
-    assert run([command, str(path), "--instance", "imu1"]) == 2
-    assert "leave out --instance" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("streams", "tables"),
     [
@@ -96,6 +87,7 @@ def test_a_log_of_one_sensor_takes_no_name(tmp_path, capsys, command):
             ["imu aw", "m1 m", "m2 m"],
             {"imu": "aw", "imu + m1": "awm", "imu + m2": "awm"},
         ),
+        (["a0 a 0", "a1 a 1", "w1 w 1", "m1 m 1"], {"a0": "am", "a1": "awm"}),
         (["a1 a 1", "w1 w 1", "w2 w 2", "m m 3"], {"a1": "awm"}),
         (["slow a 1 30", "fast aw 2", "idle m 2 30"], {"fast": "aw"}),
     ],

@@ -111,6 +111,8 @@ REFUSED = [  # what a file holds, how it is read, and what is said
     (b"1" * 10**6, {"rate": 100.0}, "1 column and no names"),
     ((b'"' + b"1" * 200_000 + b'",2,3\n') * 3, {"rate": 100.0}, "columns"),
     (b"t,ax,ay,az\n" + b"0,0,9,81,0,1,2,3\n" * 2, {}, "4 names, but"),
+    *((text, {"instance": "imu1"}, "leave out --instance")
+      for text in (replaced(0, NUMBERS[0]), "t,ax,ay,az\n" + "0,1,2,3\n" * 9)),
 ]  # fmt: skip
 
 

@@ -42,22 +42,6 @@ def test_a_gyroscope_goes_with_the_accelerometer_of_its_chip(tmp_path):
         np.testing.assert_array_equal(log.gyro, np.float32(scale * GYRO))
 
 
-def test_a_gyroscope_of_another_accelerometer_is_not_taken(tmp_path):
-    path = ulog_of(
-        tmp_path / "log",
-        {
-            ("sensor_accel", 0): message(FORCE, 11),
-            ("sensor_accel", 1): message(FORCE, 22),
-            ("sensor_gyro", 1): message(GYRO, 22),
-            ("sensor_mag", 1): message(MAG, 33),
-        },
-    )
-    alone = read_log(path, instance="sensor_accel 0")
-    assert alone.gyro is None
-    assert alone.magnetometer is not None  # its number is a count of its own
-    assert read_log(path, instance="sensor_accel 1").gyro is not None
-
-
 def test_a_bag_says_what_it_does_not_measure(tmp_path):
     log = read_log(ros(tmp_path / "log", US, FORCE, 0 * GYRO))
     assert log.gyro is None
