@@ -16,8 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arrays import Array
-from simval.imu.logs.apart import read_apart
-from simval.imu.logs.joining import Stream, candidates, received, sent
+from simval.imu.logs.joining import Stream, read_streams, sent
 from simval.imu.logs.source import Source
 from simval.imu.logs.tables import ArrayTable
 
@@ -44,16 +43,9 @@ def sniff(source: Source) -> bool:
 
 
 def read(source: Source) -> dict[str, Callable[[], ArrayTable]]:
-    """Tables of the topics with an accelerometer.
-
-    Raises
-    ------
-    InputError
-        If the bag cannot be read or has none.
-    """
+    """Tables of the topics with an accelerometer."""
     kinds = (kind for start, kind in _KINDS.items() if source.start.startswith(start))
-    values, arrays = read_apart("bags", source, next(kinds, "a ROS 2 bag"))
-    return candidates(source.path, received(values, arrays), values)
+    return read_streams("bags", source, next(kinds, "a ROS 2 bag"))
 
 
 def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:

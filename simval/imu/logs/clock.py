@@ -6,6 +6,7 @@ times are dates of this century and the rate fits too, or if the caller's rate f
 """
 
 import re
+from datetime import datetime
 
 import numpy as np
 
@@ -128,24 +129,20 @@ def times_of(
 
 def _dated(dates: list[re.Match[str]]) -> Float[Array, " n"] | None:
     # seconds since the first date; None if one is impossible, or not all have a zone
+    zones = [date[2] for date in dates]
     try:
         stamps = np.array([date[1] for date in dates], "datetime64[ns]")
+        ahead = {
+            zone: datetime.strptime(zone.strip(), "%z").utcoffset()
+            for zone in set(zones) - {None}
+        }
     except ValueError:
         return None
-    zones = [date[2] for date in dates]
     if np.isnat(stamps).any() or not (len(set(zones)) == 1 or all(zones)):
         return None
     if len(set(zones)) > 1:  # summer time begins or ends
-        stamps = stamps - np.array([*map(_east, zones)], "m8[m]")
+        stamps = stamps - np.array([ahead[zone] for zone in zones], "m8[m]")
     return np.asarray((stamps - stamps[0]) / np.timedelta64(1, "s"))
-
-
-def _east(zone: str) -> int:
-    # minutes by which a zone's time is ahead of UTC: Z, +02:00, -0330
-    if zone == "Z":
-        return 0
-    hours, minutes = int(zone[-5:-2].strip(":+-")), int(zone[-2:])
-    return (-1 if "-" in zone else 1) * (60 * hours + minutes)
 
 
 def _said(

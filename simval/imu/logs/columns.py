@@ -33,7 +33,6 @@ SKIP = "-"
 LAYOUTS = {3: NAMES[1:4], 4: NAMES[:4], 6: NAMES[1:7], 7: NAMES[:7]}
 _BESIDE: dict[Kind, str] = {"gyro": "gyroscope", "mag": "magnetometer"}
 Triple = tuple[int, int, int]
-_GIVEN = re.compile(r"(t|-|temp|[awm][xyz])(?:\[([^\]]+)\])?")
 _OTHER_FILES = re.compile(
     r"gyr|mag|gravity|linear|user|orient|euler|rotation|quat|^position\b|trajector"
     r"|ground.?truth|mocap|vicon|veloc|gps",
@@ -182,9 +181,9 @@ def template(width: int, taken: dict[int, str] | None = None) -> str:
 
 
 def given(
-    table: Table, columns: str | Sequence[str], option: str, form: re.Pattern[str]
+    table: Table, columns: str | Sequence[str], option: str, known: Sequence[str]
 ) -> list[re.Match[str]]:
-    """Role and unit that the caller gives to each column; none if one has no such form.
+    """Role and unit that the caller gives to each column; none if one is not known.
 
     Raises
     ------
@@ -196,15 +195,17 @@ def given(
     if len(names) != table.width:
         msg = (
             f"{table.path} has {table.width} columns, `{option}` names {len(names)} "
-            f"({','.join(names)}); name each, with - for one to ignore"
+            f"({','.join(names)}); name each, out of {', '.join(known)}, with - for "
+            "one to ignore"
         )
         raise InputError(msg)
+    form = re.compile(rf"({'|'.join(known)}|{SKIP})(?:\[([^\]]+)\])?")
     matches = [match for name in names if (match := form.fullmatch(name))]
     return matches if len(matches) == len(names) else []
 
 
 def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
-    matches = given(table, columns, "columns", _GIVEN)
+    matches = given(table, columns, "columns", NAMES)
     used = [match[1] for match in matches if match[1] != SKIP]
     parts = [len(set(roles) & set(used)) for roles in ROLES.values()]
     complete = parts[0] == 3 and set(parts) <= {0, 3}

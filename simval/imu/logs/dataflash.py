@@ -52,13 +52,7 @@ def sniff(source: Source) -> bool:
 
 
 def read(source: Source) -> dict[str, Callable[[], ArrayTable]]:
-    """Tables of each accelerometer of the log.
-
-    Raises
-    ------
-    InputError
-        If the log has none.
-    """
+    """Tables of each accelerometer of the log."""
     binary = source.start.startswith(_HEAD)
     messages, passed = _binary(source.content) if binary else _text(source)
     streams = [each for name in sorted(messages) for each in _streams(name, messages)]

@@ -69,13 +69,7 @@ def sniff(source: Source) -> bool:
 
 
 def read(source: Source) -> Mapping[str, Callable[[], Table]]:
-    """Tables of each accelerometer, by the name of its folder or file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or has no table that is known as an accelerometer's.
-    """
+    """Tables of each accelerometer, by the name of its folder or file."""
     tables = members(source)
     imus = {name: match for name in tables if (match := _IMU.fullmatch(name))}
     if imus:

@@ -21,7 +21,9 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import InputError
+from simval.imu.logs.apart import read_apart
 from simval.imu.logs.names import Kind, beside, channel
+from simval.imu.logs.source import Source
 from simval.imu.logs.tables import ArrayTable
 from simval.shapes import Float
 
@@ -206,22 +208,22 @@ def sent(
     What the log holds, and a (label, words) of what is wrong with it, go with them.
     """
     values = [
-        {"name": s.name, "group": s.group, "words": s.words, "columns": [*s.columns]}
+        ({"name": s.name, "group": s.group, "words": s.words}, [*s.columns])
         for s in streams
     ]
     arrays = [np.column_stack([s.time, *s.columns.values()]) for s in streams]
     return {"streams": values, "holds": holds, "said": said}, arrays
 
 
-def received(values: Mapping[str, Any], arrays: Sequence[Array]) -> list[Stream]:
-    """The streams that were sent."""
-    return [
-        Stream(
-            name=own["name"],
-            group=own["group"],
-            words=own["words"],
-            time=array[:, 0],
-            columns=dict(zip(own["columns"], array.T[1:], strict=True)),
+def read_streams(
+    module: str, source: Source, kind: str
+) -> dict[str, Callable[[], ArrayTable]]:
+    """Tables of each accelerometer, of the streams that a reader's ``parsed`` sends."""
+    log, arrays = read_apart(module, source, kind)
+    streams = [
+        Stream(time=time, columns=dict(zip(names, columns, strict=True)), **own)
+        for (own, names), (time, *columns) in zip(
+            log["streams"], (each.T for each in arrays), strict=True
         )
-        for own, array in zip(values["streams"], arrays, strict=True)
     ]
+    return candidates(source.path, streams, log)

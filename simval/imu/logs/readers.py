@@ -2,10 +2,10 @@
 
 A reader is a module with two functions: ``sniff(source)`` returns whether a `Source` is
 of its kind, and ``read(source)`` its table (`ArrayTable` where the columns are numbers
-already), or refuses it in words. Where a log holds several sensors, `read` returns
-`Candidates` instead, a function that makes the table for each name: the caller takes
-one by its name, and the only one without. A reader that stands in `READERS` serves
-every command that reads a log.
+already), or refuses it by an `InputError`. Where a log holds several sensors, `read`
+returns `Candidates` instead, a function that makes the table for each name: the caller
+takes one by its name, and the only one without. A reader that stands in `READERS`
+serves every command that reads a log.
 
 A table's `source` is a sequence of (label, words) that are printed with its columns:
 what was taken, joined or mended.

@@ -310,13 +310,7 @@ Table = ArrayTable | TextTable
 
 
 def read(source: Source) -> TextTable:
-    """Find the rows of a text, and the header above them.
-
-    Raises
-    ------
-    InputError
-        If there are none, or one differs in width.
-    """
+    """Find the rows of a text, and the header above them."""
     path = source.path
     text, said = decoded(path, source.content)
     every = [

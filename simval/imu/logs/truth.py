@@ -31,7 +31,7 @@ _COMPONENT = re.compile(r"(?P<stem>.*?)(?P<which>[wsxyz]|[0-4])", re.I)
 _NAMED = re.compile(r"(^|[^a-z])q(_RS)?$|quat|orient|attitude", re.I)
 _ORDERS: Final = ("wxyz", "sxyz", "0123", "1234")
 _MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
-_GIVEN = re.compile(r"(t|-|q[xyzws0123])(?:\[([^\]]+)\])?")
+_NAMES = ("t", "qx", "qy", "qz", "qs", "qw", "q0", "q1", "q2", "q3")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -179,7 +179,7 @@ def _by_names(table: Table, stem: str) -> tuple[list[int], Scalar, Column | None
 
 
 def _given(table: Table, columns: str) -> tuple[list[int], Scalar, Column | None]:
-    matches = given(table, columns, "--truth-columns", _GIVEN)
+    matches = given(table, columns, "--truth-columns", _NAMES)
     roles = [match[1].replace("qw", "qs") for match in matches]
     orders: dict[Scalar, list[str]] = {
         "first": ["qs", "qx", "qy", "qz"],

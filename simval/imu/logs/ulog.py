@@ -14,8 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arrays import Array
-from simval.imu.logs.apart import read_apart
-from simval.imu.logs.joining import Stream, candidates, columns_of, received, sent
+from simval.imu.logs.joining import Stream, columns_of, read_streams, sent
 from simval.imu.logs.source import Source
 from simval.imu.logs.tables import ArrayTable
 
@@ -51,15 +50,8 @@ def sniff(source: Source) -> bool:
 
 
 def read(source: Source) -> dict[str, Callable[[], ArrayTable]]:
-    """Tables of each accelerometer of the log.
-
-    Raises
-    ------
-    InputError
-        If the log cannot be read or has none.
-    """
-    values, arrays = read_apart("ulog", source, "a PX4 ULog")
-    return candidates(source.path, received(values, arrays), values)
+    """Tables of each accelerometer of the log."""
+    return read_streams("ulog", source, "a PX4 ULog")
 
 
 class _File(io.FileIO):

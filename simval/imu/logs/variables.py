@@ -48,11 +48,6 @@ def read(source: Source) -> ArrayTable | dict[str, Callable[[], ArrayTable]]:
     alone has no names, unless its own is that of another sensor. A number by one of the
     names of `RATES` is the rate of a log without a clock, the accelerometer's own where
     there are several. Accelerometers with different numbers of rows are candidates.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or has no variable with rows of numbers.
     """
     path = source.path
     kind = next(
