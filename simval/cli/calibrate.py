@@ -103,6 +103,7 @@ def command(
         log_object,
         sensors_object,
     )
+    from simval.imu.multiposition.parameters import parameters_of
     from simval.imu.noise import load_noise
     from simval.theory import calibration_moments
 
@@ -132,9 +133,11 @@ def command(
         written = as_object(whole) | sensors_object(whole, log) | log_object(log)
     if out is not None:
         write_json(out, written)
-    notes = [
-        line for name, file in to for line in write_parameters(name, file, log, whole)
-    ]
+    notes = []
+    for name, file in to:
+        text, left = parameters_of(name, log, whole)
+        write(file, text)
+        notes += ["", *(f"{name:17s} {note}" for note in left)]
     if page is not None:
         write_page(page, log, whole)
     if as_json:
@@ -147,17 +150,6 @@ def command(
 def listed(words: str) -> list[str]:
     """Names between commas; none for the word none."""
     return [] if words == "none" else [word.strip() for word in words.split(",")]
-
-
-def write_parameters(
-    name: str, path: Path, log: Log, whole: ImuCalibration
-) -> list[str]:
-    """Write the parameters of a project, and say what it cannot hold."""
-    from simval.imu.multiposition.parameters import parameters_of
-
-    text, notes = parameters_of(name, log, whole)
-    write(path, text)
-    return ["", *(f"{name:17s} {note}" for note in notes)]
 
 
 def write_page(path: Path, log: Log, whole: ImuCalibration) -> None:
