@@ -11,6 +11,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.imu.logs import Log
 from simval.imu.noise import AxisNoise, Coefficient
+from simval.imu.noise.components import LETTERS
 from simval.report.formatting import rounded
 from simval.report.log_page import LogPage, Reply
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
@@ -20,26 +21,8 @@ from simval.shapes import Float
 from simval.units import OF_A_DATA_SHEET, OF_TIME, Unit
 
 AXES = "xyz"
-WORDS = {
-    "N": "white noise",
-    "B": "flicker",
-    "K": "random walk",
-    "T": "correlation time",
-    "Q": "rounding",
-    "R": "ramp",
-    "A": "sine",
-    "f": "frequency of the sine",
-}
-"""What the coefficients are, in the order of a reader."""
 BAND = 1.96  # standard deviations of a 95 % band
-RAW = {
-    "N": "raw/√Hz",
-    "B": "raw",
-    "K": "raw/√s",
-    "Q": "raw s",
-    "R": "raw/s",
-    "A": "raw",
-}
+RAW = {"raw/sqrt(Hz)": "raw/√Hz", "raw/sqrt(s)": "raw/√s"}  # as a person reads them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +53,8 @@ class SensorNoise:
         if kind in OF_TIME:
             return OF_TIME[kind]
         if self.si_per_raw is None:
-            return Unit(RAW[kind], 1.0)
+            unit = LETTERS[kind].raw_unit
+            return Unit(RAW.get(unit, unit), 1.0)
         own = OF_A_DATA_SHEET[self.name][kind]
         return Unit(own.name, own.factor * self.si_per_raw)
 
@@ -124,9 +108,8 @@ def _greatest(sensor: SensorNoise, kind: str) -> str:
     if not np.isfinite(size):
         return ""
     seen = any(c.value is not None and c.value == size for c in found)
-    return (
-        f"{WORDS[kind]} {'' if seen else 'below '}{unit.factor * size:.3g} {unit.name}"
-    )
+    below = "" if seen else "below "
+    return f"{LETTERS[kind].words} {below}{unit.factor * size:.3g} {unit.name}"
 
 
 def _where_seen(sensor: SensorNoise, kind: str) -> SensorNoise:
@@ -209,7 +192,7 @@ def _next(sensors: Sequence[SensorNoise], left_out: Mapping[str, str]) -> Reply:
         if s.si_per_raw is None
     ]
     hidden = [
-        f"{WORDS[kind]} of the {s.title}"
+        f"{LETTERS[kind].words} of the {s.title}"
         for s in sensors
         for kind in ("B", "K")
         if any(c.value is None for c in s.of(kind))
@@ -248,9 +231,14 @@ def _coefficients(sensors: Sequence[SensorNoise]) -> Table:
             Column("seen"),
         ),
         rows=[
-            (s.title, f"{WORDS[kind]} {kind}", letter, *_cells(each, s.unit(kind)))
+            (
+                s.title,
+                f"{LETTERS[kind].words} {kind}",
+                letter,
+                *_cells(each, s.unit(kind)),
+            )
             for s in sensors
-            for kind in WORDS
+            for kind in LETTERS
             for letter, axis in s.lettered
             for each in axis.coefficients
             if each.kind == kind

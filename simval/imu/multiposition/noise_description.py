@@ -10,17 +10,10 @@ from simval.imu.multiposition.description import log_object
 from simval.imu.multiposition.log_units import Scale
 from simval.imu.multiposition.noise import LogNoise
 from simval.imu.noise import AxisNoise
-from simval.imu.noise.model import (
-    AXES,
-    FORMAT,
-    LETTERS,
-    OF_TIME,
-    axis_to_json,
-    largest,
-)
-from simval.imu.noise.model import UNITS as RAW
+from simval.imu.noise.components import LETTERS
+from simval.imu.noise.model import AXES, FORMAT, axis_to_json, largest
 from simval.text import interval_words
-from simval.units import G0, OF_A_LOG
+from simval.units import G0, OF_A_LOG, OF_TIME
 from simval.units import RADIANS_PER_DEGREE as DEGREE
 
 
@@ -158,10 +151,8 @@ def described(found: LogNoise, sensors: Sensors) -> list[str]:
     lines = [f"rest              {found.how}: {found.stop - found.start} rows"]
     lines += [f"raw unit          {name}: {sensors[name][1].how}" for name in sensors]
     for name, (axes, scale) in sensors.items():
-        kinds = sorted(
-            {c.kind for axis in axes for c in axis.coefficients}, key=LETTERS.index
-        )
-        for kind in kinds:
+        kinds = {c.kind for axis in axes for c in axis.coefficients}
+        for kind in (each for each in LETTERS if each in kinds):
             lines += ["", *_table(name, kind, axes, scale.si_per_raw)]
         lines += ["", f"{name}, how far the model holds", *_fits(axes)]
     for name, why in found.left_out.items():
@@ -174,7 +165,7 @@ def _table(
 ) -> list[str]:
     # one row for each axis; a bound is printed as a bound
     how = PRINTED[name, kind]
-    unit = RAW[kind] if si is None else how.si
+    unit = LETTERS[kind].raw_unit if si is None else how.si
     further = how.further if si is not None else ()
     scale = 1.0 if si is None or kind in OF_TIME else si
     heads = "".join(f"   {each.title}" for each in further)

@@ -57,7 +57,7 @@ import numpy as np
 from simval.arguments import whole_number
 from simval.arrays import physical_array
 from simval.errors import InputError
-from simval.imu.noise.components import Component
+from simval.imu.noise.components import KINDS, Component
 from simval.shapes import Float, Int
 from simval.text import shown
 
@@ -173,14 +173,12 @@ def _of_one(
     return found
 
 
-KINDS: Final = ("N", "B", "K", "Q")  # of coefficients, in the order of all arrays
 EDGE: Final = 6  # lags beside each of the nine at which c has a kink that are summed
 NODES: Final = 36
 """Lags from one kink of c to the next: each one where there are no more; else those at
 the edges, and the nodes of a quadrature between them, which leaves up to 6e-4 of a
 variance of (V4) (`tests/studies/test_study_allowances.py`)."""
 REACH: Final = 20.0  # lags over m + m' where c, flicker's alone, ends: 1e-5 of (V4)
-SERIES: Final = 16.0  # |t|/m from which the second difference of flicker is a series
 _SIGNS: Final = np.array([-1.0, 0.0, 1.0])
 _WEIGHTS: Final = np.array([1.0, -2.0, 1.0])
 
@@ -207,8 +205,7 @@ def allan_law(counts: Any) -> Float[np.ndarray, "m 4"]:
     if not np.all(m > 0.0):
         msg = f"`counts` has {m.min():g}; rows to an average are above 0"
         raise InputError(msg)
-    floor = np.full(m.shape, 2.0 * np.log(2.0) / np.pi)
-    return np.stack([1.0 / m, floor, m / 3.0, 3.0 / m**2], axis=-1)
+    return np.stack([Component(kind).law(m) for kind in KINDS], axis=-1)
 
 
 def covariance_forms(
@@ -239,11 +236,11 @@ def covariance_forms(
     n = whole_number("n", n, LEAST_ROWS)
     lengths = checked_counts(counts, n)
     first, second = np.triu_indices(len(lengths))
-    size = len(KINDS) + len(further)
-    forms = np.empty((len(lengths), len(lengths), size, size))
+    every = [*map(Component, KINDS), *further]
+    forms = np.empty((len(lengths), len(lengths), len(every), len(every)))
     for start in range(0, len(first), 256):  # 256 pairs at a time: 30 MB
         pairs = slice(start, start + 256)
-        some = _pair_forms(lengths[first[pairs]], lengths[second[pairs]], n, further)
+        some = _pair_forms(lengths[first[pairs]], lengths[second[pairs]], n, every)
         forms[first[pairs], second[pairs]] = some
         forms[second[pairs], first[pairs]] = some
     return forms
@@ -276,7 +273,7 @@ def _pair_forms(
     m: Int[np.ndarray, " p"],
     other: Int[np.ndarray, " p"],
     n: int,
-    further: Sequence[Component],
+    every: Sequence[Component],
 ) -> Float[np.ndarray, "p k k"]:
     # the sums over lags for pairs of lengths
     one, two = m[:, None].astype(float), other[:, None].astype(float)
@@ -286,22 +283,16 @@ def _pair_forms(
     high = many[0] - 1 + one - two
     kinks = (one[..., None] * _SIGNS[:, None] + two[..., None] * _SIGNS).reshape(-1, 9)
     lags, share = _lags(kinks, REACH * (one + two), low, high)
-    pairs = _pairs_at(lags, one, two, many)
-    smooth = _smooth(lags, one, two, further)
-    size = len(KINDS) + len(further)
-    forms = np.zeros((len(m), size, size))
-    rest = np.delete(np.arange(size), 3)
-    every = np.einsum("pil,pjl,pl->pij", smooth, smooth, share * pairs)
-    forms[:, rest[:, None], rest] = every
-    # Q: a sum over the nine lags at which its c is not zero
-    weight = np.multiply.outer(_WEIGHTS, _WEIGHTS).ravel()
-    at = weight * _pairs_at(kinks, one, two, many)
-    mixed = np.einsum("pil,pl->pi", _smooth(kinks, one, two, further), at)
-    forms[:, 3, rest] = forms[:, rest, 3] = mixed
-    same = kinks[:, :, None] == kinks[:, None, :]
-    forms[:, 3, 3] = np.einsum("pl,pln,n->p", at, same, weight)
-    every = (*map(Component, KINDS), *further)
+    # c(t) of one unit of each: the shorter difference in closed form
+    c = np.zeros((len(m), len(every), lags.shape[1]))
     for place, component in enumerate(every):
+        difference = component.process.difference
+        for sign, weight in zip(_SIGNS, _WEIGHTS, strict=True):
+            if difference is not None:
+                t = np.abs(lags + sign * two)
+                c[:, place] += weight * difference(t, one, component.rows)
+    forms = np.einsum("pil,pjl,pl->pij", c, c, share * _pairs_at(lags, one, two, many))
+    for place, component in enumerate(every):  # what is certain has no square
         if component.kind == "R":
             forms[:, place, place] = 0.0
         elif component.kind == "A":
@@ -389,63 +380,3 @@ def _pairs_at(
     start = lags - one + two
     count = np.minimum(many[0], many[1] + start) - np.maximum(0.0, start)
     return np.maximum(count, 0.0)
-
-
-def _smooth(
-    lags: Float[np.ndarray, "p l"],
-    one: Float[np.ndarray, "p 1"],
-    two: Float[np.ndarray, "p 1"],
-    further: Sequence[Component] = (),
-) -> Float[np.ndarray, "p k l"]:
-    # c(t) of one unit of N^2, B^2, K^2 and more: the shorter difference in closed form
-    outer = list(zip(_SIGNS, _WEIGHTS, strict=True))
-    plain = sum(
-        weight * _second_difference(np.abs(lags + sign * two), one)
-        for sign, weight in outer
-    )
-    if not further:
-        return plain
-    more = np.zeros((len(lags), len(further), lags.shape[1]))
-    for place, (kind, rows) in enumerate(further):
-        if kind == "R":
-            more[:, place] = one**2 * two**2
-        elif kind == "M":
-            for sign, weight in outer:
-                t = np.abs(lags + sign * two)
-                more[:, place] += weight * _markov_difference(t / rows, one / rows)
-            more[:, place] *= 0.5 * rows**3
-    return np.concatenate([plain, more], axis=1)
-
-
-def _markov_difference(
-    x: Float[np.ndarray, "p l"], m: Float[np.ndarray, "p 1"]
-) -> Float[np.ndarray, "p l"]:
-    # R(x + m) - 2 R(x) + R(x - m) of (V11) for x >= 0, but for what cancels in c
-    def walk(t: Float[np.ndarray, "p l"]) -> Float[np.ndarray, "p l"]:
-        return np.asarray(t - 0.5 * t * t + np.expm1(-t))
-
-    return 2.0 * walk(x) - walk(x + m) - walk(np.abs(x - m))
-
-
-def _second_difference(
-    t: Float[np.ndarray, "p l"], m: Float[np.ndarray, "p 1"]
-) -> Float[np.ndarray, "p 3 l"]:
-    # R(t + m) - 2 R(t) + R(t - m) for t >= 0, without loss of digits where t >> m;
-    # m^2 ln m is left out of flicker's: what is the same at all t cancels in c
-    inside = np.minimum(t, m)  # beyond m the differences of |t| and |t|^3 are lines
-    white = inside - m
-    cube = inside**2 * (6.0 * m - 2.0 * inside) + 2.0 * m**3 - 6.0 * m**2 * inside
-    walk = (cube + 6.0 * m**2 * t) / 12.0
-    r = t / m
-    far = np.maximum(r, SERIES)
-    series = 2.0 * np.log(far) + 3.0 - 1.0 / (6.0 * far**2) - 1.0 / (30.0 * far**4)
-    near = np.minimum(r, SERIES)
-    direct = _log_square(near + 1.0) - 2.0 * _log_square(near) + _log_square(near - 1.0)
-    flicker = m**2 * np.where(r < SERIES, direct, series) / (2.0 * np.pi)
-    return np.stack([white, flicker, walk], axis=1)
-
-
-def _log_square(t: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-    # t^2 ln|t|, 0 at 0
-    size = np.abs(t)
-    return np.asarray(t * t * np.log(np.where(size > 0.0, size, 1.0)))

@@ -1,8 +1,9 @@
 r"""Components of the noise of a rate signal: a row of the table for each.
 
-A component is its Allan variance and its spectrum for one unit of its square, of both
-signs of the frequency, as IEEE 952 (annex C) has them. In units of rows, with
-:math:`\tau` the correlation time of Markov noise, :math:`f` the frequency of a sine:
+A component is its Allan variance and its spectrum, of both signs of the frequency, as
+IEEE 952 (annex C) has them, and its covariance (V1), (V11), for one unit of its square.
+In units of rows, with :math:`\tau` the correlation time of Markov noise, :math:`f` the
+frequency of a sine:
 
 .. math::
    N &: \frac1m,\ 1 \qquad
@@ -28,24 +29,49 @@ import numpy as np
 from simval.arrays import Array
 from simval.shapes import Float
 
+SERIES: Final = 16.0  # |t|/m from which the second difference of flicker is a series
+
 Law = Callable[[Array, float], Array]
 """Of rows to an average, or of a frequency in radians a row, and of the component's
 own time in rows."""
+Difference = Callable[[Array, Array, float], Array]
+"""Of lags of 0 or more, of rows to an average, and of the component's own time."""
+KINDS: Final = ("N", "B", "K", "Q")  # that are always asked for, in order
+
+
+class Letter(NamedTuple):
+    """What a coefficient is, and its unit."""
+
+    words: str
+    raw_unit: str
+    rate_power: int = 0
+    """Its square in rows over that in seconds is the rate to this power."""
+
+
+LETTERS: Final = {
+    "N": Letter("white noise", "raw/sqrt(Hz)", 1),
+    "B": Letter("flicker", "raw"),
+    "K": Letter("random walk", "raw/sqrt(s)", -1),
+    "T": Letter("correlation time", "s"),
+    "Q": Letter("rounding", "raw s", 2),
+    "R": Letter("ramp", "raw/s", -2),
+    "A": Letter("sine", "raw"),
+    "f": Letter("frequency of the sine", "Hz"),
+}
+"""Of coefficients, in the order of a reader."""
 
 
 class Process(NamedTuple):
     """A kind of component, for one unit of its square in units of rows."""
 
-    words: str
+    letter: str
+    """Its coefficient: Markov noise and the walk share one, their driving noise."""
     law: Law
     """Allan variance."""
     spectrum: Law | None
     """Two-sided density; None of what is certain."""
-    rate_power: int
-    """Its square in rows over that in seconds is the rate to this power."""
-    raw_unit: str
-    letter: str
-    """Its coefficient: Markov noise and the walk share one, their driving noise."""
+    difference: Difference | None
+    """Second difference of (V1); None of a sine, whose (V12) is in closed form."""
 
 
 class Component(NamedTuple):
@@ -79,17 +105,63 @@ def _sine(m: Array, period: float) -> Array:
     return np.asarray((np.sin(half * m) ** 2 / (m * np.sin(half))) ** 2)
 
 
+# R(t + m) - 2 R(t) + R(t - m) of (V1) for t >= 0, but for what is the same, or a line,
+# at all t: that cancels in (V2)
+
+
+def _white_difference(t: Array, m: Array, _: float) -> Array:
+    return np.minimum(t, m) - m
+
+
+def _flicker_difference(t: Array, m: Array, _: float) -> Array:
+    # without loss of digits where t >> m, and without m^2 ln m
+    r = t / m
+    far = np.maximum(r, SERIES)
+    series = 2.0 * np.log(far) + 3.0 - 1.0 / (6.0 * far**2) - 1.0 / (30.0 * far**4)
+    near = np.minimum(r, SERIES)
+    direct = _log_square(near + 1.0) - 2.0 * _log_square(near) + _log_square(near - 1.0)
+    return np.asarray(m**2 * np.where(r < SERIES, direct, series) / (2.0 * np.pi))
+
+
+def _log_square(t: Array) -> Array:
+    # t^2 ln|t|, 0 at 0
+    size = np.abs(t)
+    return np.asarray(t * t * np.log(np.where(size > 0.0, size, 1.0)))
+
+
+def _walk_difference(t: Array, m: Array, _: float) -> Array:
+    inside = np.minimum(t, m)  # beyond m the difference of |t|^3 is a line
+    cube = inside**2 * (6.0 * m - 2.0 * inside) + 2.0 * m**3 - 6.0 * m**2 * inside
+    return np.asarray((cube + 6.0 * m**2 * t) / 12.0)
+
+
+def _rounding_difference(t: Array, m: Array, _: float) -> Array:
+    return 1.0 * (t == m) - 2.0 * (t == 0.0)
+
+
+def _markov_difference(t: Array, m: Array, tau: float) -> Array:
+    def walk(x: Array) -> Array:
+        return np.asarray(x - 0.5 * x * x + np.expm1(-x))
+
+    x, step = t / tau, m / tau
+    twice = 2.0 * walk(x) - walk(x + step) - walk(np.abs(x - step))
+    return np.asarray(0.5 * tau**3 * twice)
+
+
+def _ramp_difference(t: Array, m: Array, _: float) -> Array:
+    # of t^4/24, whose fourth difference is the d d' of a ramp
+    return np.asarray(0.5 * m**2 * t**2)
+
+
 PROCESSES: Final = {
-    "N": Process("white noise", lambda m, _: 1.0 / m, lambda w, _: w**0, 1,
-                 "raw/sqrt(Hz)", "N"),
-    "B": Process("flicker", lambda m, _: np.full(m.shape, 2.0 * np.log(2.0) / np.pi),
-                 lambda w, _: 1.0 / w, 0, "raw", "B"),
-    "K": Process("random walk", lambda m, _: m / 3.0, lambda w, _: w**-2.0, -1,
-                 "raw/sqrt(s)", "K"),
-    "Q": Process("rounding", lambda m, _: 3.0 / m**2,
-                 lambda w, _: 4.0 * np.sin(0.5 * w) ** 2, 2, "raw s", "Q"),
-    "M": Process("Markov noise", _markov, lambda w, tau: 1.0 / (w**2 + tau**-2.0), -1,
-                 "raw/sqrt(s)", "K"),
-    "R": Process("ramp", lambda m, _: 0.5 * m**2, None, -2, "raw/s", "R"),
-    "A": Process("sine", _sine, None, 0, "raw", "A"),
+    "N": Process("N", lambda m, _: 1.0 / m, lambda w, _: w**0, _white_difference),
+    "B": Process("B", lambda m, _: np.full(m.shape, 2.0 * np.log(2.0) / np.pi),
+                 lambda w, _: 1.0 / w, _flicker_difference),
+    "K": Process("K", lambda m, _: m / 3.0, lambda w, _: w**-2.0, _walk_difference),
+    "Q": Process("Q", lambda m, _: 3.0 / m**2,
+                 lambda w, _: 4.0 * np.sin(0.5 * w) ** 2, _rounding_difference),
+    "M": Process("K", _markov, lambda w, tau: 1.0 / (w**2 + tau**-2.0),
+                 _markov_difference),
+    "R": Process("R", lambda m, _: 0.5 * m**2, None, _ramp_difference),
+    "A": Process("A", _sine, None, None),
 }  # fmt: skip

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.imu.noise.allan import KINDS, PER_OCTAVE, covariance_forms
-from simval.imu.noise.components import Component
+from simval.imu.noise.allan import PER_OCTAVE, covariance_forms
+from simval.imu.noise.components import KINDS, Component
 from simval.imu.noise.least_squares import Problem, Squares, ends, fitted
 from simval.shapes import Float, Int
 
@@ -125,7 +125,6 @@ def weighed(
     variances: Float[Array, "1 m"],
     used: tuple[int, int],
     line: "Line",
-    p_value: float,
 ) -> Chosen | None:
     """Choose components for some of the lengths; None if no set fits them."""
     first, last = used
@@ -141,7 +140,7 @@ def weighed(
         if min(sets.values()) - min(with_it.values()) > EVIDENCE:
             sets, extra = with_it, sine
     plain = (*family.fast, WALK, *extra)
-    slow = is_slow(family.problem(variances, plain).part(*used), plain, p_value)
+    slow = is_slow(family.problem(variances, plain).part(*used), plain)
     if not slow:
         sets = {plain: sets[plain]}
     # beside a walk, a ramp must show itself, or be all that is needed
@@ -158,7 +157,7 @@ def weighed(
     family.markov([c.rows for each in likely for c in each if c.kind == "M"])
     problem = family.problem(variances, likely[0]).part(*used)
     found = fitted(problem)
-    if not found.p_value[0] >= p_value:
+    if not found.holds[0]:
         return None
     least_time, most_time = _times_left(sets, likely)
     return Chosen(
@@ -189,9 +188,7 @@ def _times_left(
     return float(wide[first]), np.inf if walk else float(wide[last + 1])
 
 
-def is_slow(
-    problem: Problem, components: tuple[Component, ...], p_value: float
-) -> bool:
+def is_slow(problem: Problem, components: tuple[Component, ...]) -> bool:
     """Return whether flicker or a walk is seen, or needed beside white noise."""
     slow = np.array([each.kind in "BK" for each in components])
     low, _ = ends(problem, fitted(problem))
@@ -199,7 +196,7 @@ def is_slow(
         return True
     law, forms = problem.law[:, ~slow], problem.forms[..., ~slow][..., ~slow, :]
     white = fitted(problem._replace(law=law, forms=forms))
-    return not white.p_value[0] >= p_value
+    return not white.holds[0]
 
 
 def _deviance(
@@ -259,11 +256,10 @@ def line_of(signal: Float[Array, " n"]) -> Line:
     """
     n = len(signal)
     k = np.arange(CYCLES, n // 2)
-    if len(k) < 8 * CYCLES:
-        return Line()
     x = signal - signal.mean()
     window = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
-    power = np.abs(np.fft.rfft(x * window)[k]) ** 2
+    every = np.abs(np.fft.rfft(x * window)) ** 2
+    power = every[k]
     if not np.all(power > 0.0):
         return Line()
     curve = np.polynomial.Polynomial.fit(np.log(k), np.log(power), 5, w=k**-0.5)
@@ -281,11 +277,10 @@ def line_of(signal: Float[Array, " n"]) -> Line:
     if np.mean(power[near] / level) > _BAND + np.mean(leak / level):
         return Line()
     # between two frequencies of the transform, by the squares of three
-    around = np.sqrt(power[max(top - 1, 0) : top + 2])
-    shift = 0.0
-    if len(around) == 3:
-        whole = around[0] + 2.0 * around[1] + around[2]  # exact for this window
-        shift = float(2.0 * (around[2] - around[0]) / whole)
+    below, at, beyond = np.sqrt(every[k[top] - 1 : k[top] + 2])
+    shift = (
+        2.0 * (beyond - below) / (below + 2.0 * at + beyond)
+    )  # exact for this window
     # the bound 24 s^2/(A^2 n^3) on its variance in radians a row, in white noise of the
     # level about it, and 1.8 times its root for three frequencies under this window
     sd = 1.8 / (np.pi * n * np.exp(0.5 * above[top]))

@@ -26,13 +26,12 @@ from simval.arguments import switch
 from simval.arrays import Array, physical_array, positive_number
 from simval.errors import InputError, RefusedError
 from simval.imu.noise.allan import (
-    KINDS,
     PER_OCTAVE,
     allan_covariance,
     allan_variance,
     averaging_counts,
 )
-from simval.imu.noise.components import PROCESSES, Component
+from simval.imu.noise.components import KINDS, LETTERS, Component
 from simval.imu.noise.evidence import (
     WALK,
     Chosen,
@@ -44,7 +43,7 @@ from simval.imu.noise.evidence import (
     words_of,
 )
 from simval.imu.noise.least_squares import Problem, Squares, Z, ends, fitted, greatest
-from simval.imu.noise.model import LEAST_ROWS, LETTERS, AxisNoise, Coefficient
+from simval.imu.noise.model import LEAST_ROWS, AxisNoise, Coefficient
 from simval.shapes import Float
 
 SHARE: Final = 12.0  # of a squared step: its variance
@@ -79,9 +78,6 @@ def is_dithered(variance: float, step: float) -> bool:
     return variance - step**2 / SHARE >= (LEAST_NOISE * step) ** 2
 
 
-FALSE_ALARM: Final = 0.01
-"""Chance that lengths are dropped, or a model is, of a signal that has the model's
-noise; measured, 0.3 to 1.8 % (`test_chi_square_is_one`, test_noise_fit.py)."""
 LEAST_POINTS: Final = 9  # three octaves of lengths: fewer and any four terms fit
 
 
@@ -174,7 +170,7 @@ def _axis(
         relative = np.diagonal(allan_covariance(whole.forms, found.values[0]))
         spread = variances * np.sqrt(relative) / (whole.law @ found.values[0])
         statements += _statements(found, used, counts / rate_hz)
-        if found.p_value[0] >= FALSE_ALARM:
+        if found.holds[0]:
             coefficients = _coefficients(family, variances[None], chosen, unit, rate_hz)
             seen = {each.kind for each in coefficients if each.value is not None}
             statements += words_of(chosen, seen, rate_hz, unit)
@@ -229,13 +225,13 @@ def _chosen(
     size = len(problem.law)
     found = fitted(problem)
     used = np.tile([0, size], (len(problem.variances), 1))
-    left = np.flatnonzero(~(found.p_value >= FALSE_ALARM))
+    left = np.flatnonzero(~found.holds)
     for last in range(size, size // 2, -PER_OCTAVE):
         for first in range(last - LEAST_POINTS + 1):
             if not len(left):
                 break
             part = fitted(problem.of(left).part(first, last))
-            good = part.p_value >= FALSE_ALARM
+            good = part.holds
             for all_of_it, new in zip(found, part, strict=True):
                 all_of_it[left[good]] = new[good]
             used[left[good]] = first, last
@@ -254,14 +250,14 @@ def _chosen(
 def _weighed(family: Family, problem: Problem, plain: Chosen, line: Line) -> Chosen:
     # what else may be there, if something is
     size = len(problem.law)
-    fits = plain.found.p_value[0] >= FALSE_ALARM
+    fits = plain.found.holds[0]
     quiet = fits and plain.used == (0, size) and not line.period
-    if quiet and not is_slow(problem, plain.components, FALSE_ALARM):
+    if quiet and not is_slow(problem, plain.components):
         return plain
     first = plain.used[0]
     starts = [0, first] if fits else range(0, size - LEAST_POINTS, PER_OCTAVE)
     for used in dict.fromkeys([*((k, size) for k in starts), plain.used]):
-        chosen = weighed(family, problem.variances, used, line, FALSE_ALARM)
+        chosen = weighed(family, problem.variances, used, line)
         if chosen is not None:
             return chosen
     return plain
@@ -272,7 +268,7 @@ def _statements(
 ) -> list[str]:
     first, last = used
     said = []
-    if found.p_value[0] < FALSE_ALARM:
+    if not found.holds[0]:
         said.append(
             "no range of averaging times follows white noise, flicker and a random "
             "walk, Markov noise, a ramp or a sine (chi-square of the first three "
@@ -319,12 +315,12 @@ def _coefficients(
                 highs.setdefault(letter, []).append(high)
     made = []
     found, kinds = chosen.found, [c.process.letter for c in chosen.components]
-    for letter in sorted(highs, key=LETTERS.index):
+    for letter in (each for each in LETTERS if each in highs):
         square = spread = 0.0
         if letter in kinds:
             place = kinds.index(letter)
             square, spread = found.values[0, place], found.sd[0, place]
-        scale = unit * rate_hz ** -PROCESSES[letter].rate_power
+        scale = unit * rate_hz ** -LETTERS[letter].rate_power
         least = min(lows[letter]) if len(lows[letter]) == len(chosen.likely) else 0.0
         # fitted with signs, an end is not always on its side of what is fitted without
         least, most = min(least, square), max(*highs[letter], square)
@@ -340,7 +336,7 @@ def _coefficients(
             )
         )
     made += _times(chosen, made, rate_hz)
-    return tuple(sorted(made, key=lambda each: LETTERS.index(each.kind)))
+    return tuple(sorted(made, key=lambda each: [*LETTERS].index(each.kind)))
 
 
 def _times(

@@ -38,6 +38,9 @@ RIDGE: Final = 1e-4
 it neighbours of a long random walk, equal to 1e-6, would be told apart."""
 LEAST_VARIANCE: Final = 1e-12  # of an Allan variance's square: 1e12 rows
 _FLAT: Final = 1e-12  # relative: a slope that is rounding
+FALSE_ALARM: Final = 0.01
+"""Chance that lengths are dropped, or a model is, of a signal that has the model's
+noise; measured, 0.3 to 1.8 % (`test_chi_square_is_one`, test_noise_fit.py)."""
 FAR: Final = 3.0  # standard deviations, as the least of all lengths is taken
 Z: Final = 1.959963984540054  # of 95 %, both ends together
 
@@ -69,6 +72,11 @@ class Squares(NamedTuple):
     dof: Int[Array, " s"]
     p_value: Float[Array, " s"]
     deviance: Float[Array, " s"]  # chi2 and the logarithm of V's determinant
+
+    @property
+    def holds(self) -> NDArray[np.bool_]:
+        """Whether each signal may have these components, and no others."""
+        return np.asarray(self.p_value >= FALSE_ALARM)
 
 
 class _Whitened(NamedTuple):

@@ -19,15 +19,11 @@ from simval.arrays import (
 from simval.errors import InputError, RefusedError
 from simval.files import MOST_DOCUMENT, parsed, read_text
 from simval.imu.noise.allan import allan_law
-from simval.imu.noise.components import PROCESSES, Component
+from simval.imu.noise.components import Component
 from simval.shapes import Float, Int
 from simval.text import shown
 
 LEAST_ROWS: Final = 500  # averages over 1 to 50 rows: 17 lengths for four coefficients
-OF_TIME: Final = {"T": "s", "f": "Hz"}
-"""Units of coefficients that have none of the readings."""
-UNITS = {each.letter: each.raw_unit for each in PROCESSES.values()} | OF_TIME
-LETTERS: Final = "NBKTQRAf"  # in the order of a reader
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -225,7 +221,7 @@ def axis_to_json(axis: AxisNoise) -> dict[str, Any]:
     return {
         "rate_hz": axis.rate_hz,
         "rows": axis.rows,
-        "coefficients": {c.kind: _coefficient(c, 1.0) for c in axis.coefficients},
+        "coefficients": {c.kind: _coefficient(c) for c in axis.coefficients},
         "squares_per_row": axis.squares.tolist(),
         "further": [
             {"kind": c.kind, "rows": c.rows, "square_per_row": square}
@@ -244,13 +240,16 @@ def axis_to_json(axis: AxisNoise) -> dict[str, Any]:
     }
 
 
-def _coefficient(found: Coefficient, scale: float) -> dict[str, Any]:
-    # an upper bound where there is no value
-    def plain(value: float | None) -> float | None:
-        return None if value is None or not np.isfinite(value) else value * scale
+EMPTY: Final = {"value": None, "sd": None, "low": 0.0, "high": np.inf}
+"""Numbers of a coefficient, and what null stands for in a file."""
 
-    ends = {"low": plain(found.low), "high": plain(found.high)}
-    return {"value": plain(found.value), "sd": plain(found.sd), **ends}
+
+def _coefficient(found: Coefficient) -> dict[str, float | None]:
+    numbers = {name: getattr(found, name) for name in EMPTY}
+    return {
+        name: None if value is None or not np.isfinite(value) else value
+        for name, value in numbers.items()
+    }
 
 
 def axis_from_json(data: dict[str, Any]) -> AxisNoise:
@@ -275,7 +274,15 @@ def axis_from_json(data: dict[str, Any]) -> AxisNoise:
     ):
         msg = "its lengths do not increase, or a variance is negative"
         raise InputError(msg)
-    made = data.get("coefficients")
+    coefficients = _checked(
+        data.get("coefficients"), "coefficients", dict, dict, "an object of objects"
+    )
+    further = _checked(
+        data.get("further", []), "further", list, dict, "a list of objects"
+    )
+    statements = _checked(
+        data.get("statements"), "statements", list, str, "a list of texts"
+    )
     return AxisNoise(
         rate_hz=positive_number("rate_hz", data.get("rate_hz"), "Hz"),
         rows=whole_number("rows", data.get("rows"), 1),
@@ -283,21 +290,18 @@ def axis_from_json(data: dict[str, Any]) -> AxisNoise:
         variances=variances,
         variance_sd=_array(data, "allan_variance_sd", len(counts)),
         used=(int(used[0]), int(used[1])),
-        coefficients=tuple(_rebuilt(kind, value) for kind, value in _items(made)),
+        coefficients=tuple(_rebuilt(*each) for each in coefficients.items()),
         squares=squares,
-        further=_further(data.get("further", [])),
+        further=_further(further),
         chi2=float(finite_array("chi2", data.get("chi2"), ())),
         dof=whole_number("dof", data.get("dof"), 0),
         p_value=float(finite_array("p_value", data.get("p_value"), ())),
         step=float(finite_array("rounding_step", data.get("rounding_step"), ())),
-        statements=_words(data.get("statements")),
+        statements=tuple(statements),
     )
 
 
-def _further(given: Any) -> tuple[tuple[Component, float], ...]:
-    if not isinstance(given, list) or not all(isinstance(each, dict) for each in given):
-        msg = f"`further` is {shown(given)}; it must be a list of objects"
-        raise InputError(msg)
+def _further(given: list[dict[str, Any]]) -> tuple[tuple[Component, float], ...]:
     made = []
     for each in given:
         kind, rows = each.get("kind"), each.get("rows")
@@ -311,34 +315,20 @@ def _further(given: Any) -> tuple[tuple[Component, float], ...]:
     return tuple(made)
 
 
-def _words(given: Any) -> tuple[str, ...]:
-    if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
-        msg = f"`statements` is {shown(given)}; it must be a list of texts"
+def _checked(given: Any, name: str, many: type, one: type, words: str) -> Any:
+    of = given.values() if isinstance(given, dict) else given
+    if not isinstance(given, many) or not all(isinstance(each, one) for each in of):
+        msg = f"`{name}` is {shown(given)}; it must be {words}"
         raise InputError(msg)
-    return tuple(given)
-
-
-def _items(made: Any) -> list[tuple[str, dict[str, Any]]]:
-    if not isinstance(made, dict) or not all(
-        isinstance(value, dict) for value in made.values()
-    ):
-        msg = f"`coefficients` is {shown(made)}; it must be an object of objects"
-        raise InputError(msg)
-    return list(made.items())
+    return given
 
 
 def _rebuilt(kind: str, data: dict[str, Any]) -> Coefficient:
-    def number(name: str, empty: float | None) -> Any:
+    def number(name: str) -> Any:
         value = data.get(name)
-        return empty if value is None else float(finite_array(name, value, ()))
+        return EMPTY[name] if value is None else float(finite_array(name, value, ()))
 
-    return Coefficient(
-        kind=kind,
-        value=number("value", None),
-        sd=number("sd", None),
-        low=number("low", 0.0),
-        high=number("high", np.inf),
-    )
+    return Coefficient(kind=kind, **{name: number(name) for name in EMPTY})
 
 
 def _array(
