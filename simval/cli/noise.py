@@ -57,8 +57,9 @@ def command(
     """Measure the noise model of a LOG of a sensor at rest.
 
     Prints white noise N, flicker B and random walk K of each axis with 95 % intervals,
-    in SI units and in those of data sheets and Kalibr. What the log does not show gets
-    an upper bound. The whole log is used if it is at rest, otherwise its longest rest.
+    in SI units and in those of data sheets and Kalibr, and where the log shows one,
+    Markov noise, a ramp or a sine. What it does not show gets an upper bound. The whole
+    log is used if it is at rest, otherwise its longest rest.
     LOG, its columns and its clock are read as by `simval calibrate`.
     """
     from simval.imu.logs import read_log

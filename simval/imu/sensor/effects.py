@@ -1,4 +1,4 @@
-r"""Coloured noise of a three-axis sensor: white, flicker and a random walk.
+r"""Noise of a three-axis sensor: white, flicker, walk, Markov bias, ramp and sine.
 
 Each axis adds to its readings, at steps of :math:`h` seconds, the sum of
 
@@ -27,12 +27,13 @@ Effects of a real sensor, each optional, with the truth recorded: the three read
 a row, :math:`y'` by the sensor's own model, leave it as
 
 .. math:: y = \mathrm{clip}\bigl(q\,\mathrm{round}
-   ((y' + b(t) + c(t) + n)/q),\ y_{min}, y_{max}\bigr)  \tag{E3}
+   ((y' + b(t) + c(t) + d(t) + n)/q),\ y_{min}, y_{max}\bigr)  \tag{E3}
 
-with the bias random walk :math:`b`, flicker noise :math:`c`, white noise :math:`n`, the
-quantum :math:`q` and the converter's limits. Before the model, what is measured is late
-by the delay, and the sensing element stops at its range. Each random effect draws from
-a stream of its own: switching one on leaves the others' numbers alone.
+with the bias random walk :math:`b`, flicker noise :math:`c`, Markov bias, ramp and sine
+:math:`d`, white noise :math:`n`, the quantum :math:`q` and the converter's limits.
+Before the model, what is measured is late by the delay, and the sensing element stops
+at its range. Each random effect draws from a stream of its own: switching one on leaves
+the others' numbers alone.
 """
 
 from dataclasses import dataclass, fields
@@ -111,9 +112,8 @@ class NoiseModel:
                 object.__setattr__(self, name, levels)
         frequency = nonnegative_number("sine_hz", self.sine_hz, "Hz")
         object.__setattr__(self, "sine_hz", frequency)
-        driving = self.markov_raw_per_sqrt_s
-        require_times("markov_raw_per_sqrt_s", driving, "markov_s", self.markov_s)
-        require_times("sine_raw", self.sine_raw, "sine_hz", frequency)
+        _require_time(self, "markov_raw_per_sqrt_s", "markov_s")
+        _require_time(self, "sine_raw", "sine_hz")
 
     def parts(
         self, n: int, rate_hz: float, rng: np.random.Generator
@@ -210,9 +210,7 @@ class NoiseModel:
             If the number of rows or the rate cannot be used.
         """
         first, *others = self.parts(n, rate_hz, rng)
-        for each in others:
-            first += each
-        return first
+        return sum(others, first)
 
 
 def _flicker(n: int, rng: np.random.Generator) -> Float[Array, "n 3"]:
@@ -229,14 +227,9 @@ def _flicker(n: int, rng: np.random.Generator) -> Float[Array, "n 3"]:
     return rows
 
 
-def require_times(size: str, of: Any, name: str, times: Any) -> None:
-    """Require a time or a frequency of each axis that has a Markov bias or a sine.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+def _require_time(noise: Any, size: str, name: str) -> None:
+    # a time or a frequency of each axis that has a Markov bias or a sine
+    of, times = getattr(noise, size), getattr(noise, name)
     if np.any((np.asarray(of) > 0.0) & ~(np.asarray(times) > 0.0)):
         msg = (
             f"`{name}` is {shown(times)}, and `{size}` is {shown(of)}; give "
@@ -336,9 +329,7 @@ class Electronics:
             value = getattr(self, name)
             if value is not None or name not in optional:
                 object.__setattr__(self, name, levels_of_axes(name, value))
-        markov = "bias_markov_raw_per_sqrt_s"
-        times = self.bias_markov_s
-        require_times(markov, getattr(self, markov), "bias_markov_s", times)
+        _require_time(self, "bias_markov_raw_per_sqrt_s", "bias_markov_s")
         if self.noise_std_raw is not None and self.white_raw_per_sqrt_hz is not None:
             msg = (
                 f"`noise_std_raw` is {shown(self.noise_std_raw)} and "
@@ -350,7 +341,7 @@ class Electronics:
         for name, unit in units:
             number = nonnegative_number(name, getattr(self, name), unit)
             object.__setattr__(self, name, number)
-        require_times("sine_raw", self.sine_raw, "sine_hz", self.sine_hz)
+        _require_time(self, "sine_raw", "sine_hz")
         if self.limits_raw is not None:
             limits = physical_array("limits_raw", self.limits_raw, (2,))
             if limits.shape != (2,) or not limits[0] < limits[1]:
@@ -502,8 +493,9 @@ def even_rate(time: Float[Array, " n"]) -> float:
     if not (len(steps) and np.ptp(steps) <= UNEVEN * steps.mean()):
         longest = f"{steps.min():.3g} to {steps.max():.3g} s" if len(steps) else "none"
         msg = (
-            f"the steps of `time` are {longest}; a noise density and flicker noise are "
-            "of one rate, so give rows at even steps, or `noise_std_raw`"
+            f"the steps of `time` are {longest}; a noise density, flicker and a drift "
+            "are of one rate, so give rows at even steps, or, for white noise, "
+            "`noise_std_raw`"
         )
         raise InputError(msg)
     return len(steps) / float(time[-1] - time[0])

@@ -265,11 +265,16 @@ def _read(
     steps = np.sqrt(np.diff(time, prepend=time[:1]))[:, None]
     density = np.asarray(effects.bias_walk_raw_per_sqrt_s)
     walk = np.cumsum(density * steps * for_walk.standard_normal(truth.shape), axis=0)
-    flicker: Array = np.zeros(truth.shape)
-    if np.any(effects.flicker_raw):
-        model = NoiseModel(flicker_raw=effects.flicker_raw)
-        flicker = model.draw(len(time), even_rate(time), for_flicker)
-    drift = _drift(effects, time, for_walk.spawn(1)[0])
+    coloured = NoiseModel(flicker_raw=effects.flicker_raw)
+    flicker = _drawn(coloured, time, for_flicker)
+    drifting = NoiseModel(
+        markov_raw_per_sqrt_s=effects.bias_markov_raw_per_sqrt_s,
+        markov_s=effects.bias_markov_s,
+        ramp_raw_per_s=effects.bias_ramp_raw_per_s,
+        sine_raw=effects.sine_raw,
+        sine_hz=effects.sine_hz,
+    )
+    drift = _drawn(drifting, time, for_walk.spawn(1)[0])
     matrix, bias, offset = linear
     raw = unscaled(matrix, felt) + bias + offset + walk + noise + flicker + drift
     if effects.quantum_raw > 0.0:
@@ -287,20 +292,13 @@ def _read(
     )
 
 
-def _drift(
-    effects: Electronics, time: Float[Array, " n"], rng: np.random.Generator
+def _drawn(
+    model: NoiseModel, time: Float[Array, " n"], rng: np.random.Generator
 ) -> Float[Array, "n 3"]:
-    # Markov bias, ramp and sine, of a clock with even steps
-    driving, ramp = effects.bias_markov_raw_per_sqrt_s, effects.bias_ramp_raw_per_s
-    if not (np.any(driving) or np.any(ramp) or np.any(effects.sine_raw)):
+    # of a clock with even steps, where there is any
+    sizes = (model.flicker_raw, model.markov_raw_per_sqrt_s, model.ramp_raw_per_s)
+    if not any(np.any(size) for size in (*sizes, model.sine_raw)):
         return np.zeros((len(time), 3))
-    model = NoiseModel(
-        markov_raw_per_sqrt_s=driving,
-        markov_s=effects.bias_markov_s,
-        ramp_raw_per_s=ramp,
-        sine_raw=effects.sine_raw,
-        sine_hz=effects.sine_hz,
-    )
     return model.draw(len(time), even_rate(time), rng)
 
 
