@@ -118,8 +118,11 @@ def test_what_is_added_is_recorded(name):
     sensor = with_effects(
         name, white_raw_per_sqrt_hz=[0.3, 0.1, 0.0], flicker_raw=[0.2, 0.0, 0.5],
         bias_walk_raw_per_sqrt_s=[0.1, 0.4, 0.0],
+        bias_markov_raw_per_sqrt_s=[0.3, 0.0, 0.0], bias_markov_s=0.01,
+        bias_ramp_raw_per_s=[0.0, 0.02, 0.0], sine_raw=[0.0, 0.0, 0.5], sine_hz=50.0,
     )  # fmt: skip
-    parts = sensor.noise_raw + sensor.flicker_raw + sensor.bias_walk_raw
+    drift = sensor.drift_raw
+    parts = sensor.noise_raw + sensor.flicker_raw + sensor.bias_walk_raw + drift
     added = sensor.raw - with_effects(name).raw
     # sums of readings of this size
     np.testing.assert_allclose(added, parts, rtol=0, atol=4 * EPS * SENSORS[name][3])
@@ -130,6 +133,12 @@ def test_what_is_added_is_recorded(name):
     low, high = stats.chi2.ppf([1e-4 / 12, 1 - 1e-4 / 12], N)
     assert np.all((low < spread) & (spread < high))
     assert np.all(1.25 * spread > high)  # power: 12 % more noise
+    memory = np.exp(-1.0 / (0.01 * RATE))  # what a Markov bias has new in a row
+    new = np.sum((drift[1:, 0] - memory * drift[:-1, 0]) ** 2) / (1.0 - memory**2)
+    assert low < new / (0.5 * 0.3**2 * 0.01) < high
+    np.testing.assert_allclose(drift[:, 1], 0.02 * TIME, rtol=4 * EPS)
+    # four rows a period: sin^2 is a half on average, at any phase
+    assert np.sum(drift[:, 2] ** 2) == pytest.approx(0.5 * 0.5**2 * N, rel=1e-9)
 
 
 @EACH
