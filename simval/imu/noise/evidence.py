@@ -278,9 +278,8 @@ def line_of(signal: Float[Array, " n"]) -> Line:
         return Line()
     # between two frequencies of the transform, by the squares of three
     below, at, beyond = np.sqrt(every[k[top] - 1 : k[top] + 2])
-    shift = (
-        2.0 * (beyond - below) / (below + 2.0 * at + beyond)
-    )  # exact for this window
+    whole = below + 2.0 * at + beyond  # exact for this window
+    shift = 2.0 * (beyond - below) / whole
     # the bound 24 s^2/(A^2 n^3) on its variance in radians a row, in white noise of the
     # level about it, and 1.8 times its root for three frequencies under this window
     sd = 1.8 / (np.pi * n * np.exp(0.5 * above[top]))
