@@ -246,7 +246,10 @@ def test_a_line_is_a_sine_and_no_band_of_noise(size):
         white, driving = rng.normal(size=(2, n))
         swing = size * np.sin(2.0 * np.pi * (turn * np.arange(n) + rng.uniform()))
         line = line_of(white + swing)
-        assert abs(line.period * turn - 1.0) < 1.0 / (n * turn)
+        # normal, one false alarm in 1e4 seeds of 36 lines
+        limit = stats.norm.isf(1e-4 / 72) * line.frequency_sd
+        assert abs(1.0 / line.period - turn) < limit
+        assert limit < 0.3 / n  # power: between two frequencies of the transform
         told += line_of(white + 10.0 * size * signal.lfilter(*band, driving)).period > 0
     assert told <= count // 4
 
