@@ -7,8 +7,9 @@ form, and :math:`V = V_A + V_B` (the data are taken for independent),
    E_n = \frac{|d|}{\sqrt{U_A^2 + U_B^2}}, \qquad U = k\,u, \tag{DC1}
 
 for each parameter, as in ISO/IEC 17043, k the 97.5 % quantile of Student's t with the
-degrees of freedom of its file, and of the normal law where the noise is known. Single
-parameters are correlated, so the verdict is that of all together,
+degrees of freedom of its file, or of a sensor's residuals where they made its noise
+larger, and of the normal law where the noise is known. Single parameters are
+correlated, so the verdict is that of all together,
 
 .. math::
    p = E\, P\{\chi^2_p > d^T (\alpha V_A + \beta V_B)^{-1} d\}, \qquad
