@@ -10,7 +10,6 @@ so that each reader says it in its own words for files that cannot be read.
 import os
 import stat
 from collections.abc import Callable
-from errno import EISDIR
 from os import PathLike
 from typing import Any, Final
 
@@ -24,13 +23,6 @@ MOST_MODEL: Final = 64 * MEBIBYTE
 MOST_DOCUMENT: Final = 4 * MEBIBYTE
 """Bytes of any other text: suites, sensors, calibrations, noise, poses, plug-ins. A
 calibration of three sensors takes 20 kB, and `tomllib` a second for a mebibyte."""
-
-_KINDS: Final = (  # what a path may be, and what to do about it
-    (stat.S_ISCHR, "it is a device, which may never end; give a file"),
-    (stat.S_ISBLK, "it is a device; give a file"),
-    (stat.S_ISFIFO, "it is a pipe, which may never end; write it to a file first"),
-    (stat.S_ISSOCK, "it is a socket; give a file"),
-)
 
 
 class UnreadableError(OSError):
@@ -48,20 +40,18 @@ def read_bytes(path: str | PathLike[str], most: int, first: int | None = None) -
     OSError
         If there is no such file, or it cannot be read; `UnreadableError` in words.
     """
-    require_regular(path, os.stat(path), most)
-    # it may be another one by now: a pipe is opened at once and seen for what it is
-    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
-    with open(handle, "rb") as file:
-        status = os.fstat(handle)
-        require_regular(path, status, most)
-        if first is not None:
-            return file.read(first)
-        content = file.read(status.st_size + 1)
-        while len(content) <= most and (more := file.read(MEBIBYTE)):
-            content += more  # it grows, or is of the kernel and has no size
-    if len(content) > most:
-        raise _too_large(path, f"more than {_size(most)}", most)
-    return content
+    status = os.stat(path)
+    # of a folder `open` says what it is
+    if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
+        kind = "a pipe" if stat.S_ISFIFO(status.st_mode) else "a device or a socket"
+        msg = f"it is {kind}, which may never end; give a file"
+        raise UnreadableError(0, msg, os.fspath(path))
+    if status.st_size > most:
+        size, limit = (f"{count / MEBIBYTE:,.0f}" for count in (status.st_size, most))
+        msg = f"it has {size} MiB; a file of its kind has at most {limit} MiB"
+        raise UnreadableError(0, msg, os.fspath(path))
+    with open(path, "rb") as file:
+        return file.read(first)
 
 
 def read_text(path: str | PathLike[str], most: int, encoding: str = "utf-8") -> str:
@@ -78,25 +68,6 @@ def read_text(path: str | PathLike[str], most: int, encoding: str = "utf-8") -> 
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def require_regular(
-    path: str | PathLike[str], status: os.stat_result, most: int
-) -> None:
-    """Refuse what is no file, or too large.
-
-    Raises
-    ------
-    OSError
-        Saying what it is.
-    """
-    if stat.S_ISDIR(status.st_mode):
-        raise IsADirectoryError(EISDIR, os.strerror(EISDIR), os.fspath(path))
-    for is_kind, words in _KINDS:
-        if is_kind(status.st_mode):
-            raise UnreadableError(0, words, os.fspath(path))
-    if stat.S_ISREG(status.st_mode) and status.st_size > most:
-        raise _too_large(path, _size(status.st_size), most)
-
-
 def parsed(read: Callable[..., Any], text: str, **settings: Any) -> Any:
     """Value of a text, by `json.loads` or `tomllib.loads`.
 
@@ -110,12 +81,3 @@ def parsed(read: Callable[..., Any], text: str, **settings: Any) -> Any:
     except RecursionError:
         msg = "it is nested too deeply; none of ours has more than a few levels"
         raise ValueError(msg) from None
-
-
-def _too_large(path: str | PathLike[str], size: str, most: int) -> UnreadableError:
-    msg = f"it has {size}; a file of its kind has at most {_size(most)}"
-    return UnreadableError(0, msg, os.fspath(path))
-
-
-def _size(count: int) -> str:
-    return f"{count / MEBIBYTE:,.0f} MiB" if count >= MEBIBYTE else f"{count:,} bytes"

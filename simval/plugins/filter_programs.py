@@ -28,11 +28,6 @@ FIRST_LIMIT: Final = 60.0
 ROW_LIMIT: Final = 10.0
 """Seconds for the first row, with the program's start, and for each other."""
 
-SUSPECT: Final = 2.0
-"""Seconds without a first answer after which a second process is asked the same, with
-the end of its input: if that one answers, in a third of the time that the first one
-has had since, the first holds its answer back."""
-
 END_LIMIT: Final = 5.0
 """Seconds in which the program must end after its input."""
 
@@ -103,7 +98,7 @@ class _Process:
     """A program between its lines."""
 
     def __init__(self, words: Sequence[str], entries: int) -> None:
-        self.words, self.program, self.entries, self.rows = words, words[0], entries, 0
+        self.program, self.entries, self.rows = words[0], entries, 0
         self.pending = b""
         self.errors = TemporaryFile()  # noqa: SIM115 - until `close`
         try:
@@ -146,29 +141,9 @@ class _Process:
             self.given.write(row)
         except OSError:  # it reads no more
             raise CrashedPluginError(self._death()) from None
-        if not self.rows and not self._readable(min(SUSPECT, FIRST_LIMIT)):
-            self._require_flushing(row)
         line = self._line(ROW_LIMIT if self.rows else FIRST_LIMIT)
         self.rows += 1
         return self._answer(line)
-
-    def _require_flushing(self, row: bytes) -> None:
-        """Require that it is not its input's end that the first answer waits for."""
-        began = monotonic()
-        twin = _Process(self.words, self.entries)
-        try:
-            twin.given.write(row)
-            twin._end_input()
-            while not twin._readable(0.1):
-                if self._readable(0.0) or monotonic() - began > FIRST_LIMIT:
-                    return
-            answered = bool(os.read(twin.printed, LINE_LIMIT))
-        except OSError:  # it reads no more
-            return
-        finally:
-            twin._kill()
-        if answered and not self._readable(2.0 * (monotonic() - began)):
-            raise SilentPluginError(self._silence(monotonic() - began + SUSPECT))
 
     def close(self) -> None:
         """End its input, and see that it ends well and has nothing more to say."""

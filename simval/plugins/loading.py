@@ -30,7 +30,7 @@ from types import MappingProxyType, ModuleType
 from typing import Any, Final, TypeVar
 
 from simval.errors import PluginError, UnusablePluginError
-from simval.files import MOST_DOCUMENT, MOST_MODEL, read_bytes, require_regular
+from simval.files import MOST_DOCUMENT, MOST_MODEL, read_bytes
 from simval.plugins.child import started
 from simval.plugins.names import COMMAND, file_of, is_file, portable, words_of
 from simval.plugins.programs import command_calibrator, fault_of
@@ -197,7 +197,6 @@ def _closure(first: Path) -> dict[str, str]:
 
 def _digest(file: Path) -> str:
     # of a file of any size: a program, meshes, weights
-    require_regular(file, file.stat(), sys.maxsize)
     with file.open("rb") as content:
         return hashlib.file_digest(content, "sha256").hexdigest()
 

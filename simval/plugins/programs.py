@@ -83,13 +83,13 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return values
 
 
-SINGLE = ("poses", "log")
-"""Data of one trial: a process for each."""
-
-BATCH = ("trials", "poses_folder")
+BATCH = "trials"
 """Data of all trials: one process."""
 
-PLACES = (*SINGLE, *BATCH, "g")
+DATA = ("poses", "log", BATCH)
+"""Data of one trial, with a process for each, or of all."""
+
+PLACES = (*DATA, "g")
 
 _PLACE = re.compile(r"(?:[^{}]*[=:])?\{([A-Za-z_]\w*)\}")
 """A word that is a placeholder, or ends with one after ``=`` or ``:``."""
@@ -102,7 +102,7 @@ class Invocation:
     """A command as it is meant."""
 
     words: tuple[str, ...]  # the program and its words, with their placeholders
-    batch: str  # one of `BATCH`; empty: a process for each trial
+    batch: bool  # whether one process has all trials
     standard_input: bool  # whether the trials are on standard input
 
     def uses(self, place: str) -> bool:
@@ -141,26 +141,25 @@ def invocation_of(algorithm: str) -> Invocation:
             raise UnusablePluginError(msg)
     kept, standard_input = _without_redirection(algorithm, words)
     text = " ".join(words)
-    given = [place for place in (*SINGLE, *BATCH) if f"{{{place}}}" in text]
+    given = [place for place in DATA if f"{{{place}}}" in text]
     if not kept or not given:
         msg = (
             f"`{algorithm}` must name a program and where its file goes: "
             f"`{COMMAND} PROGRAM {{poses}}` or `{COMMAND} PROGRAM {{log}}` for a "
-            f"process for each trial, `{COMMAND} PROGRAM < {{trials}}` or "
-            f"`{COMMAND} PROGRAM {{poses_folder}}` for one process for all trials"
+            f"process for each trial, `{COMMAND} PROGRAM < {{trials}}` for one process "
+            "for all trials"
         )
         raise UnusablePluginError(msg)
-    batches = [place for place in BATCH if place in given]
-    if batches and len(given) > 1:
+    if BATCH in given and len(given) > 1:
         both = " and ".join(f"{{{place}}}" for place in given)
         msg = (
-            f"`{algorithm}` has {both}; {{{batches[0]}}} holds all trials, so it must "
-            "be the only one"
+            f"`{algorithm}` has {both}; {{{BATCH}}} holds all trials, so it must be "
+            "the only one"
         )
         raise UnusablePluginError(msg)
     return Invocation(
         words=tuple(kept),
-        batch=batches[0] if batches else "",
+        batch=BATCH in given,
         standard_input=standard_input,
     )
 
@@ -186,7 +185,7 @@ def fault_of(algorithm: str) -> str:
 def in_batch(algorithm: str) -> bool:
     """Tell whether a name is a command that takes all trials at once."""
     command = algorithm.startswith(COMMAND) and not fault_of(algorithm)
-    return command and bool(invocation_of(algorithm).batch)
+    return command and invocation_of(algorithm).batch
 
 
 def _without_redirection(algorithm: str, words: list[str]) -> tuple[list[str], bool]:
@@ -256,47 +255,54 @@ def run(
 
 
 def answers(
-    command: Invocation, write: Write, seconds: float, key: str, names: Sequence[Any]
+    command: Invocation,
+    lines: Sequence[Mapping[str, Any]],
+    seconds: float,
+    **values: str,
 ) -> list[dict[str, Any]]:
-    """Run a program and sort its answers by what they hold under a key.
+    """Run a program on a line for each trial, and sort its answers by their trials.
 
     Raises
     ------
     CrashedPluginError
         If it cannot be run, fails, or does not end in time.
     PluginError
-        If there is not exactly one answer of each name.
+        If there is not exactly one answer of each trial.
     """
-    program = command.words[0]
-    found: dict[Any, dict[str, Any]] = {}
-    known = set(names)
-    with run(command, write, seconds, len(names)) as printed:
+    program, count = command.words[0], len(lines)
+
+    def write(folder: Path) -> dict[str, str]:
+        given = (json.dumps({"trial": k, **line}) for k, line in enumerate(lines))
+        (folder / "trials.jsonl").write_text("\n".join(given) + "\n", encoding="utf-8")
+        return {BATCH: str(folder / "trials.jsonl"), **values}
+
+    found: dict[int, dict[str, Any]] = {}
+    with run(command, write, seconds, count) as printed:
         for number, line in enumerate(printed, 1):
             if not line.strip():
                 continue
             who = f"line {number} of `{program}`:"
             answer = json_object(who, line)
-            name = answer.pop(key, None)
-            if type(name) is not type(names[0]) or name not in known:
-                some = dict.fromkeys((json.dumps(names[0]), json.dumps(names[-1])))
+            trial = answer.pop("trial", None)
+            if type(trial) is not int or not 0 <= trial < count:
                 msg = (
-                    f"{who} `{key}` is {json.dumps(name)}; each answer must repeat the "
-                    f"`{key}` of its trial, {' to '.join(some)}"
+                    f"{who} `trial` is {json.dumps(trial)}; each answer must repeat "
+                    f"the `trial` of its line, 0 to {count - 1}"
                 )
                 raise PluginError(msg)
-            if name in found:
-                msg = f"{who} `{key}` {json.dumps(name)} is answered twice"
+            if trial in found:
+                msg = f"{who} `trial` {trial} is answered twice"
                 raise PluginError(msg)
-            found[name] = answer
-    if left := [json.dumps(name) for name in names if name not in found]:
+            found[trial] = answer
+    if left := [str(trial) for trial in range(count) if trial not in found]:
         more = ", ..." if len(left) > MISSING else ""
         msg = (
-            f"`{program}` answered {len(found)} of {len(names)} trials and ended with "
-            f"exit code 0; no answer for `{key}` {', '.join(left[:MISSING])}{more}; "
+            f"`{program}` answered {len(found)} of {count} trials and ended with "
+            f"exit code 0; no answer for `trial` {', '.join(left[:MISSING])}{more}; "
             "print one JSON object for each trial, each in a line of its own"
         )
         raise PluginError(msg)
-    return [found[name] for name in names]
+    return [found[trial] for trial in range(count)]
 
 
 RATE = 100.0  # Hz
@@ -361,18 +367,9 @@ def command_calibrator(words: str, **declared: Any) -> Calibrator:
     def calibrate_all(
         sets: Float[Array, "t n 3"], g: float, noise_std: float, seconds: float
     ) -> list[Any]:
-        if command.batch == "trials":
-            same = {"g": g, "noise_std": noise_std}
-            lines = [{"poses": poses, **same} for poses in sets.tolist()]
-            return _lines_answered(command, lines, {"g": repr(g)}, seconds)
-        files = [f"{number:06d}.csv" for number in range(len(sets))]
-
-        def write(folder: Path) -> dict[str, str]:
-            for file, poses in zip(files, sets, strict=True):
-                _save(folder / file, poses)
-            return {"poses_folder": str(folder), "g": repr(g)}
-
-        return answers(command, write, seconds, "file", files)
+        same = {"g": g, "noise_std": noise_std}
+        lines = [{"poses": poses, **same} for poses in sets.tolist()]
+        return answers(command, lines, seconds, g=repr(g))
 
     if not command.batch:
         return Calibrator(calibrate=calibrate, **given)
@@ -404,7 +401,7 @@ def command_estimator(words: str, **declared: Any) -> Estimator:
         If the words cannot be split, or do not say where the trials go.
     """
     command = invocation_of(words)
-    if command.batch != "trials" or command.uses("g"):
+    if not command.batch or command.uses("g"):
         msg = (
             f"`{words}` must say where its vectors go: `PROGRAM < {{trials}}` or "
             "`PROGRAM {trials}`; an estimator has neither poses nor g"
@@ -414,8 +411,7 @@ def command_estimator(words: str, **declared: Any) -> Estimator:
     def estimate(*vectors: Float[Array, "n 3"]) -> list[Any]:
         rows = zip(*(each.tolist() for each in vectors), strict=True)
         lines = [dict(zip(VECTORS, row, strict=True)) for row in rows]
-        found = _lines_answered(command, lines, {}, CALL_LIMIT)
-        return [answer.get("q") for answer in found]
+        return [each.get("q") for each in answers(command, lines, CALL_LIMIT)]
 
     name = Path(command.words[0]).name
     return Estimator(**{"name": name, **declared, "estimate": estimate})
@@ -436,24 +432,6 @@ def _answer(
 
     with run(command, write, CALL_LIMIT) as printed:
         return json_object(f"`{command.words[0]}`", printed.read(ANSWER_LIMIT + 1))
-
-
-def _lines_answered(
-    command: Invocation,
-    lines: Sequence[dict[str, Any]],
-    values: dict[str, str],
-    seconds: float,
-) -> list[Any]:
-    """Run one process for some trials, a line each."""
-
-    def write(folder: Path) -> dict[str, str]:
-        text = (
-            json.dumps({"trial": trial, **line}) for trial, line in enumerate(lines)
-        )
-        (folder / "trials.jsonl").write_text("\n".join(text) + "\n", encoding="utf-8")
-        return {"trials": str(folder / "trials.jsonl"), **values}
-
-    return answers(command, write, seconds, "trial", range(len(lines)))
 
 
 def _save(file: str | Path, rows: Float[Array, "n k"]) -> None:

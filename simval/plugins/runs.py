@@ -3,7 +3,7 @@ r"""Run a filter over readings, and repeat a run of any algorithm.
 A fresh filter is made for each trial, or one for a batch of all, and stepped row by row
 in its own conventions; its answers are converted afterwards, all at once. What cannot
 be believed is refused: answers that are no attitudes or covariances, input that is
-changed, state that outlives a run, a step that takes the longer the longer it runs.
+changed, state that outlives a run.
 
 With C the matrix from NWU to a world, :math:`r_W = C\, r`, an attitude that carries NWU
 to the body carries that world to it as :math:`A_W = A\, C^T`. An error on the reference
@@ -15,10 +15,7 @@ So a row costs little more than the filter itself. Our own filter takes a stretc
 call, and is not run again: that it keeps nothing is shown by its tests.
 
 State that outlives a run, instances that share it, and trials of a batch that depend on
-each other are told by answers that differ. A step that takes the longer the longer a
-filter runs is told by the same readings once more without a fresh filter, so that what
-the motion costs is the same: three times, and each time by a factor. It is processor
-time, which a busy machine leaves alone; that of a program beside us is not seen.
+each other are told by answers that differ.
 
 Some trials are asked again, in another order and then fewer of them: their answers must
 be what they were. So it is found whatever is kept, a mean, a last answer or a count of
@@ -26,11 +23,11 @@ calls, and in a batch also what depends on a place or on what stands beside it. 
 answer that is kept for good is the same again; but then it is that of other trials too.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from time import perf_counter, process_time
+from time import perf_counter
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -177,7 +174,6 @@ class Run:
     words: dict[str, Float[Array, "k ..."]]
     rows: NDArray[np.intp]  # (s,), of each stretch
     seconds: Float[Array, " s"]  # of each stretch
-    processor: Float[Array, " s"]  # seconds of processor time of each
 
 
 def readings_of(
@@ -270,7 +266,7 @@ def stepped(
     ours = type(own) is Mekf and getattr(update, "__func__", None) is Mekf.update
     form: Form | None = None
     found: list[list[Array]] = []
-    times: list[Array] = []
+    seconds: list[float] = []
     for first, last in pairwise(edges.tolist()):
         rows = slice(first, last)
         columns = [np.array(a[rows], order="C") for a in readings.sensors]
@@ -278,7 +274,7 @@ def stepped(
         row, put, arrays = -1, None, list[Array]()
         if form is not None:
             put, arrays = form.storing(last - first)
-        start = np.array([perf_counter(), process_time()])
+        start = perf_counter()
         try:
             if ours:
                 given = [[] for _ in given]
@@ -295,7 +291,7 @@ def stepped(
         except (Exception, SystemExit) as error:  # whatever a user's filter may raise
             where = f", {place(readings, first + max(row, 0))}"
             raise ended(filter.name, error, where) from error
-        times.append(np.array([perf_counter(), process_time()]) - start)
+        seconds.append(perf_counter() - start)
         _require_unchanged(filter, readings, rows, columns)
         assert form is not None
         if fault := form.fault(arrays):
@@ -306,12 +302,10 @@ def stepped(
         found.append([a[kept] for a in arrays])
     assert form is not None
     whole = [np.concatenate(each) for each in zip(*found, strict=True)]
-    seconds, processor = np.transpose(times)
     return Run(
         words=dict(zip(form.shapes, whole, strict=True)),
         rows=np.diff(edges),
-        seconds=seconds,
-        processor=processor,
+        seconds=np.array(seconds),
     )
 
 
@@ -350,17 +344,6 @@ AGAIN: Final = 1000
 
 ALONE: Final = 1e-9
 """Attitude error of a trial alone, rad, whose sums may be rounded in another order."""
-
-SUSPICIOUS: Final = 2.5
-SLOWER: Final = 1.5
-"""Time of the last rows over that of the first, from which a filter is run for longer,
-and of a second time through the same readings over the first. A step whose cost grows
-evenly with the rows so far reaches the second before the first."""
-
-REPEATS: Final = 3
-
-LEAST: Final = 1e-9
-"""Processor time that a stretch takes at the least, s."""
 
 
 def require_the_same_again(
@@ -429,37 +412,6 @@ def require_trials_alone(filter: Filter, batch: Readings, alone: Readings) -> No
         raise PluginError(msg)
 
 
-def require_an_even_pace(
-    filter: Filter, readings: Readings, runs: Sequence[Run]
-) -> None:
-    """Require that a row takes no longer the more rows there were before."""
-    paces = np.array([run.processor / run.rows for run in runs])
-    count = max(paces.shape[1] // 8, 1)
-    first, last = (float(p.min()) for p in (paces[:, :count], paces[:, -count:]))
-    if not last > SUSPICIOUS * first:
-        return
-    ratio = min(_second_time(filter, readings) for _ in range(REPEATS))
-    if ratio > SLOWER:
-        msg = (
-            f"{filter.name} takes longer and longer: a row takes {first * 1e6:.3g} us "
-            f"at the beginning of a run and {last * 1e6:.3g} us at its end, and "
-            f"{ratio:.2g} times as long when the same readings come once more; "
-            "keep no history that grows"
-        )
-        raise PluginError(msg)
-
-
-def _second_time(filter: Filter, readings: Readings) -> float:
-    """Median over its stretches of the second time of all rows over the first."""
-    none = np.arange(1)
-    try:
-        with making(filter, readings) as update:
-            paces = [stepped(filter, update, readings, none) for _ in range(2)]
-    except PluginError:  # of readings that begin anew it makes nothing
-        return 0.0
-    return float(np.median(paces[1].processor / np.maximum(paces[0].processor, LEAST)))
-
-
 def beginning(readings: Readings, count: int = BY_TURNS) -> Readings:
     """The first rows."""
     rows = slice(0, count)
@@ -521,8 +473,8 @@ def run_filter(
     Raises
     ------
     PluginError
-        If it raises, breaks a rule of its answers, changes its input, keeps state
-        between runs, or takes longer and longer for a row.
+        If it raises, breaks a rule of its answers, changes its input, or keeps
+        state between runs.
     """
     assert (np.diff(keep) > 0).all(), "rows increase"
     assert 0 <= keep[0] <= keep[-1] < len(given.dt), "rows are those of the readings"
@@ -539,7 +491,6 @@ def run_filter(
             require_trials_alone(filter, each[0], alone)
         else:
             require_a_life_of_its_own(filter, each[0], each[-1])
-        require_an_even_pace(filter, each[0], runs)
     words = {
         word: np.ascontiguousarray(np.moveaxis(first, 1, 0))
         if filter.batch

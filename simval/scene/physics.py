@@ -19,11 +19,9 @@ sensor data beside a position would not be.
 
 import hashlib
 import os
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import product
 from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
@@ -34,11 +32,8 @@ from numpy.typing import NDArray
 from simval.arrays import Array, finite_array, positive_number
 from simval.errors import InputError
 from simval.files import (
-    MOST_LOG,
     MOST_MODEL,
-    UnreadableError,
     read_bytes,
-    require_regular,
 )
 from simval.scene.script import Script
 from simval.shapes import Float
@@ -74,8 +69,6 @@ SITE = "imu"
 # of the site, in the order of a row's columns
 SENSORS = ("accelerometer", "gyro", "magnetometer", "attitude", "clock")
 _TYPES = ("ACCELEROMETER", "GYRO", "MAGNETOMETER", "FRAMEQUAT", "CLOCK")
-_FILE = re.compile(r"""\bfile\w*\s*=\s*["']([^"'<>]+)["']""")
-_FOLDER = re.compile(r"""\b(?:asset|mesh|texture)dir\s*=\s*["']([^"'<>]+)["']""")
 INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast")
 
 
@@ -134,7 +127,6 @@ def load_model(
     except OSError as error:
         msg = f"cannot read the model file {path}: {error.strerror}"
         raise InputError(msg) from None
-    _require_regular_parts(Path(path), content)
     try:
         with captured_messages():
             spec = mujoco.MjSpec.from_file(str(path))
@@ -157,21 +149,6 @@ def load_model(
         raise InputError(msg) from None
     check_model(model, str(path))
     return Physics(model=model, sha256=hashlib.sha256(content).hexdigest())
-
-
-def _require_regular_parts(path: Path, content: bytes) -> None:
-    # MuJoCo opens what a model names, and would wait for ever for a pipe's writer
-    text = content.decode(errors="replace")
-    folders = [".", *_FOLDER.findall(text)]
-    for name, folder in product(dict.fromkeys(_FILE.findall(text)), folders):
-        part = path.parent / folder / name
-        try:
-            require_regular(part, part.stat(), MOST_LOG)
-        except UnreadableError as error:
-            msg = f"the model file {path} names {part}: {error}"
-            raise InputError(msg) from None
-        except (OSError, ValueError):
-            continue  # not there: MuJoCo says so where it is needed
 
 
 def _integrator(name: str) -> "mujoco.mjtIntegrator":

@@ -75,32 +75,11 @@ def drawn_frames(model: "mujoco.MjModel", job: Mapping[str, Any]) -> Generator[F
                     reasons[backend] = str(error)
                     if child.drawn:
                         break  # half of a film cannot be taken back
-        others = [each for each in BACKENDS if wanted and each != wanted.lower()]
-        able = [each for each in others if _can_draw(folder, each, width, height)]
     said = "; ".join(f"{backend}: {why}" for backend, why in reasons.items())
-    raise InputError(_refusal(wanted, said, others, able))
-
-
-def _refusal(wanted: str, said: str, others: list[str], able: list[str]) -> str:
-    if not wanted:
-        return f"this machine cannot draw off-screen ({said}); {INSTALL}"
-    head = (
-        f"`{RENDERER}` is {wanted!r:.60}, and with it this machine cannot draw "
-        f"off-screen ({said})"
-    )
-    if able:
-        which = " or ".join(able)
-        return f"{head}; with {which} it can, so set it to {which}, or unset it"
-    return f"{head}, nor with {' or '.join(others)}; {INSTALL}, and unset it"
-
-
-def _can_draw(folder: Path, backend: str, width: int, height: int) -> bool:
-    with _drawing_child(folder, backend) as child:
-        try:
-            child.frame(width, height)
-        except _NoFrameError:
-            return False
-    return True
+    wished = f"with `{RENDERER}` {wanted!r:.60} " * bool(wanted)
+    unset = "unset it, or " * bool(wanted)
+    msg = f"{wished}this machine cannot draw off-screen ({said}); {unset}{INSTALL}"
+    raise InputError(msg)
 
 
 @dataclass(slots=True)

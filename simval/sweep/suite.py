@@ -10,9 +10,8 @@
 Each value is checked against the study's own parameters; what is left out takes the
 study's default. `--set attitude.noise_std=1e-3,1e-2` on the command line wins.
 
-Paths in a suite file are relative to the file and stay inside its folder. A command may
-run any program, so its words need not lie in the folder; words that are files in it are
-resolved.
+Paths in a suite file are relative to its folder, and so are words of a command that are
+files in it.
 """
 
 import tomllib
@@ -22,7 +21,7 @@ from functools import cache
 from importlib import resources
 from itertools import product
 from math import prod
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import (
@@ -37,7 +36,7 @@ from pydantic.fields import FieldInfo
 
 from simval.errors import InputError
 from simval.files import MOST_DOCUMENT, parsed, read_text
-from simval.plugins.names import file_of, located
+from simval.plugins.names import located
 from simval.studies import STUDIES
 from simval.studies.plugin import PluginParameters
 from simval.studies.study import Cell, StudyParameters
@@ -142,7 +141,7 @@ def load_suite(
     except ValueError as error:
         msg = f"suite {name} is not valid TOML: {error}"
         raise InputError(msg) from None
-    content = kept_inside(name, content, Path(name).parent)
+    content = beside(content, Path(name).parent)
     for override in overrides:
         _override(content, override)
     if seed is not None:
@@ -336,29 +335,18 @@ def _require_size(name: str, suite: BaseModel) -> None:
         raise InputError(msg)
 
 
-def kept_inside(name: str, content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Check the paths of a suite file and resolve them.
-
-    Raises
-    ------
-    InputError
-        If a path is absolute, has a ``..``, or leads out of the folder by a link.
-    """
-
-    def kept(value: Any, key: str) -> Any:
-        if isinstance(value, list):
-            return [kept(v, key) for v in value]
-        if not isinstance(value, str):
-            return value
-        if file_of(value):
-            _require_inside(name, key, value, folder)
-        return located(value, str(folder))
-
+def beside(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The content of a suite file, its paths of plug-ins relative to its folder."""
     resolved = dict(content)
     for study in resolved.keys() & STUDIES.keys():
         table, field = resolved[study], STUDIES[study].parameters.plugin
         if isinstance(table, Mapping) and field in table:
-            resolved[study] = {**table, field: kept(table[field], field)}
+            words = [
+                located(each, str(folder)) if isinstance(each, str) else each
+                for each in _as_list(table[field])
+            ]
+            several = isinstance(table[field], list)
+            resolved[study] = {**table, field: words if several else words[0]}
     return resolved
 
 
@@ -372,17 +360,3 @@ def require_plugins(cells: Iterable[Cell]) -> None:
                 "the name of an installed plug-in, in a suite relative to its file"
             )
             raise InputError(msg)
-
-
-def _require_inside(name: str, key: str, text: str, folder: Path) -> None:
-    path = file_of(text)
-    parts = {*PurePosixPath(path).parts, *PureWindowsPath(path).parts}
-    rooted = PurePosixPath(path).is_absolute() or PureWindowsPath(path).anchor
-    target = (folder / path).resolve()
-    if rooted or ".." in parts or not target.is_relative_to(folder.resolve()):
-        msg = (
-            f"suite {name}, `{key}`: {text!r} leaves the folder of the suite; paths in "
-            "a suite file must be relative and stay inside it: move the file there, or "
-            "give it on the command line (--plugin, --set)"
-        )
-        raise InputError(msg)

@@ -61,7 +61,7 @@ TABLE = {
             *("gone.py", "gone.py:x", "dir.py", "gone", "a,b.py", ""),
             *("command: ./gone {poses}", "command: gone {poses}", "command: ls"),
             *("command: ", "command: 'ls {poses}", "command: ls {pose}"),
-            *("command: ./gone < {trials}", "command: gone {poses_folder}"),
+            "command: ./gone < {trials}",
             *("command: ls < {poses}", "command: ls {trials} {poses}"),
         )
     ],

@@ -373,27 +373,6 @@ def test_what_it_is_handed():
         assert type(seen[word]) is float
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("grows", [False, True])
-def test_a_step_that_takes_longer_and_longer_is_refused(grows):
-    class Slow(Rate):
-        def __init__(self, start):
-            super().__init__(start)
-            self.past = []
-
-        def update(self, dt, w, f, m):
-            self.past.append(np.tile(w, 60))
-            np.sort(np.ravel(self.past if grows else self.past[-1:]))
-            return self.step(dt, w)
-
-    given, _ = tumbling(1, 512, noise=False)
-    if grows:
-        with pytest.raises(PluginError, match="takes longer and longer: a row takes"):
-            run(filtering(Slow), given)
-    else:
-        assert len(run(filtering(Slow), given).seconds) == 4
-
-
 # its conventions, its world and its signs
 
 FORMS = list(itertools.product(("xyzs", "sxyz", "matrix"), ("active", "passive")))

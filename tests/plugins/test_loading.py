@@ -362,20 +362,12 @@ def test_two_files_of_one_name_are_refused_with_both():
         expand("s", {"estimator": {"algorithm": files[:1] * 2}})
 
 
-@pytest.mark.parametrize(
-    "value",
-    ["../x.py", "/etc/x.py", "a/../../x.py:n", "C:\\x.py", "..\\x.py", "link/x.py"],
-)
-def test_paths_in_a_suite_file_stay_in_its_folder(tmp_path, value):
-    suite = written(tmp_path, f"[estimator]\nalgorithm = {value!r}\n", "suites/s.toml")
+def test_paths_in_a_suite_file_are_relative_to_its_folder(tmp_path):
     folder = tmp_path / "suites"
-    (folder / "link").symlink_to(tmp_path)
-    with pytest.raises(InputError, match="leaves the folder of the suite"):
-        load_suite(suite)
-    # inside it is fine: relative to the file, and absolute for whoever computes it
-    written(folder, '[estimator]\nalgorithm = "deep/x.py:n"\n', "s.toml")
-    (cell,) = load_suite(suite).cells
-    assert cell.parameters.algorithm == f"{folder / 'deep' / 'x.py'}:n"
+    for name, path in (("deep/x.py", folder / "deep"), ("../x.py", tmp_path)):
+        suite = written(folder, f'[estimator]\nalgorithm = "{name}:n"\n', "s.toml")
+        (cell,) = load_suite(suite).cells
+        assert cell.parameters.algorithm == f"{path / 'x.py'}:n"
 
 
 def test_a_command_in_a_suite_finds_its_files_in_the_suite_s_folder(

@@ -77,5 +77,5 @@ def test_a_process_keeps_its_own_renderer(value):
 def test_who_draws_is_told_what_there_is(monkeypatch):
     value = "nonsens\u00e9"
     monkeypatch.setenv("MUJOCO_GL", value)
-    with pytest.raises(InputError, match=f"`MUJOCO_GL` is {value!r}.*unset it"):
+    with pytest.raises(InputError, match=f"`MUJOCO_GL` {value!r}.*unset it"):
         render("gimbal", poses=2, width=64, height=48)
