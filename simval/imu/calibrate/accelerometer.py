@@ -395,9 +395,9 @@ def _fit_block(
     condition, stretch = direction_condition(options.model, theta, moments, usable)
     block["condition"][keep] = condition
     checked = code[keep]
-    checked[~(condition <= options.condition_limit)] = int(Code.CONDITION)
-    checked[~usable] = int(Code.NOT_ELLIPSOID)
-    checked[~np.asarray(ellipsoid.determined, dtype=bool)] = int(Code.RANK)
+    checked[~(condition <= options.condition_limit)] = Code.CONDITION
+    checked[~usable] = Code.NOT_ELLIPSOID
+    checked[~np.asarray(ellipsoid.determined, dtype=bool)] = Code.RANK
     block["code"][keep] = checked
     good = checked == Code.CONVERGED
     if not good.any():

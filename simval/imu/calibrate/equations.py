@@ -67,9 +67,9 @@ class Corrected:
             outer = a[..., :, None] * x[:, :, None, None]
             by_matrix = outer.reshape(*a.shape[:-1], 9)
         else:
-            turned = np.swapaxes(self.slopes().reshape(t, 18, 3), -1, -2)
+            turned = self.slopes().reshape(t, 18, 3).mT
             moved = (x @ turned).reshape(*x.shape[:2], 6, 3)
-            by_matrix = a @ np.swapaxes(moved, -1, -2)
+            by_matrix = a @ moved.mT
         by_noise = back * self.std[:, rests, None]
         return np.concatenate([by_matrix, -back], axis=-1), by_noise
 
@@ -108,7 +108,7 @@ class Sensor:
 
     def _triad(self, matrix: Array, bias: Array, slopes: Any = None) -> Corrected:
         x = self.readings - bias[:, None]
-        w = x @ np.swapaxes(matrix, -1, -2)
+        w = x @ matrix.mT
         return Corrected(w=w, x=x, matrix=matrix, slopes=slopes, std=self.std)
 
 
@@ -453,14 +453,14 @@ class Local:
     @property
     def normal(self) -> Float[Array, "t p p"]:
         """The Fisher information, J'J."""
-        return np.swapaxes(self.slopes, -1, -2) @ self.slopes
+        return self.slopes.mT @ self.slopes
 
     @property
     def information(self) -> Float[Array, "n p p"]:
         """That of each rest of the first trial: what a plan adds up, without turns."""
         _, n, e, _ = self.white.shape
         slopes = self.slopes[0, : n * e].reshape(n, e, -1)
-        return np.swapaxes(slopes, -1, -2) @ slopes
+        return slopes.mT @ slopes
 
     @property
     def sd(self) -> Float[Array, "t p"]:
@@ -476,9 +476,7 @@ class Local:
         """Inverse of the information, and its least pivot: 0 where the rank is less."""
         normal, size = self._scaled()
         root = _inverse_root(normal)
-        covariance = (
-            np.swapaxes(root, -1, -2) @ root / (size[:, :, None] * size[:, None])
-        )
+        covariance = root.mT @ root / (size[:, :, None] * size[:, None])
         with np.errstate(divide="ignore"):
             pivot = 1.0 / np.einsum("tii->ti", root).max(axis=1) ** 2
         return covariance, np.where(np.isfinite(pivot), pivot, 0.0)
@@ -489,11 +487,11 @@ class Local:
         Of rows with turns, whatever their weights.
         """
         V = _own_added(self.L, self.own)
-        K = -self.covariance()[0] @ np.swapaxes(self.slopes, -1, -2) @ self.white
+        K = -self.covariance()[0] @ self.slopes.mT @ self.white
         raw = solved(self.white, self.rows)
         root = np.matvec(_inverse_root(V), raw)
         by_noise = K @ self.L.reshape(*self.L.shape[:2], -1)
-        return K @ V @ np.swapaxes(K, -1, -2), by_noise, np.vecdot(root, root)
+        return K @ V @ K.mT, by_noise, np.vecdot(root, root)
 
     def ended(self, trials: Any, rows: Float[Array, "t r"]) -> dict[str, Array]:
         """All but the vectors of some trials, the rows as they are at their end."""
@@ -520,7 +518,7 @@ class Local:
 def _own_added(L: Float[Array, "t r n m"], own: Array) -> Float[Array, "t r r"]:
     # covariance of rows by unit noises, and of the noise of the first of them
     noise, first = L.reshape(*L.shape[:2], -1), own.shape[1]
-    V = noise @ np.swapaxes(noise, -1, -2)
+    V = noise @ noise.mT
     V[:, :first, :first] += own
     return V
 

@@ -67,8 +67,8 @@ from simval.imu.calibrate.minimization import normalized
 from simval.imu.calibrate.residuals import (
     LOSSES,
     WEIGHTED,
-    in_lanes,
     moment_matrix,
+    monomial_slopes,
     monomials,
     residual_quadric,
     residual_values,
@@ -215,32 +215,23 @@ NOISE_MARGIN = 7.0
 GREATEST_NOISE = 0.1
 
 
-# for each axis, the monomials that it is in and what else their slopes are made of: an
-# axis or 1; the slope of a square is twice that
-_SLOPES = [
-    (np.ix_(places, places), np.ix_(rest, rest))
-    for places, rest in (
-        ([0, 3, 4, 6], [0, 1, 2, 3]),
-        ([1, 3, 5, 7], [1, 0, 2, 3]),
-        ([2, 4, 5, 8], [2, 0, 1, 3]),
-    )
-]
+def _gradient_products() -> Float[Array, "81 16"]:
+    # C of eq. (N1) by the moments of x, y, z and 1; of each entry of C two at most
+    slopes = monomial_slopes()
+    return np.einsum("iak,jal->ijkl", slopes, slopes).reshape(81, 16)
+
+
+_GRADIENTS = _gradient_products()
 
 
 def pencil(
     moments: Float[Array, "t 10 10"],
 ) -> tuple[Float[Array, "t 9 9"], Float[Array, "t 9 9"]]:
     """The two matrices of eq. (N1)."""
-    m = in_lanes(moments)
-    mean, total, linear = m[:9, 9], m[9, 9], m[6:, 6:]
-    scatter = m[:9, :9] - (mean / total)[:, None] * mean
-    by_axis = np.zeros_like(scatter)
-    for places, rest in _SLOPES:
-        slopes = linear[rest]
-        slopes[0] *= 2.0
-        slopes[:, 0] *= 2.0
-        by_axis[places] += slopes
-    return scatter.transpose(2, 0, 1), by_axis.transpose(2, 0, 1)
+    mean = moments[:, :9, 9]
+    outer = (mean / moments[:, 9:, 9])[:, :, None] * mean[:, None]
+    products = moments[:, 6:, 6:].reshape(-1, 16) @ _GRADIENTS.T
+    return moments[:, :9, :9] - outer, products.reshape(-1, 9, 9)
 
 
 def second_noise(moments: Float[Array, "10 10"]) -> float:
@@ -292,10 +283,10 @@ class Evidence:
 
     def judge(self, code: Any) -> Any:
         """Refuse the trials whose answer lacks evidence; say why others have none."""
-        judged = np.where(self.half_width > WIDEST, int(Code.WIDE), code)
-        judged = np.where(self.stretched, int(Code.NOISE_RANK), judged)
+        judged = np.where(self.half_width > WIDEST, Code.WIDE, code)
+        judged = np.where(self.stretched, Code.NOISE_RANK, judged)
         judged = np.where(code == Code.CONVERGED, judged, code)
-        return np.where(self.ambiguous, int(Code.NOISE_RANK), judged)
+        return np.where(self.ambiguous, Code.NOISE_RANK, judged)
 
 
 def weigh(
@@ -337,18 +328,18 @@ def screen(
     poses: Float[Array, "t n 3"], *, full_scale: float | None, repeats: bool
 ) -> Any:
     """Code of each trial from its readings alone."""
-    code = np.full(poses.shape[0], int(Code.CONVERGED))
+    code = np.full(poses.shape[0], Code.CONVERGED)
     finite = np.isfinite(poses).all(axis=(-2, -1))
     if not repeats:
         ordered = np.sort(poses[..., 0], axis=-1)
         suspect = (ordered[:, 1:] == ordered[:, :-1]).any(axis=-1)
         for row in np.flatnonzero(suspect & finite):
             if repeated_poses(poses[row]).size:
-                code[row] = int(Code.DUPLICATES)
+                code[row] = Code.DUPLICATES
     if full_scale is not None:
         clipped = (np.abs(poses) >= full_scale).any(axis=(-2, -1))
-        code[clipped] = int(Code.SATURATED)
-    code[~finite] = int(Code.NON_FINITE)
+        code[clipped] = Code.SATURATED
+    code[~finite] = Code.NON_FINITE
     return code
 
 

@@ -209,9 +209,9 @@ class Deletion:
             room = 1.0 - np.sum(along**2, axis=1)
             room[subset] = 0.0
             return residual[:, None], room[:, None, None]
-        own = np.swapaxes(self.items, -1, -2)
+        own = self.items.mT
         seen = own @ along
-        return own @ residual, own @ self.items - seen @ np.swapaxes(seen, -1, -2)
+        return own @ residual, own @ self.items - seen @ seen.mT
 
     def drops(self, subset: list[int]) -> Float[Array, " i"]:
         """What leaving each further item out takes off the squares; NaN: nothing."""

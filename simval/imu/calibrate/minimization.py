@@ -54,14 +54,16 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.imu.calibrate.residuals import (
+    FIRST,
     LOSSES,
-    PAIRS,
+    SECOND,
     SLOPES,
     curvature,
     distance_quadric,
     distance_seconds,
     evaluate,
     moment_matrix,
+    monomial_slopes,
     monomials,
     quadratic,
     residual_quadric,
@@ -95,6 +97,7 @@ def _scale_changes() -> Float[Array, "w 6"]:
 
 _SCALES = _scale_changes()
 _SCALES.setflags(write=False)
+_SLOPES = monomial_slopes()
 
 
 def normalized(
@@ -103,12 +106,12 @@ def normalized(
     """Move readings to their mean and scale them to unit size."""
     count = poses.shape[1]
     centre = np.vecmat(np.ones(count), poses) / count
-    z = np.ascontiguousarray(np.swapaxes(poses, -1, -2)) - centre[..., None]
+    z = np.ascontiguousarray(poses.mT) - centre[..., None]
     flat = z.reshape(len(z), -1)
     scale = np.sqrt(np.vecdot(flat, flat) / count)
     one = scale <= _LEAST  # all readings are one
     z /= np.where(one, np.inf, scale)[:, None, None]
-    return np.swapaxes(z, -1, -2), centre, np.where(one, 1.0, scale)
+    return z.mT, centre, np.where(one, 1.0, scale)
 
 
 def direction_condition(
@@ -142,14 +145,9 @@ def _corrected_monomials(
     for axis in range(3):
         rows[:, 3] -= rows[:, axis] * theta[:, 6 + axis]
     result = np.zeros((9, 10, len(theta)))
-    first, second = np.array([(0, 0), (1, 1), (2, 2), *PAIRS]).T
-    both = rows[first, :, None] * rows[second, None]
-    for place, (i, j) in enumerate([(0, 0), (1, 1), (2, 2), *PAIRS]):
-        result[:6, place] = both[:, i, j]
-        if i != j:
-            result[:6, place] += both[:, j, i]
-    result[:6, 6:9] = both[:, :3, 3] + both[:, 3, :3]
-    result[:6, 9] = both[:, 3, 3]
+    both = rows[FIRST[:6], :, None] * rows[SECOND[:6], None]
+    result[:6] = both[:, FIRST, SECOND]
+    result[:6, 3:9] += both[:, SECOND[3:9], FIRST[3:9]]
     result[6:, 6:] = rows
     return result.transpose(2, 0, 1).copy()
 
@@ -175,7 +173,7 @@ def minimize_leverage(
     return replace(
         found,
         theta=np.where(lost[:, None], theta, result),
-        code=np.where(lost & converged, int(Code.STALLED), found.code),
+        code=np.where(lost & converged, Code.STALLED, found.code),
     )
 
 
@@ -225,7 +223,9 @@ class Leverage:
         self, bias: Float[Array, "t 3"], slope: Float[Array, "t 3"], psi: Array
     ) -> Float[Array, "t 3 3"]:
         # what the second derivatives of 1/2 psi fall short of the matrix (H3)
-        by_b = _monomial_slopes(bias)
+        by_b = np.empty((len(bias), 9, 3))
+        by_b[:] = _SLOPES[..., 3]
+        by_b += np.einsum("mij,tj->tmi", _SLOPES[..., :3], bias)
         bent = by_b.mT @ self.inverse @ by_b
         bent *= self.start_cost[:, None, None]
         tilt = np.vecmat(self.start, by_b)
@@ -247,16 +247,6 @@ class Leverage:
         depth = 1.0 - np.vecdot(self.start, at)
         psi = depth * depth + np.vecdot(at, drawn)
         return psi, depth[:, None] * self.start - drawn
-
-
-def _monomial_slopes(b: Float[Array, "t 3"]) -> Float[Array, "t 9 3"]:
-    result = np.zeros((len(b), 9, 3))
-    for axis in range(3):
-        result[:, axis, axis] = 2.0 * b[:, axis]
-        result[:, 6 + axis, axis] = 1.0
-    for index, (i, j) in enumerate(PAIRS):
-        result[:, 3 + index, i], result[:, 3 + index, j] = b[:, j], b[:, i]
-    return result
 
 
 def _is_positive(a: Float[Array, "t 3 3"]) -> Any:
@@ -347,11 +337,11 @@ def _curve(
     dq: Float[Array, "t 10 9"],
 ) -> Float[Array, "t 9 9"]:
     # Curvature by the parameters from the curvature by (c, q).
-    left, other = np.swapaxes(dc, -1, -2), np.swapaxes(dq, -1, -2)
+    left, other = dc.mT, dq.mT
     total = left @ moment_matrix(x, slopes.cc) @ dc
     if np.any(slopes.qq):
         cross = left @ moment_matrix(x, slopes.cq) @ dq
-        total += cross + np.swapaxes(cross, -1, -2)
+        total += cross + cross.mT
         total += other @ moment_matrix(x, slopes.qq) @ dq
     return total
 
@@ -376,7 +366,7 @@ def minimize_reweighted(
     """Solve with weights renewed between rounds."""
     count = len(theta)
     result, gradient = theta.copy(), np.full(count, np.nan)
-    code = np.full(count, int(Code.MAX_ITERATIONS))
+    code = np.full(count, Code.MAX_ITERATIONS)
     iterations = np.zeros(count, dtype=int)
     ratios = np.zeros(z.shape[:2])
     scale, last = np.full(count, np.nan), np.full(count, np.inf)
@@ -411,7 +401,7 @@ def minimize_reweighted(
         last[rows] = size
         if loss != "linear":
             settled &= turn >= _SCALE_ROUNDS
-        code[rows[settled & ~failed]] = int(Code.CONVERGED)
+        code[rows[settled & ~failed]] = Code.CONVERGED
         rows = rows[~(settled | failed)]
         if rows.size == 0:
             break

@@ -52,39 +52,41 @@ from simval.imu.sensor import forms
 from simval.shapes import Float
 
 CHUNK = 1 << 15  # samples of one pass; 2.6 MB of monomials
-PAIRS = ((0, 1), (0, 2), (1, 2))
-_EXPONENTS = (
-    (2, 0, 0),
-    (0, 2, 0),
-    (0, 0, 2),
-    (1, 1, 0),
-    (1, 0, 1),
-    (0, 1, 1),
-    (1, 0, 0),
-    (0, 1, 0),
-    (0, 0, 1),
-    (0, 0, 0),
+FIRST, SECOND = np.array(
+    [[0, 1, 2, 0, 0, 1, 0, 1, 2, 3], [0, 1, 2, 1, 2, 2, 3, 3, 3, 3]]
 )
+"""Whose product each monomial is: of x, y, z and 1."""
+_PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
+"""The first six in a symmetric matrix."""
+_HALVES = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
 
 
 def monomials(z: Float[Array, "... 3"]) -> Float[Array, "... 10"]:
     """The ten monomials xx yy zz xy xz yz x y z 1 of a reading."""
     result = np.empty((*z.shape[:-1], 10))
     np.multiply(z, z, out=result[..., :3])
-    for index, (i, j) in enumerate(PAIRS):
-        np.multiply(z[..., i], z[..., j], out=result[..., 3 + index])
+    for place in (3, 4, 5):
+        np.multiply(z[..., FIRST[place]], z[..., SECOND[place]], out=result[..., place])
     result[..., 6:9] = z
     result[..., 9] = 1.0
     return result
 
 
+def monomial_slopes() -> Float[Array, "9 3 4"]:
+    """Slopes of the first nine monomials by x, y and z, over x, y, z and 1."""
+    factors = np.eye(4)[[FIRST[:9], SECOND[:9]]]
+    slopes = factors[0, :, :3, None] * factors[1, :, None]
+    return slopes + factors[1, :, :3, None] * factors[0, :, None]
+
+
+def symmetric(entries: Float[Array, "... 6"]) -> Float[Array, "... 3 3"]:
+    """Symmetric matrix of six entries in the order of the monomials."""
+    return entries.take(_PLACES, axis=-1)
+
+
 def quadratic(p: Float[Array, "... m"]) -> Float[Array, "... 3 3"]:
     """Symmetric matrix of the quadratic part of coefficients of the monomials."""
-    matrix = np.zeros((*p.shape[:-1], 3, 3))
-    matrix[..., range(3), range(3)] = p[..., :3]
-    for index, (i, j) in enumerate(PAIRS):
-        matrix[..., i, j] = matrix[..., j, i] = p[..., 3 + index] / 2.0
-    return matrix
+    return symmetric(p[..., :6] * _HALVES)
 
 
 def moment_matrix(
@@ -96,17 +98,17 @@ def moment_matrix(
         part = slice(start, start + CHUNK)
         m = _monomial_rows(z[:, part])
         right = m if weights is None else m * weights[:, None, part]
-        total = total + m @ np.swapaxes(right, -1, -2)
+        total = total + m @ right.mT
     return np.asarray(total)
 
 
 def _monomial_rows(z: Float[Array, "t n 3"]) -> Float[Array, "t 10 n"]:
     # a row for each monomial, so that the poses are next to each other in memory
-    x = np.ascontiguousarray(np.swapaxes(z, -1, -2))
+    x = np.ascontiguousarray(z.mT)
     result = np.empty((len(x), 10, x.shape[-1]))
     np.multiply(x, x, out=result[:, :3])
-    for index, (i, j) in enumerate(PAIRS):
-        np.multiply(x[:, i], x[:, j], out=result[:, 3 + index])
+    for place in (3, 4, 5):
+        np.multiply(x[:, FIRST[place]], x[:, SECOND[place]], out=result[:, place])
     result[:, 6:9] = x
     result[:, 9] = 1.0
     return result
@@ -127,6 +129,7 @@ def unbiased_moment_matrix(
     x^4 - 6 s^2 x^2 + 3 s^4.
     """
     total = np.zeros((z.shape[0], 10, 10))
+    exponents = (np.eye(4, dtype=int)[FIRST] + np.eye(4, dtype=int)[SECOND])[:, :3]
     for start in range(0, z.shape[1], CHUNK):
         part = slice(start, start + CHUNK)
         x, s2 = z[:, part], noise_std[:, part, None] ** 2
@@ -140,13 +143,13 @@ def unbiased_moment_matrix(
                 square * (square - 6.0 * s2) + 3.0 * s2 * s2,
             ]
         )
-        for i, first in enumerate(_EXPONENTS):
-            for j, second in enumerate(_EXPONENTS[: i + 1]):
-                a, b, c = np.add(first, second)
+        for i, first in enumerate(exponents):
+            for j, second in enumerate(exponents[: i + 1]):
+                a, b, c = first + second
                 product = powers[a, ..., 0] * powers[b, ..., 1] * powers[c, ..., 2]
                 total[:, i, j] += product.sum(axis=-1)
     lower = np.tril(total, -1)
-    return total + np.swapaxes(lower, -1, -2)
+    return total + lower.mT
 
 
 def weighted_sum(
@@ -165,8 +168,7 @@ class Quadric:
     """A quadric's coefficients with their derivatives by the nine parameters."""
 
     gram: Float[Array, "t 3 3"]  # the quadratic part
-    # its derivatives by the first six parameters, or by none of them
-    slopes: Float[Array, "t k 3 3"]
+    slopes: Float[Array, "t 6 3 3"]  # its derivatives by the first six parameters
     bias: Float[Array, "t 3"]  # the centre
     values: Float[Array, "t 10"]  # the ten coefficients v
 
@@ -174,7 +176,7 @@ class Quadric:
 def residual_quadric(model: str, theta: Float[Array, "t 9"]) -> Quadric:
     """The quadric c of eq. (Q1)."""
     m = forms.matrix(model, theta)
-    gram = np.swapaxes(m, -1, -2) @ m
+    gram = m.mT @ m
     slopes = forms.gram_derivatives(model, theta)
     return _quadric(gram, slopes, theta[:, 6:], constant=-1.0)
 
@@ -182,24 +184,22 @@ def residual_quadric(model: str, theta: Float[Array, "t 9"]) -> Quadric:
 def distance_quadric(residual: Quadric) -> Quadric:
     """The quadric q = |M'M (y - b)|^2, a quarter of the squared gradient of c."""
     half = residual.slopes @ residual.gram[:, None]
-    slopes = half + np.swapaxes(half, -1, -2)
+    slopes = half + half.mT
     gram = residual.gram @ residual.gram
     return _quadric(gram, slopes, residual.bias, constant=0.0)
 
 
 def _quadric(
     gram: Float[Array, "t 3 3"],
-    slopes: Float[Array, "t k 3 3"],
+    slopes: Float[Array, "t 6 3 3"],
     bias: Float[Array, "t 3"],
     *,
     constant: float,
 ) -> Quadric:
     linear = np.matvec(gram, bias)
     values = np.empty((gram.shape[0], 10))
-    for axis in range(3):
-        values[:, axis] = gram[:, axis, axis]
-    for index, (i, j) in enumerate(PAIRS):
-        values[:, 3 + index] = 2.0 * gram[:, i, j]
+    values[:, :6] = gram[:, FIRST[:6], SECOND[:6]]
+    values[:, 3:6] *= 2.0
     values[:, 6:9] = -2.0 * linear
     values[:, 9] = np.vecdot(bias, linear) + constant
     return Quadric(gram=gram, slopes=slopes, bias=bias, values=values)
@@ -210,8 +210,8 @@ def residual_values(
 ) -> tuple[Float[Array, "t n"], Float[Array, "t n"]]:
     """The quadrics c and q of each reading, without derivatives."""
     m = forms.matrix(model, theta)
-    h = m @ (np.ascontiguousarray(np.swapaxes(z, -1, -2)) - theta[:, 6:, None])
-    return _squared(h) - 1.0, _squared(np.swapaxes(m, -1, -2) @ h)
+    h = m @ (np.ascontiguousarray(z.mT) - theta[:, 6:, None])
+    return _squared(h) - 1.0, _squared(m.mT @ h)
 
 
 def _squared(x: Float[Array, "t 3 n"]) -> Float[Array, "t n"]:
@@ -235,12 +235,10 @@ def value_derivatives(quadric: Quadric) -> Float[Array, "t 10 9"]:
     """Derivatives of the ten coefficients by the nine parameters."""
     result = np.zeros((quadric.gram.shape[0], 10, 9))
     slopes, bias = quadric.slopes, quadric.bias
-    for axis in range(3):
-        result[:, axis, :6] = slopes[:, :, axis, axis]
-    for index, (i, j) in enumerate(PAIRS):
-        result[:, 3 + index, :6] = 2.0 * slopes[:, :, i, j]
+    result[:, :6, :6] = slopes[:, :, FIRST[:6], SECOND[:6]].mT
+    result[:, 3:6, :6] *= 2.0
     linear = np.matvec(slopes, bias[:, None])  # (t, 6, 3)
-    result[:, 6:9, :6] = -2.0 * np.swapaxes(linear, -1, -2)
+    result[:, 6:9, :6] = -2.0 * linear.mT
     result[:, 9, :6] = np.vecdot(linear, bias[:, None])
     result[:, 6:9, 6:] = -2.0 * quadric.gram
     result[:, 9, 6:] = 2.0 * np.matvec(quadric.gram, bias)
@@ -262,20 +260,16 @@ def curvature(
     one of them and b, and 2 s_0 A by b twice.
     """
     bias, linear, constant = quadric.bias, weights[:, 6:9], weights[:, 9]
-    w = np.zeros_like(quadric.gram)
-    for axis in range(3):
-        w[:, axis, axis] = weights[:, axis]
-    for index, (i, j) in enumerate(PAIRS):
-        w[:, i, j] = w[:, j, i] = weights[:, 3 + index]
+    w = symmetric(weights)
     outer = bias[:, :, None] * linear[:, None, :]
-    w -= outer + np.swapaxes(outer, -1, -2)
+    w -= outer + outer.mT
     w += constant[:, None, None] * bias[:, :, None] * bias[:, None, :]
     rest = linear - constant[:, None] * bias
     result = np.empty((bias.shape[0], 9, 9))
     result[:, :6, :6] = (seconds * w[:, None, None]).sum(axis=(-2, -1))
     mixed = -2.0 * np.matvec(quadric.slopes, rest[:, None])
     result[:, :6, 6:] = mixed
-    result[:, 6:, :6] = np.swapaxes(mixed, -1, -2)
+    result[:, 6:, :6] = mixed.mT
     result[:, 6:, 6:] = 2.0 * constant[:, None, None] * quadric.gram
     return result
 
@@ -286,10 +280,10 @@ def residual_seconds(
     """Second derivatives of A = M'M by the first six parameters."""
     m = forms.matrix(model, theta)[:, None, None]
     first = forms.matrix_derivatives(model, theta)
-    bent = np.swapaxes(forms.matrix_second_derivatives(model), -1, -2) @ m
-    crossed = np.swapaxes(first, -1, -2)[:, :, None] @ first[:, None]
+    bent = forms.matrix_second_derivatives(model).mT @ m
+    crossed = first.mT[:, :, None] @ first[:, None]
     half = bent + crossed
-    return half + np.swapaxes(half, -1, -2)
+    return half + half.mT
 
 
 def distance_seconds(
@@ -298,7 +292,7 @@ def distance_seconds(
     """Second derivatives of A^2 by the first six parameters."""
     half = seconds @ residual.gram[:, None, None]
     half += residual.slopes[:, :, None] @ residual.slopes[:, None]
-    return half + np.swapaxes(half, -1, -2)
+    return half + half.mT
 
 
 RESIDUALS = vocabulary.RESIDUALS

@@ -24,7 +24,6 @@ neighbours.
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -50,19 +49,22 @@ def solve_positive(
         # N = LDL', and of what is not positive 0
         lower = _each(np.linalg.cholesky, 0.0, n)
         pivot = np.square(lower.diagonal(0, -2, -1)).min(axis=-1)
-        good = pivot > _ROUNDING
-        if not good.all():
-            n[~good], pivot[~good] = np.eye(n.shape[-1]), 0.0
+        bad = ~(pivot > _ROUNDING)
+        some = bad.any()
+        if some:
+            n[bad], pivot[bad] = np.eye(n.shape[-1]), 0.0
         x = _each(np.linalg.solve, np.nan, n, right * scale) * scale
-    x[~good] = np.nan
+    if some:
+        x[bad] = np.nan
     return x, pivot
 
 
 def _each(of: Callable[..., Array], otherwise: float, *stacks: Array) -> Array:
     # a function of each matrix of a stack, and `otherwise` of those that it refuses
-    with suppress(np.linalg.LinAlgError):
+    try:
         return of(*stacks)
-    results = np.full(stacks[-1].shape, otherwise)
+    except np.linalg.LinAlgError:
+        results = np.full(stacks[-1].shape, otherwise)
     for result, *own in zip(results, *stacks, strict=True):
         with suppress(np.linalg.LinAlgError):
             result[:] = of(*own)
@@ -75,10 +77,10 @@ def negative_pivots(matrices: Float[Array, "t p p"]) -> Any:
     n = matrices.transpose(1, 2, 0).copy()
     size = len(n)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        for i in range(size - 1):
-            row = n[i, i + 1 :] / n[i, i]
-            n[i + 1 :, i + 1 :] -= n[i, i + 1 :, None] * row
-        return np.sum(~(n[range(size), range(size)] > 0.0), axis=0)
+        for i in range(1, size):
+            row, pivot = n[i - 1, i:], n[i - 1, i - 1]
+            n[i:, i:] -= row[:, None] * (row / pivot)
+    return (~(n.diagonal() > 0.0)).sum(axis=-1)
 
 
 def trace(matrices: Float[Array, "t p p"]) -> Float[Array, " t"]:
@@ -97,20 +99,11 @@ _SHORTEST = 2.0**-40  # of a full step: 1e-12, the default tolerance
 _ROUNDING_FLOOR = 1e-7  # below it a step that no longer shrinks is rounding
 
 
-class Code(IntEnum):
-    """Status of a trial."""
+class Code:
+    """Status of a trial: where its words stand in `STATUS_NAMES`."""
 
-    CONVERGED = 0
-    MAX_ITERATIONS = 1
-    STALLED = 2
-    NON_FINITE = 3
-    DUPLICATES = 4
-    RANK = 5
-    CONDITION = 6
-    NOT_ELLIPSOID = 7
-    SATURATED = 8
-    NOISE_RANK = 9
-    WIDE = 10
+    CONVERGED, MAX_ITERATIONS, STALLED, NON_FINITE, DUPLICATES, RANK = range(6)
+    CONDITION, NOT_ELLIPSOID, SATURATED, NOISE_RANK, WIDE = range(6, 11)
 
 
 STATUS_NAMES = np.array(
@@ -156,7 +149,7 @@ class Solution:
     """End point of the iteration of each trial."""
 
     theta: Float[Array, "t p"]  # parameters
-    code: Any  # a `Code` for each trial, (t,)
+    code: Any  # one of `Code` for each trial, (t,)
     iterations: Any  # steps tried, (t,)
     gradient_norm: Float[Array, " t"]  # norm of the last gradient that was needed
 
@@ -171,7 +164,7 @@ def minimize(
     count = len(theta)
     ended = Solution(
         theta=theta.copy(),
-        code=np.full(count, int(Code.MAX_ITERATIONS)),
+        code=np.full(count, Code.MAX_ITERATIONS),
         iterations=np.zeros(count, dtype=int),
         gradient_norm=np.full(count, np.nan),
     )
@@ -192,13 +185,13 @@ def minimize(
         step *= rules.step * trials.length[:, None]
         there = trials.theta + step
         middle = np.maximum(np.abs(there + trials.theta) / 2.0, 1.0)
-        size = np.max(np.abs(step) / middle, axis=-1)
+        size = (np.abs(step) / middle).max(axis=-1)
         done = size <= rules.tolerance  # the cost there need not be known
         if done.any():
             trials.leave(ended, done, there, iteration, Code.CONVERGED)
+            if done.all():
+                break
             trials, there, size = trials.take(~done), there[~done], size[~done]
-        if trials.rows.size == 0:
-            break
         trials = _advance(objective, trials, there, size, ended, iteration)
         if trials.rows.size == 0:
             break
@@ -240,7 +233,7 @@ class _Trials:
         which: Any,
         theta: Float[Array, "t p"],
         iteration: int,
-        code: Code,
+        code: int,
     ) -> None:
         gone = self.rows[which]
         ended.theta[gone] = theta[which]

@@ -227,13 +227,12 @@ def _upper_factor(gram: Float[Array, "... 3 3"]) -> Float[Array, "... 3 3"]:
     factor = np.zeros_like(gram)
     with np.errstate(invalid="ignore", divide="ignore"):
         for i in range(3):
-            for j in range(i, 3):
-                rest = gram[..., i, j].copy()
-                for k in range(i):
-                    rest -= factor[..., k, i] * factor[..., k, j]
-                factor[..., i, j] = (
-                    np.sqrt(rest) if i == j else rest / factor[..., i, i]
-                )
+            row = gram[..., i, i:].copy()
+            for k in range(i):
+                row -= factor[..., k, i : i + 1] * factor[..., k, i:]
+            row[..., 0] = np.sqrt(row[..., 0])
+            row[..., 1:] /= row[..., :1]
+            factor[..., i, i:] = row
     return factor
 
 

@@ -407,8 +407,8 @@ def _fit(scaled: Scaled, options: Options) -> _Block:
     theta = _twin(solution.theta, options.hemisphere)
     fitted = Fitted.of(scaled.problem, theta, solution.converged)
     code = judge(fitted, options.hemisphere)
-    code = np.where(sure | (code > Code.MAX_ITERATIONS), code, int(Code.AMBIGUOUS))
-    code = np.where(scaled.finite, code, int(Code.NON_FINITE))
+    code = np.where(sure | (code > Code.MAX_ITERATIONS), code, Code.AMBIGUOUS)
+    code = np.where(scaled.finite, code, Code.NON_FINITE)
     parameters, covariance = scaled.physical(theta, fitted.covariance)
     numbers = {
         "parameters": parameters,

@@ -8,7 +8,6 @@ field; the same holds for the accelerometer with gravity.
 """
 
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -43,17 +42,11 @@ _LEAST_PIVOT = 1e-14  # squared sine of a column on the others; rounding leaves 
 _TAIL = 1e-3  # of the chi-square, beyond which the scatter seen widens the bars judged
 
 
-class Code(IntEnum):
-    """Status of a trial."""
+class Code:
+    """Status of a trial: where its words stand in `STATUS_NAMES`."""
 
-    CONVERGED = 0
-    MAX_ITERATIONS = 1
-    NON_FINITE = 2
-    RANK = 3
-    VERTICAL = 4
-    WIDE = 5
-    HEMISPHERE = 6
-    AMBIGUOUS = 7
+    CONVERGED, MAX_ITERATIONS, NON_FINITE, RANK, VERTICAL, WIDE = range(6)
+    HEMISPHERE, AMBIGUOUS = range(6, 8)
 
 
 STATUS_NAMES = np.array(
@@ -149,12 +142,12 @@ def natural_sd(
     )
     slopes = forms.matrix_derivatives(model, theta[:, ACCELEROMETER])
     moved = slopes @ inverse_a[:, None]
-    carry[:, :9, :6] = np.swapaxes(moved.reshape(count, 6, 9), -1, -2)
+    carry[:, :9, :6] = moved.reshape(count, 6, 9).mT
     carry[:, 9:12, 6:9] = matrix_a
     for row in range(3):  # a row of dM times the inverse
         rows = slice(12 + 3 * row, 15 + 3 * row)
         columns = slice(MATRIX.start + 3 * row, MATRIX.start + 3 * row + 3)
-        carry[:, rows, columns] = np.swapaxes(inverse_m, -1, -2)
+        carry[:, rows, columns] = inverse_m.mT
     carry[:, 21:24, IRON] = matrix_m
     carry[:, 24, DIP] = 1.0
     return np.sqrt(np.einsum("tij,tjk,tik->ti", carry, covariance, carry))
@@ -171,13 +164,13 @@ def judge(fit: Fitted, hemisphere: str) -> Any:
         weak = ~(np.abs(sine) > _SDS * sd)
     near = np.abs(sine) < 1.0 + LEAST_COSINE  # beyond, the poses fit no field at all
     wide = ~(fit.half_width <= WIDEST)
-    code = np.where(fit.converged, int(Code.CONVERGED), int(Code.MAX_ITERATIONS))
+    code = np.where(fit.converged, Code.CONVERGED, Code.MAX_ITERATIONS)
     if hemisphere != "unstated":
-        code = np.where(weak, int(Code.HEMISPHERE), code)
-    code = np.where(wide, int(Code.WIDE), code)
+        code = np.where(weak, Code.HEMISPHERE, code)
+    code = np.where(wide, Code.WIDE, code)
     steep = ~(cosine > LEAST_COSINE)
-    code = np.where(vertical & ~wide | steep & near, int(Code.VERTICAL), code)
-    return np.where(~fit.full_rank & ~(steep & near), int(Code.RANK), code)
+    code = np.where(vertical & ~wide | steep & near, Code.VERTICAL, code)
+    return np.where(~fit.full_rank & ~(steep & near), Code.RANK, code)
 
 
 _LEVEL = np.radians(15.0)  # decides the words of a message only

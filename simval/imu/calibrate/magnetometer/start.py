@@ -123,7 +123,7 @@ def shape(z: Float[Array, "t n 3"], least: float = _QUADRIC) -> Shape:
         values, vectors = np.linalg.eigh(gram)
         found = proper & (values[:, 0] > _FLATTEST * values[:, 2])
         roots = np.sqrt(np.maximum(values, 0.0))
-        whole = (vectors * roots[:, None, :]) @ np.swapaxes(vectors, -1, -2)
+        whole = (vectors * roots[:, None, :]) @ vectors.mT
         root = np.where(found[:, None, None], whole, root)
         centre = np.where(found[:, None], ellipsoid.bias, centre)
     return Shape(root=root, bias=centre, quadric=found)
@@ -147,7 +147,7 @@ def turn_between(
     count = len(up)
     rows = (up[..., :, None] * field[..., None, :]).reshape(count, -1, 9)
     rows = np.concatenate([rows, np.ones((*rows.shape[:-1], 1))], axis=-1)
-    least = np.linalg.eigh(np.swapaxes(rows, -1, -2) @ rows)[1][:, :, 0]
+    least = np.linalg.eigh(rows.mT @ rows)[1][:, :, 0]
     left, values, right = np.linalg.svd(least[:, :9].reshape(-1, 3, 3))
     size = values.mean(axis=1)
     # the nullest vector has either sign, and that of det R picks the twin
@@ -165,11 +165,11 @@ def refined(
 ) -> tuple[Float[Array, "t 3 3"], Float[Array, " t"]]:
     """Turn and sine of the dip that make the sum of (u'R m + s)^2 least."""
     for _ in range(_STEPS):
-        turned = field @ np.swapaxes(turn, -1, -2)
+        turned = field @ turn.mT
         rows = np.cross(turned, up)  # d(u' exp([f x]) R m) = f . (R m x u)
         rows = np.concatenate([rows, np.ones((*rows.shape[:-1], 1))], axis=-1)
         off = np.vecdot(up, turned) + sine[:, None]
-        normal = np.swapaxes(rows, -1, -2) @ rows
+        normal = rows.mT @ rows
         step = -solved(normal, np.vecmat(off, rows))
         step = np.where(np.isnan(step), 0.0, step)  # singular: vectors are parallel
         turn, sine = _rotation(step[:, :3]) @ turn, sine + step[:, 3]
@@ -267,7 +267,7 @@ def _starts(problem: Problem) -> list[Float[Array, "t 22"]]:
         here = np.broadcast_to(turn, (count, 3, 3))
         sine = -np.mean(np.vecdot(up, field @ turn.T), axis=1)
         here, sine = refined(up, field, here, sine)
-        off = np.vecdot(up, field @ np.swapaxes(here, -1, -2)) + sine[:, None]
+        off = np.vecdot(up, field @ here.mT) + sine[:, None]
         cost = np.vecdot(off, off)
         turns.append(here)
         sines.append(sine)
@@ -374,7 +374,7 @@ def ellipsoid_then_rotation(
         raise GeometryError(msg)
     theta = forms.from_gram("triangular", body.root @ body.root, body.bias)
     matrix = forms.matrix("triangular", theta)
-    up = (za - body.bias[:, None]) @ np.swapaxes(matrix, -1, -2)
+    up = (za - body.bias[:, None]) @ matrix.mT
     field = (zm - iron.bias[:, None]) @ iron.root
     turn, sine = refined(up, field, *turn_between(up, field))
     result[finite] = np.concatenate(
