@@ -374,55 +374,68 @@ def _fit_block(
     poses: Float[Array, "t n 3"], sigma: Float[Array, "t n"] | None, options: Options
 ) -> _Block:
     # Fit a block of trials, refused ones set aside.
+    count = len(poses)
     code = screen(poses, full_scale=options.full_scale, repeats=options.repeats)
-    block: _Block = {"code": code, "iterations": np.zeros(len(poses), int)}
-    block["parameters"] = np.full((len(poses), 9), np.nan)
-    block["covariance"] = np.full((len(poses), 9, 9), np.nan)
-    for field in ("cost", "half_width", "rms", "chi2_per_dof", "gradient_norm"):
-        block[field] = np.full(len(poses), np.nan)
-    block["condition"] = np.full(len(poses), np.inf)
-    rows = in_lanes(poses)
+    rows, condition = in_lanes(poses), np.full(count, np.inf)
+    block: _Block = {"code": code, "condition": condition}
     block["raw_range"] = np.stack([rows.min(axis=0), rows.max(axis=0)]).T
     # repeated poses are looked at as well: what they leave open says more
     keep = np.flatnonzero((code == Code.CONVERGED) | (code == Code.DUPLICATES))
     if keep.size == 0:
-        return block
-    z, centre, scale = normalized(poses if keep.size == len(poses) else poses[keep])
+        return block | _spread(_no_results(), keep, count)
+    z, centre, scale = normalized(poses if keep.size == count else poses[keep])
     moments = moment_matrix(z)
     ellipsoid = fit_ellipsoid(moments)
     theta = forms.from_gram(options.model, ellipsoid.gram, ellipsoid.bias)
-    usable = np.isfinite(theta).all(axis=-1) & np.asarray(ellipsoid.proper, dtype=bool)
-    condition, stretch = direction_condition(options.model, theta, moments, usable)
-    block["condition"][keep] = condition
-    checked = code[keep]
-    checked[~(condition <= options.condition_limit)] = Code.CONDITION
+    usable = np.isfinite(theta).all(axis=-1) & ellipsoid.proper
+    own, stretch = direction_condition(options.model, theta, moments, usable)
+    condition[keep], checked = own, code[keep]
+    checked[~(own <= options.condition_limit)] = Code.CONDITION
     checked[~usable] = Code.NOT_ELLIPSOID
-    checked[~np.asarray(ellipsoid.determined, dtype=bool)] = Code.RANK
-    block["code"][keep] = checked
-    good = checked == Code.CONVERGED
+    checked[~ellipsoid.determined] = Code.RANK
+    code[keep], good = checked, checked == Code.CONVERGED
     if not good.any():
-        return block
+        return block | _spread(_no_results(), keep[good], count)
     sigma = None if sigma is None else sigma[keep]
     data = _Data(
         z=z, moments=moments, leverage=ellipsoid.leverage,
         noise=None if sigma is None else sigma / scale[:, None],
         shares=noise_shares(options.residual, sigma), theta=theta, centre=centre,
-        scale=scale, condition=condition, stretch=stretch,
+        scale=scale, condition=own, stretch=stretch,
     )  # fmt: skip
     if not good.all():
         keep, data = keep[good], data.take(good)
-    _solve(block, keep, data, options)
-    return block
+    code[keep], results = _solve(data, options)
+    return block | _spread(results, keep, count)
+
+
+def _no_results() -> _Block:
+    shapes = {"parameters": (9,), "covariance": (9, 9), "iterations": ()}
+    shapes |= dict.fromkeys(("cost", "half_width", "rms"), ())
+    shapes |= dict.fromkeys(("chi2_per_dof", "gradient_norm"), ())
+    return {name: np.zeros((0, *tail)) for name, tail in shapes.items()}
+
+
+def _spread(results: _Block, keep: Any, count: int) -> _Block:
+    # results of the trials that were fitted, among NaN, and steps among none
+    if keep.size == count:
+        return results
+    whole = {}
+    for name, values in results.items():
+        whole[name] = np.full((count, *values.shape[1:]), np.nan)
+        whole[name][keep] = values
+    whole["iterations"] = np.nan_to_num(whole["iterations"]).astype(int)
+    return whole
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Data:
     # the trials that are fitted, one row each, in the scaled units of the fit
-    z: Float[Array, "t n 3"]  # (t, n, 3)
-    moments: Float[Array, "t 10 10"]  # (t, 10, 10)
+    z: Float[Array, "t n 3"]
+    moments: Float[Array, "t 10 10"]
     leverage: Leverage
-    noise: Float[Array, "t n"] | None  # (t, n)
-    shares: Float[Array, "t n"] | None  # (t, n), as of `noise_shares`
+    noise: Float[Array, "t n"] | None
+    shares: Float[Array, "t n"] | None  # as of `noise_shares`
     theta: Float[Array, "t 9"]  # starts
     centre: Float[Array, "t 3"]  # raw units
     scale: Float[Array, " t"]  # raw units
@@ -436,38 +449,40 @@ class _Data:
         return replace(self, leverage=leverage, **taken)
 
 
-def _solve(block: _Block, keep: Any, data: _Data, options: Options) -> None:
-    # iterate, summarise, judge, and write the physical results into the block
+def _solve(data: _Data, options: Options) -> tuple[Any, _Block]:
+    # iterate, summarise and judge: codes, and results in physical units
     solution, ratio = _iterate(data, options)
     summary = summarize(
         options.model, options.residual, solution.theta, data.z, data.moments,
         sigma=data.noise, loss=options.loss, ratio=ratio, shares=data.shares,
         covariance=options.covariance,
     )  # fmt: skip
-    sizes = np.ones((len(keep), 9))
-    first = 0 if options.model == "symmetric" else 3
-    sizes[:, first:6] = (options.g / data.scale)[:, None]
-    sizes[:, 6:] = data.scale[:, None]
     evidence = weigh(
         data.z, data.moments, data.noise, summary, data.shares,
         condition=data.condition, stretch=data.stretch,
     )  # fmt: skip
-    block["code"][keep] = evidence.judge(solution.code)
-    block["half_width"][keep] = evidence.half_width
-    block["iterations"][keep] = solution.iterations
-    block["parameters"][keep] = solution.theta * sizes
-    block["parameters"][keep, 6:] += data.centre
-    if options.covariance:
-        units = sizes[:, :, None] * sizes[:, None, :]
-        block["covariance"][keep] = summary.covariance * units
+    sizes = np.ones((len(data.scale), 9))
+    first = 0 if options.model == "symmetric" else 3
+    sizes[:, first:6] = (options.g / data.scale)[:, None]
+    sizes[:, 6:] = data.scale[:, None]
+    parameters = solution.theta * sizes
+    parameters[:, 6:] += data.centre
     unit = {"squared": options.g**4, "adjusted": options.g**4, "norm": options.g**2}
-    block["cost"][keep] = summary.cost * unit.get(options.residual, data.scale**2)
-    block["rms"][keep] = summary.rms * options.g
-    block["chi2_per_dof"][keep] = summary.chi2_per_dof
-    block["gradient_norm"][keep] = solution.gradient_norm
-    refused = keep[block["code"][keep] >= Code.NON_FINITE]
-    for field in ("parameters", "covariance", "cost", "rms", "chi2_per_dof"):
-        block[field][refused] = np.nan
+    results = {
+        "parameters": parameters,
+        "covariance": summary.covariance * (sizes[:, :, None] * sizes[:, None]),
+        "cost": summary.cost * unit.get(options.residual, data.scale**2),
+        "rms": summary.rms * options.g,
+        "chi2_per_dof": summary.chi2_per_dof,
+    }
+    code = evidence.judge(solution.code)
+    refused = code >= Code.NON_FINITE
+    if refused.any():
+        for values in results.values():
+            values[refused] = np.nan
+    results["half_width"] = evidence.half_width
+    results["gradient_norm"] = solution.gradient_norm
+    return code, results | {"iterations": solution.iterations}
 
 
 def _iterate(

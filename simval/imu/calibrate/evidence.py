@@ -191,7 +191,7 @@ def _sandwich(
 ) -> Float[Array, "t 9 9"]:
     # eq. (U1) from the moments of its two sums
     normal = _contract(dv, outer)
-    inverse = solve_positive(normal, np.broadcast_to(np.eye(9), normal.shape))[0]
+    inverse = solve_positive(normal, np.eye(9))[0]
     return inverse @ _contract(dv, middle) @ inverse
 
 

@@ -128,7 +128,7 @@ def direction_condition(
     """
     change = _corrected_monomials(model, theta)
     normal = change @ moments @ change.mT
-    inverse, _ = solve_positive(normal, np.broadcast_to(np.eye(9), normal.shape))
+    inverse, _ = solve_positive(normal, np.eye(9))
     back = trace(inverse)
     stretch = np.vecdot(_SCALES @ inverse[:, :6, :6], _SCALES).max(axis=-1) / 4.0
     good = usable & (back > 0.0) & (stretch > 0.0)  # or rounding is all that is left

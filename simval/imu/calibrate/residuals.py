@@ -177,8 +177,8 @@ def residual_quadric(model: str, theta: Float[Array, "t 9"]) -> Quadric:
     """The quadric c of eq. (Q1)."""
     m = forms.matrix(model, theta)
     gram = m.mT @ m
-    slopes = forms.gram_derivatives(model, theta)
-    return _quadric(gram, slopes, theta[:, 6:], constant=-1.0)
+    half = forms.matrix_derivatives(model, theta).mT @ m[:, None]
+    return _quadric(gram, half + half.mT, theta[:, 6:], constant=-1.0)
 
 
 def distance_quadric(residual: Quadric) -> Quadric:

@@ -37,7 +37,7 @@ _ROUNDING = 1e-15
 
 
 def solve_positive(
-    matrices: Float[Array, "t p p"], right: Float[Array, "t p k"]
+    matrices: Float[Array, "t p p"], right: Float[Array, "... p k"]
 ) -> tuple[Float[Array, "t p k"], Float[Array, " t"]]:
     """Solve N x = r after scaling N to a unit diagonal; also its least pivot.
 
@@ -85,10 +85,7 @@ def negative_pivots(matrices: Float[Array, "t p p"]) -> Any:
 
 def trace(matrices: Float[Array, "t p p"]) -> Float[Array, " t"]:
     """Trace of each matrix, summed in the same order for every size of batch."""
-    total = matrices[:, 0, 0].copy()
-    for i in range(1, matrices.shape[-1]):
-        total += matrices[:, i, i]
-    return total
+    return np.add.accumulate(matrices.diagonal(0, -2, -1), axis=-1)[:, -1]
 
 
 METHODS = vocabulary.METHODS
