@@ -14,7 +14,7 @@ import pyarrow.parquet
 import scipy.io
 from pyulog import ULog
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import Stores, get_typestore
@@ -73,13 +73,15 @@ def matlab(path, us, *sensors):
     return path
 
 
-def ros(path, us, force, rate, field=None, *, plugin=None, stamped=True):
+def ros(path, us, force, rate, field=None, *, plugin=None, stamped=True, packed=False):
     """A bag by rosbags: of ROS 1 without a plugin for storage, stamps if any."""
     first = plugin is None
     store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
     kinds = store.types
     path = path.with_suffix(".bag") if first else path.with_suffix("")
     writer = Writer1(path) if first else Writer2(path, version=9, storage_plugin=plugin)
+    if packed:  # each message by itself
+        writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
     pack = store.serialize_ros1 if first else store.serialize_cdr
     three = kinds["geometry_msgs/msg/Vector3"]
     none = np.zeros(9)
@@ -115,11 +117,11 @@ def ros1(path, *log):
 
 
 def ros2_folder(path, *log):
-    return ros(path, *log, plugin=StoragePlugin.SQLITE3)
+    return ros(path, *log, plugin=StoragePlugin.SQLITE3, packed=True)
 
 
 def ros2_db3(path, *log):
-    return next(ros2_folder(path, *log).glob("*.db3"))
+    return next(ros(path, *log, plugin=StoragePlugin.SQLITE3).glob("*.db3"))
 
 
 def mcap(path, *log):

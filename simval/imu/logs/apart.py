@@ -2,14 +2,12 @@
 
 A library that reads binary files may end the interpreter, never end, or take all memory
 where a file is damaged, and a log is what a user was sent. So each is imported in a
-child process alone, by the function ``parsed(path)`` of a reader's module, which gives
-plain values and arrays of numbers.
+child process alone, by the function ``parsed(path)`` of a reader's module.
 """
 
 import importlib
-import io
-import json
 import os
+import pickle
 import resource
 import subprocess
 import sys
@@ -18,9 +16,6 @@ from pathlib import PurePath
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from simval.arrays import Array
 from simval.errors import InputError
 from simval.extras import refuse_without
 from simval.files import MEBIBYTE
@@ -35,7 +30,7 @@ TIMES = 16  # times its size
 EXTRAS = {"pyarrow": "parquet"}  # of a package; of the others, logs
 
 
-def read_apart(module: str, source: Source, kind: str) -> tuple[Any, list[Array]]:
+def read_apart(module: str, source: Source, kind: str) -> Any:
     """Return what ``parsed`` of a module of this folder makes of a log.
 
     Raises
@@ -58,17 +53,14 @@ def read_apart(module: str, source: Source, kind: str) -> tuple[Any, list[Array]
         lines = done.stderr.decode(errors="replace").strip().splitlines()
         why = lines[-1][:120] if lines else "the reader crashed"
         raise _damaged(source, kind, why)
-    with np.load(io.BytesIO(done.stdout), allow_pickle=False) as sent:
-        values = json.loads(str(sent["values"]))
-        arrays = [sent[f"array{k}"] for k in range(len(sent.files) - 1)]
-    if "missing" in values:
-        package = values["missing"]
-        what = f"{source.path} is {kind}, which the package {package!r} reads: it"
-        refuse_without(EXTRAS.get(package, "logs"), what)
-    if "refused" in values:
-        msg = f"{source.path}: {values['refused']}"
+    ending, value = pickle.loads(done.stdout)
+    if ending == "missing":
+        what = f"{source.path} is {kind}, which the package {value!r} reads: it"
+        refuse_without(EXTRAS.get(value, "logs"), what)
+    if ending == "refused":
+        msg = f"{source.path}: {value}"
         raise InputError(msg)
-    return values["parsed"], arrays
+    return value
 
 
 def _damaged(source: Source, kind: str, why: str) -> InputError:
@@ -98,19 +90,16 @@ def send() -> None:
     """
     module, path, memory = sys.argv[1:4]
     output, sys.stdout = sys.stdout.buffer, sys.stderr  # libraries print warnings
-    arrays: list[Array] = []
-    values: dict[str, Any] = {}
+    sent: tuple[str, Any]
     try:
         parsed = importlib.import_module(f"simval.imu.logs.{module}").parsed
         _limit(int(memory))
-        values["parsed"], arrays = parsed(path)
+        sent = "parsed", parsed(path)
     except ModuleNotFoundError as error:
-        values["missing"] = error.name
+        sent = "missing", error.name
     except InputError as error:
-        values["refused"] = str(error)
-    named = {f"array{k}": array for k, array in enumerate(arrays)}
-    text = np.array(json.dumps(values), dtype=np.str_)
-    np.savez(output, allow_pickle=False, values=text, **named)
+        sent = "refused", str(error)
+    pickle.dump(sent, output, protocol=5)
 
 
 def _limit(memory: int) -> None:

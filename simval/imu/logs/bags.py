@@ -7,31 +7,33 @@ not read. A topic of ``sensor_msgs/MagneticField``, in T, is joined to it. Stamp
 those of the headers; where these do not increase, the times of receipt.
 """
 
+import struct
+from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from simval.arrays import Array
-from simval.imu.logs.joining import Stream, read_streams, sent
+from simval.errors import InputError
+from simval.imu.logs.apart import read_apart
+from simval.imu.logs.joining import Stream, candidates
 from simval.imu.logs.source import Source
 from simval.imu.logs.tables import ArrayTable
 
 _ROS1, _MCAP, _SQLITE = b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 _KINDS: Final = {_ROS1: "a ROS 1 bag", _MCAP: "an MCAP file", _SQLITE: "a ROS 2 bag"}
-_Quantities = tuple[tuple[str, str, str], ...]
-_QUANTITIES: Final[
-    dict[str, _Quantities]
-] = {  # of each message: field, components, unit
+_ZSTD: Final = b"\x28\xb5\x2f\xfd"
+_DOUBLES: Final = {"sensor_msgs/msg/Imu": 37, "sensor_msgs/msg/MagneticField": 12}
+"""How many stand behind the header of each message."""
+_QUANTITIES: Final = {  # of each message: field, the first double, components, unit
     "sensor_msgs/msg/Imu": (
-        ("linear_acceleration", "xyz", " [m/s^2]"),
-        ("angular_velocity", "xyz", " [rad/s]"),
-        ("orientation", "wxyz", ""),
+        ("linear_acceleration", 25, "xyz", " [m/s^2]"),
+        ("angular_velocity", 13, "xyz", " [rad/s]"),
+        ("orientation", 0, "xyzw", ""),
     ),
-    "sensor_msgs/msg/MagneticField": (("magnetic_field", "xyz", " [T]"),),
+    "sensor_msgs/msg/MagneticField": (("magnetic_field", 0, "xyz", " [T]"),),
 }
 
 
@@ -45,86 +47,73 @@ def sniff(source: Source) -> bool:
 def read(source: Source) -> dict[str, Callable[[], ArrayTable]]:
     """Tables of the topics with an accelerometer."""
     kinds = (kind for start, kind in _KINDS.items() if source.start.startswith(start))
-    return read_streams("bags", source, next(kinds, "a ROS 2 bag"))
+    bag = read_apart("bags", source, next(kinds, "a ROS 2 bag"))
+    return candidates(source.path, *bag)
 
 
-def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
-    """Streams of a bag's topics."""
-    from rosbags.typesys import Stores, get_typestore
-
+def parsed(path: str) -> tuple[list[Stream], str]:
+    """Streams of a bag's topics, and what it holds."""
     first, reader = _reader(Path(path))
-    store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
-    parse = store.deserialize_ros1 if first else store.deserialize_cdr
     reader.open()
     topics = sorted({f"{each.topic} ({each.msgtype})" for each in reader.connections})
-    known = [each for each in reader.connections if each.msgtype in _QUANTITIES]
-    rows: dict[tuple[str, str], _Rows] = {}
-    for connection, stamp, raw in reader.messages(known) if known else ():
-        message = parse(raw, connection.msgtype)
-        own = rows.setdefault((connection.topic, connection.msgtype), _Rows())
-        own.add(_QUANTITIES[connection.msgtype], stamp, message)
-    ordered = all(np.all(np.diff(each.headers) > 0) for each in rows.values())
+    known = [each for each in reader.connections if each.msgtype in _DOUBLES]
+    rows: dict[tuple[str, str], list[tuple[int, int, Array]]] = defaultdict(list)
+    for each, receipt, raw in reader.messages(known) if known else ():
+        message = _message(raw, _DOUBLES[each.msgtype], first)
+        rows[each.topic, each.msgtype].append((receipt, *message))
+    stamps = {key: np.array([row[:2] for row in own]) for key, own in rows.items()}
+    ordered = all(np.all(np.diff(each[:, 1]) > 0) for each in stamps.values())
     said = "stamps of the headers"
     if not ordered:
         said = "times of receipt, for the headers' stamps do not increase"
-    stamps = {
-        name: np.array(each.headers if ordered else each.receipts, np.int64)
-        for name, each in rows.items()
-    }
-    start = min((each[0] for each in stamps.values()), default=0)
+    start = min((each[0, int(ordered)] for each in stamps.values()), default=0)
     streams, lacking = [], []
-    for (topic, kind), each in sorted(rows.items()):
-        columns, words = each.columns(_QUANTITIES[kind])
+    for (topic, kind), own in sorted(rows.items()):
+        columns, words = _columns(kind, np.array([row[2] for row in own]))
         lacking += [f"{topic}: {word}" for word in words]
         streams.append(
             Stream(
                 name=topic,
                 group=topic.rpartition("/")[0],
                 words="; ".join([f"{kind}, {said}", *words]),
-                time=(stamps[topic, kind] - start) / 1e9,
+                time=(stamps[topic, kind][:, int(ordered)] - start) / 1e9,
                 columns=columns,
             )
         )
-    return sent(streams, ", ".join([*lacking, *topics]))
+    return streams, ", ".join([*lacking, *topics])
 
 
-@dataclass(slots=True)
-class _Rows:
-    """Numbers of the messages of one topic."""
+def _message(raw: bytes, count: int, first: bool) -> tuple[int, Array]:
+    # stamp of the header, ns, and the doubles behind it; ahead of them stand the
+    # sequence number of ROS 1 or what CDR says of the order of bytes, and the frame
+    if not first and bytes(raw[:4]) == _ZSTD:
+        msg = "its messages are compressed; give the folder of the bag, which says how"
+        raise InputError(msg)
+    order = "<" if first or raw[1] else ">"
+    seconds, nanoseconds, size = struct.unpack_from(f"{order}iII", raw, 4)
+    at = 16 + size + (0 if first else -(12 + size) % 8)
+    if not 0 <= len(raw) - at - 8 * count <= (0 if first else 3):
+        msg = f"a message of {len(raw)} bytes has not those of its type"
+        raise ValueError(msg)
+    stamp = seconds * 10**9 + nanoseconds
+    return stamp, np.frombuffer(raw, f"{order}f8", count, at)
 
-    headers: list[int] = field(default_factory=list)  # ns
-    receipts: list[int] = field(default_factory=list)  # ns
-    values: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
 
-    def add(self, quantities: _Quantities, receipt: int, message: Any) -> None:
-        """Take the numbers of a message, of what the first one says it measures."""
-        if not self.headers:
-            self.values = {
-                name: []
-                for name, _, _ in quantities
-                if getattr(message, f"{name}_covariance")[0] != -1.0
-            }
-        stamp = message.header.stamp
-        self.headers.append(stamp.sec * 10**9 + stamp.nanosec)
-        self.receipts.append(receipt)
-        for name, axes, _ in quantities:
-            if name in self.values:
-                self.values[name].append(attrgetter(*axes)(getattr(message, name)))
-
-    def columns(self, quantities: _Quantities) -> tuple[dict[str, Array], list[str]]:
-        """Columns of what is not zero in every message, and what is not read, why."""
-        columns: dict[str, Array] = {}
-        lacking = []
-        for name, axes, unit in quantities:
-            own = np.array(self.values.get(name, ()))
-            if own.any():
-                names = (f"{name}.{axis}{unit}" for axis in axes)
-                columns |= zip(names, own.T, strict=True)
-            elif unit:
-                zero = "zero in every message"
-                none = "not measured, by its covariance of -1"
-                lacking.append(f"{name} is {zero if name in self.values else none}")
-        return columns, lacking
+def _columns(kind: str, values: Array) -> tuple[dict[str, Array], list[str]]:
+    # columns of what is not zero in every message, and what is not read, why
+    columns: dict[str, Array] = {}
+    lacking = []
+    for name, at, axes, unit in _QUANTITIES[kind]:
+        behind = at + len(axes)  # the covariance
+        own = values[:, at:behind]
+        measured = values[0, behind] != -1.0
+        if measured and own.any():
+            names = (f"{name}.{axis}{unit}" for axis in axes)
+            columns |= zip(names, own.T, strict=True)
+        elif unit:
+            none = "not measured, by its covariance of -1"
+            lacking.append(f"{name} is {'zero in every message' if measured else none}")
+    return columns, lacking
 
 
 def _reader(path: Path) -> tuple[bool, Any]:

@@ -34,7 +34,7 @@ _ISO = re.compile(
     r"(Z| ?[+-]\d\d:?\d\d)?"
 )
 _OF_DAY = re.compile(r"(\d\d?):(\d\d):(\d\d(?:\.\d+)?)")
-DAY = 86400.0  # s
+DAY, HOUR = 86400.0, 3600.0  # s
 WRAP = 2.0**32  # ticks; then a counter of 32 bits begins again
 
 
@@ -66,6 +66,10 @@ def read_clock(
             "file there"
         )
         raise InputError(msg)
+    said = []
+    if rate is None and column is None and table.rate:
+        name, rate = table.rate
+        said.append(("rate", f"{rate:.6g} Hz, by {name!r} in the file"))
     if rate is None:
         why = "no time column and no rate given"
         if table.names is not None:
@@ -75,7 +79,7 @@ def read_clock(
             "time column `t` (--columns)"
         )
         raise InputError(msg)
-    return np.arange(len(table)) / rate, rate, 0.0, ()
+    return np.arange(len(table)) / rate, rate, 0.0, tuple(said)
 
 
 def times_of(
@@ -166,11 +170,21 @@ def require_finite(table: Table, values: Float[Array, "n k"]) -> None:
 
 
 def require_increasing(table: Table, time: Float[Array, " n"], advice: str) -> None:
-    """Raise InputError for the first row that is not later than the one before it."""
-    later = np.diff(time) > 0.0
-    if not later.all():
-        row = int(np.argmin(later)) + 1
+    """Raise InputError for the first row that is not later than the one before it.
+
+    Nor may it be an hour later: where summer time begins, that is no gap.
+    """
+    step = np.diff(time)
+    summer = np.abs(np.abs(step) - HOUR) <= GAP
+    bad = ~(step > 0.0) | summer
+    if bad.any():
+        row = int(np.argmax(bad)) + 1
         again = ", and the header stands again above it" * (row in table.restarts)
+        if summer[row - 1]:
+            advice = (
+                "where summer time begins or ends write them in UTC or with their "
+                "zone, and split the log at a pause of an hour"
+            )
         msg = (
             f"{table.where(row)}: time {time[row]:.6f} s after {time[row - 1]:.6f} s"
             f"{again}; times must increase, so {advice}"

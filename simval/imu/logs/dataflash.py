@@ -58,9 +58,9 @@ def read(source: Source) -> dict[str, Callable[[], ArrayTable]]:
     streams = [each for name in sorted(messages) for each in _streams(name, messages)]
     start = min((each.time[0] for each in streams), default=0.0)
     streams = [replace(each, time=(each.time - start) / 1e6) for each in streams]
-    said = ("damaged", f"{passed:,} bytes of no whole record were passed over")
-    log = {"holds": ", ".join(sorted(messages)), "said": [said] if passed else []}
-    return candidates(source.path, streams, log)
+    said = (("damaged", f"{passed:,} bytes of no whole record were passed over"),)
+    holds = ", ".join(sorted(messages))
+    return candidates(source.path, streams, holds, said if passed else ())
 
 
 def _binary(content: bytes) -> tuple[dict[str, Columns], int]:

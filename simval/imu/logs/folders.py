@@ -90,7 +90,7 @@ def read(source: Source) -> Mapping[str, Callable[[], Table]]:
     holds = ", ".join(tables)
     if not any(stream.has("force") for stream in streams):
         holds = "; ".join([*(words for _, words in said), holds])
-    return candidates(source.path, streams, {"holds": holds, "said": said})
+    return candidates(source.path, streams, holds, said)
 
 
 def _sensor(name: str) -> tuple[Kind, str, str] | None:

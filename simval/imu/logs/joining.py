@@ -15,15 +15,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from typing import Any
 
 import numpy as np
 
 from simval.arrays import Array
 from simval.errors import InputError
-from simval.imu.logs.apart import read_apart
 from simval.imu.logs.names import Kind, beside, channel
-from simval.imu.logs.source import Source
 from simval.imu.logs.tables import ArrayTable
 from simval.shapes import Float
 
@@ -89,7 +86,10 @@ def columns_of(
 
 
 def candidates(
-    path: str, streams: Sequence[Stream], log: Mapping[str, Any]
+    path: str,
+    streams: Sequence[Stream],
+    holds: str,
+    said: Sequence[tuple[str, str]] = (),
 ) -> dict[str, Callable[[], ArrayTable]]:
     """Tables of each accelerometer, joined to what was recorded beside it.
 
@@ -101,7 +101,7 @@ def candidates(
     Raises
     ------
     InputError
-        If none has an accelerometer, with what the log ``holds``.
+        If none has an accelerometer, with what the log `holds`.
     """
     found: dict[str, Callable[[], ArrayTable]] = {}
     quick = [each for each in streams if each.step <= 1.0 / SLOWEST]
@@ -109,19 +109,19 @@ def candidates(
     if not forces:
         msg = (
             f"{path} holds no readings of an accelerometer in a form that is known; it "
-            f"has {log['holds'][:MOST_NAMED] or 'no messages'}; record them, or export "
+            f"has {holds[:MOST_NAMED] or 'no messages'}; record them, or export "
             "them as CSV"
         )
         raise InputError(msg)
-    slow = [each for each in streams if each.has("mag") and each not in quick]
     groups = {each.group for each in forces}
     # where groups are counted, a magnetometer has a count of its own
     named = {each for each in groups if each and not each.isdigit()}
     kinds: tuple[tuple[Kind, set[str]], ...] = (("gyro", groups), ("mag", named))
     alone = [each for each in quick if not each.has("force")]
-    said = [
+    slow = [
         ("left out", f"{each.name}: fewer than {SLOWEST:g} readings a second")
-        for each in slow
+        for each in streams
+        if each.has("mag") and each not in quick
     ]
     for own in forces:
         choices = [
@@ -131,13 +131,13 @@ def candidates(
         ]
         sure = [own, *(each[0] for each in choices if len(each) == 1)]
         unsure = [each for each in choices if len(each) > 1]
-        source = [("readings", own.words), *map(tuple, log["said"]), *said]
+        source = [("readings", own.words), *said, *slow]
         either = [", ".join(each.name for each in choice) for choice in unsure]
         out = [("left out", f"one of {names}, by its name") for names in either]
         found[own.name] = partial(joined, path, sure, (*source, *out))
-        for more in product(*unsure):
-            name = " + ".join(each.name for each in (own, *more))
-            found[name] = partial(joined, path, [*sure, *more], source)
+        for each in product(*unsure):
+            name = " + ".join(x.name for x in (own, *each))
+            found[name] = partial(joined, path, [*sure, *each], source)
     return found
 
 
@@ -198,32 +198,3 @@ def _words(own: Stream, base: Stream, apart: Float[Array, " n"]) -> str:
     return (
         f"{own.name} to {base.name} {how if farthest else 'of the same stamp'}{count}"
     )
-
-
-def sent(
-    streams: Sequence[Stream], holds: str, said: Sequence[tuple[str, str]] = ()
-) -> tuple[dict[str, Any], list[Array]]:
-    """Streams as values and arrays, from a reader in a process of its own.
-
-    What the log holds, and a (label, words) of what is wrong with it, go with them.
-    """
-    values = [
-        ({"name": s.name, "group": s.group, "words": s.words}, [*s.columns])
-        for s in streams
-    ]
-    arrays = [np.column_stack([s.time, *s.columns.values()]) for s in streams]
-    return {"streams": values, "holds": holds, "said": said}, arrays
-
-
-def read_streams(
-    module: str, source: Source, kind: str
-) -> dict[str, Callable[[], ArrayTable]]:
-    """Tables of each accelerometer, of the streams that a reader's ``parsed`` sends."""
-    log, arrays = read_apart(module, source, kind)
-    streams = [
-        Stream(time=time, columns=dict(zip(names, columns, strict=True)), **own)
-        for (own, names), (time, *columns) in zip(
-            log["streams"], (each.T for each in arrays), strict=True
-        )
-    ]
-    return candidates(source.path, streams, log)

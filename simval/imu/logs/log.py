@@ -19,9 +19,8 @@ from simval.imu.logs.columns import (
 )
 from simval.imu.logs.names import Kind
 from simval.imu.logs.readers import read_table
-from simval.imu.logs.tables import ArrayTable
 from simval.imu.logs.temperature import read_temperature
-from simval.imu.logs.text import Table, TextTable
+from simval.imu.logs.text import Table
 from simval.shapes import Float
 
 
@@ -169,11 +168,19 @@ def read_log(
     named = any(label == "instance" for label, _ in table.source)
     picked = chosen(table, columns, None if named else instance)
     clock = _of("t", picked)
-    if clock is not None and isinstance(table, TextTable):
+    if clock is not None:
         table = table.distinct(clock.place)
     unclear = several(table, picked) if columns is None else ()
-    temperature, picked, why = _temperature(table, picked, columns is not None)
-    unclear += why
+    temperature, source = None, table.source
+    if warm := _of(TEMPERATURE, picked):
+        try:
+            temperature, mended = read_temperature(table, warm)
+            source += mended
+        except InputError as error:
+            if columns is not None:
+                raise
+            picked = tuple(each for each in picked if each is not warm)
+            unclear += (f"the temperature: {error}",)
     try:
         readings = _readings(table, picked)
     except InputError as error:
@@ -182,10 +189,6 @@ def read_log(
             raise
         readings, picked = _readings(table, least), least  # one read slowly has holes
         unclear += (f"the magnetometer: {error}",)
-    source = table.source
-    if clock is None and rate is None and isinstance(table, ArrayTable) and table.rate:
-        name, rate = table.rate
-        source = (*source, ("rate", f"{rate:.6g} Hz, by {name!r} in the file"))
     time, rate, second, said = read_clock(table, clock, rate)
     return Log(
         path=str(path),
@@ -200,22 +203,6 @@ def read_log(
         temperature=temperature,
         source=(*source, *sign_of(table, readings["force"]), *said),
     )
-
-
-def _temperature(
-    table: Table, picked: tuple[Column, ...], asked: bool
-) -> tuple[Float[Array, " n"] | None, tuple[Column, ...], tuple[str, ...]]:
-    # the temperature; the columns taken, without one that nobody asked for if it is bad
-    column = _of(TEMPERATURE, picked)
-    if column is None:
-        return None, picked, ()
-    try:
-        return read_temperature(table, column), picked, ()
-    except InputError as error:
-        if asked:
-            raise
-        rest = tuple(each for each in picked if each is not column)
-        return None, rest, (f"the temperature: {error}",)
 
 
 def _readings(

@@ -30,9 +30,15 @@ class ArrayTable(ReadOnly):
         """Return the columns at these places."""
         return self.values[:, places]
 
+    measured = numbers
+
     def texts(self, place: int) -> list[str]:
         """Return one column as text."""
         return [str(value) for value in self.values[:, place]]
+
+    def distinct(self, place: int) -> "ArrayTable":
+        """Return the table itself: its rows are what was recorded."""
+        return self
 
     def where(self, row: int) -> str:
         """Say where a row stands in the file."""

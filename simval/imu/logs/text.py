@@ -8,6 +8,7 @@ import csv
 import re
 import unicodedata
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from operator import eq
 
@@ -31,8 +32,11 @@ from simval.imu.logs.tables import ArrayTable
 from simval.shapes import Float
 
 _PLAIN_CONTROLS = "\t\n\r\f\v\x1a\0"  # the last but one ends a file of DOS
-_MARK = re.compile("[.,]")
+_PARTS = re.compile(r'"?[+-]?(\d*)[.,]?(\d*)(?:[eE][+-]?(\d*))?"?')
+"""Of a number: digits before and behind the mark, and of the exponent."""
+_LAST = 1000  # rows by which the last one is judged
 _PADDING = re.compile("\0+")
+_MISSING = frozenset({"", "na", "n/a", "null", "none", "-"})
 Said = tuple[tuple[str, str], ...]
 
 
@@ -228,6 +232,7 @@ class TextTable:
     source: Said = ()  # label and words: what was taken
     # rows from which on a header that stands again parts the log from what is above
     restarts: tuple[int, ...] = ()
+    rate: None = None  # a text states none
 
     @property
     def width(self) -> int:
@@ -262,6 +267,31 @@ class TextTable:
             )
         except ValueError:
             raise InputError(self._first_bad_field(places)) from None
+
+    def measured(self, places: list[int]) -> Float[Array, "n columns"]:
+        """Return columns in which a field that is empty, or says so, is NaN.
+
+        Raises
+        ------
+        InputError
+            If another is not a number.
+        """
+        with suppress(InputError):
+            return self.numbers(places)
+        columns = []
+        for place in places:
+            texts = self.texts(place)
+            texts = ["nan" if each.lower() in _MISSING else each for each in texts]
+            for row, each in enumerate(texts):
+                if not self.dialect.is_number(each):
+                    msg = (
+                        f"{self.where(row)}, column {place + 1}: {each[:40]!r} is not "
+                        "a number; leave a row without a measurement empty, or write "
+                        "nan"
+                    )
+                    raise InputError(msg)
+            columns.append([self._number(each) for each in texts])
+        return np.array(columns).T
 
     def _number(self, field: str) -> float:
         return float(field.replace(",", ".") if self.dialect.comma else field)
@@ -429,21 +459,32 @@ class _Body:
     def end(self, *, whole: bool) -> None:
         """Leave out a last row that is cut off, or may be: one without an end of line.
 
-        Its last field has fewer decimals than nearly all, or fewer digits than a count
-        can have. Where numbers have 17 digits, one without the last two may be left.
+        Its last field has fewer digits than four fifths of those above it: decimals or
+        significant ones, whichever vary less. A count or an exponent may be cut where
+        any other has more digits.
         """
         self._leave_out_cut("at the end")
         if whole or len(self.rows) < 3:
             return
-        *others, last = (
-            line.rsplit(self.dialect.mark, 1)[-1].strip() for _, line in self.rows
-        )
-        digits = sorted(len(_MARK.split(text)[-1]) for text in others)
-        counts = not any(_MARK.search(text) for text in others)
-        usual = digits[-1] if counts else digits[len(digits) // 20]
+        rows = self.rows[-_LAST:]
+        texts = [line.rsplit(self.dialect.mark, 1)[-1].strip() for _, line in rows]
+        parts = [
+            match.groups("") for text in texts if (match := _PARTS.fullmatch(text))
+        ]
         number = self.dialect.is_number
-        cut = number(others[-1]) and not number(last)
-        if cut or len(_MARK.split(last)[-1]) < usual:
+        cut = number(texts[-2]) and not number(texts[-1])
+        if not cut and _PARTS.fullmatch(texts[-1]) and len(parts) > 1:
+            digits = np.array(
+                [(len(b), len((a + b).lstrip("0")), len(c)) for a, b, c in parts]
+            )
+            most = digits[:-1].max(axis=0)
+            usual = np.percentile(digits[:-1], 20, axis=0, method="lower")
+            usual[2] = most[2]
+            kind = int(np.argmin((most - usual)[:2]))
+            if not most[0]:
+                kind, usual = 1, most
+            cut = bool((digits[-1] < usual)[[kind, 2]].any())
+        if cut:
             self._leave_out("at the end, without an end of line")
 
     def _leave_out_cut(self, where: str) -> None:

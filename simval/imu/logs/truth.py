@@ -7,7 +7,6 @@ four zeros.
 """
 
 import re
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -30,7 +29,6 @@ LEAST: Final = 50  # rows with an attitude; fewer show no motion
 _COMPONENT = re.compile(r"(?P<stem>.*?)(?P<which>[wsxyz]|[0-4])", re.I)
 _NAMED = re.compile(r"(^|[^a-z])q(_RS)?$|quat|orient|attitude", re.I)
 _ORDERS: Final = ("wxyz", "sxyz", "0123", "1234")
-_MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 _NAMES = ("t", "qx", "qy", "qz", "qs", "qw", "q0", "q1", "q2", "q3")
 
 
@@ -108,7 +106,7 @@ def read_truth(
     places, scalar, column = (
         _by_names(table, stem) if columns is None else _given(table, columns)
     )
-    components = _unit(table, _numbers(table, places))
+    components = _unit(table, table.measured(places))
     time = _times(table, column, rate) if clock is None else clock
     if len(time) != len(components):
         msg = f"{path} has {len(components)} rows and its log {len(time)}; give one log"
@@ -200,25 +198,6 @@ def _given(table: Table, columns: str) -> tuple[list[int], Scalar, Column | None
     ]
     clock = clocks[0] if clocks else None
     return [roles.index(role) for role in orders[scalar]], scalar, clock
-
-
-def _numbers(table: Table, places: list[int]) -> Float[Array, "n 4"]:
-    with suppress(InputError):
-        return np.array(table.numbers(places))
-    rows = np.full((len(table), 4), np.nan)  # an empty field is no measurement
-    for k, place in enumerate(places):
-        for row, text in enumerate(table.texts(place)):
-            if text.strip().lower() in _MISSING:
-                continue
-            try:
-                rows[row, k] = float(text)
-            except ValueError:
-                msg = (
-                    f"{table.where(row)}, column {place + 1}: {text[:40]!r} is not a "
-                    "number; leave a row without a measurement empty, or write nan"
-                )
-                raise InputError(msg) from None
-    return rows
 
 
 def _unit(table: Table, components: Float[Array, "n 4"]) -> Float[Array, "n 4"]:

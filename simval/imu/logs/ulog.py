@@ -2,7 +2,8 @@
 
 Candidates are ``sensor_accel`` of each ``multi_id``, as the driver read it, in m/s^2,
 joined to ``sensor_gyro`` (rad/s) and ``sensor_mag`` (gauss); and ``sensor_combined``,
-corrected by the autopilot's own calibration, joined to ``vehicle_magnetometer``. All
+corrected by the autopilot's own calibration, joined to ``vehicle_magnetometer``. Where
+a log has neither, ``vehicle_imu``: its increments, corrected too, over their time. All
 are in the axes of the board, forward right down (FRD): what a level board reads at rest
 is about -9.8 m/s^2 on z. Stamps are ``timestamp_sample`` where it increases.
 """
@@ -13,8 +14,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from simval.arrays import Array
-from simval.imu.logs.joining import Stream, columns_of, read_streams, sent
+from simval.imu.logs.apart import read_apart
+from simval.imu.logs.joining import SLOWEST, Stream, candidates, columns_of
 from simval.imu.logs.source import Source
 from simval.imu.logs.tables import ArrayTable
 
@@ -41,7 +42,9 @@ _CORRECTED: Final = {
     | _indexed("gyro_rad", "rad/s"),
     "vehicle_magnetometer": _indexed("magnetometer_ga", "gauss"),
 }
-_FIELDS: Final = _RAW | _CORRECTED
+_FIELDS: Final = _RAW | _CORRECTED | {"vehicle_imu": _CORRECTED["sensor_combined"]}
+_INCREMENTS: Final = {"accelerometer_m_s2": "delta_velocity", "gyro_rad": "delta_angle"}
+"""Of ``vehicle_imu``, and what they are when divided by their time."""
 
 
 def sniff(source: Source) -> bool:
@@ -51,7 +54,7 @@ def sniff(source: Source) -> bool:
 
 def read(source: Source) -> dict[str, Callable[[], ArrayTable]]:
     """Tables of each accelerometer of the log."""
-    return read_streams("ulog", source, "a PX4 ULog")
+    return candidates(source.path, *read_apart("ulog", source, "a PX4 ULog"))
 
 
 class _File(io.FileIO):
@@ -66,8 +69,8 @@ class _File(io.FileIO):
         return content
 
 
-def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
-    """Streams of a log's messages."""
+def parsed(path: str) -> tuple[list[Stream], str, list[tuple[str, str]]]:
+    """Streams of a log's messages, what it holds, and what is wrong with it."""
     from pyulog import ULog
 
     with _File(path) as file:
@@ -76,10 +79,14 @@ def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
     known = [each for each in log.data_list if each.name in _FIELDS]
     start = min((int(_stamps(each)[0]) for each in known), default=0)
     holds = ", ".join(sorted({each.name for each in log.data_list}))
-    said = (("damaged", "bytes that are no whole message were passed over"),)
+    said = [("damaged", "bytes that are no whole message were passed over")] * damaged
     groups = _groups(known)
     streams = [_stream(each, start, groups) for each in known]
-    return sent(streams, holds, said * damaged)
+    read = [each for each in streams if not each.name.startswith("vehicle_imu")]
+    quick = any(each.has("force") and each.step <= 1.0 / SLOWEST for each in read)
+    if quick and len(read) < len(streams):
+        said.append(("left out", "vehicle_imu, increments of what is read beside it"))
+    return read if quick else streams, holds, said
 
 
 def _groups(known: list[Any]) -> dict[tuple[str, int], str]:
@@ -107,17 +114,27 @@ def _stamps(each: Any) -> Any:
 
 def _stream(each: Any, start: int, groups: Mapping[tuple[str, int], str]) -> Stream:
     # of one message; its number is left out of its name where there is but one kind
-    name, group = each.name, "corrected"
+    name, group, fields = each.name, "corrected", each.data
     words = "corrected by the autopilot's calibration"
+    there = np.ones(len(fields["timestamp"]), bool)
+    if name == "vehicle_imu":
+        name, words = f"{name} {each.multi_id}", f"increments over their time, {words}"
+        fields = dict(fields)
+        for reading, increment in _INCREMENTS.items():
+            seconds = 1e-6 * fields[f"{increment}_dt"]
+            there &= seconds > 0.0
+            for k in range(3):
+                fields[f"{reading}[{k}]"] = np.divide(
+                    fields[f"{increment}[{k}]"], seconds, where=there
+                )
     if name in _RAW:
         group = groups.get((name, each.multi_id), str(each.multi_id))
         name, words = f"{name} {each.multi_id}", "as the driver read it"
-    missing = each.data.get("accelerometer_timestamp_relative", np.zeros(1)) == _INVALID
-    there = np.broadcast_to(~missing, len(each.data["timestamp"]))
+    there &= fields.get("accelerometer_timestamp_relative", 0) != _INVALID
     return Stream(
         name=name,
         group=group,
         words=words,
         time=(_stamps(each)[there] - start) / 1e6,
-        columns=columns_of(each.data, _FIELDS[each.name], there),
+        columns=columns_of(fields, _FIELDS[each.name], there),
     )

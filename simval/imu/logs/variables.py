@@ -53,9 +53,9 @@ def read(source: Source) -> ArrayTable | dict[str, Callable[[], ArrayTable]]:
     kind = next(
         kind for start, kind in _KINDS.items() if source.start.startswith(start)
     )
-    values, arrays = read_apart("variables", source, kind)
+    arrays, rates = read_apart("variables", source, kind)
     by_length: dict[int, dict[str, Array]] = defaultdict(dict)
-    for name, array in zip(values["names"], arrays, strict=True):
+    for name, array in arrays:
         by_length[len(array)][name] = array
     if not by_length:
         msg = (
@@ -67,9 +67,9 @@ def read(source: Source) -> ArrayTable | dict[str, Callable[[], ArrayTable]]:
     forces = {name: each for each in groups if (name := _force_of(each))}
     if len(forces) < 2:
         group = next(iter(forces.values()), max(groups, key=len))
-        return _table(path, group, groups, values["rates"])
+        return _table(path, group, groups, rates)
     return {
-        name: partial(_table, path, each, groups, values["rates"])
+        name: partial(_table, path, each, groups, rates)
         for name, each in forces.items()
     }
 
@@ -117,8 +117,8 @@ def _rate(force: str, rates: dict[str, float]) -> tuple[str, float] | None:
     return None
 
 
-def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
-    """Names of the variables with rows of numbers, rates, and the variables."""
+def parsed(path: str) -> tuple[list[tuple[str, Array]], dict[str, float]]:
+    """Variables with rows of numbers, by their names, and rates."""
     with open(path, "rb") as file:
         start = file.read(10)
     arrays: list[tuple[str, Array]] = []
@@ -129,8 +129,7 @@ def parsed(path: str) -> tuple[dict[str, Any], list[Array]]:
         for key, leaf in _leaves(name, value):
             arrays += _array(key, leaf)
             rates |= _rate_of(key, leaf)
-    names = [name for name, _ in arrays]
-    return {"names": names, "rates": rates}, [array for _, array in arrays]
+    return arrays, rates
 
 
 def _loaded(path: str, start: bytes) -> dict[str, Any]:

@@ -55,6 +55,8 @@ def test_the_table_of_formats_has_every_container():
 
 def test_what_stands_in_a_folder_is_looked_at_before_it_is_read(tmp_path):
     path = made(tmp_path / "log", "ros2_folder", *recording("ros2_folder"))
+    with pytest.raises(InputError, match=r"log\.db3.*compressed; give the folder"):
+        read_log(next(path.glob("*.db3")))
     (path / "metadata.yaml").unlink()
     os.mkfifo(path / "metadata.yaml")
     with pytest.raises(InputError, match="it is a pipe"):
@@ -255,6 +257,32 @@ def test_a_flight_log_of_px4_is_read_by_its_one_quick_sensor(tmp_path):
     np.testing.assert_array_equal(log.gyro, rate[there])
     nearest = np.abs(us[::5] - us[there, None]).argmin(axis=1)
     np.testing.assert_array_equal(log.magnetometer, field[::5][nearest])
+    # increments over a time that varies are read where nothing else is
+    dt = np.float32(4000 + us % 100)
+    increments = {
+        "timestamp": us + 1,
+        "delta_angle_dt": dt,
+        "delta_velocity_dt": 2 * dt,
+    }
+    for k in range(3):
+        increments[f"delta_angle[{k}]"] = rate[:, k] * dt / 1e6
+        increments[f"delta_velocity[{k}]"] = force[:, k] * 2 * dt / 1e6
+    form = (
+        "uint64_t timestamp;float[3] delta_angle;float[3] delta_velocity;"
+        "float delta_angle_dt;float delta_velocity_dt;"
+    )
+    messages["vehicle_imu", 0] = (form, increments)
+    again = read_log(ulog_of(tmp_path / "log", messages))
+    np.testing.assert_array_equal(again.accelerometer, log.accelerometer)
+    assert any("vehicle_imu, increments of what" in words for _, words in again.source)
+    del messages["sensor_combined", 0]
+    log = read_log(ulog_of(tmp_path / "log", messages))
+    assert log.source[0] == ("instance", "vehicle_imu 0")
+    assert "increments over their time, corrected" in dict(log.source)["readings"]
+    # a product and a quotient in single precision
+    np.testing.assert_allclose(log.accelerometer, force, rtol=2e-7, atol=0)
+    np.testing.assert_allclose(log.gyro, rate, rtol=2e-7, atol=0)
+    assert log.magnetometer is not None
 
 
 def test_a_bag_without_stamps_is_read_by_the_times_of_receipt(tmp_path):

@@ -100,6 +100,12 @@ def test_dates_go_on_where_summer_time_begins_and_milliseconds_are_no_seconds(
             rows.append(f"{local}{zone},{row[0]},{row[1]},{row[2]}")
         path.write_text("\n".join([*rows, ""]))
         np.testing.assert_allclose(read_log(path).time, TIME[:, 0], atol=1e-9)
+    for hours in (1, -1):  # and without a zone the hour is told, not taken
+        local = utc + np.where(np.arange(N) < 200, 0, hours).astype("m8[h]")
+        rows = [f"{t},{x},{y},{z}" for t, (x, y, z) in zip(local, FORCE, strict=True)]
+        path.write_text("\n".join(["time,ax,ay,az", *rows, ""]))
+        with pytest.raises(InputError, match=r"line 202.*summer time begins or ends"):
+            read_log(path)
     saved(path, 1.7e12 + 10 * TIME, FORCE, header="timestamp,ax,ay,az", form="{:.3f}")
     np.testing.assert_allclose(read_log(path).rate, 1e4, rtol=1e-2)
 

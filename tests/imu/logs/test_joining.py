@@ -102,7 +102,7 @@ def test_what_stands_beside_an_accelerometer_is_taken_or_asked_for(streams, tabl
         parts = [stream(words[kind], time).columns for kind in kinds]
         columns = {key: value for part in parts for key, value in part.items()}
         made.append(Stream(name=name, time=time, columns=columns, group=group))
-    found = candidates("log", made, {"holds": "", "said": []})
+    found = candidates("log", made, "")
     has = {
         name: "".join(k for k in "awm" if f"{words[k]}_x" in table().names)
         for name, table in found.items()

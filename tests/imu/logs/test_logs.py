@@ -171,7 +171,7 @@ def write_named(tmp_path, header, columns=7, name="log.csv", rate=100.0):
         rows[:, 1] = rows[:, 0]
     path = tmp_path / name
     lines = [header, *(",".join(f"{x:.9g}" for x in row) for row in rows)]
-    path.write_text("\n".join(lines), encoding="latin-1")
+    path.write_text("\n".join([*lines, ""]), encoding="latin-1")
     return path, np.array([[float(f"{x:.9g}") for x in row] for row in rows])
 
 

@@ -75,6 +75,22 @@ def test_what_is_no_temperature_is_left_out_and_refused_if_asked_for(
         read_log(path, columns=f"t,ax,ay,az,temp[{unit}]")
 
 
+def test_a_few_rows_without_a_temperature_are_interpolated(tmp_path):
+    """It is linear in the rows here, so the answer is exact to a product's rounding."""
+    for hole, mark in ((slice(7, 8), "nan"), (slice(20, 24), ""), (slice(0, 5), "")):
+        path = log_of(tmp_path, "temp", CELSIUS)
+        rows = (tmp_path / "log.csv").read_text().splitlines()
+        for k in range(ROWS)[hole]:
+            rows[1 + k] = f"{rows[1 + k].rpartition(',')[0]},{mark}"
+        (tmp_path / "log.csv").write_text("\n".join([*rows, ""]))
+        log = read_log(path)
+        if hole.stop - hole.start > ROWS // 10:
+            assert "5 rows of 40, one behind another, have no temp" in log.unclear[0]
+            continue
+        np.testing.assert_allclose(log.temperature, CELSIUS, rtol=0, atol=1e-12)
+        assert "is interpolated" in log.source[0][1]
+
+
 def test_of_several_the_accelerometers_own_or_none(tmp_path):
     for names, taken in (
         ("gyro_temp,accel_temp", True),

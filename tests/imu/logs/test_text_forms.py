@@ -216,12 +216,42 @@ def test_a_counter_of_32_bits_is_continued(tmp_path, unit, tick):
 
 
 def test_a_count_that_may_be_cut_is_left_out(tmp_path):
-    """Its last field has fewer digits than another: 16384 may be what is left of it."""
+    """Its last field has fewer digits than another: 1638 may be what is left of it."""
     rows = [f"{100 + k},5,-7,{16384 - k}" for k in range(40)]
     for cut, left in ((0, 40), (1, 39), (3, 39)):
         text = lines("t [ms],ax,ay,az", *rows, end="")
         path = saved(tmp_path / "log.csv", text[: len(text) - cut])
         assert len(read_log(path).time) == left
+
+
+PRINTED = {  # how numbers are written, and the scale of these
+    "%.3f": ("{:.3f}".format, 9.8),
+    "%g": ("{:g}".format, 9.8),
+    "%g of small ones": ("{:g}".format, 2e-4),
+    "all digits": (repr, 2e-4),
+    "rounded": (lambda x: repr(round(x, 3)), 9.8),
+    "exponents": ("{:.6e}".format, 9.8),
+}
+
+
+@pytest.mark.parametrize("form", PRINTED)
+def test_a_number_that_is_cut_is_never_read(tmp_path, form):
+    """In whatever place; where all have as many decimals a whole one is not lost."""
+    printed, scale = PRINTED[form]
+    for seed in range(4):
+        rows = scale * np.random.default_rng([5, seed]).normal(size=(50, 3))
+        body = [
+            ",".join([str(k), *map(printed, r)]) for k, r in enumerate(rows.tolist())
+        ]
+        text = lines("t [ms],ax,ay,az", *body, end="")
+        for cut in range(len(printed(float(rows[-1, 2])))):
+            path = saved(tmp_path / "log.csv", text[: len(text) - cut])
+            force = read_log(path).accelerometer
+            # the last digit of six is 5e-7 of a tenth of the scale and more
+            close = abs(force[-1, 2] - rows[-1, 2]) < max(1e-5, 10.0**-3 / 9.8) * scale
+            assert len(force) == 49 or (len(force) == 50 and close)
+            if cut == 0 and form in ("%.3f", "exponents"):
+                assert len(force) == 50
 
 
 def test_messages_that_ros2_lost_are_counted(tmp_path):
