@@ -8,6 +8,7 @@ Exit codes: 0 pass, 1 the gate failed, 2 usage, configuration or unreadable inpu
 130 interrupted.
 """
 
+import gc
 import importlib
 import os
 import sys
@@ -125,6 +126,7 @@ def main() -> None:
     # in parallel, and the bits must not depend on the number of cores.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    gc.set_threshold(100_000, 50, 100)  # imports and lines of a log are no garbage
     interruption = watch()
     sys.stdout, sys.stderr = patient(sys.stdout), patient(sys.stderr)
     try:

@@ -95,6 +95,9 @@ def command(
     parameters with error bars. A gyroscope and a magnetometer are calibrated from the
     same rests; if one cannot be calibrated, the command says why.
     """
+    from simval.cli.late import postpone
+
+    postpone()
     from simval.imu.calibrate.files import write_json
     from simval.imu.logs import read_log
     from simval.imu.multiposition import calibrate_log, calibrate_sensors

@@ -31,7 +31,7 @@ from simval.imu.logs.source import Source
 from simval.imu.logs.tables import ArrayTable
 from simval.shapes import Float
 
-_PLAIN_CONTROLS = "\t\n\r\f\v\x1a\0"  # the last but one ends a file of DOS
+_PLAIN = b"\t\n\r\f\v\x1a\0" + bytes(range(32, 256))  # 1a ends a file of DOS
 _PARTS = re.compile(r'"?[+-]?(\d*)[.,]?(\d*)(?:[eE][+-]?(\d*))?"?')
 """Of a number: digits before and behind the mark, and of the exponent."""
 _LAST = 1000  # rows by which the last one is judged
@@ -63,9 +63,9 @@ def decoded(path: str, content: bytes) -> tuple[str, Said]:
             text = content.decode(encoding)
         except UnicodeDecodeError:
             continue
-        pieces = _PADDING.split(text)
+        pieces = _PADDING.split(text) if "\0" in text else [text]
         padded = len(pieces) <= text.count("\n") + 2  # else each character has one
-        if padded and all(c in _PLAIN_CONTROLS or ord(c) >= 32 for c in set(text)):
+        if padded and not text.encode(errors="replace").translate(None, _PLAIN):
             whole = [piece[: piece.rfind("\n") + 1] for piece in pieces[:-1]]
             cut = sum(map(len, pieces[:-1])) - sum(map(len, whole))
             nul = len(text) - sum(map(len, pieces))

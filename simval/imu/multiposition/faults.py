@@ -206,8 +206,10 @@ def repeated(case: Case) -> str | None:
     run = max(_RUN, int(np.ceil(chance / np.log(max(case.same_rows, 1e-3)))))
     if run > min(_LONGEST, len(samples) // 2):
         return None
-    _, code = np.unique(samples, axis=0, return_inverse=True)
-    codes: NDArray[np.uint64] = code.ravel().astype(np.uint64)
+    codes: NDArray[np.uint64] = np.zeros(len(samples), dtype=np.uint64)
+    for axis in samples.T:
+        values, code = np.unique(axis, return_inverse=True)
+        codes = codes * np.uint64(len(values)) + code.astype(np.uint64)
     # a polynomial in the codes of a run of rows, modulo 2^64, stands for them
     total: NDArray[np.uint64] = np.zeros(len(codes) - run + 1, dtype=np.uint64)
     for k in range(run):
