@@ -9,7 +9,6 @@ LINTERS = (
     "mypy",
     "import-linter",
     "numpydoc",
-    "mutmut",
 )  # not what the tests run on
 
 content = tomllib.loads(Path("pyproject.toml").read_text())

@@ -1,172 +1,118 @@
-"""A seeded sample of one-line faults per package, and the survivors among them.
+"""A seeded sample of one-line faults in a room, and those that its tests do not see.
 
-mutmut writes every mutant of every undecorated function into `mutants/` and runs, for
-each one asked for, the tests that reach its function, fastest first. It has no sample,
-no list of survivors that are known to be harmless, and no limit: these are here.
+    python tests/mutants/sample.py --count 20 --seed 1 plugins imu/attitude
 
-    python tests/mutants/sample.py --count 200 --seed 1 attitude theory
-
-A survivor is known by its function and its changed line, not by a number, in
-`kept.toml` beside this file, with the reason why it may live. The exit code is 1 if the
-others are more than 5 % of a package's sample.
+Each fault is put into a copy of the checkout, in ``simval/ROOM``, and the quick tests
+in ``tests/ROOM`` are run until one fails. A survivor is printed: whether it says the
+same as before, or asks for a test, is for a reader.
 """
 
 import argparse
-import re
+import ast
+import os
+import shutil
 import subprocess
 import sys
-import tomllib
-from contextlib import redirect_stdout
-from fnmatch import fnmatch
-from io import StringIO
+from collections.abc import Iterator
 from pathlib import Path
 from random import Random
+from tempfile import TemporaryDirectory
 
-from mutmut import __main__ as mutmut
-from mutmut.configuration import config
-from mutmut.mutation.data import SourceFileMutationData
-from mutmut.mutation.diff_apply import get_diff_for_mutant
-from mutmut.stats import status_by_exit_code
-from mutmut.utils.format_utils import orig_function_and_class_names_from_key
-from scipy.stats import binomtest
-
-LIMIT = 0.05
-KEPT = Path(__file__).with_name("kept.toml")
-SURVIVED = ("survived", "no tests", "not checked", "suspicious", "skipped")
-# words of a type, of a contract between two lines, and of a message (with a space)
-UNCOUNTED = re.compile(r"\b(dtype|strict)=[\w.]+|\"[^\"]* [^\"]*\"|[,\s]")
-
-Change = tuple[str, str, str]  # function, the line as it was, the line as it is now
+SWAPS = {
+    **{ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt},
+    **{ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.In: ast.NotIn, ast.NotIn: ast.In},
+    **{ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.And: ast.Or, ast.Or: ast.And},
+    **{ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult},
+}
+"""Operators, and what may be mistaken for each."""
 
 
-def packages() -> dict[str, str]:
-    """Name of each package that is mutated, and the pattern of its files."""
-    return {Path(p.removesuffix("/*")).stem: p for p in config().only_mutate}
+def faults(tree: ast.AST) -> Iterator[tuple[ast.expr, ast.expr]]:
+    """Expressions below a tree, each with one that is wrong; messages do not count."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.Raise | ast.JoinedStr | ast.arg):
+            continue
+        if isinstance(node, ast.expr) and (wrong := mistaken(node)):
+            yield node, wrong
+        yield from faults(node)
 
 
-def generated(pattern: str) -> dict[str, Path]:
-    """All mutants of a package, and the file of each."""
-    found = {}
-    for path in sorted(Path("simval").rglob("*.py")):
-        if fnmatch(str(path), pattern):
-            data = SourceFileMutationData(path=path)
-            data.load()
-            found.update(dict.fromkeys(sorted(data.exit_code_by_key), path))
-    return found
+def mistaken(node: ast.expr) -> ast.expr | None:
+    """What one may write for an expression by mistake."""
+    match node:
+        case ast.Compare(left=a, ops=[op], comparators=rest) if type(op) in SWAPS:
+            return ast.Compare(a, [SWAPS[type(op)]()], rest)
+        case ast.BinOp(left=a, op=op, right=b) if type(op) in SWAPS:
+            return ast.BinOp(a, SWAPS[type(op)](), b)
+        case ast.BoolOp(op=op, values=values):
+            return ast.BoolOp(SWAPS[type(op)](), values)
+        case ast.UnaryOp(op=ast.Not() | ast.USub(), operand=a):
+            return a
+        case ast.Constant(value=bool() as value):
+            return ast.Constant(not value)
+        case ast.Constant(value=int() | float() as value):
+            return ast.Constant(value + 1)
+    return None
 
 
-def change(name: str, path: Path) -> Change:
-    """What a mutant changes, in words that do not move with the lines above it."""
-    lines = get_diff_for_mutant(name, path=path).splitlines()[2:]
-    was, now = (
-        " ".join(line[1:].strip() for line in lines if line.startswith(sign))
-        for sign in "-+"
-    )
-    function, owner = orig_function_and_class_names_from_key(name)
-    module = ".".join(path.with_suffix("").parts)
-    return ".".join(part for part in (module, owner, function) if part), was, now
+def damaged(text: str, place: ast.expr, wrong: ast.expr) -> str:
+    """The text with another expression in a place of one line."""
+    lines = text.splitlines(keepends=True)
+    line = lines[place.lineno - 1].encode()
+    start, end = place.col_offset, place.end_col_offset
+    now = line[:start] + f"({ast.unparse(wrong)})".encode() + line[end:]
+    lines[place.lineno - 1] = now.decode()
+    return "".join(lines)
 
 
-def drawn(pattern: str, count: int, seed: str) -> dict[str, Change]:
-    """A random sample of the mutants that count."""
-    paths = generated(pattern)
-    names = list(paths)
-    Random(seed).shuffle(names)
-    sample: dict[str, Change] = {}
-    for name in names:
-        if count and len(sample) == count:
-            break
-        what = change(name, paths[name])
-        if UNCOUNTED.sub("", what[1]) != UNCOUNTED.sub("", what[2]):
-            sample[name] = what
-    return sample
+def drawn(room: Path, count: int, seed: int) -> list[tuple[Path, int, str]]:
+    """Files of a room, each with a line and the whole text with a fault in it."""
+    found = []
+    for file in sorted(room.rglob("*.py")):
+        text = file.read_text(encoding="utf-8")
+        for place, wrong in faults(ast.parse(text)):
+            if place.lineno == place.end_lineno:
+                found.append((file, place.lineno, damaged(text, place, wrong)))
+    return Random(f"{seed} {room.name}").sample(found, min(count, len(found)))
 
 
-def survivors(pattern: str, sample: dict[str, Change]) -> dict[str, Change]:
-    """The mutants of a sample that no test saw when they were last run."""
-    codes: dict[str, int | None] = {}
-    for path in set(generated(pattern).values()):
-        data = SourceFileMutationData(path=path)
-        data.load()
-        codes |= data.exit_code_by_key
-    return {
-        name: what
-        for name, what in sample.items()
-        if status_by_exit_code[codes[name]] in SURVIVED
-    }
+def seen(copy: Path, tests: str) -> bool:
+    """Whether a test fails, in a copy of the checkout."""
+    words = ["-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", tests]
+    chosen = ["-m", "not (ci or slow or wheel or league)", "--hypothesis-seed=0"]
+    own = {**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1"}
+    run = [sys.executable, *words, *chosen]
+    return subprocess.run(run, cwd=copy, env=own, capture_output=True).returncode != 0
 
 
-def kept() -> set[Change]:
-    """Survivors that may live, from the kept list."""
-    entries = tomllib.loads(KEPT.read_text(encoding="utf-8"))["kept"]
-    assert all(entry["why"] for entry in entries)
-    return {(entry["function"], entry["was"], entry["now"]) for entry in entries}
-
-
-def judged(package: str, sample: dict[str, Change], alive: list[Change]) -> bool:
-    """Print one package's line and its unexplained survivors; whether it is good."""
-    known = kept()
-    unexplained = [what for what in alive if what not in known]
-    n = len(sample)
-    interval = binomtest(len(unexplained), n).proportion_ci(method="exact")
-    print(
-        f"{package:11} {n:5} mutants, {n - len(alive):5} seen, "
-        f"{len(alive) - len(unexplained):3} kept, {len(unexplained):3} unexplained "
-        f"({len(unexplained) / n:.1%}, 95 %: {interval.low:.1%} to {interval.high:.1%})"
-    )
-    for function, was, now in sorted(unexplained):
-        print(f"    {function}\n      - {was}\n      + {now}")
-    for function, was, now in sorted(known & set(sample.values()) - set(alive)):
-        print(f"    kept, yet seen: {function}\n      - {was}\n      + {now}")
-    return len(unexplained) <= LIMIT * n
-
-
-def main() -> int:
-    """Draw, run and judge the sample."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("packages", nargs="*", help="which; default, all")
-    parser.add_argument("--count", type=int, default=200, help="of each; 0 for all")
-    parser.add_argument("--seed", default="1", help="of the sample")
-    parser.add_argument(
-        "--again", action="store_true", help="run only what was not seen the last time"
-    )
-    parser.add_argument("--jobs", type=int, default=2, help="mutants at a time")
-    options = parser.parse_args()
-    patterns = packages()
-    chosen = options.packages or list(patterns)
-    if unknown := set(chosen) - set(patterns):
-        parser.error(f"no package {sorted(unknown)}; there are {sorted(patterns)}")
-    Path("mutants").mkdir(exist_ok=True)
-    with redirect_stdout(StringIO()):  # it prints the name of each file
-        mutmut.copy_src_dir()
-        mutmut.copy_also_copy_files()
-        mutmut.create_mutants(options.jobs)
-    samples = {
-        name: drawn(patterns[name], options.count, f"{options.seed} {name}")
-        for name in chosen
-    }
-    names = [
-        name
-        for package, sample in samples.items()
-        for name in (survivors(patterns[package], sample) if options.again else sample)
-    ]
-    run = ["mutmut", "run", "--max-children", str(options.jobs), *names]
-    with Path("mutants/run.log").open("w", encoding="utf-8") as log:
-        done = subprocess.run(
-            [str(Path(sys.executable).with_name(run[0])), *run[1:]],
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            check=False,
-        )
-    if done.returncode:
-        print("mutmut could not run; see mutants/run.log")
-        return 2
-    good = [
-        judged(name, sample, list(survivors(patterns[name], sample).values()))
-        for name, sample in samples.items()
-    ]
-    return 0 if all(good) else 1
+def main() -> None:
+    """Draw, run and print."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("rooms", nargs="+", help="folders of simval and of tests")
+    parser.add_argument("--count", type=int, default=20, help="faults of each")
+    parser.add_argument("--seed", type=int, default=1, help="of the sample")
+    asked = parser.parse_args()
+    listed = subprocess.run(["git", "ls-files", "-z"], capture_output=True, check=True)
+    with TemporaryDirectory(prefix="mutants-") as folder:
+        copy = Path(folder)
+        for name in filter(None, listed.stdout.decode().split("\0")):
+            (copy / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(name, copy / name)
+        for room in asked.rooms:
+            if seen(copy, f"tests/{room}"):
+                sys.exit(f"tests/{room} fail without a fault")
+            sample = drawn(copy / "simval" / room, asked.count, asked.seed)
+            alive = 0
+            for file, number, text in sample:
+                sound = file.read_text(encoding="utf-8")
+                file.write_text(text, encoding="utf-8")
+                if not seen(copy, f"tests/{room}"):
+                    alive += 1
+                    was, now = (t.splitlines()[number - 1] for t in (sound, text))
+                    print(f"{file.relative_to(copy)}:{number}\n  -{was}\n  +{now}")
+                file.write_text(sound, encoding="utf-8")
+            print(f"{room}: {len(sample)} faults, {alive} not seen", flush=True)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
