@@ -1,8 +1,8 @@
 """Checks of arguments that are not arrays: counts, choices, switches, objects.
 
-Like those of `arrays` they are made once, at a public boundary. Each refuses what
-Python would silently take for another value: 2.7 for 2, True for 1, the word
-"no" for true.
+Like those of `arrays` they are made once, at a public boundary. Each refuses, by an
+`InputError`, what Python would silently take for another value: 2.7 for 2, True for 1,
+the word "no" for true.
 """
 
 import functools
@@ -25,13 +25,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def whole_number(name: str, value: Any, least: int, most: int = MOST) -> int:
-    """Convert to an integer within its limits; 1e5 is one.
-
-    Raises
-    ------
-    InputError
-        If the value is not a whole number (1.5 is none, nor is True) or is outside.
-    """
+    """Convert to an integer within its limits: 1e5 is one, 1.5 and True are not."""
     try:
         number = operator.index(as_whole(value))
     except TypeError:
@@ -46,13 +40,7 @@ def whole_number(name: str, value: Any, least: int, most: int = MOST) -> int:
 
 
 def choice(name: str, value: Any, allowed: Sequence[Any]) -> Any:
-    """Require one of the values of an option.
-
-    Raises
-    ------
-    InputError
-        If it is none of them.
-    """
+    """Require one of the values of an option."""
     for known in allowed:
         if isinstance(value, type(known)) and value == known:
             return known
@@ -64,13 +52,7 @@ def choice(name: str, value: Any, allowed: Sequence[Any]) -> Any:
 
 
 def switch(name: str, value: Any) -> bool:
-    """Require True or False.
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-    """
+    """Require True or False."""
     if not isinstance(value, bool | np.bool_):
         msg = f"`{name}` is {shown(value)}; it must be True or False"
         raise InputError(msg)
@@ -78,13 +60,7 @@ def switch(name: str, value: Any) -> bool:
 
 
 def instance(name: str, value: Any, kind: type[Kind]) -> Kind:
-    """Require an object of a type.
-
-    Raises
-    ------
-    InputError
-        If it is something else.
-    """
+    """Require an object of a type."""
     if not isinstance(value, kind):
         msg = f"`{name}` is {shown(value)}; it must be of type {kind.__name__}"
         raise InputError(msg)
@@ -92,13 +68,7 @@ def instance(name: str, value: Any, kind: type[Kind]) -> Kind:
 
 
 def function(name: str, value: Any) -> Callable[..., Any]:
-    """Require something that can be called.
-
-    Raises
-    ------
-    InputError
-        If it cannot be called.
-    """
+    """Require something that can be called."""
     if not callable(value):
         msg = f"`{name}` is {shown(value)}; it must be a function"
         raise InputError(msg)
@@ -106,13 +76,7 @@ def function(name: str, value: Any) -> Callable[..., Any]:
 
 
 def file_path(name: str, value: Any) -> Path:
-    """Convert to a path.
-
-    Raises
-    ------
-    InputError
-        If it is not text, is empty, or has a zero byte in it.
-    """
+    """Convert to a path: not empty, without a zero byte."""
     text = value if isinstance(value, str | os.PathLike) else ""
     text = os.fspath(text)
     if not isinstance(text, str) or not text or "\0" in text:

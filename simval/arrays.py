@@ -3,7 +3,8 @@
 A public function passes each array argument through `finite_array` once; inside,
 types and shapes are trusted. Nothing is converted that is not a real number already:
 text, dates, truth values, complex numbers, None and masked entries are refused, where
-NumPy would silently make numbers of them.
+NumPy would silently make numbers of them. An `InputError` names the argument, what is
+wrong of it, and the first bad entry by its index.
 """
 
 from collections.abc import Iterator, Sequence
@@ -38,14 +39,7 @@ LEAST: Final = 1e-36  # one over it: the same reason
 
 
 def finite_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
-    """Convert to a float64 array whose last axes have the given lengths.
-
-    Raises
-    ------
-    InputError
-        If the value is not numeric, has another shape, or is not finite: the
-        message names the first bad entry by its index.
-    """
+    """Convert to a float64 array whose last axes have the given lengths."""
     array = shaped_array(name, value, tail)
     if not np.isfinite(array).all():
         first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
@@ -61,13 +55,7 @@ def finite_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
 def physical_array(
     name: str, value: Any, tail: Sequence[int | None], most: float = GREATEST
 ) -> Array:
-    """`finite_array` of values whose powers can be worked with.
-
-    Raises
-    ------
-    InputError
-        As `finite_array`, or if a value is greater.
-    """
+    """`finite_array` of values whose powers can be worked with."""
     array = finite_array(name, value, tail)
     greatest = float(np.max(np.abs(array), initial=0.0))
     if not greatest <= most:
@@ -85,12 +73,6 @@ def noise_levels(
     """Standard deviations of poses or axes, one for all or one for each.
 
     Of each of so many trials, too, if they are given in that shape.
-
-    Raises
-    ------
-    InputError
-        If the shape is wrong, or one is negative, not finite, or of no size that can
-        be worked with.
     """
     sigma = shaped_array(name, value, ())
     fits = sigma.shape in ((), (count,), (trials, count))
@@ -110,13 +92,7 @@ def noise_levels(
 
 
 def shaped_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
-    """Convert to a float64 array of the given trailing shape, finite or not.
-
-    Raises
-    ------
-    InputError
-        If the value is not numeric or has another shape.
-    """
+    """Convert to a float64 array of the given trailing shape, finite or not."""
     array = _real_array(name, value)
     fits = array.ndim >= len(tail) and all(
         want is None or have == want
@@ -130,13 +106,7 @@ def shaped_array(name: str, value: Any, tail: Sequence[int | None]) -> Array:
 
 
 def positive_number(name: str, value: Any, unit: str) -> float:
-    """Convert to a finite float above zero.
-
-    Raises
-    ------
-    InputError
-        If the value is not one number from `LEAST` to `GREATEST`.
-    """
+    """Convert to a float from `LEAST` to `GREATEST`."""
     number = real_number(name, value, unit)
     if not number >= LEAST:
         limit = "above 0" if number <= 0.0 else f"of {LEAST:g} or more"
@@ -148,13 +118,7 @@ def positive_number(name: str, value: Any, unit: str) -> float:
 
 
 def nonnegative_number(name: str, value: Any, unit: str) -> float:
-    """Convert to a finite float that is zero or more.
-
-    Raises
-    ------
-    InputError
-        If the value is not one finite number of at least zero.
-    """
+    """Convert to a float of zero or more, `GREATEST` at most."""
     number = real_number(name, value, unit)
     if not number >= 0.0:
         msg = (
@@ -169,13 +133,7 @@ def _in(unit: str) -> str:
 
 
 def real_number(name: str, value: Any, unit: str) -> float:
-    """Convert to a finite float.
-
-    Raises
-    ------
-    InputError
-        If the value is not one finite number, of size `GREATEST` at most.
-    """
+    """Convert to a finite float, of size `GREATEST` at most."""
     try:
         array = _real_array(name, value)
     except InputError:

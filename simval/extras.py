@@ -14,13 +14,7 @@ from simval.errors import InputError
 
 
 def refuse_without(extra: str, what: str, otherwise: str = "") -> NoReturn:
-    """Refuse what needs the packages of an extra; `otherwise` is how to do without.
-
-    Raises
-    ------
-    InputError
-        With the command that installs them.
-    """
+    """Refuse what needs the packages of an extra; `otherwise` is how to do without."""
     msg = f"{what} needs the extra `{extra}`: {advice(extra)}{otherwise}"
     raise InputError(msg) from None
 

@@ -50,13 +50,7 @@ FRAMES: Final = get_args(Frame)
 
 
 def normalize(v: Float[Array, "... n"]) -> Float[Array, "... n"]:
-    """Vectors scaled to unit length.
-
-    Raises
-    ------
-    InputError
-        If a vector is zero or not finite.
-    """
+    """Vectors scaled to unit length; a zero one is refused."""
     v = finite_array("v", v, (None,))
     if v.shape[-1] == 0:
         msg = f"`v` has shape {v.shape}: its vectors have no component"
@@ -71,13 +65,7 @@ def normalize(v: Float[Array, "... n"]) -> Float[Array, "... n"]:
 
 
 def unit_quaternions(name: str, q: Any) -> Float[Array, "... 4"]:
-    """Require quaternions of unit length.
-
-    Raises
-    ------
-    InputError
-        If a length is not 1 to single precision, or a value is not finite.
-    """
+    """Require quaternions of unit length, to single precision."""
     array = finite_array(name, q, (4,))
     with np.errstate(over="ignore"):
         squared = np.vecdot(array, array)
@@ -93,13 +81,7 @@ def unit_quaternions(name: str, q: Any) -> Float[Array, "... 4"]:
 
 
 def matching(name1: str, first: Array, name2: str, second: Array) -> None:
-    """Require arrays whose leading axes broadcast.
-
-    Raises
-    ------
-    InputError
-        If they do not.
-    """
+    """Require arrays whose leading axes broadcast."""
     try:
         np.broadcast_shapes(first.shape[:-1], second.shape[:-1])
     except ValueError:

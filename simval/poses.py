@@ -125,13 +125,7 @@ def direction_jacobian(directions: Float[Array, "... n 3"]) -> Float[Array, "...
 
 
 def observability(directions: Float[Array, "n 3"]) -> Observability:
-    """Judge a pose set before any data is taken.
-
-    Raises
-    ------
-    InputError
-        If a direction is zero or not finite.
-    """
+    """Judge a pose set before any data is taken."""
     u = normalize(one_set("directions", directions))
     jacobian = direction_jacobian(u)
     padded = np.concatenate([jacobian, np.zeros((PARAMETERS, PARAMETERS))])
@@ -150,13 +144,7 @@ def observability(directions: Float[Array, "n 3"]) -> Observability:
 
 
 def one_set(name: str, directions: Any) -> Float[Array, "n 3"]:
-    """Require the directions of one pose set.
-
-    Raises
-    ------
-    InputError
-        If the shape is another, or a value is not finite.
-    """
+    """Require the directions of one pose set."""
     array = finite_array(name, directions, (None, 3))
     if array.ndim != 2 or len(array) == 0:
         msg = f"`{name}` has shape {array.shape}; give those of one set, (n, 3)"

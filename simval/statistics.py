@@ -315,13 +315,7 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
 
 
 def family(name: Any) -> Family:
-    """Family of a name, or the family itself.
-
-    Raises
-    ------
-    InputError
-        If there is none of that name.
-    """
+    """Family of a name, or the family itself."""
     if isinstance(name, Family):
         return name
     if name not in FAMILIES:
@@ -364,11 +358,6 @@ class Statistic:
         Whether it was sampled with control variates.
     unit : str, default "1"
         Unit of the value; two statistics that differ in it alone are equal.
-
-    Raises
-    ------
-    ValueError
-        If an entry or the unit is not printable.
     """
 
     family: Annotated[

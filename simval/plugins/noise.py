@@ -135,13 +135,7 @@ class VectorNoise:
 
 
 def vector_noise(text: str, vectors: int = 2, noise_std: float = 1.0) -> VectorNoise:
-    """Noise of a shape by its name, by standard deviations or by covariances.
-
-    Raises
-    ------
-    InputError
-        If the text says nothing of the kind, or not of as many vectors.
-    """
+    """Noise of a shape by its name, by standard deviations or by covariances."""
     words = text.split()
     if len(words) == 1 and words[0] in NAMED:
         return replace(_named(words[0], vectors), noise_std=noise_std)

@@ -124,13 +124,7 @@ class Caption:
 
 
 def pillow() -> ModuleType:
-    """Pillow's module of images.
-
-    Raises
-    ------
-    InputError
-        If it is not installed.
-    """
+    """Pillow's module of images, or the advice to install it."""
     try:
         from PIL import Image
     except ImportError:

@@ -34,13 +34,7 @@ def minimum_jerk(t: Float[Array, "..."]) -> Float[Array, "..."]:
 
 
 def steps(seconds: float, timestep: float, name: str) -> int:
-    """Number of steps in a duration.
-
-    Raises
-    ------
-    InputError
-        If the duration is negative, not finite, or over a day.
-    """
+    """Number of steps in a duration, of a day at most."""
     if not 0.0 <= seconds <= 86_400.0:
         msg = f"`{name}` is {seconds} s; it must be from 0 s to a day"
         raise InputError(msg)
@@ -48,13 +42,7 @@ def steps(seconds: float, timestep: float, name: str) -> int:
 
 
 def require_rows(count: int) -> None:
-    """Raise an error where a run would not fit into memory.
-
-    Raises
-    ------
-    InputError
-        If there are more than `MOST_ROWS`.
-    """
+    """Refuse a run of more than `MOST_ROWS`, which would not fit into memory."""
     if not count <= MOST_ROWS:
         msg = (
             f"the run would have {count} rows, at most {MOST_ROWS} fit into memory; "
@@ -83,13 +71,7 @@ GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
 def pose_directions(poses: object) -> Float[Array, "k 3"]:
-    """Unit directions of the specific force: given ones, or a number of them.
-
-    Raises
-    ------
-    InputError
-        If there is none, or a vector is zero.
-    """
+    """Unit directions of the specific force: given ones, or a number of them."""
     if isinstance(poses, int | float | np.number):
         return fibonacci_sphere(whole_number("poses", poses, 1, MOST_POSES))
     given = normalize(finite_array("poses", poses, (None, 3)))

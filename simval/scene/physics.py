@@ -115,13 +115,7 @@ def load_model(
     timestep: float | None = None,
     integrator: str | None = None,
 ) -> Physics:
-    """Compile a model file, with parameters set in memory, and check it.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or compiled, or holds what would spoil the data.
-    """
+    """Compile a model file, with parameters set in memory, and check it."""
     try:
         content = read_bytes(path, MOST_MODEL)
     except OSError as error:
@@ -159,13 +153,7 @@ def _integrator(name: str) -> "mujoco.mjtIntegrator":
 
 
 def check_model(model: "mujoco.MjModel", path: str) -> None:
-    """Refuse a model whose data would silently be wrong.
-
-    Raises
-    ------
-    InputError
-        Naming the option or the sensor, and what to write instead.
-    """
+    """Refuse a model whose data would silently be wrong; say what to write instead."""
     faults = [*_option_faults(model), *_flag_faults(model), *_sensor_faults(model)]
     if faults:
         msg = f"the model file {path} cannot be used: " + "; ".join(faults)

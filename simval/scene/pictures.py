@@ -51,13 +51,7 @@ class _NoFrameError(Exception):
 
 
 def drawn_frames(model: "mujoco.MjModel", job: Mapping[str, Any]) -> Generator[Frame]:
-    """Draw the frames of a job by the first graphics library that works.
-
-    Raises
-    ------
-    InputError
-        If none does: the message says what each said, and what to set or install.
-    """
+    """Draw the frames of a job by the first graphics library that works."""
     wanted = os.environ.get(RENDERER, "").strip()
     reasons = {}
     with tempfile.TemporaryDirectory(prefix="simval-draw-") as name:
@@ -141,13 +135,7 @@ COLOURS = 255  # of a GIF, one palette for all of its frames: no flicker
 
 
 def require_encoder(ending: str) -> None:
-    """Raise an error if what an ending needs is not installed, before any drawing.
-
-    Raises
-    ------
-    InputError
-        Naming the packages to install.
-    """
+    """Refuse an ending whose packages are not installed, before any drawing."""
     pillow()
     if ending == ".mp4":
         _imageio()
@@ -315,13 +303,7 @@ def draw_frames(
     height: int,
     parameters: dict[str, Any],
 ) -> Generator[Pixels]:
-    """Draw a scene at some times, one after the other.
-
-    Raises
-    ------
-    InputError
-        If a time lies outside the run, the size does not fit, or nothing can draw.
-    """
+    """Draw a scene at some times, one after the other."""
     chosen = find_scene(scene)
     own = {"site_offset", "timestep", "integrator"} & parameters.keys()
     physics = load_model(chosen.model, **{name: parameters.pop(name) for name in own})

@@ -46,13 +46,7 @@ def check_run(
     force_limit: float,
     rate_limit: float,
 ) -> None:
-    """Raise an error unless a run passes every check.
-
-    Raises
-    ------
-    SimulationError
-        Naming the scene, the check, the first bad row and its time.
-    """
+    """Refuse a run that fails a check, naming it, the first bad row and its time."""
     clock = rows[:, 13]
     expected = timestep * np.arange(len(rows))
     regular = is_regular(clock, timestep)
@@ -258,13 +252,7 @@ def run_plan(plan: Plan) -> Trajectory:
 def write_script(
     scene: Scene, physics: Physics, parameters: Mapping[str, Any]
 ) -> Script:
-    """Script of a scene for some parameters.
-
-    Raises
-    ------
-    InputError
-        If the scene has no parameter of a name, or the run has no rows.
-    """
+    """Script of a scene for some parameters."""
     known = scene.parameters()
     unknown = [name for name in parameters if name not in known]
     if unknown:

@@ -242,11 +242,6 @@ def write_signal(
     attitude world to sensor, vector first; the index of the rest that the row belongs
     to, -1 for none. ``simval calibrate`` reads the readings by their names, and any
     other calibrator the first columns.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
     """
     motion = motion_of(trajectory, every)
     kept = slice(None, None, every)

@@ -124,13 +124,7 @@ def cell_entry(
 
 
 def row_entries(position: int, rows: Iterable[Row]) -> list[Stored]:
-    """Stored entries of the rows of a cell: its place, the row's, then `ROW_FIELDS`.
-
-    Raises
-    ------
-    DamagedError
-        If a number of a row cannot be what it says it is.
-    """
+    """Stored entries of the rows of a cell: its place, the row's, then `ROW_FIELDS`."""
     return [_row_entry(position, ordinal, row) for ordinal, row in enumerate(rows)]
 
 

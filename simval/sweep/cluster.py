@@ -140,13 +140,7 @@ class Cluster:
         return self._executor.submit(*errand, **fit)
 
     def window(self) -> int:
-        """Number of batches to keep in flight: it follows workers that join and leave.
-
-        Raises
-        ------
-        LostClusterError
-            If no worker that may compute is there, and none joins in time.
-        """
+        """Number of batches to keep in flight, by the workers that are there."""
         self._look()
         if not self._threads:
             self._await(lambda: bool(self._threads))

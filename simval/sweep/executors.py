@@ -192,13 +192,7 @@ def attempt(
 
 
 def computed(batch: Batch) -> list[Done]:
-    """Compute some cells, and make of them what is stored.
-
-    Raises
-    ------
-    StrangerError
-        If this process would compute other numbers than the driver states.
-    """
+    """Compute some cells, and make of them what is stored."""
     machine = "" if batch.stated is None else batch.stated.require()
     work = () if batch.work is None else (batch.work,)
     with ONE_THREAD:

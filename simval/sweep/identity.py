@@ -82,13 +82,7 @@ def refusal(answer: object) -> StrangerError | None:
 
 
 def require_as_read() -> None:
-    """Check that this process has loaded no file that was changed since it started.
-
-    Raises
-    ------
-    StrangerError
-        If it has.
-    """
+    """Refuse a process that has loaded a file which was changed since it started."""
     names = provenance.loaded().changed()
     if names:
         words = f"{', '.join(names)} changed on the disk while it was at work"

@@ -98,11 +98,6 @@ class Run(ShownRun):
             A line for each row of each finished cell, in the order of the suite:
             ``cell``, ``study``, ``seed``, a column for each parameter (missing where
             the study has none of that name), and the columns of results.csv.
-
-        Raises
-        ------
-        InputError
-            If pandas is not installed.
         """
         return data_frame(self.cells)
 
