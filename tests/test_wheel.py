@@ -47,16 +47,6 @@ def test_the_wheel_finds_its_models_and_runs_the_smoke_suite(tmp_path):
     assert "site-packages" in run(python, "-c", models, **outside)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("source", [ROOT, f"git+file://{ROOT}"])
-def test_the_readmes_other_ways_to_install(tmp_path, source):
-    if str(source).startswith("git") and not (ROOT / ".git").exists():
-        pytest.skip("not a git repository")
-    pip = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
-    run(*pip, "install", "--no-deps", "--target", tmp_path, source)
-    assert (tmp_path / "simval" / "models" / "gimbal.xml").is_file()
-
-
 def test_a_wheel_without_a_compiler_has_the_same_numbers(tmp_path):
     pip = ("-m", "pip", "--quiet", "--disable-pip-version-check")
     run(

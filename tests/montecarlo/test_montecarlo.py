@@ -103,13 +103,6 @@ def test_mean_square_is_the_nees():
     assert error == pytest.approx(squares.std() / np.sqrt(squares.size), rel=0.09)
 
 
-def test_the_same_streams_give_the_same_bits_and_others_do_not():
-    first, again, other = run(5000), run(5000), run(5000, seed=6)
-    assert np.array_equal(first.mean, again.mean)
-    assert np.array_equal(first.scatter, again.scatter)
-    assert not np.array_equal(first.mean, other.mean)
-
-
 def test_bad_requests_are_refused_in_words():
     with pytest.raises(InputError, match="batch must divide block"):
         run(1000, batch=3)
@@ -126,14 +119,6 @@ def test_bad_requests_are_refused_in_words():
         simulate(broken, Streams(1, (1,)), samples=16, block=16, batch=1)
     with pytest.raises(InputError, match="non-finite"):
         found(2**12, of=lambda x: np.where(x[:2] > 3.0, np.nan, x[:2]))
-
-
-def test_two_batches_have_a_standard_error():
-    errors = sampler(np.random.default_rng(4), 2)
-    # sd of two values over the root of two: half their difference
-    expected = np.abs(errors[:, 0] - errors[:, 1]) / 2
-    found = moments_of(sums(errors, 1)).bias_error
-    np.testing.assert_allclose(found, expected, rtol=1e-14)
 
 
 BLOCKS, BATCH = 70, 4  # five groups of 16 blocks, the last one short

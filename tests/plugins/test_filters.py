@@ -289,9 +289,9 @@ def test_what_outlives_a_run_is_found(place, first):
 
 
 @pytest.mark.parametrize("crashes", [False, True])
-def test_the_row_and_the_trial_are_told(crashes):
-    """One that breaks a rule is refused, one that raises has crashed."""
-    made = []
+def test_the_row_and_the_trial_are_told_and_the_filter_is_closed(crashes):
+    """Of a later stretch: breaking a rule is refused, raising is a crash."""
+    made, closed = [], []
 
     class Late(Rate):
         def __init__(self, start):
@@ -300,35 +300,21 @@ def test_the_row_and_the_trial_are_told(crashes):
 
         def update(self, dt, w, f, m):
             q = self.step(dt, w)
-            if self.k == 5 and len(made) == 2:
+            if self.k == 290 and len(made) == 2:
                 if crashes:
                     raise ValueError
                 return np.full(4, np.nan)
             return q
 
-    with pytest.raises(PluginError, match=r"at row 5 \(0\.06 s\) of trial 1") as error:
-        run(filtering(Late))
-    assert isinstance(error.value, CrashedPluginError) is crashes
-
-
-@pytest.mark.parametrize("fault", [ValueError, None])
-def test_the_row_of_a_later_stretch_is_told_and_the_filter_closed(fault):
-    closed = []
-
-    class Closing(Rate):
-        def update(self, dt, w, f, m):
-            q = self.step(dt, w)
-            if self.k == 290 and fault:
-                raise fault
-            return np.nan * q if self.k == 290 else q
-
         def close(self):
             closed.append(self.k)
 
-    given, _ = tumbling(1, 300, noise=False)
-    with pytest.raises(PluginError, match=r"at row 290 \(2\.91 s\)"):
-        run(filtering(Closing), given)
-    assert len(closed) == 1
+    given, _ = tumbling(2, 300, noise=False)
+    words = r"at row 290 \(2\.91 s\) of trial 1"
+    with pytest.raises(PluginError, match=words) as error:
+        run(filtering(Late), given)
+    assert isinstance(error.value, CrashedPluginError) is crashes
+    assert len(closed) == 2
 
 
 def test_every_trial_answers_in_one_form():

@@ -5,7 +5,6 @@ import html
 import inspect
 import json
 import os
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -113,22 +112,6 @@ def swept(folder, cwd, *words, timeout=120):
     )
     assert done.returncode in (0, 2, 3, 4), done.stderr
     return done.returncode, load_run(folder)
-
-
-@pytest.mark.slow
-def test_a_missing_package_does_not_end_a_run(tmp_path):
-    for file in (LEAGUE / "adapting.py", EXAMPLES / "ellipsoid.py"):
-        shutil.copy(file, tmp_path)
-    text = (LEAGUE / "mag_cal_sensor.py").read_text().replace("mag_cal", "no_such")
-    (tmp_path / "broken.py").write_text(text)
-    (tmp_path / "s.toml").write_text(
-        'title = "t"\nseed = 1\n[calibrator]\ntrials = 32\n'
-        'algorithm = ["broken.py", "ellipsoid.py"]\n'
-    )
-    _, run = swept(tmp_path / "run", tmp_path, "s.toml")
-    ended = {c.parameters["algorithm"]: c for c in run.cells}
-    assert ended["ellipsoid.py"].status == "done"
-    assert "no_such is not installed; install" in ended["broken.py"].error
 
 
 def package(folder, version):

@@ -53,9 +53,9 @@ def free_port():
 class Cluster:
     """A scheduler, and workers that join when they are asked to."""
 
-    def __init__(self, folder, scheme="tcp", **words):
+    def __init__(self, folder, **words):
         self.folder, self.words = folder, words
-        self.address = f"{scheme}://127.0.0.1:{free_port()}"
+        self.address = f"tcp://127.0.0.1:{free_port()}"
         port = self.address.rpartition(":")[2]
         self.workers, self.drivers = [], []
         self.scheduler = self._start(

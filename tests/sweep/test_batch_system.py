@@ -1,7 +1,6 @@
-"""The recipes for a batch system and a container: they run, or their lines do."""
+"""The recipe for a batch system runs."""
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -45,24 +44,3 @@ def test_the_job_script_sweeps_and_judges(tiny_suite, tmp_path):
     assert done.returncode in (0, 3), done.stderr[-2000:]  # 3: too few trials to judge
     assert (tmp_path / "run" / "results.csv").is_file()
     assert "against theory" in done.stdout
-
-
-def test_the_recipes_install_what_is_there():
-    for file in (*RECIPES.iterdir(), ROOT / "docs" / "cluster.md"):
-        text = file.read_text(encoding="utf-8")
-        for words in re.findall(r"pip install ([^\n#`]*)", text):
-            what = [w for w in words.split() if not w.startswith("-")]
-            # a file, a checkout or a repository: simval is on no index
-            assert what, words
-            assert all(
-                re.match(
-                    r"['\"]?(\.|/|git\+|wheels/|simval-[0-9.]+-|\$\(echo$|/wheels/)", w
-                )
-                for w in what
-            ), words
-    text = (RECIPES / "Containerfile").read_text(encoding="utf-8")
-    wheels = set(re.findall(r"simval-([0-9.]+)-\*\.whl", text))
-    version = re.search(
-        r'^version = "(.*)"', (ROOT / "pyproject.toml").read_text(), re.M
-    )
-    assert version is None or wheels == {version[1]}

@@ -4,7 +4,6 @@ No worker mixes other numbers into a run, and what cannot go on says so and is r
 """
 
 import json
-import shutil
 import signal
 import subprocess
 import sys
@@ -24,9 +23,7 @@ from processes import (
 )
 from stores import digest
 
-from simval.errors import InputError
 from simval.judge import write_baseline
-from simval.sweep import cluster as clusters
 from simval.sweep import load_run, run_suite
 from simval.sweep.runner import Progress
 from simval.sweep.suite import expand
@@ -256,37 +253,3 @@ def test_a_cell_that_kills_its_workers_fails_alone(tmp_path, allowed):
     assert [cell.parameters["noise_std"] for cell in failed] == [0.03]
     assert "every worker was lost" in failed[0].error
     assert UNABLE in run.timing["told"][0]
-
-
-# Certificates.
-
-
-@pytest.fixture
-def certificate(tmp_path):
-    """A key and a certificate of one's own; the settings that use them."""
-    if shutil.which("openssl") is None:
-        pytest.skip("the program openssl, which makes the certificates, is not here")
-    words = "openssl req -x509 -newkey rsa:2048 -nodes -days 1 -subj /CN=simval"
-    command = [*words.split(), "-keyout", "key.pem", "-out", "cert.pem"]
-    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
-    tls = "DASK_DISTRIBUTED__COMM__TLS__"
-    settings = {f"{tls}CA_FILE": str(tmp_path / "cert.pem")}
-    for role in ("SCHEDULER", "WORKER", "CLIENT"):
-        settings[f"{tls}{role}__KEY"] = str(tmp_path / "key.pem")
-        settings[f"{tls}{role}__CERT"] = str(tmp_path / "cert.pem")
-    return {**settings, "DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "true"}
-
-
-@pytest.mark.ci
-def test_a_cluster_with_certificates_takes_no_other_driver(
-    suite, alone, certificate, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(clusters, "CONNECT_TIMEOUT", 2.0)
-    with Cluster(tmp_path, scheme="tls", **certificate) as cluster:
-        cluster.join()
-        code, _, err = ended(cluster.sweep(suite, tmp_path / "run", **certificate))
-        assert code == 0, err
-        for address in (cluster.address, cluster.address.replace("tls", "tcp")):
-            with pytest.raises(InputError, match="there is no scheduler at"):
-                run_suite(str(suite), tmp_path / "other", scheduler=address)
-    assert digest(tmp_path / "run") == alone

@@ -90,25 +90,6 @@ def test_an_outcome_that_cannot_travel_fails_its_cell_alone(pooled, together):
     assert found[:1] + found[2:] == [(0, "done"), (2, "done"), (3, "done")]
 
 
-def test_the_last_line_of_an_error_is_its_whole_message(
-    tiny_suite, tmp_path, monkeypatch
-):
-    messages = iter(["first \udcff\x1b\n\n second", "one line", "", "\0"])
-
-    def execute(cell):
-        raise ValueError(next(messages))
-
-    monkeypatch.setattr(executors, "execute", execute)
-    run = run_suite(str(tiny_suite), tmp_path / "run", workers=1)
-    assert [cell.error.strip().splitlines()[-1] for cell in run.cells] == [
-        r"ValueError: first \udcff\x1b | second",
-        "ValueError: one line",
-        "ValueError",
-        r"ValueError: \x00",
-    ]
-    assert all(cell.error.startswith("Traceback") for cell in run.cells)
-
-
 def children(pid):
     path = f"/proc/{pid}/task/{pid}/children"
     return [int(word) for word in Path(path).read_text().split()]
