@@ -106,6 +106,7 @@ EFFICIENCY = _size("efficiency", "efficiency", better="more")
 NEES = _ratio("nees", "normalised squared error", margin=0.02)
 POOLED_NEES = _ratio("nees, pooled", "normalised squared error, pooled", margin=0.02)
 COVERAGE = _share("coverage", "coverage of the stated intervals", better="prediction")
+MISJUDGED = _share("misjudged", "share of signals that are misjudged")
 COVERAGE_NORMAL = _share(
     "coverage_normal", "coverage of 1.96 standard deviations", better="prediction"
 )
@@ -433,6 +434,7 @@ EQUAL_WEIGHTS = "equal weights"
 CLOSED_FORM = "closed form"
 WHITE = "white"
 INDEPENDENT = "independence"
+BINOMIAL = "binomial"
 RESPONSE = "its own response"
 ENUMERATED = "all samples"
 KNOWN_SCENE = "known scene"

@@ -104,7 +104,7 @@ def _greatest(sensor: SensorNoise, kind: str) -> str:
     found, unit = sensor.of(kind), sensor.unit(kind)
     if not found or len(found) < len(sensor.axes):
         return ""
-    size = max(c.high if c.value is None else c.value for c in found)
+    size = max((c.high if c.value is None else c.value for c in found), key=abs)
     if not np.isfinite(size):
         return ""
     seen = any(c.value is not None and c.value == size for c in found)

@@ -27,6 +27,7 @@ errors of 0.02 to 0.04; intervals that cover 95.1, 93.3 and 96.0 % (the same 6 0
 from typing import Annotated, Literal
 
 import numpy as np
+import scipy
 from pydantic import Field
 
 from simval import statistics as stat
@@ -42,12 +43,17 @@ from simval.imu.noise import (
 from simval.imu.noise.least_squares import RIDGE, Problem, ends, fitted
 from simval.imu.sensor import NoiseModel
 from simval.montecarlo import moments_of
-from simval.results import Outcome, Row, exact, plain
+from simval.results import Outcome, Row, exact, limit, plain
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.response import MET, apart
 from simval.studies.study import Cost, StudyParameters, ranged
-from simval.studies.trials import KEPT, Kept, correlation_row, trials_of
+from simval.studies.trials import (
+    KEPT,
+    Kept,
+    correlation_row,
+    trials_of,
+)
 from simval.theory.coloured_noise import noise_bound, sampled_allan_law
 
 TITLE = "Noise model: are N, B and K at the bound, and do their intervals hold?"
@@ -67,6 +73,9 @@ SHORTEST = 4  # rows to an average from which samples follow the laws of average
 KINDS = ("N", "B", "K")
 TIMES = 120.0  # correlation times of Markov noise in a signal: 30 s in an hour
 KNEE = 45.0  # of its driving noise over white noise, times its correlation time
+STRONG = 2.0 * WHITE  # a walk that every signal of the default length shows
+SELDOM = 1e-6  # chance that right choices exceed a limit, a thousandth of a run's
+FEWER = 25  # trials to a signal whose components are chosen, which takes 20 ms
 FEW = 64
 """Rows of white noise whose quadratic forms are written out."""
 
@@ -77,7 +86,7 @@ class Parameters(StudyParameters):
     estimate: Literal["known weights", "fitted", "intervals", "chosen"] = Field(
         default="intervals",
         description="Weights as theory has them, or the fit, or its intervals, too; or "
-        "Markov noise in place of flicker and walk, components chosen by evidence.",
+        "the choice of components, of a Markov bias and of strong flicker and walk.",
     )
     rows: int = ranged(16_384, "Rows of a signal, at 100 Hz.", 4096, 1_000_000)
     flicker: Annotated[float, Field(gt=0.0, le=10.0)] = Field(
@@ -86,18 +95,19 @@ class Parameters(StudyParameters):
     walk: Annotated[float, Field(gt=0.0, le=10.0)] = Field(
         default=0.3, description="Random walk K over white noise N, Hz."
     )
-    trials: int = ranged(1200, "Signals; rounded up to whole blocks of 24.", 256)
+    trials: int = ranged(
+        1200,
+        "Signals; rounded up to whole blocks of 24; of choices a 25th of each.",
+        256,
+    )
 
     def cost(self) -> Cost:
         """Cost of a cell: a draw, a fit and its intervals, for each signal."""
-        costs = {
-            "known weights": 0.0,
-            "fitted": 7e-4,
-            "intervals": 0.004,
-            "chosen": 0.2,
-        }
-        fit = costs[self.estimate]
-        return Cost(0.2 + self.trials * (fit + 4e-4 + 2e-7 * self.rows), 40)
+        choices = self.estimate == "chosen"
+        signals = 2 * self.trials // FEWER if choices else self.trials
+        costs = {"fitted": 7e-4, "intervals": 0.004, "chosen": 0.025}
+        fit = costs.get(self.estimate, 0.0)
+        return Cost(0.2 + signals * (fit + 4e-4 + 2e-7 * self.rows), 40)
 
 
 class Theory:
@@ -231,36 +241,51 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def _chosen(parameters: Parameters, streams: Streams) -> Outcome:
-    """Whether intervals hold where Markov noise could pass for flicker or a walk.
+    """Shares of signals that are misjudged: of a Markov bias, of flicker and a walk.
 
-    An interval runs over all sets of components that are not told apart, so it holds
-    at its rate or more often; flicker is none, and is claimed where it misses zero.
+    An interval runs over all sets of components that are not told apart, so it misses
+    at its rate or more seldom. The Markov bias is long enough to be told from a walk; a
+    walk has no correlation time, no ramp and no sine. Flicker is not the bias: its
+    interval holds 0.
     """
+    n = parameters.trials // FEWER
     seconds = parameters.rows / RATE / TIMES
     driving = KNEE * WHITE / seconds
-    # N is left out: over the shortest averages samples are not as averages are
-    truth = {"B": 0.0, "K": driving, "T": seconds}
-    model = NoiseModel(
+    markov = NoiseModel(
         white_raw_per_sqrt_hz=WHITE, markov_raw_per_sqrt_s=driving, markov_s=seconds
     )
-
-    def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
-        draws = [model.draw(parameters.rows, RATE, rng) for _ in range(BLOCK // 3)]
-        inside = np.zeros((BLOCK, len(truth)))
-        for own, axis in zip(inside, noise_of(np.hstack(draws), RATE), strict=True):
-            ends_of = {c.kind: (c.low, c.high) for c in axis.coefficients}
-            for place, (kind, value) in enumerate(truth.items()):
-                low, high = ends_of.get(kind, (np.inf, 0.0))  # not stated: a miss
-                own[place] = low <= value <= high
-        return {"inside": inside}, {}
-
-    inside = trials_of(streams, parameters.trials, BLOCK, trial)["inside"]
-    n = len(inside)
-    spread = np.sqrt(RATE_OF_INTERVALS * (1.0 - RATE_OF_INTERVALS) / n)
-    rows = plain(
-        stat.COVERAGE.each(f"{kind}, chosen" for kind in truth), inside.mean(axis=0),
-        spread, n, RATE_OF_INTERVALS, stat.NORMAL, 1.0 - RATE_OF_INTERVALS,
-    )  # fmt: skip
+    walk = NoiseModel(
+        white_raw_per_sqrt_hz=WHITE, flicker_raw=WHITE, walk_raw_per_sqrt_s=STRONG
+    )
+    rng = streams.block(0)
+    draws = [
+        model.draw(parameters.rows, RATE, rng)
+        for model in (markov, walk)
+        for _ in range(n // 3)
+    ]
+    axes = noise_of(np.hstack(draws), RATE)
+    # N is left out: over the shortest averages samples are not as averages are
+    wrong: dict[str, list[bool]] = {}
+    for name, truth, some in (
+        ("Markov", {"B": 0.0, "K": driving, "T": seconds}, axes[: len(axes) // 2]),
+        ("walk", {"B": WHITE, "K": STRONG}, axes[len(axes) // 2 :]),
+    ):
+        for axis in some:
+            found = {c.kind: c for c in axis.coefficients}
+            for kind, value in truth.items():
+                held = kind in found and found[kind].low <= value <= found[kind].high
+                wrong.setdefault(f"{kind} of {name}", []).append(not held)
+            seen = {kind for kind, c in found.items() if c.value is not None}
+            right = "T" in seen if name == "Markov" else not seen & {"T", "R", "A"}
+            wrong.setdefault(f"kind of {name}", []).append(not right)
+    count = len(axes) // 2
+    # the least count that so many signals reach with a smaller probability
+    chance = 1.0 - SELDOM / len(wrong)
+    most = np.ceil(scipy.special.bdtrik(chance, count, 1.0 - RATE_OF_INTERVALS))
+    shares = np.mean(list(wrong.values()), axis=1)
+    rows = limit(
+        stat.MISJUDGED.each(wrong), shares, most / count, stat.BINOMIAL, n=count
+    )
     return Outcome(rows=rows)
 
 

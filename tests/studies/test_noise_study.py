@@ -8,7 +8,7 @@ from cells import excess, outcome
 from scipy import stats
 from scipy.integrate import quad
 
-from simval.imu.noise import allan_covariance, allan_law
+from simval.imu.noise import allan_covariance, allan_law, evidence
 from simval.imu.noise.least_squares import RIDGE
 from simval.studies.noise_model import LAGS, REMAINDERS, SECOND, Parameters, Theory
 from simval.theory.coloured_noise import LONGEST, sampled_allan_law
@@ -142,12 +142,19 @@ def test_strong_flicker_is_judged_by_the_law_of_samples():
     assert mean.value > limit * mean.standard_error
 
 
-@pytest.mark.slow
-def test_intervals_of_what_is_chosen_hold():
-    """Markov noise, which flicker and a walk could pass for."""
-    rows = outcome("noise_model", estimate="chosen", rows=4096, trials=256).rows
-    assert len(rows) == 3
-    assert max(excess(row) for row in rows) < stats.norm.isf(1e-3 / 6)
+@pytest.mark.ci
+def test_what_is_chosen_is_right_and_without_markov_noise_it_is_not(monkeypatch):
+    """Limits by the binomial law; a walk in place of each Markov bias exceeds them."""
+    rows = outcome("noise_model", estimate="chosen", trials=600).rows
+    assert len(rows) == 7
+    assert all(row.value <= row.prediction < 0.5 for row in rows)
+    most = round(24 * rows[0].prediction)
+    beyond = stats.binom.sf([most, most - 1], 24, 0.05)
+    assert beyond[0] <= 1e-6 / 7 < beyond[1]
+    monkeypatch.setattr(evidence.Family, "markov", lambda self, times: [])
+    rows = outcome("noise_model", estimate="chosen", trials=624).rows
+    bad = {str(row.statistic) for row in rows if row.value > row.prediction}
+    assert "misjudged[kind of Markov]" in bad
 
 
 def test_samples_of_flicker_are_those_of_its_spectrum():

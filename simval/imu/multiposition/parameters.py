@@ -26,6 +26,7 @@ least mean square of an error over all directions; the greatest is the 2-norm of
 :math:`\mathrm{diag}(s) A - I`.
 """
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import acos, degrees
@@ -315,7 +316,11 @@ def _chain(name: str, log: Log, whole: Any, notes: _Notes) -> list[str]:
             "Tw": factors.shape, "R_IMUtoGYRO": turn, "Ta": inverse,
             "R_IMUtoACC": np.eye(3), "Tg": G, "model": "kalibr",
         }  # fmt: skip
-    imu |= {"rostopic": "/imu0", "time_offset": 0.0, "update_rate": log.rate}
+    topic = _topic(log)
+    if not topic:
+        topic = "/imu0"
+        notes.say("rostopic", f"not known from the log; {topic} stands for it")
+    imu |= {"rostopic": topic, "time_offset": 0.0, "update_rate": log.rate}
     for sensor in SI:
         words = "its bias is not carried, the project estimates its own; here it is "
         notes.say(sensor, f"{words}{_triple(getattr(whole, sensor).B)}")
@@ -325,6 +330,13 @@ def _chain(name: str, log: Log, whole: Any, notes: _Notes) -> list[str]:
         words = "not all in m/s^2 and rad/s, which the project reads: the matrices are "
         notes.say("readings", f"{words}for messages in the units of the log")
     return list(_yaml({"imu0": imu}))
+
+
+def _topic(log: Log) -> str:
+    # of the accelerometer's messages, where the log came from a bag
+    said = dict(log.source)
+    taken = re.match(r"/[\w/]+", said.get("instance", ""))
+    return taken[0] if taken and "/Imu" in said.get("readings", "") else ""
 
 
 def _triple(values: Float[Array, "3"]) -> str:

@@ -247,14 +247,15 @@ def covariance_forms(
 
 
 def allan_covariance(
-    forms: Float[np.ndarray, "m m k k"], squares: Float[np.ndarray, "... k"]
+    forms: Float[np.ndarray, "... m m k k"], squares: Float[np.ndarray, "... k"]
 ) -> Float[np.ndarray, "... m m"]:
     """Covariance (V4) of the Allan variances of signals.
 
     Parameters
     ----------
     forms : Array
-        From `covariance_forms`, (m, m, 4, 4), or of some of the coefficients alone.
+        From `covariance_forms`, (m, m, 4, 4), or of some of the coefficients alone, or
+        (s, m, m, k, k) of other ones for each signal.
     squares : Array
         N^2, B^2, K^2 and Q^2 in units of rows, (4,), or (..., 4) for more signals.
 
@@ -265,8 +266,9 @@ def allan_covariance(
     """
     pairs = squares[..., :, None] * squares[..., None, :]
     every = pairs.reshape(-1, pairs.shape[-1] ** 2)
-    made = every @ forms.reshape(-1, every.shape[1]).T
-    return made.reshape(*squares.shape[:-1], *forms.shape[:2])
+    flat = forms.reshape(*forms.shape[:-4], -1, every.shape[1])
+    made = every @ flat.T if flat.ndim == 2 else flat @ every[..., None]
+    return made.reshape(*squares.shape[:-1], *forms.shape[-4:-2])
 
 
 def _pair_forms(

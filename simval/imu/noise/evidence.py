@@ -17,6 +17,7 @@ end, so the times that are left are the interval of the correlation time.
 """
 
 from collections.abc import Iterable, Sequence, Set
+from itertools import groupby
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -43,6 +44,7 @@ _ROUNDS: Final = 6  # of times between those before
 
 WALK: Final = Component("K")
 RAMP: Final = Component("R")
+Components = tuple[Component, ...]
 
 
 class Family:
@@ -62,13 +64,18 @@ class Family:
         self._forms: dict[tuple[Component, Component], Array] = {}
         self._make(())
 
-    def problem(
-        self, variances: Float[Array, "s m"], components: Sequence[Component]
-    ) -> Problem:
-        """Return the least squares problem of some components."""
-        law = np.stack([each.law(self.counts) for each in components], axis=1)
-        rows = [[self._forms[a, b] for b in components] for a in components]
-        return Problem(variances, law, np.moveaxis(np.array(rows), (0, 1), (2, 3)))
+    def problem(self, variances: Float[Array, "s m"], *sets: Components) -> Problem:
+        """Least squares problem of a set of components, or of another each signal."""
+        law = np.array([[each.law(self.counts) for each in some] for some in sets])
+        forms = np.array(
+            [[[self._forms[a, b] for b in some] for a in some] for some in sets]
+        )
+        made = Problem(
+            variances, np.moveaxis(law, 1, 2), np.moveaxis(forms, (1, 2), (3, 4))
+        )
+        if len(sets) == 1:
+            return Problem(variances, made.law[0], made.forms[0])
+        return made
 
     def markov(self, times: Sequence[float]) -> list[Component]:
         """Markov noise of each time in rows, its forms made together."""
@@ -103,7 +110,7 @@ class Chosen(NamedTuple):
     used: tuple[int, int]
     found: Squares
     """The fit of the first of `likely`."""
-    likely: tuple[tuple[Component, ...], ...]
+    likely: tuple[Components, ...]
     """Sets of components that the signal does not tell apart, the stated one first."""
     least_time: float = np.inf
     """Rows: shortest correlation time that is left; infinite where none was asked."""
@@ -115,7 +122,7 @@ class Chosen(NamedTuple):
     """Whether there is more than white noise and a sine."""
 
     @property
-    def components(self) -> tuple[Component, ...]:
+    def components(self) -> Components:
         """The stated set."""
         return self.likely[0]
 
@@ -132,11 +139,11 @@ def weighed(
     step = PER_OCTAVE if last - first >= 6 * PER_OCTAVE else 1
     octaves = np.arange(first, last)[::step]
     few, some = family.of(octaves), variances[:, octaves]
-    sets = _deviances(few, some, ())
-    extra: tuple[Component, ...] = ()
+    sets = _slow(few, some, ())
+    extra: Components = ()
     if line.period:
         sine = (line.component,)
-        with_it = _deviances(few, some, sine)
+        with_it = _slow(few, some, sine)
         if min(sets.values()) - min(with_it.values()) > EVIDENCE:
             sets, extra = with_it, sine
     plain = (*family.fast, WALK, *extra)
@@ -147,8 +154,8 @@ def weighed(
     least = min(sets.values())
     walk = (*plain, RAMP)
     alone = sets.get((*family.fast, RAMP, *extra), np.inf) - least <= LIKELY
-    if slow and (alone or least - _deviance(few, some, walk) > EVIDENCE):
-        sets |= _deviances(few, some, (*extra, RAMP))
+    if slow and (alone or least - _deviances(few, some, [walk])[walk] > EVIDENCE):
+        sets |= _slow(few, some, (*extra, RAMP))
     limit = min(sets.values()) + LIKELY
     likely = [each for each in sorted(sets, key=sets.__getitem__) if sets[each] < limit]
     if any(RAMP in each for each in likely) and walk not in likely:
@@ -172,7 +179,7 @@ def weighed(
 
 
 def _times_left(
-    sets: Iterable[tuple[Component, ...]], likely: Iterable[tuple[Component, ...]]
+    sets: Iterable[Components], likely: Iterable[Components]
 ) -> tuple[float, float]:
     # ends of the likely correlation times, to the middle to those that are not
     known, left = (
@@ -188,7 +195,7 @@ def _times_left(
     return float(wide[first]), np.inf if walk else float(wide[last + 1])
 
 
-def is_slow(problem: Problem, components: tuple[Component, ...]) -> bool:
+def is_slow(problem: Problem, components: Components) -> bool:
     """Return whether flicker or a walk is seen, or needed beside white noise."""
     slow = np.array([each.kind in "BK" for each in components])
     low, _ = ends(problem, fitted(problem))
@@ -199,30 +206,40 @@ def is_slow(problem: Problem, components: tuple[Component, ...]) -> bool:
     return not white.holds[0]
 
 
-def _deviance(
-    family: Family, variances: Float[Array, "1 m"], components: tuple[Component, ...]
-) -> float:
-    # (V13)
-    return float(fitted(family.problem(variances, components)).deviance[0])
-
-
 def _deviances(
-    family: Family, variances: Float[Array, "1 m"], extra: tuple[Component, ...]
-) -> dict[tuple[Component, ...], float]:
+    family: Family, variances: Float[Array, "1 m"], sets: Iterable[Components]
+) -> dict[Components, float]:
+    # (V13) of each set, those of as many components together
+    found: dict[Components, float] = {}
+    for many in by_size(sets):
+        every = family.problem(np.repeat(variances, len(many), axis=0), *many)
+        found |= zip(many, fitted(every).deviance.tolist(), strict=True)
+    return found
+
+
+def by_size(sets: Iterable[Components]) -> list[list[Components]]:
+    """Sets that are one problem each: of as many components."""
+    return [list(some) for _, some in groupby(sorted(sets, key=len), len)]
+
+
+def _slow(
+    family: Family, variances: Float[Array, "1 m"], extra: Components
+) -> dict[Components, float]:
     # the walk, a ramp in its place, and Markov noise, finer about the likely times
-    def beside(slow: Component) -> tuple[Component, ...]:
+    def beside(slow: Component) -> Components:
         return (*family.fast, slow, *extra)
 
-    plain = [beside(WALK)] if RAMP in extra else [beside(WALK), beside(RAMP)]
-    sets = {each: _deviance(family, variances, each) for each in plain}
+    plain = [WALK] if RAMP in extra else [WALK, RAMP]
+    sets = _deviances(family, variances, map(beside, plain))
     shortest = SHORTEST * float(family.counts[0])
     octaves = int(np.log2(family.rows / shortest))
     times = shortest * 2.0 ** np.arange(0, octaves + 2, 2)
     D: dict[float, float] = {}
     for _ in range(_ROUNDS):
-        for markov in family.markov(times.tolist()):
-            D[markov.rows] = _deviance(family, variances, beside(markov))
-            sets[beside(markov)] = D[markov.rows]
+        markov = family.markov(times.tolist())
+        new = _deviances(family, variances, map(beside, markov))
+        D |= {each.rows: new[beside(each)] for each in markov}
+        sets |= new
         known = np.sort(list(D))
         levels = np.array([D[time] for time in known]) - min(sets.values())
         # where it changes much from one time to the next, and one of them is likely

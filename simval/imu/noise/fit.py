@@ -17,6 +17,7 @@ the sensor's own readings and its own rate are known; else they are not.
 """
 
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any, Final
 
 import numpy as np
@@ -37,6 +38,7 @@ from simval.imu.noise.evidence import (
     Chosen,
     Family,
     Line,
+    by_size,
     is_slow,
     line_of,
     weighed,
@@ -144,6 +146,7 @@ def noise_of(
             steps[k],
             refusals[k],
             rate_hz,
+            falls=signals[: len(signals) // 2, k].mean() > signals[:, k].mean(),
         )
         for k in range(len(steps))
     )
@@ -157,6 +160,7 @@ def _axis(
     step: float,
     refusal: str,
     rate_hz: float,
+    falls: bool,
 ) -> AxisNoise:
     counts = family.counts
     used, spread = (0, len(counts)), np.zeros(len(counts))
@@ -173,6 +177,13 @@ def _axis(
         if found.holds[0]:
             coefficients = _coefficients(family, variances[None], chosen, unit, rate_hz)
             seen = {each.kind for each in coefficients if each.value is not None}
+            if falls and "R" in seen:  # a square has no sign, the readings have
+                coefficients = tuple(
+                    replace(c, value=-(c.value or 0.0), low=-c.high, high=-c.low)
+                    if c.kind == "R"
+                    else c
+                    for c in coefficients
+                )
             statements += words_of(chosen, seen, rate_hz, unit)
     if step > 0.0 and not refusal:
         share = step**2 / SHARE / variances[0]
@@ -301,13 +312,16 @@ def _coefficients(
     # roots of the squares, from the least end to the greatest of all that is likely
     lows: dict[str, list[float]] = {}
     highs: dict[str, list[float]] = {}
-    for components in chosen.likely:
-        problem = family.problem(variances / unit, components).part(*chosen.used)
-        lowest, highest = (end[0] for end in ends(problem, fitted(problem)))
-        noise = [each.process.spectrum is not None for each in components]
+    for sets in by_size(chosen.likely):
+        many = np.repeat(variances / unit, len(sets), axis=0)
+        problem = family.problem(many, *sets).part(*chosen.used)
+        lowest, highest = ends(problem, fitted(problem))
+        noise = [[c.process.spectrum is not None for c in some] for some in sets]
         highest = np.where(noise, np.minimum(highest, greatest(problem)), highest)
-        for place, component in enumerate(components):
-            low, high = float(lowest[place]), float(highest[place])
+        every = zip(
+            chain(*sets), lowest.ravel().tolist(), highest.ravel().tolist(), strict=True
+        )
+        for component, low, high in every:
             letter = component.process.letter
             lows.setdefault(letter, []).append(low)
             # Markov noise that is not seen would be bounded by white noise alone

@@ -46,20 +46,27 @@ Z: Final = 1.959963984540054  # of 95 %, both ends together
 
 
 class Problem(NamedTuple):
-    """Allan variances of signals of the same length, and what theory says of them."""
+    """Allan variances of signals of the same length, and what theory says of them.
+
+    Theory is of the same components for all signals, or of others for each.
+    """
 
     variances: Float[Array, "s m"]
-    law: Float[Array, "m k"]  # of the coefficients that are asked for
-    forms: Float[Array, "m m k k"]
+    law: Float[Array, "... m k"]  # of the coefficients that are asked for
+    forms: Float[Array, "... m m k k"]
 
     def of(self, signals: NDArray[np.intp]) -> "Problem":
         """Take some of the signals, each as often as it is named."""
-        return self._replace(variances=self.variances[signals])
+        law, forms = self.law, self.forms
+        if law.ndim == 3:
+            law, forms = law[signals], forms[signals]
+        return Problem(self.variances[signals], law, forms)
 
     def part(self, first: int, last: int) -> "Problem":
         """Take some of the lengths."""
         some = slice(first, last)
-        return Problem(self.variances[:, some], self.law[some], self.forms[some, some])
+        forms = self.forms[..., some, some, :, :]
+        return Problem(self.variances[:, some], self.law[..., some, :], forms)
 
 
 class Squares(NamedTuple):
@@ -89,15 +96,15 @@ class _Whitened(NamedTuple):
 def fitted(problem: Problem) -> Squares:
     """Fit the squares of the coefficients of each signal."""
     # variances of the variances, up to a factor: longer averages are fewer
-    roughly = problem.variances**2 / problem.law[:, 0]
-    whitened = _whitened(problem, roughly[:, None] * np.eye(len(problem.law)))
+    roughly = problem.variances**2 / problem.law[..., 0]
+    whitened = _whitened(problem, roughly[:, None] * np.eye(roughly.shape[1]))
     free, sd = _free(whitened)
     values = _nonnegative(whitened, free)
     left = np.arange(len(values))  # signals whose weights are not settled
     for _ in range(ROUNDS):
         before = values[left]
-        V = allan_covariance(problem.forms, before)
-        whitened = _whitened(problem.of(left), V)
+        some = problem.of(left)
+        whitened = _whitened(some, allan_covariance(some.forms, before))
         free[left], sd[left] = _free(whitened)
         now = _nonnegative(whitened, free[left])
         nothing = ~np.any(now, axis=1)  # no weights at all: keep the last ones
@@ -109,7 +116,7 @@ def fitted(problem: Problem) -> Squares:
     V = allan_covariance(problem.forms, values)
     law, target, log_volume = _whitened(problem, V)
     chi2 = np.sum((target - _times(law, values)) ** 2, axis=1)
-    dof = len(problem.law) - np.count_nonzero(values, axis=1)
+    dof = problem.law.shape[-2] - np.count_nonzero(values, axis=1)
     p_value = scipy.special.chdtrc(dof, chi2)
     return Squares(values, free, sd, chi2, dof, p_value, chi2 + log_volume)
 
@@ -125,13 +132,15 @@ def ends(problem: Problem, found: Squares) -> tuple[Float[Array, "s k"], ...]:
     z = np.array([-Z, Z])[side]
     at_fit = _whitened(problem, allan_covariance(problem.forms, found.values))
     value = np.maximum(found.free[signal, place] + z * found.sd[signal, place], 0.0)
-    most = 1e3 * problem.variances.max(axis=1)[signal] / problem.law.max(axis=0)[place]
+    most = 1e3 * problem.variances.max(axis=1)[:, None] / problem.law.max(axis=-2)
+    most = most[signal, place]
     end = np.where(z > 0.0, np.inf, 0.0)
     left = np.arange(len(end))
     for _ in range(4 * ROUNDS):
         i, k, before = signal[left], place[left], value[left]
         there = _with_end(_Whitened(*(each[i] for each in at_fit)), k, before)
-        whitened = _whitened(problem.of(i), allan_covariance(problem.forms, there))
+        some = problem.of(i)
+        whitened = _whitened(some, allan_covariance(some.forms, there))
         free, sd = (each[np.arange(len(k)), k] for each in _free(whitened))
         near = np.where(z[left] > 0.0, np.maximum(free, -sd), free)
         now = value[left] = np.maximum(near + z[left] * sd, 0.0)
@@ -145,24 +154,25 @@ def ends(problem: Problem, found: Squares) -> tuple[Float[Array, "s k"], ...]:
     return low, high
 
 
-def greatest(problem: Problem) -> Float[Array, " k"]:
-    """Squares that alone would exceed the Allan variances of the first signal.
+def greatest(problem: Problem) -> Float[Array, "s k"]:
+    """Squares that alone would exceed the Allan variances of each signal.
 
     At some length by `FAR` standard deviations of what the square alone would scatter
     by; other noise only adds to it. Where (V6) bounds nothing, this does. It is no
     bound of a ramp or a sine, which noise may lessen.
     """
-    share = 1.0 - FAR * np.sqrt(np.einsum("mmkk->mk", problem.forms)) / problem.law
+    alone = np.sqrt(np.einsum("...mmkk->...mk", problem.forms))
+    share = 1.0 - FAR * alone / problem.law
     with np.errstate(divide="ignore"):
-        each = problem.variances[0][:, None] / (problem.law * np.maximum(share, 0.0))
-    return np.asarray(each.min(axis=0))
+        each = problem.variances[..., None] / (problem.law * np.maximum(share, 0.0))
+    return np.asarray(each.min(axis=1))
 
 
 def _whitened(problem: Problem, covariance: Float[Array, "s m m"]) -> _Whitened:
     least = LEAST_VARIANCE * problem.variances**2  # a ramp alone scatters by nothing
     scale = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), least))
     near = covariance / (scale[:, :, None] * scale[:, None, :])
-    ridge = RIDGE * np.eye(len(problem.law))
+    ridge = RIDGE * np.eye(near.shape[1])
     try:
         factor = np.linalg.cholesky(near + ridge)
     except np.linalg.LinAlgError:  # a ramp alone, whose V is known to 1e-3 only
@@ -170,7 +180,7 @@ def _whitened(problem: Problem, covariance: Float[Array, "s m m"]) -> _Whitened:
         level = np.maximum(level, 0.0)[:, None, :]
         positive = (turn * level) @ np.swapaxes(turn, 1, 2)
         factor = np.linalg.cholesky(positive + ridge)
-    law = np.broadcast_to(problem.law, (len(scale), *problem.law.shape))
+    law = np.broadcast_to(problem.law, (len(scale), *problem.law.shape[-2:]))
     both = np.concatenate([law, problem.variances[..., None]], axis=2)
     solved = np.linalg.solve(factor, both / scale[..., None])
     diagonal = np.diagonal(factor, axis1=1, axis2=2) * scale

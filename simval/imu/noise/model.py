@@ -36,8 +36,8 @@ class Coefficient:
         ``N`` white noise, raw units per root hertz; ``B`` flicker, raw units; ``K``
         rate random walk, or the driving noise of Markov noise, raw units per root
         second; ``T`` its correlation time, s; ``Q`` rounding of increments, raw units
-        times second; ``R`` ramp, raw units per second; ``A`` amplitude of a sine, raw
-        units; ``f`` its frequency, Hz.
+        times second; ``R`` ramp, raw units per second, with its sign where it is
+        seen; ``A`` amplitude of a sine, raw units; ``f`` its frequency, Hz.
     value : float or None
         The estimate; None where the signal does not show the coefficient.
     sd : float or None

@@ -214,7 +214,8 @@ def test_markov_noise_is_told_or_is_said_to_be_like_a_walk(seconds):
     ],
 )
 def test_each_is_recognised_and_no_other(kind, size, given):
-    axes = noise_of(signals(3, 5, rows=12_000, **given), RATE)
+    rows = signals(3, 5, rows=12_000, **given)
+    axes = noise_of(rows, RATE)
     found = of(axes, kind)
     assert [c.value is not None for c in found] == [True] * 3
     # three intervals of 95 %: all miss by less than their own width
@@ -226,6 +227,10 @@ def test_each_is_recognised_and_no_other(kind, size, given):
     assert seen == others
     if kind == "A":
         assert all(c.low - c.sd < 0.05 < c.high + c.sd for c in of(axes, "f"))
+    if kind == "R":  # it rises, and falls where the readings are turned over
+        fall = [(-c.value, -c.high, -c.low) for c in of(noise_of(-rows, RATE), kind)]
+        assert fall == [(c.value, c.low, c.high) for c in found]
+        assert min(fall)[0] > 0.0
     for axis in axes:  # a bound is above nothing, and never an estimate
         again = axis_from_json(axis_to_json(axis))
         np.testing.assert_array_equal(again.law(axis.seconds), axis.law(axis.seconds))
