@@ -272,6 +272,8 @@ def stepped(
         columns = [np.array(a[rows], order="C") for a in readings.sensors]
         given = [readings.dt[rows].tolist(), *(list(a) for a in columns)]
         row, put, arrays = -1, None, list[Array]()
+        kept = keep[(keep >= first) & (keep < last)] - first
+        judged = np.arange(last - first)
         if form is not None:
             put, arrays = form.storing(last - first)
         start = perf_counter()
@@ -281,7 +283,9 @@ def stepped(
                 answers = own.update_rows(readings.dt[rows], *columns)
                 one = {word: a[0] for word, a in answers.items()}
                 form = form or form_of(filter, one, readings.lead)
-                arrays = [answers[word] for word in form.shapes]
+                # what is kept, and the last row, to which a NaN is carried on
+                judged = np.union1d(kept, judged[-1])
+                arrays = [answers[word][judged] for word in form.shapes]
             for row, values in enumerate(zip(*given, strict=True)):
                 answer = update(*values)
                 if put is None:
@@ -296,10 +300,9 @@ def stepped(
         assert form is not None
         if fault := form.fault(arrays):
             row, words = fault
-            msg = f"{words}, {place(readings, first + row)}"
+            msg = f"{words}, {place(readings, first + int(judged[row]))}"
             raise PluginError(msg)
-        kept = keep[(keep >= first) & (keep < last)] - first
-        found.append([a[kept] for a in arrays])
+        found.append([a[np.searchsorted(judged, kept)] for a in arrays])
     assert form is not None
     whole = [np.concatenate(each) for each in zip(*found, strict=True)]
     return Run(

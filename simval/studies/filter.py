@@ -148,7 +148,9 @@ class Filtering(Problem[Filter, str, Answers]):
         exact = replace(self.sensors, M=np.eye(3), calibration_std=0.0)
         at = kept[late], plugin.magnetometer
         least = prediction(undisturbed(way), exact, exact.told(way), *at)
-        theory = prediction(way, self.sensors, self.told, *at)
+        theory = least
+        if way.disturbed or parameters.wrong != Wrong():
+            theory = prediction(way, self.sensors, self.told, *at)
         rows = measured_rows(parameters, way, answers, (least, theory), way.rate[kept])
         rows += drawn_filter_rows(way, self.sensors, self.draws)
         if parameters.reference and not parameters.anywhere and not way.disturbed:

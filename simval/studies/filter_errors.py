@@ -119,7 +119,7 @@ class Answers:
                 yield stat.NEES(BOTH), 6, normalised_squares(both, P[..., :6, :6])
         nu, S = found.innovation, found.innovation_covariance
         if nu is not None and S is not None:
-            yield stat.NIS(), nu.shape[-1], normalised_squares(nu, S)[:, late]
+            yield stat.NIS(), nu.shape[-1], normalised_squares(nu[:, late], S[:, late])
 
     def shown(self) -> tuple[NDArray[np.intp], list[str]]:
         """Places of the instants that are shown, among them the last, and times."""
