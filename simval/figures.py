@@ -58,333 +58,181 @@ def along_entry(row: Row) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """Common part of a figure of rows and a figure of an artifact.
+    """Common part of a figure of rows and a figure of an artifact."""
 
-    Attributes
-    ----------
-    name : str
-        Unique on the page; its file name.
-    asked : str
-        Question that it answers, as a person would ask it.
-    caption : str
-        What the reader sees below it.
-    says : str
-        Sentence made of the rows: ``{most}`` and ``{least}`` with ``{most_of}`` and
-        ``{least_of}``, whose they are; ``{each}``, the least and greatest of each
-        line, ``{most_each}`` the greatest alone; and ``{gains}`` by theory from
-        ``{few}`` to ``{many}``, the ends of the axis.
-    about : sequence of Family or Statistic
-        Rows that the sentence is about, where they are not those drawn.
-    named : callable, str or None
-        What the sentence calls a row; None is its line.
-    unit : Unit, callable or None
-        In which a person reads the values; None is that of the rows.
-    fold : str
-        Words of the fold that it is behind; with ``{claim}`` what it claims, and then
-        it is open if that is not so.
-    section : str
-        Section of the report, where it is not that of its study.
-    columns : int
-        Panels side by side.
-    """
-
-    name: str
-    caption: str
-    asked: str = ""
+    name: str  # unique on the page; its file name
+    caption: str  # what the reader sees below it
+    asked: str = ""  # question that it answers, as a person would ask it
+    # sentence made of the rows: ``{most}`` and ``{least}`` with ``{most_of}`` and
+    # ``{least_of}``, whose they are; ``{each}``, the least and greatest of each
+    # line, ``{most_each}`` the greatest alone; and ``{gains}`` by theory from
+    # ``{few}`` to ``{many}``, the ends of the axis
     says: str = ""
+    # rows that the sentence is about, where they are not those drawn
     about: Sequence[Family | Statistic] = ()
-    named: Label | str | None = None
+    named: Label | str | None = None  # what the sentence calls a row; None is its line
+    # in which a person reads the values; None is that of the rows
     unit: Unit | Callable[[Row], Unit] | None = None
+    # words of the fold that it is behind; with ``{claim}`` what it claims, and
+    # then it is open if that is not so
     fold: str = ""
-    section: str = ""
-    columns: int = 3
+    section: str = ""  # section of the report, where it is not that of its study
+    columns: int = 3  # panels side by side
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure(Picture):
-    """A figure of rows: points along an axis, or a bar for each row.
+    """A figure of rows: points along an axis, or a bar for each row."""
 
-    Attributes
-    ----------
-    what : str
-        Subject of the sentence that says whether the rows are as predicted; several,
-        with a semicolon between, are about one of the families each.
-    rows : sequence of Family or Statistic
-        Rows that are drawn; of a family all without control variates.
-    claimed : sequence of Family or Statistic
-        Rows that the sentence is about, where they are not those drawn.
-    by : str or None
-        Their predictor; None takes any.
-    along : str or callable
-        Parameter or family of the cell, or number of the row; empty draws bars.
-    axis, value : str
-        Words of both axes, where they are not those of the parameter and the family.
-    panels : callable or None
-        Divides the rows; None makes a panel of each group of cells.
-    lines : callable, str or None
-        What tells lines or bars of a panel apart: of the rows, or a parameter.
-    compared : bool
-        Whether predictions are drawn and the rows claimed to be at them.
-    bound : str
-        Predictor that is dotted below.
-    theories : sequence of str
-        Predictors with a line each, where there are several.
-    theory : str
-        What the predictor is called in the sentence.
-    level : float or None
-        Height of a line across.
-    resolved : mapping
-        Of a panel the family whose standard error over its prediction is dotted: what
-        lies below cannot be seen.
-    scale : tuple or None
-        Family, predictor and words of what the values are told as a share of, where
-        none of them can be told from zero.
-    slope : float, mapping or None
-        Leading order along the axis, or that of each line: gives a table of slopes.
-    least : sequence of str
-        Parameters of which the cells with the least value alone are drawn.
-    each : bool
-        Whether each group of cells has a figure of its own.
-    single : bool
-        Whether the group of cells with the most places is drawn alone.
-    over : sequence of str
-        Parameters in which the cells of one line differ; each cell is a line then.
-    several : bool
-        Whether groups of cells with one place on the axis are left out.
-    floor : Statistic, Family or None
-        Value of the cell that is dotted across, or family of values along the axis.
-    where : callable
-        Which cells it is about, by their parameters.
-    log_x, log_y : bool or None
-        Whether an axis is logarithmic; None if its values span more than a decade.
-    ratio : bool
-        Whether measured over predicted stands below.
-    beside : sequence of Figure
-        Whose panels stand beside its own.
-    """
-
+    # rows that are drawn; of a family all without control variates
     rows: Sequence[Family | Statistic]
+    # subject of the sentence that says whether the rows are as predicted;
+    # several, with a semicolon between, are about one of the families each
     what: str = ""
+    # rows that the sentence is about, where they are not those drawn
     claimed: Sequence[Family | Statistic] = ()
-    by: str | None = None
+    by: str | None = None  # their predictor; None takes any
+    # parameter or family of the cell, or number of the row; empty draws bars
     along: str | Callable[[Row], float] = ""
+    # words of both axes, where they are not those of the parameter and the family
     axis: str = ""
     value: str = ""
+    # divides the rows; None makes a panel of each group of cells
     panels: Label | None = None
+    # what tells lines or bars of a panel apart: of the rows, or a parameter
     lines: Label | str | None = None
+    # whether predictions are drawn and the rows claimed to be at them
     compared: bool = True
-    bound: str = ""
-    theories: Sequence[str] = ()
-    theory: str = "theory"
-    level: float | None = None
+    bound: str = ""  # predictor that is dotted below
+    theories: Sequence[str] = ()  # predictors with a line each, where there are several
+    theory: str = "theory"  # what the predictor is called in the sentence
+    level: float | None = None  # height of a line across
+    # of a panel the family whose standard error over its prediction is dotted:
+    # what lies below cannot be seen
     resolved: Mapping[str, Family] = field(default_factory=dict)
+    # family, predictor and words of what the values are told as a share of, where
+    # none of them can be told from zero
     scale: tuple[Family, str, str] | None = None
+    # leading order along the axis, or that of each line: gives a table of slopes
     slope: float | Mapping[str, float] | None = None
+    # parameters of which the cells with the least value alone are drawn
     least: Sequence[str] = ()
-    each: bool = False
+    each: bool = False  # whether each group of cells has a figure of its own
+    # whether the group of cells with the most places is drawn alone
     single: bool = False
+    # parameters in which the cells of one line differ; each cell is a line then
     over: Sequence[str] = ()
+    # whether groups of cells with one place on the axis are left out
     several: bool = False
+    # value of the cell that is dotted across, or family of values along the axis
     floor: Statistic | Family | None = None
+    # which cells it is about, by their parameters
     where: Callable[[Parameters], bool] = lambda parameters: True
+    # whether an axis is logarithmic; None if its values span more than a decade
     log_x: bool | None = True
     log_y: bool | None = True
-    ratio: bool = True
-    beside: Sequence["Figure"] = ()
+    ratio: bool = True  # whether measured over predicted stands below
+    beside: Sequence["Figure"] = ()  # whose panels stand beside its own
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Artifact(Picture):
-    """A figure of the artifact files of cells.
+    """A figure of the artifact files of cells."""
 
-    Attributes
-    ----------
-    file : callable
-        Name of the artifact of a cell's parameters.
-    axis : str
-        Words of the axis.
-    each : bool
-        Whether each cell has a figure of its own; else each has panels.
-    most : int
-        Cells that are drawn, evenly from the first to the last; for the page's size.
-    """
-
-    file: Callable[[Parameters], str]
-    axis: str
+    file: Callable[[Parameters], str]  # name of the artifact of a cell's parameters
+    axis: str  # words of the axis
+    # whether each cell has a figure of its own; else each has panels
     each: bool = False
+    # cells that are drawn, evenly from the first to the last; for the page's size
     most: int = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distribution(Artifact):
-    """The share of values of an artifact that are at most each value.
+    """The share of values of an artifact that are at most each value."""
 
-    Attributes
-    ----------
-    arrays : callable
-        Names of the arrays of each line of each panel: ``{panel: {line: name}}``.
-    value : str
-        Words of the other axis.
-    references : sequence of float
-        Shares with a line across.
-    upright : mapping
-        Lines upright, by what they are.
-    """
-
+    # names of the arrays of each line of each panel: ``{panel: {line: name}}``
     arrays: Callable[[Parameters], Mapping[str, Mapping[str, str]]]
-    value: str = "share"
-    references: Sequence[float] = ()
+    value: str = "share"  # words of the other axis
+    references: Sequence[float] = ()  # shares with a line across
+    # lines upright, by what they are
     upright: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strip:
-    """Axes of a trace.
+    """Axes of a trace."""
 
-    Attributes
-    ----------
-    value : str
-        Words of the other axis.
-    array : str
-        What is drawn, (n,), or (n, k) of a column for each of `names`; empty draws
-        every array of the artifact with a mark for each value.
-    names : sequence of str
-        Of the columns, where there are several.
-    along : str
-        Array of the axis, where it is not that of the trace.
-    title : str
-        Words above; empty is the cell's.
-    shaded : str
-        Array of the intervals of the axis that are shaded, (m, 2).
-    level : str
-        Array of one value that is a line across, and what it is called.
-    log_y : bool
-        Whether the values have a logarithmic axis.
-    """
-
-    value: str
+    value: str  # words of the other axis
+    # what is drawn, (n,), or (n, k) of a column for each of `names`; empty draws
+    # every array of the artifact with a mark for each value
     array: str = ""
-    names: Sequence[str] = ("x", "y", "z")
-    along: str = ""
-    title: str = ""
-    shaded: str = ""
-    level: str = ""
-    log_y: bool = True
+    names: Sequence[str] = ("x", "y", "z")  # of the columns, where there are several
+    along: str = ""  # array of the axis, where it is not that of the trace
+    title: str = ""  # words above; empty is the cell's
+    shaded: str = ""  # array of the intervals of the axis that are shaded, (m, 2)
+    level: str = ""  # array of one value that is a line across, and what it is called
+    log_y: bool = True  # whether the values have a logarithmic axis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trace(Artifact):
-    """Arrays of an artifact along time, or along their places.
+    """Arrays of an artifact along time, or along their places."""
 
-    Attributes
-    ----------
-    strips : sequence of Strip
-        One below the other.
-    along : str
-        Array of the axis; empty counts the values from 0.
-    tells : callable
-        What the arrays of a cell say, in words, where no rows say it.
-    """
-
-    strips: Sequence[Strip]
-    along: str = ""
+    strips: Sequence[Strip]  # one below the other
+    along: str = ""  # array of the axis; empty counts the values from 0
+    # what the arrays of a cell say, in words, where no rows say it
     tells: Callable[[Mapping[str, Array]], str] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Listing:
-    """A table of rows: a line for each cell and key, a column for each statistic.
+    """A table of rows: a line for each cell and key, a column for each statistic."""
 
-    Attributes
-    ----------
-    name : str
-        Unique on the page; its file name.
-    caption : str
-        What it holds; also the words of its fold.
-    rows : sequence of Family or Statistic
-        Rows that stand in it.
-    keys : mapping
-        Title of a column and what of a row stands in it; rows with the same keys are
-        one line.
-    column : callable
-        Title of the column in which a row's value stands.
-    parameters : sequence of str
-        Of the cells, that have a column though they do not vary.
-    unit : callable
-        In which a person reads the values, where it is not that of the rows.
-    predicted : bool
-        Whether each column has one with its predictions beside it.
-    open : bool
-        Whether it stands at once, without a fold.
-    claim : str
-        Subject of a sentence for the fold: that the rows are as predicted.
-    section : str
-        Section of the report, where it is not that of its study.
-    where : callable
-        Which cells it is about, by their parameters.
-    """
-
-    name: str
-    caption: str
-    rows: Sequence[Family | Statistic]
+    name: str  # unique on the page; its file name
+    caption: str  # what it holds; also the words of its fold
+    rows: Sequence[Family | Statistic]  # rows that stand in it
+    # title of a column and what of a row stands in it; rows with the same keys
+    # are one line
     keys: Mapping[str, Label]
-    column: Label = words
+    column: Label = words  # title of the column in which a row's value stands
+    # of the cells, that have a column though they do not vary
     parameters: Sequence[str] = ()
+    # in which a person reads the values, where it is not that of the rows
     unit: Callable[[Row], Unit | None] = lambda row: None
+    # whether each column has one with its predictions beside it
     predicted: bool = False
-    open: bool = False
+    open: bool = False  # whether it stands at once, without a fold
+    # subject of a sentence for the fold: that the rows are as predicted
     claim: str = ""
-    section: str = ""
+    section: str = ""  # section of the report, where it is not that of its study
+    # which cells it is about, by their parameters
     where: Callable[[Parameters], bool] = lambda parameters: True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quote:
-    """A number of a sentence: a row's value, or that over its prediction.
+    """A number of a sentence: a row's value, or that over its prediction."""
 
-    Attributes
-    ----------
-    of : Statistic
-        Of which row.
-    by : str
-        Its predictor.
-    unit : Unit or None
-        In which it is told without its error; None tells value and error as they are.
-    digits : int
-        Of a number in a unit.
-    angle : bool
-        Whether it is an angle, told in degrees or, if small, in milliradians.
-    over : bool
-        Whether it is told over its prediction.
-    root : bool
-        Whether its root is told, as of a variance.
-    times : float
-        Factor before all.
-    """
-
-    of: Statistic
-    by: str = ""
+    of: Statistic  # of which row
+    by: str = ""  # its predictor
+    # in which it is told without its error; None tells value and error as they
+    # are
     unit: Unit | None = None
-    digits: int = 2
+    digits: int = 2  # of a number in a unit
+    # whether it is an angle, told in degrees or, if small, in milliradians
     angle: bool = False
-    over: bool = False
-    root: bool = False
-    times: float = 1.0
+    over: bool = False  # whether it is told over its prediction
+    root: bool = False  # whether its root is told, as of a variance
+    times: float = 1.0  # factor before all
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Headline:
-    """One-sentence summary of a study on the first screen.
+    """One-sentence summary of a study on the first screen."""
 
-    Attributes
-    ----------
-    says : str
-        With a place for each quote.
-    quotes : mapping
-        Numbers by their places; the first says how great the error of a cell is.
-    """
-
-    says: str
+    says: str  # with a place for each quote
+    # numbers by their places; the first says how great the error of a cell is
     quotes: Mapping[str, Quote]
 
 

@@ -26,39 +26,25 @@ Better = Literal["less", "more", "zero", "prediction"]
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """A kind of statistic.
+    """A kind of statistic."""
 
-    Attributes
-    ----------
-    name : str
-        As ``results.csv`` spells it.
-    words : str
-        What a person calls it.
-    unit : str, default "1"
-        Unit of its members, where they do not say another.
-    margin : float, default 0.01
-        Change that is no change where the noise is another: a share of `scale`.
-    scale : Scale, default "value"
-        What the margin is a share of: the value itself; of an off-diagonal covariance
-        the root of its two variances; or the standard deviation of one sample.
-    least, most : float
-        What its values can be.
-    better : {"less", "more", "zero", "prediction"} or None, default "less"
-        Which way is better: less of it, as of most (errors, times, costs); more of it;
-        nearer to zero; nearer to what theory predicts; or None where neither is.
-    along : bool, default False
-        Whether the last entry is a number along which it is measured: an instant, a
-        noise level, an averaging length.
-    """
-
-    name: str
-    words: str
-    unit: str = "1"
+    name: str  # as ``results.csv`` spells it
+    words: str  # what a person calls it
+    unit: str = "1"  # unit of its members, where they do not say another
+    # change that is no change where the noise is another: a share of `scale`
     margin: float = 0.01
+    # what the margin is a share of: the value itself; of an off-diagonal
+    # covariance the root of its two variances; or the standard deviation of one
+    # sample
     scale: Scale = "value"
+    # what its values can be
     least: float = -inf
     most: float = inf
+    # which way is better: less of it, as of most (errors, times, costs); more of
+    # it; nearer to zero; nearer to what theory predicts; or None where neither is
     better: Better | None = "less"
+    # whether the last entry is a number along which it is measured: an instant, a
+    # noise level, an averaging length
     along: bool = False
 
     def __hash__(self) -> int:
@@ -347,25 +333,16 @@ FORMER_ENTRIES = {"usual recipe": "two-step"}
 
 @dataclass(frozen=True, slots=True)
 class Statistic:
-    """Statistic of a row: its family, its entries, and its sampling.
+    """Statistic of a row: its family, its entries, and its sampling."""
 
-    Attributes
-    ----------
-    family : Family
-        The kind.
-    entries : tuple of str, default ()
-        Which member: a parameter, two axes, a noise level; none where there is one.
-    controlled : bool, default False
-        Whether it was sampled with control variates.
-    unit : str, default "1"
-        Unit of the value; two statistics that differ in it alone are equal.
-    """
-
+    # the kind
     family: Annotated[
         Family, BeforeValidator(family), PlainSerializer(lambda value: value.name)
     ]
+    # which member: a parameter, two axes, a noise level; none where there is one
     entries: tuple[str, ...] = ()
-    controlled: bool = False
+    controlled: bool = False  # whether it was sampled with control variates
+    # unit of the value; two statistics that differ in it alone are equal
     unit: str = field(default="1", compare=False)
 
     def __post_init__(self) -> None:

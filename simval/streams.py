@@ -33,18 +33,10 @@ def stream(seed: int, key: tuple[int, ...], block: int) -> np.random.Generator:
 
 @dataclass(frozen=True, slots=True)
 class Streams:
-    """The streams of one cell, a generator for each block of its work.
+    """The streams of one cell, a generator for each block of its work."""
 
-    Attributes
-    ----------
-    seed : int
-        The run's seed, 0 or more.
-    key : tuple of int
-        From `cell_key`.
-    """
-
-    seed: int
-    key: tuple[int, ...]
+    seed: int  # the run's seed, 0 or more
+    key: tuple[int, ...]  # from `cell_key`
 
     def sequence(self, number: int) -> np.random.SeedSequence:
         """Seed of one block, for generators of another kind."""
