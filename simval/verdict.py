@@ -51,24 +51,6 @@ from simval.results import CellName, Row, nees
 from simval.shapes import Bool, Float, Int, Shaped
 from simval.statistics import POOLED_NEES
 
-__all__ = [
-    "ALPHA",
-    "ENDINGS",
-    "MAX_REMAINDER",
-    "MIN_SAMPLES",
-    "POWER",
-    "PRACTICAL",
-    "WEIGHTS",
-    "WORST_FIRST",
-    "Answer",
-    "Verdict",
-    "freedom",
-    "judge",
-    "overall",
-    "p_values",
-    "worst",
-]
-
 Answer = Literal["pass", "fail", "inconclusive"]
 WORST_FIRST: tuple[Answer, ...] = ("fail", "inconclusive", "pass")
 ENDINGS = ("crashed", "fail", "refused", "inconclusive", "pending", "pass")
@@ -96,21 +78,11 @@ MIN_SAMPLES = 256
 0.1 %: 64 batch means gave 0.19 % false alarms, 256 give 0.07 % (docs/gate.md)."""
 
 
-def freedom(n: ArrayLike) -> Float[Array, " rows"]:
+def freedom(n: ArrayLike) -> Float[Array, "..."]:
     """Degrees of freedom of F in eq. (V1).
 
     A standard error rests on the samples themselves, or on means of batches of at most
     `SAMPLES_PER_BATCH`, of which each study takes at least `MIN_SAMPLES`.
-
-    Parameters
-    ----------
-    n : array_like
-        Number of samples of each row.
-
-    Returns
-    -------
-    Array
-        Not more than the standard error has.
     """
     n = np.asarray(n, dtype=float)
     has = np.maximum(n / SAMPLES_PER_BATCH, MIN_SAMPLES) - 1.0
@@ -164,35 +136,13 @@ class Verdict:
 
 
 def worst(answers: Iterable[Answer]) -> Answer:
-    """The worst of some answers; a pass if there are none.
-
-    Parameters
-    ----------
-    answers : iterable of Answer
-        The answers.
-
-    Returns
-    -------
-    Answer
-        The first of `WORST_FIRST` among them.
-    """
+    """The worst of some answers; a pass if there are none."""
     found = set(answers)
     return next((answer for answer in WORST_FIRST if answer in found), "pass")
 
 
 def overall(verdicts: Iterable[Verdict]) -> Answer:
-    """One answer for all: the worst of them.
-
-    Parameters
-    ----------
-    verdicts : iterable of Verdict
-        All that was judged.
-
-    Returns
-    -------
-    Answer
-        Nothing judged is inconclusive.
-    """
+    """One answer for all: the worst of them; nothing judged is inconclusive."""
     answers = {verdict.answer for verdict in verdicts}
     if "fail" in answers:
         return "fail"
@@ -262,18 +212,7 @@ def _columns(rows: Sequence[Row]) -> _Columns:
 
 @np.errstate(all="ignore")  # what is no number has an obstacle
 def p_values(rows: Iterable[Row]) -> Float[Array, " n"]:
-    """Probability of eq. (V1) for sampling rows.
-
-    Parameters
-    ----------
-    rows : iterable of Row
-        The rows.
-
-    Returns
-    -------
-    Array
-        The probabilities.
-    """
+    """Probability of eq. (V1) for sampling rows."""
     return _columns(list(rows)).p_values
 
 
@@ -281,19 +220,10 @@ def p_values(rows: Iterable[Row]) -> Float[Array, " n"]:
 def judge(
     rows: Iterable[tuple[CellName, Row]], alpha: float = ALPHA
 ) -> tuple[Verdict, ...]:
-    """Judge the rows of a run together.
+    """Judge the rows of a run together, at one false-alarm rate for all of them.
 
-    Parameters
-    ----------
-    rows : iterable of (CellName, Row)
-        Each with its cell; those with check ``record`` are left out.
-    alpha : float, default ALPHA
-        False-alarm rate of all of them together.
-
-    Returns
-    -------
-    tuple of Verdict
-        In the order of the rows; last what is pooled over a study.
+    In the order of the rows, without those of check ``record``; last what is pooled
+    over a study.
     """
     members = [pair for pair in rows if pair[1].check != "record"]
     members += list(_pooled(members))
