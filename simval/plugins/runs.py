@@ -14,8 +14,8 @@ and compared with what they were; its answers are checked together, and its time
 So a row costs little more than the filter itself. Our own filter takes a stretch in one
 call, and is not run again: that it keeps nothing is shown by its tests.
 
-State that outlives a run, instances that share it, and trials of a batch that depend on
-each other are told by answers that differ.
+State that outlives a run, and trials of a batch that depend on each other, are told by
+answers that differ.
 
 Some trials are asked again, in another order and then fewer of them: their answers must
 be what they were. So it is found whatever is kept, a mean, a last answer or a count of
@@ -339,8 +339,8 @@ def _require_unchanged(
             raise PluginError(msg)
 
 
-BY_TURNS: Final = 100
-"""Rows of two filters that are stepped by turns, and of one trial of a batch alone."""
+FIRST: Final = 100
+"""Rows of one trial of a batch alone."""
 
 AGAIN: Final = 1000
 """Rows of a batch that is run again."""
@@ -373,31 +373,6 @@ def require_the_same_again(
         raise PluginError(msg)
 
 
-def require_a_life_of_its_own(filter: Filter, one: Readings, other: Readings) -> None:
-    """Require that two filters, stepped by turns, answer as each does alone."""
-    one, other = beginning(one), beginning(other)
-    rows = np.arange(len(one.dt))
-    alone = run_of(filter, one, rows)
-    sensors = [list(np.array(a)) for a in other.sensors]
-    beside = iter(list(zip(other.dt.tolist(), *sensors, strict=True)))
-    with making(filter, one) as first, making(filter, other) as second:
-
-        def by_turns(*values: Any) -> Any:
-            answer = first(*values)
-            second(*next(beside))
-            return answer
-
-        together = stepped(filter, by_turns, one, rows)
-    if difference := _difference(filter, alone, together):
-        row, words = difference
-        msg = (
-            f"two of {filter.name} that are stepped by turns change each other: "
-            f"{words}, {place(one, row)}; keep what a filter knows in the object that "
-            "`make` returns, not in the module or the class"
-        )
-        raise PluginError(msg)
-
-
 def require_trials_alone(filter: Filter, batch: Readings, alone: Readings) -> None:
     """Require that the first trial of a batch is what it is alone."""
     batch, alone = beginning(batch), beginning(alone)
@@ -415,7 +390,7 @@ def require_trials_alone(filter: Filter, batch: Readings, alone: Readings) -> No
         raise PluginError(msg)
 
 
-def beginning(readings: Readings, count: int = BY_TURNS) -> Readings:
+def beginning(readings: Readings, count: int = FIRST) -> Readings:
     """The first rows."""
     rows = slice(0, count)
     return replace(
@@ -492,8 +467,6 @@ def run_filter(
         if filter.batch:
             alone = readings_of(filter, given, slice(0, 1), world)
             require_trials_alone(filter, each[0], alone)
-        else:
-            require_a_life_of_its_own(filter, each[0], each[-1])
     words = {
         word: np.ascontiguousarray(np.moveaxis(first, 1, 0))
         if filter.batch
