@@ -98,9 +98,3 @@ def simval(capsys):
         return code, captured.out, captured.err
 
     return call
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Leave the figures out, for tests of the words around them: drawing is slow."""
-    monkeypatch.setattr("simval.report.section.svg", lambda drawing: "<svg/>")

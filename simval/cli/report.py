@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from simval.cli.options import (
-    PROCESSORS,
     Alpha,
     OutFile,
     OutFolder,
@@ -25,10 +24,6 @@ from simval.vocabulary import ALPHA, BASELINE
 if TYPE_CHECKING:
     from simval.report.panels import Drawing
     from simval.sweep import Run
-
-
-MOST_WORKERS = 4
-"""Processes that draw: more take longer to start than they save."""
 
 
 @declared("report")
@@ -88,10 +83,7 @@ def command(
     chosen = _chosen(loaded, names) if pictures is not None else {}
     path = out or beside_store(loaded.folder, "report.html")
     try:
-        page = render(
-            loaded, alpha, baseline=stored, against=other, opened=opened,
-            workers=min(PROCESSORS, MOST_WORKERS),
-        )  # fmt: skip
+        page = render(loaded, alpha, baseline=stored, against=other, opened=opened)
         with _named(path):
             path.write_text(page, encoding="utf-8")
         if pictures is not None:

@@ -1,21 +1,24 @@
-"""What a panel shows, drawn on its axes: points, lines, bars, shares, ticks and labels.
+"""What a panel shows: its axes, and the ink of its points, lines, bars and shares.
 
-`paint` draws a panel of any kind, and `placed` says where its points are then, for
-the values that the page gives on demand.
+`framed` turns a panel of any kind into a `Frame`, whose ink is made when its axes have
+their place on a sheet (`Scale`). Lengths are points, from the upper left corner.
+
+Curves of more than `MANY` points are drawn with fewer, which leaves the same dots on a
+screen: a line keeps its ends and extremes in every half point along the axis, bars in
+the same point of the axis are joined where they overlap, and of marks within two points
+of each other one is drawn.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import singledispatch
 from itertools import compress
 from typing import Any
 
 import numpy as np
-from matplotlib.patches import Rectangle
-from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLocator
 
 from simval.arrays import Array
+from simval.report.interactivity import entries_of, names_of
 from simval.report.panels import (
     GREY,
     INK,
@@ -33,14 +36,18 @@ from simval.report.panels import (
 )
 from simval.shapes import Float
 
-SMALL = 8.5  # of words on a panel and of a legend, points
-SLANT = 50.0  # of the names below a map of shares, degrees
+SIZE, TITLE, SMALL = 10.0, 11.0, 8.5
+"""Of labels, of titles, of words on a panel and of a legend, points."""
+MARK, CAP = 5.0, 2.0  # across a mark; half of a bar's end
 STEP, SIDE = 0.02, 0.1  # of the axis: between points set side by side, and all of them
 SPREAD = 2.0 / 3.0  # of a row, over which the dots of a name are spread
+MARGIN = 0.05  # of an axis beyond its data
 WIDEST = 10.0
 """Greatest value over the least up to which an axis of ratios is linear."""
 FAINT, FULL = 0.12, 0.6
 """Opacity of the least and of the whole share: words on it keep a contrast of 5."""
+RIM = 1.7  # half of a map of directions
+MOST_TICKS = 8
 
 MANTISSAS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0))
 """Ticks within a decade of a logarithmic axis, the fewest first."""
@@ -49,85 +56,260 @@ ENOUGH, PLACES = 3, 6
 GAP = 0.15
 """Least distance of two labels along an axis, as a share of it: five digits."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+DASHES = {"-": "", "--": "5.2 2.2", "-.": "9 2.2 1.4 2.2", ":": "1.4 2.3"}
+LONG, SHORT = "4.8 2.4", "1.2 1.2"  # of references
+SAMPLE = 17.0  # of a line in a legend
+SAMPLE_LINE = np.array([[0.0, 0.0], [SAMPLE, 0.0]])
+FAR = 1e4  # from a sheet
+SAMPLE = 17.0  # of a line in a legend
+SAMPLE_LINE = np.array([[0.0, 0.0], [SAMPLE, 0.0]])
+FAR = 1e4  # from a sheet
+
+# ---- ink
 
 
-@contextmanager
-def tagged(axes: Any, place: int) -> Iterator[None]:
-    """Name what is drawn meanwhile as parts of the series of this place."""
-    before = set(axes.get_children())
-    yield
-    for artist in axes.get_children():
-        if artist not in before:
-            artist.set_gid(f"series-{place}")
+@dataclass(frozen=True, slots=True, eq=False)
+class Lines:
+    """Lines, or areas without an outline."""
+
+    paths: Sequence[Array]  # (n, 2) each
+    colour: str = INK
+    width: float = 0.8
+    dash: str = ""  # lengths of strokes and gaps
+    opacity: float = 1.0
+    filled: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Marks:
+    """Marks of one kind."""
+
+    places: Array  # (n, 2)
+    marker: str
+    colour: str
+    hollow: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """Lines of words."""
+
+    text: str
+    x: float
+    y: float  # of the middle of the first line's letters
+    size: float = SIZE
+    anchor: str = "middle"  # start, middle or end
+    turn: float = 0.0  # against the clock, degrees
+
+
+Ink = Lines | Marks | Words
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """Ink that the page's script may switch together."""
+
+    ink: Sequence[Ink]
+    attributes: str = ""
+    inside: bool = True  # cut off at the ends of the axes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entry:
+    """A line of a legend."""
+
+    label: str
+    ink: Sequence[Lines | Marks]  # from 0 to `SAMPLE` across, at height 0
+    attributes: str = ""
+
+
+# ---- axes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Axis:
+    """One axis of a panel."""
+
+    low: float
+    high: float
+    log: bool = False
+    label: str = ""
+    # places and names; None chooses round numbers
+    ticks: Sequence[tuple[float, str]] | None = None
+    whole: bool = False  # numbers between two whole ones are none
+    grid: bool = True
+    marked: bool = True  # ticks have strokes
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """An axis at its place on a sheet."""
+
+    axis: Axis
+    start: float
+    stop: float
+
+    def __call__(self, values: Array | float) -> Array:
+        """Places of values; what is far outside is brought near."""
+        ends = np.array([self.axis.low, self.axis.high])
+        values = np.asarray(values, dtype=float)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            if self.axis.log:  # what has no logarithm is far below
+                ends, values = np.log(ends), np.nan_to_num(np.log(values), nan=-np.inf)
+            shares = (values - ends[0]) / (ends[1] - ends[0])
+        return np.clip(self.start + shares * (self.stop - self.start), -FAR, FAR)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frame:
+    """A panel with its axes."""
+
+    title: str
+    x: Axis
+    y: Axis
+    draw: Callable[[Scale, Scale], list[Group]]
+    points: Sequence[Series] = ()  # where they are drawn
+    entries: Sequence[Entry] = ()
+    slant: float = 0.0  # of the names below, degrees
+    bare: bool = False  # without axes, and as high as wide
+
+
+def ends(values: Iterable[Array | Sequence[float]], *, log: bool = False) -> Array:
+    """Ends of an axis about values, with a margin."""
+    every = np.concatenate([np.empty(0), *values])
+    every = every[near(every)]
+    if not every.size:
+        return np.array([0.0, 1.0])
+    found = np.array([every.min(), every.max()])
+    if log:
+        return np.exp(ends([np.log(found)])) if found[0] < found[1] else found
+    width = found[1] - found[0]
+    if not width > 1e-12 * np.abs(found).max():
+        width = abs(float(found[1])) or 1.0
+    return found + MARGIN * width * np.array([-1.0, 1.0])
+
+
+def ticks_of(axis: Axis, room: float, *, along: bool) -> Sequence[tuple[float, str]]:
+    """Ticks of an axis of this length with names, side by side or one over another."""
+    if axis.ticks is not None:
+        return axis.ticks
+    if axis.log:
+        return [(x, spelled(x)) for x in log_ticks(axis.low, axis.high, np.empty(0))]
+    found: list[tuple[float, str]] = []
+    for most in range(MOST_TICKS, 1, -1):
+        ticks = even_ticks(axis.low, axis.high, most, whole=axis.whole)
+        found = list(zip(ticks, decimals(ticks), strict=True))
+        longest = max((len(name) for _, name in found), default=0)
+        need = (0.62 * longest + 1.0) * SIZE if along else 2.6 * SIZE
+        if need * len(found) <= room:
+            break
+    return found
+
+
+def even_ticks(
+    low: float, high: float, most: int, *, whole: bool = False
+) -> list[float]:
+    """At most so many multiples of 1, 2, 2.5 or 5 times a power of ten."""
+    width = (high - low) / most
+    power = 10.0 ** np.floor(np.log10(width))
+    for factor in (1.0, 2.0, 2.5, 5.0, 10.0, 20.0):
+        step = factor * power
+        if step < width or (whole and step != np.rint(step)):
+            continue
+        first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
+        return [float(f"{k * step:.12g}") for k in np.arange(first, last + 1.0)]
+    return even_ticks(np.ceil(low), np.ceil(low) + most, most)  # a step of one
+
+
+def decimals(ticks: Sequence[float]) -> list[str]:
+    """Spell numbers with equally many decimals."""
+    greatest = max(map(abs, ticks), default=0.0)
+    if greatest and not 1e-3 <= greatest < 1e5:
+        names = [spelled(abs(x)) if x else "0" for x in ticks]
+    else:
+        parts = [f"{x:.9f}".rstrip("0").partition(".")[2] for x in ticks]
+        places = max(map(len, parts), default=0)
+        names = [f"{abs(x):.{places}f}" for x in ticks]
+    signs = ["−" if x < 0.0 else "" for x in ticks]
+    return [sign + name for sign, name in zip(signs, names, strict=True)]
+
+
+def log_ticks(low: float, high: float, places: Float[Array, " n"]) -> list[float]:
+    """Ticks of a logarithmic axis: at the few places of its data, or round numbers."""
+    if not 0.0 < low < high < np.inf:
+        return []
+    inside = [float(x) for x in places if low <= x <= high]
+    if 2 <= len(inside) <= PLACES and len(inside) == len(places):
+        apart = np.diff(np.log(inside)) / np.log(high / low)
+        if np.all(apart >= GAP) and all(len(spelled(x)) <= 5 for x in inside):
+            return inside
+    # decades, thinned where they are many; parts of them where they are few
+    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    for mantissas in MANTISSAS:
+        every = [float(f"{m:g}e{power}") for power in powers for m in mantissas]
+        ticks = [tick for tick in every if low <= tick <= high]
+        if len(ticks) >= ENOUGH:
+            step = -(-len(ticks) // PLACES) if mantissas == (1.0,) else 1
+            return ticks[::step]
+    return even_ticks(low, high, 4)
+
+
+def spelled(x: float) -> str:
+    """Spell a number of an axis: 0.1, 10⁻⁵, 3×10⁻⁵."""
+    if 1e-3 <= x < 1e5:
+        return f"{x:.6g}"
+    head, _, power = f"{x:.2e}".partition("e")
+    raised = f"10{str(int(power)).translate(SUPERSCRIPTS)}"
+    head = head.rstrip("0").rstrip(".")
+    return raised if head == "1" else f"{head}×{raised}"
+
+
+# ---- kinds of panels
 
 
 @singledispatch
-def paint(panel: object, axes: Any) -> None:
-    """Draw a panel."""
+def framed(panel: object, place: int) -> Frame:
+    """The axes of a panel and its ink; its place tells its legend from others'."""
     raise TypeError(type(panel))
 
 
-@singledispatch
-def placed(panel: object) -> Sequence[Series]:
-    """Series of a panel with their points where they are drawn."""
-    return ()
+@framed.register
+def _(panel: Panel, place: int) -> Frame:
+    names, panel = names_of(panel, place), _drawable(panel)
+    series, dashes = _dodged(panel), [LONG] * len(panel.references)
+    if any(label for _, label in panel.references):  # or they look alike
+        dashes[1::2] = [SHORT] * len(dashes[1::2])
 
+    def draw(x: Scale, y: Scale) -> list[Group]:
+        spans = [_box(x(span[0]), x(span[1]), y.start, y.stop) for span in panel.spans]
+        ink = [Lines(spans, GREY, opacity=0.25, filled=True)]
+        for (height, _), dash in zip(panel.references, dashes, strict=True):
+            path = np.array([[x.start, y(height)], [x.stop, y(height)]])
+            ink.append(Lines([path], GREY, 1.2, dash))
+        draws = [_curve if s.line else _points for s in series]
+        return [Group(ink)] + [
+            Group(draw(s, x, y), own)
+            for s, draw, own in zip(series, draws, names, strict=True)
+            if len(s.x)
+        ]
 
-@paint.register
-def _(panel: Panel, axes: Any) -> None:
-    panel = _drawable(panel)
-    for start, stop in panel.spans:
-        axes.axvspan(start, stop, color=GREY, alpha=0.25, linewidth=0)
-    for i, series in enumerate(_dodged(panel)):
-        with tagged(axes, i):
-            if series.line:
-                _line(series, axes)
-            else:
-                _points(series, axes, upper_limits=panel.log_y)
-    named = any(label for _, label in panel.references)
-    for i, (height, label) in enumerate(panel.references):
-        axes.axhline(  # of one style where none has a label, else in turn
-            height,
-            color=GREY,
-            linewidth=1.2,
-            linestyle=(0, (4, 2)) if i % 2 == 0 or not named else (0, (1, 1)),
-            label=label or "_nolegend_",
-            zorder=1.5,
-        )
-    _scales(panel, axes)
-    axes.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
+    def end(s: Series) -> Series:  # an upper limit is drawn at the end of its bar
+        band = 0.0 if s.band is None or s.line else s.band
+        return replace(s, y=np.where(_whole(s, panel.log_y), s.y, s.y + band))
 
-
-def _scales(panel: Panel, axes: Any) -> None:
-    """Axes that are linear or logarithmic, their limits and labels."""
-    places = [s.x for s in panel.series]
-    if panel.log_x:
-        axes.set_xscale("log", nonpositive="mask")
-        found = np.unique(np.concatenate(places))
-        if len(found) == 1:  # a single place gets the middle
-            axes.set_xlim(float(found[0]) / 2.2, float(found[0]) * 2.2)
-        label_decades(axes.xaxis, found)
-    elif places and all(np.array_equal(x, np.rint(x)) for x in places):
-        axes.locator_params(axis="x", integer=True)  # half an iteration is none
-    if panel.log_y:
-        axes.set_yscale("log", nonpositive="clip")
-    if panel.limits is not None:
-        axes.set_ylim(*panel.limits)
-    elif panel.log_y:
-        _limit(panel, axes)
-    if panel.log_y:
-        label_decades(axes.yaxis)
-
-
-@placed.register
-def _(panel: Panel) -> Sequence[Series]:
-    panel = _drawable(panel)
-    series = []
-    for s in _dodged(panel):
-        limits = ~_whole(s, upper_limits=panel.log_y and not s.line)
-        shift = 0.0 if s.band is None else np.where(limits, s.band, 0.0)
-        series.append(replace(s, y=s.y + shift))
-    return series
+    return Frame(
+        title=panel.title,
+        x=_across(panel, series),
+        y=_up(panel),
+        draw=draw,
+        points=[end(s) for s in series],
+        entries=_entries(panel, place)
+        + [
+            Entry(label, [Lines([SAMPLE_LINE], GREY, 1.2, dash)])
+            for (_, label), dash in zip(panel.references, dashes, strict=True)
+            if label
+        ],
+    )
 
 
 def _drawable(panel: Panel) -> Panel:
@@ -142,13 +324,9 @@ def _drawable(panel: Panel) -> Panel:
         band = None if s.band is None else np.where(near(s.band), s.band, 0.0)[good]
         notes = tuple(compress(s.notes, good))
         series.append(replace(s, x=s.x[good], y=s.y[good], band=band, notes=notes))
-    any_left = any(len(s.x) for s in series)
-    return replace(
-        panel,
-        series=series,
-        log_x=panel.log_x and any_left,
-        log_y=panel.log_y and any_left,
-    )
+    left = any(len(s.x) for s in series)
+    log_x, log_y = panel.log_x and left, panel.log_y and left
+    return replace(panel, series=series, log_x=log_x, log_y=log_y)
 
 
 def _dodged(panel: Panel) -> Sequence[Series]:
@@ -170,201 +348,288 @@ def _dodged(panel: Panel) -> Sequence[Series]:
     return series
 
 
-def _line(series: Series, axes: Any) -> None:
-    pixels = len(series.x) > MANY
-    axes.plot(
-        series.x,
-        series.y,
-        linestyle=series.line,
-        color=series.colour,
-        label=series.label or "_nolegend_",
-        linewidth=1.4,
-        rasterized=pixels,
-    )
-    if series.band is not None:
-        axes.fill_between(
-            series.x,
-            series.y - series.band,
-            series.y + series.band,
-            color=series.colour,
-            alpha=0.2,
-            linewidth=0,
-            rasterized=pixels,
-        )
+def _across(panel: Panel, series: Sequence[Series]) -> Axis:
+    places = [s.x for s in panel.series]
+    low, high = ends([*(s.x for s in series), *panel.spans], log=panel.log_x)
+    if not panel.log_x:
+        whole = bool(places) and all(np.array_equal(x, np.rint(x)) for x in places)
+        return Axis(low=low, high=high, label=panel.x_label, whole=whole)
+    found = np.unique(np.concatenate(places))
+    if len(found) == 1:  # a single place gets the middle
+        low, high = found[0] / 2.2, found[0] * 2.2
+    ticks = [(x, spelled(x)) for x in log_ticks(low, high, found)]
+    return Axis(low=low, high=high, log=True, label=panel.x_label, ticks=ticks)
 
 
-def _points(series: Series, axes: Any, *, upper_limits: bool) -> None:
-    """Points with bars; on a logarithmic axis an upper limit if the bar reaches 0."""
-    band, pixels = series.band, len(series.x) > MANY
-    whole = _whole(series, upper_limits=upper_limits)
-    if upper_limits and band is not None:
-        axes.plot(
-            series.x[~whole],
-            (series.y + band)[~whole],
-            marker="v",
-            markersize=5,
-            markerfacecolor="none",
-            color=series.colour,
-            linestyle="none",
-            rasterized=pixels,
-        )
-    axes.errorbar(
-        series.x[whole],
-        series.y[whole],
-        yerr=None if band is None else band[whole],
-        linestyle="none",
-        marker=series.marker,
-        color=series.colour,
-        label=series.label or "_nolegend_",
-        rasterized=pixels,
-    )
-
-
-def _whole(series: Series, *, upper_limits: bool) -> Any:
-    """Which points are no upper limits: those whose bar does not reach 0."""
-    if not upper_limits or series.band is None:
-        return np.ones(len(series.x), dtype=bool)
-    return ~(series.y - series.band <= 0.0)
-
-
-def _limit(panel: Panel, axes: Any) -> None:
-    """Fit a logarithmic axis to what is positive on it, references included."""
+def _up(panel: Panel) -> Axis:
+    """What is drawn has room; on a logarithmic axis what is positive of it."""
     heights = [np.array([height for height, _ in panel.references], dtype=float)]
-    for series in panel.series:
-        heights.append(np.asarray(series.y, dtype=float))
-        if series.band is not None:
-            heights.append(series.y + series.band)
+    for s in panel.series:
+        heights.append(np.asarray(s.y, dtype=float))
+        if s.band is not None:
+            heights += [s.y + s.band] if panel.log_y else [s.y + s.band, s.y - s.band]
     values = np.concatenate(heights)
-    values = values[np.isfinite(values) & (values > 0.0)]
-    if values.size:
-        axes.set_ylim(values.min() / 1.5, values.max() * 1.5)
+    values = values[near(values) & ((values > 0.0) | (not panel.log_y))]
+    low, high = ends([values])
+    if panel.log_y and values.size:
+        low, high = values.min() / 1.5, values.max() * 1.5
+    low, high = panel.limits or (low, high)
+    return Axis(low=low, high=high, log=panel.log_y, label=panel.y_label)
 
 
-@paint.register
-def _(panel: SpherePanel, axes: Any) -> None:
-    for directions, mark, colour in (
-        (panel.directions, "o", SIMULATED),
-        (panel.wanted, "D", THEORY),
-    ):
-        half = directions[panel.sign * directions[:, 2] >= 0.0]
-        # Lambert's azimuthal equal-area projection about the pole
-        scale = np.sqrt(2.0 / (1.0 + np.abs(half[:, 2])))
-        axes.plot(half[:, 0] * scale, half[:, 1] * scale, mark, color=colour, ms=5)
-    angle = np.linspace(0.0, 2.0 * np.pi, 181)
-    for degrees in (30, 60, 90):
-        radius = 2.0 * np.sin(np.radians(degrees) / 2.0)
-        axes.plot(radius * np.cos(angle), radius * np.sin(angle), color=GREY, lw=0.6)
-    rim = 1.1 * radius
-    for x, y, words in ((rim, 0.0, "x"), (0.0, rim, "y")):
-        axes.text(x, y, words, ha="center", va="center", fontsize=SMALL)
-    axes.set(title=panel.title, aspect="equal", xlim=(-1.7, 1.7), ylim=(-1.7, 1.7))
-    axes.set_axis_off()
+def _curve(s: Series, x: Scale, y: Scale) -> list[Ink]:
+    ink: list[Ink] = [Lines([_path(s.x, s.y, x, y)], s.colour, 1.4, DASHES[s.line])]
+    if s.band is not None:
+        low, high = (_path(s.x, s.y + k * s.band, x, y) for k in (-1.0, 1.0))
+        area = np.vstack([low, high[::-1]])
+        ink.insert(0, Lines([area], s.colour, opacity=0.2, filled=True))
+    return ink
 
 
-@paint.register
-def _(panel: BarPanel, axes: Any) -> None:
-    places = np.arange(len(panel.names))[::-1]
+def _points(s: Series, x: Scale, y: Scale) -> list[Ink]:
+    """Points with bars; on a logarithmic axis an upper limit if the bar reaches 0."""
+    whole = _whole(s, y.axis.log)
+    if s.band is None:
+        return [_marks(s, x(s.x), y(s.y))]
+    low, high = y(s.y - s.band)[whole], y(s.y + s.band)[whole]
+    limits = x(s.x)[~whole], y(s.y + s.band)[~whole]
+    return [
+        Lines(_bars(x(s.x)[whole], low, high), s.colour, 1.2),
+        replace(_marks(s, *limits), marker="v", hollow=True),
+        _marks(s, x(s.x)[whole], y(s.y)[whole]),
+    ]
+
+
+def _flat_points(s: Series, x: Scale, y: Scale) -> list[Ink]:
+    ink: list[Ink] = [_marks(s, x(s.x), y(s.y))]
+    if s.band is not None:
+        bars = _bars(y(s.y), x(s.x - s.band), x(s.x + s.band), flat=True)
+        ink.insert(0, Lines(bars, s.colour, 1.2))
+    return ink
+
+
+def _whole(s: Series, upper_limits: bool) -> Any:
+    """Which points are no upper limits: those whose bar does not reach 0."""
+    if s.line or not upper_limits or s.band is None:
+        return np.ones(len(s.x), dtype=bool)
+    return ~(s.y - s.band <= 0.0)
+
+
+def _path(values: Array, heights: Array, x: Scale, y: Scale) -> Array:
+    """A line; one of many points by its ends and extremes in each half point across."""
+    path = np.column_stack([x(values), y(heights)])
+    if len(path) <= MANY:
+        return path
+    runs = np.append(0, np.cumsum(np.diff(np.floor(2.0 * path[:, 0])) != 0.0))
+    order = np.lexsort((path[:, 1], runs))
+    edges = np.flatnonzero(np.diff(runs)) + 1
+    first, last = np.append(0, edges), np.append(edges, len(path)) - 1
+    return path[np.unique([first, last, order[first], order[last]])]
+
+
+def _marks(s: Series, x: Array, y: Array) -> Marks:
+    """Marks; of many that are within two points one."""
+    places = np.column_stack([x, y])
+    if len(places) > MANY:
+        _, kept = np.unique(np.rint(places / 2.0), axis=0, return_index=True)
+        places = places[np.sort(kept)]
+    return Marks(places, s.marker, s.colour)
+
+
+def _bars(across: Array, low: Array, high: Array, *, flat: bool = False) -> list[Array]:
+    """Bars from low to high with ends; of many the stretches that they cover."""
+    low, high, caps = np.minimum(low, high), np.maximum(low, high), CAP
+    if len(across) > MANY:
+        columns, caps = np.rint(across), 0.0
+        order = np.lexsort((low, columns))
+        across, low, high = columns[order], low[order], high[order]
+        # a new column begins anew, whatever was covered before
+        shift = (across - across[0]) * 4.0 * FAR
+        reach = np.maximum.accumulate(high + shift)
+        fresh = np.append(True, (low + shift)[1:] > reach[:-1])
+        last = np.append(np.flatnonzero(fresh)[1:], len(low)) - 1
+        across, low, high = across[fresh], low[fresh], (reach - shift)[last]
+    bars = [np.array([[across, low], [across, high]])]
+    if caps:
+        bars += [
+            np.array([[across - caps, e], [across + caps, e]]) for e in (low, high)
+        ]
+    paths = np.moveaxis(np.array(bars), -1, 0).reshape(-1, 2, 2)
+    return [*(paths[..., ::-1] if flat else paths)]
+
+
+def _box(left: Any, right: Any, low: Any, high: Any) -> Array:
+    return np.array([[left, low], [right, low], [right, high], [left, high]])
+
+
+def _entries(panel: Panel | DotPanel, place: int) -> list[Entry]:
+    """Entries of the legend of series."""
+    found = []
+    for s, attributes in entries_of(panel, place):
+        middle, none, reach = np.array([SAMPLE / 2.0]), np.zeros(1), np.full(1, 5.0)
+        ink: list[Lines | Marks] = [_marks(s, middle, none)]
+        if s.line:
+            ink = [Lines([SAMPLE_LINE], s.colour, 1.4, DASHES[s.line])]
+        elif s.band is not None and isinstance(panel, DotPanel):
+            bars = _bars(none, middle - reach, middle + reach, flat=True)
+            ink.insert(0, Lines(bars, s.colour, 1.2))
+        elif s.band is not None:
+            ink.insert(0, Lines(_bars(middle, -reach, reach), s.colour, 1.2))
+        found.append(Entry(s.label, ink, attributes))
+    return found
+
+
+@framed.register
+def _(panel: SpherePanel, place: int) -> Frame:
+    def draw(x: Scale, y: Scale) -> list[Group]:
+        angle = np.linspace(0.0, 2.0 * np.pi, 121)
+        radii = 2.0 * np.sin(np.radians([30.0, 60.0, 90.0]) / 2.0)
+        rings = [_path(r * np.cos(angle), r * np.sin(angle), x, y) for r in radii]
+        ink: list[Ink] = [Lines(rings, GREY, 0.6)]
+        for directions, mark, colour in (
+            (panel.directions, "o", SIMULATED),
+            (panel.wanted, "D", THEORY),
+        ):
+            half = directions[panel.sign * directions[:, 2] >= 0.0]
+            # Lambert's azimuthal equal-area projection about the pole
+            flat = half[:, :2] * np.sqrt(2.0 / (1.0 + np.abs(half[:, 2:])))
+            places = np.column_stack([x(flat[:, 0]), y(flat[:, 1])])
+            ink.append(Marks(places, mark, colour))
+        rim = 1.1 * radii[-1]
+        for words, across, up in (("x", rim, 0.0), ("y", 0.0, rim)):
+            ink.append(Words(words, float(x(across)), float(y(up)), SMALL))
+        return [Group(ink)]
+
+    axis = Axis(low=-RIM, high=RIM)
+    return Frame(title=panel.title, x=axis, y=axis, draw=draw, bare=True)
+
+
+def _rows(names: Sequence[str], *, marked: bool = False) -> Axis:
+    """The axis of named rows, from top to bottom."""
+    ticks = [(float(i), name) for i, name in enumerate(reversed(names))]
+    high = len(names) - 0.5
+    return Axis(low=-0.5, high=high, ticks=ticks, grid=False, marked=marked)
+
+
+@framed.register
+def _(panel: BarPanel, place: int) -> Frame:
+    rows = np.arange(float(len(panel.names)))[::-1]
     measured, band, predicted = (
         np.where(near(values), values, np.nan)
         for values in (panel.measured, panel.band, panel.predicted)
     )
-    axes.barh(
-        places, measured, height=0.6, color=SIMULATED, label="measured", alpha=0.5
-    )
-    axes.errorbar(measured, places, xerr=band, linestyle="none", color=INK)
-    axes.plot(predicted, places, "D", color=THEORY, ms=5, label="predicted", ls="none")
-    axes.set_yticks(places, panel.names)
-    axes.grid(visible=False, axis="y")
-    axes.set(title=panel.title, xlabel=panel.x_label)
+    reach = np.concatenate([measured, measured - band, measured + band, predicted])
+    low, high = ends([[0.0], reach])
+    if not np.any(reach < 0.0):
+        low = 0.0  # bars begin at the axis
 
+    def draw(x: Scale, y: Scale) -> list[Group]:
+        seen = near(measured)
+        sides = np.column_stack([x(measured), y(rows - 0.3), y(rows + 0.3)])[seen]
+        bars = [_box(float(x(0.0)), *each) for each in sides]
+        seen &= near(band)
+        left, right = x((measured - band)[seen]), x((measured + band)[seen])
+        places = np.column_stack([x(predicted), y(rows)])[near(predicted)]
+        return [
+            Group(
+                [
+                    Lines(bars, SIMULATED, opacity=0.5, filled=True),
+                    Lines(_bars(y(rows[seen]), left, right, flat=True), width=1.2),
+                    Marks(places, "D", THEORY),
+                ]
+            )
+        ]
 
-@placed.register
-def _(panel: BarPanel) -> Sequence[Series]:
-    """The ends of the bars, where the page says their values."""
     good = near(panel.measured)
-    places = np.arange(float(len(panel.names)))[::-1]
     notes = tuple(compress(panel.notes, good))
-    return [
-        Series(label="measured", x=panel.measured[good], y=places[good], notes=notes)
-    ]
+    bar = Lines([_box(0.0, SAMPLE, -3.0, 3.0)], SIMULATED, opacity=0.5, filled=True)
+    diamond = Marks(np.array([[SAMPLE / 2.0, 0.0]]), "D", THEORY)
+    return Frame(
+        title=panel.title,
+        x=Axis(low=low, high=high, label=panel.x_label),
+        y=_rows(panel.names, marked=True),
+        draw=draw,
+        points=[Series(label="measured", x=measured[good], y=rows[good], notes=notes)],
+        entries=[Entry("measured", [bar]), Entry("predicted", [diamond])],
+    )
 
 
-@placed.register
-def _(panel: DotPanel) -> Sequence[Series]:
-    count, series = len(panel.series), []
+@framed.register
+def _(panel: DotPanel, place: int) -> Frame:
+    reference, rows, count = panel.reference[0], len(panel.names), len(panel.series)
+    names, series = names_of(panel, place), []
     for i, s in enumerate(panel.series):
         shift = 0.0 if count == 1 else (i / (count - 1) - 0.5) * SPREAD
         good = near(s.x)
-        y = len(panel.names) - 1 - s.y[good] - shift
+        y = rows - 1 - s.y[good] - shift
         band = None if s.band is None else s.band[good]
         notes = tuple(compress(s.notes, good))
         series.append(replace(s, x=s.x[good], y=y, band=band, notes=notes))
-    return series
-
-
-@paint.register
-def _(panel: DotPanel, axes: Any) -> None:
-    rows = len(panel.names)
-    place, _ = panel.reference
-    for low in range(1, rows, 2):  # every second row is shaded
-        axes.axhspan(low - 0.5, low + 0.5, color=GREY, alpha=0.12, linewidth=0)
-    axes.axvline(place, color=GREY, linewidth=1.2, linestyle=(0, (4, 2)))
-    for i, series in enumerate(placed(panel)):
-        with tagged(axes, i):
-            axes.errorbar(
-                series.x,
-                series.y,
-                xerr=series.band,
-                linestyle="none",
-                marker=series.marker,
-                color=series.colour,
-                label=series.label or "_nolegend_",
-            )
-    axes.set_ylim(-0.5, rows - 0.5)
-    axes.set_yticks(np.arange(rows)[::-1], panel.names)
-    axes.tick_params(axis="y", length=0)
-    axes.grid(visible=False, axis="y")
-    axes.set(title=panel.title, xlabel=panel.x_label)
     # a linear axis with the reference on it, or a logarithmic one for many tens
-    values = np.concatenate([s.x[near(s.x)] for s in panel.series])
-    every = np.append(values, place)
-    if np.all(every > 0.0) and every.max() > WIDEST * every.min():
-        axes.set_xscale("log", nonpositive="mask")
-        label_decades(axes.xaxis)
-        return
-    axes.locator_params(axis="x", nbins=5)
-    low, high = axes.get_xlim()
-    if not high - low >= 0.02 * abs(place):  # nothing but the reference
-        axes.set_xlim(place - 0.01, place + 0.01)
+    every = np.concatenate([[reference], *(s.x for s in series)])
+    log = bool(np.all(every > 0.0) and every.max() > WIDEST * every.min())
+    bands = [s.x + k * s.band for s in series if s.band is not None for k in (-1, 1)]
+    reach = np.concatenate([every, *bands])
+    low, high = ends([reach[reach > 0.0] if log else reach], log=log)
+    if not log and not high - low >= 0.02 * abs(reference):  # but the reference nothing
+        low, high = reference - 0.01, reference + 0.01
+
+    def draw(x: Scale, y: Scale) -> list[Group]:
+        shaded = [  # every second row
+            _box(x.start, x.stop, *y(np.array([low - 0.5, low + 0.5])))
+            for low in range(1, rows, 2)
+        ]
+        line = np.array([[x(reference), y.start], [x(reference), y.stop]])
+        ink = [Lines(shaded, GREY, opacity=0.12, filled=True)]
+        ink.append(Lines([line], GREY, 1.2, LONG))
+        return [Group(ink)] + [
+            Group(_flat_points(s, x, y), own)
+            for s, own in zip(series, names, strict=True)
+        ]
+
+    return Frame(
+        title=panel.title,
+        x=Axis(low=low, high=high, log=log, label=panel.x_label),
+        y=_rows(panel.names),
+        draw=draw,
+        points=series,
+        entries=_entries(panel, place),
+    )
 
 
-@paint.register
-def _(panel: HeatPanel, axes: Any) -> None:
+@framed.register
+def _(panel: HeatPanel, place: int) -> Frame:
     rows, columns = panel.shares.shape
-    for i, j in np.ndindex(rows, columns):
-        share, y = float(panel.shares[i, j]), rows - 1 - i
-        if not share > 0.0:
-            words = "" if share == 0.0 else "?"
-        else:
-            words = percent(share)
-            alpha = FAINT + (FULL - FAINT) * share
-            axes.add_patch(
-                Rectangle((j - 0.5, y - 0.5), 1, 1, color=SHARE, lw=0, alpha=alpha)
-            )
-        if panel.expected[i, j] and words:
-            words = f"({words})"
-        axes.text(j, y, words, ha="center", va="center", fontsize=SMALL)
-    axes.set(title=panel.title, xlim=(-0.5, columns - 0.5), ylim=(-0.5, rows - 0.5))
-    axes.set_yticks(np.arange(rows)[::-1], panel.names)
-    axes.set_xticks(
-        np.arange(columns), panel.columns, rotation=SLANT, ha="right",
-        rotation_mode="anchor", fontsize=SMALL,
-    )  # fmt: skip
-    axes.grid(visible=False)
-    axes.set_xticks(np.arange(columns - 1) + 0.5, minor=True)
-    axes.set_yticks(np.arange(rows - 1) + 0.5, minor=True)
-    axes.grid(visible=True, which="minor")
-    axes.tick_params(which="both", length=0)
+
+    def draw(x: Scale, y: Scale) -> list[Group]:
+        across, up = (
+            x(np.arange(columns + 1) - 0.5),
+            y(rows - 0.5 - np.arange(rows + 1)),
+        )
+        edges = [np.array([[c, y.start], [c, y.stop]]) for c in across[1:-1]]
+        edges += [np.array([[x.start, c], [x.stop, c]]) for c in up[1:-1]]
+        ink: list[Ink] = [Lines(edges, GREY, 0.5, opacity=0.35)]
+        for i, j in np.ndindex(rows, columns):
+            share = float(panel.shares[i, j])
+            words = percent(share) if share > 0.0 else "" if share == 0.0 else "?"
+            box = _box(across[j], across[j + 1], up[i], up[i + 1])
+            if share > 0.0:
+                alpha = FAINT + (FULL - FAINT) * share
+                ink.append(Lines([box], SHARE, opacity=alpha, filled=True))
+            if panel.expected[i, j] and words:
+                words = f"({words})"
+            middle = box.mean(axis=0).tolist()
+            ink.append(Words(words, middle[0], middle[1], SMALL))
+        return [Group(ink)]
+
+    names = [(float(j), name) for j, name in enumerate(panel.columns)]
+    return Frame(
+        title=panel.title,
+        x=Axis(low=-0.5, high=columns - 0.5, ticks=names, grid=False, marked=False),
+        y=_rows(panel.names),
+        draw=draw,
+        slant=50.0,
+    )
 
 
 def percent(share: float) -> str:
@@ -372,45 +637,3 @@ def percent(share: float) -> str:
     if share < 0.01:
         return "<1"
     return ">99" if 0.99 < share < 1.0 else f"{100.0 * share:.0f}"
-
-
-def label_decades(axis: Any, places: Float[Array, " n"] | None = None) -> None:
-    """Label a logarithmic axis: at the few places of its data, or at round numbers."""
-    low, high = sorted(axis.get_view_interval())
-    ticks = log_ticks(
-        float(low), float(high), np.empty(0) if places is None else places
-    )
-    axis.set_major_locator(FixedLocator(ticks))
-    axis.set_major_formatter(FixedFormatter([spelled(tick) for tick in ticks]))
-    axis.set_minor_locator(NullLocator())
-
-
-def log_ticks(low: float, high: float, places: Float[Array, " n"]) -> list[float]:
-    """Ticks of an axis from low to high: two at least."""
-    if not 0.0 < low < high < np.inf:
-        return []
-    inside = [float(x) for x in places if low <= x <= high]
-    if 2 <= len(inside) <= PLACES and len(inside) == len(places):
-        apart = np.diff(np.log(inside)) / np.log(high / low)
-        if np.all(apart >= GAP) and all(len(spelled(x)) <= 5 for x in inside):
-            return inside
-    # decades, thinned where they are many; parts of them where they are few
-    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
-    for mantissas in MANTISSAS:
-        every = [float(f"{m:g}e{power}") for power in powers for m in mantissas]
-        ticks = [tick for tick in every if low <= tick <= high]
-        if len(ticks) >= ENOUGH:
-            step = -(-len(ticks) // PLACES) if mantissas == (1.0,) else 1
-            return ticks[::step]
-    even = MaxNLocator(4).tick_values(low, high)
-    return [float(tick) for tick in even if low <= tick <= high]
-
-
-def spelled(x: float) -> str:
-    """Spell a number of an axis: 0.1, 10⁻⁵, 3×10⁻⁵."""
-    if 1e-3 <= x < 1e5:
-        return f"{x:.6g}"
-    head, _, power = f"{x:.2e}".partition("e")
-    raised = f"10{str(int(power)).translate(SUPERSCRIPTS)}"
-    head = head.rstrip("0").rstrip(".")
-    return raised if head == "1" else f"{head}×{raised}"

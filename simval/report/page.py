@@ -15,7 +15,6 @@ from simval.judge import compare_runs, judge_run
 from simval.report import algorithms, checks, pictures, record, study_sections, summary
 from simval.report.algorithms import has_user_code
 from simval.report.answers import comparable, linked
-from simval.report.paint import images
 from simval.report.panels import Drawing
 from simval.report.section import (
     Against,
@@ -169,7 +168,6 @@ def render(
     baseline: Mapping[str, Any] | None = None,
     against: Run | None = None,
     opened: bool = False,
-    workers: int = 1,
 ) -> str:
     """Render a run as one HTML page.
 
@@ -185,8 +183,6 @@ def render(
         Another run: the page says what changed from it.
     opened : bool, default False
         Whether every fold stands open, as for print.
-    workers : int, default 1
-        Processes that draw its figures.
 
     Returns
     -------
@@ -200,8 +196,6 @@ def render(
     """
     context = context_of(run, alpha, baseline, against)
     shown = _sections(context)
-    drawn = images([d for section in shown for d in section.drawings], workers)
-    shown = tuple(replace(section, images=drawn) for section in shown)
     own = ("algorithms",) if has_user_code(context.run) else ()
     page = template("report").render(
         title=run.manifest["title"] or run.manifest["suite"],

@@ -44,8 +44,7 @@ BOUND = GREY
 SHARE = "#d55e00"
 """Of a map of shares that fail, more or less opaque."""
 MANY = 1500
-"""Points of a series beyond which it is drawn as pixels: as vectors 20 000 with their
-bars take 8.8 MB of the page, as pixels 0.1 MB; the words stay text (measured)."""
+"""Points of a series beyond which it is drawn with fewer, and they say no values."""
 FARTHEST = 1e290  # an axis multiplies its ends by some factors of ten
 
 

@@ -259,8 +259,6 @@ class Section:
     title: str = ""
     # statistics of its study that it shows in no figure and no table of its own
     elsewhere: tuple[str, ...] = ()
-    # its drawings by name as far as they are drawn already (`paint.images`)
-    images: Mapping[str, str] = field(default_factory=dict)
 
     def under(self, anchor: str, title: str) -> "Section":
         """The section at its place on the page."""
@@ -278,7 +276,7 @@ class Section:
         return Markup(text)  # escaped within the template
 
     def _picture(self, drawing: Drawing) -> Markup:
-        return Markup(self.images.get(drawing.name) or svg(drawing))
+        return Markup(svg(drawing))
 
 
 def made(

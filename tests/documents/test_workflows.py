@@ -62,7 +62,7 @@ def gone_through(job, simval, plugin):
 
 
 @pytest.fixture
-def runner(tmp_path, monkeypatch, undrawn):
+def runner(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path / "step.md"))

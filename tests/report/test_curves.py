@@ -50,7 +50,7 @@ from simval.report.formatting import (
     named,
     setting_words,
 )
-from simval.report.marks import placed
+from simval.report.marks import framed
 from simval.report.paint import svg
 from simval.report.panels import DotPanel, Drawing, Series
 from simval.report.table import Column, Table, csv_text, sort_key, text
@@ -469,7 +469,7 @@ def test_bars_say_their_values_where_they_end():
     cell = small_runs.cell_of("attitude", rows)
     panel = bars([(cell, r) for r in rows], names, "parts", "mrad", MILLIRADIAN)
     assert panel.notes[1].startswith("2.000 ± 0.010 mrad, n = 9\npredicted 2.2 mrad")
-    (ends,) = placed(panel)
+    (ends,) = framed(panel, 0).points
     assert (ends.x.tolist(), ends.y.tolist()) == ([1.0, 2.0], [1.0, 0.0])
     drawn = svg(Drawing(name="b", caption="", alternative="parts", panels=[panel]))
     assert drawn.count("<circle") == 2

@@ -22,8 +22,6 @@ from simval.report.summary import chosen
 from simval.results import CellName
 from simval.verdict import Verdict
 
-pytestmark = pytest.mark.usefixtures("undrawn")
-
 DEGREES = 180.0 / np.pi
 
 

@@ -112,7 +112,7 @@ def test_what_is_not_sampled_has_no_bar(tmp_path):
     ElementTree.fromstring(svg(drawing))
 
 
-def test_failures_are_a_map_with_what_was_declared(tmp_path, undrawn):
+def test_failures_are_a_map_with_what_was_declared(tmp_path):
     run = league(tmp_path)
     (panel,) = failing("estimators", contest_of(run.cells)).panels
     assert panel.columns == list(CLASSES)
@@ -186,7 +186,7 @@ def alone(monkeypatch):
     monkeypatch.setattr("simval.report.page.GROUPS", own)
 
 
-def test_the_same_run_gives_the_same_bytes(tmp_path, alone, undrawn):
+def test_the_same_run_gives_the_same_bytes(tmp_path, alone):
     run = league(tmp_path, count=4)
     assert render(run) == render(run)
     # of another run of the same suite only the times differ

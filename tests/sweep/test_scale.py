@@ -103,7 +103,7 @@ def test_no_baseline_is_made_of_a_large_run(small, tmp_path, monkeypatch):
 
 
 @pytest.mark.ci
-def test_the_page_of_a_large_run_shows_a_part_and_says_so(small, monkeypatch, undrawn):
+def test_the_page_of_a_large_run_shows_a_part_and_says_so(small, monkeypatch):
     from simval.report import render
 
     for name in ("LARGE", "ROWS"):
