@@ -44,6 +44,7 @@ G_UNIT = 3.0  # between a length in g at rest, 1, and in m/s^2, 9.8
 PX4 = frozenset({"timestamp_sample", "gyro_rad[0]", "accelerometer_m_s2[0]"})
 """Names of PX4's logs, whose ``timestamp`` is in microseconds since boot."""
 STANDARD = 9.80665  # m/s^2, gravity at rest
+_FIELDS = ((0.2, 0.7), (20.0, 70.0))  # of the earth in gauss and uT, with a margin
 ROWS = 20  # readings that do not increase each time but by chance, 1 in 20!
 _PADDED = re.compile(r"0\d+")
 _OTHER_SENSOR = re.compile(  # as a word of a file's name, without an accelerometer's
@@ -143,7 +144,8 @@ def _doubt(table: Table, roles: tuple[str, ...]) -> str:
     values = table.numbers([roles.index(name) for name in (*NAMES[1:4], *NAMES[4:7])])
     if not np.isfinite(values).all():
         return ""
-    first, second = np.linalg.norm(values.reshape(len(values), 2, 3), axis=2).T
+    force, rate = np.hsplit(values, 2)
+    first, second = (np.linalg.norm(each, axis=1) for each in (force, rate))
     low, usual, high = np.percentile(second, [5, 50, 95])
     steady = 0.8 * usual < low and high < 1.25 * usual
     moving = np.percentile(first, 95) > 3.0 * np.percentile(first, 5)
@@ -154,7 +156,33 @@ def _doubt(table: Table, roles: tuple[str, ...]) -> str:
             "them have not, so the gyroscope's may come first: then it is "
             f"{','.join((*roles[:-6], *NAMES[4:7], *NAMES[1:4]))}"
         )
+    turned = np.linalg.norm(rate.sum(axis=0)) < 0.98 * second.sum()
+    units = any(abs(np.median(first) / unit - 1.0) < 0.05 for unit in (1.0, STANDARD))
+    field = units and any(least < usual < most for least, most in _FIELDS)
+    if (turned or field) if steady else _is_bound_to_poses(force, rate):
+        return (
+            "the last three may be a magnetometer's, for they read a field in each "
+            f"pose: then it is {','.join((*roles[:-3], *NAMES[7:10]))}"
+        )
     return ""
+
+
+def _is_bound_to_poses(force: Array, rate: Array) -> bool:
+    # of blocks of rows: a rate is one vector wherever the force rests, and turns it by
+    # da/dt = -w x a; a field with iron beside it differs from rest to rest instead
+    rows = max(20, len(force) // 2000)
+    blocks = len(force) // rows
+    if blocks < 20:
+        return False
+    a, w = (x[: blocks * rows].reshape(blocks, rows, 3) for x in (force, rate))
+    noise = a.var(axis=1).sum(axis=1)
+    a, w = a.mean(axis=1), w.mean(axis=1) - np.median(rate, axis=0)
+    still = noise <= np.percentile(noise, 25)
+    change, turn = a[2:] - a[:-2], np.cross(a, w)[1:-1]
+    most = 0.3 * np.linalg.norm(change) * np.linalg.norm(turn)
+    moved = a.var(axis=0).sum() > 10.0 * noise.mean()
+    apart = w[still].var(axis=0).sum() > 0.7 * w.var(axis=0).sum()
+    return bool(moved and apart and abs(np.vdot(change, turn)) < most)
 
 
 def _are_halves(table: TextTable) -> bool:

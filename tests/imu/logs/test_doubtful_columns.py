@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
+from scipy.spatial.transform import Rotation
 from written import written
 
 from simval.errors import InputError
@@ -54,6 +56,38 @@ def test_a_gyroscope_that_comes_first_is_seen(tmp_path, gyro, scale):
         return
     with pytest.raises(InputError, match="t,wx,wy,wz,ax,ay,az"):
         read_log(wrong)
+
+
+def turning(rests):
+    """A log of a hand: its force, rate, and the field of the earth in uT."""
+    rng = np.random.default_rng(rests)
+    rate = ndimage.gaussian_filter1d(rng.normal(size=(4000, 3)), 30, axis=0) * 20
+    rate *= np.sin(np.arange(4000) / 300)[:, None] > (0.5 if rests else -2)
+    turns = Rotation.from_rotvec(rate / 100)
+    q = [Rotation.identity()]
+    for turn in turns[:-1]:
+        q.append(q[-1] * turn)
+    to_body = Rotation.concatenate(q).inv()
+    noise = rng.normal(size=(3, 4000, 3))
+    force = to_body.apply([0, 0, 9.8]) + 0.02 * noise[0]
+    return force, rate + 0.002 * noise[1], to_body.apply([20, 0, -40]) + 0.3 * noise[2]
+
+
+@pytest.mark.parametrize("rests", [True, False])
+@pytest.mark.parametrize("scale", [1, 1000])
+def test_a_magnetometer_is_not_taken_for_a_gyroscope(tmp_path, rests, scale):
+    """Nor with iron beside it; at rest alone it is known by the earth's field."""
+    time = np.arange(4000)[:, None] / 100
+    force, rate, field = turning(rests)
+    path = saved(tmp_path / "log.csv", time, scale * force, scale * (rate + 0.01))
+    assert read_log(path).gyro is not None
+    for iron in (0, [60, 30, -40]):
+        saved(path, time, scale * force, scale * (field + iron))
+        with pytest.raises(InputError, match="t,ax,ay,az,mx,my,mz"):
+            read_log(path)
+    still = np.tile(field[0], (N, 1)) + GYRO
+    with pytest.raises(InputError, match="ax,ay,az,mx,my,mz"):
+        read_log(saved(path, FORCE, still), rate=100.0)
 
 
 def test_decimals_behind_commas_are_no_columns(tmp_path):
