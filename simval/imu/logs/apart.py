@@ -31,13 +31,7 @@ EXTRAS = {"pyarrow": "parquet"}  # of a package; of the others, logs
 
 
 def read_apart(module: str, source: Source, kind: str) -> Any:
-    """Return what ``parsed`` of a module of this folder makes of a log.
-
-    Raises
-    ------
-    InputError
-        If it refuses, fails, does not end, or wants a package that is not installed.
-    """
+    """Return what ``parsed`` of a module of this folder makes of a log."""
     seconds = SECONDS + source.size / MEBIBYTE
     memory = MEMORY + TIMES * source.size
     program = "from simval.imu.logs.apart import send; send()"

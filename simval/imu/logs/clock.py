@@ -41,15 +41,7 @@ WRAP = 2.0**32  # ticks; then a counter of 32 bits begins again
 def read_clock(
     table: Table, column: Column | None, rate: float | None
 ) -> tuple[Float[Array, " n"], float, float, tuple[tuple[str, str], ...]]:
-    """Return the times of a log's rows, their rate, the clock's unit, and what to say.
-
-    Raises
-    ------
-    InputError
-        If neither is known, or the clock has no unit that can be right, does not
-        increase, leaves a gap, or contradicts the rate; or if a header stands again
-        within the log and no clock says that its parts are one.
-    """
+    """Times of a log's rows, their rate, the unit of the clock, and what to say."""
     parts = table.restarts
     if column is not None:
         time, second, said = times_of(table, column, rate)

@@ -94,13 +94,7 @@ class Column:
 def chosen(
     table: Table, columns: str | Sequence[str] | None, sensor: str | None = None
 ) -> tuple[Column, ...]:
-    """Choose the columns of a log, where it has several sensors those of one.
-
-    Raises
-    ------
-    InputError
-        If the names do not fit, or nothing says which columns are the accelerometer's.
-    """
+    """Choose the columns of a log, where it has several sensors those of one."""
     if sensor is not None and (columns is not None or table.names is None):
         msg = f"{table.path} has one sensor without a name, so leave out --instance"
         raise InputError(msg)
@@ -211,13 +205,7 @@ def template(width: int, taken: dict[int, str] | None = None) -> str:
 def given(
     table: Table, columns: str | Sequence[str], option: str, known: Sequence[str]
 ) -> list[re.Match[str]]:
-    """Role and unit that the caller gives to each column; none if one is not known.
-
-    Raises
-    ------
-    InputError
-        If they are not as many as the columns.
-    """
+    """Role and unit that the caller gives to each column; none if one is not known."""
     listed = columns.split(",") if isinstance(columns, str) else columns
     names = [str(name).strip() for name in listed]
     if len(names) != table.width:
@@ -256,13 +244,7 @@ def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
 
 
 def unit_of(match: re.Match[str], option: str = "columns") -> str:
-    """Unit that the caller gives to a clock or a temperature.
-
-    Raises
-    ------
-    InputError
-        If it is none of a clock's, or of another column.
-    """
+    """Unit that the caller gives to a clock or a temperature."""
     unit = (match[2] or "").strip().lower().replace("µ", "u")
     if match[1] == TEMPERATURE:
         return unit

@@ -151,13 +151,7 @@ def _stream(
 
 
 def truth_of(source: Source) -> TextTable | None:
-    """Return the table of a data set's recorded attitudes.
-
-    Raises
-    ------
-    InputError
-        If there are several, or it cannot be read.
-    """
+    """Return the table of a data set's recorded attitudes."""
     tables = members(source)
     for pattern in _TRUTHS:
         found = [each for name, each in tables.items() if pattern.fullmatch(name)]
@@ -171,13 +165,7 @@ def truth_of(source: Source) -> TextTable | None:
 
 
 def members(source: Source) -> dict[str, Source]:
-    """Tables in a folder or an archive, by their names in it.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or has no text.
-    """
+    """Tables in a folder or an archive, by their names in it."""
     every = source.members if source.is_folder else _zipped(source)
     if "[Content_Types].xml" in every:
         msg = f"{source.path} is not a text file but a spreadsheet; save it as CSV"

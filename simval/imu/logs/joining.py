@@ -97,11 +97,6 @@ def candidates(
     there is one, or else the only one that is not another accelerometer's. Where it is
     neither, each choice has a name, the streams' with ``+`` between, and the
     accelerometer's alone is without it.
-
-    Raises
-    ------
-    InputError
-        If none has an accelerometer, with what the log `holds`.
     """
     found: dict[str, Callable[[], ArrayTable]] = {}
     quick = [each for each in streams if each.step <= 1.0 / SLOWEST]

@@ -8,7 +8,8 @@ takes one by its name, and the only one without. A reader that stands in `READER
 serves every command that reads a log.
 
 A table's `source` is a sequence of (label, words) that are printed with its columns:
-what was taken, joined or mended.
+what was taken, joined or mended. Whatever a log lacks ends, in all modules of this
+folder, in an `InputError` that names the file and says what to do.
 """
 
 import bz2
@@ -63,25 +64,12 @@ PACKED: Final[dict[bytes, Callable[[], Any]]] = {
 
 
 def read_table(path: str, instance: str | None = None) -> Table:
-    """Read a log by the first reader that takes it.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is of a kind without a reader, has no rows of numbers, or
-        holds several sensors of which none, or no known one, is named.
-    """
+    """Read a log by the first reader that takes it."""
     return one_of(path, tables_of(Source(path=path)), instance)
 
 
 def tables_of(source: Source) -> Table | Candidates:
-    """Find the table of a log, or what makes each of its tables.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is of a kind without a reader, or has no rows of numbers.
-    """
+    """Find the table of a log, or what makes each of its tables."""
     for start, unpacker in PACKED.items():
         if source.start.startswith(start):
             inside = partial(unpacked, source, unpacker)
@@ -95,13 +83,7 @@ def tables_of(source: Source) -> Table | Candidates:
 
 
 def unpacked(source: Source, unpacker: Callable[[], Any]) -> bytes:
-    """Content of a compressed file.
-
-    Raises
-    ------
-    InputError
-        If it is damaged, cut off, or far larger than a log of its size.
-    """
+    """Content of a compressed file."""
     most = most_unpacked(source.size)
     content, packed, whole = b"", source.content, True
     while packed and whole and len(content) <= most:  # several, one behind another
@@ -125,11 +107,7 @@ def unpacked(source: Source, unpacker: Callable[[], Any]) -> bytes:
 def one_of(path: str, found: Table | Candidates, instance: str | None) -> Table:
     """Table of the sensor that is named, or of the only one.
 
-    Raises
-    ------
-    InputError
-        If there are several and none is named, or none has that name. A table may have
-        the columns of several: there the name is one of those that its header says.
+    A table may have the columns of several: there its header says their names.
     """
     if not isinstance(found, Mapping):
         return found

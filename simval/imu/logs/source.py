@@ -28,13 +28,7 @@ class Source:
 
     @cached_property
     def content(self) -> bytes:
-        """All bytes of a file; of a folder none.
-
-        Raises
-        ------
-        InputError
-            If it cannot be read, or is larger than any log.
-        """
+        """All bytes of a file; of a folder none."""
         return self._file(None) if self.inside is None else self.inside()
 
     @cached_property
@@ -54,13 +48,7 @@ class Source:
 
     @cached_property
     def size(self) -> int:
-        """Bytes of the file, or of all files of the folder.
-
-        Raises
-        ------
-        InputError
-            If it cannot be read, or is larger than any log.
-        """
+        """Bytes of the file, or of all files of the folder."""
         if self.inside is not None:
             return len(self.content)
         if not self.is_folder:
@@ -73,13 +61,7 @@ class Source:
 
     @cached_property
     def members(self) -> dict[str, "Source"]:
-        """Files in a folder and its folders, by their names in it, sorted.
-
-        Raises
-        ------
-        InputError
-            If there are too many, or the folder cannot be read.
-        """
+        """Files in a folder and its folders, by their names in it, sorted."""
         root, found = Path(self.path), list[str]()
         try:
             for folder, _, files in os.walk(root):

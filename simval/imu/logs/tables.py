@@ -26,11 +26,11 @@ class ArrayTable(ReadOnly):
         """Return the number of rows."""
         return len(self.values)
 
-    def numbers(self, places: list[int]) -> Float[Array, "n columns"]:
-        """Return the columns at these places."""
+    def numbers(
+        self, places: list[int], *, holes: bool = False
+    ) -> Float[Array, "n columns"]:
+        """Return the columns at these places, NaN where there is none."""
         return self.values[:, places]
-
-    measured = numbers
 
     def texts(self, place: int) -> list[str]:
         """Return one column as text."""

@@ -45,15 +45,8 @@ def scale_of(unit: str) -> tuple[float, float] | None:
 def read_temperature(
     table: Table, column: Column
 ) -> tuple[Float[Array, " n"], tuple[tuple[str, str], ...]]:
-    """Return the temperature of each row, degrees Celsius, and what was mended.
-
-    Raises
-    ------
-    InputError
-        If too many rows have none, the unit is not known, or no sensor is read at such
-        temperatures.
-    """
-    values = table.measured([column.place])[:, 0]
+    """Return the temperature of each row, degrees Celsius, and what was mended."""
+    values = table.numbers([column.place], holes=True)[:, 0]
     rows = np.arange(len(values))
     there = np.flatnonzero(np.isfinite(values))
     hole = int(np.diff(there, prepend=-1, append=len(rows)).max()) - 1

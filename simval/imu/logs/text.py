@@ -51,11 +51,6 @@ def decoded(path: str, content: bytes) -> tuple[str, Said]:
     Compatibility characters become plain ones (NFKC): a superscript 2 is a 2, and the
     two Greek mu are one. NULs, with which a card pads its blocks, are taken out with
     the row that they cut, and that is said.
-
-    Raises
-    ------
-    InputError
-        If the bytes are no text.
     """
     utf16 = content.startswith((b"\xff\xfe", b"\xfe\xff"))
     for encoding in ("utf-16",) if utf16 else ("utf-8-sig", "cp1252"):
@@ -159,13 +154,7 @@ def is_names(fields: list[str]) -> bool:
 def header_of(
     path: str, dialect: Dialect, above: list[Line], comments: tuple[str, ...]
 ) -> tuple[tuple[str, ...] | None, list[Line]]:
-    """Find the names of the columns among the lines above the rows.
-
-    Raises
-    ------
-    InputError
-        If a line names channels, but not as many as there are columns.
-    """
+    """Find the names of the columns among the lines above the rows."""
     others: list[Line] = []
     names: tuple[str, ...] | None = None
     units: list[str] = []
@@ -243,70 +232,32 @@ class TextTable:
         """Return the number of rows."""
         return len(self.lines)
 
-    def numbers(self, places: list[int]) -> Float[Array, "n columns"]:
-        """Return the columns at these places.
-
-        Raises
-        ------
-        InputError
-            If a field there is not a number, with its line and column.
-        """
-        rows = (line for _, line in self.lines)
-        if self.dialect.comma:
-            rows = (line.replace(",", ".") for line in rows)
-        quoted = any('"' in line or "'" in line for _, line in self.lines)
-        try:
-            if quoted:
-                fields = [self.dialect.fields(line) for _, line in self.lines]
-                return np.array(
-                    [[self._number(row[k]) for k in places] for row in fields]
+    def numbers(
+        self, places: list[int], *, holes: bool = False
+    ) -> Float[Array, "n columns"]:
+        """Return the columns at these places; NaN, if there may be holes, in one."""
+        dialect, lines = self.dialect, [line for _, line in self.lines]
+        rows = (line.replace(",", ".") if dialect.comma else line for line in lines)
+        if not any('"' in line or "'" in line for line in lines):
+            with suppress(ValueError):
+                return np.loadtxt(
+                    rows, delimiter=dialect.mark, ndmin=2, comments=None, usecols=places
                 )
-            mark = self.dialect.mark
-            return np.loadtxt(
-                rows, delimiter=mark, ndmin=2, comments=None, usecols=places
-            )
-        except ValueError:
-            raise InputError(self._first_bad_field(places)) from None
-
-    def measured(self, places: list[int]) -> Float[Array, "n columns"]:
-        """Return columns in which a field that is empty, or says so, is NaN.
-
-        Raises
-        ------
-        InputError
-            If another is not a number.
-        """
-        with suppress(InputError):
-            return self.numbers(places)
-        columns = []
-        for place in places:
-            texts = self.texts(place)
-            texts = ["nan" if each.lower() in _MISSING else each for each in texts]
-            for row, each in enumerate(texts):
-                if not self.dialect.is_number(each):
+        values = np.full((len(lines), len(places)), np.nan)
+        for row, line in enumerate(lines):
+            fields = dialect.fields(line)
+            for k, place in enumerate(places):
+                field = fields[place]
+                if dialect.is_number(field):
+                    values[row, k] = field.replace(",", ".") if dialect.comma else field
+                elif not (holes and field.lower() in _MISSING):
                     msg = (
-                        f"{self.where(row)}, column {place + 1}: {each[:40]!r} is not "
-                        "a number; leave a row without a measurement empty, or write "
-                        "nan"
+                        f"{self.where(row)}, column {place + 1}: {field[:40]!r} is not "
+                        "a number; remove the line, or leave that column out "
+                        "(--columns, with - for it)"
                     )
                     raise InputError(msg)
-            columns.append([self._number(each) for each in texts])
-        return np.array(columns).T
-
-    def _number(self, field: str) -> float:
-        return float(field.replace(",", ".") if self.dialect.comma else field)
-
-    def _first_bad_field(self, places: list[int]) -> str:
-        for number, line in self.lines:
-            fields = self.dialect.fields(line)
-            for place in places:
-                if not self.dialect.is_number(fields[place]):
-                    return (
-                        f"{self.path}, line {number}, column {place + 1}: "
-                        f"{fields[place][:40]!r} is not a number; remove the line, or "
-                        "leave that column out (--columns, with - for it)"
-                    )
-        return f"{self.path} cannot be read as rows of numbers; export it again"
+        return values
 
     def texts(self, place: int) -> list[str]:
         """Return one column as it is written."""
@@ -377,8 +328,7 @@ def read(source: Source) -> TextTable:
     if names is None and labels is None:
         body.find_header()
     body.end(whole=text.endswith(("\n", "\r")))
-    _require_preamble(path, dialect, body.begun(rest), body.rows)
-    _require_width(path, dialect, body.rows)
+    _require_width(body, body.begun(rest))
     return body.table(times)
 
 
@@ -420,13 +370,7 @@ class _Body:
             self.said.append(("mended", f"ros2 topic echo lost {lost} messages"))
 
     def find_header(self) -> None:
-        """Leave out a few rows above a header that stands below them.
-
-        Raises
-        ------
-        InputError
-            If they are more than a tenth of those below.
-        """
+        """Leave out rows above a header, a tenth of those below it at most."""
         for k, (number, line) in enumerate(self.rows):
             if self.dialect.is_number(line.rsplit(self.dialect.mark, 1)[-1]):
                 continue
@@ -552,21 +496,6 @@ def _no_row(path: str, lines: list[Line]) -> str:
     )
 
 
-def _require_preamble(
-    path: str, dialect: Dialect, above: list[Line], rows: list[Line]
-) -> None:
-    # what stands above header and rows is words; a row of numbers there is a broken one
-    for number, line in above:
-        numbers = dialect.numbers(line)
-        if all(numbers) or (len(numbers) == dialect.width and numbers[0]):
-            msg = (
-                f"{path}, line {number}: {len(numbers)} columns, but the rows from "
-                f"line {rows[0][0]} on have {dialect.width}; every row must have the "
-                "same columns, so repair that line, or mark it as a remark (#)"
-            )
-            raise InputError(msg)
-
-
 def _count(dialect: Dialect, line: str) -> int:
     if '"' in line:
         return len(dialect.fields(line))
@@ -574,13 +503,19 @@ def _count(dialect: Dialect, line: str) -> int:
     return len(line.split()) if mark is None else line.count(mark) + 1
 
 
-def _require_width(path: str, dialect: Dialect, rows: list[Line]) -> None:
-    for number, line in rows:
-        count = _count(dialect, line)
-        if count != dialect.width:
-            msg = (
-                f"{path}, line {number}: {count} columns, but the first row has "
-                f"{dialect.width}; every row must have the same columns, so repair or "
-                "remove that line"
-            )
-            raise InputError(msg)
+def _require_width(body: _Body, above: list[Line]) -> None:
+    # what stands above header and rows is words; a row of numbers there is a broken one
+    dialect, first = body.dialect, body.rows[0][0]
+    broken: list[tuple[int, int]] = []
+    for number, line in above:
+        numbers = dialect.numbers(line)
+        if all(numbers) or (len(numbers) == dialect.width and numbers[0]):
+            broken.append((number, len(numbers)))
+    counts = ((number, _count(dialect, line)) for number, line in body.rows)
+    for number, count in (*broken, *(x for x in counts if x[1] != dialect.width)):
+        msg = (
+            f"{body.path}, line {number}: {count} columns, but the rows from line "
+            f"{first} on have {dialect.width}; every row must have the same columns, "
+            "so repair or remove that line, or mark it as a remark (#)"
+        )
+        raise InputError(msg)

@@ -106,7 +106,7 @@ def read_truth(
     places, scalar, column = (
         _by_names(table, stem) if columns is None else _given(table, columns)
     )
-    components = _unit(table, table.measured(places))
+    components = _unit(table, table.numbers(places, holes=True))
     time = _times(table, column, rate) if clock is None else clock
     if len(time) != len(components):
         msg = f"{path} has {len(components)} rows and its log {len(time)}; give one log"

@@ -87,7 +87,7 @@ REFUSED = [  # what a file holds, how it is read, and what is said
     (replaced(4, "0.04 1 nan 3"), {}, "line 5: a value is not finite"),
     (replaced(4, "0.04 1 two 3"), {}, "line 5, column 3: 'two' is not a number"),
     ("# remark\n\n" + replaced(4, "0.04 1 two 3"), {}, "line 7, column 3"),
-    (replaced(4, "0.04 1 2"), {}, "line 5: 3 columns, but the first row has 4"),
+    (replaced(4, "0.04 1 2"), {}, "line 5: 3 columns, but the rows from line 1"),
     (replaced(4, "0.03 1 2 3"), {}, "line 5: time 0.030000 s after 0.030000 s"),
     ("\n".join(NUMBERS[:5] + [f"9{n}" for n in NUMBERS[5:]]), {}, "line 6: a gap of"),
     ("of us\n0.04 1 2\nand more\nt ax ay az\n" + replaced(0, NUMBERS[0]), {},
