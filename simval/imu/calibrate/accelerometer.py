@@ -8,7 +8,7 @@ scaled back. Trials are worked in blocks that fit the cache; a trial's numbers d
 depend on its block.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from simval.arrays import (
     shaped_array,
 )
 from simval.errors import GeometryError, InputError
-from simval.imu.calibrate.evidence import refuse, screen, summarize, weigh
+from simval.imu.calibrate.evidence import judge, refuse, screen, summarize
 from simval.imu.calibrate.minimization import (
     Leverage,
     direction_condition,
@@ -50,6 +50,7 @@ from simval.imu.calibrate.solver import (
     Code,
     Rules,
     Solution,
+    Trials,
     minimize,
 )
 from simval.imu.sensor import forms
@@ -429,7 +430,7 @@ def _spread(results: _Block, keep: Any, count: int) -> _Block:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Data:
+class _Data(Trials):
     # the trials that are fitted, one row each, in the scaled units of the fit
     z: Float[Array, "t n 3"]
     moments: Float[Array, "t 10 10"]
@@ -442,12 +443,6 @@ class _Data:
     condition: Float[Array, " t"]
     stretch: Float[Array, " t"]  # as of `direction_condition`
 
-    def take(self, rows: Any) -> "_Data":
-        every: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(_Data)}
-        leverage = every.pop("leverage").take(rows)
-        taken = {k: v[rows] for k, v in every.items() if v is not None}
-        return replace(self, leverage=leverage, **taken)
-
 
 def _solve(data: _Data, options: Options) -> tuple[Any, _Block]:
     # iterate, summarise and judge: codes, and results in physical units
@@ -457,8 +452,8 @@ def _solve(data: _Data, options: Options) -> tuple[Any, _Block]:
         sigma=data.noise, loss=options.loss, ratio=ratio, shares=data.shares,
         covariance=options.covariance,
     )  # fmt: skip
-    evidence = weigh(
-        data.z, data.moments, data.noise, summary, data.shares,
+    code, half_width = judge(
+        solution.code, data.z, data.moments, data.noise, summary, data.shares,
         condition=data.condition, stretch=data.stretch,
     )  # fmt: skip
     sizes = np.ones((len(data.scale), 9))
@@ -475,12 +470,11 @@ def _solve(data: _Data, options: Options) -> tuple[Any, _Block]:
         "rms": summary.rms * options.g,
         "chi2_per_dof": summary.chi2_per_dof,
     }
-    code = evidence.judge(solution.code)
     refused = code >= Code.NON_FINITE
     if refused.any():
         for values in results.values():
             values[refused] = np.nan
-    results["half_width"] = evidence.half_width
+    results["half_width"] = half_width
     results["gradient_norm"] = solution.gradient_norm
     return code, results | {"iterations": solution.iterations}
 

@@ -30,6 +30,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 import numpy as np
 
 from simval.arrays import Array
+from simval.imu.calibrate.solver import Trials
 from simval.imu.sensor import forms
 from simval.shapes import Float
 
@@ -237,15 +238,11 @@ class Between:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Prior:
+class Prior(Trials):
     """Prior knowledge of the parameters: R (theta - theta_0) is standard normal."""
 
     theta: Float[Array, "t p"]  # theta_0
     root: Float[Array, "t k p"]  # R
-
-    def take(self, trials: Any) -> "Prior":
-        """Select trials."""
-        return Prior(theta=self.theta[trials], root=self.root[trials])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -269,27 +269,8 @@ def ambiguous(moments: Float[Array, "t 10 10"], limit: Float[Array, " t"]) -> An
 WIDEST = 0.15
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Evidence:
-    """Criteria by which a fit is accepted as a calibration, one row for each trial."""
-
-    # bool: whether a second quadric passes through the poses within their noise, (t,)
-    ambiguous: Any
-    # bool: whether the condition of the corrected poses could be made of noise, (t,)
-    stretched: Any
-    # 95 percent half-width of the scale along its worst direction, relative; NaN where
-    # the noise is not known
-    half_width: Float[Array, " t"]
-
-    def judge(self, code: Any) -> Any:
-        """Refuse the trials whose answer lacks evidence; say why others have none."""
-        judged = np.where(self.half_width > WIDEST, Code.WIDE, code)
-        judged = np.where(self.stretched, Code.NOISE_RANK, judged)
-        judged = np.where(code == Code.CONVERGED, judged, code)
-        return np.where(self.ambiguous, Code.NOISE_RANK, judged)
-
-
-def weigh(
+def judge(
+    code: Any,
     z: Float[Array, "t n 3"],
     moments: Float[Array, "t 10 10"],
     noise: Float[Array, "t n"] | None,
@@ -298,8 +279,12 @@ def weigh(
     *,
     condition: Float[Array, " t"],
     stretch: Float[Array, " t"],
-) -> Evidence:
-    """Weigh the poses and their noise."""
+) -> tuple[Any, Float[Array, " t"]]:
+    """Refuse the trials whose poses and noise are no evidence for their answer.
+
+    Also the 95 percent half-width of the scale along its worst direction, relative; NaN
+    where the noise is not known.
+    """
     level = summary.distance_std
     if noise is not None:  # a noise that is stated too low hides nothing
         # root mean variance of the weighted readings over their mean weight
@@ -311,11 +296,13 @@ def weigh(
         moments = moment_matrix(z, shares)
     dof = z.shape[1] - PARAMETERS
     limit = required_noise(level, dof, known=noise is not None)
-    return Evidence(
-        ambiguous=ambiguous(moments, limit),
-        stretched=condition * level * NOISE_MARGIN > 1.0,
-        half_width=NORMAL_95 * level * summary.steepness * np.sqrt(stretch),
-    )
+    half_width = NORMAL_95 * level * summary.steepness * np.sqrt(stretch)
+    judged = np.where(half_width > WIDEST, Code.WIDE, code)
+    # the condition of the corrected poses could be made of noise
+    stretched = condition * level * NOISE_MARGIN > 1.0
+    judged = np.where(stretched, Code.NOISE_RANK, judged)
+    judged = np.where(code == Code.CONVERGED, judged, code)
+    return np.where(ambiguous(moments, limit), Code.NOISE_RANK, judged), half_width
 
 
 FEW = 3  # degrees of freedom; below, the factor of eq. (N2) exceeds 20

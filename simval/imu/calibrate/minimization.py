@@ -47,7 +47,7 @@ weight that falls with the standardised distance. Each round computes the weight
 one weighted moment matrix and one solution; the rounds end by the same stop rule.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -78,6 +78,7 @@ from simval.imu.calibrate.solver import (
     Objective,
     Rules,
     Solution,
+    Trials,
     minimize,
     solve_positive,
     trace,
@@ -178,7 +179,7 @@ def minimize_leverage(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Leverage:
+class Leverage(Trials):
     """Parts of a leverage; NaN where G_9 is not positive."""
 
     inverse: Float[Array, "t 9 9"]  # of G_9
@@ -201,10 +202,6 @@ class Leverage:
             start_cost=moments[:, 9, 9] - np.vecdot(start, moments[:, 9, :9]),
         )
 
-    def take(self, rows: Any) -> "Leverage":
-        """Those of some trials."""
-        return Leverage(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
-
     def local(self, bias: Float[Array, "t 3"], *, newton: bool) -> Local:
         """The function 1/2 psi of eq. (H2) at a point."""
         psi, v = self._best(bias)
@@ -216,7 +213,7 @@ class Leverage:
             cost=np.where(_is_positive(two_a), 0.5 / psi, np.inf),
             gradient=slope / square[:, None],
             normal=normal,
-            hessian=normal - self._bend(bias, slope, psi) if newton else normal,
+            hessian=normal - self._bend(bias, slope, psi) if newton else None,
         )
 
     def _bend(
@@ -312,7 +309,7 @@ def pose_objective(
         pull_c = weighted_sum(x, slopes.c)
         pull_q = weighted_sum(x, slopes.q)
         normal = _curve(x, slopes, dc, dq)
-        hessian = normal
+        hessian = None
         if newton:
             bent = SLOPES[residual](values_c, values_q, newton=True).weighted(share)
             seconds = residual_seconds(model, theta)

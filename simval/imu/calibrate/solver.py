@@ -24,7 +24,7 @@ neighbours.
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -120,15 +120,32 @@ STATUS_NAMES = np.array(
 )
 
 
+class Trials:
+    """Base of a dataclass whose fields have a row for each trial, or are None."""
+
+    __slots__ = ()
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    def take(self, rows: Any) -> Self:
+        """Those of some trials."""
+
+        def taken(value: Any) -> Any:
+            if value is None:
+                return None
+            return value.take(rows) if isinstance(value, Trials) else value[rows]
+
+        names = self.__dataclass_fields__
+        return type(self)(**{name: taken(getattr(self, name)) for name in names})
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Local:
+class Local(Trials):
     """Half the cost and its derivatives at a point."""
 
     cost: Float[Array, " t"]  # half the sum of squared residuals
     gradient: Float[Array, "t p"]  # its gradient
     normal: Float[Array, "t p p"]  # J'J
-    # the full Hessian for Newton's method; `normal` for the others
-    hessian: Float[Array, "t p p"]
+    hessian: Float[Array, "t p p"] | None = None  # in full; None: Newton is not asked
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -167,7 +184,7 @@ def minimize(
     )
     here = objective(theta, np.arange(count))
     mean = trace(here.normal) / theta.shape[-1]
-    trials = _Trials(
+    trials = _Active(
         rows=np.arange(count),
         theta=theta,
         here=here,
@@ -201,7 +218,7 @@ def minimize(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Trials:
+class _Active(Trials):
     # the trials that still iterate, one row each
     rows: Any
     theta: Float[Array, "t p"]
@@ -211,18 +228,6 @@ class _Trials:
     length: Float[Array, " t"]
     last: Float[Array, " t"]  # size of the last step, eq. (L1)
     slack: Float[Array, " t"]
-
-    def take(self, keep: Any) -> "_Trials":
-        normal = self.here.normal[keep]
-        same = self.here.hessian is self.here.normal
-        local = Local(
-            cost=self.here.cost[keep],
-            gradient=self.here.gradient[keep],
-            normal=normal,
-            hessian=normal if same else self.here.hessian[keep],
-        )
-        names = ("rows", "theta", "mean", "damping", "length", "last", "slack")
-        return _Trials(here=local, **{n: getattr(self, n)[keep] for n in names})
 
     def leave(
         self,
@@ -242,12 +247,12 @@ class _Trials:
 
 def _advance(
     objective: Objective,
-    trials: _Trials,
+    trials: _Active,
     there: Float[Array, "t p"],
     size: Float[Array, " t"],
     ended: Solution,
     iteration: int,
-) -> _Trials:
+) -> _Active:
     # accept the steps that do not raise the cost; damp or shorten the others
     local = objective(there, trials.rows)
     better = local.cost <= trials.here.cost + trials.slack  # NaN is not better
@@ -255,7 +260,7 @@ def _advance(
     damping = np.where(better, trials.damping / 10.0, trials.damping * 10.0)
     length = np.where(better, np.minimum(2.0 * trials.length, 1.0), trials.length / 2.0)
     dead = ~better & ((damping > _LAST_DAMPING * trials.mean) | (length < _SHORTEST))
-    moved = _Trials(
+    moved = _Active(
         rows=trials.rows,
         theta=np.where(better[:, None], there, trials.theta),
         here=_choose(better, local, trials.here),
@@ -279,7 +284,8 @@ def _step(here: Local, method: str, damping: Float[Array, " t"]) -> Float[Array,
     if method == "lm":
         matrices = here.normal + damping[:, None, None] * np.eye(right.shape[-2])
         return solve_positive(matrices, right)[0][..., 0]
-    step, pivot = solve_positive(here.hessian, right)
+    curved = here.normal if here.hessian is None else here.hessian
+    step, pivot = solve_positive(curved, right)
     if method == "newton" and not np.all(pivot > 0.0):  # not convex here: Gauss-Newton
         bad = ~(pivot > 0.0)
         step[bad] = solve_positive(here.normal[bad], right[bad])[0]
@@ -289,12 +295,11 @@ def _step(here: Local, method: str, damping: Float[Array, " t"]) -> Float[Array,
 def _choose(better: Any, there: Local, here: Local) -> Local:
     if better.all():
         return there
-    pick = better[:, None, None]
-    normal = np.where(pick, there.normal, here.normal)
-    same = here.hessian is here.normal
-    return Local(
-        cost=np.where(better, there.cost, here.cost),
-        gradient=np.where(better[:, None], there.gradient, here.gradient),
-        normal=normal,
-        hessian=normal if same else np.where(pick, there.hessian, here.hessian),
-    )
+
+    def chosen(name: str) -> Any:
+        new, old = getattr(there, name), getattr(here, name)
+        if old is None:
+            return None
+        return np.where(better.reshape(-1, *[1] * (old.ndim - 1)), new, old)
+
+    return Local(**{name: chosen(name) for name in Local.__dataclass_fields__})
