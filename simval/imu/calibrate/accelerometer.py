@@ -116,13 +116,7 @@ def choices() -> dict[str, tuple[str, ...]]:
 
 
 def pose_means(name: str, value: Any) -> Float[Array, "... n 3"]:
-    """Require readings of one set, which must be finite, or of several.
-
-    Raises
-    ------
-    InputError
-        If the shape is wrong, one set is not finite, or no sensor reads as much.
-    """
+    """Require readings of one set, which must be finite, or of several."""
     readings = shaped_array(name, value, (None, 3))
     if readings.ndim > 3 or readings.size == 0:
         msg = f"`{name}` has shape {readings.shape}; give (n, 3) or (trials, n, 3)"
@@ -149,15 +143,7 @@ def pose_means(name: str, value: Any) -> Float[Array, "... n 3"]:
 
 
 def checked_readings(poses: Any) -> Float[Array, "n 3"] | Float[Array, "trials n 3"]:
-    """Return the readings as an array of nine poses or more.
-
-    Raises
-    ------
-    InputError
-        If the shape is wrong, or one set is not finite.
-    GeometryError
-        If there are fewer than nine poses.
-    """
+    """Return the readings as an array of nine poses or more."""
     readings = pose_means("poses", poses)
     count = readings.shape[-2]
     if count < PARAMETERS:
@@ -172,13 +158,7 @@ def checked_readings(poses: Any) -> Float[Array, "n 3"] | Float[Array, "trials n
 def checked_noise(
     noise_std: Any, poses: Float[Array, "... n 3"], residual: str
 ) -> Float[Array, "... n"] | None:
-    """Return the noise of each pose, of each trial of a batch.
-
-    Raises
-    ------
-    InputError
-        If it is negative, not finite, of a wrong shape, or missing.
-    """
+    """Return the noise of each pose, of each trial of a batch."""
     if noise_std is None:
         if residual == "adjusted":
             msg = (
@@ -201,13 +181,7 @@ def checked_noise(
 
 
 def checked_time(time: Any, count: int) -> Float[Array, " n"]:
-    """Return when each pose was taken, 0, 1, 2 ... if not given.
-
-    Raises
-    ------
-    InputError
-        If the shape is wrong, a time is not finite, or all are the same.
-    """
+    """Return when each pose was taken, 0, 1, 2 ... if not given."""
     if time is None:
         return np.arange(float(count))
     values = physical_array("time", time, (count,))

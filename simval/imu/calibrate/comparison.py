@@ -40,13 +40,14 @@ from simval.arguments import file_path, instance
 from simval.arrays import Array, positive_number
 from simval.errors import InputError, RefusedError
 from simval.imu.calibrate.equations import FIELD_NAMES
+from simval.imu.calibrate.estimate import plain
 from simval.imu.calibrate.files import (
     array,
     load_calibration,
     load_document,
     load_others,
     load_thermal,
-    plain,
+    named,
 )
 from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
@@ -270,16 +271,12 @@ def _table(each: SensorComparison) -> Iterator[str]:
 
 
 def _object(each: SensorComparison) -> dict[str, Any]:
-    return {
-        "names": list(each.names),
-        "difference": plain(each.difference),
-        "expanded_uncertainty": plain(each.U),
-        "E_n": plain(each.E_n),
-        "chi_square": plain(each.chi_square),
-        "p_value": plain(each.p_value),
-        "reading": each.a.size,
-        "largest_change": plain(each.change),
-    }
+    numbers = {
+        "difference": each.difference, "expanded_uncertainty": each.U,
+        "E_n": each.E_n, "chi_square": each.chi_square, "p_value": each.p_value,
+        "reading": each.a.size, "largest_change": each.change,
+    }  # fmt: skip
+    return {"names": list(each.names)} | {k: plain(x) for k, x in numbers.items()}
 
 
 def compare_calibrations(
@@ -425,7 +422,7 @@ def _state(
     path: Path, data: dict[str, Any], sensor: str, M: Array, bias: Array
 ) -> State:
     block, values = data[sensor], np.concatenate([M.ravel(), bias])
-    try:
+    with named(path):
         count = len(instance("names", block.get("names", [""] * len(values)), list))
         P = array(block, "covariance", (count, count))[: len(values), : len(values)]
         size = positive_number("field", block.get("field", 1.0), "")
@@ -434,9 +431,6 @@ def _state(
             msg = "`covariance` is not that of its parameters; leave it out"
             raise InputError(msg)
         dof = _dof(block, sensor)
-    except InputError as error:
-        msg = f"{path}: {error}"
-        raise InputError(msg) from None
     return State(
         parameters=values, covariance=P, dof=dof, matrix=M, bias=bias, size=size
     )

@@ -30,7 +30,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 import numpy as np
 
 from simval.arrays import Array
-from simval.imu.calibrate.solver import Trials
+from simval.imu.calibrate.solver import Trials, each
 from simval.imu.sensor import forms
 from simval.shapes import Float
 
@@ -391,11 +391,11 @@ class Problem:
             for i, k in enumerate(rows):
                 J[:, :, k, first:last] = by_theta[:, :, i]
                 L[:, :, k, self.noises[name]] = by_noise[:, :, i]
-        for k, (sensor, each) in enumerate(told):
-            if each.own is not None:
-                J[:, :, k, self.columns[sensor.name]] += each.own
-            if each.noise is not None:
-                L[:, :, k, self.noises[sensor.name]] += each.noise
+        for k, (sensor, row) in enumerate(told):
+            if row.own is not None:
+                J[:, :, k, self.columns[sensor.name]] += row.own
+            if row.noise is not None:
+                L[:, :, k, self.noises[sensor.name]] += row.noise
         return c, J, L
 
     def _joined(
@@ -540,12 +540,7 @@ def _whitener(L: Float[Array, "t n e m"]) -> Float[Array, "t n e e"]:
 
 def _inverse_root(matrices: Float[Array, "t r r"]) -> Float[Array, "t r r"]:
     # R of the inverses R'R, lower triangular; NaN where a matrix is not positive
-    try:
-        return _inverse_triangle(np.linalg.cholesky(matrices))
-    except np.linalg.LinAlgError:
-        if len(matrices) == 1:
-            return np.full(matrices.shape, np.nan)
-        return np.concatenate([_inverse_root(each[None]) for each in matrices])
+    return each(lambda N: _inverse_triangle(np.linalg.cholesky(N)), np.nan, matrices)
 
 
 def _inverse_triangle(lower: Float[Array, "t r r"]) -> Float[Array, "t r r"]:
@@ -566,10 +561,4 @@ def solved(
     matrices: Float[Array, "t p p"], right: Float[Array, "t p"]
 ) -> Float[Array, "t p"]:
     """Solutions of linear equations, NaN where a matrix is singular."""
-    try:
-        return np.linalg.solve(matrices, right[..., None])[..., 0]
-    except np.linalg.LinAlgError:
-        if len(matrices) == 1:
-            return np.full(right.shape, np.nan)
-        pairs = zip(matrices, right, strict=True)
-        return np.concatenate([solved(N[None], g[None]) for N, g in pairs])
+    return each(np.linalg.solve, np.nan, matrices, right[..., None])[..., 0]

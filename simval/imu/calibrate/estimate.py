@@ -29,6 +29,14 @@ NORMAL_95 = 1.959963984540054
 NEAR = 1.2  # ratio of a scale to a unit's within which the readings are in that unit
 
 
+def plain(value: Any) -> Any:
+    """Lists of floats, what is not finite as None."""
+    numbers = np.asarray(value, dtype=float)
+    plain = numbers.astype(object)
+    plain[~np.isfinite(numbers)] = None
+    return plain.tolist()
+
+
 def accelerometer_lines(fit: Any) -> list[str]:
     """Describe the calibration of an accelerometer."""
     chi2 = float(fit.chi2_per_dof)

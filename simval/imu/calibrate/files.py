@@ -22,6 +22,8 @@ nothing that is carried is shaken at many g from end to end.
 """
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from decimal import Decimal
 from os import PathLike
 from pathlib import Path
@@ -29,10 +31,11 @@ from typing import Any
 
 import numpy as np
 
-from simval.arguments import file_path, instance, whole_number
+from simval.arguments import choice, file_path, instance, whole_number
 from simval.arrays import Array, positive_number, shaped_array
 from simval.errors import InputError, RefusedError
 from simval.files import MOST_DOCUMENT, parsed, read_text
+from simval.imu.calibrate.estimate import plain
 from simval.imu.calibrate.result import STANDARD_GRAVITY, FitResult, raw_unit
 from simval.imu.calibrate.thermal import EDGE, TERMS, Thermal
 from simval.imu.sensor import GyroscopeModel, MagnetometerModel, forms
@@ -48,11 +51,7 @@ def derived(fit: FitResult) -> dict[str, Any]:
     """Statements that follow from the others."""
     return {
         "names": list(fit.names),
-        "T": plain(fit.T),
-        "K": plain(fit.K),
-        "B": plain(fit.B),
-        "matrix": plain(fit.matrix),
-        "sd": plain(fit.sd),
+        **{name: plain(getattr(fit, name)) for name in ("T", "K", "B", "matrix", "sd")},
         "confidence_95": plain(fit.intervals),
         "raw_per_g": plain(fit.raw_per_g),
         "raw_unit": fit.raw_unit,
@@ -60,13 +59,7 @@ def derived(fit: FitResult) -> dict[str, Any]:
 
 
 def require_possible(fit: FitResult) -> None:
-    """Refuse values that no calibration has.
-
-    Raises
-    ------
-    InputError
-        If T K is singular, the covariance is none, or the readings are not of it.
-    """
+    """Refuse values that no calibration has."""
     fit.sensor()  # T K can be inverted
     known = np.isfinite(fit.covariance)
     if known.any() != known.all() or known.any() == (fit.covariance_kind == "none"):
@@ -96,13 +89,7 @@ def require_possible(fit: FitResult) -> None:
 
 
 def require_agreement(data: dict[str, Any], fit: FitResult) -> None:
-    """Refuse a statement that is not what follows from the others.
-
-    Raises
-    ------
-    InputError
-        Naming the first such statement, and both values.
-    """
+    """Refuse a statement that is not what follows from the others."""
     for name, value in derived(fit).items():
         stated = data.get(name, value)
         if name in ("names", "raw_unit"):
@@ -138,22 +125,8 @@ def _contradiction(field: str, stated: Any, derived: Any) -> str:
     )
 
 
-def plain(value: Any) -> Any:
-    """Lists of floats, what is not finite as None."""
-    numbers = np.asarray(value, dtype=float)
-    plain = numbers.astype(object)
-    plain[~np.isfinite(numbers)] = None
-    return plain.tolist()
-
-
 def array(data: dict[str, Any], name: str, shape: tuple[int, ...]) -> Array:
-    """Numbers of a file; null, and what is not there, becomes NaN.
-
-    Raises
-    ------
-    InputError
-        If it holds something else.
-    """
+    """Numbers of a file; null, and what is not there, becomes NaN."""
     if name not in data:
         return np.full(shape, np.nan)
     numbers = shaped_array(name, _filled(data[name]), ())
@@ -178,13 +151,7 @@ _KINDS = ("known sigma", "type A", "none")
 
 
 def to_json(fit: FitResult) -> dict[str, Any]:
-    """Return one fit as plain JSON values; NaN becomes null.
-
-    Raises
-    ------
-    InputError
-        If the fit is a batch.
-    """
+    """Return one fit as plain JSON values; NaN becomes null."""
     if instance("fit", fit, FitResult).parameters.ndim != 1:
         msg = f"a batch of {len(fit.parameters)} fits is not one calibration; pick one"
         raise InputError(msg)
@@ -205,41 +172,46 @@ def to_json(fit: FitResult) -> dict[str, Any]:
 
 
 def from_json(data: Any, source: str = "the calibration") -> FitResult:
-    """Rebuild a fit from what `to_json` made, or from T, K and B.
-
-    Raises
-    ------
-    InputError
-        If a value is missing or wrong, or two of them contradict each other.
-    """
+    """Rebuild a fit from what `to_json` made, or from T, K and B."""
     if not isinstance(data, dict) or data.get("format", FORMAT) != FORMAT:
         msg = f"{source} is not a calibration file (no format {FORMAT!r}); write one "
         raise InputError(msg + "with `simval calibrate LOG --out FILE`")
-    try:
+    with named(source):
         model, parameters = _parameters(data)
-        words = {name: _word(data, name, "not stated") for name in _WORDS}
+        words: dict[str, Any] = {n: _word(data, n, "not stated") for n in _WORDS}
         numbers: dict[str, Any] = {name: array(data, name, ()) for name in _NUMBERS}
         fit = FitResult(
             model=model,
             parameters=parameters,
-            method=words["method"],
-            residual=words["residual"],
-            loss=words["loss"],
             g=positive_number("g", data.get("g", STANDARD_GRAVITY), "m/s^2"),
             status=np.str_(_word(data, "status", "converged")),
             iterations=np.int64(_count(data, "iterations")),
             covariance=array(data, "covariance", (9, 9)),
-            covariance_kind=_kind(data),
+            covariance_kind=choice(
+                "covariance_kind", data.get("covariance_kind", "none"), _KINDS
+            ),
             dof=_count(data, "dof"),
             raw_range=array(data, "raw_range", (3, 2)),
+            **words,
             **numbers,
         )
         require_possible(fit)
         require_agreement(data, fit)
+    return fit
+
+
+@contextmanager
+def named(source: str | Path) -> Iterator[None]:
+    """Say in which file, or part of it, a value is missing or wrong."""
+    try:
+        yield
     except InputError as error:
         msg = f"{source}: {error}"
-        raise InputError(msg) from None
-    return fit
+    except KeyError as error:
+        msg = f"{source}: lacks {error}; write it with `simval calibrate --out`"
+    else:
+        return
+    raise InputError(msg) from None
 
 
 def _parameters(data: dict[str, Any]) -> tuple[str, Float[Array, "9"]]:
@@ -271,13 +243,7 @@ def _parameters(data: dict[str, Any]) -> tuple[str, Float[Array, "9"]]:
 
 
 def write_json(path: str | PathLike[str], data: dict[str, Any]) -> None:
-    """Write a JSON object to a file.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write a JSON object to a file."""
     path = file_path("path", path)
     text = json.dumps(data, indent=2, allow_nan=False) + "\n"
     try:
@@ -324,13 +290,7 @@ def load_calibration(path: str | PathLike[str]) -> FitResult:
 
 
 def load_document(path: str | PathLike[str]) -> Any:
-    """All that a JSON file of a calibration holds.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, or is not JSON.
-    """
+    """All that a JSON file of a calibration holds."""
     path = file_path("path", path)
     try:
         text = read_text(path, MOST_DOCUMENT)
@@ -362,69 +322,34 @@ def _count(data: dict[str, Any], name: str) -> int:
     return whole_number(name, data.get(name, 0), 0)
 
 
-def _kind(data: dict[str, Any]) -> str:
-    kind = _word(data, "covariance_kind", "none")
-    if kind not in _KINDS:
-        msg = f"`covariance_kind` is {kind!r}; it must be one of {', '.join(_KINDS)}"
-        raise InputError(msg)
-    return kind
-
-
 BLOCKS = ("gyroscope", "magnetometer")
 
 
 def load_others(
     path: str | Path,
 ) -> tuple[GyroscopeModel | None, MagnetometerModel | None]:
-    """Read the other sensors of a file that `load_calibration` has read already.
-
-    Raises
-    ------
-    InputError
-        If a sensor is there and its numbers cannot be used.
-    """
+    """Read the other sensors of a file that `load_calibration` has read already."""
     data = load_document(path)
     gyroscope, magnetometer = (_block(path, data, name) for name in BLOCKS)
-    try:
-        return (
-            None
-            if gyroscope is None
-            else GyroscopeModel(
-                M=gyroscope["M"], B=gyroscope["B"], G=gyroscope.get("G")
-            ),
-            None
-            if magnetometer is None
-            else MagnetometerModel(M=magnetometer["M"], b=magnetometer["b"]),
-        )
-    except KeyError as error:
-        name = str(error.args[0])
-        msg = f"{path}: a sensor lacks {name}; write it with `simval calibrate --out`"
-        raise InputError(msg) from None
-    except InputError as error:
-        msg = f"{path}: {error}"
-        raise InputError(msg) from None
+    made: list[Any] = [None, None]
+    if gyroscope is not None:
+        with named(f"{path}: gyroscope"):
+            own = {name: gyroscope[name] for name in ("M", "B")}
+            made[0] = GyroscopeModel(**own, G=gyroscope.get("G"))
+    if magnetometer is not None:
+        with named(f"{path}: magnetometer"):
+            own = {name: magnetometer[name] for name in ("M", "b")}
+            made[1] = MagnetometerModel(**own)
+    return made[0], made[1]
 
 
 def load_thermal(path: str | Path) -> dict[str, Thermal]:
-    """Read the terms in temperature of a file that `load_calibration` has read already.
-
-    Raises
-    ------
-    InputError
-        If there are some, and their numbers cannot be used.
-    """
+    """Read the terms in temperature of a file that `load_calibration` has read."""
     block = _block(path, load_document(path), "temperature") or {}
     found = {}
     for name, own in (_block(path, block, "sensors") or {}).items():
-        try:
+        with named(f"{path}: the terms in temperature of the {name}"):
             found[name] = _thermal(instance(name, own, dict))
-        except (InputError, KeyError) as error:
-            why = f"lacks {error}" if isinstance(error, KeyError) else str(error)
-            msg = (
-                f"{path}: the terms in temperature of the {name}: {why}; write them "
-                "with `simval calibrate --out`"
-            )
-            raise InputError(msg) from None
     return found
 
 
@@ -451,7 +376,7 @@ def _thermal(own: dict[str, Any]) -> Thermal:
     if not (low <= found.reference <= high and usable and np.all(variances > 0.0)):
         msg = (
             "a number is missing or beyond all use, a variance is not above 0, or the "
-            "reference is not within the range"
+            "reference is not within the range; write it with `simval calibrate --out`"
         )
         raise InputError(msg)
     return found
@@ -538,13 +463,7 @@ _QUIET = 0.05  # scatter of a window at rest over its mean; a cheap sensor has 0
 
 
 def require_same_sensor(fit: FitResult, raw: Float[Array, "n 3"], rate: float) -> None:
-    """Refuse readings whose corrected force cannot be one.
-
-    Raises
-    ------
-    RefusedError
-        If the log's rests are not near g, or, without rests, its mean is far from it.
-    """
+    """Refuse readings whose corrected force cannot be one."""
     force = fit.sensor().correct(raw) / fit.g
     rests = rest_forces(force, rate)
     if rests.size:

@@ -175,13 +175,7 @@ def _next_damping(damping: Array, better: Any) -> Float[Array, " t"]:
 def weighed(
     problem: Problem, stated: Solution, most: int
 ) -> tuple[Problem, Solution, NoiseFactors]:
-    """One trial by the noise that its residuals ask for, where it is more than stated.
-
-    Raises
-    ------
-    RefusedError
-        If they ask for more than a calibration can have.
-    """
+    """One trial by the noise that its residuals ask for, if more than stated."""
 
     def fit(last: tuple[Problem, Solution], factor: Any) -> Any:
         noisier = problem.noisier(*factor)

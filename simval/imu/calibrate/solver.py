@@ -47,27 +47,27 @@ def solve_positive(
         scale = 1.0 / np.sqrt(matrices.diagonal(0, -2, -1))[..., None]
         n = matrices * scale * scale.mT
         # N = LDL', and of what is not positive 0
-        lower = _each(np.linalg.cholesky, 0.0, n)
+        lower = each(np.linalg.cholesky, 0.0, n)
         pivot = np.square(lower.diagonal(0, -2, -1)).min(axis=-1)
         bad = ~(pivot > _ROUNDING)
         some = bad.any()
         if some:
             n[bad], pivot[bad] = np.eye(n.shape[-1]), 0.0
-        x = _each(np.linalg.solve, np.nan, n, right * scale) * scale
+        x = each(np.linalg.solve, np.nan, n, right * scale) * scale
     if some:
         x[bad] = np.nan
     return x, pivot
 
 
-def _each(of: Callable[..., Array], otherwise: float, *stacks: Array) -> Array:
-    # a function of each matrix of a stack, and `otherwise` of those that it refuses
+def each(of: Callable[..., Array], otherwise: float, *stacks: Array) -> Array:
+    """A function of stacks of matrices, and `otherwise` for those that it refuses."""
     try:
         return of(*stacks)
     except np.linalg.LinAlgError:
         results = np.full(stacks[-1].shape, otherwise)
-    for result, *own in zip(results, *stacks, strict=True):
+    for k in range(len(results)):
         with suppress(np.linalg.LinAlgError):
-            result[:] = of(*own)
+            results[k] = of(*(stack[k : k + 1] for stack in stacks))[0]
     return results
 
 

@@ -105,15 +105,7 @@ def _known(known: Any, g: float) -> FitResult:
 def checked_pair(
     accelerometer: Any, magnetometer: Any, known: FitResult | None
 ) -> tuple[Array, Array]:
-    """Return the pose means of both sensors, (n, 3) or (trials, n, 3).
-
-    Raises
-    ------
-    InputError
-        If a shape is wrong or the two differ, or one set is not finite.
-    GeometryError
-        If there are too few poses.
-    """
+    """Return the pose means of both sensors, (n, 3) or (trials, n, 3)."""
     named = {"accelerometer": accelerometer, "magnetometer": magnetometer}
     pair = [pose_means(name, value) for name, value in named.items()]
     shapes = [readings.shape for readings in pair]
@@ -147,13 +139,7 @@ def checked_pair(
 def checked_std(
     name: str, value: Any, poses: Float[Array, "... n 3"]
 ) -> Float[Array, "... n"]:
-    """Return the noise of each pose mean, which must be above zero.
-
-    Raises
-    ------
-    InputError
-        If it is missing, not above zero, or of a wrong shape.
-    """
+    """Return the noise of each pose mean, which must be above zero."""
     if value is None:
         msg = (
             f"`{name}` is not given; the equations of a pose are weighed by the noise "
@@ -173,13 +159,7 @@ def checked_std(
 
 
 def refuse_repeated(accelerometer: Array, magnetometer: Array) -> None:
-    """Refuse a set in which two poses are the same in every bit.
-
-    Raises
-    ------
-    RefusedError
-        If there are such poses.
-    """
+    """Refuse a set in which two poses are the same in every bit."""
     both = np.concatenate([accelerometer, magnetometer], axis=1)
     again = repeated_poses(both)
     if again.size and again.size < len(both) - 1:

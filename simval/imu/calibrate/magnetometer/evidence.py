@@ -71,9 +71,8 @@ class Fitted:
     theta: Float[Array, "t 22"]
     here: Local
     covariance: Float[Array, "t 22 22"]  # NaN where the rank is below 22
-    # greatest natural half-width of a 95 % interval, and of which parameter it is
-    half_width: Float[Array, " t"]
-    widest: Any  # index, (t,)
+    natural: Float[Array, "t 25"]  # error bars in natural sizes
+    half_width: Float[Array, " t"]  # the greatest of a 95 % interval, natural
     full_rank: Any  # bool, (t,)
     converged: Any  # bool, (t,)
 
@@ -88,11 +87,10 @@ class Fitted:
             model = problem.accelerometer.model
             natural = natural_sd(model, theta, here.at, covariance)
             factor = seen_over_stated(here.chi_square, freedoms(problem))
-            half = NORMAL_95 * natural * factor[:, None]
-        half = np.where(np.isfinite(half), half, np.inf)
+            half = (NORMAL_95 * natural * factor[:, None]).max(axis=1)
         return cls(
             problem=problem, theta=theta, here=here, covariance=covariance,
-            half_width=np.max(half, axis=1), widest=np.argmax(half, axis=1),
+            natural=natural, half_width=np.where(np.isfinite(half), half, np.inf),
             full_rank=full, converged=converged,
         )  # fmt: skip
 
@@ -105,12 +103,6 @@ class Fitted:
     def chi_square(self) -> Float[Array, " t"]:
         """Weighted sum of squares of all equations."""
         return self.here.chi_square
-
-    @property
-    def natural(self) -> Float[Array, "t 25"]:
-        """Error bars in natural sizes."""
-        model = self.problem.accelerometer.model
-        return natural_sd(model, self.theta, self.here.at, self.covariance)
 
 
 def freedoms(problem: Problem) -> int:
@@ -183,13 +175,7 @@ _ADVICE = (
 
 
 def refuse_still(readings: dict[str, Float[Array, "n 3"]]) -> None:
-    """Refuse a sensor with an axis that reads the same in every pose.
-
-    Raises
-    ------
-    GeometryError
-        If there is one.
-    """
+    """Refuse a sensor with an axis that reads the same in every pose."""
     for name, values in readings.items():
         still = np.ptp(values, axis=0) <= _STILL * np.abs(values).max()
         if still.all():
@@ -261,12 +247,12 @@ def refuse(code: int, poses: dict[str, Float[Array, "n 3"]], fit: Fitted) -> Non
             if factor > 1.0
             else ""
         )
+        worst = _named(int(np.argmax(fit.natural[0])))
         msg = (
             f"the calibration is uncertain by {100.0 * half_width:.3g} percent of the "
-            f"field or of gravity ({_named(int(fit.widest[0]))}, 95 percent "
-            f"half-width), and at most {100.0 * WIDEST:.0f} percent is "
-            f"accepted{scatter}; {said}{_ADVICE}, "
-            "or hold each pose longer"
+            f"field or of gravity ({worst}, 95 percent half-width), and at most "
+            f"{100.0 * WIDEST:.0f} percent is accepted{scatter}; {said}{_ADVICE}, or "
+            "hold each pose longer"
         )
         raise (RefusedError if factor > 1.0 else GeometryError)(msg)
     msg = (

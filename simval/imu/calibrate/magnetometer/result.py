@@ -7,7 +7,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.imu.calibrate.equations import FIELD_NAMES
-from simval.imu.calibrate.estimate import Estimate, magnetometer_lines
+from simval.imu.calibrate.estimate import Estimate, magnetometer_lines, plain
 from simval.imu.calibrate.factors import NoiseFactors
 from simval.imu.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.shapes import Float
@@ -152,7 +152,6 @@ class MagnetometerFit(Estimate):
         """
         self._require_single()
         entries = zip(self.names, self.parameters, self.sd, strict=True)
-        chi_squares = [x if np.isfinite(x) else None for x in self.pose_chi_square]
         return {
             "model": self.model,
             "g": self.g,
@@ -170,7 +169,7 @@ class MagnetometerFit(Estimate):
             "status": str(self.status),
             "iterations": int(self.iterations),
             "chi_square": float(self.chi_square),
-            "pose_chi_square": [None if x is None else float(x) for x in chi_squares],
+            "pose_chi_square": plain(self.pose_chi_square),
             "disturbed": list(self.disturbed),
             "half_width": float(self.half_width),
             "right_handed": bool(self.right_handed),

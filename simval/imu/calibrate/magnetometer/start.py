@@ -204,26 +204,13 @@ def solve(problem: Problem, most: int) -> tuple[Solution, Any]:
             return minimize(problem, theta, most), np.ones(len(theta), dtype=bool)
         found = [_ended(problem, theta, most) for theta in _starts(problem)]
         best = _best(problem, found)[0]
-        found += [_freed(problem, theta, most) for theta in _jumps(problem, best.theta)]
+        found += [minimize(problem, x, most) for x in _jumps(problem, best.theta)]
         return _best(problem, found)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Ended:
-    solution: Solution
-    cost: Float[Array, " t"]  # infinite where it did not converge
-
-
-def _ended(problem: Problem, theta: Array, most: int) -> _Ended:
+def _ended(problem: Problem, theta: Array, most: int) -> Solution:
     held = replace(problem, prior=_rounded(problem, theta))
-    return _freed(problem, minimize(held, theta, most).theta, most)
-
-
-def _freed(problem: Problem, theta: Array, most: int) -> _Ended:
-    ended = minimize(problem, theta, most)
-    cost = ended.here.chi_square
-    cost = np.where(ended.converged & np.isfinite(cost), cost, np.inf)
-    return _Ended(solution=ended, cost=cost)
+    return minimize(problem, minimize(held, theta, most).theta, most)
 
 
 def _jumps(problem: Problem, theta: Float[Array, "t 22"]) -> list[Array]:
@@ -299,9 +286,11 @@ def _distinct(turns: Float[Array, "k t 3 3"], order: Any) -> list[Any]:
     return picks
 
 
-def _best(problem: Problem, found: list[_Ended]) -> tuple[Solution, Any]:
-    costs = np.array([each.cost for each in found])
-    thetas = np.array([each.solution.theta for each in found])
+def _best(problem: Problem, found: list[Solution]) -> tuple[Solution, Any]:
+    costs = np.array([each.here.chi_square for each in found])
+    ended = np.array([each.converged for each in found]) & np.isfinite(costs)
+    costs = np.where(ended, costs, np.inf)
+    thetas = np.array([each.theta for each in found])
     best, trials = np.argmin(costs, axis=0), np.arange(costs.shape[1])
     theta = thetas[best, trials]
     with np.errstate(invalid="ignore"):  # both may be infinite
@@ -316,9 +305,9 @@ def _best(problem: Problem, found: list[_Ended]) -> tuple[Solution, Any]:
     return Solution(
         theta=upright,
         here=problem.local(upright),
-        iterations=sum(each.solution.iterations for each in found),
+        iterations=sum(each.iterations for each in found),
         converged=np.isfinite(costs[best, trials]),
-        step=np.array([each.solution.step for each in found])[best, trials],
+        step=np.array([each.step for each in found])[best, trials],
     ), ~np.any(near & (apart > _SAME), axis=0)
 
 
