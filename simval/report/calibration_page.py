@@ -318,7 +318,7 @@ def _lines(log: Log, rows: Float[Array, "n 3"]) -> list[Series]:
 
 
 def _residuals(result: LogCalibration) -> Drawing:
-    diagnosis, seen = result.diagnosis, result.temperatures
+    diagnosis, seen = result.diagnosis, result.warm.rests
     marked = diagnosis.standardized, diagnosis.outliers, "outlier"
     warm = []
     if seen is not None:

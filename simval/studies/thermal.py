@@ -20,7 +20,7 @@ from simval.arrays import Array
 from simval.figures import Figure, entries
 from simval.imu.calibrate import calibrate
 from simval.imu.calibrate.gauss_newton import minimize
-from simval.imu.calibrate.thermal import names_of, split, thermal_problem
+from simval.imu.calibrate.thermal import law, names_of, thermal_problem
 from simval.imu.sensor import forms
 from simval.montecarlo import moments_of
 from simval.poses import PARAMETERS, fibonacci_sphere
@@ -137,10 +137,11 @@ def _left(
     directions: Float[Array, "n 3"],
 ) -> Float[Array, " t"]:
     # root mean square error of the specific force, of readings without noise
-    parts = split(LINEAR, theta[:, PARAMETERS:].reshape(len(theta), -1, 3))
-    away = clean - theta[:, None, 6:PARAMETERS] - powers @ parts["bias"]
+    values = theta[:, PARAMETERS:].reshape(len(theta), -1, 3)
+    x = clean - theta[:, None, 6:PARAMETERS]
+    away, stretch = law(LINEAR, values, powers, x)
     matrix = forms.matrix("triangular", theta[:, :PARAMETERS])
-    force = ((1.0 + powers @ parts["scale"]) * away) @ np.swapaxes(matrix, -1, -2)
+    force = (stretch * away) @ np.swapaxes(matrix, -1, -2)
     off = force - G * directions
     return np.asarray(np.sqrt((off * off).sum(axis=-1).mean(axis=-1)))
 

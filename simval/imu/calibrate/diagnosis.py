@@ -28,7 +28,13 @@ from simval.arrays import Array, ReadOnly, noise_levels, physical_array
 from simval.errors import InputError
 from simval.geometry import normalize
 from simval.imu.calibrate.accelerometer import checked_time
-from simval.imu.calibrate.drift import DRIFT_FALSE_ALARM, HIDDEN, Drift, find_drift
+from simval.imu.calibrate.drift import (
+    DRIFT_FALSE_ALARM,
+    HIDDEN,
+    Drift,
+    find_drift,
+    of_a_triad,
+)
 from simval.imu.calibrate.goodness_of_fit import (
     BELIEVED,
     Combination,
@@ -207,12 +213,10 @@ def _drift(
     # normal, a gain by the reading over that of the bias
     x, unit = readings - fit.B, np.ones(len(readings)) if sigma is None else sigma
     normal = normalize(x @ fit.matrix.T @ fit.matrix)
-    columns = np.concatenate([normal, normal * x], axis=1).T
-    names = [f"the {what} of {axis}" for what in ("bias", "gain") for axis in "xyz"]
     return find_drift(
         distance[kept],
         rows[kept],
-        {name: column[kept] for name, column in zip(names, columns, strict=True)},
+        of_a_triad(normal[kept], x[kept]),
         time[kept],
         known=sigma is not None,
         white=np.diag(1.0 / unit[kept]),

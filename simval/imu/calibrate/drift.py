@@ -13,7 +13,9 @@ poses (the F test; the chi-square where the noise is known and explains the rest
 .. math:: p = N \min_{c,\,m} P\{\text{a drop as great by chance}\},  \tag{W1}
 
 N the number of pairs (c, m) tried, m up to three: at most the chance that a sensor that
-does not drift shows as much. What the order of the poses hides is the factor
+does not drift shows as much. The biases of a triad are tried together too, as a part
+that warms up moves them all; one axis alone leaves the drift of the others as noise.
+What the order of the poses hides is the factor
 
 .. math:: h = \max_c \sqrt{\frac{n - p}{n - 1}}\,
    \frac{|D_1|}{|(I - QQ^T)D_1|},  \tag{W2}
@@ -64,6 +66,9 @@ HIDDEN: Final = 5.0
 """Factor (W2) beyond which the order of the poses hides a drift: of 500 sets of 14
 random directions 99 % lose at most 4.4, of 20 2.4."""
 _DEGREE: Final = 3
+_TOLD: Final = 0.01
+"""Relative: what the fit leaves of a drift that is tried. One that leaves less is a
+hundred times greater than it shows, and what it explains is rather something else."""
 _SEEN: Final = 1e-6  # relative: what the fit leaves of a column; rounding leaves 1e-13
 
 
@@ -76,10 +81,13 @@ class Drift:
     p_value : float
         Chance (W1) of residuals that follow the time as much; NaN where too few poses
         are left to tell.
+    left : float
+        Squares that the best drift leaves, over their degrees of freedom.
     what : str
         What explains them best by drifting.
     span : float
-        Its greatest less its least value over the poses, in its own unit.
+        Its greatest less its least value over the poses, in its own unit; of several
+        that of the one that drifts most.
     drop : float
         What that takes off the sum of squares.
     hidden : float
@@ -89,6 +97,7 @@ class Drift:
     """
 
     p_value: float
+    left: float
     what: str
     span: float
     drop: float
@@ -109,13 +118,16 @@ class Drift:
 def find_drift(
     r: Float[Array, " n"],
     J: Float[Array, "n p"],
-    properties: dict[str, Float[Array, " n"]],
+    properties: dict[str, Float[Array, "n ..."]],
     time: Float[Array, " n"],
     *,
     known: bool,
     white: Array | None = None,
 ) -> Drift:
-    """Look for a property of the sensor that drifts; `white` whitens the residuals."""
+    """Look for what drifts, one property or several at once, each by its column.
+
+    `white` whitens the residuals and all columns.
+    """
 
     def whitened(rows: Array) -> Array:
         return rows if white is None else white @ rows
@@ -128,32 +140,45 @@ def find_drift(
     before = float(left @ left)
     tau = 2.0 * (time - time.min()) / np.ptp(time) - 1.0
     basis = np.polynomial.legendre.legvander(tau, _DEGREE)[:, 1:]
-    best, tried, hidden = (np.nan, "", 0.0, 0.0), 0, (0.0, "")
+    best, tried, hidden = (np.nan, np.nan, "", 0.0, 0.0), 0, (0.0, "")
     for what, column in properties.items():
-        D = whitened(column[:, None] * basis)
+        each = column.reshape(n, -1, 1) * basis[:, None]
+        width = each.shape[1]
+        D = whitened(np.swapaxes(each, 1, 2).reshape(n, -1))  # the degrees in turn
         size = np.linalg.norm(D, axis=0)
         own = D - q @ (q.T @ D)
-        seen = np.linalg.norm(own[:, 0]) / size[0]
-        lost = float(np.sqrt(dof / (n - 1)) / seen) if seen > _SEEN else np.inf
-        hidden = max(hidden, (lost, what))
-        for degree in range(1, min(_DEGREE, dof - LEFT) + 1):
-            u, s, v = np.linalg.svd(
-                own[:, :degree] / size[:degree], full_matrices=False
-            )
-            u, s, v = u[:, s > _SEEN], s[s > _SEEN], v[s > _SEEN]
+        if width == 1:
+            seen = np.linalg.norm(own[:, 0]) / size[0]
+            lost = float(np.sqrt(dof / (n - 1)) / seen) if seen > _SEEN else np.inf
+            hidden = max(hidden, (lost, what))
+        for degree in range(1, min(_DEGREE, (dof - LEFT) // width) + 1):
+            count = degree * width
+            u, s, v = np.linalg.svd(own[:, :count] / size[:count], full_matrices=False)
+            u, s, v = u[:, s > _TOLD], s[s > _TOLD], v[s > _TOLD]
             along = u.T @ r
             rest = max(before - float(along @ along), before * np.finfo(float).eps)
-            drop = Drop(rest=rest, dof=dof - len(s), known=1.0 if known else None)
+            free = dof - len(s)
+            drop = Drop(rest=rest, dof=free, known=1.0 if known else None)
             chance = drop.chance(before, len(s)) if len(s) and before > 0.0 else 1.0
-            gamma = (v.T @ (along / s)) / size[:degree]
+            gamma = ((v.T @ (along / s)) / size[:count]).reshape(degree, width)
             tried += 1
-            if not chance >= best[0]:
-                span = float(np.ptp(basis[:, :degree] @ gamma))
-                best = (chance, what, span, before - rest)
+            if not (chance, rest / free) >= best[:2]:
+                span = float(np.ptp(basis[:, :degree] @ gamma, axis=0).max())
+                best = (chance, rest / free, what, span, before - rest)
     return Drift(
         p_value=min(1.0, tried * best[0]) if tried else np.nan,
-        what=best[1], span=best[2], drop=best[3], hidden=hidden[0], hides=hidden[1],
+        left=best[1], what=best[2], span=best[3], drop=best[4],
+        hidden=hidden[0], hides=hidden[1],
     )  # fmt: skip
+
+
+def of_a_triad(
+    normal: Float[Array, "n 3"], x: Float[Array, "n 3"]
+) -> dict[str, Float[Array, "n ..."]]:
+    """What may drift of a triad whose bias moves residuals by `normal`, a gain by x."""
+    columns = np.concatenate([normal, normal * x], axis=1).T
+    names = [f"the {what} of {axis}" for what in ("bias", "gain") for axis in "xyz"]
+    return {**dict(zip(names, columns, strict=True)), "the biases": normal}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -14,7 +14,9 @@ is :math:`y' = b + (1 + \kappa\tau) \circ (y - b - \beta\tau)`.
 first. Of those that may follow, the one that explains most is kept if chance gives as
 much in less than `FALSE_ALARM` over their number (the F test of `goodness_of_fit.Drop`,
 by the residuals' own scatter or by a noise that explains them), and so on. A sensor
-that does not depend on temperature is given a term with that chance at most.
+that does not depend on temperature is given a term with that chance at most. Where a
+drift in time, (W1) of `drift`, explains as much with as little chance, no term is added
+and that is said.
 
 **Error bars.** The covariance is that of all parameters, by the scatter that is left
 with as many degrees of freedom (Student's t). What is fitted afterwards to the
@@ -22,22 +24,26 @@ readings y' has, beside its own covariance C, that of the terms by its slope S t
 :math:`C + S C_b S^T`, the slopes by refits; for
 an efficient estimate of the rest at known terms is uncorrelated with their error. At a
 temperature beyond the rests' nothing bears out the polynomial, whatever its bars say.
-
-**Temperature and time.** What rises all the time is a drift as well: where the order of
-the rests' temperatures is that of their times, or nearly (Spearman's correlation beyond
-`MONOTONE`), the terms fit either, and that is said.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
 
 from simval.arrays import Array, ReadOnly
+from simval.imu.calibrate.drift import find_drift, of_a_triad
 from simval.imu.calibrate.equations import Accelerometer, Corrected, Problem
 from simval.imu.calibrate.gauss_newton import minimize
 from simval.imu.calibrate.goodness_of_fit import FALSE_ALARM, Drop
+from simval.imu.calibrate.rest_temperatures import (
+    LEAST_LEFT,
+    RestTemperatures,
+    Within,
+)
 from simval.imu.sensor import forms
 from simval.shapes import Float
 from simval.text import chance_words
@@ -46,16 +52,6 @@ Term = tuple[str, int]  # bias or scale, and the power of the temperature
 TERMS: Final[tuple[Term, ...]] = (
     ("bias", 1), ("scale", 1), ("bias", 2), ("scale", 2),
 )  # fmt: skip
-LEAST_SPAN: Final = 2.0  # K over the rests
-LEAST_STEPS: Final = 7.0
-"""Of the thermometer, over the rests: uniform errors of the regressor weaken a slope by
-2 % there (their variance over that of the temperatures)."""
-LEAST_LEFT: Final = 3  # degrees of freedom; two make a t of 4.3, and one of 12.7
-MONOTONE: Final = 0.95
-"""Of 12 rests in an order of chance one set in 500 000 has such a correlation."""
-FOLLOWS: Final = 0.9
-"""Share of their variance; three axes explain as much of 24 by chance in 4e-10."""
-_AROUND = 5  # rows of a running median
 EDGE: Final = 0.1
 """Of the span seen: so far beyond it a reading is corrected, and that is said."""
 _STEPS = 50
@@ -77,11 +73,10 @@ class _ThermalVector(Corrected):
         own, _ = Corrected.pull(self, a, rests)
         back = (a.reshape(len(a), -1, 3) @ self.matrix).reshape(a.shape)
         by_bias = back * self.stretch[:, rests, None]
-        by = {"bias": -by_bias, "scale": back * self.raw[:, rests, None]}
-        columns = [
-            by[what] * self.powers[rests, power - 1][:, None, None]
-            for what, power in self.terms
-        ]
+        columns = by_terms(
+            self.terms, -by_bias, back * self.raw[:, rests, None],
+            self.powers[rests, None],
+        )  # fmt: skip
         by_theta = np.concatenate([own[..., :6], -by_bias, *columns], axis=-1)
         return by_theta, by_bias * self.std[:, rests, None]
 
@@ -103,9 +98,8 @@ class ThermalTriad(Accelerometer):
     def corrected(self, theta: Float[Array, "t p"]) -> Corrected:
         """The vector of each rest over its length."""
         plain = Accelerometer.corrected(self, theta[:, :9])
-        parts = split(self.terms, theta[:, 9:].reshape(len(theta), -1, 3))
-        raw = plain.x - self.powers @ parts["bias"]
-        stretch = 1.0 + self.powers @ parts["scale"]
+        values = theta[:, 9:].reshape(len(theta), -1, 3)
+        raw, stretch = law(self.terms, values, self.powers, plain.x)
         x = stretch * raw
         return _ThermalVector(
             w=x @ np.swapaxes(plain.matrix, -1, -2), x=x, matrix=plain.matrix,
@@ -120,16 +114,29 @@ def names_of(terms: tuple[Term, ...]) -> tuple[str, ...]:
     return tuple(f"{what}_{a} per {power[j]}" for what, j in terms for a in "xyz")
 
 
-def split(
-    terms: tuple[Term, ...], values: Float[Array, "... k 3"]
-) -> dict[str, Float[Array, "... 2 3"]]:
-    """Coefficients of bias and scale by power, zero where there is no term."""
-    found = {
-        what: np.zeros((*values.shape[:-2], 2, 3)) for what in ("bias", "scale")
-    }  # fmt: skip
+def law(
+    terms: tuple[Term, ...],
+    values: Float[Array, "... k 3"],
+    powers: Float[Array, "n 2"],
+    x: Float[Array, "... n 3"],
+) -> tuple[Float[Array, "... n 3"], Float[Array, "... n 3"]]:
+    """The two factors of (TH1): x = y - b less its bias there, and that of the scale.
+
+    `values` are the coefficients of the terms, `powers` tau and its square.
+    """
+    shape = (*values.shape[:-2], 2, 3)
+    parts = {"bias": np.zeros(shape), "scale": np.zeros(shape)}
     for k, (what, power) in enumerate(terms):
-        found[what][..., power - 1, :] = values[..., k, :]
-    return found
+        parts[what][..., power - 1, :] = values[..., k, :]
+    return x - powers @ parts["bias"], 1.0 + powers @ parts["scale"]
+
+
+def by_terms(
+    terms: tuple[Term, ...], by_bias: Array, by_scale: Array, powers: Array
+) -> list[Array]:
+    """Derivatives by each term: those by bias or scale times its power of tau."""
+    by = {"bias": by_bias, "scale": by_scale}
+    return [by[what] * powers[..., power - 1, None] for what, power in terms]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -183,21 +190,13 @@ class Thermal(ReadOnly):
         self, readings: Float[Array, "n 3"], temperature: Float[Array, " n"]
     ) -> Float[Array, "n 3"]:
         """Readings as the sensor would give them at the reference temperature."""
-        parts, powers = split(self.terms, self.coefficients), self.powers(temperature)
-        away = readings - self.centre - powers @ parts["bias"]
-        return np.asarray(self.centre + (1.0 + powers @ parts["scale"]) * away)
+        away, stretch = self._factors(readings, self.powers(temperature))
+        return np.asarray(self.centre + stretch * away)
 
-    def slopes(
+    def _factors(
         self, readings: Float[Array, "n 3"], powers: Float[Array, "n 2"]
-    ) -> Float[Array, "n 3 k"]:
-        """Derivative of each compensated reading by the coefficients of its axis."""
-        parts = split(self.terms, self.coefficients)
-        by = {
-            "bias": -(1.0 + powers @ parts["scale"]),
-            "scale": readings - self.centre - powers @ parts["bias"],
-        }
-        each = [by[what] * powers[:, j - 1, None] for what, j in self.terms]
-        return np.stack(each, axis=-1)
+    ) -> tuple[Array, Array]:
+        return law(self.terms, self.coefficients, powers, readings - self.centre)
 
     def shifts(
         self, readings: Float[Array, "n 3"], powers: Float[Array, "n 2"]
@@ -210,7 +209,9 @@ class Thermal(ReadOnly):
         values, vectors = np.linalg.eigh(self.covariance)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         errors = root.T.reshape(-1, len(self.terms), 3)
-        return np.einsum("nak,cka->cna", self.slopes(readings, powers), errors)
+        away, stretch = self._factors(readings, powers)
+        slopes = np.stack(by_terms(self.terms, -stretch, away, powers), axis=-1)
+        return np.einsum("nak,cka->cna", slopes, errors)
 
     def outside(self, temperature: Float[Array, " n"]) -> tuple[int, float]:
         """Rows beyond the temperatures seen, and by how many kelvin at most."""
@@ -275,159 +276,26 @@ class Thermal(ReadOnly):
         return said
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RestTemperatures(ReadOnly):
-    """Temperature of each rest.
+class Fit(NamedTuple):
+    """Fit of a triad with terms."""
 
-    Attributes
-    ----------
-    mean : Array
-        Degrees Celsius, (m,).
-    change : Array
-        From the first to the last row, by a line, K, (m,).
-    spread : Array
-        Variance within each, K^2, (m,).
-    time : Array
-        Middle of each rest, s, (m,).
-    low, high : float
-        Of all their rows, degrees Celsius.
-    step : float
-        Least difference between two values of the thermometer, K.
-    by_force : float
-        Share of their variance that follows the mean readings, 0 to 1.
-    """
-
-    mean: Float[Array, " m"]
-    change: Float[Array, " m"]
-    spread: Float[Array, " m"]
-    time: Float[Array, " m"]
-    low: float
-    high: float
-    step: float = 0.0
-    by_force: float = 0.0
-
-    @classmethod
-    def of(
-        cls,
-        temperature: Float[Array, " n"],
-        time: Float[Array, " n"],
-        rests: Any,
-        poses: Float[Array, "m 3"] | None = None,
-    ) -> "RestTemperatures":
-        """From the rows and the rests among them, and the mean readings in these.
-
-        One or two wrong rows in a row (a bus that fails reads 85 or 0) are passed over.
-        """
-        rows = [
-            scipy.ndimage.median_filter(temperature[a:b], _AROUND) for a, b in rests
-        ]
-        change = []
-        for (a, b), own in zip(rests, rows, strict=True):
-            x = time[a:b] - time[a:b].mean()
-            square = float(x @ x)
-            slope = x @ (own - own.mean()) / square if square > 0.0 else 0.0
-            change.append(slope * np.ptp(time[a:b]))
-        return cls(
-            mean=np.array([own.mean() for own in rows]),
-            change=np.array(change),
-            spread=np.array([own.var() for own in rows]),
-            time=np.array([time[a:b].mean() for a, b in rests]),
-            low=float(min(own.min() for own in rows)),
-            high=float(max(own.max() for own in rows)),
-            step=float(np.diff(np.unique(np.concatenate(rows))).min(initial=np.inf)),
-            by_force=_share([own.mean() for own in rows], poses),
-        )
-
-    @property
-    def span(self) -> float:
-        """Greatest less least mean, K."""
-        return float(np.ptp(self.mean))
-
-    @property
-    def least_span(self) -> float:
-        """Least span from which an effect can be told, K."""
-        step = self.step if np.isfinite(self.step) else 0.0  # of one value
-        return max(LEAST_SPAN, LEAST_STEPS * step)
-
-    @property
-    def reference(self) -> float:
-        """Their mean, degrees Celsius."""
-        return float(self.mean.mean())
-
-    @property
-    def powers(self) -> Float[Array, "m 2"]:
-        """Means of tau and of its square over each rest."""
-        tau = self.mean - self.reference
-        return np.stack([tau, tau * tau + self.spread], axis=-1)
-
-    @property
-    def line(self) -> str:
-        """The range, and how much it changes within a rest."""
-        return (
-            f"rests from {self.mean.min():.2f} to {self.mean.max():.2f} degC, within a "
-            f"rest by {np.abs(self.change).max():.2g} K at most"
-        )
-
-    @property
-    def monotone(self) -> str:
-        """Say that it rises or falls with time, or nothing."""
-        if len(self.mean) < 3 or not self.span > 0.0:
-            return ""
-        ranks = [scipy.stats.rankdata(x) for x in (self.mean, self.time)]
-        found = float(np.corrcoef(*ranks)[0, 1])
-        if not abs(found) > MONOTONE:
-            return ""
-        return (
-            f"the temperature {'rises' if found > 0.0 else 'falls'} with time "
-            f"(rank correlation {found:.2f}), so that a drift in time looks the same "
-            "and cannot be told apart: cool down again in the same recording"
-        )
-
-    @property
-    def confounded(self) -> str:
-        """Say what else looks the same as an effect of temperature, or nothing."""
-        if self.monotone or self.by_force < FOLLOWS:
-            return self.monotone
-        return (
-            f"the temperature follows the direction of the force (R^2 "
-            f"{self.by_force:.2f}), so that bias and scale in it hide each other and "
-            "the parameters: take the poses in another order"
-        )
-
-    def refusal(self, left: int) -> str:
-        """Say why no term can be told with so many degrees of freedom, or nothing."""
-        if self.span < self.least_span:
-            return (
-                f"{self.least_span:g} K or more between rests are needed to tell an "
-                "effect"
-            )
-        if left - 3 < LEAST_LEFT:
-            return (
-                f"{len(self.mean)} rests leave {left} degree(s) of freedom, and three "
-                f"terms with {LEAST_LEFT} to spare need {3 + LEAST_LEFT}: add rests"
-            )
-        return ""
-
-
-def _share(mean: Any, poses: Float[Array, "m 3"] | None) -> float:
-    # of the variance of the temperatures, by a plane through the mean readings
-    away = np.asarray(mean) - np.mean(mean)
-    if poses is None or len(poses) < 8 or not away.any():
-        return 0.0
-    X = np.column_stack([np.ones(len(poses)), poses - poses.mean(axis=0)])
-    left = away - X @ np.linalg.lstsq(X, away, rcond=None)[0]
-    return float(1.0 - (left @ left) / (away @ away))
+    theta: Float[Array, " p"]  # the nine at the reference, then the coefficients
+    covariance: Float[Array, "p p"]  # by the noise as it stands
+    square: float
+    slopes: Float[Array, "n p"]  # of distances, in the unit of the noise
+    distances: Float[Array, " n"]  # in that
 
 
 class ThermalChoice(NamedTuple):
-    """Terms that the evidence bears, if any, and the fit with them."""
+    """What the readings owe to temperature, as far as the evidence bears it."""
 
-    thermal: Thermal | None
-    reason: str
-    theta: Float[Array, "9"]  # at the reference
-    covariance: Float[Array, "9 9"]
-    chi_square: float
-    slopes: Float[Array, "n k"]  # of the distance of each pose by the coefficients
+    rests: RestTemperatures | None = None  # None without a temperature
+    thermal: Thermal | None = None
+    reason: str = ""
+    tested: bool = True  # False where an effect may be left out
+    fit: Fit | None = None  # with the terms
+    shifts: Any = ()  # `Thermal.shifts` of the poses
+    within: Within | None = None
 
 
 def following(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:
@@ -443,13 +311,6 @@ def following(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:
     pairs = [pair for pair in (TERMS[:2], TERMS[2:]) if set(pair) <= set(free)]
     more = [*((term,) for term in free), *pairs]
     return [tuple(t for t in TERMS if t in (*terms, *each)) for each in more]
-
-
-def not_modelled(rests: RestTemperatures, why: str) -> str:
-    """Sentence that the temperature changed and nothing is made of it, if it did."""
-    if not rests.span > 0.0:
-        return ""
-    return f"temperature changed by {rests.span:.2f} K; not modelled because {why}"
 
 
 def choose_thermal(
@@ -486,33 +347,31 @@ def choose_thermal(
     ThermalChoice
         The terms, or why there are none.
     """
-    count = len(poses)
-    none = np.zeros((count, 0))
-    empty = ThermalChoice(None, "", start, np.full((9, 9), np.nan), np.nan, none)
-    why = rests.refusal(count - 9)
+    why = rests.refusal(len(poses) - 9)
     if why:
-        return empty._replace(reason=not_modelled(rests, why))
-    terms, last, chance = _selected(poses, rests, start, model, g, std, known)
+        return ThermalChoice(rests, reason=rests.not_modelled(why), tested=False)
+    fitted = partial(_fitted, poses, rests.powers, model, g, std)
+    terms, last, chance, untold = _selected(poses, rests, start, fitted, known)
     if last is None or not terms:
         what = f"no term passes the F test ({FALSE_ALARM:g} by chance allowed)"
-        what = what if last is not None else "a fit without terms does not converge"
-        return empty._replace(reason=not_modelled(rests, what))
-    dof = count - last.theta.size
-    scale = last.square / dof
+        reason = rests.not_modelled(untold or what)
+        return ThermalChoice(rests, reason=reason, tested=not untold)
+    dof = len(poses) - last.theta.size
     thermal = Thermal(
         reference=rests.reference, low=rests.low, high=rests.high, terms=terms,
         coefficients=last.theta[9:].reshape(-1, 3),
-        covariance=scale * last.covariance[9:, 9:], centre=last.theta[6:9], dof=dof,
+        covariance=last.square / dof * last.covariance[9:, 9:],
+        centre=last.theta[6:9], dof=dof,
     )  # fmt: skip
     kept = ", ".join(f"{what} {'linear' if j == 1 else 'square'}" for what, j in terms)
     reason = (
         f"terms in temperature: {kept}; without an effect the chance of the last is "
         f"{chance_words(chance, 2)} ({FALSE_ALARM:g} allowed)"
+        f"{untold and f'; no more, as {untold}'}"
     )
     return ThermalChoice(
-        thermal=thermal, reason=reason, theta=last.theta[:9],
-        covariance=scale * last.covariance[:9, :9], chi_square=last.square,
-        slopes=last.slopes[:, 9:],
+        rests, thermal, reason, tested=not untold, fit=last,
+        shifts=thermal.shifts(poses, rests.powers),
     )  # fmt: skip
 
 
@@ -520,33 +379,57 @@ def _selected(
     poses: Float[Array, "n 3"],
     rests: RestTemperatures,
     start: Float[Array, "9"],
-    model: str,
-    g: float,
-    std: Float[Array, " n"],
+    fitted: Callable[..., Fit | None],
     known: bool,
-) -> tuple[tuple[Term, ...], "_Fit | None", float]:
-    # the terms that the F tests add, the fit with them, and the chance of the last
+) -> tuple[tuple[Term, ...], Fit | None, float, str]:
+    # the terms that the F tests add, the fit with them, the chance of the last, and
+    # why there may be more
     terms: tuple[Term, ...] = ()
-    last, said = _fitted(poses, rests, start, model, g, std, terms), 1.0
+    last, chance, untold = fitted(start, terms), 1.0, ""
     while last is not None:
-        tried: list[tuple[float, tuple[Term, ...], _Fit]] = []
+        tried: list[tuple[float, tuple[Term, ...], Fit]] = []
         for wider in following(terms):
             more = 3 * (len(wider) - len(terms))
             free = len(poses) - last.theta.size - more
             if free < LEAST_LEFT:
                 continue
-            begin = _widened(last.theta, terms, wider)
-            found = _fitted(poses, rests, begin, model, g, std, wider)
+            found = fitted(_widened(last.theta, terms, wider), wider)
             if found is not None:
                 drop = Drop(rest=found.square, dof=free, known=1.0 if known else None)
                 tried.append((drop.chance(last.square, more), wider, found))
-        if not tried:
-            break
-        chance, wider, best = min(tried, key=lambda each: each[0])
-        if not chance < FALSE_ALARM / len(tried):
-            break
-        terms, last, said = wider, best, chance * len(tried)
-    return terms, last, said
+        none = (1.0, terms, last)
+        least, wider, best = min(tried, key=lambda each: each[0], default=none)
+        if not (tried and least < FALSE_ALARM / len(tried)):
+            return terms, last, chance, ""
+        if not rests.monotone:  # of which either is said to fit
+            untold = _by_time(poses, rests, last, best, least * len(tried), known)
+        if untold:
+            return terms, last, chance, untold
+        terms, last, chance = wider, best, least * len(tried)
+    return terms, last, chance, "a fit without terms does not converge"
+
+
+def _by_time(
+    poses: Float[Array, "n 3"],
+    rests: RestTemperatures,
+    last: Fit,
+    best: Fit,
+    chance: float,
+    known: bool,
+) -> str:
+    # say that a drift explains as much as the best of further terms, or nothing
+    normal, x = last.slopes[:, 6:9], poses - last.theta[6:9]
+    drift = find_drift(
+        last.distances, last.slopes, of_a_triad(normal, x), rests.time, known=known
+    )
+    left = best.square / (len(poses) - best.theta.size)
+    if not (drift.p_value, drift.left) <= (chance, left):  # NaN: too few poses to tell
+        return ""
+    by_time, by_warmth = (chance_words(p, 2) for p in (drift.p_value, chance))
+    return (
+        f"a drift of {drift.what} in time explains it as well (chance {by_time}, and "
+        f"{by_warmth} of temperature)"
+    )
 
 
 def _widened(
@@ -555,13 +438,6 @@ def _widened(
     # parameters with further terms of zero
     own = dict(zip(terms, theta[9:].reshape(-1, 3), strict=True))
     return np.concatenate([theta[:9], *(own.get(t, np.zeros(3)) for t in wider)])
-
-
-class _Fit(NamedTuple):
-    theta: Float[Array, " p"]
-    covariance: Float[Array, "p p"]  # by the noise as it stands
-    square: float
-    slopes: Float[Array, "n p"]  # of distances, in the unit of the noise
 
 
 def thermal_problem(
@@ -575,31 +451,24 @@ def thermal_problem(
     """The equations of one triad with terms; without any those of `Accelerometer`."""
     floor = _FLOOR * float(np.abs(poses).max())
     noise = np.broadcast_to(np.maximum(std, floor)[:, None], poses.shape)
-    return Problem(
-        sensors=(
-            ThermalTriad(
-                readings=poses, std=noise, model=model, g=g, terms=terms, powers=powers
-            ),
-        )
+    triad = ThermalTriad(
+        readings=poses, std=noise, model=model, g=g, terms=terms, powers=powers
     )
+    return Problem(sensors=(triad,))
 
 
 def _fitted(
-    poses: Float[Array, "n 3"],
-    rests: RestTemperatures,
-    start: Float[Array, " p"],
-    model: str,
-    g: float,
-    std: Float[Array, " n"],
-    terms: tuple[Term, ...],
-) -> _Fit | None:
+    poses: Float[Array, "n 3"], powers: Float[Array, "n 2"], model: str, g: float,
+    std: Float[Array, " n"], start: Float[Array, " p"], terms: tuple[Term, ...],
+) -> Fit | None:  # fmt: skip
     # None where the terms cannot be told from the parameters
-    problem = thermal_problem(poses[None], rests.powers, model, g, std, terms)
+    problem = thermal_problem(poses[None], powers, model, g, std, terms)
     found = minimize(problem, start[None], _STEPS)
-    covariance, pivot = found.here.covariance()
+    here = found.here
+    covariance, pivot = here.covariance()
     if not (found.converged[0] and pivot[0] > 1e-10):  # of rounding: 1e-13
         return None
-    return _Fit(
-        found.theta[0], covariance[0], float(found.here.chi_square[0]),
-        found.here.slopes[0],
+    return Fit(
+        found.theta[0], covariance[0], float(here.chi_square[0]), here.slopes[0],
+        here.rows[0],
     )  # fmt: skip

@@ -37,13 +37,8 @@ from simval.imu.calibrate.diagnosis import Diagnosis, diagnose
 from simval.imu.calibrate.evidence import FEW
 from simval.imu.calibrate.factors import of_both, widened
 from simval.imu.calibrate.gyroscope.imu import joined
-from simval.imu.calibrate.thermal import (
-    RestTemperatures,
-    Thermal,
-    ThermalChoice,
-    choose_thermal,
-    not_modelled,
-)
+from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
+from simval.imu.calibrate.thermal import Fit, Thermal, ThermalChoice, choose_thermal
 from simval.imu.logs import Log
 from simval.imu.multiposition.description import log_lines, sensor_lines
 from simval.imu.multiposition.faults import explained, for_a_log, require_sound
@@ -94,15 +89,8 @@ class LogCalibration:
         asked, or the readings show no noise.
     next_direction : Array
         Direction of a further pose that would help most, sensor axes, (3,).
-    temperatures : RestTemperatures or None
-        Of the rests, where the log has a temperature.
-    thermal : Thermal or None
-        What depends on it; `fit` is at its reference.
-    thermal_reason : str
-        Why it was chosen, or why nothing was.
-    thermal_shifts : Array
-        What independent errors of its coefficients, of one standard deviation each, do
-        to the poses, raw units, (c, m, 3).
+    warm : ThermalChoice
+        What the accelerometer owes to temperature; `fit` is at the reference.
     """
 
     fit: FitResult
@@ -117,10 +105,7 @@ class LogCalibration:
     turns: bool
     predicted: Any
     next_direction: Float[Array, "3"]
-    temperatures: RestTemperatures | None = None
-    thermal: Thermal | None = None
-    thermal_reason: str = ""
-    thermal_shifts: Any = ()
+    warm: ThermalChoice
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "next_direction", frozen(self.next_direction))
@@ -205,17 +190,18 @@ def calibrate_log(
             raise refusal
         std = None if np.any(pose.std == 0.0) else pose.std
         white = None if np.any(pose.white == 0.0) else pose.white
-        temperatures, chosen = _rest_terms(log, intervals, poses, fit, std, loss)
-        shifts: Any = ()
-        if chosen.thermal is not None:
-            shifts = chosen.thermal.shifts(poses, temperatures.powers)
-            log = at_reference(log, accelerometer=chosen.thermal)
+        warm, further = _rest_terms(log, intervals, poses, fit, std, loss), None
+        if warm.fit is not None:
+            log = at_reference(log, accelerometer=warm.thermal)
             poses = interval_means(log.accelerometer, intervals)
             fit = calibrate(poses, g, model, method=method, full_scale=full_scale)
-            fit = _with_terms(fit, chosen, std)
-        further = None
-        if chosen.thermal is not None:
-            further = chosen.slopes * (1.0 if std is None else std[:, None])
+            fit = _with_terms(fit, warm.fit, std)
+            further = warm.fit.slopes[:, 9:] * (1.0 if std is None else std[:, None])
+        if warm.rests is not None:
+            within = within_rests(
+                log.accelerometer, log.time, intervals, warm.rests, warm.thermal
+            )
+            warm = warm._replace(within=within)
         alone = diagnose(fit, poses, white, further=further)
         sensor, middle = fit.sensor(), log.time[intervals.sum(axis=1) // 2]
         forces, initial = sensor.correct(poses), rests.initial
@@ -234,10 +220,7 @@ def calibrate_log(
             if std is None or predict is None
             else predict(sensor, forces, fit.g, std, fit.residual, form=fit.model),
             next_direction=observability(forces).next_direction,
-            temperatures=temperatures,
-            thermal=chosen.thermal,
-            thermal_reason=chosen.reason,
-            thermal_shifts=shifts,
+            warm=warm,
         )
     except RefusedError as error:
         raise explained(log, g, rest, error) from error
@@ -265,33 +248,28 @@ def _rest_terms(
     fit: FitResult,
     std: Float[Array, " m"] | None,
     loss: str = "linear",
-) -> tuple[Any, ThermalChoice]:
+) -> ThermalChoice:
     # the temperature of each rest, and what the readings owe to it
-    nothing = ThermalChoice(
-        None, "", fit.parameters, fit.covariance, np.nan, np.zeros((len(poses), 0))
-    )
     if log.temperature is None:
-        return None, nothing
-    temperatures = RestTemperatures.of(log.temperature, log.time, rests, poses)
+        return ThermalChoice()
+    rested = RestTemperatures.of(log.temperature, log.time, rests, poses)
     if loss != "linear":
         why = f"the loss is {loss}: the F test needs a linear one"
-        return temperatures, nothing._replace(reason=not_modelled(temperatures, why))
-    return temperatures, choose_thermal(
-        poses, temperatures, start=fit.parameters, model=fit.model, g=fit.g,
+        return ThermalChoice(rested, reason=rested.not_modelled(why), tested=False)
+    return choose_thermal(
+        poses, rested, start=fit.parameters, model=fit.model, g=fit.g,
         std=np.ones(len(poses)) if std is None else std, known=std is not None,
     )  # fmt: skip
 
 
-def _with_terms(
-    fit: FitResult, chosen: ThermalChoice, std: Float[Array, " m"] | None
-) -> FitResult:
+def _with_terms(fit: FitResult, warm: Fit, std: Float[Array, " m"] | None) -> FitResult:
     # the fit of the readings at the reference, with what the terms cost it
-    assert chosen.thermal is not None
-    dof = chosen.thermal.dof
-    chi2: Any = np.float64(np.nan if std is None else chosen.chi_square / dof)
+    dof = len(warm.distances) - warm.theta.size
+    scale = warm.square / dof
+    chi2: Any = np.float64(np.nan if std is None else scale)
     return replace(
-        fit, parameters=chosen.theta, covariance=chosen.covariance, residual="weighted",
-        covariance_kind="type A", dof=dof,
+        fit, parameters=warm.theta[:9], covariance=scale * warm.covariance[:9, :9],
+        residual="weighted", covariance_kind="type A", dof=dof,
         chi2_per_dof=chi2,
     )  # fmt: skip
 
@@ -402,7 +380,7 @@ def calibrate_sensors(
     )
     fits: dict[str, Any] = {}
     left_out: dict[str, str] = {}
-    log = at_reference(log, accelerometer=result.thermal)
+    log = at_reference(log, accelerometer=result.warm.thermal)
     for name, samples, calibrated in kinds:
         if asked is not None and name not in asked:
             continue
@@ -423,16 +401,15 @@ def calibrate_sensors(
                 raise
             left_out[name] = for_a_log(str(error))
     imu: ImuFit | None = fits.get("gyroscope")
-    compass, compass_noise, warm, moved = fits.get(
-        "magnetometer", (None, None, None, ())
+    compass, compass_noise, warm = fits.get(
+        "magnetometer", (None, None, ThermalChoice())
     )
-    log = at_reference(log, magnetometer=None if warm is None else warm.thermal)
+    log = at_reference(log, magnetometer=warm.thermal)
     thermal = {
-        "accelerometer": result.thermal,
+        "accelerometer": result.warm.thermal,
         "gyroscope": None if imu is None else imu.thermal,
-        "magnetometer": None if warm is None else warm.thermal,
+        "magnetometer": warm.thermal,
     }
-    said = [result.thermal_reason, *([] if warm is None else [warm.reason])]
     zero = np.zeros((3, 3))
     whole = ImuCalibration(
         log=result,
@@ -446,11 +423,11 @@ def calibrate_sensors(
         reasons=() if imu is None else (*imu.reasons, *imu.gyroscope.noise.sentences),
         left_out=left_out,
         thermal={name: own for name, own in thermal.items() if own is not None},
-        thermal_reasons=tuple(each for each in said if each),
+        thermal_reasons=tuple(x for x in (result.warm.reason, warm.reason) if x),
     )
     if imu is None or compass is None:
         return whole
-    return _together(log, whole, imu, of_both(result.thermal_shifts, moved))
+    return _together(log, whole, imu, of_both(result.warm.shifts, warm.shifts))
 
 
 def _gyroscope(
@@ -472,7 +449,7 @@ def _gyroscope(
             temperature=log.temperature,
         )  # fmt: skip
         require_one_unit(log, "gyroscope", fit.gyroscope.require_converged().M)
-        if not len(result.thermal_shifts):
+        if not len(result.warm.shifts):
             return fit
         read = fit.reduced
 
@@ -485,7 +462,7 @@ def _gyroscope(
             )  # fmt: skip
             return np.concatenate([found.accelerometer, found.parameters])
 
-        P = widened(fit.gyroscope.covariance, refitted, result.thermal_shifts)
+        P = widened(fit.gyroscope.covariance, refitted, result.warm.shifts)
         return replace(
             fit,
             accelerometer=replace(fit.accelerometer, covariance=P[:9, :9]),
@@ -512,20 +489,18 @@ def _magnetometer(
     hemisphere: str,
     field: float,
     file: NoiseFile | None,
-) -> tuple[MagnetometerFit, PoseNoise, ThermalChoice | None, Any]:
+) -> tuple[MagnetometerFit, PoseNoise, ThermalChoice]:
     # together with the accelerometer, on its axes; its terms in temperature by the
     # strength of the field alone, which is as constant as gravity
-    rests, warm = result.intervals, None
-    shifts: Any = ()
+    rests, warm = result.intervals, ThermalChoice()
     noise = pose_noise(log, rests, sensor="magnetometer", file=file)
     fields = interval_means(samples, rests)
     if log.temperature is not None:
         std = None if np.any(noise.std == 0.0) else noise.std
         alone = calibrate(fields, field, result.fit.model)
-        temperatures, warm = _rest_terms(log, rests, fields, alone, std)
+        warm = _rest_terms(log, rests, fields, alone, std)
         warm = warm._replace(reason=warm.reason and f"magnetometer: {warm.reason}")
         if warm.thermal is not None:
-            shifts = warm.thermal.shifts(fields, temperatures.powers)
             samples = warm.thermal.compensated(samples, log.temperature)
             fields = interval_means(samples, rests)
     poses = interval_means(log.accelerometer, rests)
@@ -540,10 +515,9 @@ def _magnetometer(
     P = widened(
         fit.covariance,
         lambda shift: fitted(poses + shift[0], fields + shift[1]).parameters,
-        of_both(result.thermal_shifts, shifts),
+        of_both(result.warm.shifts, warm.shifts),
     )
-    fit = replace(fit, covariance=P)
-    return fit, noise, warm, shifts
+    return replace(fit, covariance=P), noise, warm
 
 
 def _together(

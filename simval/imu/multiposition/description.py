@@ -38,7 +38,8 @@ from simval.imu.calibrate.goodness_of_fit import (
 from simval.imu.calibrate.gyroscope.imu import variance_within
 from simval.imu.calibrate.magnetometer.findings import FALSE_ALARM as ONE_POSE
 from simval.imu.calibrate.magnetometer.result import OWN_NAMES
-from simval.imu.calibrate.thermal import LEAST_SPAN, Thermal
+from simval.imu.calibrate.rest_temperatures import LEAST_SPAN, Within
+from simval.imu.calibrate.thermal import Thermal
 from simval.imu.logs import Log
 from simval.imu.statics import Intervals
 from simval.shapes import Float
@@ -87,8 +88,8 @@ def judgements(whole: Any) -> tuple[Judgement, ...]:
         _scatter(whole.log),
         _drift("accelerometer", whole.log.diagnosis.drift),
     ]
-    if whole.log.temperatures is not None:
-        found.append(_temperature(whole))
+    if whole.log.warm.rests is not None:
+        found += [_temperature(whole), _within(whole.log.warm.within)]
     gyroscope, compass = whole.gyroscope, whole.magnetometer
     if gyroscope is not None:
         judged = gyroscope.noise.sources
@@ -160,13 +161,10 @@ def _drift(name: str, found: Drift) -> Judgement:
 
 def _temperature(whole: Any) -> Judgement:
     # whether its effect is in the bars: tested, and not the same as a drift in time
-    log = whole.log
-    seen, words = log.temperatures, "the temperature has no effect that is left out"
-    untold = ""
-    if whole.thermal:
-        untold = seen.confounded
-    elif log.fit.loss != "linear" or seen.refusal(log.fit.dof):
-        untold = log.thermal_reason if seen.span >= LEAST_SPAN else ""
+    warm, words = whole.log.warm, "the temperature has no effect that is left out"
+    untold = warm.rests.confounded if whole.thermal else ""
+    if not warm.tested and warm.rests.span >= LEAST_SPAN:
+        untold = untold or warm.reason
     return Judgement(
         about="temperature of the rests",
         holds=None if untold else True,
@@ -174,6 +172,13 @@ def _temperature(whole: Any) -> Judgement:
         level=FALSE_ALARM,
         words=untold or words,
     )
+
+
+def _within(found: Within) -> Judgement:
+    about = "drift within the rests"
+    told = _by_chance(about, found.chance, DRIFT_FALSE_ALARM, found.words)
+    # none is judged where the temperature hardly changes within a rest
+    return told if np.isfinite(found.chance) else replace(told, holds=True)
 
 
 def _joint(noise: NoiseFactors) -> Judgement:
@@ -245,7 +250,7 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
         "",
         *([f"accelerometer     {joint}"] if joint else []),
         *parameter_lines(fit, bound_sd(result)),
-        *_term_lines(result.thermal, fit.g / fit.raw_per_g, "m/s^2"),
+        *_term_lines(result.warm.thermal, fit.g / fit.raw_per_g, "m/s^2"),
         "",
         *matrix_lines(fit),
         "",
@@ -279,12 +284,16 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
 
 def temperature_lines(result: Any, thermal: Any) -> list[str]:
     """Say the range over the rests, what was made of it, and if time looks the same."""
-    seen = result.temperatures
-    if seen is None:
+    warm = result.warm
+    if warm.rests is None:
         return []
-    confounded = seen.confounded if thermal or result.thermal is not None else ""
-    more = [each for each in (result.thermal_reason, confounded) if each]
-    return [f"temperature       {seen.line}", *(f"{'':18s}{each}" for each in more)]
+    more = [
+        warm.reason,
+        warm.rests.confounded if thermal or warm.thermal is not None else "",
+        warm.within.words if warm.within.chance < DRIFT_FALSE_ALARM else "",
+    ]
+    said = [f"{'':18s}{each}" for each in more if each]
+    return [f"temperature       {warm.rests.line}", *said]
 
 
 def _term_lines(
@@ -384,7 +393,7 @@ def as_object(whole: Any) -> dict[str, Any]:
 def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
     """The sensors after the accelerometer, and the conditions of all error bars."""
     values: dict[str, Any] = {"left_out": dict(whole.left_out)}
-    seen = whole.log.temperatures
+    seen = whole.log.warm.rests
     if seen is not None:
         values["temperature"] = {
             "rests_degC": seen.mean.tolist(),

@@ -24,12 +24,8 @@ import scipy
 
 from simval.arrays import Array, ReadOnly, physical_array
 from simval.imu.calibrate.gyroscope.noise import walk_covariance
-from simval.imu.calibrate.thermal import (
-    LEAST_LEFT,
-    RestTemperatures,
-    Thermal,
-    not_modelled,
-)
+from simval.imu.calibrate.rest_temperatures import LEAST_LEFT, RestTemperatures
+from simval.imu.calibrate.thermal import Thermal
 from simval.shapes import Float
 from simval.text import chance_words
 
@@ -226,8 +222,8 @@ def bias_terms(
         need = (
             f"{seen.least_span:g} K between rests and {5 + LEAST_LEFT} rests are needed"
         )
-        said = f"gyroscope: {not_modelled(seen, need)}" if seen.span > 0.0 else ""
-        return none._replace(reason=said)
+        said = seen.not_modelled(need)
+        return none._replace(reason=said and f"gyroscope: {said}")
     g, size = np.linalg.norm(force, axis=1).mean(), np.abs(seen.powers).max(axis=0)
     steady = np.column_stack([np.ones(n), force / g])
     kept, fit, chance = 0, None, 1.0
@@ -241,7 +237,7 @@ def bias_terms(
         kept, fit, chance = degree, tried, tried.chance
     if fit is None:
         why = f"no term passes the F test ({CHANCE:g} by chance allowed)"
-        return none._replace(reason=f"gyroscope: {not_modelled(seen, why)}")
+        return none._replace(reason=f"gyroscope: {seen.not_modelled(why)}")
     own, unit = np.r_[0, 4 : 4 + kept], np.r_[1.0, size[:kept]]
     shape = fit.inverse[np.ix_(own, own)] / np.outer(unit, unit)
     covariance = np.einsum("jk,ab->jakb", shape[1:, 1:], np.diag(fit.variance))

@@ -1,0 +1,253 @@
+r"""Temperature of the rests: its range, what it goes with, and its change within them.
+
+**Temperature and time.** What rises all the time is a drift as well: where the order of
+the rests' temperatures is that of their times, or nearly (Spearman's correlation beyond
+`MONOTONE`), terms fit either, and that is said.
+
+**Within a rest** the force is constant. The slope u of its readings, corrected by the
+terms between the rests, against the time is
+
+.. math:: u_i = \beta\,\dot T_i + \rho + e_i, \tag{TH3}
+
+zero but for the noise e. A sensor that heats itself, a thermometer that lags, a drift
+in time, or an effect that no term has taken leave :math:`\beta` or :math:`\rho`
+alike in all rests. Both of three axes are judged together by the F test, the noise by
+the slopes' own scatter, beside the covariance of the terms.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import scipy
+
+from simval.arrays import Array, ReadOnly
+from simval.imu.calibrate.drift import DRIFT_FALSE_ALARM
+from simval.shapes import Float
+from simval.text import chance_words
+
+LEAST_SPAN: Final = 2.0  # K over the rests
+LEAST_STEPS: Final = 7.0
+"""Of the thermometer, over the rests: uniform errors of the regressor weaken a slope by
+2 % there (their variance over that of the temperatures)."""
+LEAST_LEFT: Final = 3  # degrees of freedom; two make a t of 4.3, and one of 12.7
+MONOTONE: Final = 0.95
+"""Of 12 rests in an order of chance one set in 500 000 has such a correlation."""
+FOLLOWS: Final = 0.9
+"""Share of their variance; three axes explain as much of 24 by chance in 4e-10."""
+_ALIKE = 1e3  # condition of rates of temperature beside a constant
+_AROUND = 5  # rows of a running median
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RestTemperatures(ReadOnly):
+    """Temperature of each rest.
+
+    Attributes
+    ----------
+    mean : Array
+        Degrees Celsius, (m,).
+    change : Array
+        From the first to the last row, by a line, K, (m,).
+    spread : Array
+        Variance within each, K^2, (m,).
+    time : Array
+        Middle of each rest, s, (m,).
+    low, high : float
+        Of all their rows, degrees Celsius.
+    step : float
+        Least difference between two values of the thermometer, K.
+    by_force : float
+        Share of their variance that follows the mean readings, 0 to 1.
+    """
+
+    mean: Float[Array, " m"]
+    change: Float[Array, " m"]
+    spread: Float[Array, " m"]
+    time: Float[Array, " m"]
+    low: float
+    high: float
+    step: float = 0.0
+    by_force: float = 0.0
+
+    @classmethod
+    def of(
+        cls,
+        temperature: Float[Array, " n"],
+        time: Float[Array, " n"],
+        rests: Any,
+        poses: Float[Array, "m 3"] | None = None,
+    ) -> "RestTemperatures":
+        """From the rows and the rests among them, and the mean readings in these.
+
+        One or two wrong rows in a row (a bus that fails reads 85 or 0) are passed over.
+        """
+        rows = [
+            scipy.ndimage.median_filter(temperature[a:b], _AROUND) for a, b in rests
+        ]
+        lines = [_line(own, time[a:b]) for own, (a, b) in zip(rows, rests, strict=True)]
+        seconds = np.array([np.ptp(time[a:b]) for a, b in rests])
+        return cls(
+            mean=np.array([own.mean() for own in rows]),
+            change=np.array([slope for slope, _ in lines]) * seconds,
+            spread=np.array([own.var() for own in rows]),
+            time=np.array([time[a:b].mean() for a, b in rests]),
+            low=float(min(own.min() for own in rows)),
+            high=float(max(own.max() for own in rows)),
+            step=float(np.diff(np.unique(np.concatenate(rows))).min(initial=np.inf)),
+            by_force=_share([own.mean() for own in rows], poses),
+        )
+
+    @property
+    def span(self) -> float:
+        """Greatest less least mean, K."""
+        return float(np.ptp(self.mean))
+
+    @property
+    def least_span(self) -> float:
+        """Least span from which an effect can be told, K."""
+        step = self.step if np.isfinite(self.step) else 0.0  # of one value
+        return max(LEAST_SPAN, LEAST_STEPS * step)
+
+    @property
+    def reference(self) -> float:
+        """Their mean, degrees Celsius."""
+        return float(self.mean.mean())
+
+    @property
+    def powers(self) -> Float[Array, "m 2"]:
+        """Means of tau and of its square over each rest."""
+        tau = self.mean - self.reference
+        return np.stack([tau, tau * tau + self.spread], axis=-1)
+
+    @property
+    def line(self) -> str:
+        """The range, and how much it changes within a rest."""
+        return (
+            f"rests from {self.mean.min():.2f} to {self.mean.max():.2f} degC, within a "
+            f"rest by {np.abs(self.change).max():.2g} K at most"
+        )
+
+    @property
+    def monotone(self) -> str:
+        """Say that it rises or falls with time, or nothing."""
+        if len(self.mean) < 3 or not self.span > 0.0:
+            return ""
+        ranks = [scipy.stats.rankdata(x) for x in (self.mean, self.time)]
+        found = float(np.corrcoef(*ranks)[0, 1])
+        if not abs(found) > MONOTONE:
+            return ""
+        return (
+            f"the temperature {'rises' if found > 0.0 else 'falls'} with time "
+            f"(rank correlation {found:.2f}), so that a drift in time looks the same "
+            "and cannot be told apart: cool down again in the same recording"
+        )
+
+    @property
+    def confounded(self) -> str:
+        """Say what else looks the same as an effect of temperature, or nothing."""
+        if self.monotone or self.by_force < FOLLOWS:
+            return self.monotone
+        return (
+            f"the temperature follows the direction of the force (R^2 "
+            f"{self.by_force:.2f}), so that bias and scale in it hide each other and "
+            "the parameters: take the poses in another order"
+        )
+
+    def not_modelled(self, why: str) -> str:
+        """Say that it changed and nothing is made of it, if it did."""
+        if not self.span > 0.0:
+            return ""
+        return f"temperature changed by {self.span:.2f} K; not modelled because {why}"
+
+    def refusal(self, left: int) -> str:
+        """Say why no term can be told with so many degrees of freedom, or nothing."""
+        if self.span < self.least_span:
+            return (
+                f"{self.least_span:g} K or more between rests are needed to tell an "
+                "effect"
+            )
+        if left - 3 < LEAST_LEFT:
+            return (
+                f"{len(self.mean)} rests leave {left} degree(s) of freedom, and three "
+                f"terms with {LEAST_LEFT} to spare need {3 + LEAST_LEFT}: add rests"
+            )
+        return ""
+
+
+def _share(mean: Any, poses: Float[Array, "m 3"] | None) -> float:
+    # of the variance of the temperatures, by a plane through the mean readings
+    away = np.asarray(mean) - np.mean(mean)
+    if poses is None or len(poses) < 8 or not away.any():
+        return 0.0
+    X = np.column_stack([np.ones(len(poses)), poses - poses.mean(axis=0)])
+    left = away - X @ np.linalg.lstsq(X, away, rcond=None)[0]
+    return float(1.0 - (left @ left) / (away @ away))
+
+
+def _line(values: Array, time: Float[Array, " n"]) -> tuple[Any, float]:
+    # slope against the time, and the squares of this that it is known by
+    x = time - time.mean()
+    square = float(x @ x)
+    slope = x @ (values - values.mean(axis=0)) / square if square > 0.0 else 0.0
+    return slope, square
+
+
+class Within(NamedTuple):
+    """What readings do within the rests beside their terms in temperature, (TH3)."""
+
+    chance: float  # of as much without an effect; NaN where the rests do not tell
+    by_kelvin: Float[Array, "3"]  # raw units
+    by_second: Float[Array, "3"]
+
+    @property
+    def words(self) -> str:
+        """What is seen, and what it may be."""
+        if not self.chance < DRIFT_FALSE_ALARM:
+            return "within rests the readings show no more of temperature or time"
+        kelvin, hour = np.abs(self.by_kelvin).max(), 3600 * np.abs(self.by_second).max()
+        return (
+            f"within rests the readings change by {kelvin:.2g} raw units a kelvin and "
+            f"{hour:.2g} an hour that no term explains (chance "
+            f"{chance_words(self.chance)}): an effect too small between the rests, a "
+            "sensor that heats itself, a thermometer that lags, or a drift in time"
+        )
+
+
+def within_rests(
+    rows: Float[Array, "n 3"],
+    time: Float[Array, " n"],
+    rests: Any,
+    seen: RestTemperatures,
+    thermal: Any = None,
+) -> Within:
+    """Judge the slopes of corrected readings within the rests, (TH3).
+
+    `thermal` are the terms that corrected them, if any. A temperature that moves in
+    steps must pass `LEAST_STEPS` of them in a rest (root mean square) to tell.
+    """
+    none = Within(np.nan, np.zeros(3), np.zeros(3))
+    step = seen.step if np.isfinite(seen.step) else 0.0
+    if not np.sqrt(np.mean(seen.change**2)) > LEAST_STEPS * step:
+        return none
+    lines = [_line(rows[a:b], time[a:b]) for a, b in rests]
+    root = np.sqrt([[square] for _, square in lines])
+    rate = seen.change / [np.ptp(time[a:b]) for a, b in rests]
+    X = np.stack([rate, np.ones(len(rate))], axis=-1)
+    dof = len(X) - 2
+    if dof < LEAST_LEFT or np.linalg.cond(X / np.abs(X).max(axis=0)) > _ALIKE:
+        return none
+    u = np.array([slope for slope, _ in lines]) * root
+    inverse = np.linalg.pinv(X * root)
+    found = inverse @ u
+    scatter = ((u - X * root @ found) ** 2).sum(axis=0) / dof
+    V = np.multiply.outer(scatter, inverse @ inverse.T)
+    if thermal is not None:
+        means = np.array([rows[a:b].mean(axis=0) for a, b in rests])
+        by_time = np.stack([rate, 2.0 * (seen.mean - seen.reference) * rate], axis=-1)
+        moved = inverse @ (root * thermal.shifts(means, by_time))
+        V = V + np.einsum("cpa,cqa->apq", moved, moved)
+    if not np.all(scatter > 0.0):
+        return none
+    square = np.einsum("pa,apq,qa->", found, np.linalg.inv(V), found)
+    return Within(float(scipy.special.fdtrc(6, 3 * dof, square / 6.0)), *found)
