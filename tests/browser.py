@@ -7,7 +7,6 @@ import select
 import shutil
 import signal
 import time
-from base64 import b64decode
 from contextlib import contextmanager
 
 FLAGS = (
@@ -157,13 +156,6 @@ class Browser:
             if event.get("method") == "Log.entryAdded":
                 found.append(parameters["entry"]["text"])
         return found
-
-    def screenshot(self, path, *, whole=False):
-        """Write a picture of the page."""
-        answer = self.call(
-            "Page.captureScreenshot", format="png", captureBeyondViewport=whole
-        )
-        path.write_bytes(b64decode(answer["data"]))
 
 
 @contextmanager

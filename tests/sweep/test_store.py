@@ -93,20 +93,12 @@ def test_damage_is_refused_or_changes_nothing(tiny_run, tmp_path, capsys, count)
             "cell attitude.* is not what the sweep stored",
         ),
         ("DELETE FROM rows WHERE cell = 2 AND ordinal = 5", "cell attitude"),
-        (
-            "UPDATE cells SET parameters = replace(parameters, '0.02', '0.03')",
-            "its digest|cell .* is not what",
-        ),
-        ("UPDATE cells SET status = 'done', error = 'x'", "cell .* is not what"),
         ("DELETE FROM cells WHERE position = 3", "its cells are not those"),
-        ("DELETE FROM rows", "is not what the sweep stored"),
         ("UPDATE rows SET cell = 99 WHERE cell = 1", "cell .* is not what"),
         ("UPDATE meta SET value = replace(value, 'tiny', 'tony')", "what it says"),
         ("DELETE FROM meta WHERE key = 'manifest'", "what it says of the run"),
-        ("UPDATE meta SET value = '2' WHERE key = 'schema'", "schema 2; this program"),
         ("UPDATE meta SET value = '99' WHERE key = 'schema'", "this program reads 3"),
         ("DROP TABLE rows", "not the store of a run: no such table"),
-        ("DROP TABLE meta", "not the store of a run: no such table"),
     ],
 )
 def test_a_store_that_was_changed_is_refused(sql, words, tiny_run):
