@@ -1,21 +1,9 @@
-"""Matrices of the source's attitude error: eq. (47), and its section 5."""
+"""Matrices of the source's attitude error: its section 5."""
 
 import numpy as np
 from jaxtyping import Float
 
 from simval.arrays import Array
-from simval.geometry import cross_matrix
-
-
-def multiplicative_matrix(q: Float[Array, "... 4"]) -> Float[Array, "... 4 4"]:
-    """Matrix M with q^-1 * v = -M v, source eq. (47)."""
-    e, s = q[..., :3], q[..., 3]
-    M = np.empty((*q.shape[:-1], 4, 4))
-    M[..., :3, :3] = cross_matrix(e) - s[..., None, None] * np.eye(3)
-    M[..., :3, 3] = e
-    M[..., 3, :3] = -e
-    M[..., 3, 3] = -s
-    return M
 
 
 def paper_fourth_terms(

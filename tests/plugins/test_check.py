@@ -412,22 +412,6 @@ def test_the_command_tells_what_fails_and_what_to_do(simval, tmp_path, monkeypat
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(("words", "complaint"), [
-    (["gone.py"], "file gone.py does not exist"),
-    (["gone"], "there is no plug-in `gone`"),
-    (["command: gone"], "must name a program and where its file goes"),
-    (["command: ./gone {poses}"], "there is no program `"),
-    ([f"{ALIGN}:gone"], "holds no plug-in named gone; it has: "),
-    ([], "Missing argument 'PLUGIN'"),
-    ([ALIGN, "--alpha", "2"], "alpha"),
-])  # fmt: skip
-def test_what_cannot_be_checked_is_exit_code_2(simval, words, complaint):
-    code, out, err = simval("check", *words)
-    assert (code, out) == (2, "")
-    assert complaint in err
-
-
-@pytest.mark.ci
 def test_the_document_holds_every_number():
     checks = checked(SOUND["known to fail"], alpha=0.01)
     document = json.loads(to_json(checks))

@@ -133,22 +133,3 @@ def test_a_seed_gives_its_bits_and_a_range_that_ends_is_said(tmp_path, capsys):
     assert "wx [raw]" in table
     assert run([*words, "--set", "move_time=4"]) == 0  # slow enough
     assert "saturated" not in capsys.readouterr().out
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize(
-    ("words", "code"),
-    [
-        ("nowhere", 2),
-        ("--set poses", 2),
-        ("--set poses=many", 2),
-        ("--set settle_time=0.05", 3),
-        ("--set timestep=0.06", 3),
-        ("--sensor absent.toml", 2),
-        ("--set poses=2 --out absent/log.csv", 2),
-        ("--set poses=2 --render picture.bmp", 2),
-    ],
-)
-def test_what_cannot_be_done_has_its_exit_code(words, code, capsys):
-    assert run(["scene", *words.split()]) == code
-    assert capsys.readouterr().err.startswith("error: ")

@@ -75,14 +75,6 @@ def test_a_model_that_would_spoil_the_data_is_refused(tmp_path, monkeypatch, fau
     assert list(tmp_path.iterdir()) == [path]  # MuJoCo's own log file is not written
 
 
-def test_a_missing_or_empty_model_file_is_refused(tmp_path):
-    for path in (tmp_path / "absent.xml", tmp_path / "empty.xml"):
-        if path.name == "empty.xml":
-            path.write_text("")
-        with pytest.raises(InputError, match="model file"):
-            simulate(replace(find_scene("gimbal"), model=path), **QUICK)
-
-
 def test_a_sensor_on_the_hand_itself_is_refused(tmp_path):
     """A mocap body has no velocity: its gyro reads zero while it moves."""
     text = model_path("handheld").read_text()
@@ -219,26 +211,6 @@ def test_a_rest_that_moves_is_refused_by_the_scripts_own_bounds(column, said):
     rows[1, column] += 2e-6
     with pytest.raises(SimulationError, match="rest 0 moves at row 1"):
         settled_rests("made", rows, lenient, g)  # none is left
-
-
-def test_a_users_scene_file_is_found(tmp_path):
-    (tmp_path / "shelf.xml").write_text(GIMBAL)
-    path = tmp_path / "shelf.py"
-    path.write_text(
-        "from pathlib import Path\n"
-        "from simval.scene import Scene, Script\n"
-        "def drive(model, *, seconds=0.5):\n"
-        "    rows = round(seconds / model.opt.timestep)\n"
-        "    return Script(hold=[0] * rows, rest_force=1e-9, rest_rate=1e-9)\n"
-        "scene = Scene(name='shelf', summary='at rest', drive=drive,\n"
-        "              model=Path(__file__).with_name('shelf.xml'))\n"
-    )
-    trajectory = simulate(str(path), seconds=0.2)
-    assert len(trajectory.time) == 100
-    assert trajectory.provenance["scene"] == "shelf"
-    path.write_text("x = 1\n")
-    with pytest.raises(InputError, match="holds 0 Scenes"):
-        simulate(str(path))
 
 
 def test_a_body_that_leaves_the_scene_is_caught():
