@@ -233,17 +233,10 @@ def covariance_forms(
     InputError
         If a count does not fit into the signal.
     """
-    n = whole_number("n", n, LEAST_ROWS)
-    lengths = checked_counts(counts, n)
-    first, second = np.triu_indices(len(lengths))
+    forms = Forms(counts, n)
     every = [*map(Component, KINDS), *further]
-    forms = np.empty((len(lengths), len(lengths), len(every), len(every)))
-    for start in range(0, len(first), 256):  # 256 pairs at a time: 30 MB
-        pairs = slice(start, start + 256)
-        some = _pair_forms(lengths[first[pairs]], lengths[second[pairs]], n, every)
-        forms[first[pairs], second[pairs]] = some
-        forms[second[pairs], first[pairs]] = some
-    return forms
+    made = [[forms[one, other] for other in every] for one in every]
+    return np.moveaxis(np.array(made), (0, 1), (2, 3))
 
 
 def allan_covariance(
@@ -271,62 +264,73 @@ def allan_covariance(
     return made.reshape(*squares.shape[:-1], *forms.shape[-4:-2])
 
 
-def _pair_forms(
-    m: Int[np.ndarray, " p"],
-    other: Int[np.ndarray, " p"],
-    n: int,
-    every: Sequence[Component],
-) -> Float[np.ndarray, "p k k"]:
-    # the sums over lags for pairs of lengths
-    one, two = m[:, None].astype(float), other[:, None].astype(float)
-    many = (n - 2 * m + 1)[:, None], (n - 2 * other + 1)[:, None]
-    # lag of the middles = lag of the starts + m - m'
-    low = -(many[1] - 1) + one - two
-    high = many[0] - 1 + one - two
-    kinks = (one[..., None] * _SIGNS[:, None] + two[..., None] * _SIGNS).reshape(-1, 9)
-    lags, share = _lags(kinks, REACH * (one + two), low, high)
-    # c(t) of one unit of each: the shorter difference in closed form
-    c = np.zeros((len(m), len(every), lags.shape[1]))
-    for place, component in enumerate(every):
-        difference = component.process.difference
-        for sign, weight in zip(_SIGNS, _WEIGHTS, strict=True):
-            if difference is not None:
-                t = np.abs(lags + sign * two)
-                c[:, place] += weight * difference(t, one, component.rows)
-    forms = np.einsum("pil,pjl,pl->pij", c, c, share * _pairs_at(lags, one, two, many))
-    for place, component in enumerate(every):  # what is certain has no square
-        if component.kind == "R":
-            forms[:, place, place] = 0.0
-        elif component.kind == "A":
-            row = _sine_forms(one, two, many, component.rows, every)
-            forms[:, place] = forms[:, :, place] = row
-    norm = 2.0 * one * one * two * two * many[0] * many[1]
-    return forms / norm[..., None]
+class Forms(dict[tuple[Component, Component], Float[np.ndarray, "m m"]]):
+    """What the squares of two components add to (V4), made when it is asked for.
 
+    So is what a component has at each lag, however many others it stands beside.
+    """
 
-def _sine_forms(
-    one: Float[np.ndarray, "p 1"],
-    two: Float[np.ndarray, "p 1"],
-    many: tuple[Int[np.ndarray, "p 1"], Int[np.ndarray, "p 1"]],
-    period: float,
-    every: Sequence[Component],
-) -> Float[np.ndarray, "p k"]:
-    # (V12): its product with each component, and its own at the end
-    omega = 2.0 * np.pi / period
-    squares = np.sin(0.5 * omega * one) ** 2 * np.sin(0.5 * omega * two) ** 2
-    size = 2.0 * squares / np.sin(0.5 * omega) ** 2  # of D D'/2
-    least = np.minimum(*many)
-    row = np.zeros((len(one), len(every)))
-    for place, component in enumerate(every):
-        density = component.process.spectrum
-        if component.kind == "A" and component.rows == period:
-            turned = [np.sin(omega * n) / np.sin(omega) for n in many]
+    def __init__(self, counts: Any, n: int) -> None:
+        n = whole_number("n", n, LEAST_ROWS)
+        lengths = checked_counts(counts, n)
+        self._size = len(lengths)
+        self._pairs = np.triu_indices(len(lengths))
+        m, other = (lengths[each][:, None] for each in self._pairs)
+        self._one, self._two = one, two = m.astype(float), other.astype(float)
+        self._many = many = n - 2 * m + 1, n - 2 * other + 1
+        # lag of the middles = lag of the starts + m - m'
+        low = -(many[1] - 1) + one - two
+        high = many[0] - 1 + one - two
+        kinks = one[..., None] * _SIGNS[:, None] + two[..., None] * _SIGNS
+        self._lags, share = _lags(kinks.reshape(-1, 9), REACH * (one + two), low, high)
+        self._share = share * _pairs_at(self._lags, one, two, many)
+        self._norm = (2.0 * one * one * two * two * many[0] * many[1])[:, 0]
+        self._known: dict[Component, Float[np.ndarray, "p l"]] = {}
+
+    def __missing__(
+        self, pair: tuple[Component, Component]
+    ) -> Float[np.ndarray, "m m"]:
+        """Sum over the lags."""
+        one, other = pair
+        if "A" in (one.kind, other.kind):
+            sine, beside = pair if one.kind == "A" else (other, one)
+            sums = self._beside_sine(sine.rows, beside)
+        elif one.kind == other.kind == "R":  # what is certain has no square
+            sums = np.zeros(len(self._norm))
+        else:
+            c, d = self._differences(one), self._differences(other)
+            sums = np.einsum("pl,pl,pl->p", c, d, self._share)
+        made = np.empty((self._size, self._size))
+        made[self._pairs] = made.T[self._pairs] = sums / self._norm
+        self[one, other] = self[other, one] = made
+        return made
+
+    def _differences(self, component: Component) -> Float[np.ndarray, "p l"]:
+        # c(t) of one unit: the shorter difference in closed form
+        if component not in self._known:
+            difference = component.process.difference
+            assert difference is not None  # a sine's sums are in closed form
+            c = np.zeros_like(self._lags)
+            for sign, weight in zip(_SIGNS, _WEIGHTS, strict=True):
+                t = np.abs(self._lags + sign * self._two)
+                c += weight * difference(t, self._one, component.rows)
+            self._known[component] = c
+        return self._known[component]
+
+    def _beside_sine(self, period: float, other: Component) -> Float[np.ndarray, " p"]:
+        # (V12): its product with a component, and its own at the end
+        omega = 2.0 * np.pi / period
+        one, two = (np.sin(0.5 * omega * each) ** 2 for each in (self._one, self._two))
+        size = 2.0 * (one * two) / np.sin(0.5 * omega) ** 2  # of D D'/2
+        density = other.process.spectrum
+        if other.kind == "A" and other.rows == period:
+            turned = [np.sin(omega * n) / np.sin(omega) for n in self._many]
             own = (0.5 * size) ** 2 * turned[0] * turned[1]
-            row[:, place] = np.where(np.abs(np.sin(omega)) > 1e-9, own, 0.0)[:, 0]
-        elif density is not None:
-            level = density(np.array(omega), component.rows)
-            row[:, place] = (2.0 * size * size * level * least)[:, 0]
-    return row
+            return np.where(np.abs(np.sin(omega)) > 1e-9, own, 0.0)[:, 0]
+        if density is None:
+            return np.zeros(len(size))
+        level = density(np.array(omega), other.rows)
+        return np.asarray(2.0 * size * size * level * np.minimum(*self._many))[:, 0]
 
 
 def _lags(

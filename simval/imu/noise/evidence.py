@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arrays import Array
-from simval.imu.noise.allan import PER_OCTAVE, covariance_forms
-from simval.imu.noise.components import KINDS, Component
+from simval.imu.noise.allan import PER_OCTAVE, Forms
+from simval.imu.noise.components import Component
 from simval.imu.noise.least_squares import Problem, Squares, ends, fitted
 from simval.shapes import Float, Int
 
@@ -51,18 +51,12 @@ class Family:
     """Laws and forms of components for signals of one length, each made once."""
 
     def __init__(
-        self,
-        counts: Int[Array, " m"],
-        rows: int,
-        kinds: Sequence[str],
-        sines: Sequence[Component] = (),
+        self, counts: Int[Array, " m"], rows: int, kinds: Sequence[str]
     ) -> None:
         self.counts, self.rows, self._kinds = counts, rows, kinds
         self.fast = tuple(Component(kind) for kind in kinds if kind != "K")
-        self._sines = list(dict.fromkeys(sines))
         self._some: dict[tuple[int, ...], Family] = {}
-        self._forms: dict[tuple[Component, Component], Array] = {}
-        self._make(())
+        self._forms = Forms(counts, rows)
 
     def problem(self, variances: Float[Array, "s m"], *sets: Components) -> Problem:
         """Least squares problem of a set of components, or of another each signal."""
@@ -77,31 +71,13 @@ class Family:
             return Problem(variances, made.law[0], made.forms[0])
         return made
 
-    def markov(self, times: Sequence[float]) -> list[Component]:
-        """Markov noise of each time in rows, its forms made together."""
-        made = [Component("M", float(time)) for time in dict.fromkeys(times)]
-        new = [each for each in made if (each, each) not in self._forms]
-        if new:
-            self._make(new)
-        return made
-
     def of(self, places: NDArray[np.intp]) -> "Family":
         """Take some of the lengths: few have forms that are made in no time."""
         counts = self.counts[places]
         known = tuple(counts.tolist())
         if known not in self._some:
-            some = Family(counts, self.rows, self._kinds, self._sines)
-            self._some[known] = some
+            self._some[known] = Family(counts, self.rows, self._kinds)
         return self._some[known]
-
-    def _make(self, new: Sequence[Component]) -> None:
-        # forms of Markov noise with all that it may stand beside
-        further = [RAMP, *self._sines, *new]
-        forms = covariance_forms(self.counts, self.rows, further)
-        every = [*map(Component, KINDS), *further]
-        for i, one in enumerate(every):
-            for j, other in enumerate(every):
-                self._forms[one, other] = forms[:, :, i, j]
 
 
 class Chosen(NamedTuple):
@@ -161,7 +137,6 @@ def weighed(
     if any(RAMP in each for each in likely) and walk not in likely:
         likely.append(walk)  # a walk's slope counts for a ramp's, however little it is
     likely.sort(key=lambda each: (plain, walk, each).index(each))  # the simplest first
-    family.markov([c.rows for each in likely for c in each if c.kind == "M"])
     problem = family.problem(variances, likely[0]).part(*used)
     found = fitted(problem)
     if not found.holds[0]:
@@ -236,7 +211,7 @@ def _slow(
     times = shortest * 2.0 ** np.arange(0, octaves + 2, 2)
     D: dict[float, float] = {}
     for _ in range(_ROUNDS):
-        markov = family.markov(times.tolist())
+        markov = [Component("M", time) for time in times.tolist()]
         new = _deviances(family, variances, map(beside, markov))
         D |= {each.rows: new[beside(each)] for each in markov}
         sets |= new

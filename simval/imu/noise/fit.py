@@ -133,8 +133,7 @@ def noise_of(
     usable = np.flatnonzero([not refusal for refusal in refusals])
     scaled = (variances / units).T[usable]
     lines = [line_of(signals[:, k]) for k in usable]
-    sines = [line.component for line in lines if line.period]
-    family = Family(counts, len(signals), kinds, sines)
+    family = Family(counts, len(signals), kinds)
     sets = _chosen(family, scaled, lines)
     chosen = dict(zip(usable.tolist(), sets, strict=True))
     return tuple(

@@ -171,7 +171,8 @@ def test_true_time_is_likely():
         many = signals(96, 3, markov_raw_per_sqrt_s=DRIVING, markov_s=seconds)
         V = allan_variance(many, counts).T
         times = RATE * seconds * 2.0 ** np.arange(-2.0, 2.5, 0.25)
-        sets = [(*family.fast, each) for each in (*family.markov(times.tolist()), WALK)]
+        every = [*(Component("M", time) for time in times.tolist()), WALK]
+        sets = [(*family.fast, each) for each in every]
         D = np.array([fitted(family.problem(V, each)).deviance for each in sets])
         above = D[8] - D.min(axis=0)
         assert times[8] == RATE * seconds
