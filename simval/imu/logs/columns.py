@@ -204,7 +204,7 @@ def template(width: int, taken: dict[int, str] | None = None) -> str:
 
 def given(
     table: Table, columns: str | Sequence[str], option: str, known: Sequence[str]
-) -> list[re.Match[str]]:
+) -> list[tuple[str, str]]:
     """Role and unit that the caller gives to each column; none if one is not known."""
     listed = columns.split(",") if isinstance(columns, str) else columns
     names = [str(name).strip() for name in listed]
@@ -216,13 +216,26 @@ def given(
         )
         raise InputError(msg)
     form = re.compile(rf"({'|'.join(known)}|{SKIP})(?:\[([^\]]+)\])?")
-    matches = [match for name in names if (match := form.fullmatch(name))]
-    return matches if len(matches) == len(names) else []
+    pairs: list[tuple[str, str]] = []
+    for name in names:
+        match = form.fullmatch(name)
+        if match is None:
+            return []
+        unit = (match[2] or "").strip().lower().replace("µ", "u")
+        clock = match[1] == "t" and unit in SECONDS
+        if unit and not (clock or match[1] == TEMPERATURE):
+            msg = (
+                f"`{option}` has {name}; a unit is for the clock, one of t[s], t[ms], "
+                "t[us], t[ns], and for a temperature"
+            )
+            raise InputError(msg)
+        pairs.append((match[1], unit))
+    return pairs
 
 
 def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
-    matches = given(table, columns, "columns", NAMES)
-    used = [match[1] for match in matches if match[1] != SKIP]
+    pairs = given(table, columns, "columns", NAMES)
+    used = [role for role, _ in pairs if role != SKIP]
     parts = [len(set(roles) & set(used)) for roles in ROLES.values()]
     complete = parts[0] == 3 and set(parts) <= {0, 3}
     if not (complete and len(set(used)) == len(used)):
@@ -236,25 +249,11 @@ def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
         raise InputError(msg)
     headers = table.names or ("",) * table.width
     picked = [
-        Column(role=match[1], place=k, name=headers[k], unit=unit_of(match))
-        for k, match in enumerate(matches)
-        if match[1] != SKIP
+        Column(role=role, place=k, name=headers[k], unit=unit)
+        for k, (role, unit) in enumerate(pairs)
+        if role != SKIP
     ]
     return tuple(sorted(picked, key=lambda each: NAMES.index(each.role)))
-
-
-def unit_of(match: re.Match[str], option: str = "columns") -> str:
-    """Unit that the caller gives to a clock or a temperature."""
-    unit = (match[2] or "").strip().lower().replace("µ", "u")
-    if match[1] == TEMPERATURE:
-        return unit
-    if unit and (match[1] != "t" or unit not in SECONDS):
-        msg = (
-            f"`{option}` has {match[0]}; a unit is for the clock, one of t[s], t[ms], "
-            "t[us], t[ns], and for a temperature"
-        )
-        raise InputError(msg)
-    return unit
 
 
 def channels_of(table: Table) -> list[Channel]:
@@ -363,20 +362,19 @@ def clock_of(table: Table) -> Column | None:
     before another sensor's, a unit before none.
     """
     names, channels = table.names or (), channels_of(table)
-    clocks = [
-        (
+    order = {
+        place: (
             table.is_text(place),
-            not each.plain,
-            "acc" not in each.stem,
-            not each.unit,
-            place,
+            not own.plain,
+            "acc" not in own.stem,
+            not own.unit,
         )
-        for place, each in enumerate(channels)
-        if each.kind == "time"
-    ]
-    if not clocks:
+        for place, own in enumerate(channels)
+        if own.kind == "time"
+    }
+    if not order:
         return None
-    place = min(clocks)[-1]
+    place = min(order, key=order.__getitem__)
     unit = channels[place].unit or ("us" if PX4.intersection(names) else "")
     return Column(
         role="t",
@@ -497,9 +495,7 @@ def _question(table: Table, why: str, candidates: list[Triple]) -> InputError:
     form = "one of" if len(candidates) > 1 else "for example"
     if not candidates and len(free) < 3:  # all are known, as something else
         form, free = "but only if the names are wrong", numbers
-    fitting: Sequence[Sequence[int]] = candidates[:3]
-    if not fitting and len(free) >= 3:
-        fitting = [free[:3]]
+    fitting = [*map(list, candidates[:3])] or [free[:3]] * (len(free) >= 3)
     lines = [
         template(table.width, start | dict(zip(each, ROLES["force"], strict=True)))
         for each in fitting

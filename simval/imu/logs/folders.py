@@ -143,7 +143,7 @@ def _stream(
         k for k, each in enumerate(channels_of(table)) if each.kind == "temperature"
     ]
     if own == "force" and len(warm) == 1:
-        columns["acc temperature [degC]"] = table.numbers(warm)[:, 0]
+        columns["acc temperature [degC]"] = table.numbers(warm, holes=True)[:, 0]
     if own == "force":
         said += sign_of(table, values)
     said += [*table.source, *mended]

@@ -64,8 +64,25 @@ PACKED: Final[dict[bytes, Callable[[], Any]]] = {
 
 
 def read_table(path: str, instance: str | None = None) -> Table:
-    """Read a log by the first reader that takes it."""
-    return one_of(path, tables_of(Source(path=path)), instance)
+    """Read a log by the first reader that takes it, of several sensors the named one.
+
+    A table may have the columns of several: there its header says their names.
+    """
+    found = tables_of(Source(path=path))
+    if not isinstance(found, Mapping):
+        return found
+    name = next(iter(found)) if instance is None and len(found) == 1 else instance
+    if name is None or name not in found:
+        wrong = "" if instance is None else f"none is called {instance!r}; "
+        msg = (
+            f"{path} holds {len(found)} sensor{'s' * (len(found) > 1)}: "
+            f"{listed(found, _SHOWN)}; {wrong}give --instance NAME, the name of one"
+        )
+        raise InputError(msg)
+    table = found[name]()
+    others = f", one of {listed(found, _SHOWN)}" if len(found) > 1 else ""
+    taken = ("instance", f"{name}{others}")
+    return replace(table, source=(taken, *table.source))
 
 
 def tables_of(source: Source) -> Table | Candidates:
@@ -102,24 +119,3 @@ def unpacked(source: Source, unpacker: Callable[[], Any]) -> bytes:
         msg = f"{source.path} is compressed twice; unpack it first"
         raise InputError(msg)
     return content
-
-
-def one_of(path: str, found: Table | Candidates, instance: str | None) -> Table:
-    """Table of the sensor that is named, or of the only one.
-
-    A table may have the columns of several: there its header says their names.
-    """
-    if not isinstance(found, Mapping):
-        return found
-    name = next(iter(found)) if instance is None and len(found) == 1 else instance
-    if name is None or name not in found:
-        wrong = "" if instance is None else f"none is called {instance!r}; "
-        msg = (
-            f"{path} holds {len(found)} sensor{'s' * (len(found) > 1)}: "
-            f"{listed(found, _SHOWN)}; {wrong}give --instance NAME, the name of one"
-        )
-        raise InputError(msg)
-    table = found[name]()
-    others = f", one of {listed(found, _SHOWN)}" if len(found) > 1 else ""
-    taken = ("instance", f"{name}{others}")
-    return replace(table, source=(taken, *table.source))

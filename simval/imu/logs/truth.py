@@ -16,7 +16,7 @@ from simval.arrays import Array, ReadOnly, positive_number
 from simval.errors import InputError
 from simval.imu.logs import folders
 from simval.imu.logs.clock import require_increasing, times_of
-from simval.imu.logs.columns import Column, clock_of, given, unit_of
+from simval.imu.logs.columns import Column, clock_of, given
 from simval.imu.logs.readers import read_table
 from simval.imu.logs.source import Source
 from simval.imu.logs.text import Table
@@ -177,8 +177,8 @@ def _by_names(table: Table, stem: str) -> tuple[list[int], Scalar, Column | None
 
 
 def _given(table: Table, columns: str) -> tuple[list[int], Scalar, Column | None]:
-    matches = given(table, columns, "--truth-columns", _NAMES)
-    roles = [match[1].replace("qw", "qs") for match in matches]
+    pairs = given(table, columns, "--truth-columns", _NAMES)
+    roles = [role.replace("qw", "qs") for role, _ in pairs]
     orders: dict[Scalar, list[str]] = {
         "first": ["qs", "qx", "qy", "qz"],
         "unstated": ["q0", "q1", "q2", "q3"],
@@ -191,13 +191,12 @@ def _given(table: Table, columns: str) -> tuple[list[int], Scalar, Column | None
             "q0, q1, q2, q3; t may be the clock, and - marks a column to ignore"
         )
         raise InputError(msg)
-    clocks = [
-        Column(role="t", place=k, unit=unit_of(match, "--truth-columns"))
-        for k, match in enumerate(matches)
-        if match[1] == "t"
-    ]
-    clock = clocks[0] if clocks else None
-    return [roles.index(role) for role in orders[scalar]], scalar, clock
+    clocks = (
+        Column(role=role, place=k, unit=unit)
+        for k, (role, unit) in enumerate(pairs)
+        if role == "t"
+    )
+    return [roles.index(role) for role in orders[scalar]], scalar, next(clocks, None)
 
 
 def _unit(table: Table, components: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
