@@ -14,7 +14,7 @@ follows it; bytes that are of no such record are passed over, and that is said.
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -26,13 +26,12 @@ from simval.imu.logs.tables import ArrayTable
 
 _HEAD: Final = b"\xa3\x95"  # of a record, before its type
 _FORMAT_TYPE: Final = 128
-_FORMAT_LENGTH: Final = 89
-_CODES: Final = {  # of a field: NumPy's type
+_AHEAD: Final = 3  # bytes before what a record holds
+_CODES: Final = {  # of a field: NumPy's type; of what no sensor writes its bytes
     "a": "V64", "b": "i1", "B": "u1", "g": "f2", "h": "<i2", "H": "<u2", "i": "<i4",
-    "I": "<u4", "f": "<f4", "n": "V4", "N": "V16", "Z": "V64", "c": "<i2", "C": "<u2",
-    "e": "<i4", "E": "<u4", "L": "<i4", "d": "<f8", "M": "u1", "q": "<i8", "Q": "<u8",
+    "I": "<u4", "f": "<f4", "n": "V4", "N": "V16", "Z": "V64", "c": "V2", "C": "V2",
+    "e": "V4", "E": "V4", "L": "V4", "d": "<f8", "M": "u1", "q": "<i8", "Q": "<u8",
 }  # fmt: skip
-_DIVISORS: Final = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
 _NAMED: Final = re.compile(r"(IMU|ACC|GYR|MAG)(\d?)")
 _FIELDS: Final = {  # of the records, and the names of their columns
     f"{stem}{axis}": f"{stem}{axis} [{unit}]"
@@ -65,62 +64,49 @@ def read(source: Source) -> dict[str, Callable[[], ArrayTable]]:
 
 def _binary(content: bytes) -> tuple[dict[str, Columns], int]:
     # columns of the messages of sensors, and how many bytes are of no record
-    formats = {_FORMAT_TYPE: _Format("FMT", _FORMAT_LENGTH, np.dtype("V86"), ())}
+    formats: dict[int, tuple[str, Any]] = {_FORMAT_TYPE: ("FMT", np.dtype("V86"))}
     places: dict[int, list[int]] = defaultdict(list)
     at, passed, end = 0, 0, len(content)
     while at < end:
         kind = content[at + 2] if content.startswith(_HEAD, at) and at + 2 < end else -1
-        known = formats.get(kind)
-        after = at + known.length if known else end + 1
+        known = kind in formats
+        after = at + _AHEAD + formats[kind][1].itemsize if known else end + 1
         if not (after == end or content.startswith(_HEAD, after)):
             found = content.find(_HEAD, at + 1)
             found = end if found < 0 else found
             passed, at = passed + found - at, found
             continue
         if kind == _FORMAT_TYPE:
-            formats |= _format(content[at + 3 : after])
+            formats = _format(content[at + _AHEAD : after]) | formats
         places[kind].append(at)
         at = after
     messages = {}
     data = np.frombuffer(content, np.uint8)
     for kind, starts in places.items():
-        own = formats[kind]
-        if _NAMED.fullmatch(own.name):
-            inside = np.arange(len(_HEAD) + 1, own.length)
-            rows = data[np.array(starts)[:, None] + inside].view(own.form)[:, 0]
-            messages[own.name] = {
-                name: rows[name].astype(np.float64) / _DIVISORS.get(code, 1.0)
-                for name, code in own.columns
-                if rows.dtype[name].kind in "iuf"
+        name, form = formats[kind]
+        if _NAMED.fullmatch(name):
+            inside = _AHEAD + np.arange(form.itemsize)
+            rows = data[np.array(starts)[:, None] + inside].view(form)[:, 0]
+            messages[name] = {
+                label: rows[label].astype(np.float64)
+                for label in form.names
+                if form[label].kind in "iuf"
             }
     return {name: own for name, own in messages.items() if own}, passed
 
 
-@dataclass(frozen=True, slots=True)
-class _Format:
-    """Form of one type of record."""
-
-    name: str
-    length: int  # bytes, with the head and the type
-    form: Any  # NumPy's type of the bytes behind these
-    columns: tuple[tuple[str, str], ...]  # name and code of each
-
-
-def _format(record: bytes) -> dict[int, _Format]:
-    # what a record FMT states; nothing where it contradicts itself
+def _format(record: bytes) -> dict[int, tuple[str, Any]]:
+    # what a record FMT states: name, and NumPy's type of what stands behind head and
+    # type; nothing where it contradicts itself
     name, codes, labels = (
         text.partition(b"\0")[0].decode("ascii", "replace")
         for text in (record[2:6], record[6:22], record[22:86])
     )
-    columns = tuple(zip(labels.split(","), codes, strict=False))
-    if not all(code in _CODES for code in codes) or len(set(labels.split(","))) != len(
-        codes
-    ):
+    names = labels.split(",")
+    if len(set(names)) != len(codes) or not set(codes) <= _CODES.keys():
         return {}
-    form = np.dtype([(label, _CODES[code]) for label, code in columns])
-    if form.itemsize + len(_HEAD) + 1 != record[1]:
-        return {}
-    return {record[0]: _Format(name, record[1], form, columns)}
+    form = np.dtype([(each, _CODES[k]) for each, k in zip(names, codes, strict=False)])
+    return {record[0]: (name, form)} if form.itemsize + _AHEAD == record[1] else {}
 
 
 def _text(source: Source) -> tuple[dict[str, Columns], int]:
@@ -132,14 +118,14 @@ def _text(source: Source) -> tuple[dict[str, Columns], int]:
     for line in lines:
         fields = [field.strip() for field in line.split(",")]
         if fields[0] == "FMT" and len(fields) > 5:
-            labels[fields[3]] = fields[5:]
+            labels.setdefault(fields[3], fields[5:])
         if not _NAMED.fullmatch(fields[0]):
             continue
         try:
             values = [float(field) for field in fields[1:]]
         except ValueError:
             values = []
-        if len(values) == len(labels.get(fields[0], "")):
+        if values and len(values) == len(labels.get(fields[0], "")):
             rows[fields[0]].append(values)
         else:
             passed += len(line)

@@ -152,14 +152,14 @@ def is_names(fields: list[str]) -> bool:
 
 
 def header_of(
-    path: str, dialect: Dialect, above: list[Line], comments: tuple[str, ...]
+    path: str, dialect: Dialect, above: list[Line]
 ) -> tuple[tuple[str, ...] | None, list[Line]]:
     """Find the names of the columns among the lines above the rows."""
     others: list[Line] = []
     names: tuple[str, ...] | None = None
     units: list[str] = []
     for number, line in reversed(above):
-        remark = line.lstrip().startswith(comments)
+        remark = _is_remark(line)
         bare = line.lstrip().lstrip("#%/").strip() if remark else line
         if names is None and not (remark and _is_sentence(dialect, bare)):
             fields = _fitting(dialect, bare)
@@ -319,7 +319,7 @@ def read(source: Source) -> TextTable:
         msg = _no_row(path, lines)
         raise InputError(msg)
     above = [entry for entry in every if entry[0] < lines[first][0]]
-    names, rest = header_of(path, dialect, above, COMMENTS)
+    names, rest = header_of(path, dialect, above)
     if labels is None and names is None and is_echo(dialect.fields(lines[first][1])):
         labels = ECHOED
     body = _Body(path, dialect, names or labels, list(said))

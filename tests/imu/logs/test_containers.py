@@ -232,6 +232,7 @@ def test_old_names_of_ardupilots_sensors(tmp_path):
         "FMT, 1, 35, IMU2, Qffffff, TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ",
         "FMT, 2, 35, ACC1, QQfff, TimeUS,SampleUS,AccX,AccY,AccZ",
         "FMT, 3, 35, GYR1, QQfff, TimeUS,SampleUS,GyrX,GyrY,GyrZ",
+        "IMU3",  # cut off, and no FMT says what it is
     ]
     for k in range(40):
         rows.append(f"IMU2, {10 * k}, 1, 2, 3, 4, 5, {k}")
