@@ -40,7 +40,7 @@ _LINE: Final = 1e-4  # chance of a line as high in noise of a smooth spectrum
 _BESIDE: Final = 10  # frequencies to either side of a line
 _BAND: Final = 3.0  # of the level: their mean, which noise exceeds in one line of 1000
 _CLOSE: Final = 2.0  # of (V13): from one correlation time to the next about the best
-_ROUNDS: Final = 6  # of times between those before
+ROUNDS: Final = 6  # of times between those before
 
 WALK: Final = Component("K")
 RAMP: Final = Component("R")
@@ -210,7 +210,7 @@ def _slow(
     octaves = int(np.log2(family.rows / shortest))
     times = shortest * 2.0 ** np.arange(0, octaves + 2, 2)
     D: dict[float, float] = {}
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         markov = [Component("M", time) for time in times.tolist()]
         new = _deviances(family, variances, map(beside, markov))
         D |= {each.rows: new[beside(each)] for each in markov}
