@@ -13,7 +13,6 @@ of the two tumbles only, and all else at the truth.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -26,7 +25,7 @@ from simval.figures import Figure, Headline, Quote, entry
 from simval.geometry import attitude_error, compose, conjugate, normalize
 from simval.imu.attitude import two_vector_quaternion
 from simval.imu.calibrate import calibrate_magnetometer
-from simval.imu.sensor import AccelerometerModel, MagnetometerModel
+from simval.imu.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.imu.statics import Intervals, interval_counts, interval_means
 from simval.poses import fibonacci_sphere
 from simval.results import Outcome, nees, plain, unjudged
@@ -142,7 +141,7 @@ class Scenario:
             rests=(rests[0], rests[1]),
         )  # fmt: skip
 
-    def calibrated(self, drawn: Sequence["Readings"]) -> list[list[Sensors]]:
+    def calibrated(self, drawn: Sequence["Readings"]) -> Float[Array, "t 3 22"]:
         """Both sensors from the accelerometer's noise, the magnetometer's, and both.
 
         Of each trial; those with as many rests are one batch.
@@ -161,23 +160,30 @@ class Scenario:
                 magnetometer_std=std[:, 1], model="triangular",
             ).require_converged()  # fmt: skip
             fitted[rows] = fit.parameters.reshape(-1, 3, 22)
-        return [[_sensors(values) for values in each] for each in fitted]
+        return fitted
 
     def directions(
-        self, fitted: list[Sensors], noisy: tuple[Array, Array]
-    ) -> Float[Array, "2 5 n 3"]:
+        self, fitted: Float[Array, "t 3 22"], noisy: tuple[Array, Array]
+    ) -> Float[Array, "t 2 5 n 3"]:
         """Gravity and field with one source of error each, and with all, as `PARTS`."""
-        exact = self.rests
+        a, b, both = fitted[:, 0], fitted[:, 1], fitted[:, 2]
+        body, iron = self.sensors
+        true = np.concatenate([body.parameters, iron.M.ravel(), iron.b, [0.0]])
+        values = np.stack(np.broadcast_arrays(a, b, true, true, both), axis=1)
+        force, field = (
+            np.stack(np.broadcast_arrays(exact, exact, *pair, rows), axis=1)
+            for exact, rows, pair in (
+                (self.rests[0], noisy[0], (noisy[0], self.rests[0])),
+                (self.rests[1], noisy[1], (self.rests[1], noisy[1])),
+            )
+        )
+        up = forms.matrix("triangular", values[..., :9])
+        along = values[..., 9:18].reshape(*values.shape[:-1], 3, 3)
+        pairs = (force, values[..., 6:9], up), (field, values[..., 18:21], along)
         return np.stack(
             [
-                [normalize(body.correct(force)), normalize(iron.correct(field))]
-                for (body, iron), (force, field) in (
-                    (fitted[0], exact),
-                    (fitted[1], exact),
-                    (self.sensors, (noisy[0], exact[1])),
-                    (self.sensors, (exact[0], noisy[1])),
-                    (fitted[2], noisy),
-                )
+                normalize((raw - bias[..., None, :]) @ M.swapaxes(-1, -2))
+                for raw, bias, M in pairs
             ],
             axis=1,
         )
@@ -207,11 +213,6 @@ class Readings(NamedTuple):
         )
 
 
-def _sensors(values: Float[Array, "22"]) -> Sensors:
-    iron = MagnetometerModel(M=values[9:18].reshape(3, 3), b=values[18:21])
-    return AccelerometerModel.from_parameters(values[:9]), iron
-
-
 @refusing("lower the noise, or give more `poses` or a larger `average`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure the error budget of one cell against its prediction."""
@@ -228,7 +229,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     drawn: list[Readings] = []
 
     def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
-        raw = true_sensor(force_std).distort(scenario.tumble.force, rng)
+        noisy = force_std * rng.standard_normal(scenario.log[0].shape)
+        raw = scenario.log[0] + noisy
         drawn.append(scenario.drawn(raw, noise, mean_std, rng))
         moved = np.sum(~pure(drawn[-1].intervals, scenario.tumble.still))
         samples = (raw - scenario.log[0]) / force_std
@@ -236,23 +238,14 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
     trials = trials_of(streams, parameters.trials, 1, trial)
     fitted = scenario.calibrated(drawn)
-    estimates = scenario.estimates(
-        np.stack(
-            [
-                scenario.directions(own, each.rests)
-                for own, each in zip(fitted, drawn, strict=True)
-            ]
-        )
-    )
+    force, field = (np.stack([each.rests[k] for each in drawn]) for k in (0, 1))
+    estimates = scenario.estimates(scenario.directions(fitted, (force, field)))
     # of whole rests the attitude in their middle; rows of a problem are its rests
     middle = np.concatenate([each.intervals.sum(axis=1) // 2 for each in drawn])
     stds = np.concatenate([each.std for each in drawn], axis=1)
     every = scenario.problem(scenario.attitude[middle], (stds[0], stds[1]))
     ends = np.cumsum([len(each.intervals) for each in drawn])[:-1]
-    pairs = zip(np.split(every.y, ends), np.split(every.sigma, ends), strict=True)
-    covariance = np.stack(
-        [calibration_parts(replace(every, y=y, sigma=sigma)) for y, sigma in pairs]
-    )
+    covariance = calibration_parts(every, ends)
     parts = np.stack([each.parts(covariance) for each in carriers], axis=1)
     # means over the poses of one trial, which share its calibration
     step = compose(conjugate(wanted.q), estimates[:, -1])

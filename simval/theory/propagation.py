@@ -21,7 +21,8 @@ what either sensor's noise in the tumble leaves in the calibration is a covarian
 its own, and the two add up to the bound.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from simval.arrays import Array, ReadOnly
 from simval.geometry import compose, conjugate
 from simval.imu.sensor import forms
 from simval.shapes import Float, Inexact
+from simval.theory.estimating import inverse_of
 from simval.theory.expansion import mean_linear_error, tangent_projector
 from simval.theory.magnetometer import PARAMETERS, Problem, equations_of
 from simval.theory.two_vector import two_vector_geometry
@@ -94,13 +96,27 @@ class Carrier(ReadOnly):
         return np.concatenate([parts, parts.sum(axis=-3, keepdims=True)], axis=-3)
 
 
-def calibration_parts(problem: Problem) -> Float[Array, "2 22 22"]:
+def calibration_parts(problem: Problem, ends: Any = ()) -> Float[Array, "t 2 22 22"]:
     """Covariance of the 22 parameters by the sensor whose noise it is, eq. (B2).
 
-    The last parameter is the sine of the dip.
+    Of each set of poses, which end at `ends`, calibrated by itself. The last parameter
+    is the sine of the dip.
     """
-    slope = equations_of(problem).slope.reshape(PARAMETERS, -1, 2, 3)
-    return np.einsum("insk,jnsk->sij", slope, slope)
+    alone = (
+        replace(problem, sigma=problem.sigma * mine)
+        for mine in np.repeat(np.eye(2), 3, axis=1)
+    )
+    J = equations_of(problem).jacobians[0]
+    V = np.stack([equations_of(each).noises[0] for each in alone])
+    weighed = np.linalg.solve(V.sum(axis=0), J)
+    parts = []
+    for rows in np.split(np.arange(len(J)), ends):
+        w, j = weighed[rows], J[rows].reshape(-1, PARAMETERS)
+        flat = w.reshape(-1, PARAMETERS)
+        pushed = (V[:, rows] @ w).reshape(2, -1, PARAMETERS)
+        inverse = inverse_of(flat.T @ j)
+        parts.append(inverse @ (flat.T @ pushed) @ inverse)
+    return np.array(parts)
 
 
 def carrier(

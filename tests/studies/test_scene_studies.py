@@ -146,7 +146,7 @@ def test_the_calibrations_parts_are_what_moves_the_fit():
     q = np.concatenate([wanted.q, end_to_end.tumbles(12, 24)[1].q])
     std = np.linspace(1e-3, 3e-3, len(q)), np.linspace(2e-3, 1e-3, len(q))
     problem = scenario.problem(q, std)
-    parts = calibration_parts(problem)
+    (parts,) = calibration_parts(problem)
 
     def fitted(y):
         return calibrate_magnetometer(
