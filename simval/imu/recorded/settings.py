@@ -158,7 +158,7 @@ def _calibrated(log: Log, raw: Signals, path: str) -> Signals:
 TURNS: Final = 0.05
 """rad/s, off its bias over half a second: what a rest is not, of any gyroscope."""
 STILL: Final = 0.01  # rad/s, beside noise; of what is kept of a rest that is cut
-SHORTEST: Final = 1.0  # s; of that
+SHORTEST: Final = 1.0  # s; of each part of that
 
 
 def without_turns(found: Signals) -> Signals:
@@ -187,16 +187,18 @@ def without_turns(found: Signals) -> Signals:
             kept.append((start, stop))
             continue
         still = off <= STILL + 6.0 * np.sqrt(variance[quiet] / size)
-        runs = runs_of(still)
-        first, last = runs[int(np.argmax(np.ptp(runs, axis=1)))]
-        first, last = start + first, start + last + size - 1
-        said = "left out"
-        if last - first >= SHORTEST * found.rate:
-            kept.append((first, last))
-            said = f"cut to {found.time[first]:.2f} to {found.time[last - 1]:.2f} s"
+        parts = runs_of(still) + np.array([start, start + size - 1])
+        parts[1:, 0] = np.maximum(parts[1:, 0], parts[:-1, 1])  # each row once
+        parts = parts[np.ptp(parts, axis=1) >= SHORTEST * found.rate]
+        kept.extend(map(tuple, parts))
+        said = " and ".join(
+            f"{found.time[first]:.2f} to {found.time[last - 1]:.2f} s"
+            for first, last in parts
+        )
         words.append(
             f"{'rest':18s}{found.time[start]:.2f} to {found.time[stop - 1]:.2f} s "
-            f"{said}: the gyroscope turns in it, by {off.max():.2g} rad/s at most"
+            f"{f'cut to {said}' if said else 'left out'}: the gyroscope turns in it, "
+            f"by {off.max():.2g} rad/s at most"
         )
     if not kept:
         msg = (
