@@ -379,11 +379,11 @@ def _ros(name: str, log: Log, whole: Any, notes: _Notes) -> list[str]:
 
 
 def _warm(sensor: str, whole: Any) -> tuple[float, str]:
-    """Greatest error of a corrected reading, at 1 g, at rest or in the field."""
+    """Greatest error of a corrected reading, at 1 g, 1 rad/s or in the field."""
     fit, own = getattr(whole, sensor), whole.thermal[sensor]
     size, unit = {
         "accelerometer": (whole.accelerometer.g, "m/s^2 at 1 g"),
-        "gyroscope": (0.0, "rad/s at rest"),
+        "gyroscope": (1.0, "rad/s at 1 rad/s"),
         "magnetometer": (getattr(fit, "field", 0.0), "units of the field"),
     }[sensor]
     model, true = fit.sensor(), size * fibonacci_sphere(200)

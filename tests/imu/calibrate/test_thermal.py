@@ -401,22 +401,44 @@ def test_a_damaged_block_is_refused_in_words(tmp_path, damage, rng, capsys):
 
 
 @pytest.mark.ci
-def test_a_gyroscope_with_both_is_told_both():
-    """Temperature and force on its bias at once, and M beside them, within 5 sd."""
+def test_a_gyroscope_with_all_is_told_all():
+    """Bias and scale in temperature, and force, at once, and M beside them: 5 sd.
+
+    A scale of 300 ppm/K that is left out refuses seven such logs of sixteen.
+    """
     rec = three(0, turning=False)
     G_true = 3e-4 * np.array([[2.0, 0.0, 1.0], [0.0, -3.0, 0.0], [1.0, 0.0, 2.0]])
+    kappa = 3e-4 * np.array([1.0, -0.5, 0.7])
     force = rec.accelerometer.correct(rec.log.accelerometer)
-    log = warm_log(rec)
-    log = replace(log, gyro=log.gyro + force @ G_true.T)
+    log, B = warm_log(rec), rec.gyroscope.B
+    law = {1: np.array([1e-4, -5e-5, 8e-5])}, {1: kappa}
+    rates = read(rec.log.gyro - B, log.temperature - 30.0, B, *law)
+    log = replace(log, gyro=rates + force @ G_true.T)
     whole = calibrate_sensors(log, calibrate_log(log), sensors=["gyroscope"])
     thermal, fit = whole.thermal["gyroscope"], whole.gyroscope
+    assert thermal.terms == (("bias", 1), ("scale", 1))
+    grown = 1.0 + kappa * (thermal.reference - 30.0)  # of the scale at the reference
     off = [
-        (thermal.coefficients[0] - [1e-4, -5e-5, 8e-5]) / thermal.sd[0],
+        (thermal.coefficients - [law[0][1], kappa / grown]) / thermal.sd,
         (whole.sensitivity - G_true) / whole.sensitivity_sd,
-        (fit.parameters[:9] - rec.gyroscope.M.ravel()) / fit.sd[:9],
+        (fit.parameters[:9] - (rec.gyroscope.M * grown).ravel()) / fit.sd[:9],
     ]
-    # 21 numbers, normal or Student's t: 5 is passed once in 1e5
+    # 24 numbers, normal or Student's t: 5 is passed once in 1e5
     assert max(np.abs(each).max() for each in off) < 5.0
+
+
+@pytest.mark.ci
+def test_a_gyroscopes_scale_is_given_to_few_without_an_effect():
+    """Of 20 logs at most what a rate of 2 % makes with a chance of 1e-4."""
+    count = 0
+    for seed in range(20):
+        rec = three(seed, turning=False)
+        degrees = warm_log(rec).temperature
+        log = replace(rec.log, magnetometer=None, temperature=degrees)
+        whole = calibrate_sensors(log, calibrate_log(log))
+        thermal = whole.thermal.get("gyroscope")
+        count += thermal is not None and ("scale", 1) in thermal.terms
+    assert count <= scipy.stats.binom.isf(ALPHA, 20, 0.02)
 
 
 def test_a_joint_fit_does_not_tell_what_the_temperature_hides():

@@ -9,7 +9,8 @@ tells a rest that was left out better than the others' mean does.
 
 **Temperature.** Where it is known, the rests' mean readings are regressed on it first
 (`simval.imu.calibrate.thermal`): the bias by a line or a parabola, each by the F test
-beside (1, f). A scale that depends on temperature is no part of a rest's reading.
+beside (1, f). A scale that depends on temperature is no part of a rest's reading; the
+rotations tell it (`imu.scale_terms`).
 
 **Sensitivity to force.** The rests' mean readings are regressed on 1 and on (1, f); the
 drop in the sum of squares is judged by the F test. Rests tell it apart from M, which
@@ -195,6 +196,8 @@ class BiasTerms(NamedTuple):
     shape: Float[Array, "c c"]  # covariance of B and the terms over N^2
     at_rest: Float[Array, "n d"]  # powers of the temperature, no column without terms
     rows: Float[Array, "r d"]
+    seen: RestTemperatures | None = None
+    temperature: Any = None  # of each row
 
     @property
     def coefficients(self) -> Float[Array, "d 3"]:
@@ -218,6 +221,7 @@ def bias_terms(
         return none
     warm = physical_array("temperature", temperature, (len(np.asarray(time)),))
     seen = RestTemperatures.of(warm, np.asarray(time, dtype=float), intervals)
+    none = none._replace(seen=seen, temperature=warm)
     if seen.span < seen.least_span or n - 5 < LEAST_LEFT:
         need = (
             f"{seen.least_span:g} K between rests and {5 + LEAST_LEFT} rests are needed"
@@ -251,11 +255,12 @@ def bias_terms(
     said = (
         f"bias of the gyroscope in temperature: {'line' if kept == 1 else 'parabola'}; "
         f"without an effect the chance of the last term is {chance_words(chance, 2)} "
-        f"({CHANCE:g} allowed); of its scale, rests say nothing"
+        f"({CHANCE:g} allowed)"
     )
     return BiasTerms(
-        thermal, said, shape, seen.powers[:, :kept], thermal.powers(warm)[:, :kept]
-    )
+        thermal, said, shape, seen.powers[:, :kept], thermal.powers(warm)[:, :kept],
+        seen, warm,
+    )  # fmt: skip
 
 
 class _Regression(NamedTuple):

@@ -5,16 +5,23 @@ gyroscope are chosen by evidence (`simval.imu.calibrate.gyroscope.evidence`).
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from simval.arguments import choice, switch
 from simval.arrays import Array, ReadOnly, noise_levels, physical_array
 from simval.errors import InputError
+from simval.geometry import normalize
 from simval.imu.calibrate.accelerometer import calibrate
-from simval.imu.calibrate.gyroscope.calibration import calibrate_gyroscope
+from simval.imu.calibrate.goodness_of_fit import Drop
+from simval.imu.calibrate.gyroscope.calibration import (
+    approach,
+    calibrate_gyroscope,
+    first_matrix,
+)
 from simval.imu.calibrate.gyroscope.evidence import (
+    CHANCE,
     BiasTerms,
     Rests,
     Sensitivity,
@@ -30,13 +37,14 @@ from simval.imu.calibrate.gyroscope.path_statistics import (
     InterRestRotations,
     inter_rest_rotations,
 )
+from simval.imu.calibrate.gyroscope.residuals import across
 from simval.imu.calibrate.gyroscope.result import NAMES, GyroscopeFit
+from simval.imu.calibrate.rest_temperatures import LEAST_LEFT
 from simval.imu.calibrate.result import FitResult
-from simval.imu.calibrate.thermal import (
-    Thermal,
-)
+from simval.imu.calibrate.thermal import TERMS, Thermal
 from simval.imu.sensor import forms
 from simval.shapes import Float
+from simval.text import chance_words
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -184,8 +192,8 @@ def calibrate_imu(
     start : optional
         As in `calibrate_gyroscope`.
     temperature : array_like, optional
-        Of the sensor at each row, degrees Celsius, (n,): the gyroscope's bias may
-        depend on it, by the F test.
+        Of the sensor at each row, degrees Celsius, (n,): the gyroscope's bias and
+        scale may depend on it, by the F test.
 
     Returns
     -------
@@ -242,8 +250,10 @@ def calibrate_imu(
     scatter, _ = walk_of(rests, np.ones((len(at), 1)))
     force = acc.sensor().correct(rows) if found.kept else None
     more, known = _taken_out(time, warm, force, found, rests, chosen)
-    if more:
-        inter_rest = inter_rest_rotations(time, gyroscope, intervals, **how, **more)
+    gain = scale_terms(time, gyroscope, at, forces, warm, how, more.get("offset", 0.0))
+    if more or gain.thermal is not None:
+        rates_of = gyroscope if gain.thermal is None else gain.rows
+        inter_rest = inter_rest_rotations(time, rates_of, intervals, **how, **more)
     reduced = ImuReadings(
         inter_rest=inter_rest, poses=poses, pose_std=std, angle_random_walk=walk,
         bias_random_walk=drift, known_bias=known,
@@ -254,13 +264,17 @@ def calibrate_imu(
         bias_random_walk=drift, clock_jitter=clock_jitter, estimator=estimator,
         bias=chosen, known_bias=known, start=start, bias_std=reduced.bias_std,
     )  # fmt: skip
+    if gain.thermal is not None:
+        P = np.array(fit.covariance)
+        P[9:18, 9:18] += gain.covariance
+        fit = replace(fit, covariance=P)
     if fit.estimator == "joint":
         acc = joined(acc, fit.accelerometer, fit.covariance[:9, :9], poses)
     return ImuFit(
         accelerometer=acc,
         gyroscope=fit,
-        reasons=(said, found.reason, *([warm.reason] if warm.reason else [])),
-        thermal=warm.thermal,
+        reasons=(said, found.reason, *(x for x in (warm.reason, gain.reason) if x)),
+        thermal=gain.thermal or warm.thermal,
         G=found.G,
         G_sd=found.sd,
         reduced=reduced,
@@ -272,6 +286,91 @@ def variance_within(rows: Float[Array, "n 3"], rests: Any) -> Float[Array, "3"]:
     counts = np.diff(rests)[:, 0]
     squares = sum(rows[a:b].var(axis=0) * (b - a) for a, b in rests)
     return np.asarray(squares / (counts.sum() - len(counts)))
+
+
+class Gain(NamedTuple):
+    """What the scale of a gyroscope owes to temperature."""
+
+    thermal: Thermal | None = None  # terms of its bias among them
+    reason: str = ""
+    rows: Any = None  # with the scale at the reference
+    covariance: Any = None  # of M by that of the terms, (9, 9)
+
+
+_STEP = 1e-3  # of a scale, 1/K: what it does is nearly linear in it
+
+
+def scale_terms(
+    time: Any, gyroscope: Any, rests: Any, forces: Float[Array, "n 3"],
+    warm: BiasTerms, how: dict[str, Any], offset: Any,
+) -> Gain:  # fmt: skip
+    """Choose a scale linear in temperature by the rotations, where they tell it.
+
+    By their residuals in plain least squares, with M fitted anew for a small scale of
+    each axis by turns, and the F test of `goodness_of_fit.Drop`.
+    """
+    count, seen = 2 * (len(forces) - 1), warm.seen
+    left = count - 12
+    if seen is None or seen.span < seen.least_span or left < LEAST_LEFT:
+        return Gain()
+    tau = np.asarray(warm.temperature)[:, None] - seen.reference
+    away = physical_array("gyroscope", gyroscope, (None, 3)) - offset
+    centre = np.mean([away[a:b].mean(axis=0) for a, b in rests], axis=0)
+    away = away - centre
+    u = np.broadcast_to(normalize(forces), (4, *forces.shape))
+    tried, kappa = np.pad(_STEP * np.eye(3), ((1, 0), (0, 0))), np.zeros(3)
+    M, square = np.full((4, 3, 3), np.nan), list[float]()
+    for _ in range(2):  # the second time about the first answer
+        rates = centre + (1.0 + (kappa + tried)[:, None] * tau) * away
+        turned = inter_rest_rotations(time, rates, rests, **how)
+        if not square:
+            M[:] = first_matrix(turned.statistics[0], u[0], across(u[:1, 1:])[0])
+        if not np.isfinite(M).all():
+            return Gain()
+        M, J, e = approach(turned, np.zeros((4, 3)), u, M)
+        q = np.linalg.qr(J[..., :9])[0]
+        r = e - np.matvec(q, np.vecmat(e, q))
+        square.append(float(r[0] @ r[0]))
+        D = (r[1:] - r[0]).T / _STEP
+        inverse = np.linalg.pinv(D)
+        rest = r[0] - D @ (inverse @ r[0])
+        kappa = kappa - inverse @ r[0]
+    scatter = float(rest @ rest)
+    chance = Drop(rest=scatter, dof=left, known=None).chance(square[0], 3)
+    if not (chance < CHANCE and np.linalg.matrix_rank(D) == 3):
+        return Gain()
+    covariance = scatter / left * inverse @ inverse.T
+    by = (M[1:] - M[0]).reshape(3, 9) / _STEP
+    said = (
+        "scale of the gyroscope in temperature: line; without an effect its chance is "
+        f"{chance_words(chance, 2)} ({CHANCE:g} allowed)"
+    )
+    return Gain(
+        _with_scale(warm, kappa, covariance, centre, left), said,
+        centre + (1.0 + kappa * tau) * away + offset, by.T @ covariance @ by,
+    )  # fmt: skip
+
+
+def _with_scale(
+    warm: BiasTerms, kappa: Float[Array, "3"], own: Float[Array, "3 3"],
+    centre: Float[Array, "3"], dof: int,
+) -> Thermal:  # fmt: skip
+    # the terms of bias and scale, whose errors are independent: of rests and rotations
+    bias, seen = warm.thermal, warm.seen
+    assert seen is not None
+    some = (("scale", 1), *(() if bias is None else bias.terms))
+    terms = tuple(term for term in TERMS if term in some)
+    scale = np.repeat([what == "scale" for what, _ in terms], 3)
+    values, covariance = np.zeros(scale.size), np.zeros((scale.size, scale.size))
+    values[scale], covariance[np.ix_(scale, scale)] = kappa, own
+    if bias is not None:
+        values[~scale] = bias.coefficients.ravel()
+        covariance[np.ix_(~scale, ~scale)] = bias.covariance
+    return Thermal(
+        reference=seen.reference, low=seen.low, high=seen.high, terms=terms,
+        coefficients=values.reshape(-1, 3), covariance=covariance, centre=centre,
+        dof=dof if bias is None else min(dof, bias.dof),
+    )  # fmt: skip
 
 
 def _taken_out(
