@@ -58,7 +58,7 @@ def read_temperature(
         )
         raise InputError(msg)
     lost = len(rows) - len(there)
-    words = f"the temperature of {lost} rows, at most {hole} at once, is interpolated"
+    words = f"the temperature of {lost} row(s), at most {hole} at once, is interpolated"
     mended = (("mended", words),) if lost else ()
     values = np.interp(rows, there, values[there])
     scale = scale_of(column.unit or "degc")
