@@ -99,7 +99,7 @@ def ros(path, us, force, rate, field=None, *, plugin=None, stamped=True, packed=
             )
             sequence = {"seq": k} if first else {}
             header = kinds["std_msgs/msg/Header"](
-                stamp=stamp, frame_id="imu", **sequence
+                stamp=stamp, frame_id="imu_link", **sequence
             )
             turn = kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 0.0)
             parts = turn, np.array([-1.0, *none[1:]]), three(*rate[k].tolist()), none
