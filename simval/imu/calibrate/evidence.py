@@ -336,6 +336,16 @@ def repeated_poses(poses: Float[Array, "n k"]) -> Any:
     return np.setdiff1d(np.arange(len(poses)), first)
 
 
+def repeated_words(poses: Float[Array, "n k"], of: str = "") -> str:
+    """Say which reading equals an earlier one, and what to do."""
+    index = int(repeated_poses(poses)[0])
+    same = int(np.flatnonzero((poses == poses[index]).all(axis=1))[0])
+    return (
+        f"poses {same} and {index} are identical in every bit{of}; means of two holds "
+        "never are, so the same data was counted twice: remove one"
+    )
+
+
 def refuse(
     code: int,
     poses: Float[Array, "n 3"],
@@ -354,13 +364,7 @@ def refuse(
         Always; `GeometryError` where the poses leave something unobservable.
     """
     if code == Code.DUPLICATES:
-        index = int(repeated_poses(poses)[0])
-        same = int(np.flatnonzero((poses == poses[index]).all(axis=1))[0])
-        msg = (
-            f"poses {same} and {index} are identical in every bit; means of two holds "
-            "never are, so the same data was counted twice: remove one, "
-            f"{REPEATS}"
-        )
+        msg = f"{repeated_words(poses)}, {REPEATS}"
         raise RefusedError(msg)
     if code == Code.SATURATED:
         bound = float(np.inf if full_scale is None else full_scale)

@@ -1,12 +1,5 @@
 r"""Residuals of an accelerometer's poses, and the moments they are computed from.
 
-**Moments of the readings: one pass over the data, then none.**
-
-The residual of a calibration is linear in ten monomials of the reading (Q1), so
-every sum over poses that a step needs is a form in the moment matrix
-
-.. math:: G = \sum_k w_k\, m_k m_k^T.  \tag{Q2}
-
 **The residual as a quadric in the reading, and its derivatives.**
 
 With :math:`A = M^T M` the residual of all three derivations is
@@ -14,11 +7,14 @@ With :math:`A = M^T M` the residual of all three derivations is
 .. math:: c(y) = |M (y - b)|^2 - 1 = m(y)^T v(\theta)  \tag{Q1}
 
 in units where gravity is 1: :math:`m` are the ten monomials of the reading,
-:math:`v` ten coefficients. So every sum over poses of products of :math:`c` and
-its derivatives is a form in the moment matrix :math:`G = \sum_k w_k m_k m_k^T`
-(Q2): one pass over the data, then each iteration costs the same for any number of
-samples. The weighted-distance residual also needs :math:`q(y) = |M^T M (y - b)|^2`,
-the quadric of :math:`A^2`, without the constant.
+:math:`v` ten coefficients. So every sum over poses of products of :math:`c` and its
+derivatives is a form in the moment matrix
+
+.. math:: G = \sum_k w_k\, m_k m_k^T:  \tag{Q2}
+
+one pass over the data, then each iteration costs the same for any number of samples.
+The weighted-distance residual also needs :math:`q(y) = |M^T M (y - b)|^2`, the quadric
+of :math:`A^2`, without the constant.
 
 **The residuals: what each makes of the quadrics c and q of one pose.**
 

@@ -20,9 +20,9 @@ from simval.arrays import (
     positive_number,
 )
 from simval.errors import GeometryError, InputError, RefusedError
-from simval.imu.calibrate.accelerometer import checked_time, pose_means
+from simval.imu.calibrate.accelerometer import checked_time
 from simval.imu.calibrate.equations import Accelerometer, Magnetometer, Prior, Problem
-from simval.imu.calibrate.evidence import repeated_poses
+from simval.imu.calibrate.evidence import repeated_poses, repeated_words
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
 from simval.imu.calibrate.gauss_newton import residuals
 from simval.imu.calibrate.magnetometer.evidence import (
@@ -42,7 +42,7 @@ from simval.imu.calibrate.magnetometer.result import (
     PARAMETERS,
     MagnetometerFit,
 )
-from simval.imu.calibrate.magnetometer.start import solve
+from simval.imu.calibrate.magnetometer.start import both_means, solve, twin
 from simval.imu.calibrate.minimization import normalized
 from simval.imu.calibrate.result import FitResult
 from simval.imu.sensor import forms
@@ -106,20 +106,13 @@ def checked_pair(
     accelerometer: Any, magnetometer: Any, known: FitResult | None
 ) -> tuple[Array, Array]:
     """Return the pose means of both sensors, (n, 3) or (trials, n, 3)."""
-    named = {"accelerometer": accelerometer, "magnetometer": magnetometer}
-    pair = [pose_means(name, value) for name, value in named.items()]
-    shapes = [readings.shape for readings in pair]
-    if shapes[0] != shapes[1]:
-        msg = (
-            f"`accelerometer` has shape {shapes[0]} and `magnetometer` {shapes[1]}; "
-            "give the means of both sensors over the same poses, in the same order"
-        )
-        raise InputError(msg)
-    count, fewest = shapes[0][-2], FEWEST if known is None else FEWEST_KNOWN
-    if known is not None and known.parameters.shape[:-1] not in ((), shapes[0][:-2]):
+    pair = both_means(accelerometer, magnetometer)
+    shape = pair[0].shape
+    count, fewest = shape[-2], FEWEST if known is None else FEWEST_KNOWN
+    if known is not None and known.parameters.shape[:-1] not in ((), shape[:-2]):
         msg = (
             f"`known` holds {known.parameters.shape[0]} calibrations for readings of "
-            f"shape {shapes[0]}; give one, or one for each trial"
+            f"shape {shape}; give one, or one for each trial"
         )
         raise InputError(msg)
     if count < fewest:
@@ -133,7 +126,7 @@ def checked_pair(
             "and tilted to all sides: add poses"
         )
         raise GeometryError(msg)
-    return pair[0], pair[1]
+    return pair
 
 
 def checked_std(
@@ -156,20 +149,6 @@ def checked_std(
         )
         raise InputError(msg)
     return sigma
-
-
-def refuse_repeated(accelerometer: Array, magnetometer: Array) -> None:
-    """Refuse a set in which two poses are the same in every bit."""
-    both = np.concatenate([accelerometer, magnetometer], axis=1)
-    again = repeated_poses(both)
-    if again.size and again.size < len(both) - 1:
-        same = int(np.flatnonzero((both == both[again[0]]).all(axis=1))[0])
-        msg = (
-            f"poses {same} and {again[0]} are identical in every bit of both sensors; "
-            "means of two holds never are, so the same data was counted twice: remove "
-            "one"
-        )
-        raise RefusedError(msg)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -336,7 +315,10 @@ def calibrate_magnetometer(
     if single:
         named = {"accelerometer": pair[0], "magnetometer": pair[1]}
         refuse_still(named)
-        refuse_repeated(*pair)
+        both = np.concatenate(pair, axis=1)
+        again = repeated_poses(both).size
+        if again and again < count - 1:
+            raise RefusedError(repeated_words(both, " of both sensors"))
     size = max(1, _BLOCK // count)
     parts = [
         _fit(scale(batch, noise, slice(i, i + size), options), options)
@@ -419,7 +401,4 @@ def _twin(theta: Float[Array, "t 22"], hemisphere: str) -> Float[Array, "t 22"]:
     if hemisphere == "unstated":
         return theta
     down = theta[:, DIP] > 0.0
-    turned = np.array(theta)
-    turned[:, MATRIX] *= -1.0
-    turned[:, DIP] *= -1.0
-    return np.where((down == (hemisphere == "north"))[:, None], theta, turned)
+    return np.where((down == (hemisphere == "north"))[:, None], theta, twin(theta))

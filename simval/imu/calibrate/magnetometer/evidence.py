@@ -306,7 +306,8 @@ def nominal_rank(
     body: Float[Array, "n 3"], field: Float[Array, "n 3"], noise: float
 ) -> int:
     """Rank of the equations above the relative noise, both sensors taken as ideal."""
-    up, along = _directions(body, 0.0), _directions(field, _middle(field))
+    middle = (field.max(axis=0) + field.min(axis=0)) / 2.0
+    up, along = _directions(body, 0.0), _directions(field, middle)
     theta = np.zeros((1, PARAMETERS))
     theta[0, :9] = forms.from_gram("triangular", np.eye(3), np.zeros(3))
     theta[0, 9:18] = np.eye(3).ravel()
@@ -321,7 +322,3 @@ def nominal_rank(
     slopes = problem.rests(problem.corrected(theta), theta)[1].reshape(-1, PARAMETERS)
     values = np.linalg.svd(slopes, compute_uv=False)
     return int(np.count_nonzero(values > min(_RANK * noise, 0.1) * values[0]))
-
-
-def _middle(readings: Float[Array, "n 3"]) -> Float[Array, "3"]:
-    return (readings.max(axis=0) + readings.min(axis=0)) / 2.0

@@ -295,13 +295,13 @@ def _best(problem: Problem, found: list[Solution]) -> tuple[Solution, Any]:
     theta = thetas[best, trials]
     with np.errstate(invalid="ignore"):  # both may be infinite
         near = costs - costs[best, trials] < APART
-    mirrored = np.array(theta)  # (-M, -s) fits alike, and is one with it
-    mirrored[:, MATRIX] *= -1.0
-    mirrored[:, DIP] *= -1.0
+    mirrored = twin(theta)  # is one with it
     apart = np.minimum(
         np.abs(thetas - theta).max(axis=-1), np.abs(thetas - mirrored).max(axis=-1)
     )
-    upright = _upright(theta, mirrored)
+    with np.errstate(invalid="ignore"):
+        left = np.linalg.det(theta[:, MATRIX].reshape(-1, 3, 3)) < 0.0
+    upright = np.where(left[:, None], mirrored, theta)
     return Solution(
         theta=upright,
         here=problem.local(upright),
@@ -311,10 +311,25 @@ def _best(problem: Problem, found: list[Solution]) -> tuple[Solution, Any]:
     ), ~np.any(near & (apart > _SAME), axis=0)
 
 
-def _upright(theta: Array, mirrored: Array) -> Float[Array, "t 22"]:
-    with np.errstate(invalid="ignore"):
-        left = np.linalg.det(theta[:, MATRIX].reshape(-1, 3, 3)) < 0.0
-    return np.where(left[:, None], mirrored, theta)
+def twin(theta: Float[Array, "t 22"]) -> Float[Array, "t 22"]:
+    """Parameters that fit alike: (-M, -s)."""
+    turned = np.array(theta)
+    turned[:, MATRIX] *= -1.0
+    turned[:, DIP] *= -1.0
+    return turned
+
+
+def both_means(accelerometer: Any, magnetometer: Any) -> tuple[Array, Array]:
+    """Pose means of both sensors, (n, 3) or (trials, n, 3), of the same poses."""
+    named = {"accelerometer": accelerometer, "magnetometer": magnetometer}
+    body, field = (pose_means(name, value) for name, value in named.items())
+    if body.shape != field.shape:
+        msg = (
+            f"`accelerometer` has shape {body.shape} and `magnetometer` {field.shape}; "
+            "give the means of both sensors over the same poses, in the same order"
+        )
+        raise InputError(msg)
+    return body, field
 
 
 def ellipsoid_then_rotation(
@@ -340,14 +355,7 @@ def ellipsoid_then_rotation(
     GeometryError
         If a set fixes no ellipsoid.
     """
-    named = {"accelerometer": accelerometer, "magnetometer": magnetometer}
-    pair = [pose_means(name, value) for name, value in named.items()]
-    if pair[0].shape != pair[1].shape:
-        msg = (
-            f"`accelerometer` has shape {pair[0].shape} and `magnetometer` "
-            f"{pair[1].shape}; give the means of both sensors over the same poses"
-        )
-        raise InputError(msg)
+    pair = both_means(accelerometer, magnetometer)
     batch = [readings.reshape(-1, *readings.shape[-2:]) for readings in pair]
     finite = np.isfinite(batch).all(axis=(0, 2, 3))
     result = np.full((len(batch[0]), 13), np.nan)
