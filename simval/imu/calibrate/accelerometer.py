@@ -38,7 +38,6 @@ from simval.imu.calibrate.residuals import (
     RESIDUALS,
     SLOPES,
     WEIGHTED,
-    in_lanes,
     moment_matrix,
     noise_shares,
     unbiased_moment_matrix,
@@ -142,19 +141,6 @@ def pose_means(name: str, value: Any) -> Float[Array, "... n 3"]:
     return readings
 
 
-def checked_readings(poses: Any) -> Float[Array, "n 3"] | Float[Array, "trials n 3"]:
-    """Return the readings as an array of nine poses or more."""
-    readings = pose_means("poses", poses)
-    count = readings.shape[-2]
-    if count < PARAMETERS:
-        msg = (
-            f"{count} pose(s) given; nine parameters need {PARAMETERS} or more in "
-            "different directions, and error bars need 10 or more: add poses"
-        )
-        raise GeometryError(msg)
-    return readings
-
-
 def checked_noise(
     noise_std: Any, poses: Float[Array, "... n 3"], residual: str
 ) -> Float[Array, "... n"] | None:
@@ -170,14 +156,20 @@ def checked_noise(
         return None
     trials = len(poses) if poses.ndim == 3 else None
     sigma = noise_levels("noise_std", noise_std, poses.shape[-2], trials=trials)
-    if residual in WEIGHTED and not np.all(sigma > 0.0) and np.any(sigma > 0.0):
+    if residual in WEIGHTED and np.any(sigma > 0.0):
+        require_noise("noise_std", sigma)
+    return np.broadcast_to(sigma, poses.shape[:-1])
+
+
+def require_noise(name: str, sigma: Float[Array, "... n"]) -> None:
+    """Refuse a pose without noise, which would weigh without bound."""
+    if not np.all(sigma > 0.0):
         msg = (
-            f"`noise_std` is 0 for {np.count_nonzero(sigma == 0.0)} of {sigma.size} "
-            f"poses; residual {residual!r} weighs each pose by 1/noise^2, so give "
-            "every pose the noise that it has"
+            f"`{name}` is 0 for {np.count_nonzero(sigma == 0.0)} of {sigma.size} "
+            "poses; each pose is weighed by 1/noise^2, so give every pose the noise "
+            "that it has"
         )
         raise InputError(msg)
-    return np.broadcast_to(sigma, poses.shape[:-1])
 
 
 def checked_time(time: Any, count: int) -> Float[Array, " n"]:
@@ -284,8 +276,14 @@ def calibrate(
         tolerance=tolerance, max_iterations=max_iterations, full_scale=full_scale,
         repeats=repeats, condition_limit=condition_limit, covariance=covariance,
     )  # fmt: skip
-    readings = checked_readings(poses)
+    readings = pose_means("poses", poses)
     count = readings.shape[-2]
+    if count < PARAMETERS:
+        msg = (
+            f"{count} pose(s) given; nine parameters need {PARAMETERS} or more in "
+            "different directions, and error bars need 10 or more: add poses"
+        )
+        raise GeometryError(msg)
     sigma = checked_noise(noise_std, readings, options.residual)
     batch = readings.reshape(-1, count, 3)
     sigma = None if sigma is None else sigma.reshape(batch.shape[:2])
@@ -351,8 +349,9 @@ def _fit_block(
     # Fit a block of trials, refused ones set aside.
     count = len(poses)
     code = screen(poses, full_scale=options.full_scale, repeats=options.repeats)
-    rows, condition = in_lanes(poses), np.full(count, np.inf)
+    condition = np.full(count, np.inf)
     block: _Block = {"code": code, "condition": condition}
+    rows = np.ascontiguousarray(poses.transpose(1, 2, 0))  # trials in lanes
     block["raw_range"] = np.stack([rows.min(axis=0), rows.max(axis=0)]).T
     # repeated poses are looked at as well: what they leave open says more
     keep = np.flatnonzero((code == Code.CONVERGED) | (code == Code.DUPLICATES))

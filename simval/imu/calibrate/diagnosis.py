@@ -21,13 +21,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy
 
 from simval.arguments import instance
 from simval.arrays import Array, ReadOnly, noise_levels, physical_array
 from simval.errors import InputError
 from simval.geometry import normalize
-from simval.imu.calibrate.accelerometer import checked_time
+from simval.imu.calibrate.accelerometer import checked_time, require_noise
 from simval.imu.calibrate.drift import (
     DRIFT_FALSE_ALARM,
     HIDDEN,
@@ -36,11 +35,12 @@ from simval.imu.calibrate.drift import (
     of_a_triad,
 )
 from simval.imu.calibrate.goodness_of_fit import (
-    BELIEVED,
     Combination,
     Deletion,
+    believed_range,
     chi_square_chance,
     least_determined_of,
+    overstated,
 )
 from simval.imu.calibrate.outliers import Outliers, find_outliers
 from simval.imu.calibrate.residuals import WEIGHTED, noise_shares
@@ -48,7 +48,7 @@ from simval.imu.calibrate.result import FitResult
 from simval.imu.sensor import forms
 from simval.poses import PARAMETERS, direction_jacobian
 from simval.shapes import Float
-from simval.text import chance_words, shown
+from simval.text import chance_words
 
 # Of 1000 sets of 20 random directions all over the sphere 99 % lose at most 4.1, of
 # 24 3.1; of poses in one half of the sphere the best of 200 sets lost 7.3.
@@ -183,9 +183,7 @@ def _checked(
     if noise_std is None:
         return readings, None
     sigma = noise_levels("noise_std", noise_std, count)
-    if not np.all(sigma > 0.0):
-        msg = f"`noise_std` is {shown(noise_std)}; it must be above 0 raw units"
-        raise InputError(msg)
+    require_noise("noise_std", sigma)
     return readings, sigma
 
 
@@ -246,9 +244,7 @@ def verdict(
         return "nine poses fit exactly: the residuals say nothing; add poses"
     if not np.isfinite(chi2_per_dof):
         return "not judged: the noise of a pose mean is not known"
-    low, high = (
-        2.0 * scipy.special.gammaincinv(dof / 2, [BELIEVED, 1.0 - BELIEVED]) / dof
-    )
+    low, high = believed_range(dof) / dof
     factor = np.sqrt(chi2_per_dof)
     drifts = drift is not None and drift.seen
     told = drift is None or drift.excluded
@@ -260,10 +256,7 @@ def verdict(
             + (", trust the Type A error bars" if told else "")
         )
     if chi2_per_dof < low:
-        return (
-            f"residuals are {factor:.2f} times what the noise explains: the noise is "
-            "overstated, or the poses are not independent"
-        )
+        return overstated(factor)
     said = "noise is the limit: " if first and not drifts else ""
     said += "the residuals are what the noise explains"
     if dof < _BLIND_BELOW:

@@ -55,9 +55,15 @@ def accelerometer_lines(fit: Any) -> list[str]:
 
 def nine_axis_lines(fit: Any) -> list[str]:
     """Describe the calibration of three sensors in one fit."""
-    others = "accelerometer and the magnetometer"
+    nine, others = slice(0, 9), "accelerometer and the magnetometer"
+    model, intervals = fit.gyroscope.model, fit.confidence_intervals()
     return [
-        *together_lines(fit),
+        f"accelerometer     {model} form, in one fit with the gyroscope and the "
+        "magnetometer",
+        f"status            {fit.status} after {int(fit.iterations)} iterations; chi2 "
+        f"per dof {float(fit.chi2_per_dof):.3g} with {fit.dof}",
+        "                  value           sd   95 % interval",
+        *entry_lines(model, fit.parameters[nine], fit.sd[nine], intervals[nine]),
         "",
         *gyroscope_lines(fit.gyroscope, others),
         "",
@@ -106,20 +112,6 @@ def residual_line(fit: Any) -> str:
     return f"residual RMS      {float(fit.rms):.4g} m/s^2 of | |TK(y - B)| - g |"
 
 
-def together_lines(fit: Any) -> list[str]:
-    """T, K and B of the one fit of three sensors."""
-    nine = slice(0, 9)
-    model, intervals = fit.gyroscope.model, fit.confidence_intervals()
-    return [
-        f"accelerometer     {model} form, in one fit with the gyroscope and the "
-        "magnetometer",
-        f"status            {fit.status} after {int(fit.iterations)} iterations; chi2 "
-        f"per dof {float(fit.chi2_per_dof):.3g} with {fit.dof}",
-        "                  value           sd   95 % interval",
-        *entry_lines(model, fit.parameters[nine], fit.sd[nine], intervals[nine]),
-    ]
-
-
 def matrix_lines(fit: Any) -> list[str]:
     """The product in words, and T (or K where T is the identity) in it."""
     name, matrix = ("K", fit.K) if fit.model == "symmetric" else ("T", fit.T)
@@ -142,8 +134,9 @@ def gyroscope_lines(
     fit: Any, others: str = "accelerometer", G: Array = _NO_FORCE, G_sd: Any = None
 ) -> list[str]:
     """M, B and G with their error bars."""
+    felt = " - G f" if np.any(G) else ""
     lines = [
-        f"gyroscope         rate = M (reading - B{_force_term(G)}), axes of "
+        f"gyroscope         rate = M (reading - B{felt}), axes of "
         f"the accelerometer's {fit.model} form, rad/s; readings "
         f"{rate_unit(fit.M)[1]}",
         f"                  fitted together with the {others}; chi2 per dof "
@@ -185,10 +178,6 @@ def _values(names: tuple[str, ...], values: Array, sd: Array) -> list[str]:
         f"  {name:7s} {value:15.8g} {error:12.3g}"
         for name, value, error in zip(names, values, sd, strict=True)
     ]
-
-
-def _force_term(sensitivity: Array) -> str:
-    return " - G f" if np.any(sensitivity) else ""
 
 
 def rate_unit(M: Float[Array, "3 3"]) -> tuple[float | None, str]:

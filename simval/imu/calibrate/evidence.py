@@ -215,13 +215,8 @@ NOISE_MARGIN = 7.0
 GREATEST_NOISE = 0.1
 
 
-def _gradient_products() -> Float[Array, "81 16"]:
-    # C of eq. (N1) by the moments of x, y, z and 1; of each entry of C two at most
-    slopes = monomial_slopes()
-    return np.einsum("iak,jal->ijkl", slopes, slopes).reshape(81, 16)
-
-
-_GRADIENTS = _gradient_products()
+# C of eq. (N1) by the moments of x, y, z and 1; of each entry of C two at most
+_GRADIENTS = np.einsum("iak,jal->ijkl", *2 * [monomial_slopes()]).reshape(81, 16)
 
 
 def pencil(
@@ -232,13 +227,6 @@ def pencil(
     outer = (mean / moments[:, 9:, 9])[:, :, None] * mean[:, None]
     products = moments[:, 6:, 6:].reshape(-1, 16) @ _GRADIENTS.T
     return moments[:, :9, :9] - outer, products.reshape(-1, 9, 9)
-
-
-def second_noise(moments: Float[Array, "10 10"]) -> float:
-    """Noise that lets a second quadric through one pose set, s_2 of eq. (N1)."""
-    scatter, noise = pencil(moments[None])
-    values = np.linalg.eigvals(np.linalg.solve(noise[0], scatter[0])).real
-    return float(np.sqrt(max(np.sort(values)[1], 0.0)))
 
 
 def required_noise(
@@ -419,7 +407,9 @@ def _advice(poses: Float[Array, "n 3"]) -> str:
 def _noise_message(poses: Float[Array, "n 3"]) -> str:
     # how near a second quadric is, and what else would tell it from noise
     z, _, scale = normalized(poses[None])
-    enough = second_noise(moment_matrix(z)[0]) * float(scale[0])
+    scatter, noise = pencil(moment_matrix(z))
+    values = np.linalg.eigvals(np.linalg.solve(noise[0], scatter[0])).real
+    enough = np.sqrt(max(np.sort(values)[1], 0.0)) * scale[0]  # s_2 of eq. (N1)
     message = (
         f"noise of {enough:.2g} raw units in each reading is enough to let a second "
         "quadric through them, so shape cannot be told from noise"

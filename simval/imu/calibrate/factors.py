@@ -50,29 +50,17 @@ class NoiseFactors(ReadOnly):
     """What the residuals of one joint fit say of its sensors, and ask of their noise.
 
     A batch of trials is weighed by the noise that is stated: it has no sensors.
-
-    Attributes
-    ----------
-    sensors : tuple of SensorResiduals
-        Chi-square, rests and moves of each sensor; empty where none was judged.
-    factor : Array
-        By how much the standard deviations of the sensor's noise exceed those stated;
-        1 where they are borne, (s,).
-    widening : Array
-        By how much the error bars of the sensor's own parameters have grown, at most,
-        (s,).
-    p_value : float
-        Chance that noise as stated leaves as much, in all rows or in those of any
-        sensor; below `CHANCE` a factor is asked for. NaN where none was judged.
-    least_determined : Combination or None
-        The combination of parameters that the fit tells worst.
     """
 
+    # chi-square, rests and moves of each sensor; empty where none was judged
     sensors: tuple[SensorResiduals, ...]
+    # by how much the standard deviations of its noise exceed those stated; 1: borne
     factor: Float[Array, " s"]
-    widening: Float[Array, " s"]
+    widening: Float[Array, " s"]  # the most that error bars of its own have grown by
+    # chance that noise as stated leaves as much, in all rows or in those of any sensor;
+    # below `CHANCE` a factor is asked for. NaN where none was judged
     p_value: float
-    least_determined: Combination | None
+    least_determined: Combination | None  # what the fit tells worst
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -149,20 +137,9 @@ def judged(
 ) -> tuple[F, NoiseFactors]:
     """Fit again with the noise that the residuals ask for, if they ask for more.
 
-    Parameters
-    ----------
-    found : object
-        A fit by the stated noise.
-    fit : callable
-        From a fit and the factors of its sources' standard deviations to the fit with
-        those.
-    residuals : callable
-        Rows of a fit where it ended, the covariances with the noise it was made with.
-
-    Returns
-    -------
-    object, NoiseFactors
-        The last fit, and what its residuals say.
+    `fit` takes a fit, and the factors of its sources' standard deviations, to the fit
+    with those; `residuals` are the rows of a fit where it ended, their covariances with
+    the noise it was made with. Of the last fit it is said what its residuals say.
     """
     left = Left(residuals(found))
     for _ in range(_ROUNDS):

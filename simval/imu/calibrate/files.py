@@ -389,30 +389,10 @@ def at_temperature(
     *,
     extrapolate: bool = False,
 ) -> tuple[dict[str, Any], list[str]]:
-    """Readings of the sensors as they would be at the calibration's temperature.
+    """Raw readings by sensor as at the calibration's temperature, and what to say.
 
-    Parameters
-    ----------
-    thermal : dict of Thermal
-        As from `load_thermal`.
-    readings : dict of Array or None
-        Raw readings by sensor, (n, 3).
-    temperature : Array or None
-        Of each row, degrees Celsius, (n,).
-    extrapolate : bool, default False
-        Correct rows far outside of the temperatures that the calibration saw.
-
-    Returns
-    -------
-    dict
-        The readings.
-    list of str
-        What is to be said.
-
-    Raises
-    ------
-    RefusedError
-        If the temperature is not known, or far outside of what was seen.
+    By the terms of `load_thermal` and the temperature of each row, degrees Celsius; far
+    beyond what the calibration saw only if that is asked for.
     """
     made, said = dict(readings), []
     for name, own in thermal.items():

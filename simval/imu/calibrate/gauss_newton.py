@@ -119,7 +119,10 @@ def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> Solutio
                 moved = left
             theta[active[better]] = tried[better]
             last[active] = moved
-            damping[active] = _next_damping(damping[active], better)
+            own = damping[active]
+            less = np.where(own > _FIRST_DAMPING, own / 10.0, 0.0)
+            more = np.maximum(own * 10.0, _FIRST_DAMPING)
+            damping[active] = np.where(better, less, more)
             done = small & (damping[active] == 0.0)
             converged[active[done]] = True
             if done.any():
@@ -164,12 +167,6 @@ def _rounding(change: Float[Array, "t r"], white: Array) -> Any:
     # whether whitened rows change by no more than rounding of the rows themselves
     least = _ROUNDING * np.einsum("...ii->...i", white).reshape(len(change), -1)
     return np.all(np.abs(change[:, : least.shape[1]]) <= least, axis=1)
-
-
-def _next_damping(damping: Array, better: Any) -> Float[Array, " t"]:
-    less = np.where(damping > _FIRST_DAMPING, damping / 10.0, 0.0)
-    more = np.maximum(damping * 10.0, _FIRST_DAMPING)
-    return np.where(better, less, more)
 
 
 def weighed(

@@ -336,6 +336,19 @@ def chi_square_chance(chi_square: float, dof: float) -> float:
     return float(scipy.special.gammaincc(dof / 2.0, chi_square / 2.0))
 
 
+def believed_range(dof: float) -> Float[Array, "2"]:
+    """Chi-squares between which a noise is believed."""
+    return 2.0 * scipy.special.gammaincinv(dof / 2, [BELIEVED, 1.0 - BELIEVED])
+
+
+def overstated(factor: float) -> str:
+    """Say that residuals are less than the noise explains, by a factor."""
+    return (
+        f"residuals are {factor:.2f} times what the noise explains: the noise is "
+        "overstated, or the poses are not independent"
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drop:
     """A drop of the sum of squares down to `rest`, which has `dof` freedoms."""
@@ -360,36 +373,17 @@ class Drop:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorResiduals(ReadOnly):
-    """What the residuals of a fit say of one of its sensors.
-
-    Attributes
-    ----------
-    name : str
-        The sensor.
-    item : str
-        What it was read in, rest or move.
-    chi_square : float
-        Its part of chi-square, by the noise that is stated.
-    dof : float
-        The mean of that, if the noise is as stated.
-    p_value : float
-        Chance of as much; NaN where too few degrees of freedom are left.
-    leverage : Array
-        Share of each rest or move in its own fit, 0 to 1, (n,).
-    deviations : Array
-        How far each is from what all others say, in standard deviations of the stated
-        noise, (n,).
-    outliers : tuple of int
-        Rests or moves that do not belong; any of a clean log with a chance of 1 %.
-    """
+    """What the residuals of a fit say of one of its sensors."""
 
     name: str
-    item: str
-    chi_square: float
-    dof: float
-    p_value: float
-    leverage: Float[Array, " n"]
+    item: str  # what it was read in, rest or move
+    chi_square: float  # its part, by the noise that is stated
+    dof: float  # the mean of that, if the noise is as stated
+    p_value: float  # of as much; NaN where too few degrees of freedom are left
+    leverage: Float[Array, " n"]  # share of each rest or move in its own fit, 0 to 1
+    # of each from what all others say, in standard deviations of the stated noise
     deviations: Float[Array, " n"]
+    # rests or moves that do not belong; any of a clean log with a chance of 1 %
     outliers: tuple[int, ...]
 
     @property
@@ -427,12 +421,8 @@ class SensorResiduals(ReadOnly):
 class Left:
     """What the parameters cannot explain of the rows, in units of the fit's noise.
 
-    Parameters
-    ----------
-    rows : Residuals
-        Rows of the fit, their covariances those that it was made with.
-    factor : array_like, optional
-        By how much these exceed the stated ones of each source, standard deviations.
+    The covariances of the rows are those of the fit, which exceed the stated ones of
+    each source by a factor of its standard deviations.
     """
 
     def __init__(self, rows: Residuals, factor: Array | None = None) -> None:

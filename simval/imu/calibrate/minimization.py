@@ -90,13 +90,13 @@ from simval.shapes import Float
 _LEAST = 1e-61  # raw units; squares of the results stay finite
 
 
-def _scale_changes() -> Float[Array, "w 6"]:
-    # w'Ew in the six parameters of E, one row for each direction w, up to its sign
-    directions = np.concatenate([cube_faces(), cube_edges(), cube_corners()])
-    return np.unique(monomials(directions)[:, :6].round(15), axis=0)
-
-
-_SCALES = _scale_changes()
+# w'Ew in the six parameters of E, one row for each direction w, up to its sign
+_SCALES = np.unique(
+    monomials(np.concatenate([cube_faces(), cube_edges(), cube_corners()]))[
+        :, :6
+    ].round(15),
+    axis=0,
+)
 _SCALES.setflags(write=False)
 _SLOPES = monomial_slopes()
 

@@ -110,11 +110,6 @@ def _monomial_rows(z: Float[Array, "t n 3"]) -> Float[Array, "t 10 n"]:
     return result
 
 
-def in_lanes(matrices: Float[Array, "t p q"]) -> Float[Array, "p q t"]:
-    """The same with the trials next to each other; no copy where they are already."""
-    return np.ascontiguousarray(matrices.transpose(1, 2, 0))
-
-
 def unbiased_moment_matrix(
     z: Float[Array, "t n 3"], noise_std: Float[Array, "t n"]
 ) -> Float[Array, "t 10 10"]:

@@ -20,7 +20,7 @@ from simval.arrays import (
     positive_number,
 )
 from simval.errors import GeometryError, InputError, RefusedError
-from simval.imu.calibrate.accelerometer import checked_time
+from simval.imu.calibrate.accelerometer import checked_time, require_noise
 from simval.imu.calibrate.equations import Accelerometer, Magnetometer, Prior, Problem
 from simval.imu.calibrate.evidence import repeated_poses, repeated_words
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
@@ -142,12 +142,7 @@ def checked_std(
         raise InputError(msg)
     count, trials = poses.shape[-2], len(poses) if poses.ndim == 3 else None
     sigma = noise_levels(name, value, count, trials=trials)
-    if not np.all(sigma > 0.0):
-        msg = (
-            f"`{name}` is 0 for {np.count_nonzero(sigma == 0.0)} of {count} poses; "
-            "each pose is weighed by 1/noise^2, so give every pose the noise it has"
-        )
-        raise InputError(msg)
+    require_noise(name, sigma)
     return sigma
 
 
@@ -366,7 +361,10 @@ class _Block:
 
 def _fit(scaled: Scaled, options: Options) -> _Block:
     solution, sure = solve(scaled.problem, options.max_iterations)
-    theta = _twin(solution.theta, options.hemisphere)
+    theta = solution.theta
+    if options.hemisphere != "unstated":  # the start took det M > 0
+        north = (theta[:, DIP] > 0.0) == (options.hemisphere == "north")
+        theta = np.where(north[:, None], theta, twin(theta))
     fitted = Fitted.of(scaled.problem, theta, solution.converged)
     code = judge(fitted, options.hemisphere)
     code = np.where(sure | (code > Code.MAX_ITERATIONS), code, Code.AMBIGUOUS)
@@ -394,11 +392,3 @@ def _weighed(block: _Block, options: Options) -> tuple[_Block, NoiseFactors]:
     if block.numbers["code"][0] != Code.CONVERGED or options.known is not None:
         return block, NOT_JUDGED
     return judged(block, fit, lambda last: residuals(problem, last.fitted.here))
-
-
-def _twin(theta: Float[Array, "t 22"], hemisphere: str) -> Float[Array, "t 22"]:
-    # (M, s) and (-M, -s) fit alike: the start took det M > 0
-    if hemisphere == "unstated":
-        return theta
-    down = theta[:, DIP] > 0.0
-    return np.where((down == (hemisphere == "north"))[:, None], theta, twin(theta))

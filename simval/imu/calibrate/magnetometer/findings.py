@@ -25,7 +25,7 @@ from simval.geometry import normalize
 from simval.imu.calibrate.drift import Drift, find_drift
 from simval.imu.calibrate.equations import Problem, Sensor
 from simval.imu.calibrate.gauss_newton import minimize
-from simval.imu.calibrate.goodness_of_fit import Deletion
+from simval.imu.calibrate.goodness_of_fit import Deletion, believed_range, overstated
 from simval.imu.calibrate.magnetometer.evidence import Fitted
 from simval.imu.calibrate.magnetometer.result import DIP, IRON
 from simval.imu.calibrate.magnetometer.start import ENOUGH
@@ -46,11 +46,6 @@ def pose_chi_squares(fit: Fitted) -> Float[Array, " n"]:
     return Deletion.of(fit.here.slopes[0], fit.here.rows[0], items).drops([])
 
 
-def chance_limit(count: int) -> float:
-    """Chi-square of three that the worst of a clean set's poses exceeds by chance."""
-    return float(2.0 * scipy.special.gammainccinv(1.5, FALSE_ALARM / count))
-
-
 def drift(fit: Fitted, time: Float[Array, " n"]) -> Drift:
     """Test for a strength of the field that drifts in one set."""
     here, whole = fit.here, np.zeros_like(fit.here.rows[0])
@@ -63,7 +58,6 @@ def drift(fit: Fitted, time: Float[Array, " n"]) -> Drift:
 
 STRONG_IRON = 0.7
 """Hard iron, of the field: beyond it the field inside the sensor can pass near zero."""
-_TAIL = 0.01  # of the chi-square, on either side, where the noise is not believed
 # Of 150 random sets 99 % lose at most 4.6 with 12 poses, 2.0 with 20, 1.6 with 40.
 GEOMETRY_LIMIT = 5.0
 _NOT_CONVERGED = (
@@ -106,10 +100,12 @@ def _left_out(fit: Fitted) -> tuple[tuple[int, ...], float]:
     # poses that do not fit the others, and the chi-square by freedom of the others
     whole, count = fit.problem, len(fit.here.white[0])
     kept, out = np.arange(count), list[int]()
+    # of three, that the worst of a clean set's poses exceeds by chance
+    limit = 2.0 * scipy.special.gammainccinv(1.5, FALSE_ALARM / count)
     while len(kept) > _FEWEST_LEFT and len(out) <= count // 3:
         values = np.nan_to_num(pose_chi_squares(fit))
         worst = int(np.argmax(values))
-        if values[worst] <= chance_limit(count):
+        if values[worst] <= limit:
             break
         out.append(int(kept[worst]))
         kept = np.delete(kept, worst)
@@ -147,13 +143,10 @@ def _poses_named(poses: Array, worst: tuple[int, ...], rest: float) -> str:
 
 def _scatter_words(fit: Fitted, *, explained: bool) -> str:
     chi_square = float(fit.chi_square[0])
-    low, high = 2.0 * scipy.special.gammaincinv(fit.dof / 2.0, [_TAIL, 1.0 - _TAIL])
+    low, high = believed_range(fit.dof)
     ratio = chi_square / fit.dof
     if chi_square < low:
-        return (
-            f"residuals are {np.sqrt(ratio):.2f} times what the noise explains: the "
-            "noise is overstated, or the poses are not independent"
-        )
+        return overstated(np.sqrt(ratio))
     if chi_square <= high or explained:
         return ""
     return (

@@ -202,15 +202,14 @@ def solve(problem: Problem, most: int) -> tuple[Solution, Any]:
         if problem.accelerometer.readings.shape[1] >= ENOUGH:
             theta = start(problem)
             return minimize(problem, theta, most), np.ones(len(theta), dtype=bool)
-        found = [_ended(problem, theta, most) for theta in _starts(problem)]
+        found = []
+        for theta in _starts(problem):
+            held = replace(problem, prior=_rounded(problem, theta))
+            theta = minimize(held, theta, most).theta
+            found.append(minimize(problem, theta, most))
         best = _best(problem, found)[0]
         found += [minimize(problem, x, most) for x in _jumps(problem, best.theta)]
         return _best(problem, found)
-
-
-def _ended(problem: Problem, theta: Array, most: int) -> Solution:
-    held = replace(problem, prior=_rounded(problem, theta))
-    return minimize(problem, minimize(held, theta, most).theta, most)
 
 
 def _jumps(problem: Problem, theta: Float[Array, "t 22"]) -> list[Array]:
