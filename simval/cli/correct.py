@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import click
 
@@ -19,12 +18,6 @@ from simval.cli.options import (
     refuse_if,
 )
 from simval.errors import InputError
-
-if TYPE_CHECKING:
-    from simval.arrays import Array
-    from simval.imu.calibrate.thermal import Thermal
-    from simval.imu.logs import Log
-    from simval.shapes import Float
 
 
 @declared("correct")
@@ -60,47 +53,11 @@ def command(
     """
     import numpy as np
 
-    from simval.imu.calibrate.files import (
-        load_calibration,
-        load_thermal,
-        require_same_sensor,
-    )
     from simval.imu.logs import read_log
-
-    fit = load_calibration(calibration).require_converged()
-    log = read_log(path, rate, columns, instance)
-    log, outside = warm(log, load_thermal(calibration), temperature, extrapolate)
-    if not unchecked:
-        require_same_sensor(fit, log.accelerometer, log.rate)
-    force = fit.sensor().correct(log.accelerometer)
-    parts, names, raw = others_corrected(log, force, calibration)
-    rows = np.hstack([log.time[:, None], force, *parts])
-    header = ",".join(["t", "ax", "ay", "az", *names])
-    target = sys.stdout if out is None else out
-    try:
-        np.savetxt(target, rows, fmt="%.17g", delimiter=",", header=header, comments="")
-    except OSError as error:
-        if out is None:
-            raise
-        msg = f"cannot write {out}: {error.strerror}; choose another file"
-        raise InputError(msg) from None
-    sys.stdout.flush()  # the rows first where both outputs are one
-    for line in [*log.described(), *outside]:
-        click.echo(line, err=True)
-    for name in raw:
-        said = f"unchanged         {name}: the calibration has none"
-        click.echo(said, err=True)
-
-
-def warm(
-    log: Log, thermal: dict[str, Thermal], temperature: float | None, extrapolate: bool
-) -> tuple[Log, list[str]]:
-    """The log at the calibration's temperature, and what is to be said of it."""
-    import numpy as np
-
-    from simval.imu.calibrate.files import at_temperature
     from simval.imu.logs.temperature import COLDEST, WARMEST
+    from simval.imu.multiposition.correction import corrected
 
+    log = read_log(path, rate, columns, instance)
     refuse_if(
         temperature is not None and log.temperature is not None,
         "`--temperature` is for a log without a temperature, and this one has a column "
@@ -111,44 +68,38 @@ def warm(
         f"`--temperature` is {temperature}; a sensor is read between {COLDEST:g} and "
         f"{WARMEST:g} degC",
     )
-    known = log.temperature
-    if temperature is not None:
-        known = np.full(len(log.time), temperature)
-    readings = {
-        "accelerometer": log.accelerometer,
-        "gyroscope": log.gyro,
-        "magnetometer": log.magnetometer,
-    }
-    made, said = at_temperature(thermal, readings, known, extrapolate=extrapolate)
-    changed = replace(
+    log, sensors, outside = corrected(
         log,
-        accelerometer=made["accelerometer"],
-        gyro=made["gyroscope"],
-        magnetometer=made["magnetometer"],
+        calibration,
+        temperature=temperature,
+        extrapolate=extrapolate,
+        checked=not unchecked,
     )
-    return changed, said
-
-
-def others_corrected(
-    log: Log, force: Float[Array, "n 3"], calibration: Path
-) -> tuple[list[Float[Array, "n 3"]], list[str], list[str]]:
-    """Rows and columns of the other sensors, and which of them are unchanged."""
-    from simval.imu.calibrate.files import load_others
-
-    gyroscope, magnetometer = load_others(calibration)
-    parts, names, raw = [], [], []
-    if log.gyro is not None:
-        names += ["wx", "wy", "wz"]
-        if gyroscope is None:
-            parts.append(log.gyro)
-            raw.append("the gyroscope")
-        else:
-            parts.append(gyroscope.correct(log.gyro, specific_force=force))
-    if log.magnetometer is not None:
-        names += ["mx", "my", "mz"]
-        if magnetometer is None:
-            parts.append(log.magnetometer)
-            raw.append("the magnetometer")
-        else:
-            parts.append(magnetometer.correct(log.magnetometer))
-    return parts, names, raw
+    parts, names, raw = [log.time[:, None], log.accelerometer], "t,ax,ay,az", []
+    others = (("gyroscope", log.gyro), ("magnetometer", log.magnetometer))
+    for (name, own), axes in zip(others, (",wx,wy,wz", ",mx,my,mz"), strict=True):
+        if own is not None:
+            parts.append(own)
+            names += axes
+            raw += [] if name in sensors else [name]
+    target = sys.stdout if out is None else out
+    try:
+        np.savetxt(
+            target,
+            np.hstack(parts),
+            fmt="%.17g",
+            delimiter=",",
+            header=names,
+            comments="",
+        )
+    except OSError as error:
+        if out is None:
+            raise
+        msg = f"cannot write {out}: {error.strerror}; choose another file"
+        raise InputError(msg) from None
+    sys.stdout.flush()  # the rows first where both outputs are one
+    for line in [*log.described(), *outside]:
+        click.echo(line, err=True)
+    for name in raw:
+        said = f"unchanged         the {name}: the calibration has none"
+        click.echo(said, err=True)

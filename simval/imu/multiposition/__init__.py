@@ -9,6 +9,7 @@ The log shows a sensor that is held still in many poses. Its way, from top to bo
     `calibration`         -> fit of the accelerometer, then of all sensors together
     `faults`              causes for which a fit is not given out, and of a refusal
     `description`         -> text and files
+    `correction`          a log by such a file
 
 `log_units` and `noise_description` serve the measurement of a log's noise.
 """

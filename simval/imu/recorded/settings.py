@@ -11,15 +11,9 @@ import numpy as np
 
 from simval.arrays import Array, frozen
 from simval.errors import InputError, RefusedError
-from simval.imu.calibrate.files import (
-    at_temperature,
-    load_calibration,
-    load_others,
-    load_thermal,
-    require_same_sensor,
-)
 from simval.imu.filters.signals import Told
 from simval.imu.logs import Log
+from simval.imu.multiposition.correction import corrected
 from simval.imu.multiposition.log_units import Scale, written_unit
 from simval.imu.noise import AxisNoise, noise_of
 from simval.imu.noise.model import NoiseFile
@@ -134,24 +128,14 @@ def _require_gyroscope(log: Log) -> None:
 
 
 def _calibrated(log: Log, raw: Signals, path: str) -> Signals:
-    fit = load_calibration(path).require_converged()
-    rows = {"accelerometer": log.accelerometer, "gyroscope": log.gyro}
-    rows["magnetometer"] = log.magnetometer
-    at, _ = at_temperature(load_thermal(path), rows, log.temperature)
-    log = replace(log, accelerometer=at["accelerometer"], gyro=at["gyroscope"])
-    log = replace(log, magnetometer=at["magnetometer"])
-    require_same_sensor(fit, log.accelerometer, log.rate)
-    force = fit.sensor().correct(log.accelerometer)
-    gyroscope, magnetometer = load_others(path)
+    done, sensors, _ = corrected(log, path)
     words = f"by the calibration {path}"
-    found = replace(raw, force=force, force_unit=words)
-    if gyroscope is not None:
-        assert log.gyro is not None
-        corrected = gyroscope.correct(log.gyro, specific_force=force)
-        found = replace(found, gyro=corrected, gyro_unit=f"rad/s, {words}")
-    if magnetometer is not None and log.magnetometer is not None:
-        corrected = magnetometer.correct(log.magnetometer)
-        found = replace(found, field=corrected)
+    found = replace(
+        raw, force=done.accelerometer, force_unit=words, field=done.magnetometer
+    )
+    if "gyroscope" in sensors:
+        assert done.gyro is not None
+        found = replace(found, gyro=done.gyro, gyro_unit=f"rad/s, {words}")
     return with_field_unit(log, found)
 
 

@@ -171,7 +171,7 @@ def test_correct_applies_the_calibration(simval, tmp_path):
     np.testing.assert_allclose(rows[:, 1:4], expected, rtol=0, atol=4 * EPS * 16)
     # and what it refuses
     assert simval("correct", log)[0] == 2
-    code, _, said = simval(*words[:3], tmp_path / "no.json")
+    code, _, said = simval(*words[:3], tmp_path / "no.json", *words[4:])
     assert (code, "no.json" in said) == (InputError.exit_code, True)
     assert simval(*words, "--out", tmp_path / "no/out.csv")[0] == InputError.exit_code
     stopped = to_json(one) | {"status": "max iterations"}
