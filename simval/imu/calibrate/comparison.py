@@ -28,10 +28,10 @@ reading is the largest change of a corrected vector of one length,
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -49,6 +49,7 @@ from simval.imu.calibrate.files import (
     load_thermal,
     named,
 )
+from simval.imu.calibrate.thermal import Thermal, law
 from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
@@ -307,7 +308,7 @@ def compare_calibrations(
     if first.form != second.form:
         words = f"accelerometer: B, of the {second.form} form, is turned to the"
         notes.append(f"{words} {first.form}")
-    found = []
+    found, alone = [], False
     for sensor, (names, _) in SENSORS.items():
         why = _apart(first, second, sensor)
         if why and sensor == "accelerometer":
@@ -315,7 +316,10 @@ def compare_calibrations(
         if why:
             notes.append(f"{sensor}: not compared, {why}")
         elif sensor in first.states:
-            a, b = first.states[sensor], second.states[sensor]
+            both = _at_one_temperature(first, second, sensor)
+            a, b = both.states
+            notes += [f"{sensor}: {both.said}"] * bool(both.said)
+            alone |= both.alone
             own = names or forms.names(first.form)
             found.append(SensorComparison(sensor=sensor, names=own, a=a, b=b))
     files = {"A": first, "B": second}
@@ -329,11 +333,85 @@ def compare_calibrations(
         causes=(
             "two sensors",
             *["a wrong g"] * (g != other),
-            *["another temperature"] * (first.warmth != second.warmth),
+            *["another temperature"] * alone,
         ),
         doubted=tuple(x for x, file in files.items() if file.doubts),
         alpha=alpha,
     )
+
+
+class _Both(NamedTuple):
+    """States of a sensor in two files, at one temperature where that is known."""
+
+    states: tuple[State, State]
+    said: str = ""
+    alone: bool = False  # one has terms, and of the other no temperature is known
+
+
+def _at_one_temperature(first: "_File", second: "_File", sensor: str) -> _Both:
+    """Bring a sensor with terms in temperature to where both files have been.
+
+    Raises
+    ------
+    RefusedError
+        If they have been nowhere both.
+    """
+    files = (first, second)
+    own = first.states[sensor], second.states[sensor]
+    terms = [file.warm.get(sensor) for file in files]
+    seen = [
+        (each.low, each.high) if each is not None else file.seen
+        for each, file in zip(terms, files, strict=True)
+    ]
+    if terms == [None, None]:
+        return _Both(own)
+    if () in seen:
+        named = "AB"[seen.index(())]
+        return _Both(
+            own, f"{named} states no temperature, the other is of its own", True
+        )
+    low, high = max(x[0] for x in seen), min(x[1] for x in seen)
+    ends = "A from {:.2f} to {:.2f} degC, B from {:.2f} to {:.2f}".format(
+        *sum(seen, ())
+    )
+    turns = first.form == "symmetric" and sensor == "accelerometer"
+    if low > high or turns:
+        why = "the axes of the symmetric form turn with it" if turns else ends
+        advice = "--model triangular" if turns else "ranges that have one in common"
+        msg = (
+            f"the {sensor}'s terms in temperature cannot be brought to one "
+            f"temperature: {why}; calibrate again with {advice}"
+        )
+        raise RefusedError(msg)
+    middle = np.mean([each.reference for each in terms if each is not None])
+    degrees = float(np.clip(middle, low, high))
+    a, b = (
+        state if each is None else _moved(state, each, degrees)
+        for state, each in zip(own, terms, strict=True)
+    )
+    return _Both((a, b), f"both at {degrees:.2f} degC ({ends})")
+
+
+def _moved(state: State, own: Thermal, degrees: float) -> State:
+    """A state at another temperature, the covariance of the terms in its own."""
+    powers = own.powers(np.array([degrees]))
+    nothing = np.zeros((1, 3))
+    (less,), (grown,) = law(own.terms, own.coefficients, powers, nothing)
+    p, size = np.array(state.parameters), len(state.parameters)
+    # K of the accelerometer, and of the others the columns of M
+    scale = np.arange(3, 6) if size == 9 else np.arange(9)
+    by = np.zeros((size, len(own.terms), 3))
+    for k, (what, power) in enumerate(own.terms):
+        rows = np.arange(size - 3, size) if what == "bias" else scale
+        slope = 1.0 if what == "bias" else p[rows]
+        by[rows, k, np.resize(np.arange(3), len(rows))] = slope * powers[0, power - 1]
+    J = by.reshape(size, -1)
+    p[scale] *= np.resize(grown, len(scale))
+    p[-3:] = own.centre - less + (state.bias - own.centre) / grown
+    return replace(
+        state, parameters=p, covariance=state.covariance + J @ own.covariance @ J.T,
+        matrix=state.matrix * grown, bias=p[-3:],
+    )  # fmt: skip
 
 
 def _apart(first: "_File", second: "_File", sensor: str) -> str:
@@ -368,7 +446,8 @@ class _File:
     form: str  # of the accelerometer's parameters; the other sensors have its axes
     states: dict[str, State]
     more: set[str]
-    warmth: dict[str, float]  # temperature of each sensor's parameters, degC, if told
+    warm: dict[str, Thermal]
+    seen: tuple[float, ...]  # least and greatest temperature of its rests, if told
     doubts: tuple[str, ...]  # of its bars, by its own checks
 
 
@@ -390,11 +469,7 @@ def _read(path: Path, form: str = "") -> _File:
             matrix=turned.matrix, bias=turned.B, size=fit.g,
         )
     }  # fmt: skip
-    more = {
-        f"the {sensor} is that at {terms.reference:.1f} degC, and a difference may be "
-        f"of another; its terms, of {terms.low:.1f} to {terms.high:.1f} degC"
-        for sensor, terms in warm.items()
-    }
+    more: set[str] = set()
     data, (gyroscope, magnetometer) = load_document(path), models
     if gyroscope is not None:
         states["gyroscope"] = _state(path, data, "gyroscope", gyroscope.M, gyroscope.B)
@@ -409,13 +484,23 @@ def _read(path: Path, form: str = "") -> _File:
         form=fit.model,
         states=states,
         more=more,
-        warmth={sensor: terms.reference for sensor, terms in warm.items()},
+        warm=warm,
+        seen=_seen(data),
         doubts=tuple(
             f"its error bars are not honest: {one_line(str(each.get('words')))}"
             for each in (checks if isinstance(checks, list) else ())
             if isinstance(each, dict) and each.get("holds") is False
         ),
     )
+
+
+def _seen(data: dict[str, Any]) -> tuple[float, ...]:
+    block = data.get("temperature")
+    if not isinstance(block, dict) or not block.get("rests_degC"):
+        return ()
+    rests = block["rests_degC"]
+    found = array(block, "rests_degC", (len(instance("rests_degC", rests, list)),))
+    return float(found.min()), float(found.max())
 
 
 def _state(

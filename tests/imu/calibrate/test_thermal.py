@@ -15,7 +15,9 @@ from made_logs import three
 from written import written
 
 from simval.cli import run
+from simval.errors import RefusedError
 from simval.imu.calibrate import calibrate
+from simval.imu.calibrate.comparison import compare_calibrations
 from simval.imu.calibrate.files import load_calibration, load_thermal
 from simval.imu.calibrate.gyroscope.evidence import Rests, bias_terms
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
@@ -321,7 +323,8 @@ def test_a_log_is_calibrated_written_read_and_corrected(tmp_path, capsys):
     assert 0.6 * float(said[0]) < off < 1.02 * float(said[0])
     assert len(said) == 2
     assert run(["compare", str(out), str(out)]) == 3  # one file twice tells nothing
-    assert "degC, not compared" in capsys.readouterr().out
+    both = f"both at {thermal['accelerometer'].reference:.2f} degC"
+    assert both in capsys.readouterr().out
     capsys.readouterr()
 
     lost = file_of(tmp_path / "lost.csv", log, temperature=False)
@@ -341,6 +344,37 @@ def test_a_log_is_calibrated_written_read_and_corrected(tmp_path, capsys):
     own = thermal["accelerometer"]
     rows = np.sum((hot.temperature < own.low) | (hot.temperature > own.high))
     assert f"extrapolated      {rows} of" in capsys.readouterr().err
+
+
+@pytest.mark.ci
+def test_two_files_are_compared_where_both_have_been(tmp_path):
+    """Of one sensor at other temperatures; a shift of 30 U beside it; and nowhere."""
+    rec = three(0, turning=False)
+
+    def file(name, low, high, shift):
+        log, out = warm_log(rec, low, high), str(tmp_path / f"{name}.json")
+        rng = np.random.default_rng([17, len(name)])
+        noise = shift + 0.005 * rng.standard_normal((len(log.time), 3))
+        log = replace(log, accelerometer=log.accelerometer + noise, magnetometer=None)
+        path = file_of(tmp_path / f"{name}.csv", log)
+        assert run(["calibrate", path, "--sensors", "gyroscope", "--out", out]) == 0
+        return out
+
+    first, other = file("a", 15.0, 45.0, 0.0), file("bb", 25.0, 55.0, 0.0)
+    found = compare_calibrations(first, other)
+    assert found.drifted is False
+    away = load_thermal(other)["accelerometer"].reference
+    away -= load_thermal(first)["accelerometer"].reference
+    # at their own temperatures the biases are as far apart as the law says
+    apart = load_calibration(other).B - load_calibration(first).B
+    U = found.sensors[0].U[6:]
+    np.testing.assert_allclose(apart, BETA[1] * away, rtol=0, atol=3.0 * U.max())
+    assert np.abs(apart / U).max() > 10.0
+    moved = compare_calibrations(first, file("ccc", 25.0, 55.0, 0.02))
+    assert moved.drifted
+    assert np.all(np.abs(moved.sensors[0].difference[6:] - 0.02) < 3.0 * U)
+    with pytest.raises(RefusedError, match="ranges that have one in common"):
+        compare_calibrations(first, file("dddd", 60.0, 80.0, 0.0))
 
 
 def test_bars_that_a_temperature_may_spoil_are_not_called_honest():
