@@ -21,10 +21,11 @@ landing: test
 	$(PYTEST) -m "ci and not slow"
 	$(BIN)/python -m pytest -m "wheel and not slow" -n 2
 
+# meanwhile the other core compiles the tests, once for all processes of the next step
 check: .venv/installed
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/mypy
+	@$(PYTEST) -n 0 --collect-only -qq >/dev/null & $(BIN)/mypy; status=$$?; wait; exit $$status
 	$(BIN)/lint-imports
 
 nightly: check docs sanitize

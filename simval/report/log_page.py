@@ -8,7 +8,6 @@ import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path, PurePath
 from typing import Any, Literal
 
@@ -21,10 +20,6 @@ from simval.report.panels import COLOURS, Panel, Series
 from simval.report.section import Section, made, template
 from simval.report.table import Table
 from simval.shapes import Float
-
-POINTS = 2000
-"""Stretches of a signal in a figure, each drawn from its least to its greatest value:
-no spike is lost, and a page stays below a megabyte."""
 
 FOLDERS = re.compile(r"(?<![\w)\].])(?:/[^/\s:,;]+)+/")
 """The folders of a path in a sentence; the slashes of a unit follow its letters."""
@@ -132,8 +127,7 @@ def signal(
     time: Float[Array, " n"], values: Float[Array, " n"], colour: str, label: str = ""
 ) -> Series:
     """A signal over time as a line."""
-    x, y = envelope(time, values)
-    return Series(label=label, x=x, y=y, colour=colour, line="-")
+    return Series(label=label, x=time, y=values, colour=colour, line="-")
 
 
 def numbered(
@@ -151,20 +145,3 @@ def numbered(
         x, y = places[odd], values[odd]
         series.append(Series(label=label, x=x, y=y, colour=COLOURS[1], marker="D"))
     return series
-
-
-def envelope(
-    time: Float[Array, " n"], values: Float[Array, " n"], most: int = POINTS
-) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
-    """Least and greatest value of each stretch, in their order; all where few."""
-    if len(values) <= 2 * most:
-        return time, values
-    starts = np.linspace(0, len(values), most + 1).astype(int)
-    kept = np.array(
-        [
-            a + place
-            for a, b in pairwise(starts)
-            for place in sorted((int(values[a:b].argmin()), int(values[a:b].argmax())))
-        ]
-    )
-    return time[kept], values[kept]

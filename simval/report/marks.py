@@ -428,12 +428,15 @@ def _path(values: Array, heights: Array, x: Scale, y: Scale) -> Array:
 
 
 def _marks(s: Series, x: Array, y: Array) -> Marks:
-    """Marks; of many that are within two points one."""
-    places = np.column_stack([x, y])
-    if len(places) > MANY:
-        _, kept = np.unique(np.rint(places / 2.0), axis=0, return_index=True)
-        places = places[np.sort(kept)]
-    return Marks(places, s.marker, s.colour)
+    return Marks(_apart(np.column_stack([x, y])), s.marker, s.colour)
+
+
+def _apart(places: Array) -> Array:
+    """Places of marks; of many that are within two points one."""
+    if len(places) <= MANY:
+        return places
+    _, kept = np.unique(np.rint(places / 2.0), axis=0, return_index=True)
+    return places[np.sort(kept)]
 
 
 def _bars(across: Array, low: Array, high: Array, *, flat: bool = False) -> list[Array]:
@@ -494,7 +497,7 @@ def _(panel: SpherePanel, place: int) -> Frame:
             # Lambert's azimuthal equal-area projection about the pole
             flat = half[:, :2] * np.sqrt(2.0 / (1.0 + np.abs(half[:, 2:])))
             places = np.column_stack([x(flat[:, 0]), y(flat[:, 1])])
-            ink.append(Marks(places, mark, colour))
+            ink.append(Marks(_apart(places), mark, colour))
         rim = 1.1 * radii[-1]
         for words, across, up in (("x", rim, 0.0), ("y", 0.0, rim)):
             ink.append(Words(words, float(x(across)), float(y(up)), SMALL))

@@ -30,7 +30,6 @@ from simval.sweep.run import CellResult
 # ---- scene
 
 MAX_SCENES = 8  # for the size of a page; the others are named
-MAX_DIRECTIONS = 2000  # points of a panel, the first; for the size of a page
 MAX_PICTURE = 600_000
 """Bytes; a larger picture is left in the run folder."""
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -122,18 +121,17 @@ def _map(
     file: Path, name: str, directions: Float[Array, "m 3"], pictured: bool
 ) -> Drawing:
     count = len(directions)
-    some = f", {MAX_DIRECTIONS} of them drawn" if count > MAX_DIRECTIONS else ""
     return Drawing(
         name=slug(file.stem),
         fold=f"{name}: its {count} rests on two maps of the sphere" * pictured,
         caption=(
-            f"{name}: the {count} directions{some} in which the sensor feels the "
-            "reaction to gravity while at rest, in equal-area maps of the two half "
-            "spheres; circles at 30, 60 and 90 degrees from the pole."
+            f"{name}: the {count} directions in which the sensor feels the reaction to "
+            "gravity while at rest, in equal-area maps of the two half spheres; "
+            "circles at 30, 60 and 90 degrees from the pole."
         ),
         alternative=f"{name}: {count} pose directions on the two half spheres",
         panels=[
-            SpherePanel(title=title, directions=directions[:MAX_DIRECTIONS], sign=sign)
+            SpherePanel(title=title, directions=directions, sign=sign)
             for sign, title in ((1.0, "z up"), (-1.0, "z down"))
         ],
     )

@@ -170,7 +170,6 @@ FIGURES = (
         along="temperature_span",
         lines=entries,
         panels=lambda row: row.statistic.entries[0].partition("_")[0],
-        columns=2,
         caption=(
             "Standard deviation of each parameter and of each linear coefficient, and "
             "the Cramér-Rao bound: a span of temperatures twice as wide tells the "

@@ -11,9 +11,6 @@ import click
 import numpy as np
 import pytest
 from every_page import log_commands
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
 from simval.cli import run
 from simval.cli.options import command_again
@@ -23,7 +20,6 @@ from simval.imu.sensor import AccelerometerModel, forms
 from simval.poses import fibonacci_sphere
 from simval.report.calibration_page import KINDS, kinds_of, readable
 from simval.report.filter_page import replies
-from simval.report.log_page import envelope
 
 NAMES = ("calibrated", "outlier", "filtered", "blind", "noise", "stuck")
 
@@ -164,17 +160,6 @@ def test_a_drift_that_is_not_honest_is_said(drift, answer, advice):
     assert honest.answer == answer
     assert advice in following.headline
     assert "nan" not in " ".join(honest.lines)
-
-
-@given(arrays(float, st.integers(1, 500), elements=st.floats(-1e6, 1e6)))
-def test_no_spike_is_lost(values):
-    time = np.arange(float(len(values)))
-    x, y = envelope(time, values, most=20)
-    assert len(x) <= max(40, len(values) if len(values) <= 40 else 0)
-    assert y.max() == values.max()
-    assert y.min() == values.min()
-    assert np.all(np.diff(x) >= 0.0)
-    np.testing.assert_array_equal(y, values[x.astype(int)])
 
 
 SENSOR = AccelerometerModel(
