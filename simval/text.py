@@ -58,7 +58,7 @@ def shown(value: Any) -> str:
 def interval_words(low: float, high: float, digits: int) -> str:
     """Both ends of an interval, with as many digits as tell them apart; - for none."""
     if not math.isfinite(low):
-        return "- to -"
+        return f"{high:.{digits}g} or less" if math.isfinite(high) else "- to -"
     if not math.isfinite(high):
         return f"{low:.{digits}g} or more"
     for many in range(digits, 18):

@@ -248,7 +248,7 @@ def _coefficients(sensors: Sequence[SensorNoise]) -> Table:
 
 def _cells(each: Coefficient, unit: Unit) -> tuple[object, ...]:
     low, high = unit.factor * each.low, unit.factor * each.high
-    ends = low, high if np.isfinite(high) else None
+    ends = tuple(end if np.isfinite(end) else None for end in (low, high))
     if each.value is None:
         known = "a bound only" if low or np.isfinite(high) else "not bounded"
         return (None, unit.name, *ends, known)

@@ -44,7 +44,7 @@ class Coefficient:
         Its standard deviation; None where there is no estimate.
     low, high : float
         Ends of its 95 % interval: 0 and the upper bound where it is not seen; `high`
-        is infinite where nothing bounds it. A correlation time that is not seen has a
+        is infinite where nothing bounds it, as is `low` of a ramp that falls. A correlation time that is not seen has a
         lower bound: a random walk's is infinite.
     """
 
@@ -240,7 +240,7 @@ def axis_to_json(axis: AxisNoise) -> dict[str, Any]:
     }
 
 
-EMPTY: Final = {"value": None, "sd": None, "low": 0.0, "high": np.inf}
+EMPTY: Final = {"value": None, "sd": None, "low": -np.inf, "high": np.inf}
 """Numbers of a coefficient, and what null stands for in a file."""
 
 
