@@ -320,16 +320,12 @@ def mean_noise(
 
 
 def _variances(axis: AxisNoise, seconds: Float[Array, " m"]) -> Float[Array, " m"]:
-    first = axis.seconds[axis.used[0]]
-    measured = axis.seconds[-1]
-    if axis.coefficients:
-        law = axis.law(np.maximum(seconds, first))
-        return np.where(
-            seconds >= first,
-            law,
-            [axis.variance_at(t) for t in np.clip(seconds, axis.seconds[0], measured)],
-        )
-    return np.array([axis.variance_at(float(t)) for t in seconds])
+    if not axis.coefficients:
+        return np.array([axis.variance_at(float(t)) for t in seconds])
+    first, (shortest, *_, longest) = axis.seconds[axis.used[0]], axis.seconds
+    measured = [axis.variance_at(t) for t in np.clip(seconds, shortest, longest)]
+    law = axis.law(np.maximum(seconds, first))
+    return np.where(seconds >= first, law, measured)
 
 
 FARTHEST = 2.0  # times the longest average: so far the fitted model is believed

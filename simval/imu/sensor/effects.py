@@ -83,7 +83,7 @@ class NoiseModel:
     markov_s : Array
         Its correlation time, s; above 0 where it has a driving noise.
     ramp_raw_per_s : Array
-        Rate ramp R, raw units per second.
+        Rate ramp R, raw units per second, of either sign.
     sine_raw : Array
         Amplitude A of a sine in the output, raw units.
     sine_hz : float
@@ -92,8 +92,8 @@ class NoiseModel:
     Raises
     ------
     InputError
-        If a value is negative or not finite, a Markov bias has no correlation time,
-        or a sine no frequency.
+        If a value is not finite, or negative and no ramp, a Markov bias has no
+        correlation time, or a sine no frequency.
     """
 
     white_raw_per_sqrt_hz: Array | float = 0.0
@@ -238,8 +238,11 @@ def _require_time(noise: Any, size: str, name: str) -> None:
         raise InputError(msg)
 
 
+_SIGNED: Final = ("ramp_raw_per_s", "bias_ramp_raw_per_s")
+
+
 def levels_of_axes(name: str, value: Any) -> Float[Array, "3"]:
-    """One number of 0 or more for each axis, from three or from one for all.
+    """One number for each axis, from three or from one for all; a ramp has a sign.
 
     Raises
     ------
@@ -247,8 +250,10 @@ def levels_of_axes(name: str, value: Any) -> Float[Array, "3"]:
         If it is neither.
     """
     array = physical_array(name, value, ())
-    if array.shape not in ((), (3,)) or not np.all(array >= 0.0):
-        msg = f"`{name}` is {shown(value)}; give one number or three, each 0 or more"
+    signed = name in _SIGNED
+    if array.shape not in ((), (3,)) or not np.all(signed | (array >= 0.0)):
+        least = "" if signed else ", each 0 or more"
+        msg = f"`{name}` is {shown(value)}; give one number or three{least}"
         raise InputError(msg)
     return frozen(np.broadcast_to(array, (3,)))
 
@@ -305,7 +310,7 @@ class Electronics:
     Raises
     ------
     InputError
-        If a value is negative, not finite, or the limits are not in order.
+        If a value is negative and no ramp, not finite, or the limits are not in order.
     """
 
     RANGE: ClassVar[tuple[str, str, float]] = ("", "", 1.0)  # name, unit, in SI

@@ -32,6 +32,7 @@ and :math:`\mathrm{d}L = L (X - [\omega\times])`; with :math:`X = \mathrm{d}M\,C
 :math:`P = C S C^T`, :math:`X - X^T = [(\mathrm{tr}P\,I - P)\,\omega \times]`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -344,7 +345,6 @@ def conversion_jacobian(
 FACTORS = ("misalignment-scale", "kalibr", "polar")
 _OFF = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 _LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
-_UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _AXES = "xyz"
 
 
@@ -457,15 +457,13 @@ def _kalibr(M: Float[Array, "3 3"]) -> _Made:
     inverse = np.linalg.inv(M)
     L = np.linalg.cholesky(inverse @ inverse.T)
     C = np.linalg.solve(L, inverse)
-    jacobian = np.zeros((9, 9))
-    for column in range(9):
-        dM = np.zeros((3, 3))
-        dM.flat[column] = 1.0
+
+    def derivative(dM: Array) -> tuple[Array, Array]:
         X = np.linalg.solve(L, -inverse @ dM @ inverse) @ C.T
         turn = np.array([-X[1, 2], X[0, 2], -X[0, 1]])
-        dL = L @ (X - cross_matrix(turn))
-        jacobian[:, column] = [*(dL[place] for place in _LOWER), *turn]
-    return L, C, _factor_names("L", _LOWER), _factor_values(L, _LOWER), jacobian
+        return L @ (X - cross_matrix(turn)), turn
+
+    return _turned("L", L, C, _LOWER, derivative)
 
 
 def _polar(M: Float[Array, "3 3"]) -> _Made:
@@ -473,22 +471,27 @@ def _polar(M: Float[Array, "3 3"]) -> _Made:
     C = left @ right
     S = right.T @ np.diag(stretch) @ right
     P = C @ S @ C.T
-    jacobian = np.zeros((9, 9))
-    for column in range(9):
-        dM = np.zeros((3, 3))
-        dM.flat[column] = 1.0
+
+    def derivative(dM: Array) -> tuple[Array, Array]:
         X = dM @ C.T
         axial = np.array([X[2, 1] - X[1, 2], X[0, 2] - X[2, 0], X[1, 0] - X[0, 1]])
         turn = np.linalg.solve(np.trace(P) * np.eye(3) - P, axial)
-        dS = C.T @ (dM - cross_matrix(turn) @ M)
-        jacobian[:, column] = [*(dS[place] for place in _UPPER), *turn]
-    return S, C, _factor_names("S", _UPPER), _factor_values(S, _UPPER), jacobian
+        return C.T @ (dM - cross_matrix(turn) @ M), turn
+
+    return _turned("S", S, C, _SYMMETRIC, derivative)
 
 
-def _factor_names(letter: str, places: Any) -> tuple[str, ...]:
-    shape = [f"{letter}_{_AXES[i]}{_AXES[j]}" for i, j in places]
-    return (*shape, *(f"angle_{a}" for a in _AXES))
-
-
-def _factor_values(shape: Float[Array, "3 3"], places: Any) -> Float[Array, "9"]:
-    return np.array([shape[place] for place in places] + [0.0] * 3)
+def _turned(
+    letter: str,
+    shape: Float[Array, "3 3"],
+    C: Float[Array, "3 3"],
+    places: tuple[tuple[int, int], ...],
+    derivative: Callable[[Array], tuple[Array, Array]],
+) -> _Made:
+    # a shape and a rotation, whose small angles are 0
+    slopes = [derivative(dM) for dM in np.eye(9).reshape(9, 3, 3)]
+    columns = [[*(dS[place] for place in places), *turn] for dS, turn in slopes]
+    names = [f"{letter}_{_AXES[i]}{_AXES[j]}" for i, j in places]
+    names += [f"angle_{axis}" for axis in _AXES]
+    values = np.array([shape[place] for place in places] + [0.0] * 3)
+    return shape, C, tuple(names), values, np.transpose(columns)

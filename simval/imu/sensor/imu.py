@@ -112,15 +112,16 @@ class ImuModel:
     clock_jitter_s: float = 0.0
 
     def __post_init__(self) -> None:
-        instance("accelerometer", self.accelerometer, AccelerometerModel)
-        instance("accelerometer_effects", self.accelerometer_effects, Effects)
-        instance("gyroscope_effects", self.gyroscope_effects, GyroscopeEffects)
-        kind = MagnetometerEffects
-        instance("magnetometer_effects", self.magnetometer_effects, kind)
-        if self.gyroscope is not None:
-            instance("gyroscope", self.gyroscope, GyroscopeModel)
-        if self.magnetometer is not None:
-            instance("magnetometer", self.magnetometer, MagnetometerModel)
+        for name, kind, needed in (
+            ("accelerometer", AccelerometerModel, True),
+            ("accelerometer_effects", Effects, True),
+            ("gyroscope_effects", GyroscopeEffects, True),
+            ("magnetometer_effects", MagnetometerEffects, True),
+            ("gyroscope", GyroscopeModel, False),
+            ("magnetometer", MagnetometerModel, False),
+        ):
+            if needed or getattr(self, name) is not None:
+                instance(name, getattr(self, name), kind)
         jitter = nonnegative_number("clock_jitter_s", self.clock_jitter_s, "s")
         object.__setattr__(self, "clock_jitter_s", jitter)
 

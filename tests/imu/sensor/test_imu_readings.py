@@ -119,7 +119,7 @@ def test_what_is_added_is_recorded(name):
         name, white_raw_per_sqrt_hz=[0.3, 0.1, 0.0], flicker_raw=[0.2, 0.0, 0.5],
         bias_walk_raw_per_sqrt_s=[0.1, 0.4, 0.0],
         bias_markov_raw_per_sqrt_s=[0.3, 0.0, 0.0], bias_markov_s=0.01,
-        bias_ramp_raw_per_s=[0.0, 0.02, 0.0], sine_raw=[0.0, 0.0, 0.5], sine_hz=50.0,
+        bias_ramp_raw_per_s=[0.0, -0.02, 0.0], sine_raw=[0.0, 0.0, 0.5], sine_hz=50.0,
     )  # fmt: skip
     drift = sensor.drift_raw
     parts = sensor.noise_raw + sensor.flicker_raw + sensor.bias_walk_raw + drift
@@ -136,7 +136,7 @@ def test_what_is_added_is_recorded(name):
     memory = np.exp(-1.0 / (0.01 * RATE))  # what a Markov bias has new in a row
     new = np.sum((drift[1:, 0] - memory * drift[:-1, 0]) ** 2) / (1.0 - memory**2)
     assert low < new / (0.5 * 0.3**2 * 0.01) < high
-    np.testing.assert_allclose(drift[:, 1], 0.02 * TIME, rtol=4 * EPS)
+    np.testing.assert_allclose(drift[:, 1], -0.02 * TIME, rtol=4 * EPS)
     # four rows a period: sin^2 is a half on average, at any phase
     assert np.sum(drift[:, 2] ** 2) == pytest.approx(0.5 * 0.5**2 * N, rel=1e-9)
 

@@ -95,6 +95,7 @@ ALLOWED = {
     ("GyroscopeModel", "G", "None"),
     ("gyroscope_factors", "covariance", "None"),
     ("gyroscope_factors", "covariance", "transposed"),  # the same
+    ("NoiseModel", "ramp_raw_per_s", "negative"),  # it falls
     ("ImuModel", "gyroscope", "None"),
     ("allan_variance", "rows", "zero"),
 }
