@@ -44,8 +44,9 @@ class Coefficient:
         Its standard deviation; None where there is no estimate.
     low, high : float
         Ends of its 95 % interval: 0 and the upper bound where it is not seen; `high`
-        is infinite where nothing bounds it, as is `low` of a ramp that falls. A correlation time that is not seen has a
-        lower bound: a random walk's is infinite.
+        is infinite where nothing bounds it, as is `low` of a ramp that falls. A
+        correlation time that is not seen has a lower bound: a random walk's is
+        infinite.
     """
 
     kind: str
