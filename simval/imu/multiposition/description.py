@@ -10,7 +10,7 @@ of a reading on its axis k, the covariance of a corrected reading is
 :math:`M\,\mathrm{diag}(\sigma^2)\,M^T`, row by row.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -72,13 +72,7 @@ class Judgement:
     def as_object(self) -> dict[str, Any]:
         """Return it as plain JSON values."""
         known = np.isfinite(self.p_value)
-        return {
-            "about": self.about,
-            "holds": self.holds,
-            "p_value": self.p_value if known else None,
-            "level": self.level,
-            "words": self.words,
-        }
+        return asdict(self) | {"p_value": self.p_value if known else None}
 
 
 def judgements(whole: Any) -> tuple[Judgement, ...]:

@@ -126,13 +126,8 @@ def find_world(
     """
     there = np.asarray(np.isfinite(q).all(axis=1))
     ups = _ups(rotated(q, force), there, rests)
-    turn = np.stack(
-        [
-            rotated(q[there], np.tile(e, (len(q[there]), 1))).mean(axis=0)
-            for e in np.eye(3)
-        ],
-        axis=1,
-    )
+    axis = (np.tile(e, (len(q[there]), 1)) for e in np.eye(3))
+    turn = np.stack([rotated(q[there], e).mean(axis=0) for e in axis], axis=1)
     common = turn @ axes @ turn.T
     up = ups.mean(axis=0)
     up /= np.linalg.norm(up)
@@ -140,8 +135,8 @@ def find_world(
     leak = 0.0 if np.isnan(tilt_sd) else tilt_sd
     tilt_sd = float(np.sqrt(tilt_sd**2 + 0.5 * (np.trace(common) - up @ common @ up)))
     if field is None:
-        axes_of = (np.array(FRAME_AXES[name]) for name in FRAMES)
-        matrix = _level(up, max(axes_of, key=lambda own: float(own[1] @ up))[0])
+        upright = max(map(_axes_of, FRAMES), key=lambda own: float(own[2] @ up))
+        matrix = _level(up, upright[0])
         name, off = _named(matrix)
         return World(
             matrix=matrix, tilt_sd=tilt_sd, tilt_dof=tilt_dof, heading_sd=np.nan,
@@ -210,11 +205,19 @@ def taken_world(
 
 
 def _as(world: World, name: str, taken: Taken) -> World:
+    own = _axes_of(name)
+    shown = world.matrix if world.heading_dof else _level(world.matrix[2], own[0])
+    return replace(world, matrix=own, name=name, off=_off(shown, own), taken=taken)
+
+
+def _axes_of(name: str) -> Float[Array, "3 3"]:
+    # north, west and up of a named world
     north, up = (np.array(axis) for axis in FRAME_AXES[name])
-    own = np.stack([north, np.cross(up, north), up])
-    shown = world.matrix if world.heading_dof else _level(world.matrix[2], north)
-    off = -rotation_vector(of_matrix(shown @ own.T))
-    return replace(world, matrix=own, name=name, off=off, taken=taken)
+    return np.stack([north, np.cross(up, north), up])
+
+
+def _off(matrix: Float[Array, "3 3"], own: Float[Array, "3 3"]) -> Float[Array, "3"]:
+    return -rotation_vector(of_matrix(matrix @ own.T))
 
 
 def _ups(
@@ -256,13 +259,6 @@ def _tilt(ups: Float[Array, "m 3"], up: Float[Array, "3"]) -> tuple[float, int]:
 
 def _named(matrix: Float[Array, "3 3"]) -> tuple[str, Float[Array, "3"]]:
     # the named world whose north and up are nearest, and the rotation from it
-    best, least = "", np.inf
-    vector = np.full(3, np.nan)
-    for name in FRAMES:
-        north, up = (np.array(axis) for axis in FRAME_AXES[name])
-        own = np.stack([north, np.cross(up, north), up])
-        off = -rotation_vector(of_matrix(matrix @ own.T))
-        size = float(np.linalg.norm(off))
-        if size < least:
-            best, least, vector = name, size, off
-    return (best, vector) if least <= NEAR else ("", vector)
+    offs = {name: _off(matrix, _axes_of(name)) for name in FRAMES}
+    best = min(FRAMES, key=lambda name: float(np.linalg.norm(offs[name])))
+    return best if np.linalg.norm(offs[best]) <= NEAR else "", offs[best]
