@@ -264,7 +264,7 @@ def _relative(a: Array, b: Array) -> float:
 def isotropic(noise: Float[Array, "4 3 3"]) -> bool:
     """True if every covariance is a multiple of the identity, but for rounding."""
     multiples = noise[:, 0, 0, None, None] * np.eye(3)
-    return np.allclose(noise, multiples, rtol=1e-12, atol=0)
+    return bool(np.all(np.abs(noise - multiples) <= 1e-12 * np.abs(multiples)))
 
 
 def _isotropic_halves(noise: Float[Array, "4 3 3"]) -> tuple[float, float]:

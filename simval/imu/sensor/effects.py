@@ -179,6 +179,8 @@ class NoiseModel:
         self, n: int, rate_hz: float, rng: np.random.Generator
     ) -> Float[Array, "n 3"]:
         # (C5)
+        if not (np.any(self.ramp_raw_per_s) or np.any(self.sine_raw)):
+            return np.zeros((n, 3))
         seconds = np.arange(n)[:, None] / rate_hz
         phase = rng.uniform(0.0, 2.0 * np.pi, 3)
         swing = np.sin(2.0 * np.pi * self.sine_hz * seconds + phase)
