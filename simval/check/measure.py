@@ -178,24 +178,12 @@ def missed_limits(limits: Iterable[str], cells: Sequence[CellResult]) -> Iterato
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checked:
-    """Some plug-ins, measured and judged.
+    """Some plug-ins, measured and judged."""
 
-    Attributes
-    ----------
-    plugins : tuple of Meant
-        Each plug-in: what it is called, and what it declares.
-    cells : tuple of CellResult
-        What was measured of them.
-    result : GateResult
-        The gate's answer.
-    missed : tuple of str, default ()
-        The user's own limits that are missed, each with what misses it.
-    """
-
-    plugins: tuple[Meant, ...]
-    cells: tuple[CellResult, ...]
+    plugins: tuple[Meant, ...]  # what each is called, and what it declares
+    cells: tuple[CellResult, ...]  # what was measured of them
     result: GateResult
-    missed: tuple[str, ...] = ()
+    missed: tuple[str, ...] = ()  # the user's own limits, each with what misses it
 
     @property
     def good(self) -> bool:

@@ -195,6 +195,6 @@ def _plan(suite: Suite, workers: int) -> int:
 
 
 def _fresh(suite: Suite) -> Path:
-    from simval.sweep.run import RUNS
+    from simval.vocabulary import RUNS
 
     return RUNS / f"{suite.name}-{datetime.now():%Y%m%d-%H%M%S}"

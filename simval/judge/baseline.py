@@ -20,9 +20,10 @@ from simval.files import MOST_BASELINE, parsed, read_text
 from simval.plugins.names import is_file
 from simval.results import Check, Row
 from simval.statistics import FORMER_ENTRIES, Statistic
+from simval.sweep.cells import MAX_SAMPLES
 from simval.sweep.identity import other_machines
 from simval.sweep.provenance import differences
-from simval.sweep.run import MAX_SAMPLES, Run
+from simval.sweep.run import Run
 
 BASELINE = vocabulary.BASELINE
 SCHEMA = 3

@@ -343,24 +343,14 @@ TOGETHER = 8  # runs in memory at once: 46 MB at 51 200 rows each
 class RestMeans(ReadOnly):
     """Means over the rests of many runs; each row is one run, each column one rest.
 
-    Attributes
-    ----------
-    specific_force : Array
-        Sensor axes, m/s^2, (runs, k, 3).
-    angular_velocity : Array
-        Sensor axes, rad/s, (runs, k, 3).
-    magnetic_field : Array
-        Sensor axes, T, (runs, k, 3).
-    attitude : Array
-        Unit quaternions world to sensor, vector first, (runs, k, 4).
-    provenance : Mapping
-        Of the first run; the others differ in the parameters they were given.
+    In sensor axes; the provenance is that of the first run, and the others differ in
+    the parameters they were given.
     """
 
-    specific_force: Float[Array, "runs k 3"]
-    angular_velocity: Float[Array, "runs k 3"]
-    magnetic_field: Float[Array, "runs k 3"]
-    attitude: Float[Array, "runs k 4"]
+    specific_force: Float[Array, "runs k 3"]  # m/s^2
+    angular_velocity: Float[Array, "runs k 3"]  # rad/s
+    magnetic_field: Float[Array, "runs k 3"]  # T
+    attitude: Float[Array, "runs k 4"]  # world to sensor, vector first
     provenance: Mapping[str, Any]
 
 

@@ -17,7 +17,6 @@ from io import BufferedWriter, TextIOWrapper
 from pathlib import Path
 from typing import Any
 
-from simval import vocabulary
 from simval.arguments import file_path
 from simval.errors import InputError
 from simval.extras import refuse_without
@@ -25,12 +24,11 @@ from simval.notebooks import ShownRun
 from simval.results import COLUMNS, NUMBERS, Row
 from simval.studies.study import canonical
 from simval.sweep import store
-from simval.sweep.cells import MAX_SAMPLES, CellResult
+from simval.sweep.cells import CellResult
 from simval.text import nearest
+from simval.vocabulary import RUNS
 
 __all__ = [
-    "MAX_SAMPLES",
-    "RUNS",
     "CellResult",
     "Run",
     "data_frame",
@@ -39,8 +37,6 @@ __all__ = [
     "run_folder",
     "write_table",
 ]
-
-RUNS = vocabulary.RUNS
 
 WHOLE = {int: ("int64", "Int64"), bool: ("bool", "boolean")}
 """Types of pandas, and those with a place for what a study does not have."""

@@ -55,24 +55,12 @@ Seed = Annotated[int, Field(ge=0, lt=2**63), WHOLE]
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """A validated suite: its cells in order, and the file it came from.
+    """A validated suite: its cells in order, and the file it came from."""
 
-    Attributes
-    ----------
-    name : str
-        Built-in name or the file's stem.
-    title : str
-        One line for people.
-    cells : sequence of Cell
-        The units of work: all of the grid for each seed in turn.
-    grid : mapping
-        The file's content after overrides, for the manifest.
-    """
-
-    name: str
-    title: str
-    cells: Sequence[Cell]
-    grid: Mapping[str, Any]
+    name: str  # built-in, or the file's stem
+    title: str  # one line for people
+    cells: Sequence[Cell]  # all of the grid for each seed in turn
+    grid: Mapping[str, Any]  # the file's content after overrides, for the manifest
 
 
 @cache
