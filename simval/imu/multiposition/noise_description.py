@@ -29,72 +29,65 @@ class Further(NamedTuple):
         return value * self.per_si * rate**self.rate_power
 
 
-class Printed(NamedTuple):
-    """Name, SI unit and further units of a coefficient."""
-
-    title: str
-    si: str
-    further: tuple[Further, ...] = ()
-
-
 HOUR: Final = 3600.0
 ROOT_TWO: Final = np.sqrt(2.0)
 FLOOR: Final = np.sqrt(2.0 * np.log(2.0) / np.pi)  # of the Allan deviation, over B
-PRINTED: Final[dict[tuple[str, str], Printed]] = {
-    ("accelerometer", "N"): Printed("white noise N", "m/s^2/sqrt(Hz)", (
+FURTHER: Final[dict[tuple[str, str], tuple[Further, ...]]] = {
+    ("accelerometer", "N"): (
         Further("ug/sqrt(Hz)", 1e6 / G0),
         Further("m/s/sqrt(h)", np.sqrt(HOUR)),
         Further("one-sided ug/sqrt(Hz)", 1e6 * ROOT_TWO / G0),
         Further("m/s^2 a row", 1.0, 0.5),
-    )),
-    ("accelerometer", "B"): Printed("flicker B", "m/s^2", (
+    ),
+    ("accelerometer", "B"): (
         Further("ug", 1e6 / G0),
         Further("floor 0.664 B, ug", 1e6 * FLOOR / G0),
-    )),
-    ("accelerometer", "K"): Printed("random walk K", "m/s^2/sqrt(s)", (
+    ),
+    ("accelerometer", "K"): (
         Further("ug/sqrt(s)", 1e6 / G0),
         Further("ug/sqrt(h)", 1e6 * np.sqrt(HOUR) / G0),
         Further("m/s^2 a row", 1.0, -0.5),
-    )),
-    ("accelerometer", "Q"): Printed("rounding Q", "m/s"),
-    ("gyro", "N"): Printed("white noise N", "rad/s/sqrt(Hz)", (
+    ),
+    ("gyro", "N"): (
         Further("deg/s/sqrt(Hz)", 1.0 / DEGREE),
         Further("deg/sqrt(h)", np.sqrt(HOUR) / DEGREE),
         Further("one-sided deg/s/sqrt(Hz)", ROOT_TWO / DEGREE),
         Further("rad/s a row", 1.0, 0.5),
-    )),
-    ("gyro", "B"): Printed("flicker B", "rad/s", (
+    ),
+    ("gyro", "B"): (
         Further("deg/h", HOUR / DEGREE),
         Further("floor 0.664 B, deg/h", FLOOR * HOUR / DEGREE),
-    )),
-    ("gyro", "K"): Printed("random walk K", "rad/s/sqrt(s)", (
+    ),
+    ("gyro", "K"): (
         Further("deg/s/sqrt(s)", 1.0 / DEGREE),
         Further("deg/h/sqrt(h)", HOUR * np.sqrt(HOUR) / DEGREE),
         Further("rad/s a row", 1.0, -0.5),
-    )),
-    ("gyro", "Q"): Printed("rounding Q", "rad"),
-    ("magnetometer", "N"): Printed("white noise N", "T/sqrt(Hz)", (
+    ),
+    ("magnetometer", "N"): (
         Further("uT/sqrt(Hz)", 1e6),
         Further("one-sided nT/sqrt(Hz)", 1e9 * ROOT_TWO),
         Further("uT a reading", 1e6, 0.5),
-    )),
-    ("magnetometer", "B"): Printed("flicker B", "T", (
+    ),
+    ("magnetometer", "B"): (
         Further("nT", 1e9),
         Further("floor 0.664 B, nT", 1e9 * FLOOR),
-    )),
-    ("magnetometer", "K"): Printed("random walk K", "T/sqrt(s)", (
+    ),
+    ("magnetometer", "K"): (
         Further("nT/sqrt(s)", 1e9),
         Further("nT/sqrt(h)", 1e9 * np.sqrt(HOUR)),
         Further("uT a reading", 1e6, -0.5),
-    )),
+    ),
 }  # fmt: skip
+OF_INCREMENTS: Final = {"accelerometer": "m/s", "gyro": "rad"}
 
-for _sensor, _units in OF_A_LOG.items():
-    _si = next(iter(_units))
-    PRINTED[_sensor, "R"] = Printed("ramp R", f"{_si}/s")
-    PRINTED[_sensor, "A"] = Printed("amplitude A of a sine", _si)
-    PRINTED[_sensor, "T"] = Printed("correlation time of the bias", "s")
-    PRINTED[_sensor, "f"] = Printed("frequency of the sine", "Hz")
+
+def si_unit(sensor: str, kind: str) -> str:
+    """SI unit of a coefficient."""
+    if kind == "Q":
+        return OF_INCREMENTS[sensor]
+    return LETTERS[kind].raw_unit.replace("raw", next(iter(OF_A_LOG[sensor])))
+
+
 Sensors = dict[str, tuple[tuple[AxisNoise, ...], Scale]]
 KALIBR = {
     ("accelerometer", "N"): "accelerometer_noise_density",
@@ -164,13 +157,12 @@ def _table(
     name: str, kind: str, axes: tuple[AxisNoise, ...], si: float | None
 ) -> list[str]:
     # one row for each axis; a bound is printed as a bound
-    how = PRINTED[name, kind]
-    unit = LETTERS[kind].raw_unit if si is None else how.si
-    further = how.further if si is not None else ()
+    unit = LETTERS[kind].raw_unit if si is None else si_unit(name, kind)
+    further = FURTHER.get((name, kind), ()) if si is not None else ()
     scale = 1.0 if si is None or kind in OF_TIME else si
     heads = "".join(f"   {each.title}" for each in further)
     head = f"  {'':4s}{'value':>12s}{'sd':>10s}   {'95 % interval':22s}"
-    lines = [f"{name}, {how.title}, {unit}", head + heads]
+    lines = [f"{name}, {LETTERS[kind].words} {kind}, {unit}", head + heads]
     for letter, axis in zip(AXES, axes, strict=True):
         found = next((c for c in axis.coefficients if c.kind == kind), None)
         if found is None:

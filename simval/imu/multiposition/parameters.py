@@ -46,7 +46,7 @@ from simval.imu.multiposition.description import (
 )
 from simval.imu.multiposition.log_units import written_unit
 from simval.imu.multiposition.noise import log_noise
-from simval.imu.multiposition.noise_description import KALIBR, PRINTED
+from simval.imu.multiposition.noise_description import KALIBR, si_unit
 from simval.imu.noise.model import largest
 from simval.imu.sensor import gyroscope_factors
 from simval.poses import fibonacci_sphere
@@ -353,7 +353,7 @@ def _noise(log: Log, matrices: _Values, notes: _Notes) -> dict[str, str]:
         return values
     for (sensor, kind), name in KALIBR.items():
         axes, size = getattr(found, sensor), np.linalg.norm(matrices[sensor], axis=0)
-        (value, bound), unit = largest(axes, kind, size), PRINTED[sensor, kind].si
+        (value, bound), unit = largest(axes, kind, size), si_unit(sensor, kind)
         if value is not None:
             more = f"; an axis that is not seen, below {bound:.4g}" if bound else ""
             values[name] = f"{_flow(value)}  # {unit}{more}"

@@ -14,7 +14,7 @@ from simval.imu.multiposition.noise import (
     log_noise,
     mean_noise,
 )
-from simval.imu.multiposition.noise_description import DEGREE, PRINTED
+from simval.imu.multiposition.noise_description import DEGREE, FURTHER
 from simval.imu.noise import load_noise
 from simval.imu.sensor import NoiseModel
 from simval.poses import fibonacci_sphere
@@ -115,7 +115,7 @@ UNITS = {  # of a coefficient in SI, for 100 readings a second
 @pytest.mark.parametrize("of", UNITS, ids=lambda of: " ".join(of[:2]))
 def test_units_of_data_sheets(of):
     """Every one, against numbers worked out by hand."""
-    units = {each.title: each for each in PRINTED[of[:2]].further}
+    units = {each.title: each for each in FURTHER[of[:2]]}
     found = {title: units[title].of(of[2], 100.0) for title in UNITS[of]}
     assert found == pytest.approx(UNITS[of], rel=1e-5)
 
