@@ -75,11 +75,6 @@ def _lost_digits(values: Float[Array, " n"], step: float) -> float:
     return float(8.0 * np.finfo(float).eps * np.abs(values).max() / step)
 
 
-def is_dithered(variance: float, step: float) -> bool:
-    """Return whether noise of this variance in a row makes rounding to a step white."""
-    return variance - step**2 / SHARE >= (LEAST_NOISE * step) ** 2
-
-
 LEAST_POINTS: Final = 9  # three octaves of lengths: fewer and any four terms fit
 
 
@@ -215,7 +210,8 @@ def _unusable(variances: Float[Array, " m"], step: float) -> str:
             "the readings do not vary over some averages: a stuck sensor, or noise "
             "far below one step of the converter; record with a finer resolution"
         )
-    if not is_dithered(float(variances[0]), step):
+    # of that variance and more, noise makes rounding white (V7)
+    if not variances[0] - step**2 / SHARE >= (LEAST_NOISE * step) ** 2:
         return (
             f"the noise of a row, {np.sqrt(variances[0]) / step:.2g} steps of the "
             f"converter, rounding included, is below {LEAST_NOISE:g} without it: what "

@@ -152,11 +152,6 @@ class AccelerometerModel:
         return self.T @ scale
 
     @property
-    def gain(self) -> Array:
-        """Another name of `matrix`."""
-        return self.matrix
-
-    @property
     def parameters(self) -> Float[Array, "9"]:
         """The nine parameters of the triangular form, (9,); exact only in that form."""
         if self.K.ndim == 1 and np.array_equal(self.T, np.tril(self.T)):
