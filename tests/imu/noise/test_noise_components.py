@@ -1,5 +1,6 @@
 """Components beside N, B and K: laws, covariances, simulation, and which is chosen."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import allantools
@@ -22,6 +23,7 @@ from simval.imu.noise.least_squares import fitted
 from simval.imu.noise.model import axis_from_json, axis_to_json
 from simval.imu.sensor import NoiseModel
 from simval.streams import cell_key, stream
+from simval.text import interval_words
 
 KEY = cell_key("test noise components")
 TAU, PERIOD = 30.0, 17.3  # rows
@@ -232,12 +234,16 @@ def test_each_is_recognised_and_no_other(kind, size, given):
         fall = [(-c.value, -c.high, -c.low) for c in of(noise_of(-rows, RATE), kind)]
         assert fall == [(c.value, c.low, c.high) for c in found]
         assert min(fall)[0] > 0.0
+        # one that nothing bounds below is not one from 0 in its file or in words
+        open_end = replace(of(axes, kind)[0], value=-1.0, low=-np.inf, high=-0.5)
+        axes = [*axes, replace(axes[0], coefficients=(open_end,))]
+        assert interval_words(open_end.low, open_end.high, 3) == "-0.5 or less"
     for axis in axes:  # a bound is above nothing, and never an estimate
         again = axis_from_json(axis_to_json(axis))
         np.testing.assert_array_equal(again.law(axis.seconds), axis.law(axis.seconds))
         assert again.coefficients == axis.coefficients
         for c in axis.coefficients:
-            assert c.high > 0.0
+            assert c.high > 0.0 or c.value < 0.0
             assert (c.sd is None) is (c.value is None)
 
 
