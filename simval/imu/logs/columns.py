@@ -271,7 +271,7 @@ def _by_header(table: Table, sensor: str | None) -> tuple[Column, ...]:
         found = beside(own, triples(table, kind), others)
         if len(found) == 1:
             places |= zip(ROLES[kind], found[0], strict=True)
-    warm = _temperatures(table)
+    warm = temperatures(table)
     if len(warm) == 1:
         places[TEMPERATURE] = warm[0]
     picked = [
@@ -303,7 +303,7 @@ def several(table: Table, picked: Sequence[Column]) -> tuple[str, ...]:
             columns = ", ".join(repr(names[k]) for k in own[:_SHOWN])
             why = f"the {name} has not x, y and z once each ({columns})"
         said.append(f"{why}; choose one by --columns with {', '.join(ROLES[kind])}")
-    warm = _temperatures(table)
+    warm = temperatures(table)
     if len(warm) > 1:
         columns = ", ".join(repr(names[k]) for k in warm[:_SHOWN])
         why = f"{len(warm)} temperatures are named ({columns})"
@@ -311,8 +311,8 @@ def several(table: Table, picked: Sequence[Column]) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _temperatures(table: Table) -> list[int]:
-    # places of the temperatures: of the accelerometer where it has one of its own
+def temperatures(table: Table) -> list[int]:
+    """Places of the temperatures: of the accelerometer where it has one of its own."""
     channels = channels_of(table)
     warm = [k for k, each in enumerate(channels) if each.kind == "temperature"]
     own = [k for k in warm if "acc" in channels[k].stem]

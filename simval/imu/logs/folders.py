@@ -31,7 +31,7 @@ from typing import Final
 from simval.errors import InputError
 from simval.imu.logs import text
 from simval.imu.logs.clock import read_clock, require_finite
-from simval.imu.logs.columns import channels_of, clock_of, sign_of, triples
+from simval.imu.logs.columns import clock_of, sign_of, temperatures, triples
 from simval.imu.logs.joining import Stream, candidates
 from simval.imu.logs.names import Kind, listed
 from simval.imu.logs.source import Source, require_moderate
@@ -139,13 +139,11 @@ def _stream(
         f"{_COLUMNS[own]}_{axis}{suffix}": column
         for axis, column in zip("xyz", values.T, strict=True)
     }
-    warm = [
-        k for k, each in enumerate(channels_of(table)) if each.kind == "temperature"
-    ]
-    if own == "force" and len(warm) == 1:
-        columns["acc temperature [degC]"] = table.numbers(warm, holes=True)[:, 0]
     if own == "force":
         said += sign_of(table, values)
+        warm = temperatures(table)
+        if len(warm) == 1:
+            columns["acc temperature [degC]"] = table.numbers(warm, holes=True)[:, 0]
     said += [*table.source, *mended]
     return Stream(name=stem, time=time, columns=columns, group=group, words=name)
 
