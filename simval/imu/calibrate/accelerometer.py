@@ -1,7 +1,5 @@
 r"""Calibrate an accelerometer from the norms of its readings at rest.
 
-**Checks of the arguments of a calibration, once, at the public boundary.**
-
 The readings are moved to their mean and scaled to unit size, gravity becomes 1, the
 closed-form ellipsoid (E1) gives the start and the solver the answer, which is
 scaled back. Trials are worked in blocks that fit the cache; a trial's numbers do not

@@ -283,15 +283,7 @@ def _object(each: SensorComparison) -> dict[str, Any]:
 def compare_calibrations(
     earlier: str | PathLike[str], later: str | PathLike[str], alpha: float = ALPHA
 ) -> CalibrationComparison:
-    """Compare two files of one sensor, at a false-alarm rate of all its parts.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or states numbers that no calibration has.
-    RefusedError
-        If they are of readings in different units, or a fit did not converge.
-    """
+    """Compare two files of one sensor, at a false-alarm rate of all its parts."""
     first = _read(file_path("earlier", earlier))
     second = _read(file_path("later", later), first.form)
     notes = [

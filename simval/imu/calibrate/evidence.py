@@ -75,11 +75,7 @@ from simval.imu.calibrate.residuals import (
     value_derivatives,
     weighted_sum,
 )
-from simval.imu.calibrate.solver import (
-    Code,
-    negative_pivots,
-    solve_positive,
-)
+from simval.imu.calibrate.solver import Code, negative_pivots, solve_positive
 from simval.poses import PARAMETERS, describe, observability
 from simval.shapes import Float
 
@@ -344,13 +340,7 @@ def refuse(
     half_width: float,
     suspects: Sequence[tuple[int, float]] = (),
 ) -> None:
-    """Raise the error that says what is wrong with one pose set.
-
-    Raises
-    ------
-    RefusedError
-        Always; `GeometryError` where the poses leave something unobservable.
-    """
+    """Raise what is wrong with one set, of geometry where its poses leave it open."""
     if code == Code.DUPLICATES:
         msg = f"{repeated_words(poses)}, {REPEATS}"
         raise RefusedError(msg)

@@ -64,14 +64,9 @@ def distances(parameters, y):
 
 def derivatives(function, parameters):
     """Jacobian by central differences."""
-    columns = []
-    for k in range(9):
-        step = np.zeros(9)
-        step[k] = 1e-6
-        columns.append(
-            (function(parameters + step) - function(parameters - step)) / 2e-6
-        )
-    return np.array(columns).T
+    off = [function(parameters + step) - function(parameters - step)
+           for step in 1e-6 * np.eye(9)]  # fmt: skip
+    return np.array(off).T / 2e-6
 
 
 def norms(parameters, y):

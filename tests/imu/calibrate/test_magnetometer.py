@@ -252,8 +252,6 @@ OPEN = {
         "check units",
     ),
 }
-
-
 OTHER = noisy(random_set(20, 1))[0]
 OPEN = {name: (pair, {}, words) for name, (pair, words) in OPEN.items()} | {
     "no covariance": (

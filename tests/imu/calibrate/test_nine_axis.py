@@ -5,32 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from magnetometer_sets import FIELD, IRON, IRON_STD, squares
-from nine_axes import (
-    DIP,
-    GYRO,
-    TRUTH,
-    attitudes,
-    calibrated,
-    drawn,
-)
+from nine_axes import DIP, GYRO, TRUTH, attitudes, calibrated, drawn
 from scipy import stats
 from scipy.spatial.transform import Rotation
 from tumbles import ACCELEROMETER, FORCE_STD, GYROSCOPE, WALK, path_of, tumble
 
-from simval.errors import (
-    ConvergenceError,
-    GeometryError,
-    InputError,
-)
+from simval.errors import ConvergenceError, GeometryError, InputError
 from simval.imu.calibrate import (
     calibrate_imu,
     calibrate_magnetometer,
     calibrate_nine_axis,
 )
-from simval.theory import (
-    MovePath,
-    nine_axis_moments,
-)
+from simval.theory import MovePath, nine_axis_moments
 
 POSES = np.r_[0:9, 21:34]  # parameters of accelerometer and magnetometer
 

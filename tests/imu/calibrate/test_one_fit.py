@@ -16,10 +16,7 @@ from simval.imu.calibrate import load_calibration
 from simval.imu.calibrate.estimate import G_NAMES
 from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
-from simval.imu.multiposition.description import (
-    honest,
-    judgements,
-)
+from simval.imu.multiposition.description import honest, judgements
 from simval.imu.sensor import forms
 from simval.theory import calibration_moments
 

@@ -1,7 +1,5 @@
 r"""Calibrate a magnetometer in the axes of the accelerometer mounted with it.
 
-**The scaled units of the fit: middle and size of both sensors' readings.**
-
 Both sensors' pose means are moved to their middle and scaled to unit size, gravity and
 the field become 1, `magnetometer.start` gives the start and the solver the answer,
 which is scaled back. Trials are worked in blocks that fit the cache; a trial's numbers
@@ -14,11 +12,7 @@ from typing import Any
 import numpy as np
 
 from simval.arguments import choice, instance, whole_number
-from simval.arrays import (
-    Array,
-    noise_levels,
-    positive_number,
-)
+from simval.arrays import Array, noise_levels, positive_number
 from simval.errors import GeometryError, InputError, RefusedError
 from simval.imu.calibrate.accelerometer import checked_time, require_noise
 from simval.imu.calibrate.equations import Accelerometer, Magnetometer, Prior, Problem

@@ -1,7 +1,5 @@
 r"""Covariance of a magnetometer's fit, and consistency of its poses with it.
 
-**Covariance, chi-square and the checks that decide whether a fit is a calibration.**
-
 The natural size of an error of the magnetometer is that of the corrected field:
 :math:`E = dM\, M^{-1}`, :math:`M\, db` and ds, all relative to the strength of the
 field; the same holds for the accelerometer with gravity.
@@ -195,13 +193,7 @@ def refuse_still(readings: dict[str, Float[Array, "n 3"]]) -> None:
 
 
 def refuse(code: int, poses: dict[str, Float[Array, "n 3"]], fit: Fitted) -> None:
-    """Raise the error that says what is wrong with one set.
-
-    Raises
-    ------
-    RefusedError
-        Always; `GeometryError` where the poses leave something unobservable.
-    """
+    """Raise what is wrong with one set, of geometry where its poses leave it open."""
     body, field = poses["accelerometer"], poses["magnetometer"]
     half_width, sine = float(fit.half_width[0]), float(fit.theta[0, DIP])
     noise = max(float(each.std.max()) for each in fit.problem.sensors)
