@@ -1,5 +1,6 @@
 """Every container of a log: what was written, what is damaged, what is asked."""
 
+import json
 import os
 import re
 import shutil
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from containers import CHECKED, SINGLE, WRITERS, ros, ulog_of
 from places import ROOT
+from places import recording as recording_of
 from text_forms import FORMS
 
 from simval.errors import InputError
@@ -16,12 +18,12 @@ from simval.imu.logs import read_log
 ROWS = 240
 
 
-def recording(name):
+def recording(name, seed=0, rows=ROWS):
     """Times in microseconds and nine axes, all of them different numbers."""
-    rng = np.random.default_rng([37, 0])
-    us = np.arange(ROWS) * 10_000 + rng.integers(0, 2000, ROWS)
+    rng = np.random.default_rng([37, seed])
+    us = np.arange(rows) * 10_000 + rng.integers(0, 2000, rows)
     us -= us[0]
-    axes = rng.normal(size=(3, ROWS, 3))
+    axes = rng.normal(size=(3, rows, 3))
     axes[0, :, 2] += 9.8
     if name in SINGLE:
         axes = axes.astype(np.float32).astype(float)
@@ -141,7 +143,70 @@ def test_damage_is_refused_or_leaves_rows_that_were_written(name, trials, tmp_pa
     assert seen > trials / 10 or name in FORMS  # of a folder it may be a file unread
 
 
-def test_one_of_two_sensors_is_taken_by_its_name(tmp_path):
+def calibration(simval, path):
+    """What `simval calibrate` says of a log, but for how it was read."""
+    code, out, err = simval("calibrate", path, "--json")
+    assert code == 0, err
+    said = json.loads(out)
+    return {key: said[key] for key in said if key not in ("source", "columns")}
+
+
+def readings(simval, path):
+    """Of a log that has too few rests for a calibration: its rows."""
+    log = read_log(path)
+    return [x.tobytes() for x in (log.time, log.accelerometer, log.gyro)] + [
+        log.magnetometer.tobytes()
+    ]
+
+
+BINARY = ["dataflash", "mcap_zstd", "npz", "ros1", "ulog"]
+BROAD = "broad/05_undisturbed_slow_rotation_with_breaks_B.mat"
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("files", "rate", "containers", "answer"),
+    [
+        (["mpu9150/imu0.log"], 100.0, BINARY, calibration),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (
+                (["mpu9150/imu0.log"], 100.0, sorted(WRITERS), calibration),
+                (["xsens/xsens_acc.mat", "xsens/xsens_gyro.mat"], None, BINARY,
+                 calibration),
+                ([BROAD], None, [*BINARY, "matlab", "parquet"], readings),
+            )
+        ),
+    ],
+)  # fmt: skip
+def test_a_recording_gives_the_same_from_every_container(
+    files, rate, containers, answer, tmp_path, simval
+):
+    """The same numbers and stamps, so the same bits; in single precision of a format
+    that has no other."""
+    columns = {"xsens/xsens_gyro.mat": "t,ax,ay,az"}  # else its name objects
+    log, *others = (
+        read_log(recording_of(file), rate=rate, columns=columns.get(file))
+        for file in files
+    )
+    us = np.rint((log.time - log.time[0]) * 1e6).astype(np.int64)
+    sensors = [log.accelerometer, log.gyro, *(each.accelerometer for each in others)]
+    sensors = [each for each in (*sensors, log.magnetometer) if each is not None]
+    single = [each.astype(np.float32).astype(float) for each in sensors]
+    expected = {}
+    for name, values in ((False, sensors), (True, single)):
+        path = made(tmp_path / f"csv{name}", "csv", us, *values)
+        expected[name] = answer(simval, path)
+    # a bit of a reading is seen; counts are the same in single precision
+    same = all(map(np.array_equal, sensors, single))
+    assert (expected[True] == expected[False]) == same
+    for name in containers:
+        values = single if name in SINGLE else sensors
+        path = made(tmp_path / name, name, us, *values)
+        assert answer(simval, path) == expected[name in SINGLE], name
+
+
+def test_one_of_two_sensors_is_taken_by_its_name(tmp_path, simval):
     log = recording("dataflash_text")
     path = made(tmp_path / "two", "dataflash_text", *log)
     lines = path.read_text().splitlines()
