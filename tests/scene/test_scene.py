@@ -120,6 +120,8 @@ def test_the_same_bits_again():
         ("gimbal", {"poses": 0}, "`poses` is 0"),
         ("gimbal", {"poses": 10**9}, "`poses`"),
         ("gimbal", {"poses": np.full((1, 3), np.nan)}, "`poses`"),
+        ("gimbal", {"poses": np.ones((0, 3))}, "with k of 1 or more"),
+        ("gimbal", {"poses": np.ones((1, 2, 3))}, "with k of 1 or more"),
         ("gimbal", {"hold_time": float("nan")}, "`hold_time`"),
         ("gimbal", {"timestep": -0.01}, "`timestep`"),
         ("gimbal", {"integrator": "discrete"}, "`integrator`"),

@@ -54,7 +54,8 @@ def test_a_local_process_that_differs_stops_the_sweep(tmp_path, monkeypatch, wor
     suite = expand("one", {"attitude": {"samples": 65_536}})
     # as if the source had changed between the start of the driver and of its workers
     stated = Stated(driver=replace(here(), **OTHERS["source code"]))
-    monkeypatch.setattr("simval.sweep.runner.Stated", lambda **words: stated)
+    made = {True: None, False: stated}  # mixed kernels are not the default
+    monkeypatch.setattr("simval.sweep.runner.Stated", lambda driver, mixed: made[mixed])
     if workers == 2:  # a pool in this process
         monkeypatch.setattr(executors, "_pool", lambda workers: Fragile())
     with pytest.raises(InputError, match=r"source code is \w{12}, the driver's 0{12}"):

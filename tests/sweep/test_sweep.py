@@ -54,6 +54,7 @@ def test_the_manifest_says_what_the_numbers_depend_on(tiny_run):
     assert other_machines(manifest) == []
     timing = json.loads((tiny_run / "timing.json").read_text())
     assert timing["cells"].keys() == {c.name for c in load_run(tiny_run).cells}
+    assert timing["workers"] == 1
 
 
 @pytest.mark.parametrize("workers", [0, 1.5, "2", True])
