@@ -301,7 +301,9 @@ def read(source: Source) -> TextTable:
     ]
     every, times = arrivals(every)
     every, labels = unlabelled(every)
-    lines = [entry for entry in every if not _is_remark(entry[1])]
+    lines = every
+    if any(mark in text for mark in COMMENTS):
+        lines = [entry for entry in every if not _is_remark(entry[1])]
     if not lines:
         msg = f"{path} is empty: it has no row of numbers; record or export it again"
         raise InputError(msg)
@@ -511,8 +513,10 @@ def _require_width(body: _Body, above: list[Line]) -> None:
         numbers = dialect.numbers(line)
         if all(numbers) or (len(numbers) == dialect.width and numbers[0]):
             broken.append((number, len(numbers)))
-    counts = ((number, _count(dialect, line)) for number, line in body.rows)
-    for number, count in (*broken, *(x for x in counts if x[1] != dialect.width)):
+    for number, line in body.rows:
+        if (count := _count(dialect, line)) != dialect.width:
+            broken.append((number, count))
+    for number, count in broken:
         msg = (
             f"{body.path}, line {number}: {count} columns, but the rows from line "
             f"{first} on have {dialect.width}; every row must have the same columns, "

@@ -250,7 +250,7 @@ def pose_noise(
         if not axes:
             start, stop = _telling_rest(log, intervals)
             measure = noise_of_readings if compass else noise_of
-            axes = measure(samples[start:stop], log.rate)
+            axes = measure(samples[start:stop], log.rate, intervals=False)
         std = mean_noise(axes, (intervals[:, 1] - intervals[:, 0]) / log.rate)
     except RefusedError as refusal:
         words = f"white noise alone: {refusal}; give --noise FILE of a longer one"

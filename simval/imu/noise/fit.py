@@ -79,7 +79,7 @@ LEAST_POINTS: Final = 9  # three octaves of lengths: fewer and any four terms fi
 
 
 def noise_of(
-    rows: Any, rate_hz: float, *, increments: bool = False
+    rows: Any, rate_hz: float, *, increments: bool = False, intervals: bool = True
 ) -> tuple[AxisNoise, ...]:
     """Measure the noise of signals of a sensor at rest.
 
@@ -92,6 +92,9 @@ def noise_of(
     increments : bool
         Whether the readings are increments of an angle or a velocity over the time
         of a row, rounded: then Q is estimated too.
+    intervals : bool
+        Whether the coefficients are told by intervals. Without, each may be anything:
+        for who needs the variances of the model alone, in half the time.
 
     Returns
     -------
@@ -113,6 +116,7 @@ def noise_of(
         raise InputError(msg)
     rate_hz = positive_number("rate_hz", rate_hz, "Hz")
     kinds = KINDS if switch("increments", increments) else KINDS[:3]
+    told = switch("intervals", intervals)
     if len(signals) < LEAST_ROWS:
         msg = (
             f"{len(signals)} rows at rest are too few for a noise model: {LEAST_ROWS} "
@@ -141,6 +145,7 @@ def noise_of(
             refusals[k],
             rate_hz,
             falls=signals[: len(signals) // 2, k].mean() > signals[:, k].mean(),
+            told=told,
         )
         for k in range(len(steps))
     )
@@ -155,6 +160,7 @@ def _axis(
     refusal: str,
     rate_hz: float,
     falls: bool,
+    told: bool,
 ) -> AxisNoise:
     counts = family.counts
     used, spread = (0, len(counts)), np.zeros(len(counts))
@@ -168,7 +174,11 @@ def _axis(
         relative = np.diagonal(allan_covariance(whole.forms, found.values[0]))
         spread = variances * np.sqrt(relative) / (whole.law @ found.values[0])
         statements += _statements(found, used, counts / rate_hz)
-        if found.holds[0]:
+        if found.holds[0] and not told:
+            unsaid: Any = {"value": None, "sd": None, "low": 0.0, "high": np.inf}
+            letters = [c.process.letter for c in chosen.components]
+            coefficients = tuple(Coefficient(kind=k, **unsaid) for k in letters)
+        elif found.holds[0]:
             coefficients = _coefficients(family, variances[None], chosen, unit, rate_hz)
             seen = {each.kind for each in coefficients if each.value is not None}
             if falls and "R" in seen:  # a square has no sign, the readings have
@@ -422,7 +432,7 @@ def own_readings(rows: Float[Array, "n axes"]) -> OwnReadings:
 
 
 def noise_of_readings(
-    rows: Float[Array, "n axes"], rate_hz: float
+    rows: Float[Array, "n axes"], rate_hz: float, *, intervals: bool = True
 ) -> tuple[AxisNoise, ...]:
     """Measure the noise of a sensor's own readings at rest, at their own rate.
 
@@ -433,7 +443,7 @@ def noise_of_readings(
     """
     own = own_readings(rows)
     try:
-        axes = noise_of(own.rows, rate_hz / own.each)
+        axes = noise_of(own.rows, rate_hz / own.each, intervals=intervals)
     except RefusedError as error:
         if own.each == 1.0:
             raise
