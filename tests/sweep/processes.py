@@ -25,8 +25,9 @@ OTHER_KERNELS = {
 
 
 def plain(source=ROOT, **words):
-    """Environment of a process with this source, in which nothing else is set."""
-    kept = {k: v for k, v in os.environ.items() if not re.match("DASK|OPENBLAS|OMP", k)}
+    """Environment of a process with this source, and of the tests only the kernels."""
+    set_here = re.compile("DASK|OPENBLAS_NUM|OMP")
+    kept = {k: v for k, v in os.environ.items() if not set_here.match(k)}
     path = os.pathsep.join([str(source), str(ROOT / "tests")])
     return {**kept, "PYTHONPATH": path, **words}
 
