@@ -229,8 +229,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     drawn: list[Readings] = []
 
     def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
-        noisy = force_std * rng.standard_normal(scenario.log[0].shape)
-        raw = scenario.log[0] + noisy
+        raw = true_sensor(force_std).distort(scenario.tumble.force, rng)
         drawn.append(scenario.drawn(raw, noise, mean_std, rng))
         moved = np.sum(~pure(drawn[-1].intervals, scenario.tumble.still))
         samples = (raw - scenario.log[0]) / force_std
