@@ -259,10 +259,13 @@ def angle_covariance(
     moved: Rotations, noise: GyroscopeNoise
 ) -> Float[Array, "t k 3 3"]:
     """Covariance of theta by white noise, the integral of N^2 D M (D M)'."""
-    DM = moved.by_rate(noise.angle_random_walk)
-    flat = DM.reshape(*DM.shape[:3], -1)
-    shares = np.repeat(moved.statistics[:1, :, 9], 3, axis=-1)[:, :, None]  # one clock
-    return np.asarray((flat * shares) @ np.swapaxes(flat, -1, -2))
+    t, k = moved.D.shape[:2]
+    shared = moved.statistics[:1, :, 9:]  # one clock
+    squares = (moved.D * shared) @ np.swapaxes(moved.D, -1, -2)
+    MN = moved.M * noise.angle_random_walk
+    by = (MN @ np.swapaxes(MN, -1, -2)).reshape(t, 1, 9, 1)
+    pairs = squares.reshape(t, k, 3, 3, 3, 3).swapaxes(3, 4).reshape(t, k, 9, 9)
+    return np.asarray((pairs @ by).reshape(t, k, 3, 3))
 
 
 def walk_noise(

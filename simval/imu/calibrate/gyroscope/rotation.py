@@ -14,14 +14,23 @@ start. With J the left Jacobian of the exponential, C_j the rotation up to chunk
      \partial_p F_{ix}, \tag{N3}
 
 so one contraction over the chunks, a product of matrices, gives the columns of all
-twelve parameters. Those of the cofactors are linear in M,
+twelve parameters. J is a rotation by half of :math:`\phi`, shortened across it, and
+the sum of the quaternions before and after a chunk points halfway; so with R(q) the
+matrix that is quadratic in a quaternion of any length, and no other function of the
+angle than its fourth's tangent,
+
+.. math:: D_j = R + \frac{1 - s}{s\,|\phi|^2} (R\phi)\,\phi^T, \qquad
+   R = \frac{\tan(|\phi|/4)}{|\phi|} R(q_{j-1} + q_j), \quad
+   s = \frac{\sin(|\phi|/2)}{|\phi|/2}.
+
+The derivatives of the cofactors are linear in M,
 
 .. math:: \partial_{ab}\,\mathrm{cof}_{ij}
    = \sum_{ln} \epsilon_{ial}\, \epsilon_{jbn}\, M_{ln}. \tag{N4}
 """
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +44,6 @@ _ENTRIES = np.eye(9).reshape(9, 3, 3)  # derivative of M by its entries, row by 
 # of its cofactors, by entry ab: sum over l, n of e_ial e_jbn M_ln
 _COFACTOR = np.einsum("lia,njb->lnabij", _CROSS, _CROSS).reshape(9, 81)
 _CACHED = 1 << 12  # chunks worked at once: thirty arrays of 32 kB, 3 times as fast
-_SMALL = 1e-2  # rad; the next term of each series is below 1e-16 of its first
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -104,15 +112,17 @@ def rotations(
     """Rotations and derivatives, eqs. (N1) and (N3)."""
     t, k, _, j = statistics.shape
     phi = _vectors(statistics, M, B)
-    whole, swept = prefixes(quaternions(phi)), np.empty((3, 3, j, t * k))
-    size = max(1, _CACHED // (t * k))
-    for some in (slice(i, i + size) for i in range(0, j, size)):
-        swept[:, :, some] = _swept(phi[:, some], whole[:, :-1][:, some])
-    flat = np.moveaxis(swept.reshape(9, j, t, k), 1, -1)  # 9 t k j
-    D = np.ascontiguousarray(np.moveaxis(flat, 0, 2))  # t k 9 j
+    squared, ratio = _angles(phi)
+    whole = prefixes(quaternions(phi, squared, ratio))
+    D = np.empty((t * k, 3, 3, j))
+    size = max(1, _CACHED // j)
+    for some in (slice(i, i + size) for i in range(0, t * k, size)):
+        both = whole[:, some, 1:] + whole[:, some, :-1]
+        _sweep(D[some], both, phi[:, some], squared[some], ratio[some])
+    D = D.reshape(t, k, 9, j)
     moments = D @ np.swapaxes(statistics, -1, -2)  # t k 9 10
     slopes = moments.reshape(t, k, 3, 30) @ map_slopes(M, B)[:, None]
-    C = _matrices(whole[:, -1], t, k)
+    C = _matrices(whole[..., -1], t, k)
     return Rotations(statistics=statistics, M=M, B=B, C=C, slopes=slopes, D=D)
 
 
@@ -123,7 +133,9 @@ def final_rotations(
 ) -> Float[Array, "t k 3 3"]:
     """C alone, of many trials for one guess each, or of one for many guesses."""
     t, k = max(len(statistics), len(M)), statistics.shape[1]
-    q = quaternions(_vectors(statistics, M, B))
+    phi = _vectors(statistics, M, B)
+    q = quaternions(phi, *_angles(phi))
+    q = np.ascontiguousarray(q.swapaxes(1, 2))  # neighbours are multiplied in rows
     while q.shape[1] > 1:
         odd = q[:, -1:] if q.shape[1] % 2 else q[:, :0]
         even = q.shape[1] - odd.shape[1]
@@ -131,127 +143,107 @@ def final_rotations(
     return _matrices(q[:, 0], t, k)
 
 
-def _vectors(statistics: Array, M: Array, B: Array) -> Float[Array, "3 j n"]:
-    # rotation vectors, chunks first, so that sums along a rotation go in rows
+def _vectors(statistics: Array, M: Array, B: Array) -> Float[Array, "3 n j"]:
     phi = map_of(M, B)[:, None] @ statistics  # t k 3 j
-    j = phi.shape[-1]
-    result = np.empty((3, j, phi.size // (3 * j)))
-    for i in range(3):
-        result[i] = phi[..., i, :].reshape(-1, j).T
-    return result
+    return np.ascontiguousarray(np.moveaxis(phi, 2, 0)).reshape(3, -1, phi.shape[-1])
 
 
-def quaternions(phi: Float[Array, "3 j n"]) -> Float[Array, "4 j n"]:
-    """Quaternions, vector first, of rotation vectors."""
-    half = 0.5 * _length(phi)
-    q = np.empty((4, *half.shape))
-    np.cos(half, out=q[3])
-    share = np.sin(half)
-    share /= half
-    share *= 0.5
-    np.multiply(phi, share, out=q[:3])
-    return q
-
-
-def _length(phi: Float[Array, "3 j n"]) -> Float[Array, "j n"]:
-    # never 0, where sin(x)/x is not told; 1e-100 is 0 beside any angle
+def _angles(
+    phi: Float[Array, "3 n j"],
+) -> tuple[Float[Array, "n j"], Float[Array, "n j"]]:
+    # squares of the angles, never 0, where a ratio is not told (1e-100 is 0 beside any
+    # angle), and tan(angle/4)/angle
     squared = phi[0] * phi[0]
     squared += phi[1] * phi[1]
     squared += phi[2] * phi[2]
-    return np.sqrt(np.maximum(squared, 1e-200))
+    np.maximum(squared, 1e-200, out=squared)
+    angle = np.sqrt(squared)
+    return squared, np.tan(0.25 * angle) / angle
 
 
-# of each entry of the vector of p q: entries of p and q, the last product subtracted
-_TERMS: Final = (
-    ((3, 0), (0, 3), (1, 2), (2, 1)),
-    ((3, 1), (1, 3), (2, 0), (0, 2)),
-    ((3, 2), (2, 3), (0, 1), (1, 0)),
-)
+def quaternions(
+    phi: Float[Array, "3 n j"],
+    squared: Float[Array, "n j"],
+    ratio: Float[Array, "n j"],
+) -> Inexact[Array, "2 n j"]:
+    """Quaternions of rotation vectors, each as a pair s + ix, y + iz."""
+    square = ratio * ratio * squared  # tan^2(angle/4)
+    share = 2.0 / (1.0 + square)
+    q = np.empty((2, *ratio.shape), dtype=complex)
+    np.subtract(1.0, square * share, out=q[0].real)
+    share *= ratio
+    for x, part in zip(phi, (q[0].imag, q[1].real, q[1].imag), strict=True):
+        np.multiply(x, share, out=part)
+    return q
 
 
-def product(p: Float[Array, "4 ..."], q: Float[Array, "4 ..."]) -> Array:
+def product(
+    p: Inexact[Array, "2 ..."], q: Inexact[Array, "2 ..."]
+) -> Inexact[Array, "2 ..."]:
     """Hamilton's product: first p, then q about the axes that p left."""
-    result = np.empty(np.broadcast_shapes(p.shape, q.shape))
-    term = np.empty(result.shape[1:])
-    for entry, (one, two, three, less) in zip(result[:3], _TERMS, strict=True):
-        np.multiply(p[one[0]], q[one[1]], out=entry)
-        for a, b in (two, three):
-            entry += np.multiply(p[a], q[b], out=term)
-        entry -= np.multiply(p[less[0]], q[less[1]], out=term)
-    np.multiply(p[3], q[3], out=result[3])
-    for a in range(3):
-        result[3] -= np.multiply(p[a], q[a], out=term)
-    return result
+    turned = q.conj()
+    result = p[0] * q
+    result[0] -= p[1] * turned[1]
+    result[1] += p[1] * turned[0]
+    return np.asarray(result)
 
 
-def prefixes(q: Float[Array, "4 j n"]) -> Float[Array, "4 i n"]:
+def prefixes(q: Inexact[Array, "2 n j"]) -> Inexact[Array, "2 n i"]:
     """Products of the first 0, 1, ... quaternions, in blocks: few, long operations."""
-    count, many = q.shape[1:]
+    many, count = q.shape[1], q.shape[2] + 1
     size = max(1, round(count**0.5))
     blocks = -(-count // size)
-    padded = np.zeros((4, blocks * size, many))
-    padded[3] = 1.0
-    padded[:, :count] = q
+    padded = np.zeros((2, many, blocks * size), dtype=complex)
+    padded[0] = 1.0
+    padded[:, :, 1:count] = q
     inner = np.ascontiguousarray(
-        padded.reshape(4, blocks, size, many).transpose(0, 2, 1, 3)
+        padded.reshape(2, many, blocks, size).transpose(0, 3, 2, 1)
     )
     for i in range(1, size):
         inner[:, i] = product(inner[:, i - 1], inner[:, i])
     outer = inner[:, -1].copy()
     for i in range(1, blocks):
         outer[:, i] = product(outer[:, i - 1], outer[:, i])
-    inner[:, :, 1:] = product(outer[:, None, :-1], inner[:, :, 1:])
-    whole = np.empty((4, blocks * size + 1, many))
-    whole[:3, 0], whole[3, 0] = 0.0, 1.0
-    whole[:, 1:] = inner.transpose(0, 2, 1, 3).reshape(4, -1, many)
-    return whole[:, : count + 1]
+    for i in range(size):
+        inner[:, i, 1:] = product(outer[:, :-1], inner[:, i, 1:])
+    return inner.transpose(0, 3, 2, 1).reshape(2, many, -1)[..., :count]
 
 
-def _swept(
-    phi: Float[Array, "3 j n"], before: Float[Array, "4 j n"]
-) -> Float[Array, "3 3 j n"]:
-    # D = C J(phi), J = I + b [phi x] + c (phi phi' - |phi|^2 I)
-    angle = _length(phi)
-    squared = angle * angle
-    half = np.sin(0.5 * angle)
-    half /= angle
-    b = 2.0 * half * half
-    c = np.sin(angle)
-    c /= angle
-    np.subtract(1.0, c, out=c)
-    c /= squared
-    small = angle < _SMALL
-    few = squared[small]
-    c[small] = (1.0 - few / 20.0 * (1.0 - few / 42.0)) / 6.0
-    J = np.empty((3, 3, *angle.shape))
-    cphi, bphi, squares = c * phi, b * phi, phi * phi
+def _sweep(
+    D: Float[Array, "n 3 3 j"],
+    both: Inexact[Array, "2 n j"],
+    phi: Float[Array, "3 n j"],
+    squared: Float[Array, "n j"],
+    ratio: Float[Array, "n j"],
+) -> None:
+    # into D, from the sums of the quaternions before and after each chunk
+    sinc = 4.0 * ratio / (1.0 + ratio * ratio * squared)
+    bent = phi * ((1.0 - sinc) / (sinc * squared))
+    for i, row in enumerate(_entries(both, ratio, sinc)):
+        along = row[0] * phi[0]
+        along += row[1] * phi[1]
+        along += row[2] * phi[2]
+        for b, entry in enumerate(row):
+            np.add(entry, along * bent[b], out=D[:, i, b])
+
+
+def _entries(
+    q: Inexact[Array, "2 ..."], factor: Float[Array, "..."], size: Any
+) -> Float[Array, "3 3 ..."]:
+    # transposes of the attitude matrices, eq. (G1) of `geometry`, times the factor, of
+    # quaternions of any length; size is its square, times the factor
+    s, *u = (np.ascontiguousarray(x) for pair in q for x in (pair.real, pair.imag))
+    R, v = np.empty((3, 3, *factor.shape)), [2.0 * factor * x for x in u]
+    squares = [a * b for a, b in zip(u, v, strict=True)]
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        even = cphi[i] * phi[j]
-        np.subtract(even, bphi[k], out=J[i, j])
-        np.add(even, bphi[k], out=J[j, i])
-        np.subtract(1.0, c * (squares[i] + squares[j]), out=J[k, k])
-    C = _entries(before)
-    D = C[:, 0, None] * J[0]
-    for row, by in zip(D, C, strict=True):  # a row at a time stays in the cache
-        row += by[1] * J[1]
-        row += by[2] * J[2]
-    return D
-
-
-def _entries(q: Float[Array, "4 ..."]) -> Float[Array, "3 3 ..."]:
-    # rotation matrices, transposes of the attitude matrices, eq. (G1) of `geometry`
-    x, y, z, s = q
-    R = np.empty((3, 3, *x.shape))
-    xx, yy, zz = x * x, y * y, z * z
-    R[0, 0], R[1, 1] = 1.0 - 2.0 * (yy + zz), 1.0 - 2.0 * (xx + zz)
-    R[2, 2] = 1.0 - 2.0 * (xx + yy)
-    for i, j, one, two in ((0, 1, x * y, z * s), (2, 0, x * z, y * s)):
-        R[i, j], R[j, i] = 2.0 * (one - two), 2.0 * (one + two)
-    R[1, 2], R[2, 1] = 2.0 * (y * z - x * s), 2.0 * (y * z + x * s)
+        np.subtract(size, squares[j] + squares[k], out=R[i, i])
+        one, two = v[i] * u[j], v[k] * s
+        np.subtract(one, two, out=R[i, j])
+        np.add(one, two, out=R[j, i])
     return R
 
 
-def _matrices(q: Float[Array, "4 n"], t: int, k: int) -> Float[Array, "t k 3 3"]:
+def _matrices(q: Inexact[Array, "2 n"], t: int, k: int) -> Float[Array, "t k 3 3"]:
     # unit to rounding after hundreds of products
-    q = q / np.sqrt((q * q).sum(axis=0))
-    return np.moveaxis(_entries(q), -1, 0).reshape(t, k, 3, 3)
+    R = _entries(q, 1.0 / (np.abs(q) ** 2).sum(axis=0), 1.0)
+    return np.moveaxis(R, -1, 0).reshape(t, k, 3, 3)
