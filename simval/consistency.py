@@ -11,12 +11,13 @@ heading, after a tilt, the inclination. With the stated covariance P and the inn
 to first order, and whitened innovations of neighbouring rows do not correlate.
 
 Errors of one trial are correlated in time, so rows of a trial are never counted as
-samples: at fixed instants the sum over n independent trials is chi-square with n p
-degrees of freedom, and the means of whole trials have a standard error of their own. A
-filter is overconfident where its errors are greater than it says, underconfident where
-they are smaller.
+samples. Two tests stand here: at fixed instants the sum over n independent trials is
+chi-square with n p degrees of freedom; and the means of whole trials have a standard
+error of their own. Each verdict is two-sided: a filter is overconfident where its
+errors are greater than it says, underconfident where they are smaller.
 """
 
+from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
@@ -25,6 +26,8 @@ import scipy
 from simval.arrays import Array
 from simval.geometry import compose, conjugate, rotation_vector
 from simval.shapes import Float
+
+Consistency = Literal["consistent", "overconfident", "underconfident"]
 
 LOST: Final = np.radians(30.0)
 """Error from which a filter has diverged, rad: no linear covariance says it."""
@@ -122,3 +125,35 @@ def instant_scores(squares: Float[Array, "n k"], dimension: int) -> Float[Array,
     above = -scipy.special.ndtri(np.maximum(high, least))
     below = scipy.special.ndtri(np.maximum(low, least))
     return np.where(high < low, above, below)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judged:
+    """Judgement of a filter by the normalised squares of some trials."""
+
+    answer: Consistency
+    instants: float  # greatest score of an instant, sign kept
+    trials: float  # the mean of the trials, in its standard errors
+    limits: tuple[float, float]  # that each of the two may reach
+
+
+def judge(squares: Float[Array, "n k"], dimension: int, alpha: float) -> Judged:
+    """Judge NEES or NIS of n trials at k instants, both tests with half of alpha.
+
+    Between instants Bonferroni's rule holds under any dependence.
+    """
+    n, k = squares.shape
+    scores = instant_scores(squares, dimension)
+    worst = float(scores[np.abs(scores).argmax()])
+    mean, error, _ = mean_of_trials(squares)
+    t = (mean - dimension) / error if error > 0.0 else 0.0
+    limits = (
+        -float(scipy.special.ndtri(alpha / 4.0 / k)),
+        -float(scipy.special.stdtrit(max(n - 1, 1), alpha / 4.0)),
+    )
+    shares = worst / limits[0], t / limits[1]
+    greatest = max(shares, key=abs)
+    answer: Consistency = "consistent"
+    if abs(greatest) > 1.0:
+        answer = "overconfident" if greatest > 0.0 else "underconfident"
+    return Judged(answer=answer, instants=worst, trials=t, limits=limits)
