@@ -75,7 +75,7 @@ def path_statistics(
     is the time from row r - 1 to row r. Shorter stretches end in statistics of zero.
     With a `centre` they are those of the readings less it.
     """
-    longest = int((last - first).max())
+    longest = -(-int((last - first).max()) // chunk) * chunk  # none left over
     inside = np.arange(longest) < (last - first)[:, None]
     follows = np.minimum(first[:, None] + np.arange(1, longest + 1), len(step) - 1)
     h = np.where(inside, step[follows], 0.0)
