@@ -11,8 +11,9 @@ terms between the rests, against the time is
 
 zero but for the noise e. A sensor that heats itself, a thermometer that lags, a drift
 in time, or an effect that no term has taken leave :math:`\beta` or :math:`\rho`
-alike in all rests. Both of three axes are judged together by the F test, the noise by
-the slopes' own scatter, beside the covariance of the terms.
+alike in all rests. Both are judged together by the F test, the noise by the slopes' own
+scatter, beside the covariance of the terms: that of the worst of three axes counts
+threefold, for the ratios of three do not add up to one of F's.
 """
 
 from dataclasses import dataclass
@@ -249,5 +250,6 @@ def within_rests(
         V = V + np.einsum("cpa,cqa->apq", moved, moved)
     if not np.all(scatter > 0.0):
         return none
-    square = np.einsum("pa,apq,qa->", found, np.linalg.inv(V), found)
-    return Within(float(scipy.special.fdtrc(6, 3 * dof, square / 6.0)), *found)
+    square = np.einsum("pa,apq,qa->a", found, np.linalg.inv(V), found)
+    chance = 3.0 * scipy.special.fdtrc(2, dof, square.max() / 2.0)
+    return Within(float(min(chance, 1.0)), *found)

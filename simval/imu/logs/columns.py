@@ -152,6 +152,7 @@ def _doubt(table: Table, roles: tuple[str, ...]) -> str:
         )
     turned = np.linalg.norm(rate.sum(axis=0)) < 0.98 * second.sum()
     units = any(abs(np.median(first) / unit - 1.0) < 0.05 for unit in (1.0, STANDARD))
+    units &= bool(np.linalg.norm(force.sum(axis=0)) > 0.98 * first.sum())  # is still
     field = units and any(least < usual < most for least, most in _FIELDS)
     if (turned or field) if steady else _is_bound_to_poses(force, rate):
         return (
@@ -163,7 +164,9 @@ def _doubt(table: Table, roles: tuple[str, ...]) -> str:
 
 def _is_bound_to_poses(force: Array, rate: Array) -> bool:
     # of blocks of rows: a rate is one vector wherever the force rests, and turns it by
-    # da/dt = -w x a; a field with iron beside it differs from rest to rest instead
+    # da/dt = -w x a; a field with iron beside it differs from rest to rest instead, on
+    # a sphere about the iron's: rates normal in three axes leave 0.4, those of a car,
+    # a line, are no part of one
     rows = max(20, len(force) // 2000)
     blocks = len(force) // rows
     if blocks < 20:
@@ -176,7 +179,12 @@ def _is_bound_to_poses(force: Array, rate: Array) -> bool:
     most = 0.3 * np.linalg.norm(change) * np.linalg.norm(turn)
     moved = a.var(axis=0).sum() > 10.0 * noise.mean()
     apart = w[still].var(axis=0).sum() > 0.7 * w.var(axis=0).sum()
-    return bool(moved and apart and abs(np.vdot(change, turn)) < most)
+    X = np.column_stack([w, np.ones(len(w))])
+    middle = np.linalg.lstsq(X, (w * w).sum(axis=1), rcond=None)[0][:3] / 2.0
+    off = np.linalg.norm(w - middle, axis=1)
+    spread = np.linalg.svd(w - w.mean(axis=0), compute_uv=False)
+    sphere = off.var() < 0.2**2 * w.var(axis=0).sum() and spread[1] > 0.2 * spread[0]
+    return bool(moved and apart and sphere and abs(np.vdot(change, turn)) < most)
 
 
 def _are_halves(table: TextTable) -> bool:

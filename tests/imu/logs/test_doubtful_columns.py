@@ -87,7 +87,27 @@ def test_a_magnetometer_is_not_taken_for_a_gyroscope(tmp_path, rests, scale):
             read_log(path)
     still = np.tile(field[0], (N, 1)) + GYRO
     with pytest.raises(InputError, match="ax,ay,az,mx,my,mz"):
-        read_log(saved(path, FORCE, still), rate=100.0)
+        read_log(saved(path, [0.1, -0.2, 9.8] + GYRO, still), rate=100.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_gyroscope_is_not_taken_for_a_magnetometer(tmp_path, seed):
+    """Of a car, which turns about gravity and speeds up; and of a table that tilts."""
+    rng, time = np.random.default_rng([6, seed]), np.arange(4000)[:, None] / 100
+    slow, quick = (
+        ndimage.gaussian_filter1d(rng.normal(size=(4000, 3)), rows, axis=0)
+        for rows in (200, 20)
+    )
+    car = 20.0 * slow * [0, 0, 1] + quick * [0.3, 0.3, 0.1]
+    push = ndimage.gaussian_filter1d(rng.normal(size=(4000, 3)), 100, axis=0)
+    noise = rng.normal(size=(2, 4000, 3))
+    angle = 0.5 * time  # 0.2 to 0.7 is a field in gauss, and 20 to 70 one in uT
+    tilt = 9.8 * np.hstack([0 * angle, np.sin(angle), np.cos(angle)])
+    tilting = np.tile([0.5, 0.0, 0.0], (4000, 1))
+    for force, rate in (([0, 0, 9.8] + 8 * push, car), (tilt, tilting)):
+        parts = force + 0.02 * noise[0], rate + 0.002 * noise[1]
+        path = saved(tmp_path / "log.csv", time, *parts)
+        assert read_log(path).gyro is not None
 
 
 def test_decimals_behind_commas_are_no_columns(tmp_path):

@@ -273,19 +273,20 @@ class _Regression(NamedTuple):
 def _regressed(
     rests: Rests, X: Float[Array, "n p"], walk: Float[Array, "3"], drift: float | None
 ) -> _Regression:
-    # of the rests' rates on X, and the F test of its last column
+    # of the rests' rates on X, and the F test of its last column: of the worst axis,
+    # threefold, as each may have a noise of its own
     white, _ = _whitening(rests, X, walk, drift)
     Xw, y = white @ X, white @ rests.rates
     found, without = (np.linalg.lstsq(A, y, rcond=None)[0] for A in (Xw, Xw[:, :-1]))
     each = ((y - Xw @ found) ** 2).sum(axis=0)
-    more = float(((y - Xw[:, :-1] @ without) ** 2).sum() - each.sum())
-    left, dof = len(X) - X.shape[1], 3 * (len(X) - X.shape[1])
-    least = np.finfo(float).eps ** 2 * float((y * y).sum())
-    F = more / 3.0 / (max(float(each.sum()), least) / dof) if least > 0.0 else 0.0
+    more = ((y - Xw[:, :-1] @ without) ** 2).sum(axis=0) - each
+    left = len(X) - X.shape[1]
+    least = np.finfo(float).eps ** 2 * (y * y).sum(axis=0)
+    F = np.where(least > 0.0, more / np.maximum(each / left, least), 0.0)
+    chance = 3.0 * scipy.special.fdtrc(1, left, max(float(F.max()), 0.0))
     return _Regression(
-        found, np.linalg.inv(Xw.T @ Xw), each / left,
-        float(scipy.special.fdtrc(3, dof, max(F, 0.0))),
-    )  # fmt: skip
+        found, np.linalg.inv(Xw.T @ Xw), each / left, float(min(chance, 1.0))
+    )
 
 
 def _whitening(
