@@ -87,7 +87,7 @@ def test_a_magnetometer_is_not_taken_for_a_gyroscope(tmp_path, rests, scale):
             read_log(path)
     still = np.tile(field[0], (N, 1)) + GYRO
     with pytest.raises(InputError, match="ax,ay,az,mx,my,mz"):
-        read_log(saved(path, GYRO + [0.1, -0.2, 9.8], still), rate=100.0)
+        read_log(saved(path, np.add(GYRO, [0.1, -0.2, 9.8]), still), rate=100.0)
 
 
 @pytest.mark.parametrize("seed", range(4))
