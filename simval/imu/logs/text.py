@@ -10,7 +10,8 @@ import unicodedata
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from operator import eq
+from itertools import compress
+from operator import eq, itemgetter
 
 import numpy as np
 
@@ -104,6 +105,22 @@ class Dialect:
     def numbers(self, line: str) -> list[bool]:
         """Return which fields of a line are numbers."""
         return [self.is_number(field) for field in self.fields(line)]
+
+    def values(
+        self, lines: list[Line], places: list[int] | None = None
+    ) -> Float[Array, "n columns"]:
+        """Numbers of all columns, or of those at some places.
+
+        Raises
+        ------
+        ValueError
+            If one is no number, or of all columns, if a line has more or fewer.
+        """
+        rows = map(itemgetter(1), lines)
+        plain = (row.replace(",", ".") for row in rows) if self.comma else rows
+        return np.loadtxt(
+            plain, delimiter=self.mark, ndmin=2, comments=None, usecols=places
+        )
 
 
 # in this order where a file can be read in two ways: `1,2` is two numbers, not one
@@ -221,6 +238,8 @@ class TextTable:
     source: Said = ()  # label and words: what was taken
     # rows from which on a header that stands again parts the log from what is above
     restarts: tuple[int, ...] = ()
+    # of all rows, where every field is a number
+    values: Float[Array, "n columns"] | None = None
     rate: None = None  # a text states none
 
     @property
@@ -236,15 +255,13 @@ class TextTable:
         self, places: list[int], *, holes: bool = False
     ) -> Float[Array, "n columns"]:
         """Return the columns at these places; NaN, if there may be holes, in one."""
-        dialect, lines = self.dialect, [line for _, line in self.lines]
-        rows = (line.replace(",", ".") if dialect.comma else line for line in lines)
-        if not any('"' in line or "'" in line for line in lines):
-            with suppress(ValueError):
-                return np.loadtxt(
-                    rows, delimiter=dialect.mark, ndmin=2, comments=None, usecols=places
-                )
-        values = np.full((len(lines), len(places)), np.nan)
-        for row, line in enumerate(lines):
+        if self.values is not None:
+            return self.values[:, places]
+        dialect = self.dialect
+        with suppress(ValueError):
+            return dialect.values(self.lines, places)
+        values = np.full((len(self.lines), len(places)), np.nan)
+        for row, (_, line) in enumerate(self.lines):
             fields = dialect.fields(line)
             for k, place in enumerate(places):
                 field = fields[place]
@@ -269,8 +286,9 @@ class TextTable:
         twice = [False, *map(eq, lines, lines[1:])]
         if not any(twice) or self.restarts:
             return self
-        kept = [row for row, again in zip(self.lines, twice, strict=True) if not again]
-        once = replace(self, lines=kept)
+        first = [not again for again in twice]
+        values = None if self.values is None else self.values[first]
+        once = replace(self, lines=list(compress(self.lines, first)), values=values)
         clock = once.texts(place)
         if any(map(eq, clock, clock[1:])):
             return self
@@ -294,11 +312,8 @@ def read(source: Source) -> TextTable:
     """Find the rows of a text, and the header above them."""
     path = source.path
     text, said = decoded(path, source.content)
-    every = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line and not line.isspace()
-    ]
+    texts = text.splitlines()
+    every = list(compress(enumerate(texts, start=1), map(str.strip, texts)))
     every, times = arrivals(every)
     every, labels = unlabelled(every)
     lines = every
@@ -307,10 +322,11 @@ def read(source: Source) -> TextTable:
     if not lines:
         msg = f"{path} is empty: it has no row of numbers; record or export it again"
         raise InputError(msg)
-    number, longest = max(every, key=lambda entry: len(entry[1]))
-    if len(longest) > MOST_LINE:
+    longest = max(map(len, texts))
+    if longest > MOST_LINE:
+        number = 1 + list(map(len, texts)).index(longest)
         msg = (
-            f"{path}, line {number}: {len(longest):,} characters; a row of a log has "
+            f"{path}, line {number}: {longest:,} characters; a row of a log has "
             f"at most {MOST_LINE:,}, so export it as rows"
         )
         raise InputError(msg)
@@ -327,9 +343,11 @@ def read(source: Source) -> TextTable:
     body = _Body(path, dialect, names or labels, list(said))
     body.rows = lines[first:]
     body.part(above, [entry for entry in every if entry[0] >= lines[first][0]])
-    if names is None and labels is None:
-        body.find_header()
     body.end(whole=text.endswith(("\n", "\r")))
+    with suppress(ValueError):
+        body.values = dialect.values(body.rows)
+    if names is None and labels is None and body.values is None:
+        body.find_header()
     _require_width(body, body.begun(rest))
     return body.table(times)
 
@@ -348,6 +366,8 @@ class _Body:
     said: list[tuple[str, str]]
     rows: list[Line] = field(default_factory=list)
     restarts: list[int] = field(default_factory=list)
+    values: Float[Array, "n columns"] | None = None
+    """Of the rows, where every field is a number."""
 
     def part(self, above: list[Line], below: list[Line]) -> None:
         """Part the rows where a line from above them stands again."""
@@ -356,7 +376,8 @@ class _Body:
             for _, line in above
             if not _is_remark(line) or is_names(header_names(line.lstrip("#%/ ")))
         }
-        if heads.isdisjoint(line for _, line in below) and self.names != ECHOED:
+        again = heads and not heads.isdisjoint(map(itemgetter(1), below))
+        if not again and self.names != ECHOED:
             return
         self.rows, lost = [], 0
         for number, line in below:
@@ -447,10 +468,12 @@ class _Body:
     def table(self, times: dict[int, str]) -> TextTable:
         """Return the table, with times of day before its rows where they have some."""
         rows, names, dialect = self.rows, self.names, self.dialect
+        values = self.values
         timed = bool(times) and all(number in times for number, _ in rows)
         if timed and (names is not None or dialect.width in (3, 6)):
             mark = " " if dialect.mark is None else dialect.mark
             rows = [(number, f"{times[number]}{mark}{line}") for number, line in rows]
+            values = None
             dialect = replace(dialect, width=dialect.width + 1)
             names = None if names is None else ("time of arrival", *names)
         elif times and not timed:
@@ -463,6 +486,7 @@ class _Body:
             lines=rows,
             source=tuple(self.said),
             restarts=tuple(row for row in self.restarts if row < len(rows)),
+            values=values,
         )
 
 
@@ -513,7 +537,7 @@ def _require_width(body: _Body, above: list[Line]) -> None:
         numbers = dialect.numbers(line)
         if all(numbers) or (len(numbers) == dialect.width and numbers[0]):
             broken.append((number, len(numbers)))
-    for number, line in body.rows:
+    for number, line in body.rows if body.values is None else ():
         if (count := _count(dialect, line)) != dialect.width:
             broken.append((number, count))
     for number, count in broken:
