@@ -25,7 +25,7 @@ import numpy as np
 from simval.arguments import instance, whole_number
 from simval.arrays import Array, Scalars, finite_array, physical_array
 from simval.errors import InputError
-from simval.shapes import Float
+from simval.shapes import Float, Inexact
 
 # four single-precision numbers, each rounded by 6e-8, leave a length within 1.2e-7 of
 # 1; an angle read from such a quaternion is off by as much
@@ -110,6 +110,19 @@ def cross_matrix(v: Float[Array, "... 3"]) -> Float[Array, "... 3 3"]:
     return np.stack(rows, axis=-1).reshape(*v.shape[:-1], 3, 3)
 
 
+def cross(
+    a: Inexact[Array, "... 3"], b: Inexact[Array, "... 3"]
+) -> Inexact[Array, "... 3"]:
+    """Cross product: `numpy.cross`, of few vectors in a third of its time."""
+    product: Array = np.empty(np.broadcast(a, b).shape, np.result_type(a, b))
+    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    u, v, w = b[..., 0], b[..., 1], b[..., 2]
+    product[..., 0] = y * w - z * v
+    product[..., 1] = z * u - x * w
+    product[..., 2] = x * v - y * u
+    return product
+
+
 def compose(
     q1: Float[Array, "... 4"], q2: Float[Array, "... 4"]
 ) -> Float[Array, "... 4"]:
@@ -118,7 +131,7 @@ def compose(
     matching("q1", q1, "q2", q2)
     e1, s1 = q1[..., :3], q1[..., 3:]
     e2, s2 = q2[..., :3], q2[..., 3:]
-    vector = s1 * e2 + s2 * e1 + np.cross(e1, e2)
+    vector = s1 * e2 + s2 * e1 + cross(e1, e2)
     scalar = s1 * s2 - np.sum(e1 * e2, axis=-1, keepdims=True)
     return np.concatenate([vector, scalar], axis=-1)
 

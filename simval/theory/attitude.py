@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from simval.arguments import choice, instance, switch
 from simval.arrays import Array, frozen
 from simval.errors import InputError, SimvalError
-from simval.geometry import compose, conjugate
+from simval.geometry import compose, conjugate, cross
 from simval.moments import Moments
 from simval.shapes import Float, Shaped
 from simval.theory.cubature import refined_moments
@@ -123,7 +123,7 @@ def _truth(samples: Samples, columns: Columns, combined: bool) -> tuple[Array, A
     # true quaternion, with the sign of the noise-free estimate, and length of qbar
     if combined:
         q = np.copysign(1.0, samples.q[:, 3:]) * samples.q
-        return q, np.linalg.norm(np.cross(samples.r1, samples.r2), axis=-1)
+        return q, np.linalg.norm(cross(samples.r1, samples.r2), axis=-1)
     geometry = turned_geometry(columns, *samples.true_geometry)
     return geometry.q_true, geometry.norm
 
@@ -369,9 +369,10 @@ def attitude_moments(
     samples = flat_samples(*unit, noise)
     if special:
         require_apart(*unit[1:])
-    columns = np.asarray(np.argmax(np.abs(column_norms(*unit)), axis=-1))
-    names: Any = np.full(batch, frame)
-    if not combined:
+    if combined:
+        columns = np.asarray(np.argmax(np.abs(column_norms(*unit)), axis=-1))
+        names: Any = np.full(batch, frame)
+    else:
         columns = chosen_columns(*unit, frame)
         names = np.array(FRAMES)[columns]
     flat = columns.reshape(-1)

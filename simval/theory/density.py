@@ -34,7 +34,7 @@ import scipy
 from simval.arguments import choice
 from simval.arrays import Array, ReadOnly, finite_array, real_number
 from simval.errors import InputError, RefusedError
-from simval.geometry import normalize
+from simval.geometry import cross, normalize
 from simval.shapes import Float
 from simval.theory.cubature import covariance_roots, normal_points
 from simval.theory.exact import direction_maps
@@ -191,7 +191,7 @@ def attitude_density(
     root[6:, :6] = root[6:, 6:] @ slope.T
     centre = np.concatenate([geometry.d1, geometry.s1, geometry.d2])
     d1, s1, d2 = np.split(centre + normal_points(9, 0, _DRAWS) @ root, 3, axis=1)
-    qbar = np.column_stack([np.cross(d1, d2), np.sum(s1 * d2, axis=1)])
+    qbar = np.column_stack([cross(d1, d2), np.sum(s1 * d2, axis=1)])
     drawn = np.sort(_density_of(geometry, (C1, C2, slope), unit(qbar)))
     if not drawn[0] > 0.0:
         raise RefusedError(_unresolved(geometry, "miss estimates altogether"))
@@ -253,9 +253,9 @@ def _on_circle(
     length = np.maximum(length, _NO_AXIS)
     axis = unit(e)
     least = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
-    across = unit(np.cross(axis, least))
+    across = unit(cross(axis, least))
     phi = 2.0 * np.pi * np.arange(nodes)[:, None, None] / nodes
-    u = np.cos(phi) * across + np.sin(phi) * np.cross(axis, across)
+    u = np.cos(phi) * across + np.sin(phi) * cross(axis, across)
     u = u.reshape(-1, 3)
     inverse = np.linalg.inv(C2)
     kept = np.flatnonzero(_along(u, geometry.d2, inverse) > _NEGLIGIBLE)

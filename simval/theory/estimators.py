@@ -79,7 +79,7 @@ import numpy as np
 from simval.arguments import choice
 from simval.arrays import Array, finite_array, physical_array
 from simval.errors import GeometryError, InputError, RefusedError
-from simval.geometry import compose, conjugate, cross_matrix, normalize
+from simval.geometry import compose, conjugate, cross, cross_matrix, normalize
 from simval.moments import Moments
 from simval.shapes import Float, Shaped
 from simval.theory.attitude import attitude_moments
@@ -112,7 +112,7 @@ def triad_moments(
     noise = noise_covariances(noise_std)
     body, reference = (_mean_turn(vectors[i : i + 2], noise[i : i + 2]) for i in (0, 2))
     b1, b2 = vectors[:2]
-    normal = np.cross(b1, b2)
+    normal = cross(b1, b2)
     sine, cosine = float(np.linalg.norm(normal)), float(b1 @ b2)
     n = normal / sine
     maps = (
@@ -126,9 +126,9 @@ def triad_moments(
 
 def _mean_turn(v: Float[Array, "2 3"], noise: Float[Array, "2 3 3"]) -> Array:
     # mean rotation vector of the frame of two vectors, in the axes of the vectors
-    normal = np.cross(v[0], v[1])
+    normal = cross(v[0], v[1])
     s, c = float(np.linalg.norm(normal)), float(v[0] @ v[1])
-    axes = np.stack([v[0], np.cross(normal / s, v[0]), normal / s], axis=1)
+    axes = np.stack([v[0], cross(normal / s, v[0]), normal / s], axis=1)
     first, second = axes.T @ noise @ axes
     about_first = (c * s * first[0, 2] - c * c * first[1, 2] - second[1, 2]) / s**2
     turn = np.array(
@@ -153,7 +153,7 @@ def direct_covariance(q: Any, r1: Any, r2: Any, noise_std: Any) -> Float[Array, 
         If the vectors are parallel, or the attitude is not singular.
     """
     unit_q, (b1, b2, u1, u2), _ = true_vectors(q, r1, r2)
-    normal, r3 = normalize(np.cross([b1, u1], [b2, u2]))
+    normal, r3 = normalize(cross(np.stack([b1, u1]), np.stack([b2, u2])))
     if not abs(unit_q[:3] @ r3) <= MIN_NORM * abs(unit_q[3]):
         msg = (
             f"the axis of `q` leaves the plane of `r1` and `r2` by "
@@ -298,7 +298,7 @@ def loss_noncentrality(
 def _gain(b: Shaped[Array, "... 3"], r: Shaped[Array, "... 3"]) -> Any:
     # the symmetric matrix with q' K q = b' A(q) r, bilinear in b and r
     outer = b[..., :, None] * r[..., None, :]
-    turn = np.cross(b, r)
+    turn = cross(b, r)
     trace = np.asarray(np.trace(outer, axis1=-2, axis2=-1))[..., None, None]
     top = np.concatenate(
         [outer + outer.swapaxes(-1, -2) - trace * np.eye(3), turn[..., None]], axis=-1

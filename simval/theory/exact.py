@@ -70,6 +70,7 @@ import scipy
 
 from simval.arrays import Array, frozen
 from simval.errors import InputError, RefusedError
+from simval.geometry import cross, cross_matrix
 from simval.shapes import Float
 from simval.theory.cubature import covariance_roots
 from simval.theory.expansion import half_noise
@@ -98,7 +99,7 @@ def direction_rules(
     for count in _ABOUT_D2:
         yield about_d2(geometry.d2, tau2, (2 * count, count))
     d1 = np.linalg.norm(geometry.d1)
-    across = np.linalg.norm(np.cross(geometry.d1, geometry.d2)) / d1  # |d2| sin angle
+    across = np.linalg.norm(cross(geometry.d1, geometry.d2)) / d1  # |d2| sin angle
     scale = max(1.0, float(np.linalg.norm(geometry.s1) / d1))
     if tau2 > 0.0:
         scale = max(scale, 0.4 * float(across) / tau2)
@@ -136,7 +137,7 @@ def _about_d1(
     panels = [_panel(a, b, nodes[0]) for a, b in pairwise(edges)]
     theta, polar = (np.concatenate(part) for part in zip(*panels, strict=True))
     directions, azimuth = _grid(pole, theta, nodes[1])
-    across = np.linalg.norm(np.cross(directions, centre), axis=1)
+    across = np.linalg.norm(cross(directions, centre), axis=1)
     weights = np.repeat(polar * np.sin(theta) * azimuth, nodes[1])
     weights *= _density(k, directions @ centre, across)
     kept = weights > 1e-30  # of a sum of 1: all that is left out is below rounding
@@ -175,12 +176,12 @@ def _grid(
 ) -> tuple[Float[Array, "n 3"], float]:
     # unit vectors at polar angles theta and even azimuths; the weight of an azimuth
     phi = 2.0 * np.pi * (np.arange(count) + 0.5) / count
-    across = np.linalg.svd(pole[None, :])[2][1:]  # two unit vectors normal to the pole
-    ring = np.cos(phi)[:, None] * across[0] + np.sin(phi)[:, None] * across[1]
-    directions = np.cos(theta)[:, None, None] * pole + (
-        np.sin(theta)[:, None, None] * ring
-    )
-    return directions.reshape(-1, 3), 2.0 * np.pi / count
+    axes = np.linalg.svd(pole[None, :])[2]
+    axes[0] = pole  # beside two unit vectors normal to it
+    along = np.empty((3, len(theta), count))
+    along[0] = np.cos(theta)[:, None]
+    along[1:] = np.sin(theta)[:, None] * np.stack([np.cos(phi), np.sin(phi)])[:, None]
+    return (axes.T @ along.reshape(3, -1)).T, 2.0 * np.pi / count
 
 
 def _density(
@@ -292,25 +293,22 @@ def _moments_given_directions(
     directions: Float[Array, "n 3"],
     weights: Float[Array, " n"],
 ) -> tuple[Array, ...]:
-    # Bias and covariance from eq. (E1) averaged over the directions
-    q = geometry.q
-    m = np.concatenate(
-        [np.cross(geometry.d1, directions), (directions @ geometry.s1)[:, None]], axis=1
-    )
-    length = np.linalg.norm(m, axis=1)
-    w = m / np.where(length > 0.0, length, 1.0)[:, None]
+    # Bias and covariance from eq. (E1) averaged over the directions; a row a component
+    q, u = geometry.q, directions.T
+    m = np.vstack([cross_matrix(geometry.d1), geometry.s1]) @ u
+    length = np.sqrt(np.einsum("in,in->n", m, m))
+    w = m / np.where(length > 0.0, length, 1.0)
     rho = np.full_like(length, np.inf) if tau1 == 0.0 else length / tau1
     a, b = one_minus_a(rho), one_minus_b(rho)
-    gap = q - w
-    bias = weights @ (gap + a[:, None] * w)
+    gap = q[:, None] - w
     # E[e e'|u] = gap gap' + a (q w' + w q') - b w w' + b/2 (R - w w')
-    mean_w = (weights * a) @ w
-    second = (weights[:, None] * gap).T @ gap
-    second += np.outer(q, mean_w) + np.outer(mean_w, q)
+    mean_w = w @ (weights * a)
+    bias = gap @ weights + mean_w
+    mixed = np.outer(q, mean_w)
     half = 0.5 * weights * b
-    second -= 3.0 * (half[:, None] * w).T @ w
+    second = gap * weights @ gap.T + mixed + mixed.T - 3.0 * (w * half @ w.T)
     rest = half.sum() * np.eye(4)
-    rest[:3, :3] -= (half[:, None] * directions).T @ directions
+    rest[:3, :3] -= u * half @ u.T
     return bias, second + rest - np.outer(bias, bias)
 
 
@@ -318,9 +316,10 @@ def one_minus_a(rho: Float[Array, " n"]) -> Float[Array, " n"]:
     """1 - A of eq. (E1): the shortening of the mean of a projected Gaussian."""
     safe = np.maximum(rho, _SERIES_RHO)
     squared = safe * safe
+    beyond = scipy.special.erfc(safe / np.sqrt(2.0))
     closed = (
-        scipy.special.erfc(safe / np.sqrt(2.0))
-        + scipy.special.erf(safe / np.sqrt(2.0)) / squared
+        beyond
+        + (1.0 - beyond) / squared
         - np.sqrt(2.0 / np.pi) * np.exp(-0.5 * squared) / safe
     )
     small = np.minimum(rho, _SERIES_RHO)
@@ -418,7 +417,7 @@ def _whitened_rules(
     scale = max(
         1.0,
         float(np.linalg.norm(geometry.s1) / np.linalg.norm(geometry.d1)),
-        0.4 * float(np.linalg.norm(np.cross(d1, centre)) / length),
+        0.4 * float(np.linalg.norm(cross(d1, centre)) / length),
     ) * float(np.sqrt(stretch[0] / stretch[-1]))
     for polar, factor in _WHITENED:
         azimuths = int(np.clip(factor * scale, 32, _MOST_AZIMUTHS))
@@ -483,8 +482,8 @@ def direction_maps(u: Float[Array, "n 3"]) -> tuple[Array, Array]:
     It lies in the span of (p, 0), (u x p, 0) and (0, 1), p normal to u.
     """
     least = np.eye(3)[np.argmin(np.abs(u), axis=1)]
-    p = _normalized(np.cross(u, least))
-    across = np.cross(u, p)
+    p = _normalized(cross(u, least))
+    across = cross(u, p)
     maps, basis = np.zeros((len(u), 3, 6)), np.zeros((len(u), 4, 3))
     maps[:, 0, :3], maps[:, 1, :3], maps[:, 2, 3:] = across, -p, u
     basis[:, :3, 0], basis[:, :3, 1], basis[:, 3, 2] = p, across, 1.0

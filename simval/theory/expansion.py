@@ -93,7 +93,7 @@ from typing import Any, Final
 import numpy as np
 
 from simval.arrays import Array
-from simval.geometry import cross_matrix
+from simval.geometry import cross, cross_matrix
 from simval.moments import Moments
 from simval.shapes import Float, Shaped
 from simval.theory.two_vector import TwoVectorGeometry, column_maps
@@ -406,7 +406,7 @@ def mapped_column(
     scalar = np.sum(s1 * d2, axis=-1, keepdims=True)
     if symmetric:
         scalar = np.sum(s1 * d2 - s2 * d1, axis=-1, keepdims=True) / 2
-    qbar = np.concatenate([np.cross(d1, d2), scalar], axis=-1)
+    qbar = np.concatenate([cross(d1, d2), scalar], axis=-1)
     column: Array = qbar @ back.T
     return column
 

@@ -23,7 +23,7 @@ from simval.arrays import (
     physical_array,
 )
 from simval.errors import GeometryError, InputError, SimvalError
-from simval.geometry import attitude_matrix, compose, normalize
+from simval.geometry import attitude_matrix, compose, cross, normalize
 from simval.shapes import Float, Int
 from simval.text import shown
 
@@ -352,10 +352,10 @@ def column_norms(
     q: Float[Array, "... 4"], r1: Float[Array, "... 3"], r2: Float[Array, "... 3"]
 ) -> Float[Array, "... 4"]:
     r"""Signed lengths of the four noise-free columns x, y, z, plain."""
-    n = np.cross(r1, r2)
+    n = cross(r1, r2)
     e, s = q[..., :3], q[..., 3:]
     plain = np.sum(e * n, axis=-1, keepdims=True)
-    return np.concatenate([np.cross(e, n) - s * n, plain], axis=-1)
+    return np.concatenate([cross(e, n) - s * n, plain], axis=-1)
 
 
 def two_vector_geometry(
@@ -450,7 +450,7 @@ def true_pairs(
             "quaternion (4,) and two or more vectors (n, 3)"
         )
         raise InputError(msg)
-    sine = float(np.linalg.norm(np.cross(r[0], r), axis=1).max())
+    sine = float(np.linalg.norm(cross(r[0], r), axis=1).max())
     if not sine >= MIN_NORM:
         msg = (
             f"the sine of the greatest angle between `references` is {sine:.2e}; it "
@@ -468,7 +468,7 @@ def require_apart(r1: Float[Array, "... 3"], r2: Float[Array, "... 3"]) -> None:
     GeometryError
         If they are.
     """
-    sine = np.linalg.norm(np.cross(r1, r2), axis=-1)
+    sine = np.linalg.norm(cross(r1, r2), axis=-1)
     refuse_samples(
         sine >= MIN_NORM,
         lambda i: (
@@ -542,7 +542,7 @@ def turned_geometry(
     d1, s1, d2 = (b1 - turn * r1) / 2, (b1 + turn * r1) / 2, (b2 - turn * r2) / 2
     q_turned = np.vecmat(q, back)  # orthogonal: the inverse is the transpose
     scalar = np.vecdot(s1, d2)[..., None]
-    qbar = np.concatenate([np.cross(d1, d2), scalar], axis=-1)
+    qbar = np.concatenate([cross(d1, d2), scalar], axis=-1)
     return TwoVectorGeometry(
         q=q_turned * np.sign(np.vecdot(q_turned, qbar))[..., None],
         d1=d1,

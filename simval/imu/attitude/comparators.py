@@ -15,7 +15,7 @@ import scipy
 
 from simval.arrays import Array
 from simval.errors import InputError
-from simval.geometry import normalize
+from simval.geometry import cross, normalize
 from simval.imu.attitude.estimator import two_vector_quaternion, valid_batch
 from simval.imu.attitude.wahba import profile_matrix
 from simval.shapes import Float
@@ -94,8 +94,8 @@ def _unit_batch(*vectors: Any) -> tuple[list[Float[Array, "n 3"]], tuple[int, ..
 def _triad_axes(
     first: Float[Array, "n 3"], second: Float[Array, "n 3"]
 ) -> Float[Array, "n 3 3"]:
-    normal = np.cross(first, second)
-    axes = np.stack([first, normal, np.cross(first, normal)], axis=-1)
+    normal = cross(first, second)
+    axes = np.stack([first, normal, cross(first, normal)], axis=-1)
     unit: Array = axes / np.linalg.norm(axes, axis=1, keepdims=True)
     return unit
 

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from simval.arguments import whole_number
 from simval.arrays import Array, real_number
 from simval.errors import InputError
-from simval.geometry import normalize
+from simval.geometry import cross, normalize
 from simval.imu.attitude import kernel
 from simval.imu.attitude.estimator import MIN_NORM, Mask, valid_batch
 from simval.shapes import Bool, Float, Int
@@ -109,15 +109,15 @@ def singular_solution(
     v1, v2, u1, u2 = (normalize(v) for v in vectors)
     d1, d2 = (v1 - u1) / 2, (v2 - u2) / 2
     qbar = _plain_norm(v1, u1, d1, d2)
-    case = _classify(d1, d2, qbar <= tolerance * _norm(np.cross(u1, u2)), tolerance)
-    r3, b3 = normalize(np.cross(u1, u2)), normalize(np.cross(v1, v2))
+    case = _classify(d1, d2, qbar <= tolerance * _norm(cross(u1, u2)), tolerance)
+    r3, b3 = normalize(cross(u1, u2)), normalize(cross(v1, v2))
     d3, s3 = (b3 - r3) / 2, (b3 + r3) / 2
     longer = _norm(d1) >= _norm(d2)
-    axis = np.cross(np.where(longer, d1, d2), r3)
+    axis = cross(np.where(longer, d1, d2), r3)
     axis = np.where(case == Case.B, u1, np.where(case == Case.C, u2, axis))
-    signed = np.copysign(_norm(d3), np.sum(axis * np.cross(b3, r3), axis=1)[:, None])
+    signed = np.copysign(_norm(d3), np.sum(axis * cross(b3, r3), axis=1)[:, None])
     near_half_turn = signed * axis / _safe(_norm(axis))
-    small = np.cross(d3, s3) / _safe(_norm(s3))
+    small = cross(d3, s3) / _safe(_norm(s3))
     vector = np.where(_norm(s3) >= _norm(d3), small, near_half_turn)
     q = np.concatenate([vector, _norm(s3)], axis=1)
     q[case[:, 0] == Case.A] = [0.0, 0.0, 0.0, 1.0]
@@ -190,7 +190,7 @@ def _plain_norm(
     # |qbar| = |e.n|: the part of the rotation vector along n is what a direct solution
     # leaves out. Not |d1 x d2| = |e.n| |e|, which vanishes for any small rotation.
     scalar = np.sum((v1 + u1) * d2, axis=1, keepdims=True) / 2
-    return np.hypot(_norm(np.cross(d1, d2)), scalar)
+    return np.hypot(_norm(cross(d1, d2)), scalar)
 
 
 def _classify(
@@ -257,9 +257,7 @@ def sequential_quaternion(
     columns = kernel.column_matrix(np.stack([v.T for v in vectors]), symmetric=False)
     columns = columns[[3, 0, 1, 2]]
     norms = np.linalg.norm(columns, axis=1)
-    reached = norms >= threshold * np.linalg.norm(
-        np.cross(vectors[2], vectors[3]), axis=1
-    )
+    reached = norms >= threshold * np.linalg.norm(cross(vectors[2], vectors[3]), axis=1)
     turn = np.where(reached.any(axis=0), reached.argmax(axis=0), norms.argmax(axis=0))
     chosen = np.arange(turn.size)
     q = columns[turn, :, chosen] / norms[turn, chosen][:, None]
@@ -306,5 +304,5 @@ def turn_is_singular(
     d1 = (v1 - u1) / 2 + across * u1
     d2 = (v2 - u2) / 2 + across * u2
     qbar = _plain_norm(v1, u1 - 2.0 * across * u1, d1, d2)
-    singular: Mask = (qbar <= tolerance * _norm(np.cross(u1, u2)))[:, 0]
+    singular: Mask = (qbar <= tolerance * _norm(cross(u1, u2)))[:, 0]
     return singular.reshape(shape)

@@ -26,7 +26,7 @@ import scipy
 
 from simval.arrays import LEAST, Array, finite_array, shaped_array
 from simval.errors import InputError
-from simval.geometry import attitude_matrix, normalize
+from simval.geometry import attitude_matrix, cross, normalize
 from simval.imu.attitude.estimator import (
     LENGTHS,
     MIN_SINE,
@@ -262,7 +262,7 @@ def profile_matrix(
     K = np.empty((*profile.shape[:-2], 4, 4))
     K[..., :3, :3] = profile + profile.swapaxes(-1, -2)
     K[..., [0, 1, 2], [0, 1, 2]] -= trace[..., None]
-    turn = np.sum(weights[..., None] * np.cross(b, r), axis=-2)
+    turn = np.sum(weights[..., None] * cross(b, r), axis=-2)
     K[..., :3, 3] = K[..., 3, :3] = turn
     K[..., 3, 3] = trace
     return K
@@ -325,7 +325,7 @@ def _pairs(b: Any, r: Any) -> tuple[Array, Array, Codes]:
         lengths = np.linalg.norm(vectors, axis=-1)
     inside = (lengths > LENGTHS[0]) & (lengths < LENGTHS[1])
     unit = normalize(np.where(inside[..., None], vectors, 1.0))
-    sines = np.linalg.norm(np.cross(unit[..., :1, :], unit), axis=-1).max(axis=-1)
+    sines = np.linalg.norm(cross(unit[..., :1, :], unit), axis=-1).max(axis=-1)
     codes: Codes = np.zeros(vectors.shape[1:-2], dtype=np.int8)
     codes[~(sines >= MIN_SINE).all(axis=0)] = Validity.COLLINEAR
     codes[~inside.all(axis=(0, -1))] = Validity.LENGTH
