@@ -140,22 +140,34 @@ def thinned(trajectory: Trajectory) -> Tumble:
 
 
 def score(
-    intervals: Intervals, still: NDArray[np.bool_], hold: NDArray[np.intp]
-) -> dict[stat.Family, float]:
-    """Compare intervals with the truth."""
-    covered = np.zeros(len(still), bool)
-    for start, stop in intervals:
-        covered[start:stop] = True
-    # rows of each rest, and of these the covered ones
-    rests, touched = (np.bincount(k + 1)[1:] for k in (hold, hold[covered]))
-    outside = _count(hold >= 0, intervals) == 0
+    found: Sequence[Intervals], still: NDArray[np.bool_], hold: NDArray[np.intp]
+) -> dict[stat.Family, Float[Array, " t"]]:
+    """Compare the intervals of each trial with the truth."""
+    trials = len(found)
+    trial = np.repeat(np.arange(trials), [len(each) for each in found])
+    intervals = np.concatenate(found)
+    held, rows = _count(hold >= 0, intervals), np.diff(intervals)[:, 0]
+    padded = np.pad(hold, 1, constant_values=-1)
+    edges = np.flatnonzero(np.diff(padded))
+    starts, stops = edges[padded[edges + 1] >= 0], edges[padded[edges] >= 0]
+    # of the rests that each interval touches: the first, and the next after the last
+    first = np.searchsorted(stops, intervals[:, 0], side="right")
+    after = np.searchsorted(starts, intervals[:, 1])
+    begun = np.zeros((trials, len(starts) + 1), int)
+    np.add.at(begun, (trial, first), 1)
+    np.add.at(begun, (trial, after), -1)
+    touched = np.cumsum(begun, axis=1) > 0
+
+    def total(of: Any) -> Float[Array, " t"]:
+        return np.bincount(trial, of, trials).astype(float)
+
     return {
-        stat.PRECISION: float(still[covered].mean()) if covered.any() else 0.0,
-        stat.RECALL: int(touched.sum()) / max(int(rests.sum()), 1),
-        stat.RESTS_FOUND: float((touched > 0).sum()) / max(int((rests > 0).sum()), 1),
-        stat.INTERVALS: float(len(intervals)),
-        stat.IMPURE: float(np.sum(~pure(intervals, still))),
-        stat.OUTSIDE: float(np.sum(outside)),
+        stat.PRECISION: total(_count(still, intervals)) / np.maximum(total(rows), 1.0),
+        stat.RECALL: total(held) / max(int(np.sum(hold >= 0)), 1),
+        stat.RESTS_FOUND: touched.sum(axis=1) / max(len(starts), 1),
+        stat.INTERVALS: total(np.ones(len(trial))),
+        stat.IMPURE: total(~pure(intervals, still)),
+        stat.OUTSIDE: total(held == 0),
     }
 
 
@@ -223,37 +235,49 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     truth = tumble(parameters.scene, parameters.poses)
     sensor = true_sensor(parameters.noise_std)
     settings = (parameters.multiplier, parameters.window, parameters.trim)
-    scores: list[dict[stat.Family, float]] = []
+    found: list[Intervals] = []
     every: list[Rests] = []
-    own: list[Rests] = []
     quiet = true_sensor(0.0).distort(truth.force, streams.block(0))  # draws nothing
     for trial in range(parameters.trials):
-        noise = streams.block(trial).standard_normal(quiet.shape)
-        raw = quiet + sensor.noise_std * noise
+        raw = streams.block(trial).standard_normal(quiet.shape)
+        raw *= sensor.noise_std
+        raw += quiet
         intervals, spread, threshold = detect(raw, *settings)
-        scores.append(score(intervals, truth.still, truth.hold))
-        rests = Rests(interval_means(raw, intervals), interval_counts(intervals))
-        clean = pure(intervals, truth.still)
-        every.append(rests)
-        own.append(Rests(rests.means[clean], rests.counts[clean]))
+        found.append(intervals)
+        every.append(Rests(interval_means(raw, intervals), interval_counts(intervals)))
         if trial == 0:
             artifact = _artifact(truth, raw, intervals, spread, threshold)
-        if trial + 1 == UNJUDGED and np.isnan(squares_of(own, sensor, truth.g)).all():
-            break
+        if trial + 1 == UNJUDGED:
+            own = _pure_ones(every, found, truth.still)
+            if np.isnan(squares_of(own, sensor, truth.g)).all():
+                break
+    own = _pure_ones(every, found, truth.still)
     squares = np.stack([squares_of(each, sensor, truth.g) for each in (every, own)])
     rows = (
-        *_rows(scores, squares.T),
+        *_rows(score(found, truth.still, truth.hold), squares.T),
         *known_rest_rows(detect, interval_means, interval_counts, settings),
     )
     name = artifact_of(parameters.model_dump())
     return Outcome(rows=rows, artifacts={name: artifact})
 
 
+def _pure_ones(
+    every: Sequence[Rests], found: Sequence[Intervals], still: NDArray[np.bool_]
+) -> list[Rests]:
+    # of the rests of each trial
+    ends = np.cumsum([len(intervals) for intervals in found])[:-1]
+    clean = np.split(pure(np.concatenate(found), still), ends)
+    return [
+        Rests(rests.means[some], rests.counts[some])
+        for rests, some in zip(every, clean, strict=True)
+    ]
+
+
 def _rows(
-    scores: list[dict[stat.Family, float]], squares: Float[Array, "n 2"]
+    scores: dict[stat.Family, Float[Array, " n"]], squares: Float[Array, "n 2"]
 ) -> Iterator[Row]:
-    for family in scores[0]:
-        yield from unjudged(family(), *mean_of([each[family] for each in scores]))
+    for family, each in scores.items():
+        yield from unjudged(family(), *mean_of(each))
     for name, values in zip(("all", "pure"), squares.T, strict=True):
         fitted = np.isfinite(values)
         yield from unjudged(stat.FITTED(name), *mean_of(fitted.astype(float)))

@@ -32,8 +32,11 @@ def folder(tmp_path_factory):
         yield
 
 
-def scored(*known):
-    return {family.name: value for family, value in score(*known).items()}
+def scored(intervals, *truth):
+    # of one of two trials; the other has no intervals
+    scores = score([intervals[:0], intervals], *truth)
+    assert not any(values[0] for values in scores.values())
+    return {family.name: values[1] for family, values in scores.items()}
 
 
 def test_the_score_of_a_case_by_hand():
@@ -49,6 +52,8 @@ def test_the_score_of_a_case_by_hand():
         "outside": 1.0,  # the second
     }
     np.testing.assert_array_equal(pure(intervals, still), [True, False, False])
+    assert scored(intervals[:2], still, hold)["rests_found"] == 1 / 2
+    assert scored(np.array([[2, 7]]), still, hold)["rests_found"] == 1.0
     nothing = scored(np.zeros((0, 2), int), still, hold)
     assert nothing["recall"] == nothing["precision"] == nothing["intervals"] == 0.0
 

@@ -90,36 +90,43 @@ def variance_magnitude(
     n, half = len(samples), window // 2
     blocks = n // window + 1
     squared = np.zeros(n - window + 1)
+    steps = np.arange(window)
     for axis in samples.T:  # one at a time stays in the cache
         padded = np.empty(blocks * window)
         padded[:n], padded[n:] = axis, axis[-1]
         cube = padded.reshape(blocks, window)
         centre = cube.mean(axis=1, keepdims=True)
         cube -= centre
-        sums, squares = (_sums_before(each) for each in (cube, cube * cube))
+        sums, whole = _sums_before(cube)
+        cube *= cube
+        squares, whole_squares = _sums_before(cube)
         # of a window from offset o of a block: o samples are in the next one
-        head, shift = sums[1:, :-1], np.diff(centre, axis=0)
-        moved = shift * np.arange(window)
-        total = sums[:-1, -1:] - sums[:-1, :-1]
+        head, shift = sums[1:], np.diff(centre, axis=0)
+        moved = shift * steps
+        total = whole[:-1] - sums[:-1]
         total += head
         total += moved
         total *= total
         total /= window
-        spread = squares[:-1, -1:] - squares[:-1, :-1]
-        spread += squares[1:, :-1]
-        spread += shift * (2.0 * head + moved)
+        spread = whole_squares[:-1] - squares[:-1]
+        spread += squares[1:]
+        moved += 2.0 * head
+        moved *= shift
+        spread += moved
         spread -= total
-        squared += np.maximum(spread.ravel()[: len(squared)], 0.0) ** 2
+        np.maximum(spread, 0.0, out=spread)
+        spread *= spread
+        squared += spread.ravel()[: len(squared)]
     result = np.full(n, np.inf)
     result[half : n - half] = np.sqrt(squared) / (window - 1)
     return result
 
 
-def _sums_before(values: Float[Array, "m k"]) -> Float[Array, "m k1"]:
-    # sums of the first 0, 1, ... of each row
-    sums = np.zeros((len(values), values.shape[1] + 1))
-    np.cumsum(values, axis=1, out=sums[:, 1:])
-    return sums
+def _sums_before(values: Float[Array, "m k"]) -> tuple[Float[Array, "m k"], Array]:
+    # sums of the first 0, 1, ... of each row, and of all of it
+    sums = np.zeros_like(values)
+    np.cumsum(values[:, :-1], axis=1, out=sums[:, 1:])
+    return sums, sums[:, -1:] + values[:, -1:]
 
 
 def checked_samples(samples: Float[Array, "n 3"], window: int) -> Float[Array, "n 3"]:
