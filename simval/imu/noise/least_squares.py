@@ -36,6 +36,7 @@ SETTLED: Final = 0.02  # standard deviations; the next round moves half of it or
 RIDGE: Final = 1e-4
 """Share of each variance that is added to it, what (V4) itself may be off by; without
 it neighbours of a long random walk, equal to 1e-6, would be told apart."""
+_BESIDE: Final = 1e20  # of a square: more than a covariance divides it by, in float64
 LEAST_VARIANCE: Final = 1e-12  # of an Allan variance's square: 1e12 rows
 _FLAT: Final = 1e-12  # relative: a slope that is rounding
 FALSE_ALARM: Final = 0.01
@@ -87,9 +88,10 @@ class Squares(NamedTuple):
 
 
 class _Whitened(NamedTuple):
-    # divided by the Cholesky factor of the variances' covariance
-    law: Float[Array, "s m k"]
-    target: Float[Array, "s m"]  # the variances
+    # divided by the Cholesky factor of the variances' covariance, then turned so that
+    # few rows are left: the triangle of the law, and what no law reaches
+    law: Float[Array, "s r k"]
+    target: Float[Array, "s r"]  # the variances
     log_volume: Float[Array, " s"]  # logarithm of the covariance's determinant
 
 
@@ -171,21 +173,30 @@ def greatest(problem: Problem) -> Float[Array, "s k"]:
 def _whitened(problem: Problem, covariance: Float[Array, "s m m"]) -> _Whitened:
     least = LEAST_VARIANCE * problem.variances**2  # a ramp alone scatters by nothing
     scale = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), least))
-    near = covariance / (scale[:, :, None] * scale[:, None, :])
-    ridge = RIDGE * np.eye(near.shape[1])
+    share = 1.0 / scale
+    size, count = problem.law.shape[-2:]
+    # below the covariance the law and the variances: so they are below its factor,
+    # divided by it, whatever is beside them
+    whole = np.zeros((len(scale), size + count + 1, size + count + 1))
+    near, rows = whole[:, :size, :size], whole[:, size:, :size]
+    np.multiply(covariance, share[:, :, None], out=near)
+    near *= share[:, None, :]
+    rows[:, :-1] = np.swapaxes(problem.law, -1, -2) * share[:, None, :]
+    rows[:, -1] = problem.variances * share
+    diagonal = np.einsum("sii->si", whole)
+    diagonal[:, :size] += RIDGE
+    diagonal[:, size:] = _BESIDE * np.vecdot(rows, rows)
     try:
-        factor = np.linalg.cholesky(near + ridge)
+        factor = np.linalg.cholesky(whole)
     except np.linalg.LinAlgError:  # a ramp alone, whose V is known to 1e-3 only
         level, turn = np.linalg.eigh(near)
-        level = np.maximum(level, 0.0)[:, None, :]
-        positive = (turn * level) @ np.swapaxes(turn, 1, 2)
-        factor = np.linalg.cholesky(positive + ridge)
-    law = np.broadcast_to(problem.law, (len(scale), *problem.law.shape[-2:]))
-    both = np.concatenate([law, problem.variances[..., None]], axis=2)
-    solved = np.linalg.solve(factor, both / scale[..., None])
-    diagonal = np.diagonal(factor, axis1=1, axis2=2) * scale
-    log_volume = 2.0 * np.sum(np.log(diagonal), axis=1)
-    return _Whitened(solved[..., :-1], solved[..., -1], log_volume)
+        level = np.maximum(level, RIDGE)[:, None, :]
+        near[:] = (turn * level) @ np.swapaxes(turn, 1, 2)
+        factor = np.linalg.cholesky(whole)
+    own = np.diagonal(factor, axis1=1, axis2=2)[:, :size] * scale
+    log_volume = 2.0 * np.sum(np.log(own), axis=1)
+    turned = _triangle(np.swapaxes(factor[:, size:, :size], 1, 2))
+    return _Whitened(turned[..., :-1], turned[..., -1], log_volume)
 
 
 def _times(
@@ -198,11 +209,18 @@ def _times(
 def _free(whitened: _Whitened) -> tuple[Float[Array, "s k"], Float[Array, "s k"]]:
     # estimates without signs, and their standard deviations
     law, target, _ = whitened
-    size = np.linalg.norm(law, axis=1)
-    left, spread, right = np.linalg.svd(law / size[:, None], full_matrices=False)
-    right = np.swapaxes(right, 1, 2)
-    free = _times(right, _times(np.swapaxes(left, 1, 2), target) / spread) / size
-    return free, np.linalg.norm(right / spread[:, None], axis=2) / size
+    both = np.concatenate([law, target[..., None]], axis=2)
+    triangle = _triangle(both)[:, : law.shape[2]]
+    inverse = np.linalg.inv(triangle[..., :-1])
+    return _times(inverse, triangle[..., -1]), _lengths(inverse)
+
+
+def _triangle(matrices: Float[Array, "s m k"]) -> Float[Array, "s r k"]:
+    return np.asarray(np.linalg.qr(matrices, mode="r"))
+
+
+def _lengths(vectors: Float[Array, "... n"]) -> Float[Array, "..."]:
+    return np.sqrt(np.vecdot(vectors, vectors))
 
 
 @cache
@@ -225,8 +243,9 @@ def _nonnegative(whitened: _Whitened, free: Float[Array, "s k"]) -> Float[Array,
         X, y = law[left], target[left]
         values = np.zeros((len(left), len(some)))
         values[:, some] = _free(_Whitened(X[..., some], y, none))[0]
-        slope = _times(np.swapaxes(X, 1, 2), y - _times(X, values))
-        size = np.linalg.norm(X, axis=1) * np.linalg.norm(y, axis=1)[:, None]
+        columns = np.swapaxes(X, 1, 2)
+        slope = _times(columns, y - _times(X, values))
+        size = _lengths(columns) * _lengths(y)[:, None]
         good = np.where(some, values > 0.0, slope <= _FLAT * size).all(axis=1)
         best[left[good]] = values[good]
         left = left[~good]
