@@ -42,7 +42,6 @@ from simval.imu.noise import (
 )
 from simval.imu.noise.least_squares import RIDGE, Problem, ends, fitted
 from simval.imu.sensor import NoiseModel
-from simval.montecarlo import moments_of
 from simval.results import Outcome, Row, exact, limit, plain
 from simval.shapes import Float
 from simval.streams import Streams
@@ -209,8 +208,9 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         return kept, {}
 
     trials = trials_of(streams, parameters.trials, BLOCK, trial)
-    measured = moments_of(trials.sums("error"))
-    value, error, n = measured.bias, measured.bias_error, measured.samples
+    errors = trials["error"]
+    value, n = errors.mean(axis=0), len(errors)
+    error = errors.std(axis=0, ddof=1) / np.sqrt(n)
     linear = parameters.estimate == "known weights"
     squares = theory.grown + theory.bias**2
     remainders = np.full(3, LAGS) if linear else np.array(REMAINDERS)

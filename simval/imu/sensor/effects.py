@@ -37,6 +37,7 @@ the others' numbers alone.
 """
 
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Any, ClassVar, Final, TypeVar
 
 import numpy as np
@@ -216,17 +217,22 @@ class NoiseModel:
 
 
 def _flicker(n: int, rng: np.random.Generator) -> Float[Array, "n 3"]:
-    # (C3) with B = 1: the second half of 2n rows; what wraps around a cyclic
-    # convolution of 3n - 1 or more falls into the first half
-    lags = np.arange(1.0, 2.0 * n)
-    response = np.cumprod(np.concatenate(([1.0], (lags - 0.5) / lags)))
-    size = scipy.fft.next_fast_len(3 * n - 1, real=True)
-    spectrum = scipy.fft.rfft(response, size)
+    # (C3) with B = 1: the second half of 2n rows
+    size, spectrum = _flicker_filter(n)
     rows = np.empty((n, 3))
     for axis, stream in enumerate(rng.spawn(3)):
         driven = scipy.fft.rfft(stream.standard_normal(2 * n), size) * spectrum
         rows[:, axis] = scipy.fft.irfft(driven, size)[n : 2 * n]
     return rows
+
+
+@lru_cache(maxsize=1)  # a sensor's noise is drawn for the same rows many times
+def _flicker_filter(n: int) -> tuple[int, NDArray[np.complex128]]:
+    # what wraps around a cyclic convolution of 3n - 1 or more falls into the first half
+    lags = np.arange(1.0, 2.0 * n)
+    response = np.cumprod(np.concatenate(([1.0], (lags - 0.5) / lags)))
+    size = scipy.fft.next_fast_len(3 * n - 1, real=True)
+    return size, scipy.fft.rfft(response, size)
 
 
 def _require_time(noise: Any, size: str, name: str) -> None:
