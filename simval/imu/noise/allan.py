@@ -282,10 +282,15 @@ class Forms(dict[tuple[Component, Component], Float[np.ndarray, "m m"]]):
         low = -(many[1] - 1) + one - two
         high = many[0] - 1 + one - two
         kinks = one[..., None] * _SIGNS[:, None] + two[..., None] * _SIGNS
-        self._lags, share = _lags(kinks.reshape(-1, 9), REACH * (one + two), low, high)
-        self._share = share * _pairs_at(self._lags, one, two, many)
+        lags, share = _lags(kinks.reshape(-1, 9), REACH * (one + two), low, high)
+        share *= _pairs_at(lags, one, two, many)
+        # of all pairs in turn, but for what stands for none
+        pair, place = np.nonzero(share)
+        self._lags, self._share = lags[pair, place], share[pair, place]
+        self._first = np.searchsorted(pair, np.arange(len(share)))
+        self._lengths = one[pair, 0], two[pair, 0]
         self._norm = (2.0 * one * one * two * two * many[0] * many[1])[:, 0]
-        self._known: dict[Component, Float[np.ndarray, "p l"]] = {}
+        self._known: dict[Component, Float[np.ndarray, " l"]] = {}
 
     def __missing__(
         self, pair: tuple[Component, Component]
@@ -299,21 +304,24 @@ class Forms(dict[tuple[Component, Component], Float[np.ndarray, "m m"]]):
             sums = np.zeros(len(self._norm))
         else:
             c, d = self._differences(one), self._differences(other)
-            sums = np.einsum("pl,pl,pl->p", c, d, self._share)
+            sums = np.add.reduceat(c * d * self._share, self._first)
         made = np.empty((self._size, self._size))
         made[self._pairs] = made.T[self._pairs] = sums / self._norm
         self[one, other] = self[other, one] = made
         return made
 
-    def _differences(self, component: Component) -> Float[np.ndarray, "p l"]:
+    def _differences(self, component: Component) -> Float[np.ndarray, " l"]:
         # c(t) of one unit: the shorter difference in closed form
         if component not in self._known:
             difference = component.process.difference
             assert difference is not None  # a sine's sums are in closed form
             c = np.zeros_like(self._lags)
-            for sign, weight in zip(_SIGNS, _WEIGHTS, strict=True):
-                t = np.abs(self._lags + sign * self._two)
-                c += weight * difference(t, self._one, component.rows)
+            for start in range(0, len(c), _BLOCK):
+                part = slice(start, start + _BLOCK)
+                lags, m, other = (a[part] for a in (self._lags, *self._lengths))
+                for sign, weight in zip(_SIGNS, _WEIGHTS, strict=True):
+                    t = np.abs(lags + sign * other)
+                    c[part] += weight * difference(t, m, component.rows)
             self._known[component] = c
         return self._known[component]
 

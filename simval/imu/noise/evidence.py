@@ -27,7 +27,7 @@ from simval.arrays import Array
 from simval.imu.noise.allan import PER_OCTAVE, Forms
 from simval.imu.noise.components import Component
 from simval.imu.noise.least_squares import Problem, Squares, ends, fitted
-from simval.shapes import Float, Int
+from simval.shapes import Bool, Float, Int
 
 LIKELY: Final = 6.0
 """Of (V13): what the true component may be above the best; measured, see
@@ -108,8 +108,12 @@ def weighed(
     variances: Float[Array, "1 m"],
     used: tuple[int, int],
     line: "Line",
+    slow: bool | None = None,
 ) -> Chosen | None:
-    """Choose components for some of the lengths; None if no set fits them."""
+    """Choose components for some of the lengths; None if no set fits them.
+
+    `slow` is what `is_slow` says of these lengths without a sine, where it is known.
+    """
     first, last = used
     # one length an octave, where these are enough
     step = PER_OCTAVE if last - first >= 6 * PER_OCTAVE else 1
@@ -123,7 +127,8 @@ def weighed(
         if min(sets.values()) - min(with_it.values()) > EVIDENCE:
             sets, extra = with_it, sine
     plain = (*family.fast, WALK, *extra)
-    slow = is_slow(family.problem(variances, plain).part(*used), plain)
+    if slow is None:
+        slow = bool(is_slow(family.problem(variances, plain).part(*used), plain)[0])
     if not slow:
         sets = {plain: sets[plain]}
     # beside a walk, a ramp must show itself, or be all that is needed
@@ -170,15 +175,13 @@ def _times_left(
     return float(wide[first]), np.inf if walk else float(wide[last + 1])
 
 
-def is_slow(problem: Problem, components: Components) -> bool:
-    """Return whether flicker or a walk is seen, or needed beside white noise."""
+def is_slow(problem: Problem, components: Components) -> Bool[Array, " s"]:
+    """Whether each signal shows flicker or a walk, or needs it beside white noise."""
     slow = np.array([each.kind in "BK" for each in components])
     low, _ = ends(problem, fitted(problem))
-    if np.any(low[0, slow] > 0.0):
-        return True
     law, forms = problem.law[:, ~slow], problem.forms[..., ~slow][..., ~slow, :]
     white = fitted(problem._replace(law=law, forms=forms))
-    return not white.holds[0]
+    return np.any(low[:, slow] > 0.0, axis=1) | ~white.holds
 
 
 def _deviances(

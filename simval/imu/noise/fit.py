@@ -44,7 +44,7 @@ from simval.imu.noise.evidence import (
     weighed,
     words_of,
 )
-from simval.imu.noise.least_squares import Problem, Squares, Z, ends, fitted, greatest
+from simval.imu.noise.least_squares import Squares, Z, ends, fitted, greatest
 from simval.imu.noise.model import LEAST_ROWS, AxisNoise, Coefficient
 from simval.shapes import Float
 
@@ -252,28 +252,38 @@ def _chosen(
                 all_of_it[left[good]] = new[good]
             used[left[good]] = first, last
             left = left[~good]
+    lined = np.array([line.period > 0.0 for line in lines], dtype=bool)
+    whole = np.flatnonzero(found.holds & (np.ptp(used, axis=1) == size) & ~lined)
+    known = is_slow(problem.of(whole), plain).tolist() if len(whole) else []
+    slow = dict(zip(whole.tolist(), known, strict=True))
     return [
         _weighed(
             family,
-            problem.of(np.array([k])),
+            problem.variances[[k]],
             Chosen((first, last), Squares(*(every[[k]] for every in found)), (plain,)),
             lines[k],
+            slow.get(k),
         )
         for k, (first, last) in enumerate(used.tolist())
     ]
 
 
-def _weighed(family: Family, problem: Problem, plain: Chosen, line: Line) -> Chosen:
-    # what else may be there, if something is
-    size = len(problem.law)
-    fits = plain.found.holds[0]
-    quiet = fits and plain.used == (0, size) and not line.period
-    if quiet and not is_slow(problem, plain.components):
+def _weighed(
+    family: Family,
+    variances: Float[Array, "1 m"],
+    plain: Chosen,
+    line: Line,
+    slow: bool | None,
+) -> Chosen:
+    # what else may be there, if something is; known of a signal that is plain so far
+    if slow is False:
         return plain
+    size = len(family.counts)
+    fits = plain.found.holds[0]
     first = plain.used[0]
     starts = [0, first] if fits else range(0, size - LEAST_POINTS, PER_OCTAVE)
     for used in dict.fromkeys([*((k, size) for k in starts), plain.used]):
-        chosen = weighed(family, problem.variances, used, line)
+        chosen = weighed(family, variances, used, line, slow)
         if chosen is not None:
             return chosen
     return plain

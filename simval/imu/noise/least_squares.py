@@ -89,24 +89,23 @@ class Squares(NamedTuple):
 
 class _Whitened(NamedTuple):
     # divided by the Cholesky factor of the variances' covariance, then turned so that
-    # few rows are left: the triangle of the law, and what no law reaches
+    # few rows are left: the law's, a triangle, and of the variances what no law reaches
     law: Float[Array, "s r k"]
     target: Float[Array, "s r"]  # the variances
-    log_volume: Float[Array, " s"]  # logarithm of the covariance's determinant
 
 
 def fitted(problem: Problem) -> Squares:
     """Fit the squares of the coefficients of each signal."""
     # variances of the variances, up to a factor: longer averages are fewer
     roughly = problem.variances**2 / problem.law[..., 0]
-    whitened = _whitened(problem, roughly[:, None] * np.eye(roughly.shape[1]))
+    whitened, _ = _whitened(problem, roughly[:, None] * np.eye(roughly.shape[1]))
     free, sd = _free(whitened)
     values = _nonnegative(whitened, free)
     left = np.arange(len(values))  # signals whose weights are not settled
     for _ in range(ROUNDS):
         before = values[left]
         some = problem.of(left)
-        whitened = _whitened(some, allan_covariance(some.forms, before))
+        whitened, _ = _whitened(some, allan_covariance(some.forms, before))
         free[left], sd[left] = _free(whitened)
         now = _nonnegative(whitened, free[left])
         nothing = ~np.any(now, axis=1)  # no weights at all: keep the last ones
@@ -116,7 +115,7 @@ def fitted(problem: Problem) -> Squares:
         if not len(left):
             break
     V = allan_covariance(problem.forms, values)
-    law, target, log_volume = _whitened(problem, V)
+    (law, target), log_volume = _whitened(problem, V)
     chi2 = np.sum((target - _times(law, values)) ** 2, axis=1)
     dof = problem.law.shape[-2] - np.count_nonzero(values, axis=1)
     p_value = scipy.special.chdtrc(dof, chi2)
@@ -132,7 +131,7 @@ def ends(problem: Problem, found: Squares) -> tuple[Float[Array, "s k"], ...]:
     size = (*found.values.shape, 2)
     signal, place, side = (each.ravel() for each in np.indices(size))
     z = np.array([-Z, Z])[side]
-    at_fit = _whitened(problem, allan_covariance(problem.forms, found.values))
+    at_fit, _ = _whitened(problem, allan_covariance(problem.forms, found.values))
     value = np.maximum(found.free[signal, place] + z * found.sd[signal, place], 0.0)
     most = 1e3 * problem.variances.max(axis=1)[:, None] / problem.law.max(axis=-2)
     most = most[signal, place]
@@ -142,7 +141,7 @@ def ends(problem: Problem, found: Squares) -> tuple[Float[Array, "s k"], ...]:
         i, k, before = signal[left], place[left], value[left]
         there = _with_end(_Whitened(*(each[i] for each in at_fit)), k, before)
         some = problem.of(i)
-        whitened = _whitened(some, allan_covariance(some.forms, there))
+        whitened, _ = _whitened(some, allan_covariance(some.forms, there))
         free, sd = (each[np.arange(len(k)), k] for each in _free(whitened))
         near = np.where(z[left] > 0.0, np.maximum(free, -sd), free)
         now = value[left] = np.maximum(near + z[left] * sd, 0.0)
@@ -170,7 +169,10 @@ def greatest(problem: Problem) -> Float[Array, "s k"]:
     return np.asarray(each.min(axis=1))
 
 
-def _whitened(problem: Problem, covariance: Float[Array, "s m m"]) -> _Whitened:
+def _whitened(
+    problem: Problem, covariance: Float[Array, "s m m"]
+) -> tuple[_Whitened, Float[Array, " s"]]:
+    # and the logarithm of the covariance's determinant
     least = LEAST_VARIANCE * problem.variances**2  # a ramp alone scatters by nothing
     scale = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), least))
     share = 1.0 / scale
@@ -195,8 +197,13 @@ def _whitened(problem: Problem, covariance: Float[Array, "s m m"]) -> _Whitened:
         factor = np.linalg.cholesky(whole)
     own = np.diagonal(factor, axis1=1, axis2=2)[:, :size] * scale
     log_volume = 2.0 * np.sum(np.log(own), axis=1)
-    turned = _triangle(np.swapaxes(factor[:, size:, :size], 1, 2))
-    return _Whitened(turned[..., :-1], turned[..., -1], log_volume)
+    return _turned(np.swapaxes(factor[:, size:, :size], 1, 2)), log_volume
+
+
+def _turned(both: Float[Array, "s m k1"]) -> _Whitened:
+    # law and variances, side by side
+    triangle = np.asarray(np.linalg.qr(both, mode="r"))
+    return _Whitened(triangle[..., :-1], triangle[..., -1])
 
 
 def _times(
@@ -208,15 +215,9 @@ def _times(
 
 def _free(whitened: _Whitened) -> tuple[Float[Array, "s k"], Float[Array, "s k"]]:
     # estimates without signs, and their standard deviations
-    law, target, _ = whitened
-    both = np.concatenate([law, target[..., None]], axis=2)
-    triangle = _triangle(both)[:, : law.shape[2]]
-    inverse = np.linalg.inv(triangle[..., :-1])
-    return _times(inverse, triangle[..., -1]), _lengths(inverse)
-
-
-def _triangle(matrices: Float[Array, "s m k"]) -> Float[Array, "s r k"]:
-    return np.asarray(np.linalg.qr(matrices, mode="r"))
+    size = whitened.law.shape[2]
+    inverse = np.linalg.inv(whitened.law[:, :size])
+    return _times(inverse, whitened.target[:, :size]), _lengths(inverse)
 
 
 def _lengths(vectors: Float[Array, "... n"]) -> Float[Array, "..."]:
@@ -236,13 +237,14 @@ def _nonnegative(whitened: _Whitened, free: Float[Array, "s k"]) -> Float[Array,
     whole = np.all(free > 0.0, axis=1)
     best = np.where(whole[:, None], free, 0.0)
     left = np.flatnonzero(~whole)
-    law, target, none = whitened
+    law, target = whitened
     for some in _sets(free.shape[1]):
         if not len(left):
             break
         X, y = law[left], target[left]
         values = np.zeros((len(left), len(some)))
-        values[:, some] = _free(_Whitened(X[..., some], y, none))[0]
+        both = np.concatenate([X[..., some], y[..., None]], axis=2)
+        values[:, some] = _free(_turned(both))[0]
         columns = np.swapaxes(X, 1, 2)
         slope = _times(columns, y - _times(X, values))
         size = _lengths(columns) * _lengths(y)[:, None]
@@ -256,12 +258,13 @@ def _with_end(
     at_fit: _Whitened, place: NDArray[np.intp], value: Float[Array, " s"]
 ) -> Float[Array, "s k"]:
     # the other coefficients' best, where one has a given value
-    law, target, none = at_fit
+    law, target = at_fit
     columns = np.swapaxes(law, 1, 2)
     own = place[:, None] == np.arange(law.shape[2])
     others = columns[~own].reshape(len(law), -1, law.shape[1])
     rest = target - value[:, None] * columns[own]
-    whitened = _Whitened(np.swapaxes(others, 1, 2), rest, none)
+    both = np.concatenate([others, rest[:, None]], axis=1)
+    whitened = _turned(np.swapaxes(both, 1, 2))
     there = np.where(own, value[:, None], 0.0)
     there[~own] = _nonnegative(whitened, _free(whitened)[0]).ravel()
     return there
