@@ -56,6 +56,7 @@ from simval.errors import InputError
 from simval.shapes import Float
 from simval.text import did_you_mean, shown
 
+FORGOTTEN: Final = 40.0  # correlation times: 4e-18 of a number is left
 MOST_ROWS: Final = 10**8  # 2.4 GB for each effect; more is a slip
 
 
@@ -172,8 +173,7 @@ class NoiseModel:
             size = np.asarray(self.markov_raw_per_sqrt_s)[axis] * np.sqrt(0.5 * time)
             driving = size * rng.standard_normal(n)
             driving[1:] *= np.sqrt(-np.expm1(-2.0 / (time * rate_hz)))
-            memory = np.exp(-1.0 / (time * rate_hz))
-            rows[:, axis] = scipy.signal.lfilter([1.0], [1.0, -memory], driving)
+            rows[:, axis] = _remembered(driving, time * rate_hz)
         return rows
 
     def _certain(
@@ -214,6 +214,21 @@ class NoiseModel:
         """
         first, *others = self.parts(n, rate_hz, rng)
         return sum(others, first)
+
+
+def _remembered(driving: Float[Array, " n"], time: float) -> Float[Array, " n"]:
+    # each number and what is left of those before: sums, over parts of a signal, of
+    # numbers as great as they were at its first row; a part leaves less of the last
+    # but one than rounding does
+    size = min(int(np.ceil(FORGOTTEN * time)), len(driving))
+    left = np.exp(-np.arange(size + 1) / time)
+    parts = np.zeros((-(-len(driving) // size), size))
+    parts.ravel()[: len(driving)] = driving
+    parts /= left[:-1]
+    np.cumsum(parts, axis=1, out=parts)
+    parts *= left[:-1]
+    parts[1:] += parts[:-1, -1:] * left[1:]
+    return parts.ravel()[: len(driving)]
 
 
 def _flicker(n: int, rng: np.random.Generator) -> Float[Array, "n 3"]:

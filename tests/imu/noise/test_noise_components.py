@@ -142,6 +142,23 @@ def test_simulated_markov_noise_ramp_and_sine():
     np.testing.assert_allclose(deviation**2, law, rtol=0.02)  # ends of the sine
 
 
+def test_markov_noise_of_any_time_is_the_recursion_of_the_same_numbers():
+    """Of a few rows to far more than the signal has: (C4), solved for its numbers."""
+    numbers = []
+    for time in (0.01, 3.0, 40.0, 1e6):  # s, and rows
+        model = NoiseModel(markov_raw_per_sqrt_s=1.0, markov_s=time)
+        rows = model.parts(2000, 1.0, stream(1, KEY, 0))[3] / np.sqrt(0.5 * time)
+        memory = np.exp(-1.0 / time)
+        driving = np.diff(rows, axis=0) - np.expm1(-1.0 / time) * rows[:-1]
+        numbers.append(driving / np.sqrt(-np.expm1(-2.0 / time)))
+        assert np.std(numbers[-1]) == pytest.approx(1.0, abs=4.0 / np.sqrt(2 * 6000))
+        # a sum of up to 2000 numbers, and their differences, over their size
+        rounding = (
+            2000 * np.finfo(float).eps * np.abs(rows).max() / np.sqrt(1.0 - memory**2)
+        )
+        np.testing.assert_allclose(numbers[-1], numbers[0], rtol=0, atol=rounding)
+
+
 @pytest.mark.parametrize(
     "given", [{"sine_raw": 1.0}, {"markov_raw_per_sqrt_s": [0.0, 1.0, 0.0]}]
 )
