@@ -93,8 +93,9 @@ def noise_of(
         Whether the readings are increments of an angle or a velocity over the time
         of a row, rounded: then Q is estimated too.
     intervals : bool
-        Whether the coefficients are told by intervals. Without, each may be anything:
-        for who needs the variances of the model alone, in half the time.
+        Whether the coefficients are told by intervals. Without, each may be anything,
+        and averages that white noise, flicker and a walk leave out at the short end
+        stay out: for who needs the variances of the model alone, in half the time.
 
     Returns
     -------
@@ -133,7 +134,7 @@ def noise_of(
     scaled = (variances / units).T[usable]
     lines = [line_of(signals[:, k]) for k in usable]
     family = Family(counts, len(signals), kinds)
-    sets = _chosen(family, scaled, lines)
+    sets = _chosen(family, scaled, lines, told)
     chosen = dict(zip(usable.tolist(), sets, strict=True))
     return tuple(
         _axis(
@@ -232,7 +233,7 @@ def _unusable(variances: Float[Array, " m"], step: float) -> str:
 
 
 def _chosen(
-    family: Family, variances: Float[Array, "s m"], lines: list[Line]
+    family: Family, variances: Float[Array, "s m"], lines: list[Line], told: bool
 ) -> list[Chosen]:
     # for each signal the widest range that white noise, flicker and a walk fit,
     # dropping the shortest lengths first; else all; and then what else may be there
@@ -263,6 +264,7 @@ def _chosen(
             Chosen((first, last), Squares(*(every[[k]] for every in found)), (plain,)),
             lines[k],
             slow.get(k),
+            told,
         )
         for k, (first, last) in enumerate(used.tolist())
     ]
@@ -274,14 +276,18 @@ def _weighed(
     plain: Chosen,
     line: Line,
     slow: bool | None,
+    told: bool,
 ) -> Chosen:
-    # what else may be there, if something is; known of a signal that is plain so far
+    # what else may be there, if something is; known of a signal that is plain so far.
+    # That shorter averages follow from it, too, is asked where coefficients are told
     if slow is False:
         return plain
     size = len(family.counts)
     fits = plain.found.holds[0]
     first = plain.used[0]
-    starts = [0, first] if fits else range(0, size - LEAST_POINTS, PER_OCTAVE)
+    starts = (
+        [0, first][not told :] if fits else range(0, size - LEAST_POINTS, PER_OCTAVE)
+    )
     for used in dict.fromkeys([*((k, size) for k in starts), plain.used]):
         chosen = weighed(family, variances, used, line, slow)
         if chosen is not None:
