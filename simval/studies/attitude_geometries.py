@@ -35,7 +35,11 @@ from simval.theory.expansion import (
     second_order_bias,
     second_order_covariance,
 )
-from simval.theory.two_vector import TwoVectorGeometry, two_vector_geometry
+from simval.theory.two_vector import (
+    TwoVectorGeometry,
+    turned_geometry,
+    two_vector_geometry,
+)
 from simval.units import PERCENT
 
 TITLE = "Geometries: which attitude formula is nearer to the truth, and how often"
@@ -76,15 +80,17 @@ class Parameters(StudyParameters):
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Find the ratios of one cell."""
-    ratios = np.empty((parameters.geometries, 2))
+    drawn = [*islice(regular_geometries(parameters.frame), parameters.geometries)]
+    noise = np.stack(
+        [noise_shapes(parameters.noise, k, truth) for k, truth, _ in drawn]
+    )
+    columns = np.array([geometry.column for *_, geometry in drawn])
+    truths = map(np.stack, zip(*(truth for _, truth, _ in drawn), strict=True))
+    ratios, leading = _leading(turned_geometry(columns, *truths), noise)
     off = np.zeros(CHECKED)
-    numbers = islice(regular_geometries(parameters.frame), parameters.geometries)
-    for i, (number, truth, geometry) in enumerate(numbers):
-        noise = noise_shapes(parameters.noise, number, truth)
-        ratios[i], leading = _leading(geometry, noise)
-        if i < CHECKED:
-            known = _extrapolated(truth, geometry, noise)
-            off[i] = np.linalg.norm(leading - known) / np.linalg.norm(leading)
+    for i, (_, truth, geometry) in enumerate(drawn[:CHECKED]):
+        known = _extrapolated(truth, geometry, noise[i])
+        off[i] = np.linalg.norm(leading[i] - known) / np.linalg.norm(leading[i])
     rows = list(
         limit(stat.LEADING_TERM_OFF(), off.max(), MOST_OFF, stat.EXACT, n=CHECKED)
     )
@@ -116,13 +122,15 @@ def regular_geometries(frame: str) -> Iterator[tuple[int, Truth, TwoVectorGeomet
 
 
 def _leading(geometry: TwoVectorGeometry, noise: Array) -> tuple[Array, Array]:
-    # leading errors over the linear one's, and that, in the turned frame
+    # leading errors over the linear one's, (n, 2), and that, in the turned frames
     moments = scaled_error_moments(geometry, noise)
     q, P = moments.q, moments.P
     leading = complete_fourth_covariance(moments) - second_order_covariance(q, P)
     bias = second_order_bias(q, P)
-    errors = (leading - quadratic_covariance(q, P), leading - np.outer(bias, bias))
-    return np.linalg.norm(errors, axis=(1, 2)) / np.linalg.norm(leading), leading
+    square = bias[:, :, None] * bias[:, None, :]
+    errors = np.stack([leading - quadratic_covariance(q, P), leading - square], axis=1)
+    size = np.linalg.norm(leading, axis=(1, 2))
+    return np.linalg.norm(errors, axis=(2, 3)) / size[:, None], leading
 
 
 def _extrapolated(truth: Truth, geometry: TwoVectorGeometry, noise: Array) -> Array:
