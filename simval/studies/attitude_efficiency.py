@@ -74,7 +74,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     # always the same geometries, so that the predicted ratios involve no chance
     rng = np.random.default_rng(parameters.geometries)
     problems = geometries(parameters.geometries, rng)
-    predicted = np.array([predicted_squares(problem) for problem in problems])
+    predicted = predicted_squares(problems)
     found = np.array(
         [
             _simulated(problem, parameters, streams.block(i))
@@ -108,17 +108,20 @@ def geometries(count: int, rng: np.random.Generator) -> list[Truth]:
     return found
 
 
-def predicted_squares(problem: Truth) -> list[float]:
-    """Mean squared angle of each estimator for unit noise.
+def predicted_squares(problems: list[Truth]) -> Float[Array, "n 4"]:
+    """Mean squared angle of each estimator for unit noise, of each problem.
 
     TRIAD has no prediction here and is compared with the bound.
     """
-    bound = float(np.trace(attitude_bound(*problem, 1.0).rotation))
+    q, r1, r2 = (np.stack(part) for part in zip(*problems, strict=True))
     combined, best = (
-        4.0 * float(np.trace(attitude_moments(*problem, 1.0, 2, frame).covariance))
-        for frame in ("combined", None)
+        4.0 * np.trace(moments.covariance, axis1=1, axis2=2)
+        for moments in (
+            attitude_moments(q, r1, r2, 1.0, 2, frame) for frame in ("combined", None)
+        )
     )
-    return [combined, best, bound, bound]
+    bound = [float(np.trace(attitude_bound(*each, 1.0).rotation)) for each in problems]
+    return np.stack([combined, best, bound, bound], axis=1)
 
 
 def _simulated(

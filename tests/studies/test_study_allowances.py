@@ -174,7 +174,7 @@ def test_what_a_coverage_is_allowed_is_a_fifth_of_what_it_must_see(sigma):
 )
 def test_the_combined_estimator_and_no_other_is_within_its_limits(count):
     problems = attitude_efficiency.geometries(count, np.random.default_rng(count))
-    predicted = np.array([attitude_efficiency.predicted_squares(p) for p in problems])
+    predicted = attitude_efficiency.predicted_squares(problems)
     combined, best, bound = np.sqrt(predicted[:, :3].T)
     assert np.all(combined >= bound * (1.0 - 1e-9))
     none = np.zeros(count)
