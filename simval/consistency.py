@@ -29,6 +29,9 @@ from simval.shapes import Float
 
 Consistency = Literal["consistent", "overconfident", "underconfident"]
 
+BESIDE: Final = 1e300
+"""Below a covariance, beside the vectors that its factor shall divide."""
+
 LOST: Final = np.radians(30.0)
 """Error from which a filter has diverged, rad: no linear covariance says it."""
 
@@ -75,25 +78,29 @@ def mean_of_trials(values: Float[Array, "n k"]) -> tuple[float, float, int]:
 
 
 def pairs_of(
-    innovation: Float[Array, "n k m"],
-    before: Float[Array, "n k m"],
-    covariance: Float[Array, "n k m m"],
-    covariance_before: Float[Array, "n k m m"],
+    whitened: Float[Array, "n k m"], before: Float[Array, "n k m"]
 ) -> Float[Array, "n k"]:
     r"""Square of the sum of whitened neighbours, :math:`|w_j + w_{j-1}|^2 / 2m`.
 
     Its mean is 1 for white innovations, and 1 and the correlation for others.
     """
-    m = innovation.shape[-1]
-    both = _whitened(innovation, covariance) + _whitened(before, covariance_before)
-    return np.vecdot(both, both) / (2.0 * m)
+    both = whitened + before
+    return np.vecdot(both, both) / (2.0 * both.shape[-1])
 
 
-def _whitened(
+def whitened(
     innovation: Float[Array, "n k m"], covariance: Float[Array, "n k m m"]
 ) -> Float[Array, "n k m"]:
-    factor = np.linalg.cholesky(covariance)
-    return np.linalg.solve(factor, innovation[..., None])[..., 0]
+    """Innovations divided by the Cholesky factor of their covariance.
+
+    They stand below it, and so below its factor, divided by it already; beside them is
+    a number far above what that takes from it.
+    """
+    m = innovation.shape[-1]
+    whole = np.zeros((*innovation.shape[:-1], m + 1, m + 1))
+    whole[..., :m, :m], whole[..., m, :m] = covariance, innovation
+    whole[..., m, m] = BESIDE
+    return np.linalg.cholesky(whole)[..., m, :m]
 
 
 def settled_at(

@@ -265,16 +265,18 @@ def sound_covariances(each: Float[Array, "n p p"], definite: int) -> Bool[Mask, 
     with np.errstate(invalid="ignore", over="ignore"):
         variances = np.diagonal(each, axis1=1, axis2=2)
         std = np.sqrt(np.maximum(variances, 0.0))
-        size = std[:, :, None] * std[:, None, :]
-        skew = np.abs(each - each.swapaxes(1, 2)) <= ASYMMETRY * size
-        sound: Mask = np.logical_and(skew.all((1, 2)), finite_rows(each))
+        i, j = np.triu_indices(each.shape[-1], 1)
+        skew = np.abs(each[:, i, j] - each[:, j, i])
+        sound: Mask = np.all(skew <= ASYMMETRY * std[:, i] * std[:, j], axis=1)
+        sound &= finite_rows(each)
         sound &= (variances >= 0.0).all(1) & (variances[:, :definite] > 0.0).all(1)
     if sound.all():
         with suppress(np.linalg.LinAlgError):
             np.linalg.cholesky(each)
             return sound
-    safe = np.where(size > 0.0, size, 1.0)
     with np.errstate(invalid="ignore", over="ignore"):
+        size = std[:, :, None] * std[:, None, :]
+        safe = np.where(size > 0.0, size, 1.0)
         scaled = np.where(sound[:, None, None], each / safe, np.eye(each.shape[-1]))
     least: Mask = np.linalg.eigvalsh(scaled)[:, 0] >= NEGATIVE
     first: Mask = np.linalg.eigvalsh(scaled[:, :definite, :definite])[:, 0] > 0.0

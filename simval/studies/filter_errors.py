@@ -19,9 +19,9 @@ attitude :math:`A_k`, world to body:
 Each is fitted alone. What none of them explains is of the motion: coning, a scale.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Final
 
 import numpy as np
@@ -38,6 +38,7 @@ from simval.consistency import (
     pairs_of,
     rotation_error,
     settled_at,
+    whitened,
 )
 from simval.geometry import attitude_matrix, compose
 from simval.imu.filters.signals import FilterOutput
@@ -74,7 +75,7 @@ FORMS: Final = ("tilt", "heading", "mounting", "delay")
 ONE: Final = "one form"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Answers:
     """Answers of a filter at some instants, each with the row before, and the truth."""
 
@@ -85,13 +86,13 @@ class Answers:
     late: NDArray[np.intp]  # places of the instants among the rows kept
     shifted: bool = False  # whether its headings count from its own first one
 
-    @property
+    @cached_property
     def error(self) -> Float[Array, "n i 3"]:
         """Attitude errors at the instants, rad."""
         estimate = self.found.attitude[:, self.late]
         return rotation_error(estimate, self.truth[self.late])
 
-    @property
+    @cached_property
     def angle(self) -> Float[Array, "n i"]:
         """Their sizes."""
         return np.asarray(np.linalg.norm(self.error, axis=-1))
@@ -107,19 +108,32 @@ class Answers:
         turned = compose(np.broadcast_to(back, q.shape), q)
         return replace(self, found=replace(self.found, attitude=turned), shifted=True)
 
-    def squares(self) -> Iterator[tuple[stat.Statistic, int, Float[Array, "n i"]]]:
+    def whitened(self, rows: NDArray[np.intp]) -> Float[Array, "n i m"] | None:
+        """Innovations of some rows over their covariance, where they are stated."""
+        nu, S = self.found.innovation, self.found.innovation_covariance
+        return None if nu is None or S is None else whitened(nu[:, rows], S[:, rows])
+
+    @cached_property
+    def innovations(self) -> Float[Array, "n i m"] | None:
+        """Those of the instants."""
+        return self.whitened(self.late)
+
+    @cached_property
+    def squares(self) -> list[tuple[stat.Statistic, int, Float[Array, "n i"]]]:
         """NEES of the attitude, and with the bias, and NIS, each with its dimension."""
-        found, late, e = self.found, self.late, self.error
+        found, late, e, white = self.found, self.late, self.error, self.innovations
+        each = []
         if found.covariance is not None:
             P = found.covariance[:, late]
-            yield stat.NEES(), 3, normalised_squares(e, P[..., :3, :3])
+            each += [(stat.NEES(), 3, normalised_squares(e, P[..., :3, :3]))]
             if P.shape[-1] >= 6 and found.bias is not None:
                 off = found.bias[:, late] - self.bias[:, late]
                 both = np.concatenate([e, off], axis=-1)
-                yield stat.NEES(BOTH), 6, normalised_squares(both, P[..., :6, :6])
-        nu, S = found.innovation, found.innovation_covariance
-        if nu is not None and S is not None:
-            yield stat.NIS(), nu.shape[-1], normalised_squares(nu[:, late], S[:, late])
+                six = normalised_squares(both, P[..., :6, :6])
+                each += [(stat.NEES(BOTH), 6, six)]
+        if white is not None:
+            each += [(stat.NIS(), white.shape[-1], np.vecdot(white, white))]
+        return each
 
     def shown(self) -> tuple[NDArray[np.intp], list[str]]:
         """Places of the instants that are shown, among them the last, and times."""
@@ -189,7 +203,7 @@ def over_bound_rows(
 def consistency_rows(answers: Answers, judged: bool) -> tuple[Row, ...]:
     """NEES, NIS and the correlation of innovations, judged or only shown."""
     rows: list[Row] = []
-    for statistic, dimension, squares in answers.squares():
+    for statistic, dimension, squares in answers.squares:
         mean, of = mean_of_trials(squares), (float(dimension), stat.CHI_SQUARE)
         check = partial(nees, remainder=RELATIVE * dimension) if judged else unjudged
         rows += check(statistic, *mean, *of)
@@ -201,16 +215,11 @@ def consistency_rows(answers: Answers, judged: bool) -> tuple[Row, ...]:
             )
         if statistic == stat.NEES():
             rows += at_each_row(stat.NEES_AT, answers, squares, mean_of_trials)
-    nu, S, late = (
-        answers.found.innovation,
-        answers.found.innovation_covariance,
-        answers.late,
-    )
-    if nu is not None and S is not None:
-        early = late - 1
-        white = pairs_of(nu[:, late], nu[:, early], S[:, late], S[:, early])
+    white, before = answers.innovations, answers.whitened(answers.late - 1)
+    if white is not None and before is not None:
+        pairs = mean_of_trials(pairs_of(white, before))
         check = partial(plain, remainder=RELATIVE) if judged else unjudged
-        rows += check(stat.INNOVATION_PAIRS(), *mean_of_trials(white), 1.0, stat.WHITE)
+        rows += check(stat.INNOVATION_PAIRS(), *pairs, 1.0, stat.WHITE)
     return tuple(rows)
 
 
@@ -224,7 +233,7 @@ def predicted_rows(
     moment = np.trace(theory.second_moment[:, :3, :3], axis1=1, axis2=2)
     root = float(np.sqrt(moment.mean()))
     measured = [(stat.RMS(unit="rad"), root_mean_square(answers.angle), root)]
-    for statistic, dimension, squares in answers.squares():
+    for statistic, dimension, squares in answers.squares:
         known = theory.nis if statistic == stat.NIS() else theory.nees(dimension)
         measured.append((statistic, mean_of_trials(squares), float(known.mean())))
     check = plain if judged else unjudged

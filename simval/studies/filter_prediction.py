@@ -214,6 +214,7 @@ SENSORS: Final = Imperfect(
     start_std=SMALL * 5e-3, bias_std=SMALL * 5e-3, M=np.eye(3), calibration_std=0.0,
 )  # fmt: skip
 """Each counts: the bias walks in two seconds nearly as far as it began."""
+FEW: Final = 4  # rows in one call, of whose answers the last is kept
 CONING_ORDER: Final = 3.0
 NEXT: Final = 0.25
 """Of an order between steps of 1/25 and 1/50 s: what the next one changes of it. Seen
@@ -245,9 +246,8 @@ def lost(make: Make, scenario: str, rate: float, **more: Any) -> float:
     sure = {"start_std", "bias_std", "gyroscope_noise", "gyroscope_walk"}
     told = asdict(SENSORS.told(way)) | dict.fromkeys(sure, 0.0)
     model = make(start=way.attitude[0], **told, **more)
-    for dt, rates in zip(way.dt, way.rate, strict=True):
-        answer = model.update(dt, rates, None)
-    return float(np.linalg.norm(_turn(answer["attitude"], way)))
+    attitude = model.update_rows(way.dt, way.rate, None)["attitude"]
+    return float(np.linalg.norm(_turn(attitude[-1], way)))
 
 
 class Units(np.random.Generator):
@@ -275,12 +275,14 @@ def moved_and_stated(
     given, bias = drawn(way, SENSORS, told, 1 + 6 + 15 * len(way.dt), Units())
     model = make(start=given.start, **asdict(told))
     sensors = given.gyroscope, given.accelerometer, given.magnetometer
-    for k, dt in enumerate(way.dt):
-        answer = model.update(dt, *(rows[:, k] for rows in sensors))
-    turn = _turn(answer["attitude"], way)
-    error = np.concatenate([turn, bias[:, -1] - answer["bias"]], axis=1)
+    for k in range(0, len(way.dt), FEW):
+        rows = slice(k, k + FEW)
+        some = (each[:, rows].swapaxes(0, 1) for each in sensors)
+        answers = model.update_rows(way.dt[rows], *some)
+    attitude, b, P = (answers[word][-1] for word in ("attitude", "bias", "covariance"))
+    error = np.concatenate([_turn(attitude, way), bias[:, -1] - b], axis=1)
     by = error[1:] - error[0]
-    return by.T @ by, answer["covariance"][0]
+    return by.T @ by, P[0]
 
 
 def _turn(attitude: Float[Array, "... 4"], way: Course) -> Float[Array, "... 3"]:

@@ -16,6 +16,7 @@ from simval.consistency import (
     pairs_of,
     rotation_error,
     settled_at,
+    whitened,
 )
 from simval.geometry import attitude_matrix, random_quaternions
 
@@ -77,18 +78,20 @@ def test_normalised_squares_and_whitened_neighbours_by_hand():
     P = root @ root.swapaxes(-1, -2)
     by_hand = np.einsum("nki,nkij,nkj->nk", error, np.linalg.inv(P), error)
     assert np.allclose(normalised_squares(error, P), by_hand, rtol=1e-9)
-    same = pairs_of(error, error, P, P)
+    white = whitened(error, P)
+    same = pairs_of(white, white)
     assert np.allclose(same, 2.0 * by_hand / 3.0, rtol=1e-9)
-    assert np.abs(pairs_of(error, -error, P, P)).max() < 1e-12
+    assert np.abs(pairs_of(white, whitened(-error, P))).max() < 1e-12
 
 
 def test_innovations_that_correlate_are_told_from_white_ones():
     # at 1e-3, two-sided: 3.29; power of rho = 0.1 with 40 x 50 pairs of 3: z = 7.7
     rng = np.random.default_rng(4)
-    eye = np.broadcast_to(np.eye(3), (40, 50, 3, 3))
+    eye = np.broadcast_to(np.eye(3), (40, 51, 3, 3))
     for rho, seen in ((0.0, False), (0.1, True)):
         rows = correlated(rng, 40, 51, 3, rho)
-        mean, error, n = mean_of_trials(pairs_of(rows[:, 1:], rows[:, :-1], eye, eye))
+        white = whitened(rows, eye)
+        mean, error, n = mean_of_trials(pairs_of(white[:, 1:], white[:, :-1]))
         assert n == 40
         assert (abs(mean - 1.0) > 3.29 * error) == seen
         assert abs(mean - 1.0 - rho) < 4.0 * error

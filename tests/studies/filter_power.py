@@ -59,7 +59,7 @@ def squares_of(scenario, trials):
     if more == NO_CONING:
         plugin = replace(plugin, make=partial(plugin.make, coning=False))
     problem = study.Filtering(plugin, parameters, Streams(1, cell_key("power")))
-    squares = problem.trials(plugin.world).squares()
+    squares = problem.trials(plugin.world).squares
     found = {str(what): values for what, _, values in squares}
     return found["nees"], found["nis"]
 

@@ -240,7 +240,7 @@ class Mekf:
         if variances is None:
             return
         noise = self.R.reshape(-1, 3)[some].ravel()
-        seen = noise >= LOST * variances  # False for NaN
+        seen = variances <= noise / LOST  # False for NaN
         if not seen.all():
             k = int(np.argmin(seen.reshape(-1, len(noise)).all(axis=0)))
             name = ("accelerometer_noise", "magnetometer_noise")[some[k // 3]]
