@@ -14,7 +14,7 @@ its errors, and what it states of them, are judged.
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from hashlib import sha256
 from typing import Annotated, Any, Self
 
@@ -145,11 +145,12 @@ class Filtering(Problem[Filter, str, Answers]):
         """Its errors and what it states of them, and what they stand on."""
         parameters, plugin, way = self.parameters, self.plugin, self.way
         kept, late = instants(len(way.dt))
-        exact = replace(self.sensors, M=np.eye(3), calibration_std=0.0)
-        at = kept[late], plugin.magnetometer
-        least = prediction(undisturbed(way), exact, exact.told(way), *at)
-        theory = least
+        right = {"scenario": parameters.named_scenario, "algorithm": REFERENCE}
+        theory = least = least_of(
+            parameters.model_copy(update=right), plugin.magnetometer
+        )
         if way.disturbed or parameters.wrong != Wrong():
+            at = kept[late], plugin.magnetometer
             theory = prediction(way, self.sensors, self.told, *at)
         rows = measured_rows(parameters, way, answers, (least, theory), way.rate[kept])
         rows += drawn_filter_rows(way, self.sensors, self.draws)
@@ -281,6 +282,15 @@ def sensors_of(parameters: Parameters, way: Course) -> Imperfect:
 def told_of(parameters: Parameters, way: Course) -> Told:
     """Settings given to the filter."""
     return parameters.wrong.told(sensors_of(parameters, way).told(way))
+
+
+@lru_cache(maxsize=16)  # cells differ in what is wrong, and in the filter
+def least_of(right: Parameters, magnetometer: bool) -> FilterPrediction:
+    """Errors of the reference filter of right settings, of which none is disturbed."""
+    way = right.course
+    sensors, (kept, late) = sensors_of(right, way), instants(len(way.dt))
+    told = sensors.told(way)
+    return prediction(undisturbed(way), sensors, told, kept[late], magnetometer)
 
 
 def joined(parts: list[FilterInput]) -> FilterInput:
