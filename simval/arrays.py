@@ -57,7 +57,7 @@ def physical_array(
 ) -> Array:
     """`finite_array` of values whose powers can be worked with."""
     array = finite_array(name, value, tail)
-    greatest = float(np.max(np.abs(array), initial=0.0))
+    greatest = float(max(np.max(array, initial=0.0), -np.min(array, initial=0.0)))
     if not greatest <= most:
         msg = (
             f"`{name}` has a value of {greatest:g}, beyond {most:g}; no sensor "

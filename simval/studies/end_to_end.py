@@ -106,7 +106,7 @@ class Scenario:
         self.attitude = trajectory.attitude[every]
         self.dip = float(-np.arcsin(normalize(trajectory.magnetic)[2]))
         field = normalize(trajectory.magnetic_field[every])
-        self.log = self.felt(self.tumble.force, field)
+        self.log = np.stack(self.felt(self.tumble.force, field))
         self.rests = self.felt(wanted.force, wanted.field)
 
     def felt(self, force: Array, field: Array) -> tuple[Array, Array]:
@@ -127,9 +127,11 @@ class Scenario:
     ) -> "Readings":
         """Readings of a trial, by the noise of samples and that of a mean at rest."""
         intervals, _, _ = detect(raw, *SETTINGS)
-        root = np.sqrt(interval_counts(intervals))
-        std = np.stack([each / root for each in noise])
-        quiet = np.stack([interval_means(rows, intervals) for rows in self.log])
+        counts = interval_counts(intervals)
+        std = np.stack([each / np.sqrt(counts) for each in noise])
+        # every second sum is of the rows between two intervals
+        sums = np.add.reduceat(self.log, intervals.ravel(), axis=1)[:, ::2]
+        quiet = sums / counts[:, None]
         field = quiet[1] + std[1][:, None] * rng.standard_normal(quiet[1].shape)
         rests = [
             rows + each * rng.standard_normal(rows.shape)
@@ -227,9 +229,10 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     carriers = [carrier(true, wanted, k, *mean_std) for k in range(len(wanted.q))]
 
     drawn: list[Readings] = []
+    sensor = true_sensor(force_std)
 
     def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
-        raw = true_sensor(force_std).distort(scenario.tumble.force, rng)
+        raw = sensor.distort(scenario.tumble.force, rng)
         drawn.append(scenario.drawn(raw, noise, mean_std, rng))
         moved = np.sum(~pure(drawn[-1].intervals, scenario.tumble.still))
         samples = (raw - scenario.log[0]) / force_std

@@ -129,12 +129,18 @@ class Estimating:
     @cached_property
     def jacobians(self) -> list[Float[Array, "n m p"]]:
         """Derivatives of the rows of each block by the parameters."""
-        return [at.J / self._unit for at in self._slopes]
+        each = np.eye(len(self.theta))
+        return [self._along(block, each, 0.0) for block in self.blocks]
 
     @cached_property
     def noises(self) -> list[Float[Array, "n m m"]]:
         """Covariance V of the rows of each block."""
         return [self._least**2 * V for V in self._V]
+
+    @cached_property
+    def by_noises(self) -> list[Float[Array, "n m d"]]:
+        """Change of the rows of each block by its noises of unit variance."""
+        return [self._least * at.Z for at in self._slopes]
 
     @cached_property
     def slope(self) -> Float[Array, "p z"]:
@@ -222,17 +228,14 @@ class Estimating:
     @cached_property
     def _unit(self) -> Float[Array, " p"]:
         # of each parameter: its column of J has unit length
-        each = np.eye(len(self.theta))
-        squares = sum(
-            np.sum(self._along(b, each, 0.0) ** 2, axis=(0, 1)) for b in self.blocks
-        )
+        squares = sum(np.sum(J**2, axis=(0, 1)) for J in self.jacobians)
         return 1.0 / np.sqrt(np.where(squares > 0.0, squares, 1.0))
 
     @cached_property
     def _slopes(self) -> list[_Slopes]:
         made: list[_Slopes] = []
-        for block in self.blocks:
-            J = self._along(block, np.diag(self._unit), 0.0)
+        for block, jacobian in zip(self.blocks, self.jacobians, strict=True):
+            J = jacobian * self._unit
             Z = self._along(block, 0.0, np.eye(block.y.shape[1]))
             own = sum(at.noise.size for at in made) + np.arange(block.y.size)
             noise = own.reshape(block.y.shape) if block.noise is None else block.noise

@@ -21,7 +21,7 @@ what either sensor's noise in the tumble leaves in the calibration is a covarian
 its own, and the two add up to the bound.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -102,12 +102,9 @@ def calibration_parts(problem: Problem, ends: Any = ()) -> Float[Array, "t 2 22 
     Of each set of poses, which end at `ends`, calibrated by itself. The last parameter
     is the sine of the dip.
     """
-    alone = (
-        replace(problem, sigma=problem.sigma * mine)
-        for mine in np.repeat(np.eye(2), 3, axis=1)
-    )
-    J = equations_of(problem).jacobians[0]
-    V = np.stack([equations_of(each).noises[0] for each in alone])
+    estimate = equations_of(problem)
+    J, Z = estimate.jacobians[0], estimate.by_noises[0]
+    V = np.stack([own @ own.mT for own in (Z[..., :3], Z[..., 3:])])
     weighed = np.linalg.solve(V.sum(axis=0), J)
     parts = []
     for rows in np.split(np.arange(len(J)), ends):
