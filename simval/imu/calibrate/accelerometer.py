@@ -33,10 +33,12 @@ from simval.imu.calibrate.minimization import (
 from simval.imu.calibrate.outliers import find_outliers
 from simval.imu.calibrate.residuals import (
     LOSSES,
+    READING,
     RESIDUALS,
     SLOPES,
     WEIGHTED,
     moment_matrix,
+    monomial_rows,
     noise_shares,
     unbiased_moment_matrix,
 )
@@ -356,7 +358,8 @@ def _fit_block(
     if keep.size == 0:
         return block | _spread(_no_results(), keep, count)
     z, centre, scale = normalized(poses if keep.size == count else poses[keep])
-    moments = moment_matrix(z)
+    m = monomial_rows(z)
+    moments = moment_matrix(m)
     ellipsoid = fit_ellipsoid(moments)
     theta = forms.from_gram(options.model, ellipsoid.gram, ellipsoid.bias)
     usable = np.isfinite(theta).all(axis=-1) & ellipsoid.proper
@@ -370,7 +373,7 @@ def _fit_block(
         return block | _spread(_no_results(), keep[good], count)
     sigma = None if sigma is None else sigma[keep]
     data = _Data(
-        z=z, moments=moments, leverage=ellipsoid.leverage,
+        m=m, moments=moments, leverage=ellipsoid.leverage,
         noise=None if sigma is None else sigma / scale[:, None],
         shares=noise_shares(options.residual, sigma), theta=theta, centre=centre,
         scale=scale, condition=own, stretch=stretch,
@@ -403,7 +406,7 @@ def _spread(results: _Block, keep: Any, count: int) -> _Block:
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Data(Trials):
     # the trials that are fitted, one row each, in the scaled units of the fit
-    z: Float[Array, "t n 3"]
+    m: Float[Array, "t 10 n"]  # monomials of the readings
     moments: Float[Array, "t 10 10"]
     leverage: Leverage
     noise: Float[Array, "t n"] | None
@@ -419,12 +422,12 @@ def _solve(data: _Data, options: Options) -> tuple[Any, _Block]:
     # iterate, summarise and judge: codes, and results in physical units
     solution, ratio = _iterate(data, options)
     summary = summarize(
-        options.model, options.residual, solution.theta, data.z, data.moments,
+        options.model, options.residual, solution.theta, data.m, data.moments,
         sigma=data.noise, loss=options.loss, ratio=ratio, shares=data.shares,
         covariance=options.covariance,
     )  # fmt: skip
     code, half_width = judge(
-        solution.code, data.z, data.moments, data.noise, summary, data.shares,
+        solution.code, data.m, data.moments, data.noise, summary, data.shares,
         condition=data.condition, stretch=data.stretch,
     )  # fmt: skip
     sizes = np.ones((len(data.scale), 9))
@@ -455,19 +458,19 @@ def _iterate(
 ) -> tuple[Solution, Float[Array, "t n"] | None]:
     # Run the solver that the residual and the loss call for.
     model, residual = options.model, options.residual
-    z, noise, theta, shares = data.z, data.noise, data.theta, data.shares
+    m, noise, theta, shares = data.m, data.noise, data.theta, data.shares
     if noise is not None and shares is not None:
         noise = noise * np.sqrt(shares)
-    slack = _SLACK * float(np.finfo(float).eps) * z.shape[1]
+    slack = _SLACK * float(np.finfo(float).eps) * m.shape[2]
     if options.loss != "linear" or residual == "weighted":
         return minimize_reweighted(
-            model, residual, options.loss, z, theta, noise, options, slack, shares
+            model, residual, options.loss, m, theta, noise, options, slack, shares
         )
     if residual in SLOPES:
         newton = options.method == "newton"
-        goal = pose_objective(model, residual, z, shares, newton=newton)
+        goal = pose_objective(model, residual, m, shares, newton=newton)
         return minimize(goal, theta, options, slack), None
     leverage = data.leverage
     if residual == "adjusted" and noise is not None:
-        leverage = Leverage.of(unbiased_moment_matrix(z, noise))
+        leverage = Leverage.of(unbiased_moment_matrix(m[:, READING].mT, noise))
     return minimize_leverage(model, leverage, theta, options, slack), None

@@ -68,12 +68,12 @@ from simval.imu.calibrate.residuals import (
     LOSSES,
     WEIGHTED,
     moment_matrix,
+    monomial_rows,
     monomial_slopes,
     monomials,
     residual_quadric,
     residual_values,
     value_derivatives,
-    weighted_sum,
 )
 from simval.imu.calibrate.solver import Code, negative_pivots, solve_positive
 from simval.poses import PARAMETERS, describe, observability
@@ -98,7 +98,7 @@ def summarize(
     model: str,
     residual: str,
     theta: Float[Array, "t 9"],
-    z: Float[Array, "t n 3"],
+    m: Float[Array, "t 10 n"],
     moments: Float[Array, "t 10 10"],
     *,
     sigma: Float[Array, "t n"] | None,
@@ -108,37 +108,37 @@ def summarize(
     covariance: bool = True,
 ) -> Summary:
     """Covariance and statistics of each trial at its solution."""
-    c, q = residual_values(model, theta, z)
-    dof = z.shape[1] - 9
+    c, q = residual_values(model, theta, m)
+    dof = m.shape[2] - 9
     a = None  # of eq. (U1); None for 1
     if residual in WEIGHTED:
         a = 0.25 / q if shares is None else 0.25 / q * shares
     squares = c * c if a is None else a * c * c
     total = squares.sum(axis=-1)
     distance2 = 0.25 * c * c / q
-    chi2 = spread = np.full(len(z), np.nan)
+    chi2 = spread = np.full(len(m), np.nan)
     if dof > 0:
         spread = np.sqrt(distance2.sum(axis=-1) / dof)
     if sigma is not None and dof > 0:
         known = np.asarray((sigma > 0.0).all(axis=-1))
         size = np.where(known[:, None], sigma, np.nan)
         chi2 = (distance2 / size**2).sum(axis=-1) / dof
-    matrix = np.full((len(z), 9, 9), np.nan)
+    matrix = np.full((len(m), 9, 9), np.nan)
     if covariance and (dof > 0 or (sigma is not None and ratio is None)):
         dv = value_derivatives(residual_quadric(model, theta))
         if ratio is not None:
-            weight = np.ones(z.shape[1]) if shares is None else shares
+            weight = np.ones(m.shape[2]) if shares is None else shares
             variance = _huber_variance(np.sqrt(distance2 * weight), ratio, loss)
             variance = variance[:, None] / weight
         elif sigma is not None:
             variance = sigma**2
         else:
-            own = spread * spread if a is not None else _least_scatter(dv, z, c, q)
+            own = spread * spread if a is not None else _least_scatter(dv, m, c, q)
             variance = own[:, None]
         middle = 4.0 * q * variance
-        normal = moments if a is None else moment_matrix(z, a)
+        normal = moments if a is None else moment_matrix(m, a)
         weights = middle if a is None else a * a * middle
-        matrix = _sandwich(dv, normal, moment_matrix(z, weights))
+        matrix = _sandwich(dv, normal, moment_matrix(m, weights))
     norm = np.sqrt(np.maximum(1.0 + c, 0.0)) - 1.0
     if residual == "norm":
         total = (norm * norm).sum(axis=-1)
@@ -154,16 +154,16 @@ def summarize(
 
 def _least_scatter(
     dv: Float[Array, "t 10 9"],
-    z: Float[Array, "t n 3"],
+    m: Float[Array, "t 10 n"],
     c: Float[Array, "t n"],
     q: Float[Array, "t n"],
 ) -> Float[Array, " t"]:
     # eq. (U2)
     w = 0.25 / q
-    pull = np.vecmat(weighted_sum(z, w * c), dv)
-    back = solve_positive(_contract(dv, moment_matrix(z, w)), pull[..., None])[0]
+    pull = np.vecmat(np.matvec(m, w * c), dv)
+    back = solve_positive(_contract(dv, moment_matrix(m, w)), pull[..., None])[0]
     least = np.vecdot(w * c, c) - np.vecdot(pull, back[..., 0])
-    return np.maximum(least, 0.0) / (z.shape[1] - 9)  # rounding may leave -1e-32
+    return np.maximum(least, 0.0) / (m.shape[2] - 9)  # rounding may leave -1e-32
 
 
 def _huber_variance(
@@ -255,7 +255,7 @@ WIDEST = 0.15
 
 def judge(
     code: Any,
-    z: Float[Array, "t n 3"],
+    m: Float[Array, "t 10 n"],
     moments: Float[Array, "t 10 10"],
     noise: Float[Array, "t n"] | None,
     summary: Summary,
@@ -277,8 +277,8 @@ def judge(
         known, chi = np.sqrt(mean), np.sqrt(summary.chi2_per_dof)
         level = np.fmax(known, np.where(np.isnan(chi), level, known * chi))
     if shares is not None:
-        moments = moment_matrix(z, shares)
-    dof = z.shape[1] - PARAMETERS
+        moments = moment_matrix(m, shares)
+    dof = m.shape[2] - PARAMETERS
     limit = required_noise(level, dof, known=noise is not None)
     half_width = NORMAL_95 * level * summary.steepness * np.sqrt(stretch)
     judged = np.where(half_width > WIDEST, Code.WIDE, code)
@@ -397,7 +397,7 @@ def _advice(poses: Float[Array, "n 3"]) -> str:
 def _noise_message(poses: Float[Array, "n 3"]) -> str:
     # how near a second quadric is, and what else would tell it from noise
     z, _, scale = normalized(poses[None])
-    scatter, noise = pencil(moment_matrix(z))
+    scatter, noise = pencil(moment_matrix(monomial_rows(z)))
     values = np.linalg.eigvals(np.linalg.solve(noise[0], scatter[0])).real
     enough = np.sqrt(max(np.sort(values)[1], 0.0)) * scale[0]  # s_2 of eq. (N1)
     message = (

@@ -61,7 +61,6 @@ from simval.imu.calibrate.residuals import (
     curvature,
     distance_quadric,
     distance_seconds,
-    evaluate,
     moment_matrix,
     monomial_slopes,
     monomials,
@@ -70,7 +69,6 @@ from simval.imu.calibrate.residuals import (
     residual_seconds,
     residual_values,
     value_derivatives,
-    weighted_sum,
 )
 from simval.imu.calibrate.solver import (
     Code,
@@ -291,7 +289,7 @@ def fit_ellipsoid(moments: Float[Array, "t 10 10"]) -> Ellipsoid:
 def pose_objective(
     model: str,
     residual: str,
-    z: Float[Array, "t n 3"],
+    m: Float[Array, "t 10 n"],
     shares: Float[Array, "t n"] | None = None,
     *,
     newton: bool,
@@ -299,15 +297,15 @@ def pose_objective(
     """Cost of a residual that needs a pass over the poses for each step."""
 
     def objective(theta: Array, rows: Any) -> Local:
-        x = z if rows.size == z.shape[0] else z[rows]
+        x = m if rows.size == len(m) else m[rows]
         share = None if shares is None else shares[rows]
         c = residual_quadric(model, theta)
         q = distance_quadric(c)
         dc, dq = value_derivatives(c), value_derivatives(q)
-        values_c, values_q = evaluate([c, q], x)
+        both = np.stack([c.values, q.values], axis=1) @ x
+        values_c, values_q = both[:, 0], both[:, 1]
         slopes = SLOPES[residual](values_c, values_q, newton=False).weighted(share)
-        pull_c = weighted_sum(x, slopes.c)
-        pull_q = weighted_sum(x, slopes.q)
+        pull_c, pull_q = np.matvec(x, slopes.c), np.matvec(x, slopes.q)
         normal = _curve(x, slopes, dc, dq)
         hessian = None
         if newton:
@@ -328,7 +326,7 @@ def pose_objective(
 
 
 def _curve(
-    x: Float[Array, "t n 3"],
+    x: Float[Array, "t 10 n"],
     slopes: Any,
     dc: Float[Array, "t 10 9"],
     dq: Float[Array, "t 10 9"],
@@ -353,7 +351,7 @@ def minimize_reweighted(
     model: str,
     residual: str,
     loss: str,
-    z: Float[Array, "t n 3"],
+    m: Float[Array, "t 10 n"],
     theta: Float[Array, "t 9"],
     noise: Float[Array, "t n"] | None,
     rules: Rules,
@@ -365,11 +363,11 @@ def minimize_reweighted(
     result, gradient = theta.copy(), np.full(count, np.nan)
     code = np.full(count, Code.MAX_ITERATIONS)
     iterations = np.zeros(count, dtype=int)
-    ratios = np.zeros(z.shape[:2])
+    ratios = np.zeros((count, m.shape[2]))
     scale, last = np.full(count, np.nan), np.full(count, np.inf)
     rows = np.arange(count)
     for turn in range(_ROUNDS):
-        x = z[rows]
+        x = m if rows.size == count else m[rows]
         c, q = residual_values(model, result[rows], x)
         distance = np.abs(c) / (2.0 * np.sqrt(q))
         weights = 0.25 / q if residual == "weighted" else np.ones_like(q)
@@ -380,7 +378,7 @@ def minimize_reweighted(
             if turn < _SCALE_ROUNDS and noise is not None:
                 scale[rows] = noise[rows].max(axis=-1)
             elif turn < _SCALE_ROUNDS:  # nine of the distances are fitted
-                shrunk = np.sqrt(x.shape[1] / max(x.shape[1] - 9, 1))
+                shrunk = np.sqrt(m.shape[2] / max(m.shape[2] - 9, 1))
                 median = _GAUSS_MAD * shrunk * np.median(distance, axis=-1)
                 scale[rows] = np.maximum(median, np.finfo(float).eps)
             ratios[rows] = distance / (LOSSES[loss].tuning * scale[rows])[:, None]

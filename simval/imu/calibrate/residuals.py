@@ -37,7 +37,7 @@ Each is given by its slopes by (c, q) and by the entries of the 2 x 2 curvature:
 the product of first derivatives (Gauss-Newton) or the full one (Newton).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +54,8 @@ FIRST, SECOND = np.array(
 """Whose product each monomial is: of x, y, z and 1."""
 _PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 """The first six in a symmetric matrix."""
+READING = slice(6, 9)
+"""The reading itself among its monomials."""
 _HALVES = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
 
 
@@ -86,20 +88,15 @@ def quadratic(p: Float[Array, "... m"]) -> Float[Array, "... 3 3"]:
 
 
 def moment_matrix(
-    z: Float[Array, "t n 3"], weights: Float[Array, "t n"] | None = None
+    m: Float[Array, "t 10 n"], weights: Float[Array, "t n"] | None = None
 ) -> Float[Array, "t 10 10"]:
     """Moment matrix G of the monomials, eq. (Q2)."""
-    total: Array | float = 0.0
-    for start in range(0, z.shape[1], CHUNK):
-        part = slice(start, start + CHUNK)
-        m = _monomial_rows(z[:, part])
-        right = m if weights is None else m * weights[:, None, part]
-        total = total + m @ right.mT
-    return np.asarray(total)
+    right = m if weights is None else m * weights[:, None]
+    return np.asarray(m @ right.mT)
 
 
-def _monomial_rows(z: Float[Array, "t n 3"]) -> Float[Array, "t 10 n"]:
-    # a row for each monomial, so that the poses are next to each other in memory
+def monomial_rows(z: Float[Array, "t n 3"]) -> Float[Array, "t 10 n"]:
+    """A row for each monomial: the poses are next to each other in memory."""
     x = np.ascontiguousarray(z.mT)
     result = np.empty((len(x), 10, x.shape[-1]))
     np.multiply(x, x, out=result[:, :3])
@@ -141,17 +138,6 @@ def unbiased_moment_matrix(
                 total[:, i, j] += product.sum(axis=-1)
     lower = np.tril(total, -1)
     return total + lower.mT
-
-
-def weighted_sum(
-    z: Float[Array, "t n 3"], weights: Float[Array, "t n"]
-) -> Float[Array, "t 10"]:
-    """Weighted sum of the monomials over poses."""
-    total = np.zeros((z.shape[0], 10))
-    for start in range(0, z.shape[1], CHUNK):
-        part = slice(start, start + CHUNK)
-        total += np.vecmat(weights[:, part], monomials(z[:, part]))
-    return total
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -197,29 +183,16 @@ def _quadric(
 
 
 def residual_values(
-    model: str, theta: Float[Array, "t 9"], z: Float[Array, "t n 3"]
+    model: str, theta: Float[Array, "t 9"], m: Float[Array, "t 10 n"]
 ) -> tuple[Float[Array, "t n"], Float[Array, "t n"]]:
     """The quadrics c and q of each reading, without derivatives."""
-    m = forms.matrix(model, theta)
-    h = m @ (np.ascontiguousarray(z.mT) - theta[:, 6:, None])
-    return _squared(h) - 1.0, _squared(m.mT @ h)
+    matrix = forms.matrix(model, theta)
+    h = matrix @ (m[:, READING] - theta[:, 6:, None])
+    return _squared(h) - 1.0, _squared(matrix.mT @ h)
 
 
 def _squared(x: Float[Array, "t 3 n"]) -> Float[Array, "t n"]:
     return x[:, 0] * x[:, 0] + x[:, 1] * x[:, 1] + x[:, 2] * x[:, 2]
-
-
-def evaluate(
-    quadrics: Sequence[Quadric], z: Float[Array, "t n 3"]
-) -> list[Float[Array, "t n"]]:
-    """Values of some quadrics at each reading, in one pass."""
-    columns = np.stack([quadric.values for quadric in quadrics], axis=-1)
-    result = np.empty((len(quadrics), *z.shape[:-1]))
-    for start in range(0, z.shape[1], CHUNK):
-        part = slice(start, start + CHUNK)
-        values = monomials(z[:, part]) @ columns
-        result[:, :, part] = values.transpose(2, 0, 1)
-    return list(result)
 
 
 def value_derivatives(quadric: Quadric) -> Float[Array, "t 10 9"]:

@@ -50,7 +50,7 @@ from simval.imu.calibrate.magnetometer.result import (
     PARAMETERS,
 )
 from simval.imu.calibrate.minimization import fit_ellipsoid, normalized
-from simval.imu.calibrate.residuals import moment_matrix
+from simval.imu.calibrate.residuals import moment_matrix, monomial_rows
 from simval.imu.sensor import forms
 from simval.poses import axis_orders
 from simval.shapes import Float
@@ -117,7 +117,7 @@ def shape(z: Float[Array, "t n 3"], least: float = _QUADRIC) -> Shape:
     root = np.eye(3) / radius[:, None, None]
     found = np.zeros(len(z), dtype=bool)
     if z.shape[1] >= least:
-        ellipsoid = fit_ellipsoid(moment_matrix(z))
+        ellipsoid = fit_ellipsoid(moment_matrix(monomial_rows(z)))
         proper = np.asarray(ellipsoid.proper & ellipsoid.determined, dtype=bool)
         gram = np.where(proper[:, None, None], ellipsoid.gram, np.eye(3))
         values, vectors = np.linalg.eigh(gram)
