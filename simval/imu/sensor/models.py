@@ -105,7 +105,12 @@ def _with_noise(
     raw: Float[Array, "... 3"], std: float, rng: np.random.Generator
 ) -> Float[Array, "... 3"]:
     # the stream is left alone where there is no noise
-    return raw if std == 0.0 else raw + std * rng.standard_normal(raw.shape)
+    if std == 0.0:
+        return raw
+    noise = rng.standard_normal(raw.shape)
+    noise *= std
+    noise += raw
+    return noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
