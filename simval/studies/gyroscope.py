@@ -99,7 +99,7 @@ class Parameters(StudyParameters):
 class Tumble:
     """A cell's scene at its rate, its sensors, and how a trial is drawn and fitted."""
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: Parameters, steps: Any = None) -> None:
         self.parameters = parameters
         every = self.every = parameters.every
         run = simulate_cached(
@@ -123,20 +123,25 @@ class Tumble:
         self.accelerometer = true_sensor(0.0)
         rng = np.random.default_rng(0)  # draws nothing
         self.rates = self.gyroscope.distort(average_rates(run, every), rng)
-        steps = average_rates(run)
-        beside = 0.5 * (steps + np.concatenate([steps[1:], steps[-1:]]))[::every]
-        self.instants = self.gyroscope.distort(beside, rng)
+        self.steps = average_rates(run) if steps is None else steps  # of 500 Hz
         self.poses = self.accelerometer.distort(self.force, rng)
         self.truth = np.concatenate([self.gyroscope.M.ravel(), bias])
+
+    def thinned(self, every: int) -> "Tumble":
+        """The same scene at another rate."""
+        if every == self.every:
+            return self
+        return Tumble(self.parameters.model_copy(update={"every": every}), self.steps)
 
     def straight_lines(self) -> float:
         """Error of M from instants with straight lines between, without noise.
 
         An instant is the mean of the two steps of 500 Hz beside it.
         """
-        inter_rest = inter_rest_rotations(
-            self.time, self.instants, self.rests, scheme="linear"
-        )
+        ends = np.concatenate([self.steps[1:], self.steps[-1:]])
+        beside = 0.5 * (self.steps + ends)[:: self.every]
+        rates = self.gyroscope.distort(beside, np.random.default_rng(0))
+        inter_rest = inter_rest_rotations(self.time, rates, self.rests, scheme="linear")
         fit = calibrate_gyroscope(
             inter_rest, self.poses, calibrate(self.poses, self.g),
             pose_std=self.pose_std, angle_random_walk=self.walk, start=np.eye(3),
@@ -242,7 +247,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             *limit(stat.REST_FORCE(), data.off, data.rest_force, stat.SCENE_BOUND),
             *drawn_rows(trials.noise),
             *_stated_row(clean, data),
-            *_integrators(parameters),
+            *_integrators(data),
             *unjudged(stat.SD("M", "bound"), sqrt(bound[:9].mean())),
         )
     )
@@ -286,15 +291,14 @@ def _stated_row(clean: GyroscopeFit, data: Tumble) -> tuple[Row, ...]:
     return exact(stat.COVARIANCE_OFF("stated"), off, 0.0, stat.CRAMER_RAO, left)
 
 
-def _integrators(parameters: Parameters) -> Iterator[Row]:
+def _integrators(data: Tumble) -> Iterator[Row]:
     """Error of M without noise, by rate of the rows and what is between them."""
     for rate, every in THINNED.items():
-        data = Tumble(parameters.model_copy(update={"every": every}))
-        clean = data.clean()
-        averages = float(np.abs(clean.M[0] - data.gyroscope.M).max())
+        thinned = data.thinned(every)
+        averages = float(np.abs(thinned.clean().M[0] - data.gyroscope.M).max())
         yield from unjudged(
             (stat.RECOVERY("M", AVERAGES, rate), stat.RECOVERY("M", STRAIGHT, rate)),
-            (averages, data.straight_lines()),
+            (averages, thinned.straight_lines()),
         )
 
 

@@ -44,20 +44,7 @@ from simval.shapes import Float
 SCHEMES: Final = ("averages", "cubic", "linear")
 STATISTICS: Final = 10  # S, A, m, tau
 _S, _A, _m, _tau = slice(0, 3), slice(3, 6), slice(6, 9), 9
-
-
-def cross(a: Float[Array, "... 3 j"], b: Float[Array, "... 3 j"]) -> Array:
-    """Cross product along the last axis but one."""
-    result = np.zeros(np.broadcast_shapes(a.shape, b.shape))
-    _add_cross(result, a, b)
-    return result
-
-
-def _add_cross(result: Array, a: Array, b: Array) -> None:
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        one = a[..., j, :] * b[..., k, :]
-        one -= a[..., k, :] * b[..., j, :]
-        result[..., i, :] += one
+_TURNS: Final = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # of the axes
 
 
 def path_statistics(
@@ -81,9 +68,8 @@ def path_statistics(
     h = np.where(inside, step[follows], 0.0)
     y = _columns(rates, first, last, longest)
     if centre is not None:
-        y -= centre[:, None, :, None]
-    steps = _step(y, h[:, None, :], scheme)
-    return merged(steps, chunk)
+        y -= centre.T[:, :, None, None]
+    return merged(_step(y, h, scheme), chunk)
 
 
 def _columns(
@@ -91,21 +77,22 @@ def _columns(
     first: NDArray[np.intp],
     last: NDArray[np.intp],
     longest: int,
-) -> Float[Array, "t k 3 p"]:
+) -> Float[Array, "3 t k p"]:
     # rows of each stretch, with one before and one after it; at an end of the
     # recording that is the row there
-    y = np.zeros((len(rates), len(first), 3, longest + 3))
-    columns = np.swapaxes(rates, 1, 2)
+    y = np.zeros((3, len(rates), len(first), longest + 3))
+    columns = np.moveaxis(rates, 2, 0)
     end = rates.shape[1]
     for k, (a, b) in enumerate(zip(first, last, strict=True)):
-        y[:, k, :, 1 : b - a + 2] = columns[..., a : b + 1]
-        y[:, k, :, 0] = columns[..., max(a - 1, 0)]
-        y[:, k, :, b - a + 2] = columns[..., min(b + 1, end - 1)]
+        y[:, :, k, 1 : b - a + 2] = columns[..., a : b + 1]
+        y[:, :, k, 0] = columns[..., max(a - 1, 0)]
+        y[:, :, k, b - a + 2] = columns[..., min(b + 1, end - 1)]
     return y
 
 
-def _step(y: Float[Array, "t k 3 p"], h: Float[Array, "k 1 j"], scheme: str) -> Array:
-    # statistics of each step; y holds a row before the first and one after the last
+def _step(y: Float[Array, "3 t k p"], h: Float[Array, "k j"], scheme: str) -> Array:
+    # statistics of each step, one after the other in memory; y holds a row before the
+    # first and one after the last
     before, start, end = y[..., :-3], y[..., 1:-2], y[..., 2:-1]
     after = y[..., 3:]
     if scheme == "averages":  # row r is the mean over the step that ends at it
@@ -118,32 +105,37 @@ def _step(y: Float[Array, "t k 3 p"], h: Float[Array, "k 1 j"], scheme: str) -> 
     else:
         middle = mean = 0.5 * (start + end)
         rise = end - start
-    result = np.empty((*y.shape[:-2], STATISTICS, h.shape[-1]))
-    np.multiply(rise, h * h / 12.0, out=result[..., _m, :])
-    np.multiply(mean, h, out=result[..., _S, :])
-    result[..., _A, :] = cross(middle, result[..., _m, :])
-    result[..., _tau, :] = h[:, 0, :]
-    return result
+    result = np.empty((STATISTICS, *y.shape[1:3], h.shape[-1]))
+    S, A, m = (result[part] for part in (_S, _A, _m))
+    np.multiply(mean, h, out=S)
+    np.multiply(rise, h * h / 12.0, out=m)
+    for i, j, k in _TURNS:
+        np.multiply(middle[j], m[k], out=A[i])
+        A[i] -= middle[k] * m[j]
+    result[_tau] = h
+    return np.moveaxis(result, 0, 2)
 
 
 def merged(steps: Float[Array, "t k 10 j"], chunk: int) -> Float[Array, "t k 10 c"]:
     """Merge so many neighbours into one, eq. (N2)."""
+    rows = np.moveaxis(steps, 2, 0)
     while chunk > 1:
-        count = steps.shape[-1]
-        if count % 2:
-            zero = np.zeros((*steps.shape[:-1], 1))
-            steps = np.concatenate([steps, zero], axis=-1)
-        steps = _pairs(steps[..., 0::2], steps[..., 1::2])
+        if rows.shape[-1] % 2:
+            rows = np.concatenate([rows, np.zeros((*rows.shape[:-1], 1))], axis=-1)
+        rows = _pairs(rows[..., 0::2], rows[..., 1::2])
         chunk //= 2
-    return steps
+    return np.moveaxis(rows, 0, 2)
 
 
-def _pairs(one: Float[Array, "t k 10 j"], two: Float[Array, "t k 10 j"]) -> Array:
+def _pairs(one: Float[Array, "10 t k j"], two: Float[Array, "10 t k j"]) -> Array:
     both = one + two
-    first, half = np.ascontiguousarray(one[..., _S, :]), 0.5 * two[..., _S, :]
-    _add_cross(both[..., _A, :], first, half)
-    both[..., _m, :] += one[..., [_tau], :] * half
-    both[..., _m, :] -= 0.5 * two[..., [_tau], :] * first
+    first, half = np.ascontiguousarray(one[_S]), 0.5 * two[_S]
+    A, m = both[_A], both[_m]
+    for i, j, k in _TURNS:
+        A[i] += first[j] * half[k]
+        A[i] -= first[k] * half[j]
+    m += one[_tau] * half
+    m -= 0.5 * two[_tau] * first
     return both
 
 

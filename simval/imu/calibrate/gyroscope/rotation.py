@@ -114,12 +114,12 @@ def rotations(
     phi = _vectors(statistics, M, B)
     squared, ratio = _angles(phi)
     whole = prefixes(quaternions(phi, squared, ratio))
-    D = np.empty((t * k, 3, 3, j))
+    D = np.empty((3, 3, t * k, j))
     size = max(1, _CACHED // j)
     for some in (slice(i, i + size) for i in range(0, t * k, size)):
         both = whole[:, some, 1:] + whole[:, some, :-1]
-        _sweep(D[some], both, phi[:, some], squared[some], ratio[some])
-    D = D.reshape(t, k, 9, j)
+        _sweep(D[:, :, some], both, phi[:, some], squared[some], ratio[some])
+    D = np.moveaxis(D.reshape(9, t, k, j), 0, 2)
     moments = D @ np.swapaxes(statistics, -1, -2)  # t k 9 10
     slopes = moments.reshape(t, k, 3, 30) @ map_slopes(M, B)[:, None]
     C = _matrices(whole[..., -1], t, k)
@@ -212,7 +212,7 @@ def prefixes(q: Inexact[Array, "2 n j"]) -> Inexact[Array, "2 n i"]:
 
 
 def _sweep(
-    D: Float[Array, "n 3 3 j"],
+    D: Float[Array, "3 3 n j"],
     both: Inexact[Array, "2 n j"],
     phi: Float[Array, "3 n j"],
     squared: Float[Array, "n j"],
@@ -221,30 +221,36 @@ def _sweep(
     # into D, from the sums of the quaternions before and after each chunk
     sinc = 4.0 * ratio / (1.0 + ratio * ratio * squared)
     bent = phi * ((1.0 - sinc) / (sinc * squared))
-    R = _entries(both, ratio, sinc)
-    along = R[:, 0] * phi[0]
-    along += R[:, 1] * phi[1]
-    along += R[:, 2] * phi[2]
-    np.add(R, along[:, None] * bent, out=np.moveaxis(D, 0, 2))
+    _set_entries(D, both, ratio, sinc)
+    along = D[:, 0] * phi[0]
+    along += D[:, 1] * phi[1]
+    along += D[:, 2] * phi[2]
+    for row, one in zip(D, along, strict=True):
+        row += one * bent
 
 
-def _entries(
-    q: Inexact[Array, "2 ..."], factor: Float[Array, "..."], size: Any
-) -> Float[Array, "3 3 ..."]:
+def _set_entries(
+    R: Float[Array, "3 3 ..."],
+    q: Inexact[Array, "2 ..."],
+    factor: Float[Array, "..."],
+    size: Any,
+) -> None:
     # transposes of the attitude matrices, eq. (G1) of `geometry`, times the factor, of
     # quaternions of any length; size is its square, times the factor
     s, *u = (np.ascontiguousarray(x) for pair in q for x in (pair.real, pair.imag))
-    R, v = np.empty((3, 3, *factor.shape)), [2.0 * factor * x for x in u]
+    twice = 2.0 * factor
+    v = [twice * x for x in u]
     squares = [a * b for a, b in zip(u, v, strict=True)]
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        np.subtract(size, squares[j] + squares[k], out=R[i, i])
+        np.subtract(size, squares[j], out=R[i, i])
+        R[i, i] -= squares[k]
         one, two = v[i] * u[j], v[k] * s
         np.subtract(one, two, out=R[i, j])
         np.add(one, two, out=R[j, i])
-    return R
 
 
 def _matrices(q: Inexact[Array, "2 n"], t: int, k: int) -> Float[Array, "t k 3 3"]:
     # unit to rounding after hundreds of products
-    R = _entries(q, 1.0 / (np.abs(q) ** 2).sum(axis=0), 1.0)
+    R = np.empty((3, 3, t * k))
+    _set_entries(R, q, 1.0 / (np.abs(q) ** 2).sum(axis=0), 1.0)
     return np.moveaxis(R, -1, 0).reshape(t, k, 3, 3)
