@@ -3,9 +3,9 @@ r"""The solver of the calibration core, and the noise that its residuals ask for
 Reweighted Gauss-Newton for a batch of trials: each step takes V of eq. (M4) at the
 parameters at hand, so it ends where :math:`J^T V^{-1} c = 0`. A step must lower the
 cost under the weights it was made with, or be short against its error bars; else it is
-damped. A trial ends when its next step is less than `TOLERANCE` of its own error bars,
-or changes no row by more than rounding; it leaves the batch then, with its last
-linearisation, so no trial depends on its neighbours.
+damped. A trial ends when its next step is less than `TOLERANCE` of its own error bars
+(with turns, `_LEFT` of them), or changes no row by more than rounding; it leaves the
+batch then, with its last linearisation, so no trial depends on its neighbours.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,9 @@ _ROUNDING = 1e-14  # of a row: all are of size one
 # Of a standard deviation: a shorter step is taken whatever the cost says, as it gains
 # less than the cost's rounding, which noise of 1e-5 of a reading makes 1e-10.
 _NEAR = 1e-4
-_MARGIN = 0.1  # a rate of convergence may be ten times what two steps show
+# Of a standard deviation: what another linearisation, a third of a fit, may move at the
+# rate that two steps show; the rate may be ten times as great.
+_LEFT = 1e-7
 _SHORT = 4  # further steps by a linearisation
 _FIRST_DAMPING, _LAST_DAMPING = 1e-4, 1e12  # of the diagonal
 
@@ -88,7 +90,7 @@ def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> Solutio
     slopes are those of its own place, so each linearisation lowers the error by a rate
     :math:`\rho` of the size of the relative noise, which two of them show as the ratio
     of their steps; it is the last where :math:`\rho` times its step is below
-    `TOLERANCE`, as of a simplified Newton method (Hairer and Wanner, Solving Ordinary
+    `_LEFT`, as of a simplified Newton method (Hairer and Wanner, Solving Ordinary
     Differential Equations II, section IV.8).
     """
     count, ends = len(theta), list[tuple[Any, dict[str, Array]]]()
@@ -115,7 +117,7 @@ def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> Solutio
                 rate = moved / before[active]
                 before[active] = moved
                 tried, left, after = _settled(part, here, tried, after, moved, better)
-                small |= (rate * moved <= _MARGIN * TOLERANCE) & (left <= TOLERANCE)
+                small |= (rate * moved <= _LEFT) & (left <= TOLERANCE)
                 moved = left
             theta[active[better]] = tried[better]
             last[active] = moved
