@@ -26,6 +26,7 @@ _ROUNDING = 1e-14  # of a row: all are of size one
 # Of a standard deviation: a shorter step is taken whatever the cost says, as it gains
 # less than the cost's rounding, which noise of 1e-5 of a reading makes 1e-10.
 _NEAR = 1e-4
+_MARGIN = 0.1  # a rate of convergence may be ten times what two steps show
 # Of a standard deviation: what another linearisation, a third of a fit, may move at the
 # rate that two steps show; the rate may be ten times as great.
 _LEFT = 1e-7
@@ -113,11 +114,13 @@ def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> Solutio
             small = (moved <= TOLERANCE) | _rounding(change, here.white)
             better = small | (moved <= _NEAR)
             better |= np.vecdot(after, after) < here.chi_square
-            if part.turns is not None:
-                rate = moved / before[active]
-                before[active] = moved
+            further = moved * moved / before[active]  # what the next step will be
+            before[active] = moved
+            if part.turns is None:
+                small |= further <= _MARGIN * TOLERANCE
+            else:
                 tried, left, after = _settled(part, here, tried, after, moved, better)
-                small |= (rate * moved <= _LEFT) & (left <= TOLERANCE)
+                small |= (further <= _LEFT) & (left <= TOLERANCE)
                 moved = left
             theta[active[better]] = tried[better]
             last[active] = moved

@@ -140,7 +140,7 @@ def natural_sd(
         carry[:, rows, columns] = inverse_m.mT
     carry[:, 21:24, IRON] = matrix_m
     carry[:, 24, DIP] = 1.0
-    return np.sqrt(np.einsum("tij,tjk,tik->ti", carry, covariance, carry))
+    return np.sqrt(np.vecdot(carry @ covariance, carry))
 
 
 def judge(fit: Fitted, hemisphere: str) -> Any:

@@ -113,8 +113,8 @@ def assembled(
 
 def shape(z: Float[Array, "t n 3"], least: float = _QUADRIC) -> Shape:
     """The ellipsoid through each trial's readings, or a sphere where there is none."""
-    centre, radius = _spheres(z)
-    root = np.eye(3) / radius[:, None, None]
+    root: Array = np.empty((len(z), 3, 3))
+    centre: Array = np.empty((len(z), 3))
     found = np.zeros(len(z), dtype=bool)
     if z.shape[1] >= least:
         ellipsoid = fit_ellipsoid(moment_matrix(monomial_rows(z)))
@@ -123,9 +123,10 @@ def shape(z: Float[Array, "t n 3"], least: float = _QUADRIC) -> Shape:
         values, vectors = np.linalg.eigh(gram)
         found = proper & (values[:, 0] > _FLATTEST * values[:, 2])
         roots = np.sqrt(np.maximum(values, 0.0))
-        whole = (vectors * roots[:, None, :]) @ vectors.mT
-        root = np.where(found[:, None, None], whole, root)
-        centre = np.where(found[:, None], ellipsoid.bias, centre)
+        root, centre = (vectors * roots[:, None, :]) @ vectors.mT, ellipsoid.bias
+    if not found.all():
+        centre[~found], radius = _spheres(z[~found])
+        root[~found] = np.eye(3) / radius[:, None, None]
     return Shape(root=root, bias=centre, quadric=found)
 
 
