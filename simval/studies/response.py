@@ -89,9 +89,10 @@ def response(
 ) -> Response:
     """Derivatives of ``estimate(y)``, (t, d) to (t, p), in readings' own unit."""
     d = len(readings)
-    moved = readings + step * np.concatenate([k * np.eye(d) for k in (-2, -1, 0, 1, 2)])
-    found = estimate(moved)
-    found = found.reshape(5, d, found.shape[-1])
+    ways = [k * np.eye(d) for k in (-2, -1, 1, 2)]
+    ends = estimate(readings + step * np.concatenate([*ways, np.zeros((1, d))]))
+    there = ends[:-1].reshape(4, d, ends.shape[-1])
+    found = np.insert(there, 2, ends[-1], axis=0)  # nothing moved: one for all
     return Response(
         first=np.tensordot(FIRST, found, axes=1) / step,
         second=np.tensordot(SECOND, found, axes=1) / step**2,
