@@ -116,28 +116,25 @@ def unbiased_moment_matrix(
     whose mean is the power of the true value: x, x^2 - s^2, x^3 - 3 s^2 x,
     x^4 - 6 s^2 x^2 + 3 s^4.
     """
-    total = np.zeros((z.shape[0], 10, 10))
-    exponents = (np.eye(4, dtype=int)[FIRST] + np.eye(4, dtype=int)[SECOND])[:, :3]
+    means = np.zeros((len(z), 5, 5, 5))  # of x^a y^b z^c, summed
     for start in range(0, z.shape[1], CHUNK):
         part = slice(start, start + CHUNK)
-        x, s2 = z[:, part], noise_std[:, part, None] ** 2
-        square = x * x
-        powers = np.stack(
-            [
-                np.ones_like(x),
-                x,
-                square - s2,
-                x * (square - 3.0 * s2),
-                square * (square - 6.0 * s2) + 3.0 * s2 * s2,
-            ]
+        r, s2 = np.ascontiguousarray(z[:, part].mT), noise_std[:, None, part] ** 2
+        square = r * r
+        powers = (
+            np.ones_like(r),
+            r,
+            square - s2,
+            r * (square - 3.0 * s2),
+            square * (square - 6.0 * s2) + 3.0 * s2 * s2,
         )
-        for i, first in enumerate(exponents):
-            for j, second in enumerate(exponents[: i + 1]):
-                a, b, c = first + second
-                product = powers[a, ..., 0] * powers[b, ..., 1] * powers[c, ..., 2]
-                total[:, i, j] += product.sum(axis=-1)
-    lower = np.tril(total, -1)
-    return total + lower.mT
+        for a, b in np.ndindex(5, 5):
+            pair = powers[a][:, 0] * powers[b][:, 1]
+            for c in range(5 - a - b):
+                means[:, a, b, c] += np.vecdot(pair, powers[c][:, 2])
+    exponents = (np.eye(4, dtype=int)[FIRST] + np.eye(4, dtype=int)[SECOND])[:, :3]
+    a, b, c = np.moveaxis(exponents[:, None] + exponents, -1, 0)
+    return np.ascontiguousarray(means[:, a, b, c])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
