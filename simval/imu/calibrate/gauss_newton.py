@@ -3,9 +3,9 @@ r"""The solver of the calibration core, and the noise that its residuals ask for
 Reweighted Gauss-Newton for a batch of trials: each step takes V of eq. (M4) at the
 parameters at hand, so it ends where :math:`J^T V^{-1} c = 0`. A step must lower the
 cost under the weights it was made with, or be short against its error bars; else it is
-damped. A trial ends when its next step is less than `TOLERANCE` of its own error bars
-(with turns, `_LEFT` of them), or changes no row by more than rounding; it leaves the
-batch then, with its last linearisation, so no trial depends on its neighbours.
+damped. A trial ends when its next step is less than `TOLERANCE` of its own error bars,
+or changes no row by more than rounding; it leaves the batch then, with its last
+linearisation, so no trial depends on its neighbours.
 """
 
 from dataclasses import dataclass
@@ -27,9 +27,6 @@ _ROUNDING = 1e-14  # of a row: all are of size one
 # less than the cost's rounding, which noise of 1e-5 of a reading makes 1e-10.
 _NEAR = 1e-4
 _MARGIN = 0.1  # a rate of convergence may be ten times what two steps show
-# Of a standard deviation: what another linearisation, a third of a fit, may move at the
-# rate that two steps show; the rate may be ten times as great.
-_LEFT = 1e-7
 _SHORT = 4  # further steps by a linearisation
 _FIRST_DAMPING, _LAST_DAMPING = 1e-4, 1e12  # of the diagonal
 
@@ -81,18 +78,18 @@ class Solution:
     iterations: Any  # steps tried, (t,)
     converged: Any  # bool, (t,)
     step: Float[Array, " t"]  # the last, in standard deviations
-    here: Local  # the last linearisation, and the rows a step below `TOLERANCE` before
+    here: Local  # the last linearisation, and the rows after its step
 
 
 def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> Solution:
     r"""Solve the equations of each trial from its own start; of one that is NaN, none.
 
-    With turns a linearisation is kept while steps shrink tenfold. Its weights and
-    slopes are those of its own place, so each linearisation lowers the error by a rate
-    :math:`\rho` of the size of the relative noise, which two of them show as the ratio
-    of their steps; it is the last where :math:`\rho` times its step is below
-    `_LEFT`, as of a simplified Newton method (Hairer and Wanner, Solving Ordinary
-    Differential Equations II, section IV.8).
+    Weights and slopes of a linearisation are those of its own place, so each one
+    lowers the error by a rate :math:`\rho` of the size of the relative noise, which two
+    of them show as the ratio of their steps; it is the last where :math:`\rho` times
+    its step is below `TOLERANCE`, as of a simplified Newton method (Hairer and Wanner,
+    Solving Ordinary Differential Equations II, section IV.8). With turns it is kept
+    while steps shrink tenfold.
     """
     count, ends = len(theta), list[tuple[Any, dict[str, Array]]]()
     theta, damping = theta.copy(), np.zeros(count)
@@ -116,12 +113,10 @@ def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> Solutio
             better |= np.vecdot(after, after) < here.chi_square
             further = moved * moved / before[active]  # what the next step will be
             before[active] = moved
-            if part.turns is None:
-                small |= further <= _MARGIN * TOLERANCE
-            else:
-                tried, left, after = _settled(part, here, tried, after, moved, better)
-                small |= (further <= _LEFT) & (left <= TOLERANCE)
-                moved = left
+            if part.turns is not None:
+                tried, moved, after = _settled(part, here, tried, after, moved, better)
+                further = np.maximum(further, _MARGIN * moved)
+            small |= further <= _MARGIN * TOLERANCE
             theta[active[better]] = tried[better]
             last[active] = moved
             own = damping[active]
