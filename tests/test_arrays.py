@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from simval.arrays import finite_array, frozen, nonnegative_number, positive_number
+from simval.arrays import (
+    finite_array,
+    frozen,
+    nonnegative_number,
+    physical_array,
+    positive_number,
+)
 from simval.errors import InputError
 
 
@@ -28,6 +34,13 @@ def test_good_arrays_pass_unchanged():
 def test_bad_arrays_are_named(value, words):
     with pytest.raises(InputError, match=words):
         finite_array("poses", value, (3,))
+
+
+@pytest.mark.parametrize("value", [1e37, -1e37])
+def test_values_beyond_any_sensor_are_refused_of_either_sign(value):
+    assert physical_array("poses", [1e36, -1e36], ()).size == 2
+    with pytest.raises(InputError, match="`poses` has a value of 1e[+]37, beyond"):
+        physical_array("poses", [1.0, value], ())
 
 
 def test_numbers_pass():
