@@ -39,7 +39,7 @@ def test_bad_arrays_are_named(value, words):
 @pytest.mark.parametrize("value", [1e37, -1e37])
 def test_values_beyond_any_sensor_are_refused_of_either_sign(value):
     assert physical_array("poses", [1e36, -1e36], ()).size == 2
-    with pytest.raises(InputError, match="`poses` has a value of 1e[+]37, beyond"):
+    with pytest.raises(InputError, match=r"`poses` has a value of 1e\+37, beyond"):
         physical_array("poses", [1.0, value], ())
 
 

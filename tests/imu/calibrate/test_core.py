@@ -16,7 +16,7 @@ from simval.imu.calibrate.equations import (
     Sensor,
 )
 from simval.imu.calibrate.estimate import NORMAL_95
-from simval.imu.calibrate.gauss_newton import minimize
+from simval.imu.calibrate.gauss_newton import TOLERANCE, minimize
 from simval.imu.sensor import MODELS, forms
 from simval.theory.plans import error_bars, next_best
 
@@ -98,6 +98,17 @@ def inclined(poses=FORTY, trials=1, noise=1.0, told=1.0):
     z = z + noise * 1e-4 * rng.standard_normal((trials, *z.shape))
     own = Inclinometer(readings=z, std=np.full(z.shape, 1e-4 * told))
     return Problem(sensors=(*problem.sensors, own)), np.r_[theta[0], A.ravel(), b]
+
+
+def test_a_fit_ends_where_no_step_is_left():
+    """The last step is not made where two show that it will be a tenth of `TOLERANCE`;
+    it must be less than that."""
+    problem, theta = pair(trials=20)
+    found = minimize(problem, theta, 30)
+    assert found.converged.all()
+    here = problem.local(found.theta)
+    step = here.step(here.rows, np.zeros(20))
+    assert np.linalg.norm(np.matvec(here.slopes, step), axis=1).max() < TOLERANCE
 
 
 def test_a_fourth_sensor_gets_fit_bound_coverage_and_plan():

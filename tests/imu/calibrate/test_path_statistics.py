@@ -108,6 +108,20 @@ def test_derivative_is_that_of_the_turn(scheme, chunk):
         )
 
 
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("chunk", [1, 4])
+def test_a_centre_is_a_bias(scheme, chunk):
+    """Readings and bias less a centre turn alike: (N1) is an identity in it, merged or
+    not. Turns of some ten radians round by 1e-15 each, in sums of a hundred."""
+    y = RNG.standard_normal((2, 200, 3)).cumsum(axis=1) * 0.2
+    centre = 3.0 * RNG.standard_normal((2, 3))
+    told = np.full(200, 0.01), np.array([3, 90]), np.array([80, 180]), scheme, chunk
+    ends = final_rotations(path_statistics(y, *told), MATRICES, BIASES)
+    centred = path_statistics(y, *told, centre)
+    found = final_rotations(centred, MATRICES, BIASES - centre)
+    np.testing.assert_allclose(found, ends, rtol=0, atol=1e-12)
+
+
 # time stamps
 
 
