@@ -63,22 +63,26 @@ shares nothing with this but (E4).
 from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache, partial
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
-from simval.arrays import Array, frozen
-from simval.errors import InputError, RefusedError
+from simval.arrays import Array, Scalars, frozen
+from simval.errors import RefusedError
 from simval.geometry import cross, cross_matrix
 from simval.shapes import Float
 from simval.theory.cubature import covariance_roots
 from simval.theory.expansion import half_noise
-from simval.theory.two_vector import TwoVectorGeometry
+from simval.theory.two_vector import TwoVectorGeometry, naming
 
-# Azimuth nodes, with twice as many polar ones, about the direction of d2. The first
-# rule only checks the second.
-_ABOUT_D2: Final = (22, 32)
+# Azimuth nodes, with `_MORE` polar ones, about the direction of d2. Far from singular
+# the second rule suffices, which the first only checks.
+_MORE: Final = 10
+_ABOUT_D2: Final = (12, 18, 27, 40, 60)
+_AT_ONCE: Final = 4096
+"""Directions of some samples; what is worked out of them takes 1 MB, for the cache."""
 # Where they disagree, m passes zero inside the density: at u along d1, within an angle
 # tau1. Then polar nodes per panel and azimuth nodes about the direction of d1, on
 # panels that grow fourfold away from it; there w depends on the azimuth alone, and
@@ -88,38 +92,27 @@ _ABOUT_D1: Final = ((12, 12.0), (16, 20.0), (24, 30.0), (32, 40.0))
 # Where more would be needed than the upper bound, which is for the memory, the rules
 # disagree and `oracle` refuses.
 _AZIMUTHS: Final = (64, 4096)
-# The density falls below e^{-9.5^2/2} = 3e-20 of its peak at 9.5/k from the pole.
-_CUT: Final = 9.5
-
-
-def direction_rules(
-    geometry: TwoVectorGeometry, tau1: float, tau2: float
-) -> Iterator[tuple[Array, Array]]:
-    """Rules that refine, the cheapest first."""
-    for count in _ABOUT_D2:
-        yield about_d2(geometry.d2, tau2, (2 * count, count))
-    d1 = np.linalg.norm(geometry.d1)
-    across = np.linalg.norm(cross(geometry.d1, geometry.d2)) / d1  # |d2| sin angle
-    scale = max(1.0, float(np.linalg.norm(geometry.s1) / d1))
-    if tau2 > 0.0:
-        scale = max(scale, 0.4 * float(across) / tau2)
-    for polar, factor in _ABOUT_D1:
-        azimuths = int(np.clip(factor * scale, *_AZIMUTHS))
-        yield _about_d1(geometry.d1, geometry.d2, (tau1, tau2), (polar, azimuths))
+# Where the density has fallen to e^{-8.5^2/2} = 2e-16 of its peak, by k sin(theta).
+_CUT: Final = 8.5
 
 
 def about_d2(
-    d2: Float[Array, "3"], tau: float, nodes: tuple[int, int]
-) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
+    d2: Float[Array, "... 3"], tau: Any, nodes: tuple[int, int]
+) -> tuple[Float[Array, "... n 3"], Float[Array, "... n"]]:
     """Directions and weights of the density (U1) around its own centre."""
-    pole = d2 / np.linalg.norm(d2)
-    if tau == 0.0:
-        return pole[None, :], np.ones(1)
-    k = float(np.linalg.norm(d2)) / tau
-    theta, polar = _panel(0.0, min(np.pi, _CUT / k) if k >= 12.0 else np.pi, nodes[0])
-    directions, azimuth = _grid(pole, theta, nodes[1])
-    polar = polar * np.sin(theta) * _density(k, np.cos(theta), np.sin(theta))
-    return directions, np.repeat(polar * azimuth, nodes[1])
+    length = np.linalg.norm(d2, axis=-1)
+    # without noise all directions are that of d2, to rounding
+    k = length / np.maximum(tau, 1e-150 * length)
+    theta, polar = _panel(0.0, _reach(k), nodes[0])
+    directions, azimuth = _grid(d2 / length[..., None], theta, nodes[1])
+    sine = np.sin(theta)
+    polar = polar * sine * _density(k[..., None], np.cos(theta), sine)
+    return directions, np.repeat(polar * azimuth, nodes[1], axis=-1)
+
+
+def _reach(k: Any) -> Any:
+    # angle from its centre beyond which the density does not count
+    return np.where(k > _CUT, np.arcsin(np.minimum(_CUT / k, 1.0)), np.pi)
 
 
 def _about_d1(
@@ -150,18 +143,18 @@ def _graded_edges(tau1: float, k: float, angle: float) -> list[float]:
     steps = [2.0 * max(tau1, 1e-6) * 4.0**i for i in range(12)]
     steps = [step for step in steps if step < 0.5 * np.pi]
     edges = {0.0, 0.5 * np.pi, np.pi, *steps, *(np.pi - step for step in steps)}
-    low, high = max(0.0, angle - _CUT / k), min(np.pi, angle + _CUT / k)
-    if k < 12.0:  # `_CUT` / k is then a quarter of the sphere and more
-        low, high = 0.0, np.pi
+    reach = float(_reach(k))
+    low, high = max(0.0, angle - reach), min(np.pi, angle + reach)
     edges |= {low, high, *(angle + 3.0 * i / k for i in range(-3, 4))}
     return sorted(edge for edge in edges if low <= edge <= high)
 
 
 def _panel(
-    low: float, high: float, count: int
-) -> tuple[Float[Array, " count"], Float[Array, " count"]]:
+    low: float, high: Any, count: int
+) -> tuple[Float[Array, "... count"], Float[Array, "... count"]]:
     x, w = _legendre(count)
-    return low + 0.5 * (high - low) * (x + 1.0), 0.5 * (high - low) * w
+    half = 0.5 * (np.asarray(high) - low)[..., None]
+    return low + half * (x + 1.0), half * w
 
 
 @lru_cache(maxsize=32)
@@ -172,21 +165,31 @@ def _legendre(count: int) -> tuple[Float[Array, " count"], Float[Array, " count"
 
 
 def _grid(
-    pole: Float[Array, "3"], theta: Float[Array, " polar"], count: int
-) -> tuple[Float[Array, "n 3"], float]:
+    pole: Float[Array, "... 3"], theta: Float[Array, "... polar"], count: int
+) -> tuple[Float[Array, "... n 3"], float]:
     # unit vectors at polar angles theta and even azimuths; the weight of an azimuth
     phi = 2.0 * np.pi * (np.arange(count) + 0.5) / count
-    axes = np.linalg.svd(pole[None, :])[2]
-    axes[0] = pole  # beside two unit vectors normal to it
-    along = np.empty((3, len(theta), count))
-    along[0] = np.cos(theta)[:, None]
-    along[1:] = np.sin(theta)[:, None] * np.stack([np.cos(phi), np.sin(phi)])[:, None]
-    return (axes.T @ along.reshape(3, -1)).T, 2.0 * np.pi / count
+    ring = _normals(pole) @ np.stack([np.cos(phi), np.sin(phi)])
+    along = np.cos(theta)[..., None, :] * pole[..., None]
+    across = np.sin(theta)[..., None, :, None] * ring[..., None, :]
+    directions = along[..., None] + across
+    # component by component in memory, as what works on them wants it
+    flat = directions.reshape(*pole.shape, -1).swapaxes(-1, -2)
+    return flat, 2.0 * np.pi / count
+
+
+def _normals(u: Float[Array, "... 3"]) -> Float[Array, "... 3 2"]:
+    # two unit vectors normal to a unit vector and to each other, as columns
+    x, y, z = u[..., 0], u[..., 1], u[..., 2]
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    rows = [1.0 + sign * x * x * a, x * y * a, sign * x * y * a, sign + y * y * a]
+    return np.stack([*rows, -sign * x, -y], axis=-1).reshape(*x.shape, 3, 2)
 
 
 def _density(
-    k: float, cosine: Float[Array, " n"], sine: Float[Array, " n"]
-) -> Float[Array, " n"]:
+    k: Any, cosine: Float[Array, "... n"], sine: Float[Array, "... n"]
+) -> Float[Array, "... n"]:
     # (U1): e^{-(k^2 - t^2)/2} and its product with e^{-t^2/2}, without cancellation
     t = k * cosine
     tilted = np.exp(-0.5 * (k * sine) ** 2)
@@ -204,45 +207,98 @@ _SERIES_RHO: Final = 1e-2
 
 
 def exact_moments(
-    geometry: TwoVectorGeometry, noise: Float[Array, "4 3 3"]
-) -> tuple[Float[Array, "4"], Float[Array, "4 4"]]:
-    """Exact bias and covariance of q - qhat in the turned frame.
+    geometry: TwoVectorGeometry,
+    noise: Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"],
+) -> tuple[Float[Array, "... 4"], Float[Array, "... 4 4"]]:
+    """Exact bias and covariance of q - qhat in the turned frame, of each sample.
 
     Raises
     ------
-    InputError
-        If a covariance is not a multiple of the identity.
     RefusedError
-        If the finest two rules do not agree within 1e-9.
+        If the finest two rules do not agree within 1e-9; of a batch the message names
+        the sample.
     """
-    tau1, tau2 = _isotropic_halves(noise)
-    rules = direction_rules(geometry, tau1, tau2)
-    given = partial(_moments_given_directions, geometry, tau1)
-    bias, covariance = converged(rules, given, float(geometry.norm), (tau1, tau2))
+    batch = geometry.norm.shape
+    bias, covariance = np.zeros((*batch, 4)), np.zeros((*batch, 4, 4))
+    settled = np.zeros(batch, dtype=bool)
+    alike = np.broadcast_to(isotropic(noise), batch)
+    tau = _halves(noise) if alike.any() else np.zeros((2, *batch))
+    bias[alike], covariance[alike], settled[alike] = _moments_about_d2(
+        geometry[alike], tau[:, alike]
+    )
+    for sample in map(tuple, np.argwhere(~settled)):
+        own = geometry[sample]
+        with naming(sample):
+            if alike[sample]:
+                found = _moments_about_d1(own, *map(float, tau[:, *sample]))
+            else:
+                found = exact_moments_any(own, noise[sample])
+        bias[sample], covariance[sample] = found
     return bias, covariance
+
+
+def _moments_about_d2(
+    geometry: TwoVectorGeometry, tau: Float[Array, "2 n"]
+) -> tuple[Float[Array, "n 4"], Float[Array, "n 4 4"], NDArray[np.bool_]]:
+    # under isotropic noise, and where two rules agree
+    n = len(geometry.q)
+    bias, covariance = np.full((n, 4), np.inf), np.zeros((n, 4, 4))
+    gap = np.full(n, np.inf)
+    q, maps, (tau1, tau2) = geometry.q, _maps(geometry), tau
+    for count in _ABOUT_D2:
+        left = np.flatnonzero(gap > _TOLERANCE)
+        rows = max(1, _AT_ONCE // ((_MORE + count) * count))
+        for start in range(0, len(left), rows):
+            some = left[start : start + rows]
+            u, weights = about_d2(geometry.d2[some], tau2[some], (_MORE + count, count))
+            total = weights.sum(axis=-1)
+            weights /= total[:, None]
+            found = _moments_isotropic(q[some], maps[some], tau1[some], u, weights)
+            gap[some] = _gap((bias[some], covariance[some]), found, total)
+            bias[some], covariance[some] = found
+    return bias, covariance, gap <= _TOLERANCE
+
+
+def _moments_about_d1(
+    geometry: TwoVectorGeometry, tau1: float, tau2: float
+) -> tuple[Array, Array]:
+    # of one geometry under isotropic noise, after the last rule about d2
+    d1 = np.linalg.norm(geometry.d1)
+    across = np.linalg.norm(cross(geometry.d1, geometry.d2)) / d1  # |d2| sin angle
+    scale = max(1.0, float(np.linalg.norm(geometry.s1) / d1))
+    if tau2 > 0.0:
+        scale = max(scale, 0.4 * float(across) / tau2)
+
+    def rules() -> Iterator[tuple[Array, Array]]:
+        yield about_d2(geometry.d2, tau2, (_MORE + _ABOUT_D2[-1], _ABOUT_D2[-1]))
+        for polar, factor in _ABOUT_D1:
+            azimuths = int(np.clip(factor * scale, *_AZIMUTHS))
+            yield _about_d1(geometry.d1, geometry.d2, (tau1, tau2), (polar, azimuths))
+
+    given = partial(_moments_isotropic, geometry.q, _maps(geometry), tau1)
+    return converged(rules(), given, float(geometry.norm), (tau1, tau2))
 
 
 def converged(
     rules: Iterable[tuple[Array, Array]],
-    functional: Callable[[Array, Array], tuple[Array, ...]],
+    functional: Callable[[Array, Array], tuple[Array, Array]],
     norm: float,
     spread: tuple[float, float],
-) -> tuple[Array, ...]:
-    """Functional of directions and weights, by rules that refine until two agree.
+) -> tuple[Array, Array]:
+    """Moments by directions and weights, by rules that refine until two agree.
 
     Raises
     ------
     RefusedError
         If the finest two rules do not agree within 1e-9.
     """
-    previous: tuple[Array, ...] | None = None
+    previous: tuple[Array, Array] | None = None
     gap = np.inf
     for directions, weights in rules:
         total = weights.sum()
         found = functional(directions, weights / total)
         if previous is not None:
-            gap = max(_relative(a, b) for a, b in zip(previous, found, strict=True))
-            gap = max(gap, abs(float(total) - 1.0))  # the density must integrate to 1
+            gap = float(_gap(previous, found, total))
             if gap <= _TOLERANCE:
                 return found
         previous = found
@@ -254,65 +310,81 @@ def converged(
     raise RefusedError(msg)
 
 
-def _relative(a: Array, b: Array) -> float:
+def _gap(previous: tuple[Array, Array], found: tuple[Array, Array], total: Any) -> Any:
+    # Greatest relative change of bias and covariance, and what the density is off 1.
     # q - w is rounded to 1e-16, so at noise below 1e-7 a mean cannot agree better than
-    # 1e-15, nor a covariance better than 1e-15 standard deviations
-    scale = float(np.linalg.norm(b))
-    floor = 1e-6 if b.ndim == 1 else 1e-6 * np.sqrt(scale) + 1e-21
-    return float(np.linalg.norm(a - b) / (scale + floor))
+    # 1e-15, nor a covariance better than 1e-15 standard deviations.
+    change = previous[0] - found[0], previous[1] - found[1]
+    (mean, moved), (bias, covariance) = _sizes(change), _sizes(found)
+    relative = moved / (covariance + 1e-6 * np.sqrt(covariance) + 1e-21)
+    return np.maximum(np.maximum(mean / (bias + 1e-6), relative), np.abs(total - 1.0))
 
 
-def isotropic(noise: Float[Array, "4 3 3"]) -> bool:
-    """True if every covariance is a multiple of the identity, but for rounding."""
-    multiples = noise[:, 0, 0, None, None] * np.eye(3)
-    return bool(np.all(np.abs(noise - multiples) <= 1e-12 * np.abs(multiples)))
+def _sizes(moments: tuple[Array, Array]) -> tuple[Scalars, Scalars]:
+    # norms of bias and covariance
+    bias, covariance = moments
+    flat = covariance.reshape(*bias.shape[:-1], 16)
+    return np.sqrt(np.vecdot(bias, bias)), np.sqrt(np.vecdot(flat, flat))
 
 
-def _isotropic_halves(noise: Float[Array, "4 3 3"]) -> tuple[float, float]:
+def isotropic(
+    noise: Float[Array, "... 4 3 3"] | Float[Array, "... 12 12"],
+) -> NDArray[np.bool_]:
+    """True if every covariance is a multiple of the identity, but for rounding.
+
+    Never of stacked vectors, which may be correlated with each other.
+    """
+    if noise.shape[-1] == 12:
+        return np.zeros(noise.shape[:-2], dtype=bool)
+    multiples = noise[..., :1, :1] * np.eye(3)
+    off = np.abs(noise - multiples) > 1e-12 * np.abs(multiples)
+    return np.asarray(~off.any(axis=(-3, -2, -1)))
+
+
+def _halves(noise: Float[Array, "... 4 3 3"]) -> Float[Array, "2 ..."]:
     # Standard deviations tau1 of d1 (and s1) and tau2 of d2, per axis
-    variances = noise[:, 0, 0]
-    if not isotropic(noise):
-        msg = (
-            "`noise_std` holds covariances that are not isotropic; this integral is "
-            "for isotropic noise, so use `attitude_moments` with order='exact'"
-        )
-        raise InputError(msg)
-    tau1 = 0.5 * np.sqrt(variances[0] + variances[2])
-    tau2 = 0.5 * np.sqrt(variances[1] + variances[3])
-    return _unless_tiny(float(tau1)), _unless_tiny(float(tau2))
-
-
-def _unless_tiny(tau: float) -> float:
+    variances = np.moveaxis(noise[..., 0, 0], -1, 0)
+    tau = 0.5 * np.sqrt(variances[:2] + variances[2:])
     # below this the square of the inverse overflows, and moments of tau^2 underflow
-    return tau if tau > 1e-140 else 0.0
+    return np.where(tau > 1e-140, tau, 0.0)
 
 
-def _moments_given_directions(
-    geometry: TwoVectorGeometry,
-    tau1: float,
-    directions: Float[Array, "n 3"],
-    weights: Float[Array, " n"],
-) -> tuple[Array, ...]:
-    # Bias and covariance from eq. (E1) averaged over the directions; a row a component
-    q, u = geometry.q, directions.T
-    m = np.vstack([cross_matrix(geometry.d1), geometry.s1]) @ u
-    length = np.sqrt(np.einsum("in,in->n", m, m))
-    w = m / np.where(length > 0.0, length, 1.0)
-    rho = np.full_like(length, np.inf) if tau1 == 0.0 else length / tau1
-    a, b = one_minus_a(rho), one_minus_b(rho)
-    gap = q[:, None] - w
+def _maps(geometry: TwoVectorGeometry) -> Float[Array, "... 4 3"]:
+    # of a direction u to m
+    rows = cross_matrix(geometry.d1), geometry.s1[..., None, :]
+    return np.concatenate(rows, axis=-2)
+
+
+def _moments_isotropic(
+    q: Float[Array, "... 4"],
+    maps: Float[Array, "... 4 3"],
+    tau1: Any,
+    directions: Float[Array, "... n 3"],
+    weights: Float[Array, "... n"],
+) -> tuple[Float[Array, "... 4"], Float[Array, "... 4 4"]]:
+    # Bias and covariance from eq. (E1) averaged over the directions
+    u = directions.swapaxes(-1, -2)
+    m = maps @ u
+    length = np.sqrt(np.einsum("...in,...in->...n", m, m))
+    w = m / np.where(length > 0.0, length, 1.0)[..., None, :]
+    tau1 = np.asarray(tau1)[..., None]
+    rho = np.full_like(length, np.inf)
+    np.divide(length, tau1, out=rho, where=tau1 > 0.0)
+    a, half = weights * one_minus_a(rho), 0.5 * weights * one_minus_b(rho)
+    gap = q[..., None] - w
+    mean_w = np.matvec(w, a)
+    bias = np.matvec(gap, weights) + mean_w
     # E[e e'|u] = gap gap' + a (q w' + w q') - b w w' + b/2 (R - w w')
-    mean_w = w @ (weights * a)
-    bias = gap @ weights + mean_w
-    mixed = np.outer(q, mean_w)
-    half = 0.5 * weights * b
-    second = gap * weights @ gap.T + mixed + mixed.T - 3.0 * (w * half @ w.T)
-    rest = half.sum() * np.eye(4)
-    rest[:3, :3] -= u * half @ u.T
-    return bias, second + rest - np.outer(bias, bias)
+    second = (weights[..., None, :] * gap) @ gap.swapaxes(-1, -2)
+    second -= 3.0 * (half[..., None, :] * w) @ w.swapaxes(-1, -2)
+    shortened = q[..., :, None] * mean_w[..., None, :]
+    second += shortened + shortened.swapaxes(-1, -2)
+    second += half.sum(axis=-1)[..., None, None] * np.eye(4)
+    second[..., :3, :3] -= (half[..., None, :] * u) @ directions
+    return bias, second - bias[..., :, None] * bias[..., None, :]
 
 
-def one_minus_a(rho: Float[Array, " n"]) -> Float[Array, " n"]:
+def one_minus_a(rho: Float[Array, "..."]) -> Float[Array, "..."]:
     """1 - A of eq. (E1): the shortening of the mean of a projected Gaussian."""
     safe = np.maximum(rho, _SERIES_RHO)
     squared = safe * safe
@@ -327,7 +399,7 @@ def one_minus_a(rho: Float[Array, " n"]) -> Float[Array, " n"]:
     return np.where(rho < _SERIES_RHO, series, closed)
 
 
-def one_minus_b(rho: Float[Array, " n"]) -> Float[Array, " n"]:
+def one_minus_b(rho: Float[Array, "..."]) -> Float[Array, "..."]:
     """1 - B of eq. (E1): the share of the second moment across the mean."""
     safe = np.maximum(rho, _SERIES_RHO)
     dawson = scipy.special.dawsn(safe / np.sqrt(2.0))
@@ -344,7 +416,7 @@ _NEGLIGIBLE: Final = -37.0
 # The integrands are analytic for |Im log s| < pi/4: the trapezoidal rule is off by
 # e^(-pi^2 / 2 / step) = 1e-18 times what they grow by there, 1e-12 in the tests.
 _STEP: Final = 0.12
-_AT_ONCE: Final = 256
+_SOME: Final = 256
 """Directions; their integrands take 3 MB, what a cache holds."""
 _NODES: Final = (12, 16, 22, 32)
 """Azimuths about d2, and half of the polar angles; half as much again each time."""
@@ -378,10 +450,8 @@ def exact_moments_any(
         C1 = C1 - slope @ C2 @ slope.T
     rules = _rules_any(geometry, C1, C2, slope is None)
     spread = float(np.sqrt(np.trace(C1) / 6.0)), float(np.sqrt(np.trace(C2) / 3.0))
-    found = converged(
-        rules, partial(_moments_any, geometry, C1, slope), float(geometry.norm), spread
-    )
-    return found[0], found[1]
+    given = partial(_moments_any, geometry, C1, slope)
+    return converged(rules, given, float(geometry.norm), spread)
 
 
 def _rules_any(
@@ -409,7 +479,7 @@ def _whitened_rules(
 ) -> Iterator[tuple[Array, Array]]:
     # about the directions of d2 and of d1 as R^-1 turns them
     for count in _NODES:
-        yield about_d2(centre, 1.0, (2 * count, count))
+        yield about_d2(centre, 1.0, (_MORE + count, count))
     d1 = np.linalg.solve(root, geometry.d1)
     length, stretch = np.linalg.norm(d1), np.linalg.svd(root)[1]
     # an angle tau1 about d1 is at least so much there
@@ -452,7 +522,7 @@ def _moments_any(
     slope: Array | None,
     points: Array,
     weights: Array,
-) -> tuple[Array, ...]:
+) -> tuple[Array, Array]:
     # bias and covariance from (E4), averaged over d2 or its directions
     maps, basis = direction_maps(_normalized(points))
     z1 = np.concatenate([geometry.d1, geometry.s1])
@@ -463,8 +533,8 @@ def _moments_any(
     variances = np.maximum(variances, 0.0)
     means = (m[:, None, :] @ axes)[:, 0]
     delta, D = (np.empty((len(m), *shape)) for shape in ((3,), (3, 3)))
-    for start in range(0, len(m), _AT_ONCE):
-        some = slice(start, start + _AT_ONCE)
+    for start in range(0, len(m), _SOME):
+        some = slice(start, start + _SOME)
         delta[some], D[some] = _shortening(means[some], variances[some])
     q, axes = geometry.q, basis @ axes
     gap = q - (basis @ _normalized(m)[..., None])[..., 0]
@@ -481,9 +551,7 @@ def direction_maps(u: Float[Array, "n 3"]) -> tuple[Array, Array]:
 
     It lies in the span of (p, 0), (u x p, 0) and (0, 1), p normal to u.
     """
-    least = np.eye(3)[np.argmin(np.abs(u), axis=1)]
-    p = _normalized(cross(u, least))
-    across = cross(u, p)
+    p, across = np.moveaxis(_normals(u), -1, 0)
     maps, basis = np.zeros((len(u), 3, 6)), np.zeros((len(u), 4, 3))
     maps[:, 0, :3], maps[:, 1, :3], maps[:, 2, 3:] = across, -p, u
     basis[:, :3, 0], basis[:, :3, 1], basis[:, 3, 2] = p, across, 1.0

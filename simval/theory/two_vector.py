@@ -7,8 +7,9 @@ axis, :math:`r \to R_k r`, estimates there, and maps back by the orthogonal matr
 turned reference noise, mapped back.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -55,6 +56,24 @@ def place(number: int, batch: tuple[int, ...]) -> str:
     """Name of a sample by its index in the batch."""
     index = tuple(int(i) for i in np.unravel_index(number, batch))
     return f"sample {index}"
+
+
+@contextmanager
+def naming(sample: tuple[int, ...]) -> Iterator[None]:
+    """Put the index of a sample of a batch into a refusal of it.
+
+    Raises
+    ------
+    SimvalError
+        The refusal.
+    """
+    try:
+        yield
+    except SimvalError as error:
+        if not sample:
+            raise
+        msg = f"sample {tuple(map(int, sample))}: {error}"
+        raise type(error)(msg) from error
 
 
 MAX_NOISE: Final = 1e6
@@ -319,6 +338,10 @@ class TwoVectorGeometry(ReadOnly):
     back: Float[Array, "... 4 4"]
     turn: Float[Array, "... 3"]
     column: Int[Columns, "..."]
+
+    def __getitem__(self, samples: Any) -> "TwoVectorGeometry":
+        parts = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return replace(self, **{k: np.asarray(v[samples]) for k, v in parts.items()})
 
     @property
     def frame(self) -> str:

@@ -7,7 +7,7 @@ import pytest
 from rounding import EPS, relative
 from scipy import integrate, special
 
-from simval.errors import InputError, RefusedError
+from simval.errors import RefusedError
 from simval.geometry import normalize, random_quaternions
 from simval.imu.attitude import two_vector_quaternion
 from simval.imu.attitude.kernel import normalize_columns, raw_quaternion
@@ -95,11 +95,11 @@ def test_quadratures_in_different_coordinates_agree():
     # of any covariances, whose integral over s and the directions is another one
     for g, std, by_any in problems():
         noise = noise_covariances(std)
-        tau1, tau2 = exact._isotropic_halves(noise)
+        tau1, tau2 = exact._halves(noise)
         u, weights = exact._about_d1(g.d1, g.d2, (tau1, tau2), (32, 1200))
         # weights of some 1e4 nodes
         assert weights.sum() == pytest.approx(1.0, abs=100 * EPS)
-        others = [exact._moments_given_directions(g, tau1, u, weights)]
+        others = [exact._moments_isotropic(g.q, exact._maps(g), tau1, u, weights)]
         others += [exact_moments_any(g, noise)] if by_any else []
         bias, covariance = exact_moments(g, noise)
         for other_bias, other in others:
@@ -108,7 +108,7 @@ def test_quadratures_in_different_coordinates_agree():
             assert relative(bias, other_bias) < 1e-9
 
 
-@pytest.mark.parametrize("k", [0.3, 2.0, 3.5, 5.0, 8.0, 11.9, 12.1, 100.0, 1e4])
+@pytest.mark.parametrize("k", [0.3, 2.0, 3.5, 5.0, 8.0, 8.49, 8.51, 12.0, 100.0, 1e4])
 def test_density_integrates_to_one(k):
     # the polar range may be cut only where the density has fallen below rounding
     d2 = np.array([0.1, -0.3, 0.2])
@@ -195,8 +195,6 @@ def test_what_is_not_resolved_is_refused(monkeypatch):
     monkeypatch.setattr(exact, "_WHITENED", ())
     with pytest.raises(RefusedError, match=r"needed 1e-09.*use another frame"):
         attitude_moments(*random_geometry(2), full(2, 0.1), "exact", "plain")
-    with pytest.raises(InputError, match="order='exact'"):
-        exact_moments(two_vector_geometry(*random_geometry(2)), full(2, 0.1))
 
 
 def simulated(q, r1, r2, noise, frame, count, seed):
@@ -259,7 +257,7 @@ def test_flips_by_an_average_over_directions():
     geometry = two_vector_geometry(*random_geometry(number))
     sizes = geometry.norm * np.random.default_rng(number).uniform(0.2, 1.0, 4)
     noise = noise_covariances(sizes)
-    tau1, tau2 = exact._isotropic_halves(noise)
+    tau1, tau2 = exact._halves(noise)
     u, weights = about_d2(geometry.d2, tau2, (1200, 600))
     e, s = geometry.q[:3], geometry.q[3]
     along = np.cross(geometry.d1, u) @ e + s * (u @ geometry.s1)
