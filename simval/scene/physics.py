@@ -234,14 +234,21 @@ class Rollout(NamedTuple):
     # distance of the sensor at the end from where it began, m
     travel: Float[Array, " runs"]
     messages: list[str]  # of MuJoCo
+    # generalised positions at the instants of the rows, (runs, n, nq), if asked for
+    qpos: Float[Array, "runs n nq"] | None
 
 
 def roll_out(
-    model: "mujoco.MjModel", scripts: Sequence[Script], threads: int = 1
+    model: "mujoco.MjModel",
+    scripts: Sequence[Script],
+    threads: int = 1,
+    *,
+    positions: bool = False,
 ) -> Rollout:
     """Run scripts of one length together."""
+    recorded = ("sensordata", *["qpos"] * positions)
     with captured_messages() as messages:
-        batch, out = _batch(model, scripts, ("sensordata",), threads)
+        batch, out = _batch(model, scripts, recorded, threads)
         warnings = np.array(batch.warning, dtype=np.int64)
         ends = np.array(batch.bind("qpos"))
     rows = _in_order(model, out["sensordata"])
@@ -249,7 +256,12 @@ def roll_out(
         float(np.max(path_length(model, script, end[None])))
         for script, end in zip(scripts, ends, strict=True)
     ]
-    return Rollout(rows, warnings, np.array(travel), messages)
+    qpos = None
+    if positions:
+        # sensor data are of the state before their step, so row 0 is of the start
+        starts = [model.qpos0 if s.qpos is None else s.qpos for s in scripts]
+        qpos = np.concatenate([np.array(starts)[:, None], out["qpos"][:, :-1]], axis=1)
+    return Rollout(rows, warnings, np.array(travel), messages, qpos)
 
 
 def path_length(
@@ -264,18 +276,6 @@ def path_length(
         mujoco.mj_kinematics(model, data)
         places[k] = data.site(SITE).xpos
     return np.linalg.norm(places[1:] - places[0], axis=1)
-
-
-def instants(
-    model: "mujoco.MjModel", script: Script
-) -> tuple[Float[Array, "n nq"], Float[Array, "n 14"]]:
-    """Generalised positions of a run and its unchecked rows."""
-    with captured_messages():
-        _, out = _batch(model, [script], ("qpos", "sensordata"), 1)
-    # sensor data are of the state before their step, so row 0 is of the start
-    start = model.qpos0 if script.qpos is None else script.qpos
-    qpos = np.concatenate([np.asarray(start)[None], out["qpos"][0][:-1]])
-    return qpos, _in_order(model, out["sensordata"])[0]
 
 
 def _in_order(

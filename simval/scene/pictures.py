@@ -29,10 +29,9 @@ from numpy.typing import NDArray
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.scene.captions import Caption, Directions, captioned, pillow
-from simval.scene.catalogue import find_scene
 from simval.scene.draw import PLACES, Frame, Pixels
-from simval.scene.physics import RENDERER, instants, load_model, mujoco
-from simval.scene.run import moving_rows, write_script
+from simval.scene.physics import RENDERER, Rollout, mujoco, roll_out
+from simval.scene.run import Plan, moving_rows, plan_run
 from simval.scene.script import Scene, Script
 from simval.shapes import Float
 
@@ -153,7 +152,7 @@ def encoded(frames: Iterator[Pixels], ending: str) -> bytes:
 
 def _png(frames: Iterator[Pixels]) -> bytes:
     buffer = BytesIO()
-    pillow().fromarray(next(frames)).save(buffer, "PNG", optimize=True)
+    pillow().fromarray(next(frames)).save(buffer, "PNG")
     return buffer.getvalue()
 
 
@@ -231,7 +230,8 @@ def render(
         what to install.
     """
     times = None if time is None else [time]
-    return _drawn(scene, times, width, height, parameters, ".png")
+    plan = plan_run(scene, **parameters)
+    return drawn(plan, times, ".png", width, height)
 
 
 def render_file(
@@ -275,7 +275,7 @@ def render_file(
     else:
         times = [float(t) for t in np.arange(0.0, seconds, 1.0 / FRAME_RATE)]
         ending = path.suffix.lower()
-        content = _drawn(scene, times, width, height, parameters, ending)
+        content = drawn(plan_run(scene, **parameters), times, ending, width, height)
     try:
         path.write_bytes(content)
     except OSError as error:
@@ -283,36 +283,32 @@ def render_file(
         raise InputError(msg) from None
 
 
-def _drawn(
-    scene: str | Scene,
+def drawn(
+    plan: Plan,
     times: list[float] | None,
-    width: int,
-    height: int,
-    parameters: dict[str, Any],
     ending: str,
+    width: int = 960,
+    height: int = 720,
+    rollout: Rollout | None = None,
 ) -> bytes:
+    """Draw a run at some times and encode it; the rollout has its positions."""
     require_encoder(ending)
-    with closing(draw_frames(scene, times, width, height, parameters)) as frames:
+    with closing(_frames(plan, times, (width, height), rollout)) as frames:
         return encoded(frames, ending)
 
 
-def draw_frames(
-    scene: str | Scene,
+def _frames(
+    plan: Plan,
     times: list[float] | None,
-    width: int,
-    height: int,
-    parameters: dict[str, Any],
+    size: tuple[int, int],
+    rollout: Rollout | None,
 ) -> Generator[Pixels]:
-    """Draw a scene at some times, one after the other."""
-    chosen = find_scene(scene)
-    own = {"site_offset", "timestep", "integrator"} & parameters.keys()
-    physics = load_model(chosen.model, **{name: parameters.pop(name) for name in own})
-    model = physics.model
+    """Draw a run at some times, one after the other."""
+    model, script = plan.physics.model, plan.script
     limit = (int(model.vis.global_.offwidth), int(model.vis.global_.offheight))
-    if not (0 < width <= limit[0] and 0 < height <= limit[1]):
-        msg = f"a picture of {width} x {height} pixels; this scene allows {limit}"
+    if not (0 < size[0] <= limit[0] and 0 < size[1] <= limit[1]):
+        msg = f"a picture of {size[0]} x {size[1]} pixels; this scene allows {limit}"
         raise InputError(msg)
-    script = write_script(chosen, physics, parameters)
     count = len(script.hold)
     asked = [count / 3 * model.opt.timestep] if times is None else times
     drawn = np.array([round(t / model.opt.timestep) for t in asked])
@@ -321,14 +317,17 @@ def draw_frames(
         end = count * model.opt.timestep
         msg = f"the time {asked[0]:g} s lies outside the run, 0 s to {end:g} s"
         raise InputError(msg)
-    qpos, rows = instants(model, script)
-    job = {"qpos": qpos[drawn], "force": rows[drawn, :3]}
-    job["size"] = np.array([width, height])
+    if rollout is None:
+        rollout = roll_out(model, [script], positions=True)
+    assert rollout.qpos is not None
+    rows = rollout.rows[0]
+    job = {"qpos": rollout.qpos[0, drawn], "force": rows[drawn, :3]}
+    job["size"] = np.array(size)
     for name in ("mocap_pos", "mocap_quat"):
         if name in script.inputs:
             job[name] = script.inputs[name][drawn]
     g = float(np.linalg.norm(model.opt.gravity))
-    captions = _captions(chosen.name, rows, script, g, drawn)
+    captions = _captions(plan.scene.name, rows, script, g, drawn)
     with closing(drawn_frames(model, job)) as frames:
         yield from map(captioned, frames, captions)
 

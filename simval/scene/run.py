@@ -23,7 +23,6 @@ from simval.scene.drivers import require_rows
 from simval.scene.physics import (
     Physics,
     Rollout,
-    instants,
     load_model,
     mujoco,
     path_length,
@@ -316,7 +315,9 @@ def checked_trajectory(plan: Plan, rollout: Rollout, number: int = 0) -> Traject
         scene.rate_limit,
     )
     if not rollout.travel[number] <= scene.reach:
-        path = path_length(model, script, instants(model, script)[0])
+        again = roll_out(model, [script], positions=True).qpos
+        assert again is not None
+        path = path_length(model, script, again[0])
         check_reach(scene.name, path, option.timestep, scene.reach)
     g = float(np.linalg.norm(option.gravity))
     hold, unsettled = settled_rests(scene.name, rows, script, g)

@@ -18,7 +18,10 @@ from simval.figures import Figure
 from simval.geometry import attitude_matrix, compose, conjugate
 from simval.poses import observability
 from simval.results import Outcome, Row, exact, limit, unjudged
-from simval.scene import Trajectory, simulate
+from simval.scene import Trajectory
+from simval.scene.physics import roll_out
+from simval.scene.pictures import drawn
+from simval.scene.run import checked_trajectory, plan_run
 from simval.streams import Streams
 from simval.studies.study import Cost, StudyParameters, ranged, refusing
 
@@ -48,19 +51,19 @@ class Parameters(StudyParameters):
 @refusing("give more `poses`")
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Simulate the scene and measure its rests."""
-    trajectory = simulate(parameters.scene, poses=parameters.poses)
+    plan = plan_run(parameters.scene, poses=parameters.poses)
+    rollout = roll_out(plan.physics.model, [plan.script], positions=True)
+    trajectory = checked_trajectory(plan, rollout)
     rows = judged_rows(trajectory)
     directions = trajectory.hold_means() / trajectory.g
     name = f"{parameters.scene}-{parameters.poses}"
     time = trajectory.time
-    drawn = time[[len(time) // 3, -1]]
+    instants = time[[len(time) // 3, -1]]
     artifacts: dict[str, Mapping[str, Array] | bytes] = {
-        f"scene-{name}.npz": {"directions": directions, "drawn": drawn}
+        f"scene-{name}.npz": {"directions": directions, "drawn": instants}
     }
     with suppress(InputError):  # this machine cannot draw: the report says so
-        from simval.scene.pictures import render
-
-        picture = render(parameters.scene, time=float(drawn[0]), poses=parameters.poses)
+        picture = drawn(plan, [float(instants[0])], ".png", rollout=rollout)
         artifacts[f"scene-{name}.png"] = picture
     return Outcome(rows=rows, artifacts=artifacts)
 

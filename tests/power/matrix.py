@@ -170,8 +170,8 @@ def without_pictures() -> AbstractContextManager[None]:
         msg = "no pictures here"
         raise InputError(msg)
 
-    drawing = import_module("simval.scene.pictures")  # the name is the function's too
-    return replaced(drawing, "render", none)
+    study = import_module("simval.studies.scene")  # the name is the package's too
+    return replaced(study, "drawn", none)
 
 
 def _first(result: GateResult) -> str:

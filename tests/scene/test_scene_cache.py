@@ -145,7 +145,7 @@ def test_the_same_bits_on_any_number_of_threads_and_beside_any_others(name):
     model = plans[0].physics.model
     alone = roll_out(model, scripts[:1]).rows
     for threads in (1, 2, 3):
-        rows, warnings, _, _ = roll_out(model, scripts, threads)
+        rows, warnings, *_ = roll_out(model, scripts, threads)
         assert not warnings[..., 1].any()
         np.testing.assert_array_equal(rows[0], alone[0])
         np.testing.assert_array_equal(rows[2], alone[0])

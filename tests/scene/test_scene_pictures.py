@@ -31,7 +31,7 @@ from simval.scene.draw import (
     arrow_tips,
     body_reach,
 )
-from simval.scene.physics import instants, load_model, model_path
+from simval.scene.physics import load_model, model_path, roll_out
 from simval.scene.pictures import Frame
 from simval.scene.run import write_script
 
@@ -76,7 +76,8 @@ def test_positions_and_readings_are_of_one_instant():
     scene = find_scene("gimbal")
     physics = load_model(scene.model)
     script = write_script(scene, physics, {"poses": 2, "move_time": 0.2})
-    qpos, rows = instants(physics.model, script)
+    rollout = roll_out(physics.model, [script], positions=True)
+    qpos, rows = rollout.qpos[0], rollout.rows[0]
     trajectory = simulate("gimbal", poses=2, move_time=0.2)
     np.testing.assert_array_equal(rows[:, :3], trajectory.specific_force)
     data = mujoco.MjData(physics.model)
