@@ -104,25 +104,34 @@ def singular_solution(
     InputError, GeometryError
         As `two_vector_quaternion`; also if the tolerance is not in (0, 1).
     """
-    _require_tolerance(tolerance)
     vectors, shape = valid_batch(b1, b2, r1, r2)
-    v1, v2, u1, u2 = (normalize(v) for v in vectors)
+    q, case = _direct(vectors, tolerance)
+    return SingularSolution(q=q.reshape(*shape, 4), case=case.reshape(shape))
+
+
+def _direct(
+    vectors: list[Float[Array, "n 3"]], tolerance: Any
+) -> tuple[Float[Array, "n 4"], Int[NDArray[np.intp], " n"]]:
+    # direct solutions, NaN where the sample is regular, and cases
+    _require_tolerance(tolerance)
+    v1, v2, u1, u2 = map(normalize, vectors)
     d1, d2 = (v1 - u1) / 2, (v2 - u2) / 2
-    qbar = _plain_norm(v1, u1, d1, d2)
-    case = _classify(d1, d2, qbar <= tolerance * _norm(cross(u1, u2)), tolerance)
-    r3, b3 = normalize(cross(u1, u2)), normalize(cross(v1, v2))
+    singular = _plain_norm(v1, u1, d1, d2) <= tolerance * _norm(cross(u1, u2))
+    case = _classify(d1, d2, singular, tolerance)
+    q = np.full((len(case), 4), np.nan)
+    some = np.flatnonzero(case[:, 0] != Case.REGULAR)
+    own, u1, u2, d1, d2 = case[some], u1[some], u2[some], d1[some], d2[some]
+    r3, b3 = normalize(cross(u1, u2)), normalize(cross(v1[some], v2[some]))
     d3, s3 = (b3 - r3) / 2, (b3 + r3) / 2
-    longer = _norm(d1) >= _norm(d2)
-    axis = cross(np.where(longer, d1, d2), r3)
-    axis = np.where(case == Case.B, u1, np.where(case == Case.C, u2, axis))
+    axis = cross(np.where(_norm(d1) >= _norm(d2), d1, d2), r3)
+    axis = np.where(own == Case.B, u1, np.where(own == Case.C, u2, axis))
     signed = np.copysign(_norm(d3), np.sum(axis * cross(b3, r3), axis=1)[:, None])
     near_half_turn = signed * axis / _safe(_norm(axis))
     small = cross(d3, s3) / _safe(_norm(s3))
     vector = np.where(_norm(s3) >= _norm(d3), small, near_half_turn)
-    q = np.concatenate([vector, _norm(s3)], axis=1)
+    q[some] = np.concatenate([vector, _norm(s3)], axis=1)
     q[case[:, 0] == Case.A] = [0.0, 0.0, 0.0, 1.0]
-    q[case[:, 0] == Case.REGULAR] = np.nan
-    return SingularSolution(q=q.reshape(*shape, 4), case=case.reshape(shape))
+    return q, case[:, 0]
 
 
 def case_quaternion(
@@ -158,12 +167,13 @@ def case_quaternion(
     the singular attitude. With noise it is no more accurate than the plain formula is
     just beyond the border (study `attitude_singular`).
     """
-    direct = singular_solution(b1, b2, r1, r2, tolerance)
     vectors, shape = valid_batch(b1, b2, r1, r2)
+    direct, case = _direct(vectors, tolerance)
     raw = kernel.raw_quaternion(np.stack([v.T for v in vectors]), "plain")
     length = np.sqrt(kernel.squared_norm(raw))
     plain = (raw / np.copysign(np.where(length > 0.0, length, 1.0), raw[3])).T
-    return np.where(direct.valid[..., None], direct.q, plain.reshape(*shape, 4))
+    q = np.where((case != Case.REGULAR)[:, None], direct, plain)
+    return q.reshape(*shape, 4)
 
 
 def _require_tolerance(value: Any) -> None:
