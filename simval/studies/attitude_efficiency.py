@@ -16,7 +16,7 @@ import numpy as np
 from simval import statistics as stat
 from simval.arrays import Array
 from simval.figures import Distribution, Listing, entry
-from simval.geometry import attitude_error, normalize, random_quaternions
+from simval.geometry import attitude_error, cross, normalize, random_quaternions
 from simval.imu.attitude import two_vector_quaternion
 from simval.imu.attitude.comparators import davenport, triad
 from simval.results import Outcome, Row, limit, plain, unjudged
@@ -24,7 +24,6 @@ from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.attitude import Truth
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged
-from simval.studies.trials import mean_of
 from simval.theory.attitude import attitude_moments
 from simval.theory.cramer_rao import attitude_bound
 from simval.theory.two_vector import true_vectors
@@ -51,8 +50,14 @@ ESTIMATORS: dict[str, Callable[..., Array]] = {
     "TRIAD": triad,
 }
 
+AT_ONCE = 4096
+"""Trials of some geometries, for the cache; no result depends on it."""
+
 MOST_TRIALS = 1_000_000
 """Those of a geometry are held all at once."""
+
+Truths = tuple[Float[Array, "n 4"], Float[Array, "n 3"], Float[Array, "n 3"]]
+"""Quaternions and reference vectors, one of each for a geometry."""
 
 
 class Parameters(StudyParameters):
@@ -75,67 +80,66 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     rng = np.random.default_rng(parameters.geometries)
     problems = geometries(parameters.geometries, rng)
     predicted = predicted_squares(problems)
-    found = np.array(
-        [
-            _simulated(problem, parameters, streams.block(i))
-            for i, problem in enumerate(problems)
-        ]
-    )
-    squares, errors = found[:, 0], found[:, 1]
+    squares, errors = _simulated(problems, parameters, streams)
     best = [*ESTIMATORS].index("q-method")
     ratios = np.sqrt(predicted / predicted[:, best, None])
     simulated = np.sqrt(squares / squares[:, best, None])
     relative = errors / squares
     # as if both mean squares were independent: they share their noise, so at most this
     error = simulated * np.hypot(relative, relative[:, best, None]) / 2.0
-    scaled = found / (predicted * parameters.noise_std**2)[:, None]
+    unit = predicted * parameters.noise_std**2
     rows: list[Row] = []
     for k, name in enumerate(ESTIMATORS):
         rows += ratio_rows(name, ratios[:, k], simulated[:, k], error[:, k])
-        rows += _scale_row(name, scaled[:, 0, k], scaled[:, 1, k], parameters.trials)
+        scaled = squares[:, k] / unit[:, k], errors[:, k] / unit[:, k]
+        rows += _scale_row(name, *scaled, parameters.trials)
     artifact = dict(zip(ESTIMATORS, simulated.T, strict=True))
     return Outcome(rows=tuple(rows), artifacts={"attitude-efficiency.npz": artifact})
 
 
-def geometries(count: int, rng: np.random.Generator) -> list[Truth]:
+def geometries(count: int, rng: np.random.Generator) -> Truths:
     """Random attitudes with vectors that are not too close."""
     found: list[Truth] = []
     while len(found) < count:
         q = random_quaternions(1, rng)[0]
         r1, r2 = normalize(rng.standard_normal((2, 3)))
-        if np.linalg.norm(np.cross(r1, r2)) > MIN_SINE:
+        if np.linalg.norm(cross(r1, r2)) > MIN_SINE:
             found.append((q, r1, r2))
-    return found
+    q, r1, r2 = map(np.stack, zip(*found, strict=True))
+    return q, r1, r2
 
 
-def predicted_squares(problems: list[Truth]) -> Float[Array, "n 4"]:
-    """Mean squared angle of each estimator for unit noise, of each problem.
+def predicted_squares(problems: Truths) -> Float[Array, "n 4"]:
+    """Mean squared angle of each estimator for unit noise.
 
     TRIAD has no prediction here and is compared with the bound.
     """
-    q, r1, r2 = (np.stack(part) for part in zip(*problems, strict=True))
+    bound = np.trace(attitude_bound(*problems, 1.0).rotation, 0, 1, 2)
     combined, best = (
-        4.0 * np.trace(moments.covariance, axis1=1, axis2=2)
-        for moments in (
-            attitude_moments(q, r1, r2, 1.0, 2, frame) for frame in ("combined", None)
-        )
+        4.0 * np.trace(attitude_moments(*problems, 1.0, 2, frame).covariance, 0, 1, 2)
+        for frame in ("combined", None)
     )
-    bound = [float(np.trace(attitude_bound(*each, 1.0).rotation)) for each in problems]
     return np.stack([combined, best, bound, bound], axis=1)
 
 
 def _simulated(
-    problem: Truth, parameters: Parameters, rng: np.random.Generator
-) -> tuple[list[float], list[float]]:
+    problems: Truths, parameters: Parameters, streams: Streams
+) -> tuple[Float[Array, "n 4"], Float[Array, "n 4"]]:
     # mean squared angle of each estimator, and its standard error
-    noise = rng.standard_normal((4, parameters.trials, 3))
-    vectors = true_vectors(*problem)[1][:, None] + parameters.noise_std * noise
-    squares = [
-        np.asarray(attitude_error(estimator(*vectors), problem[0])) ** 2
-        for estimator in ESTIMATORS.values()
-    ]
-    means, errors, _ = zip(*(mean_of(square) for square in squares), strict=True)
-    return [*means], [*errors]
+    trials, quiet = parameters.trials, true_vectors(*problems)[1]
+    shape = len(quiet), len(ESTIMATORS)
+    means, errors = np.empty(shape), np.empty(shape)
+    together = max(1, AT_ONCE // trials)
+    for start in range(0, len(quiet), together):
+        some = range(start, min(start + together, len(quiet)))
+        q, truth = problems[0][some, None], quiet[some, :, None]
+        noise = [streams.block(i).standard_normal((4, trials, 3)) for i in some]
+        vectors = np.moveaxis(truth + parameters.noise_std * np.stack(noise), 1, 0)
+        for k, estimator in enumerate(ESTIMATORS.values()):
+            square = np.asarray(attitude_error(estimator(*vectors), q)) ** 2
+            means[some, k] = square.mean(axis=1)
+            errors[some, k] = square.std(axis=1, ddof=1) / np.sqrt(trials)
+    return means, errors
 
 
 def ratio_rows(

@@ -339,7 +339,7 @@ def _cost_rows(case: str) -> Iterator[Row]:
     rng = np.random.default_rng(GEOMETRIES)
     truths = [singular_attitude(case, rng) for _ in range(GEOMETRIES)]
     q, r1, r2 = (np.stack(each) for each in zip(*truths, strict=True))
-    bound = np.array([np.trace(attitude_bound(*t, 1.0).rotation) for t in truths])
+    bound = np.trace(attitude_bound(q, r1, r2, 1.0).rotation, 0, 1, 2)
     norms = np.abs(column_norms(q, r1, r2))
     least = 0.5 * np.linalg.norm(norms, axis=1, keepdims=True)
     first = np.argmax(norms[:, SEQUENCE] >= least, axis=1)
@@ -353,7 +353,7 @@ def _cost_rows(case: str) -> Iterator[Row]:
     combined = attitude_moments(q, r1, r2, 1.0, 2, "combined")
     squares["combined"] = 4.0 * combined.covariance
     if case != "A":
-        squares["Table 1"] = np.stack([direct_covariance(*t, 1.0) for t in truths])
+        squares["Table 1"] = direct_covariance(q, r1, r2, 1.0)
     for name, C in squares.items():
         ratios = np.sqrt(np.trace(C, axis1=1, axis2=2) / bound)
         values = np.quantile(ratios, [0.0, 0.5, 1.0])

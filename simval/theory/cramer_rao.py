@@ -25,7 +25,6 @@ from simval.geometry import attitude_matrix, cross_matrix
 from simval.shapes import Float
 from simval.theory.two_vector import (
     noise_covariances,
-    require_one,
     true_pairs,
     true_vectors,
 )
@@ -38,13 +37,13 @@ class AttitudeBound(ReadOnly):
     Attributes
     ----------
     rotation : Array
-        Covariance of the body-frame rotation error, rad^2, (3, 3).
+        Covariance of the body-frame rotation error, rad^2, (..., 3, 3).
     quaternion : Array
-        Covariance of the additive quaternion error, (4, 4), of rank 3.
+        Covariance of the additive quaternion error, (..., 4, 4), of rank 3.
     """
 
-    rotation: Float[Array, "3 3"]
-    quaternion: Float[Array, "4 4"]
+    rotation: Float[Array, "... 3 3"]
+    quaternion: Float[Array, "... 4 4"]
 
 
 def attitude_bound(q: Any, r1: Any, r2: Any, noise_std: Any) -> AttitudeBound:
@@ -53,12 +52,12 @@ def attitude_bound(q: Any, r1: Any, r2: Any, noise_std: Any) -> AttitudeBound:
     Parameters
     ----------
     q : array_like
-        True quaternion, (4,).
+        True quaternion, (..., 4).
     r1, r2 : array_like
-        True reference vectors, (3,).
+        True reference vectors, (..., 3).
     noise_std : array_like
-        As in `simval.theory.attitude_moments`; full covariances must be regular, but a
-        reference may have no noise at all.
+        Of one geometry, as in `simval.theory.attitude_moments`, for all of them; full
+        covariances must be regular, but a reference may have no noise at all.
 
     Returns
     -------
@@ -72,7 +71,6 @@ def attitude_bound(q: Any, r1: Any, r2: Any, noise_std: Any) -> AttitudeBound:
     GeometryError
         If the vectors are parallel.
     """
-    require_one(q, r1, r2)
     unit_q, vectors, _ = true_vectors(q, r1, r2)
     return _bound_of(unit_q, vectors, noise_covariances(noise_std))
 
@@ -106,12 +104,12 @@ def wahba_bound(q: Any, references: Any, noise_std: Any) -> AttitudeBound:
 
 
 def _bound_of(
-    unit_q: Float[Array, "4"],
-    vectors: Float[Array, "m 3"],
+    unit_q: Float[Array, "... 4"],
+    vectors: Float[Array, "... m 3"],
     noise: Float[Array, "m 3 3"],
 ) -> AttitudeBound:
     # from true body vectors, then as many reference vectors
-    n, A = len(vectors) // 2, attitude_matrix(unit_q)
+    n, A = len(noise) // 2, attitude_matrix(unit_q)
     known = [i >= n and not matrix.any() for i, matrix in enumerate(noise)]
     if not np.all((np.linalg.eigvalsh(noise)[:, 0] > 0.0) | known):
         msg = (
@@ -120,24 +118,28 @@ def _bound_of(
             "give each direction some noise"
         )
         raise InputError(msg)
-    information = np.zeros((3, 3))
+    information = np.zeros((*unit_q.shape[:-1], 3, 3))
     for i in range(n):
-        b, r = vectors[i], vectors[n + i]
+        b, r = vectors[..., i, :], vectors[..., n + i, :]
         B = cross_matrix(b)
-        own = B.T @ np.linalg.solve(noise[i], B)
+        own = B.swapaxes(-1, -2) @ np.linalg.solve(noise[i], B)
         information += own if known[n + i] else own - _lost(B, A, r, noise[[i, n + i]])
     rotation = np.linalg.solve(information, np.eye(3))
-    rotation = (rotation + rotation.T) / 2.0
-    e, s = unit_q[:3], unit_q[3]
-    half_xi = 0.5 * np.vstack([s * np.eye(3) + cross_matrix(e), -e])
-    return AttitudeBound(rotation=rotation, quaternion=half_xi @ rotation @ half_xi.T)
+    rotation = (rotation + rotation.swapaxes(-1, -2)) / 2.0
+    e, s = unit_q[..., :3], unit_q[..., 3, None, None]
+    rows = s * np.eye(3) + cross_matrix(e), -e[..., None, :]
+    half_xi = 0.5 * np.concatenate(rows, axis=-2)
+    quaternion = half_xi @ rotation @ half_xi.swapaxes(-1, -2)
+    return AttitudeBound(rotation=rotation, quaternion=quaternion)
 
 
 def _lost(B: Array, A: Array, r: Array, noise: Array) -> Array:
     # information that the unknown direction of r takes away
-    T = np.linalg.svd(r[None, :])[2][1:].T
-    W_AT = np.linalg.solve(noise[0], A @ T)
-    nuisance = (A @ T).T @ W_AT + T.T @ np.linalg.solve(noise[1], T)
-    mixed = B.T @ W_AT
-    lost: Array = mixed @ np.linalg.solve(nuisance, mixed.T)
+    T = np.linalg.svd(r[..., None, :])[2][..., 1:, :].swapaxes(-1, -2)
+    AT = A @ T
+    W_AT = np.linalg.solve(noise[0], AT)
+    nuisance = AT.swapaxes(-1, -2) @ W_AT
+    nuisance += T.swapaxes(-1, -2) @ np.linalg.solve(noise[1], T)
+    mixed = B.swapaxes(-1, -2) @ W_AT
+    lost: Array = mixed @ np.linalg.solve(nuisance, mixed.swapaxes(-1, -2))
     return lost

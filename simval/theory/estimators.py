@@ -91,6 +91,7 @@ from simval.theory.two_vector import (
     noise_covariances,
     noise_of_vectors,
     normalized_noise,
+    refuse_samples,
     true_pairs,
     true_vectors,
 )
@@ -112,7 +113,7 @@ def triad_moments(
     noise = noise_covariances(noise_std)
     body, reference = (_mean_turn(vectors[i : i + 2], noise[i : i + 2]) for i in (0, 2))
     b1, b2 = vectors[:2]
-    normal = cross(b1, b2)
+    normal = np.cross(b1, b2)
     sine, cosine = float(np.linalg.norm(normal)), float(b1 @ b2)
     n = normal / sine
     maps = (
@@ -126,9 +127,9 @@ def triad_moments(
 
 def _mean_turn(v: Float[Array, "2 3"], noise: Float[Array, "2 3 3"]) -> Array:
     # mean rotation vector of the frame of two vectors, in the axes of the vectors
-    normal = cross(v[0], v[1])
+    normal = np.cross(v[0], v[1])
     s, c = float(np.linalg.norm(normal)), float(v[0] @ v[1])
-    axes = np.stack([v[0], cross(normal / s, v[0]), normal / s], axis=1)
+    axes = np.stack([v[0], np.cross(normal / s, v[0]), normal / s], axis=1)
     first, second = axes.T @ noise @ axes
     about_first = (c * s * first[0, 2] - c * c * first[1, 2] - second[1, 2]) / s**2
     turn = np.array(
@@ -142,7 +143,9 @@ def _mean_turn(v: Float[Array, "2 3"], noise: Float[Array, "2 3 3"]) -> Array:
     return mean
 
 
-def direct_covariance(q: Any, r1: Any, r2: Any, noise_std: Any) -> Float[Array, "3 3"]:
+def direct_covariance(
+    q: Any, r1: Any, r2: Any, noise_std: Any
+) -> Float[Array, "... 3 3"]:
     """Covariance of the body-frame rotation error of Table 1 by (DS1), rad^2.
 
     Raises
@@ -150,25 +153,29 @@ def direct_covariance(q: Any, r1: Any, r2: Any, noise_std: Any) -> Float[Array, 
     InputError
         If an argument has a wrong shape or value.
     GeometryError
-        If the vectors are parallel, or the attitude is not singular.
+        If the vectors are parallel, or an attitude is not singular.
     """
-    unit_q, (b1, b2, u1, u2), _ = true_vectors(q, r1, r2)
-    normal, r3 = normalize(cross(np.stack([b1, u1]), np.stack([b2, u2])))
-    if not abs(unit_q[:3] @ r3) <= MIN_NORM * abs(unit_q[3]):
-        msg = (
-            f"the axis of `q` leaves the plane of `r1` and `r2` by "
-            f"{abs(unit_q[:3] @ r3):.2e}; the direct solution is for singular "
-            "attitudes, no half turns, so give one"
-        )
-        raise GeometryError(msg)
+    unit_q, vectors, _ = true_vectors(q, r1, r2)
+    b1, b2, u1, u2 = np.moveaxis(vectors, -2, 0)
+    normal, r3 = normalize(cross(b1, b2)), normalize(cross(u1, u2))
+    e, s = unit_q[..., :3], unit_q[..., 3:]
+    off = np.abs(np.vecdot(e, r3))
+    refuse_samples(
+        off <= MIN_NORM * np.abs(s[..., 0]),
+        lambda i: (
+            f"the axis of `q` leaves the plane of `r1` and `r2` by {off[i]:.2e}; the "
+            "direct solution is for singular attitudes, no half turns, so give one"
+        ),
+        GeometryError,
+    )
     noise = noise_covariances(noise_std)
-    plane = np.linalg.pinv(np.stack([b1, b2]))
+    plane = np.linalg.pinv(np.stack([b1, b2], axis=-2))
     across = cross_matrix(normal) @ plane
-    about = np.outer(normal, plane.T @ unit_q[:3] / unit_q[3])
-    variances = np.vecdot(noise @ r3, r3)
-    variances[:2] = np.vecdot(noise[:2] @ normal, normal)
-    maps = np.concatenate([across + about, about - across], axis=1)
-    return (maps * variances) @ maps.T
+    about = normal[..., :, None] * (np.vecmat(e, plane) / s)[..., None, :]
+    along = np.stack([normal, normal, r3, r3], axis=-2)
+    variances = np.vecdot(np.matvec(noise, along), along)
+    maps = np.concatenate([across + about, about - across], axis=-1)
+    return (maps * variances[..., None, :]) @ maps.swapaxes(-1, -2)
 
 
 def wahba_moments(
@@ -298,7 +305,7 @@ def loss_noncentrality(
 def _gain(b: Shaped[Array, "... 3"], r: Shaped[Array, "... 3"]) -> Any:
     # the symmetric matrix with q' K q = b' A(q) r, bilinear in b and r
     outer = b[..., :, None] * r[..., None, :]
-    turn = cross(b, r)
+    turn = np.cross(b, r)
     trace = np.asarray(np.trace(outer, axis1=-2, axis2=-1))[..., None, None]
     top = np.concatenate(
         [outer + outer.swapaxes(-1, -2) - trace * np.eye(3), turn[..., None]], axis=-1

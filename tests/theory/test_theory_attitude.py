@@ -522,11 +522,30 @@ def test_the_first_bad_sample_is_named():
     ):  # fmt: skip
         with pytest.raises(error, match=words):
             attitude_moments(*arguments, **options)
-    for function in (attitude_bound, sufficient_order):  # these take one geometry
-        with pytest.raises(InputError, match=r"`q` has shape .* give one"):
-            function(q, r1, r2, 0.01)
+    with pytest.raises(InputError, match=r"`q` has shape .* give one"):
+        sufficient_order(q, r1, r2, 0.01)  # of one geometry
+    for function in (attitude_bound, sufficient_order):  # of one noise
         with pytest.raises(InputError, match="`noise_std` has shape"):
             function(q[0], r1[0], r2[0], [[0.01], [0.02]])
+
+
+def test_a_bound_and_a_direct_covariance_of_each_of_a_batch():
+    rng = np.random.default_rng(4)
+    q, (r1, r2) = random_quaternions(5, rng), normalize(rng.standard_normal((2, 5, 3)))
+    noise = noise_covariances([0.01, 0.02, 0.03, 0.0])
+    found = attitude_bound(q, r1, r2, noise)
+    for i in range(5):
+        alone = attitude_bound(q[i], r1[i], r2[i], noise)
+        np.testing.assert_array_equal(found.rotation[i], alone.rotation)
+        np.testing.assert_array_equal(found.quaternion[i], alone.quaternion)
+    axes = normalize(r1 + r2)  # in the plane of the references: singular
+    q = np.concatenate([np.sin(0.4) * axes, np.full((5, 1), np.cos(0.4))], axis=1)
+    found = direct_covariance(q, r1, r2, noise)
+    for i in range(5):
+        alone = direct_covariance(q[i], r1[i], r2[i], noise)
+        np.testing.assert_array_equal(found[i], alone)
+    with pytest.raises(GeometryError, match=r"sample \(2,\).* leaves the plane"):
+        direct_covariance(q[[0, 1, 3, 3, 4]], r1, r2, 1.0)
 
 
 def test_the_example_of_the_page():
