@@ -89,8 +89,8 @@ _AT_ONCE: Final = 4096
 # varies within |d1|/|s1| of azimuth; the density varies within 1/k across the pole. The
 # azimuth nodes are a multiple of what resolves both.
 _ABOUT_D1: Final = ((12, 12.0), (16, 20.0), (24, 30.0), (32, 40.0))
-# Where more would be needed than the upper bound, which is for the memory, the rules
-# disagree and `oracle` refuses.
+# Azimuths of the first rule at least, and of the last at most, which is for the memory;
+# where more would be needed the rules disagree, which is refused.
 _AZIMUTHS: Final = (64, 4096)
 # Where the density has fallen to e^{-8.5^2/2} = 2e-16 of its peak, by k sin(theta).
 _CUT: Final = 8.5
@@ -271,12 +271,21 @@ def _moments_about_d1(
 
     def rules() -> Iterator[tuple[Array, Array]]:
         yield about_d2(geometry.d2, tau2, (_MORE + _ABOUT_D2[-1], _ABOUT_D2[-1]))
-        for polar, factor in _ABOUT_D1:
-            azimuths = int(np.clip(factor * scale, *_AZIMUTHS))
-            yield _about_d1(geometry.d1, geometry.d2, (tau1, tau2), (polar, azimuths))
+        for nodes in _refined(_ABOUT_D1, scale, *_AZIMUTHS):
+            yield _about_d1(geometry.d1, geometry.d2, (tau1, tau2), nodes)
 
     given = partial(_moments_isotropic, geometry.q, _maps(geometry), tau1)
     return converged(rules(), given, float(geometry.norm), (tau1, tau2))
+
+
+def _refined(
+    rules: tuple[tuple[int, float], ...], scale: float, least: int, most: int
+) -> Iterator[tuple[int, int]]:
+    # polar and azimuth nodes of each, both of which grow: rules with as many nodes of
+    # one kind agree in what these leave out
+    for polar, factor in rules:
+        within = np.clip(scale, least / rules[0][1], most / rules[-1][1])
+        yield polar, int(factor * within)
 
 
 def converged(
@@ -423,11 +432,11 @@ _NODES: Final = (12, 16, 22, 32)
 # Where those disagree, the panels about d1 that `_ABOUT_D1` describes, in the whitened
 # space. Of 6 geometries with |qbar| from 0.06 to 0.25 at noise of 0.1 and 0.2 of any
 # covariance the second was right to 1e-9, the third to 3e-11, the last to 1e-13.
-_WHITENED: Final = ((12, 16.0), (12, 24.0), (16, 40.0), (24, 60.0))
+_WHITENED: Final = ((10, 16.0), (12, 24.0), (16, 40.0), (24, 60.0))
 _LEAST_WEIGHT: Final = 1e-15
 """Over the greatest; 23 000 nodes below leave out 2e-11 at the most, 1e-14 in fact."""
-_MOST_AZIMUTHS: Final = 512
-"""Some seconds; where more would be needed the rules disagree, which is refused."""
+_WHITENED_AZIMUTHS: Final = (32, 512)
+"""As `_AZIMUTHS`; the most take some seconds."""
 _FLAT: Final = 1e-6
 """Least over greatest variance of d2 below which whitening it would lose digits."""
 _HERMITE: Final = (8, 12, 18, 27)
@@ -489,9 +498,8 @@ def _whitened_rules(
         float(np.linalg.norm(geometry.s1) / np.linalg.norm(geometry.d1)),
         0.4 * float(np.linalg.norm(cross(d1, centre)) / length),
     ) * float(np.sqrt(stretch[0] / stretch[-1]))
-    for polar, factor in _WHITENED:
-        azimuths = int(np.clip(factor * scale, 32, _MOST_AZIMUTHS))
-        yield _about_d1(d1, centre, (float(tau1), 1.0), (polar, azimuths))
+    for nodes in _refined(_WHITENED, scale, *_WHITENED_AZIMUTHS):
+        yield _about_d1(d1, centre, (float(tau1), 1.0), nodes)
 
 
 @lru_cache(maxsize=32)

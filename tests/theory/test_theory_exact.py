@@ -87,6 +87,9 @@ def problems():
     r1, r2 = normalize(np.array([[1.0, 0.2, 0.1], [-0.2, 1.0, 0.4]]))
     g = two_vector_geometry([0.05, 0.03, -0.02, 0.998], r1, r2, "plain")
     yield g, [0.003, 0.03, 0.003, 0.03], False
+    # and here two rules with as many azimuths agreed on 3e-7 too much
+    g = two_vector_geometry(*random_geometry(98), "plain")
+    yield g, [0.01, 0.1, 0.005, 0.18], False
 
 
 @pytest.mark.ci
