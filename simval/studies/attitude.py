@@ -23,7 +23,7 @@ reported.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -93,6 +93,8 @@ ENTRIES = (
 
 Truth = tuple[Float[Array, "4"], Float[Array, "3"], Float[Array, "3"]]
 """Quaternion and reference vectors."""
+Truths = tuple[Float[Array, "n 4"], Float[Array, "n 3"], Float[Array, "n 3"]]
+"""Those of some geometries."""
 Noise = Literal["isotropic", "tangent", "full"]
 
 
@@ -120,9 +122,9 @@ def random_geometry(number: int) -> Truth:
 
 
 def noise_shapes(
-    kind: Noise, number: int, truth: Truth, each: bool = False
-) -> Float[Array, "4 3 3"]:
-    """Covariances of the four vectors of a numbered geometry.
+    kind: Noise, numbers: Any, truth: Truth | Truths, each: bool = False
+) -> Float[Array, "... 4 3 3"]:
+    """Covariances of the four vectors of a numbered geometry, or of some.
 
     The greatest eigenvalue is 1: of all of them, or of each.
     """
@@ -130,10 +132,12 @@ def noise_shapes(
         return noise_covariances(1.0)
     if kind == "tangent":
         return tangent_covariances(true_vectors(*truth)[1], 1.0)
-    factor = np.random.default_rng([number, 1]).standard_normal((4, 3, 3))
-    full = factor @ factor.swapaxes(1, 2)
-    size = np.linalg.eigvalsh(full)[:, -1]
-    return np.asarray(full / (size[:, None, None] if each else size.max()))
+    streams = (np.random.default_rng([int(k), 1]) for k in np.ravel(numbers))
+    factor = np.stack([rng.standard_normal((4, 3, 3)) for rng in streams])
+    full = factor @ factor.swapaxes(-1, -2)
+    size = np.linalg.eigvalsh(full)[..., -1:, None]
+    full /= size if each else size.max(axis=1, keepdims=True)
+    return full.reshape(*np.shape(numbers), 4, 3, 3)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:

@@ -22,7 +22,7 @@ from simval.imu.attitude.comparators import davenport, triad
 from simval.results import Outcome, Row, limit, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.attitude import Truth
+from simval.studies.attitude import Truth, Truths
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged
 from simval.theory.attitude import attitude_moments
 from simval.theory.cramer_rao import attitude_bound
@@ -55,9 +55,6 @@ AT_ONCE = 4096
 
 MOST_TRIALS = 1_000_000
 """Those of a geometry are held all at once."""
-
-Truths = tuple[Float[Array, "n 4"], Float[Array, "n 3"], Float[Array, "n 3"]]
-"""Quaternions and reference vectors, one of each for a geometry."""
 
 
 class Parameters(StudyParameters):

@@ -12,22 +12,22 @@ A judged row holds :math:`C_4` to an independent route: in the first geometries 
 extrapolated from the exact moments at two noise levels, without any expansion.
 """
 
-from collections.abc import Iterator, Mapping
-from itertools import count, islice
+from collections.abc import Mapping
 from typing import Any, Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array
-from simval.errors import GeometryError
 from simval.figures import Distribution, Listing, entries, predictor
 from simval.results import Outcome, limit, unjudged
+from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.attitude import Noise, Truth, noise_shapes, random_geometry
+from simval.studies.attitude import Noise, Truths, noise_shapes, random_geometry
 from simval.studies.study import Cost, StudyParameters, ranged
-from simval.theory.attitude import attitude_moments
+from simval.theory.attitude import BLOCK, attitude_moments
 from simval.theory.expansion import (
     complete_fourth_covariance,
     quadratic_covariance,
@@ -36,8 +36,9 @@ from simval.theory.expansion import (
     second_order_covariance,
 )
 from simval.theory.two_vector import (
+    MIN_NORM,
     TwoVectorGeometry,
-    turned_geometry,
+    column_norms,
     two_vector_geometry,
 )
 from simval.units import PERCENT
@@ -80,17 +81,22 @@ class Parameters(StudyParameters):
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Find the ratios of one cell."""
-    drawn = [*islice(regular_geometries(parameters.frame), parameters.geometries)]
-    noise = np.stack(
-        [noise_shapes(parameters.noise, k, truth) for k, truth, _ in drawn]
-    )
-    columns = np.array([geometry.column for *_, geometry in drawn])
-    truths = map(np.stack, zip(*(truth for _, truth, _ in drawn), strict=True))
-    ratios, leading = _leading(turned_geometry(columns, *truths), noise)
-    off = np.zeros(CHECKED)
-    for i, (_, truth, geometry) in enumerate(drawn[:CHECKED]):
-        known = _extrapolated(truth, geometry, noise[i])
-        off[i] = np.linalg.norm(leading[i] - known) / np.linalg.norm(leading[i])
+    numbers, truths = regular_geometries(parameters.frame, parameters.geometries)
+    frame = "plain" if parameters.frame == "plain" else None
+    ratios, off = np.empty((len(numbers), 2)), np.zeros(0)
+    for start in range(0, len(numbers), BLOCK):
+        some = slice(start, start + BLOCK)
+        q, r1, r2 = (each[some] for each in truths)
+        noise = noise_shapes(parameters.noise, numbers[some], (q, r1, r2))
+        noise = np.broadcast_to(noise, (len(q), 4, 3, 3))
+        geometry = two_vector_geometry(q, r1, r2, frame)
+        leading, errors = _leading(geometry, noise)
+        ratios[some] = np.transpose([_length(e) / _length(leading) for e in errors])
+        if start == 0:
+            few = slice(CHECKED)
+            checked = q[few], r1[few], r2[few]
+            known = _extrapolated(checked, geometry[few], noise[few], frame)
+            off = _length(leading[few] - known) / _length(leading[few])
     rows = list(
         limit(stat.LEADING_TERM_OFF(), off.max(), MOST_OFF, stat.EXACT, n=CHECKED)
     )
@@ -110,40 +116,49 @@ def artifact_of(named: Mapping[str, Any]) -> str:
     return f"attitude-geometries-{noise}-{frame}-{count}.npz"
 
 
-def regular_geometries(frame: str) -> Iterator[tuple[int, Truth, TwoVectorGeometry]]:
-    """Numbered geometries, without those that are singular for theory."""
-    for number in count():
-        q, r1, r2 = random_geometry(number)
-        chosen = "plain" if frame == "plain" else None
-        try:
-            yield number, (q, r1, r2), two_vector_geometry(q, r1, r2, chosen)
-        except GeometryError:
-            continue
+def regular_geometries(frame: str, count: int) -> tuple[NDArray[np.intp], Truths]:
+    """The first numbered geometries that are not singular for theory."""
+    drawn = count
+    while True:
+        q, r1, r2 = map(np.stack, zip(*map(random_geometry, range(drawn)), strict=True))
+        norms = np.abs(column_norms(q, r1, r2))
+        lengths = norms[:, -1] if frame == "plain" else norms.max(axis=1)
+        regular = np.flatnonzero(lengths >= MIN_NORM)[:count]
+        if len(regular) == count:
+            return regular, (q[regular], r1[regular], r2[regular])
+        drawn += count
 
 
-def _leading(geometry: TwoVectorGeometry, noise: Array) -> tuple[Array, Array]:
-    # leading errors over the linear one's, (n, 2), and that, in the turned frames
+def _leading(
+    geometry: TwoVectorGeometry, noise: Array
+) -> tuple[Array, tuple[Array, Array]]:
+    # leading error of the linear formula and of those compared, in the turned frame
     moments = scaled_error_moments(geometry, noise)
     q, P = moments.q, moments.P
     leading = complete_fourth_covariance(moments) - second_order_covariance(q, P)
     bias = second_order_bias(q, P)
     square = bias[:, :, None] * bias[:, None, :]
-    errors = np.stack([leading - quadratic_covariance(q, P), leading - square], axis=1)
-    size = np.linalg.norm(leading, axis=(1, 2))
-    return np.linalg.norm(errors, axis=(2, 3)) / size[:, None], leading
+    return leading, (leading - quadratic_covariance(q, P), leading - square)
 
 
-def _extrapolated(truth: Truth, geometry: TwoVectorGeometry, noise: Array) -> Array:
+def _extrapolated(
+    truths: Truths, geometry: TwoVectorGeometry, noise: Array, frame: str | None
+) -> Array:
     # the term in sigma^4 from exact moments at two noise levels, free of sigma^6
     terms = []
     for size in (geometry.norm / RATIO, 0.5 * geometry.norm / RATIO):
+        scale = size[:, None, None]
         exact, linear = (
-            attitude_moments(*truth, size**2 * noise, order, geometry.frame)
+            attitude_moments(*truths, scale[..., None] ** 2 * noise, order, frame)
             for order in ("exact", 2)
         )
-        terms.append((exact.covariance - linear.covariance) / size**4)
-    found: Array = geometry.back.T @ (4.0 * terms[1] - terms[0]) @ geometry.back / 3.0
-    return found
+        terms.append((exact.covariance - linear.covariance) / scale**4)
+    back = geometry.back
+    return back.swapaxes(1, 2) @ (4.0 * terms[1] - terms[0]) @ back / 3.0
+
+
+def _length(matrices: Float[Array, "n 4 4"]) -> Float[Array, " n"]:
+    return np.asarray(np.linalg.norm(matrices, axis=(1, 2)))
 
 
 FIGURES = (

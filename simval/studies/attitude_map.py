@@ -13,7 +13,6 @@ helps near a singularity.
 """
 
 from collections.abc import Mapping
-from itertools import islice
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -64,9 +63,10 @@ class Parameters(StudyParameters):
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Find the quantiles of one cell."""
-    numbered = regular_geometries(parameters.frame)
-    drawn = [*islice(numbered, parameters.geometries)]
-    limits = [limits_of(truth, RATIOS, geometry.frame) for _, truth, geometry in drawn]
+    _, truths = regular_geometries(parameters.frame, parameters.geometries)
+    frame = "plain" if parameters.frame == "plain" else None
+    drawn = [*zip(*truths, strict=True)]
+    limits = [limits_of(truth, RATIOS, frame) for truth in drawn]
     rows: list[Row] = []
     artifact = {"searched": RATIOS[[0, -1]]}
     for order, part, share in limits[0]:
@@ -79,7 +79,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             entries = part, share, name
             rows += unjudged(LIMIT_RATIO(*entries), ratio, predictor=label)
             rows += unjudged(NEXT_ORDER(*entries), rho, predictor=label)
-    found = [nearer(truth, geometry.frame) for _, truth, geometry in drawn]
+    found = [nearer(truth, frame) for truth in drawn]
     entries_of = [f"{ratio:g}" for ratio in NEAR]
     for label, shares in zip(HIGHER.values(), np.mean(found, axis=0), strict=True):
         rows += unjudged(NEARER_AT.each(entries_of), shares, predictor=label)
@@ -93,7 +93,7 @@ def artifact_of(named: Mapping[str, Any]) -> str:
 
 
 def limits_of(
-    truth: Truth, ratios: Float[Array, " n"], frame: str
+    truth: Truth, ratios: Float[Array, " n"], frame: str | None
 ) -> dict[Limit, tuple[float, float]]:
     """Where each formula is off by each share: |qbar|/sigma and rho there.
 
@@ -114,7 +114,7 @@ def limits_of(
     return limits
 
 
-def nearer(truth: Truth, frame: str) -> Bool[NDArray[np.bool_], "2 n"]:
+def nearer(truth: Truth, frame: str | None) -> Bool[NDArray[np.bool_], "2 n"]:
     """True at each of `NEAR` where a formula is nearer than the second order."""
     noise = (attitude_moments(*truth, 1e-3, 2, frame).norm / NEAR)[:, None]
     found = {o: attitude_moments(*truth, noise, o, frame) for o in PREDICTORS}

@@ -289,10 +289,10 @@ def normalized_noise(
 
 
 def tangent_covariances(
-    vectors: Float[Array, "4 3"], std: Any
-) -> Float[Array, "4 3 3"]:
+    vectors: Float[Array, "... 4 3"], std: Any
+) -> Float[Array, "... 4 3 3"]:
     r"""Covariances of noise in the plane tangent to each unit vector."""
-    planes = np.eye(3) - vectors[:, :, None] * vectors[:, None, :]
+    planes = np.eye(3) - vectors[..., :, None] * vectors[..., None, :]
     return np.broadcast_to(np.asarray(std), (4,))[:, None, None] ** 2 * planes
 
 
