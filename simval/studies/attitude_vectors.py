@@ -172,9 +172,8 @@ class Setting:
 
     def estimates(self, body: Float[Array, "t n 3"]) -> dict[str, Array]:
         """Attitudes of each estimator, in the order of `predicted`."""
-        references = np.broadcast_to(self.references, body.shape)
         found = {
-            name: wahba_quaternion(body, references, weights)
+            name: wahba_quaternion(body, self.references, weights)
             for name, weights in self.weights.items()
         }
         for name, frame in self.frames.items():
@@ -184,14 +183,13 @@ class Setting:
 
     def stated(self, name: str, body: Float[Array, "t n 3"]) -> Float[Array, "t 3 3"]:
         """Covariance that a least squares states for each sample."""
-        given = body, np.broadcast_to(self.references, body.shape), self.noise_std
+        given = body, self.references, self.noise_std
         weights = {"weighted": None}.get(name, self.weights[name])
         return wahba_covariance(*given, weights)
 
     def losses(self, body: Float[Array, "t n 3"]) -> Float[Array, " t"]:
         """Loss of the best attitude of each sample."""
-        references = np.broadcast_to(self.references, body.shape)
-        return consistency(body, references, self.noise_std).statistic
+        return consistency(body, self.references, self.noise_std).statistic
 
     def features(self, body: Float[Array, "t n 3"]) -> Float[Array, "t m"]:
         """Squared errors over predicted, normalised square, and loss, by sample."""
@@ -442,15 +440,19 @@ def _stated_rows(setting: Setting) -> tuple[Row, ...]:
 
 def _order_rows(setting: Setting) -> Iterator[Row]:
     """Covariance of least squares by second and by fourth order, against cubature."""
-    for name, weights in setting.weights.items():
+    names = [*setting.weights]
+
+    def signed(*body: Array) -> Array:
+        found = setting.estimates(np.stack(body, axis=1))
+        turned = [found[k] * np.sign(found[k] @ setting.q)[:, None] for k in names]
+        return np.concatenate(turned, axis=1)
+
+    noise = setting.std[:, None, None] ** 2 * np.eye(3)
+    truth = np.tile(setting.q, len(names))
+    all_true = cubature_moments(signed, setting.body, noise, truth, 7).covariance
+    for k, (name, weights) in enumerate(setting.weights.items()):
+        true = all_true[4 * k : 4 * k + 4, 4 * k : 4 * k + 4]
         given = setting.q, setting.references, setting.noise_std.reshape(-1), weights
-
-        def signed(*body: Array, name: str = name) -> Array:
-            found = setting.estimates(np.stack(body, axis=1))[name]
-            return found * np.sign(found @ setting.q)[:, None]
-
-        noise = setting.std[:, None, None] ** 2 * np.eye(3)
-        true = cubature_moments(signed, setting.body, noise, setting.q, 7).covariance
         try:
             moments = [wahba_moments(*given, order) for order in (2, 4)]
         except RefusedError:  # rounding counts: not judged

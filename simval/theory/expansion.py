@@ -440,7 +440,7 @@ def two_vector_direction(
 
 def unit(v: Shaped[Array, "... m"]) -> Shaped[Array, "... m"]:
     """Direction of vectors, of numbers or of power series."""
-    direction: Array = v / np.sqrt(np.sum(v * v, axis=-1, keepdims=True))
+    direction: Array = v * np.sum(v * v, axis=-1, keepdims=True) ** -0.5
     return direction
 
 

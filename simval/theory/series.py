@@ -296,7 +296,10 @@ def series_moments(
     estimate = _estimated(estimator, _noisy(centre, root, tables))
     errors = [_without_constant(-1.0 * number) for number in estimate]
     bias = np.array([error.mean() for error in errors])
-    second = np.array([[(a * b).mean() for b in errors] for a in errors])
+    # means of products, from those monomials alone whose mean is not 0
+    E, kept = np.stack([e.coefficients for e in errors]), tables.means[tables.target]
+    even = np.flatnonzero(kept)
+    second = (E[:, tables.left[even]] * kept[even]) @ E[:, tables.right[even]].T
     # bias bias' only through the order kept
     lowest = [np.array([_mean_of_degree(e, d) for e in errors]) for d in (2, 4)]
     square = np.outer(lowest[0], lowest[0]) if order >= 4 else 0.0

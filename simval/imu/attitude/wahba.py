@@ -314,24 +314,39 @@ def _pairs(b: Any, r: Any) -> tuple[Array, Array, Codes]:
         )
         raise InputError(msg)
     try:
-        vectors = np.stack(np.broadcast_arrays(body, reference))
+        shape = np.broadcast_shapes(body.shape, reference.shape)
     except ValueError:
         msg = (
             f"`b` has shape {body.shape} and `r` {reference.shape}, whose leading axes "
             "do not match; give one set per sample, or one for all"
         )
         raise InputError(msg) from None
+    codes: Codes = np.zeros(shape[:-2], dtype=np.int8)
+    # of what is one for all samples once
+    checked = [_unit_vectors(vectors) for vectors in (body, reference)]
+    units, flaws = zip(*checked, strict=True)
+    for code in flaws[0]:
+        codes[np.broadcast_to(flaws[0][code] | flaws[1][code], codes.shape)] = code
+    unit = [np.broadcast_to(each, shape) for each in units]
+    if codes.any():
+        unit = [each.copy() for each in unit]
+        for each in unit:
+            each[codes != 0] = np.eye(3)[np.arange(n) % 3]
+    return unit[0], unit[1], codes
+
+
+def _unit_vectors(vectors: Float[Array, "... n 3"]) -> tuple[Array, dict[int, Any]]:
+    # and where they cannot be used, the gravest reason last
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
         lengths = np.linalg.norm(vectors, axis=-1)
     inside = (lengths > LENGTHS[0]) & (lengths < LENGTHS[1])
     unit = normalize(np.where(inside[..., None], vectors, 1.0))
     sines = np.linalg.norm(cross(unit[..., :1, :], unit), axis=-1).max(axis=-1)
-    codes: Codes = np.zeros(vectors.shape[1:-2], dtype=np.int8)
-    codes[~(sines >= MIN_SINE).all(axis=0)] = Validity.COLLINEAR
-    codes[~inside.all(axis=(0, -1))] = Validity.LENGTH
-    codes[~np.isfinite(vectors).all(axis=(0, -1, -2))] = Validity.NOT_FINITE
-    unit[:, codes != 0] = np.eye(3)[np.arange(n) % 3]
-    return unit[0], unit[1], codes
+    return unit, {
+        Validity.COLLINEAR: ~(sines >= MIN_SINE),
+        Validity.LENGTH: ~inside.all(axis=-1),
+        Validity.NOT_FINITE: ~np.isfinite(vectors).all(axis=(-1, -2)),
+    }
 
 
 def _variances(noise_std: Any, n: int) -> Float[Array, " n"]:
