@@ -113,18 +113,17 @@ def _slopes(
 ) -> Iterator[Row]:
     """Rows of the greatest column, or of all combined: three levels suffice there."""
     levels = np.array(LEVELS[:: 2 if frame else 1])
-    noises = [level**2 * shape for level in levels]
+    noises = levels[:, None, None, None] ** 2 * shape
     truths = [_truth(truth, noise, frame) for noise in noises]
     of = () if frame is None else (frame,)
     for order, slope in ORDERS.items():
         if frame and order == "4-paper":  # the source's is of one frame
             continue
         label = PREDICTORS[order]
-        found = [attitude_moments(*truth, n, order, frame) for n in noises]
+        found = attitude_moments(*truth, noises, order, frame)
         for part, (order_of, error_of) in FAMILIES.items():
-            pairs = zip(found, truths, strict=True)
-            off = [getattr(a, part) - getattr(b, part) for a, b in pairs]
-            gap = np.array([np.linalg.norm(each) for each in off])
+            off = getattr(found, part) - [getattr(each, part) for each in truths]
+            gap = np.linalg.norm(off.reshape(len(levels), -1), axis=1)
             fitted, value = gap > FLOOR, float("nan")  # which is judged inconclusive
             if fitted.sum() >= 2:
                 logs = np.log(levels)[fitted], np.log(gap[fitted])

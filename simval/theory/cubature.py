@@ -292,16 +292,13 @@ def _moments(
         raise RefusedError(msg)
     # Deviations from the centre's estimate: its weight, some hundred, would
     # otherwise multiply a rounding error of order 1.
-    error = estimate[_centre(points)] - estimate
+    middle = estimate[np.argmin(np.vecdot(points, points))]
+    error = middle - estimate
     shift = weights @ error
-    bias = target - estimate[_centre(points)] + shift
+    bias = target - middle + shift
     deviation = error - shift
     covariance = (weights[:, None] * deviation).T @ deviation
     return Moments(bias=bias, covariance=(covariance + covariance.T) / 2.0)
-
-
-def _centre(points: Float[Array, "n dimension"]) -> int:
-    return int(np.argmin(np.abs(points).max(axis=1)))
 
 
 def joint_root(name: str, covariances: Any, vectors: Array) -> Float[Array, "m m"]:
