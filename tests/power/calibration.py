@@ -89,7 +89,7 @@ def bent(factor, some=FOURTH):
     return row(changed)
 
 
-scene_fault = partial(Fault, "scene", "scene", scene, "simulate")
+scene_fault = partial(Fault, "scene", "scene", scene, "checked_trajectory")
 chain = partial(Fault, "calibration")
 sensor = partial(chain, "sensor", AccelerometerModel, "distort")
 calibrator = partial(chain, "calibrator", calibration, "calibrate")
@@ -106,7 +106,9 @@ ACCELEROMETER = (
         "a detector a window late", result(hold=lambda r: np.roll(r.hold, 200))
     ),
     scene_fault("a body that trembles", result(specific_force=trembling)),
-    scene_fault("six faces only", told_instead(poses=FACES)),
+    Fault(
+        "scene", "scene", scene, "plan_run", "six faces only", told_instead(poses=FACES)
+    ),
     chain(
         "scene", calibration, "simulated_rests", "rests cut a window late", then(moving)
     ),

@@ -277,7 +277,7 @@ below = partial(found, detector, "intervals_below")
 magnitude = partial(found, detector, "variance_magnitude")
 RESTS = (
     smoke(
-        "scene", "scene", scene, "simulate", "rests a row late",
+        "scene", "scene", scene, "checked_trajectory", "rests a row late",
         result(hold=lambda r: np.roll(r.hold, 1)),
     ),
     smoke(
