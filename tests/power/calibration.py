@@ -222,9 +222,9 @@ def instant(_, run, every=1):
     return np.asarray(run.angular_velocity[::every])
 
 
-def force_felt(original, tumble, parameters):
+def force_felt(original, tumble, parameters, *steps):
     # 1e-3 rad/s for each g, which nobody takes out
-    original(tumble, parameters)
+    original(tumble, parameters, *steps)
     run = simulate_cached(
         "gimbal", poses=parameters.poses, first_hold=20.0,
         move_time=parameters.move_time,
