@@ -232,10 +232,9 @@ def compare_runs(a: Run, b: Run, alpha: float = ALPHA) -> RunComparison:
         before = {row.key: row for row in old.rows}
         after = {row.key: row for row in new.rows}
         pairs += _pairs_of(old, new, before, after)
-        both = set(before) & set(after)
-        if len(both) < max(len(before), len(after)):
-            only_a += [f"{old.name} {_named(key)}" for key in before if key not in both]
-            only_b += [f"{new.name} {_named(key)}" for key in after if key not in both]
+        if before.keys() != after.keys():
+            only_a += [f"{old.name} {_named(k)}" for k in before if k not in after]
+            only_b += [f"{new.name} {_named(k)}" for k in after if k not in before]
     return RunComparison(
         differences=tuple(sorted(_judged(pairs, alpha), key=_rank)),
         only_a=tuple(only_a),
@@ -268,7 +267,7 @@ class Pair(NamedTuple):
     new: CellResult
     a: Row
     b: Row
-    theories: tuple[str, ...]
+    theories: list[str]
 
 
 def _pairs_of(
@@ -277,7 +276,7 @@ def _pairs_of(
     before: Mapping[tuple[Statistic, str], Row],
     after: Mapping[tuple[Statistic, str], Row],
 ) -> list[Pair]:
-    merged: dict[tuple[object, ...], tuple[Row, Row, list[str]]] = {}
+    merged: dict[tuple[object, ...], Pair] = {}
     for key, a in before.items():
         b = after.get(key)
         if b is None:
@@ -285,9 +284,9 @@ def _pairs_of(
         # apart where theory moved or a limit judges, so that neither is lost
         own = key[1] if a.check == "limit" or prediction_changed(a, b) else ""
         measured = (a.value, a.standard_error, b.value, b.standard_error)
-        entry = merged.setdefault((key[0], own, *measured), (a, b, []))
-        entry[2].append(key[1])
-    return [Pair(old, new, a, b, tuple(names)) for a, b, names in merged.values()]
+        pair = merged.setdefault((key[0], own, *measured), Pair(old, new, a, b, []))
+        pair.theories.append(key[1])
+    return list(merged.values())
 
 
 def prediction_changed(a: Row, b: Row) -> bool:
@@ -360,7 +359,7 @@ def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
             b=b,
             kind=kinds[i],
             p_value=float(p[i]) if sampled[i] else None,
-            predictors=theories,
+            predictors=tuple(theories),
         )
 
 
