@@ -1,19 +1,22 @@
-"""Races of the simulation of a scene, and of the Allan variance."""
+"""Races of the simulation of a scene, of Allan variances, noise and windows."""
 
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
+import scipy
 
 from benchmarks.race import Contender, race
-from simval.imu.noise import allan_variance
+from simval.imu.noise import allan_variance, averaging_counts, noise_of
+from simval.imu.statics.detector import WINDOW, variance_magnitude
 from simval.scene.physics import captured_messages, mujoco, roll_out
 from simval.scene.run import plan_run
 
 TOGETHER = 8  # as `many` takes
 MOST_STEPS = 10_000  # for the time of a race
 ROWS = 1_000_000
+SIGNALS, READINGS = 12, 30_000
 LENGTHS = 40  # averaging times, evenly on a log scale to a tenth of the rows
 AGREEMENT = 1e-9
 """Relative. Chosen: the running sum of a million normals, some 1e3, has lost 1e-13 a
@@ -95,3 +98,75 @@ def _allantools(rate, counts):
 
     found = allantools.oadev(rate, rate=1.0, data_type="freq", taus=counts)
     return np.asarray(found[1]) ** 2
+
+
+@race("noise", "Noise models of signals at rest", "signals")
+def noise() -> list[Contender]:
+    """List the ways to noise coefficients; the reference weighs three terms in SciPy.
+
+    It has no covariance of the variances, intervals or choice of terms.
+    """
+    rng = np.random.default_rng(1)
+    steps = rng.standard_normal((2, READINGS, SIGNALS))
+    signals = steps[0] + 0.01 * np.cumsum(steps[1], axis=0)
+    counts = averaging_counts(READINGS)
+    law = np.stack(
+        [1.0 / counts, np.full(len(counts), np.log(4.0) / np.pi), counts / 3]
+    )
+
+    def weighed():
+        ones = np.ones(len(counts))
+        variances = [_second_differences(each, counts) for each in signals.T]
+        return [scipy.optimize.nnls((law / each).T, ones)[0] for each in variances]
+
+    def alone():
+        return [noise_of(each, 100.0)[0] for each in signals.T]
+
+    def together():
+        return noise_of(signals, 100.0)
+
+    def seen(found):
+        return {"squares": ([axis.squares for axis in found], AGREEMENT)}
+
+    return [
+        Contender(
+            "NumPy and scipy nnls, data unchecked", SIGNALS, weighed,
+            other="three terms, no intervals",
+        ),
+        Contender("simval, one signal at a time", SIGNALS, alone, seen),
+        Contender("simval, all signals at once", SIGNALS, together, seen),
+    ]  # fmt: skip
+
+
+@race("windows", "Variances of the window around each reading of three axes", "rows")
+def windows() -> list[Contender]:
+    """List the ways to them; the reference is NumPy's variance of each window."""
+    samples = np.random.default_rng(0).standard_normal((READINGS, 3))
+    half = WINDOW // 2
+
+    def view():
+        each = np.lib.stride_tricks.sliding_window_view(samples, WINDOW, axis=0)
+        return np.sqrt((each.var(axis=-1, ddof=1) ** 2).sum(axis=-1))
+
+    def filtered():
+        mean, square = (
+            scipy.ndimage.uniform_filter1d(each, WINDOW, axis=0)[half:-half]
+            for each in (samples, samples**2)
+        )
+        variance = (square - mean**2) * WINDOW / (WINDOW - 1)
+        return np.sqrt((variance**2).sum(axis=-1))
+
+    def simval():
+        return variance_magnitude(samples)[half:-half]
+
+    def seen(found):
+        return {"variances": (found, 0.5 * AGREEMENT)}
+
+    return [
+        Contender(name, READINGS, run, seen)
+        for name, run in {
+            "numpy var of a view, data unchecked": view,
+            "scipy uniform_filter1d, data unchecked": filtered,
+            "simval": simval,
+        }.items()
+    ]

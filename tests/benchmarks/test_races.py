@@ -66,9 +66,9 @@ SMALL = {
     filters: {"ROWS": 20, "TRIALS": 8},
     gyroscope: {"TRIALS": 2, "BLOCK": 2, "POSES": 16},
     judging: {"ROWS": 3000, "CURVES": 10},
-    rest: {"ROWS": 20_000, "MOST_STEPS": 50},
+    rest: {"ROWS": 20_000, "MOST_STEPS": 50, "SIGNALS": 2},
 }
-SLOW = {"gyroscope", "estimators", "predictions", "log"}
+SLOW = {"gyroscope", "estimators", "predictions", "log", "noise"}
 
 
 @pytest.mark.parametrize(
