@@ -111,7 +111,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell: a twentieth of a second for a million samples."""
-        return Cost(0.05 + 5e-8 * self.samples, 97)
+        return Cost(0.05 + 1.8e-7 * self.samples, 97)
 
 
 def random_geometry(number: int) -> Truth:

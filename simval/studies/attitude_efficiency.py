@@ -68,7 +68,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        return Cost(1.0 + 3e-5 * self.geometries * self.trials, 20)
+        return Cost(0.1 + 5e-6 * self.geometries * self.trials, 20)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:

@@ -76,7 +76,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell: 1.5 ms a geometry, and the exact moments of some."""
-        return Cost(0.2 + 1.5e-3 * self.geometries, 13)
+        return Cost(0.05 + 4e-4 * self.geometries, 13)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:

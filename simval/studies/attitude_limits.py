@@ -48,7 +48,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        return Cost(0.2 + 6e-7 * self.samples, 20)
+        return Cost(0.05 + 3e-7 * self.samples, 20)
 
 
 def geometry_of_norm(norm: float) -> Truth:

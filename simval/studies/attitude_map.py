@@ -58,7 +58,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell: 26 exact answers a geometry."""
-        return Cost(0.1 * self.geometries, 120)
+        return Cost(0.026 * self.geometries, 120)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:

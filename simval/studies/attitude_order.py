@@ -80,7 +80,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        return Cost(0.3, 80)
+        return Cost(0.08, 80)
 
 
 @refusing("give another `geometry`")

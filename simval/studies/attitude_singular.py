@@ -128,7 +128,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        return Cost(0.1 + 2e-5 * self.samples, 50)
+        return Cost(0.02 + 1.5e-5 * self.samples, 50)
 
 
 def turn(axis: Float[Array, "3"], half_sine: float) -> Float[Array, "4"]:

@@ -132,10 +132,10 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        closed_forms = 2e-5 * self.samples * (self.vectors == 2)
-        orders = 0.02 * self.vectors**2
+        closed_forms = 1.5e-5 * self.samples * (self.vectors == 2)
+        orders = 0.01 * self.vectors**2
         return Cost(
-            0.3 + orders + 3e-6 * self.samples * self.vectors + closed_forms, 50
+            0.05 + orders + 2e-6 * self.samples * self.vectors + closed_forms, 50
         )
 
 

@@ -103,7 +103,7 @@ class Parameters(StudyParameters):
         """Cost of a cell: the tumble once, then every sample of every trial."""
         readings = self.poses * self.hold_time * 500.0  # at 500 Hz
         trials = self.trials if self.noise_std > 0.0 else 0
-        seconds = 0.006 * self.poses + trials * (5e-5 + 1e-7 * readings)
+        seconds = 5e-4 * self.poses + trials * (2e-5 + 7e-8 * readings)
         return Cost(seconds, 44 if trials else 3)
 
 

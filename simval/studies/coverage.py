@@ -75,7 +75,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell: one fit with its covariance for each trial."""
-        return Cost(self.trials * (4e-5 + 1e-6 * self.poses), 12)
+        return Cost(self.trials * (2.5e-5 + 2e-7 * self.poses), 12)
 
 
 @refusing("lower `noise_std` or give more `poses`")

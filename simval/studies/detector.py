@@ -105,7 +105,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        return Cost(0.2 + self.trials * (6e-4 + 8e-5 * self.poses), 20)
+        return Cost(0.1 + self.trials * (3e-4 + 3e-5 * self.poses), 20)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

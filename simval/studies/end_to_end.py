@@ -70,7 +70,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        one = 1.8e-3 + 1.5e-4 * self.poses + 2.4e-5 * self.attitudes
+        one = 7e-4 + 1e-4 * self.poses + 2e-5 * self.attitudes
         return Cost(0.2 + one * self.trials, 22)
 
 

@@ -222,7 +222,7 @@ class Parameters(AlgorithmParameters):
         """Cost of a cell: a filter of many trials at once, or one by one."""
         steps = self.rate * self.seconds * self.trials
         own = self.algorithm.startswith("simval:")
-        return Cost(2.0 + steps * (1.2e-5 if own else 1e-4), 150)
+        return Cost(0.3 + steps * (1e-6 if own else 1e-4), 150)
 
     @model_validator(mode="after")
     def _require_scenario(self) -> Self:

@@ -93,7 +93,7 @@ class Parameters(StudyParameters):
     def cost(self) -> Cost:
         """Cost of a cell: the scene, and a fit for each trial."""
         rows = self.poses * (self.move_time + 1.6) * 5.0 / self.every
-        return Cost(1.0 + 7e-5 * rows * self.trials, 20)
+        return Cost(1.0 + 5e-5 * rows * self.trials, 20)
 
 
 class Tumble:

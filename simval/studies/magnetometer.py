@@ -123,7 +123,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell: both calibrations for each trial."""
-        return Cost(0.8 + self.trials * (2e-4 + 2.5e-5 * self.poses), 102)
+        return Cost(0.2 + self.trials * (8e-5 + 1.2e-5 * self.poses), 102)
 
 
 def true_magnetometer() -> MagnetometerModel:

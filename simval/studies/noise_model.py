@@ -105,9 +105,9 @@ class Parameters(StudyParameters):
         """Cost of a cell: a draw, a fit and its intervals, for each signal."""
         choices = self.estimate == "chosen"
         signals = 2 * self.trials // FEWER if choices else self.trials
-        costs = {"fitted": 7e-4, "intervals": 0.004, "chosen": 0.025}
+        costs = {"fitted": 3e-4, "intervals": 0.001, "chosen": 0.02}
         fit = costs.get(self.estimate, 0.0)
-        return Cost(0.2 + signals * (fit + 4e-4 + 2e-7 * self.rows), 40)
+        return Cost(0.2 + signals * (fit + 1.3e-7 * self.rows), 40)
 
 
 class Theory:

@@ -48,7 +48,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        return Cost(0.05 + 4e-8 * self.blocks * self.numbers, 11)
+        return Cost(0.05 + 1.5e-7 * self.blocks * self.numbers, 11)
 
 
 def run(parameters: Parameters, streams: Streams) -> Outcome:

@@ -45,7 +45,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        return Cost(2.0, 5)
+        return Cost(0.5, 5)
 
 
 @refusing("give more `poses`")

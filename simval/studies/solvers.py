@@ -76,7 +76,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        return Cost(0.3, 14)
+        return Cost(0.1, 14)
 
 
 @refusing("lower `noise_std` or give more `poses`")

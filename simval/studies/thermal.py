@@ -60,7 +60,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell: two fits for each trial."""
-        return Cost(self.trials * (2e-4 + 1.2e-5 * self.poses), 50)
+        return Cost(self.trials * (5e-5 + 3e-6 * self.poses), 50)
 
 
 def offsets(poses: int, span: float) -> Float[Array, " n"]:

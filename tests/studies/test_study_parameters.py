@@ -171,7 +171,7 @@ def test_drawn_parameters_of_cheap_studies(study):
 @pytest.mark.parametrize("study", DRAWN)
 def test_drawn_parameters_of_every_study(study):
     long = study in ("attitude_geometries", "filter", "noise_model")
-    for parameters in drawn(study, *((40, 20.0) if long else (200, 3.0))):
+    for parameters in drawn(study, *((40, 3.0) if long else (200, 1.0))):
         answer(study, parameters)
 
 
