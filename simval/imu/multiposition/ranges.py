@@ -1,18 +1,22 @@
 """Ends of a sensor's range, and units of its axes: readings that tell nothing."""
 
 import numpy as np
+import scipy
 
 from simval.arrays import Array
 from simval.errors import RefusedError, SaturatedError
 from simval.imu.logs import Log
 from simval.imu.multiposition.rests import AXES
-from simval.imu.noise.fit import rows_to_a_reading
+from simval.imu.noise.fit import SHARE, rounding_step, rows_to_a_reading
 from simval.imu.statics import Intervals
 from simval.shapes import Float
 
 # A rail half a standard deviation above the mean of a rest holds so many of its
 # readings (0.31 of white noise), and takes 0.2 of one off the mean.
 _RAIL_SHARE = 0.3
+_MISSED = 14.0
+"""Readings that noise puts beyond a rail, and are not there: a chance of 1e-6 of a
+rest, and a coarse converter has rests of which a third to all read the same."""
 RAIL = 3
 """Readings in a row at the greatest or least reading of an axis that may be a rail."""
 
@@ -28,8 +32,8 @@ units in use, standard gravities and m/s^2, differ by 9.8, and no two axes by 2.
 def require_unsaturated(log: Log, intervals: Intervals, limit: float | None) -> None:
     """Refuse a log that has a rest with readings at the end of the range.
 
-    Many readings at exactly the log's extreme are at a rail, if the noise elsewhere is
-    enough that readings do not repeat by themselves.
+    Many readings at exactly the log's extreme are at a rail, if the noise of the rests
+    would have put more of them beyond it.
 
     Raises
     ------
@@ -40,9 +44,10 @@ def require_unsaturated(log: Log, intervals: Intervals, limit: float | None) -> 
     for sign in (1.0, -1.0):
         top = (sign * samples).max(axis=0)
         parts = [sign * samples[start:stop] for start, stop in intervals]
-        own = np.array([(part == part.max(axis=0)).mean(axis=0) for part in parts])
-        at_rail = np.array([(part == top).mean(axis=0) for part in parts])
-        stuck = (at_rail >= _RAIL_SHARE) & (np.median(own, axis=0) < _RAIL_SHARE / 3)
+        at_top = np.array([(part == top).mean(axis=0) for part in parts])
+        stuck = at_top >= _RAIL_SHARE
+        if stuck.any():
+            stuck &= _missed(samples, parts, at_top) > _MISSED
         if limit is not None:
             stuck |= np.array([(part >= limit).any(axis=0) for part in parts])
         if stuck.any():
@@ -55,6 +60,21 @@ def require_unsaturated(log: Log, intervals: Intervals, limit: float | None) -> 
                 "the force: cut that rest out, or record with a wider range"
             )
             raise SaturatedError(msg)
+
+
+def _missed(
+    samples: Float[Array, "n 3"], parts: list[Array], at_top: Float[Array, "rests 3"]
+) -> Float[Array, "rests 3"]:
+    # readings beyond the greatest one of each rest, by the share of these, white noise
+    # and its rounding
+    steps = np.array([rounding_step(axis) for axis in samples.T])
+    variance = np.median([part.var(axis=0) for part in parts], axis=0)
+    least = np.finfo(float).tiny  # of a sensor that rests at one value: none beyond
+    sigma = np.sqrt(np.maximum(variance - steps**2 / SHARE, least))
+    sizes = np.array([[len(part)] for part in parts]) / rows_to_a_reading(samples)
+    share = np.minimum(at_top, 1.0 - 0.5 / sizes)
+    beyond = scipy.special.ndtr(scipy.special.ndtri(share) - steps / sigma)
+    return np.asarray(sizes * beyond)
 
 
 def require_alive(log: Log, name: str, samples: Float[Array, "n 3"]) -> None:
