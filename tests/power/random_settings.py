@@ -188,7 +188,7 @@ SETTINGS: Final[Mapping] = MappingProxyType(
         "thermal": sampled(
             thermal, poses=(24, 60), temperature_span=(10.0, 60.0), trials=FEW
         ),
-        "gyroscope": sampled(gyroscope, poses=(13, 17), trials=256),
+        "gyroscope": sampled(gyroscope, poses=(13, 25), trials=256),
         "magnetometer": sampled(
             magnetometer,
             poses=(30, 100), dip_deg=(-75.0, 75.0), field_noise=(1e-4, 5e-3),
