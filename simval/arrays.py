@@ -56,9 +56,10 @@ def physical_array(
     name: str, value: Any, tail: Sequence[int | None], most: float = GREATEST
 ) -> Array:
     """`finite_array` of values whose powers can be worked with."""
-    array = finite_array(name, value, tail)
+    array = shaped_array(name, value, tail)
     greatest = float(max(np.max(array, initial=0.0), -np.min(array, initial=0.0)))
     if not greatest <= most:
+        finite_array(name, array, tail)
         msg = (
             f"`{name}` has a value of {greatest:g}, beyond {most:g}; no sensor "
             "reads that, so check its unit"
