@@ -53,6 +53,7 @@ SLOWEST_NOISE = 0.3  # s
 WHITE = 1.5  # white noise has 1, with 50 ticks less than this in all but 1e-4 of rests
 SLOWEST = 5.0  # Hz; windows of 5 ticks: every rest of test_rests.py still found
 CLOCK_ERROR = 0.01  # relative; of a nominal rate
+_CACHED = 1 << 14  # samples worked at once: arrays of 400 kB stay in the cache
 
 
 def variance_magnitude(
@@ -80,53 +81,41 @@ def variance_magnitude(
 
     Notes
     -----
-    Each window is the end of one block of `window` samples and the start of the next.
-    Sums run along a block over data centred by it, and those of the next are moved to
-    the same centre: no sum is longer than a window, so a rest late in a long log of
-    large counts loses no digits.
+    A log is cut into blocks of a window. A window that starts within a block loses the
+    samples of that block one by one and gains those of the next, both less the block's
+    mean: no sum is longer than a window, so a rest late in a long log of large counts
+    loses no digits.
     """
     window = whole_number("window", window, 3)
     samples = checked_samples(samples, window)
-    n, half = len(samples), window // 2
-    blocks = n // window + 1
-    squared = np.zeros(n - window + 1)
-    steps = np.arange(window)
-    for axis in samples.T:  # one at a time stays in the cache
-        padded = np.empty(blocks * window)
-        padded[:n], padded[n:] = axis, axis[-1]
-        cube = padded.reshape(blocks, window)
-        centre = cube.mean(axis=1, keepdims=True)
-        cube -= centre
-        sums, whole = _sums_before(cube)
-        cube *= cube
-        squares, whole_squares = _sums_before(cube)
-        # of a window from offset o of a block: o samples are in the next one
-        head, shift = sums[1:], np.diff(centre, axis=0)
-        moved = shift * steps
-        total = whole[:-1] - sums[:-1]
-        total += head
-        total += moved
-        total *= total
-        total /= window
-        spread = whole_squares[:-1] - squares[:-1]
-        spread += squares[1:]
-        moved += 2.0 * head
-        moved *= shift
-        spread += moved
-        spread -= total
-        np.maximum(spread, 0.0, out=spread)
-        spread *= spread
-        squared += spread.ravel()[: len(squared)]
+    n, half, count = len(samples), window // 2, len(samples) // window
+    padded = np.concatenate([samples, np.broadcast_to(samples[-1], (window, 3))])
+    squared, size = np.empty((count, window)), max(1, _CACHED // window)
+    for block in range(0, count, size):
+        stop = min(block + size, count)
+        rows = padded[block * window : (stop + 1) * window].reshape(-1, window, 3)
+        # one step of all windows after the other: sums over these are long operations
+        cube = np.ascontiguousarray(rows.transpose(1, 2, 0))
+        centre = cube[..., :-1].mean(axis=0)
+        old, new = cube[..., :-1] - centre, cube[..., 1:] - centre
+        sums, squares = np.empty_like(old), np.empty_like(old)
+        sums[0], squares[0] = old.sum(axis=0), np.sum(old * old, axis=0)
+        np.subtract(new[:-1], old[:-1], out=sums[1:])
+        np.add(new[:-1], old[:-1], out=squares[1:])
+        squares[1:] *= sums[1:]
+        for k in range(1, window):
+            sums[k] += sums[k - 1]
+            squares[k] += squares[k - 1]
+        sums *= sums
+        sums /= window
+        squares -= sums
+        np.maximum(squares, 0.0, out=squares)
+        squares *= squares
+        squared[block:stop] = squares.sum(axis=1).T
     result = np.full(n, np.inf)
-    result[half : n - half] = np.sqrt(squared) / (window - 1)
+    whole = squared.ravel()[: n - window + 1]
+    result[half : n - half] = np.sqrt(whole) / (window - 1)
     return result
-
-
-def _sums_before(values: Float[Array, "m k"]) -> tuple[Float[Array, "m k"], Array]:
-    # sums of the first 0, 1, ... of each row, and of all of it
-    sums = np.zeros_like(values)
-    np.cumsum(values[:, :-1], axis=1, out=sums[:, 1:])
-    return sums, sums[:, -1:] + values[:, -1:]
 
 
 def checked_samples(samples: Float[Array, "n 3"], window: int) -> Float[Array, "n 3"]:
@@ -371,8 +360,10 @@ def interval_means(
     """
     samples = one_log(samples)
     intervals = checked_intervals(intervals, len(samples))
-    sums = [np.add.reduce(samples[start:stop]) for start, stop in intervals.tolist()]
-    return np.array(sums).reshape(-1, 3) / np.diff(intervals)
+    ended = np.append(samples, np.zeros((1, 3)), axis=0)  # an interval may stop there
+    # every second sum is of the rows between two intervals
+    sums = np.add.reduceat(ended, intervals.ravel(), axis=0)[::2]
+    return np.asarray(sums / np.diff(intervals))
 
 
 def runs_of(flag: NDArray[np.bool_]) -> Intervals:

@@ -51,6 +51,13 @@ def test_windowed_variance_is_the_plain_one(n, half, offset, seed):
     )
 
 
+def test_windows_of_a_long_log_do_not_depend_on_where_it_is_cut():
+    samples = np.random.default_rng(1).standard_normal((40_000, 3))
+    whole, later = (variance_magnitude(x, 101) for x in (samples, samples[150:]))
+    tolerance = 8 * np.finfo(float).eps * 2 * 101 * np.sqrt(3)  # as above
+    np.testing.assert_allclose(whole[200:-50], later[50:-50], rtol=tolerance)
+
+
 def tumble(rng, poses=6, rest=300, move=100, noise=0.02, scale=1.0, offset=0.0):
     """Rests of `rest` samples between moves, its truth, and the true directions."""
     directions = rng.standard_normal((poses, 3))
