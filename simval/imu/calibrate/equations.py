@@ -546,7 +546,7 @@ def _inverse_root(matrices: Float[Array, "t r r"]) -> Float[Array, "t r r"]:
 def _inverse_triangle(lower: Float[Array, "t r r"]) -> Float[Array, "t r r"]:
     # by halves: products of matrices are most of the work, and four times as fast
     half = lower.shape[-1] // 2
-    if half < 16:
+    if half < 8:
         return np.asarray(np.linalg.inv(lower))
     result = np.zeros(lower.shape)
     first, last = slice(None, half), slice(half, None)

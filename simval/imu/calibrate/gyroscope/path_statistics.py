@@ -382,13 +382,11 @@ def _rest_means(
 ) -> tuple[Float[Array, "t n 3"], Float[Array, "t 3"]]:
     # means of the rests, and white noise N from the differences of neighbouring rows,
     # which a drift does not inflate; rows first, for sums over them are quicker so
-    rows = np.swapaxes(y, 0, 1)
-    if len(y) > 1:
-        rows = np.ascontiguousarray(rows)
-    means = np.stack([rows[a:b].mean(axis=0) for a, b in zip(lo, hi, strict=True)], 1)
-    squares, count = np.zeros((len(y), 3)), 0
-    for a, b in zip(lo, hi, strict=True):
-        squares += (np.diff(rows[a:b], axis=0) ** 2).sum(axis=0)
+    means, squares, count = np.empty((len(y), len(lo), 3)), np.zeros((len(y), 3)), 0
+    for k, (a, b) in enumerate(zip(lo, hi, strict=True)):
+        rest = np.ascontiguousarray(np.swapaxes(y[:, a:b], 0, 1))
+        means[:, k] = rest.mean(axis=0)
+        squares += (np.diff(rest, axis=0) ** 2).sum(axis=0)
         count += b - a - 1
     per_row = squares / (2.0 * max(count, 1))
     return means, np.sqrt(per_row * float(np.median(step)))
