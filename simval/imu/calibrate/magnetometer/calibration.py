@@ -355,11 +355,12 @@ class _Block:
 
 def _fit(scaled: Scaled, options: Options) -> _Block:
     solution, sure = solve(scaled.problem, options.max_iterations)
-    theta = solution.theta
-    if options.hemisphere != "unstated":  # the start took det M > 0
+    theta, stated = solution.theta, options.hemisphere != "unstated"
+    if stated:  # the start took det M > 0
         north = (theta[:, DIP] > 0.0) == (options.hemisphere == "north")
         theta = np.where(north[:, None], theta, twin(theta))
-    fitted = Fitted.of(scaled.problem, theta, solution.converged)
+    here = None if stated else solution.here
+    fitted = Fitted.of(scaled.problem, theta, solution.converged, here)
     code = judge(fitted, options.hemisphere)
     code = np.where(sure | (code > Code.MAX_ITERATIONS), code, Code.AMBIGUOUS)
     code = np.where(scaled.finite, code, Code.NON_FINITE)

@@ -75,10 +75,16 @@ class Fitted:
     converged: Any  # bool, (t,)
 
     @classmethod
-    def of(cls, problem: Problem, theta: Array, converged: Any = True) -> "Fitted":
-        """Work out covariance and evidence at the solutions."""
+    def of(
+        cls,
+        problem: Problem,
+        theta: Array,
+        converged: Any = True,
+        here: Local | None = None,
+    ) -> "Fitted":
+        """Work out covariance and evidence at solutions, linearised unless given."""
         with np.errstate(all="ignore"):  # hopeless trials are NaN
-            here = problem.local(theta)
+            here = here or problem.local(theta)
             covariance, pivot = here.covariance()
             full = np.asarray(pivot > _LEAST_PIVOT, dtype=bool)
             covariance[~full] = np.nan
