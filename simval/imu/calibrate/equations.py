@@ -38,6 +38,11 @@ FIELD_NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "b_x", "b_y", "b_z"
 """Of a magnetometer's parameters: M row by row, b, and the dip."""
 
 
+def _products(u: Array, v: Array) -> Array:
+    # scalar products, of complex numbers without a conjugate
+    return np.einsum("...i,...i", u, v)
+
+
 class Equation(NamedTuple):
     """Equations of the vectors of each rest: zero but for errors."""
 
@@ -64,15 +69,17 @@ class Corrected:
         """Derivative of a'w of some rests by the parameters, and by unit noises."""
         x, t = self.x[:, rests], len(a)
         back = (a.reshape(t, -1, 3) @ self.matrix).reshape(a.shape)
+        own = 9 if self.slopes is None else 6
+        by = np.empty((*a.shape[:-1], own + 3))
+        by[..., own:] = -back
         if self.slopes is None:
-            outer = a[..., :, None] * x[:, :, None, None]
-            by_matrix = outer.reshape(*a.shape[:-1], 9)
+            for k in range(3):
+                by[..., k:own:3] = a * x[:, :, None, k : k + 1]
         else:
             turned = self.slopes().reshape(t, 18, 3).mT
             moved = (x @ turned).reshape(*x.shape[:2], 6, 3)
-            by_matrix = a @ moved.mT
-        by_noise = back * self.std[:, rests, None]
-        return np.concatenate([by_matrix, -back], axis=-1), by_noise
+            by[..., :own] = a @ moved.mT
+        return by, back * self.std[:, rests, None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -140,7 +147,7 @@ class Accelerometer(Sensor):
     def equations(self, w: dict[str, Array], theta: Array) -> list[Equation]:
         """The norm."""
         u = w[self.name]
-        return [Equation(np.sum(u * u, axis=-1) - 1.0, {self.name: 2.0 * u})]
+        return [Equation(_products(u, u) - 1.0, {self.name: 2.0 * u})]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -187,9 +194,9 @@ class Magnetometer(Sensor):
     def equations(self, w: dict[str, Array], theta: Array) -> list[Equation]:
         """The norm, and the angle with the specific force."""
         up, v = w["accelerometer"], w[self.name]
-        dip = np.sum(up * v, axis=-1) + theta[:, -1:]
+        dip = _products(up, v) + theta[:, -1:]
         return [
-            Equation(np.sum(v * v, axis=-1) - 1.0, {self.name: 2.0 * v}),
+            Equation(_products(v, v) - 1.0, {self.name: 2.0 * v}),
             Equation(dip, {"accelerometer": v, self.name: up}, own=np.eye(13)[-1]),
         ]
 
@@ -522,20 +529,20 @@ def _own_added(L: Float[Array, "t r n m"], own: Array) -> Float[Array, "t r r"]:
 
 def _whitener(L: Float[Array, "t n e m"]) -> Float[Array, "t n e e"]:
     # lower triangular W that makes the noise of each rest one: the rows of WL are
-    # those of L, each made orthogonal to the earlier ones
-    e = L.shape[2]
-    white, along = np.zeros((*L.shape[:3], e)), list[Array]()
+    # those of L, each made orthogonal to the earlier ones; rests are next to each other
+    # in memory
+    rows, e = np.moveaxis(L, (2, 3), (0, 1)).copy(), L.shape[2]
+    white = np.zeros((e, e, *L.shape[:2]))
     for i in range(e):
-        row = L[:, :, i]
-        white[:, :, i, i] = 1.0
-        for j, earlier in enumerate(along):
-            share = np.vecdot(L[:, :, i], earlier)[..., None]
-            row = row - share * earlier
-            white[:, :, i, : j + 1] -= share * white[:, :, j, : j + 1]
-        size = np.sqrt(np.vecdot(row, row))[..., None]
-        along.append(row / size)
-        white[:, :, i, : i + 1] /= size
-    return white
+        white[i, i] = 1.0
+        for j in range(i):
+            share = (rows[i] * rows[j]).sum(axis=0)
+            rows[i] -= share * rows[j]
+            white[i] -= share * white[j]
+        size = np.sqrt((rows[i] * rows[i]).sum(axis=0))
+        rows[i] /= size
+        white[i] /= size
+    return np.ascontiguousarray(np.moveaxis(white, (0, 1), (2, 3)))
 
 
 def _inverse_root(matrices: Float[Array, "t r r"]) -> Float[Array, "t r r"]:
