@@ -60,7 +60,8 @@ def decoded(path: str, content: bytes) -> tuple[str, Said]:
         except UnicodeDecodeError:
             continue
         pieces = _PADDING.split(text) if "\0" in text else [text]
-        padded = len(pieces) <= text.count("\n") + 2  # else each character has one
+        # else each character has one
+        padded = len(pieces) == 1 or len(pieces) <= text.count("\n") + 2
         if padded and not text.encode(errors="replace").translate(None, _PLAIN):
             whole = [piece[: piece.rfind("\n") + 1] for piece in pieces[:-1]]
             cut = sum(map(len, pieces[:-1])) - sum(map(len, whole))
@@ -134,9 +135,12 @@ DIALECTS = (
 def dialect_of(lines: list[Line]) -> Dialect:
     """Return the dialect that reads the greatest share of the fields as numbers."""
     sample = [line for _, line in sampled(lines)]
-    best = max(
-        DIALECTS, key=lambda each: np.mean([np.mean(each.numbers(s)) for s in sample])
-    )
+
+    def share(dialect: Dialect) -> float:
+        rows = map(dialect.numbers, sample)
+        return float(np.mean([sum(numbers) / len(numbers) for numbers in rows]))
+
+    best = max(DIALECTS, key=share)
     rows = [numbers for numbers in map(best.numbers, sample) if any(numbers)]
     widths = Counter(map(len, rows))
     width = widths.most_common(1)[0][0] if widths else 0
@@ -282,6 +286,8 @@ class TextTable:
 
     def distinct(self, place: int) -> "TextTable":
         """Table without rows that stand twice, where only these repeat its clock."""
+        if self.values is not None and np.all(np.diff(self.values[:, place]) > 0.0):
+            return self
         lines = [line for _, line in self.lines]
         twice = [False, *map(eq, lines, lines[1:])]
         if not any(twice) or self.restarts:
@@ -317,7 +323,7 @@ def read(source: Source) -> TextTable:
     every, times = arrivals(every)
     every, labels = unlabelled(every)
     lines = every
-    if any(mark in text for mark in COMMENTS):
+    if any(mark[0] in text for mark in COMMENTS):
         lines = [entry for entry in every if not _is_remark(entry[1])]
     if not lines:
         msg = f"{path} is empty: it has no row of numbers; record or export it again"
@@ -336,13 +342,14 @@ def read(source: Source) -> TextTable:
     if first is None:
         msg = _no_row(path, lines)
         raise InputError(msg)
-    above = [entry for entry in every if entry[0] < lines[first][0]]
+    start = every.index(lines[first])
+    above = every[:start]
     names, rest = header_of(path, dialect, above)
     if labels is None and names is None and is_echo(dialect.fields(lines[first][1])):
         labels = ECHOED
     body = _Body(path, dialect, names or labels, list(said))
     body.rows = lines[first:]
-    body.part(above, [entry for entry in every if entry[0] >= lines[first][0]])
+    body.part(above, every[start:])
     body.end(whole=text.endswith(("\n", "\r")))
     with suppress(ValueError):
         body.values = dialect.values(body.rows)
