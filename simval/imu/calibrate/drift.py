@@ -316,21 +316,21 @@ def _squares(
 ) -> Float[Array, " places"]:
     # least sum of squared distances with a step at each place
     later = np.arange(len(z)) >= places[:, None]
+    moves = later[..., None] * np.concatenate([np.ones_like(z), z - zero], axis=-1)
     p = np.tile(start, (len(places), 1))
     change = np.zeros((len(places), columns.shape[1]))
     least = np.full(len(places), np.inf)
     for _ in range(_ITERATIONS):
-        full = change @ columns.T
-        moved = full[:, None, :3] + full[:, None, 3:] * (z - zero)
-        u = z + later[..., None] * moved
+        full = (change @ columns.T)[:, None]
+        moved = moves * full
+        u = z + (moved[..., :3] + moved[..., 3:])
         gradient = 2.0 * u @ quadratic(p) + p[:, None, 6:]
-        stretch = 1.0 + later[..., None] * full[:, None, 3:]
-        slope = np.linalg.norm(gradient * stretch, axis=-1)  # by the reading itself
+        by_reading = gradient * (1.0 + later[..., None] * full[..., 3:])
+        slope = np.sqrt(np.vecdot(by_reading, by_reading))
         slope = np.maximum(
             slope, LEAST_SLOPE * np.median(slope, axis=-1, keepdims=True)
         )
-        by_change = np.concatenate([gradient, gradient * (z - zero)], axis=-1)
-        by_change = later[..., None] * (by_change @ columns)
+        by_change = (np.tile(gradient, 2) * moves) @ columns
         both = np.concatenate([monomials(u)[..., :9], by_change], axis=-1)
         p, step, sums = _solved(both / slope[..., None], 1.0 / slope)
         least = np.minimum(least, sums)
@@ -343,12 +343,15 @@ def _solved(
 ) -> tuple[Array, Array, Array]:
     # the nine of the quadric alone, what the others step by beside them, and the sum
     # of squares that the nine alone leave; infinite where the poses do not fix them all
-    q, r = np.linalg.qr(both)
+    # the triangle of both and y side by side: in its last column y along the others,
+    # and below the nine what these leave of it
+    both = np.concatenate([both, y[..., None]], axis=-1)
+    triangle = np.asarray(np.linalg.qr(both, mode="r"))
+    r, along = triangle[:, :-1, :-1], triangle[:, :-1, -1:]
     size = np.abs(np.diagonal(r, axis1=-2, axis2=-1))
     lost = size.min(axis=-1) <= _LOST * size.max(axis=-1)
     r[lost] = np.eye(r.shape[-1])
-    along = np.vecmat(y, q)
-    p = np.linalg.solve(r[:, :9, :9], along[:, :9, None])[..., 0]
-    step = np.linalg.solve(r[:, 9:, 9:], along[:, 9:, None])[..., 0]
-    left = y - np.matvec(q[..., :9], along[:, :9])
-    return p, step, np.where(lost, np.inf, np.sum(left**2, axis=-1))
+    p = np.linalg.solve(r[:, :9, :9], along[:, :9])[..., 0]
+    step = np.linalg.solve(r[:, 9:, 9:], along[:, 9:])[..., 0]
+    left = np.sum(triangle[:, 9:, -1] ** 2, axis=-1)
+    return p, step, np.where(lost, np.inf, left)
