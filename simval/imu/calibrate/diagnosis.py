@@ -139,7 +139,7 @@ def diagnose(
     count = fit.dof + PARAMETERS + more.shape[1]
     readings, sigma = _checked(fit, poses, noise_std, count)
     clock = checked_time(time, len(readings))
-    distance, nine, steep = _distances(fit, readings)
+    distance, nine, steep = distances(fit, readings)
     rows = nine if further is None else np.concatenate([nine, more], axis=1)
     unit = np.ones(len(readings)) if sigma is None else sigma
     total, chi2, p_value = float(np.sum((distance / unit) ** 2)), np.nan, np.nan
@@ -187,11 +187,20 @@ def _checked(
     return readings, sigma
 
 
-def _distances(
+def reduced_chi2(
+    fit: FitResult, readings: Float[Array, "n 3"], sigma: Float[Array, " n"] | None
+) -> float:
+    """Chi-square per degree of freedom; NaN without sigma or freedom."""
+    if sigma is None or fit.dof == 0:
+        return float("nan")
+    distance = distances(fit, readings)[0]
+    return float(np.sum((distance / sigma) ** 2)) / fit.dof
+
+
+def distances(
     fit: FitResult, readings: Float[Array, "n 3"]
 ) -> tuple[Float[Array, " n"], Float[Array, "n 9"], Float[Array, " n"]]:
-    # signed distances (D1), their derivatives by the parameters, and the slope of c
-    # along them
+    """Signed distances (D1), their derivatives by the parameters, and slopes of c."""
     x = readings - fit.B
     h = x @ fit.matrix.T
     back = h @ fit.matrix

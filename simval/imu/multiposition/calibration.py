@@ -202,13 +202,13 @@ def calibrate_log(
                 log.accelerometer, log.time, intervals, warm.rests, warm.thermal
             )
             warm = warm._replace(within=within)
-        alone = diagnose(fit, poses, white, further=further)
+        case = case_of(log, g, rest, intervals, fit, white)
         sensor, middle = fit.sensor(), log.time[intervals.sum(axis=1) // 2]
         forces, initial = sensor.correct(poses), rests.initial
         result = LogCalibration(
             fit=fit,
             diagnosis=diagnose(fit, poses, std, time=middle, further=further),
-            white_chi2_per_dof=alone.chi2_per_dof,
+            white_chi2_per_dof=case.chi2,
             pose_noise=pose,
             rest=initial,
             rest_seconds=float(log.time[initial.stop - 1] - log.time[initial.start]),
@@ -224,7 +224,7 @@ def calibrate_log(
         )
     except RefusedError as error:
         raise explained(log, g, rest, error) from error
-    require_sound(case_of(log, g, rest, intervals, fit, alone))
+    require_sound(case)
     return result
 
 

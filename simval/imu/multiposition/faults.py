@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from simval.arrays import Array
 from simval.errors import ConvergenceError, RefusedError, SaturatedError, SimvalError
 from simval.imu.calibrate import calibrate
+from simval.imu.calibrate.diagnosis import distances
 from simval.imu.calibrate.drift import find_break, find_step
 from simval.imu.calibrate.evidence import REPEATS, STATE_NOISE
 from simval.imu.calibrate.goodness_of_fit import (
@@ -510,15 +511,16 @@ def undecided(case: Case) -> str | None:
 
 def no_gravity(case: Case) -> str | None:
     """Residuals that are too large, or may come from a scatter that is."""
-    assert case.diagnosis is not None
+    assert case.fit is not None
     misfit = possible = case.misfit
     if case.beyond_noise:
         least = scipy.special.chdtri(case.dof, 1.0 - _RARELY)
         possible *= np.sqrt(len(case.means) / least)
     if max(misfit, possible) <= MISFIT:
         return None
-    named = [f"{k} {case.span(k)}" for k in case.diagnosis.outliers]
-    farthest = int(np.argmax(np.abs(case.diagnosis.distance)))
+    outliers = np.flatnonzero(find_outliers(case.means, case.white).flagged)
+    named = [f"{k} {case.span(int(k))}" for k in outliers]
+    farthest = int(np.argmax(np.abs(distances(case.fit, case.means)[0])))
     what = (
         f"{_off(named)}; cut {'it' if len(named) == 1 else 'them'} out of the log and "
         "calibrate again"

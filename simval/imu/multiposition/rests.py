@@ -20,7 +20,8 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import RefusedError
-from simval.imu.calibrate import Diagnosis, FitResult
+from simval.imu.calibrate import FitResult
+from simval.imu.calibrate.diagnosis import reduced_chi2
 from simval.imu.calibrate.goodness_of_fit import BEYOND, chi_square_chance
 from simval.imu.logs import Log
 from simval.imu.statics import (
@@ -177,9 +178,10 @@ class Case:
     # share of rows equal to the one before that nine rests of ten stay below
     same_rows: float
     fit: FitResult | None = None
-    diagnosis: Diagnosis | None = None  # of that fit, by white noise alone
+    white: Float[Array, " m"] | None = None  # noise of each mean, if it is white
     dof: int  # degrees of freedom of a fit to the rests
-    chi2: float  # chi-square per degree of freedom; NaN without a fit
+    # chi-square per degree of freedom by white noise alone; NaN without a fit
+    chi2: float
     beyond_noise: bool  # white noise exceeds it in under 1 of 1000 logs
     misfit: float  # root mean square of residuals over gravity; infinite without a fit
 
@@ -209,7 +211,7 @@ def case_of(
     rest: float | None,
     intervals: Intervals,
     fit: FitResult | None = None,
-    diagnosis: Diagnosis | None = None,
+    white: Float[Array, " m"] | None = None,
 ) -> Case:
     """Gather what the checks need."""
     samples = log.accelerometer
@@ -219,18 +221,19 @@ def case_of(
     same = np.array([part.mean(axis=0) for part in equal]).reshape(-1, 3)
     rows = np.array([part.all(axis=1).mean() for part in equal])
     dof = len(intervals) - PARAMETERS
-    chi2 = np.nan if diagnosis is None else diagnosis.chi2_per_dof
+    means = interval_means(samples, intervals)
+    chi2 = np.nan if fit is None else reduced_chi2(fit, means, white)
     return Case(
         log=log,
         g=g,
         rest=rest,
         intervals=intervals,
-        means=interval_means(samples, intervals),
+        means=means,
         noise=np.median(spread, axis=0) if parts else np.full(3, np.nan),
         same=np.median(same, axis=0) if parts else np.ones(3),
         same_rows=float(np.quantile(rows, 0.9)) if parts else 1.0,
         fit=fit,
-        diagnosis=diagnosis,
+        white=white,
         dof=dof,
         chi2=chi2,
         beyond_noise=chi_square_chance(chi2 * dof, dof) < BEYOND,
