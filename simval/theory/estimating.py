@@ -46,8 +46,7 @@ Weights = Literal["none", "truth", "estimate"]
 _FIRST: Final = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Block:
+class Block(NamedTuple):
     """Rows of one kind, n times m of them.
 
     Attributes

@@ -87,8 +87,7 @@ tie of two columns the fourth-order remainder is not smooth in the noise.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -106,8 +105,7 @@ _BILINEAR[:3, :3] = -_LEVI_CIVITA.swapaxes(0, 1)
 _BILINEAR[3, 3:] = -np.eye(3)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ScaledErrorMoments:
+class ScaledErrorMoments(NamedTuple):
     """Second moments of x and its cross moment of fourth order, eq. (X2).
 
     Attributes

@@ -32,7 +32,7 @@ again.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,8 +73,7 @@ from simval.theory.filter_recursion import (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class State:
+class State(NamedTuple):
     """Before a row: what the filter states, covariances by source, columns."""
 
     P: Float[Array, "6 6"]
@@ -105,8 +104,7 @@ class State:
 Answer = tuple[Array, Array, Array, Array, Array]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Part:
+class Part(NamedTuple):
     """A range of rows, for the true model and for the assumed one."""
 
     truth: Steps

@@ -36,7 +36,7 @@ filter estimates, and belongs to its start.
 """
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -206,8 +206,7 @@ class FilterModel:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Steps:
+class Steps(NamedTuple):
     """Rows of a path, linearised for one model, eq. (F1)."""
 
     F: Float[Array, "T 6 6"]

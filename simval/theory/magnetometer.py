@@ -35,7 +35,7 @@ random poses: `tests/theory/test_magnetometer_theory.py`.
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,8 +57,7 @@ from simval.theory.estimating import Block, Estimating, inverse_of, rank_of
 PARAMETERS = 22
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Problem:
+class Problem(NamedTuple):
     """Sensors and readings at the truth, and the noise; readings y_a, then y_m."""
 
     form: str

@@ -25,7 +25,7 @@ the exact moments of the very case, in Frobenius norm relative to them.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -42,8 +42,7 @@ RANGE = 5.0  # see above; of sigma
 _SIXTH = 2.0  # of eq. (R1), measured
 
 
-@dataclass(frozen=True, slots=True)
-class Remainder:
+class Remainder(NamedTuple):
     """Greatest error of any entry of a predicted bias and of a covariance."""
 
     bias: float

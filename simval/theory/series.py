@@ -21,11 +21,10 @@ both in :math:`\sigma^3`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations_with_replacement
 from math import prod
-from typing import Any, Final, Union
+from typing import Any, Final, NamedTuple, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +40,7 @@ from simval.theory.two_vector import joint_third
 Scalar = Union["Series", float]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Algebra:
+class Algebra(NamedTuple):
     """Monomials of a number of variables up to a total degree, and their products.
 
     Attributes
@@ -378,7 +376,7 @@ def _skewed(
     triples = combinations_with_replacement(range(root.shape[1]), 3)
     for place, triple in zip(cubic, triples, strict=False):  # order 2 has no place
         means[place] = whitened[triple]
-    return replace(tables, means=means)
+    return tables._replace(means=means)
 
 
 def _turned(matrix: Array, tensor: Array) -> Array:

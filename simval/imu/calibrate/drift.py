@@ -42,7 +42,7 @@ and more (`find_break`), one bias a single degree of freedom.
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -72,8 +72,7 @@ hundred times greater than it shows, and what it explains is rather something el
 _SEEN: Final = 1e-6  # relative: what the fit leaves of a column; rounding leaves 1e-13
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Drift:
+class Drift(NamedTuple):
     """Test of the residuals for a drift over the poses.
 
     Attributes

@@ -232,8 +232,7 @@ class Turns(Protocol):
         """The same with so many times the noise."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Between:
+class Between(NamedTuple):
     """Rows of the turns between rests at some parameters."""
 
     r: Float[Array, "t r"]
@@ -437,8 +436,7 @@ def _slices(sizes: dict[str, int]) -> dict[str, slice]:
     return dict(zip(sizes, map(slice, ends[:-1], ends[1:]), strict=True))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Local:
+class Local(NamedTuple):
     """The whitened rows at some parameters: of the turns, the rests and the prior."""
 
     at: dict[str, Corrected]

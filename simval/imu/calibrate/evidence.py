@@ -55,8 +55,7 @@ found in the residuals by a factor that is great where few of them are left.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -80,8 +79,7 @@ from simval.poses import PARAMETERS, describe, observability
 from simval.shapes import Float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Summary:
+class Summary(NamedTuple):
     """Statistics of a solution, scaled units."""
 
     covariance: Float[Array, "t 9 9"]  # covariance of theta; NaN where there is none

@@ -8,8 +8,7 @@ or changes no row by more than rounding; it leaves the batch then, with its last
 linearisation, so no trial depends on its neighbours.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -70,8 +69,7 @@ def residuals(problem: Problem, here: Local) -> Residuals:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Solution:
+class Solution(NamedTuple):
     """End point of the iteration of each trial."""
 
     theta: Float[Array, "t p"]

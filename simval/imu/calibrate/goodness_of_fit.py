@@ -37,7 +37,7 @@ share :math:`\alpha`.
 """
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -68,8 +68,7 @@ _RANK = 1e-7  # of the greatest singular value
 _LEAST_FREEDOM: Final = 1e-2  # of a source; below it its chi-square says nothing
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Source:
+class Source(NamedTuple):
     """A sensor whose noise is in the rows of a fit."""
 
     name: str
@@ -79,8 +78,7 @@ class Source:
     parameters: slice  # its own
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Residuals:
+class Residuals(NamedTuple):
     """Rows of one fit where it ended, in any units, and whose noise they hold."""
 
     r: Float[Array, " r"]
@@ -89,8 +87,7 @@ class Residuals:
     names: tuple[str, ...] = ()  # of the parameters
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Combination:
+class Combination(NamedTuple):
     """The combination of parameters that a fit determines least."""
 
     rank: int  # of the rows
@@ -349,8 +346,7 @@ def overstated(factor: float) -> str:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Drop:
+class Drop(NamedTuple):
     """A drop of the sum of squares down to `rest`, which has `dof` freedoms."""
 
     rest: float

@@ -47,8 +47,8 @@ weight that falls with the standardised distance. Each round computes the weight
 one weighted moment matrix and one solution; the rounds end by the same stop rule.
 """
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -169,8 +169,7 @@ def minimize_leverage(
     # not an ellipsoid's
     lost = ~np.asarray(np.isfinite(result).all(axis=-1), dtype=bool)
     converged = found.code == Code.CONVERGED
-    return replace(
-        found,
+    return found._replace(
         theta=np.where(lost[:, None], theta, result),
         code=np.where(lost & converged, Code.STALLED, found.code),
     )
@@ -258,8 +257,7 @@ def _is_positive(a: Float[Array, "t 3 3"]) -> Any:
 _LEAST_PIVOT = 1e-12
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Ellipsoid:
+class Ellipsoid(NamedTuple):
     """An ellipsoid |M(z - b)| = 1 through the poses, and how well they fix it."""
 
     gram: Float[Array, "t 3 3"]  # A = M'M; NaN where the poses do not fix an ellipsoid

@@ -7,8 +7,7 @@ the ellipsoid of the poses that belong, residuals are distances, and the outlier
 those of `goodness_of_fit`, (O1) and (O2).
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -63,8 +62,7 @@ def scaled(poses: Float[Array, "n 3"]) -> tuple[Float[Array, "n 3"], float, floa
     return offset / own, scale, floor
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Outliers:
+class Outliers(NamedTuple):
     """Poses that do not belong, and how far each pose is from the rest."""
 
     flagged: Any  # bool: which poses are outliers, (n,)

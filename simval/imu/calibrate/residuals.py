@@ -38,7 +38,7 @@ the product of first derivatives (Gauss-Newton) or the full one (Newton).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -137,8 +137,7 @@ def unbiased_moment_matrix(
     return np.ascontiguousarray(means[:, a, b, c])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Quadric:
+class Quadric(NamedTuple):
     """A quadric's coefficients with their derivatives by the nine parameters."""
 
     gram: Float[Array, "t 3 3"]  # the quadratic part
@@ -269,8 +268,7 @@ def noise_shares(
     return np.asarray((sigma.min(axis=-1, keepdims=True) / sigma) ** 2)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Slopes:
+class Slopes(NamedTuple):
     """Value, slopes and curvature of half the cost of each pose by (c, q)."""
 
     cost: Float[Array, "t n"]  # half the cost of each pose
@@ -286,7 +284,7 @@ class Slopes:
         """Multiply the cost of each pose by a weight."""
         if shares is None:
             return self
-        return Slopes(**{k: getattr(self, k) * shares for k in self.__slots__})
+        return Slopes(*(part * shares for part in self))
 
 
 def norm_slopes(
@@ -323,8 +321,7 @@ SLOPES: dict[str, Callable[..., Slopes]] = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Loss:
+class Loss(NamedTuple):
     """A robust loss, by its influence function psi(r) = r w(r)."""
 
     weight: Callable[[Array], Array]  # w(r) of the absolute residual over its scale

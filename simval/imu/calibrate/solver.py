@@ -24,7 +24,7 @@ neighbours.
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -158,8 +158,7 @@ class Rules:
     max_iterations: int  # most steps that are tried
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Solution:
+class Solution(NamedTuple):
     """End point of the iteration of each trial."""
 
     theta: Float[Array, "t p"]  # parameters

@@ -7,9 +7,8 @@ where the words do not, and overrules them where it contradicts.
 
 import re
 from collections.abc import Container, Iterable, Mapping
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, TypeVar
+from typing import Literal, NamedTuple, TypeVar
 
 T = TypeVar("T")
 
@@ -110,8 +109,7 @@ _CAPITALS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 _ROS = re.compile(r"((?:.*[./])?linear_acceleration[./])([xyz])(?: \[(.*)\])?")
 
 
-@dataclass(frozen=True, slots=True)
-class Channel:
+class Channel(NamedTuple):
     """Contents of one column, according to its name."""
 
     # ``force`` for an accelerometer, ``no gravity`` for an acceleration without it,

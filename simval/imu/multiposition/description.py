@@ -10,8 +10,7 @@ of a reading on its axis k, the covariance of a corrected reading is
 :math:`M\,\mathrm{diag}(\sigma^2)\,M^T`, row by row.
 """
 
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -45,8 +44,7 @@ from simval.imu.statics import Intervals
 from simval.shapes import Float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Judgement:
+class Judgement(NamedTuple):
     """One question about the error bars, and the answer of its test.
 
     Attributes
@@ -72,7 +70,7 @@ class Judgement:
     def as_object(self) -> dict[str, Any]:
         """Return it as plain JSON values."""
         known = np.isfinite(self.p_value)
-        return asdict(self) | {"p_value": self.p_value if known else None}
+        return self._asdict() | {"p_value": self.p_value if known else None}
 
 
 def judgements(whole: Any) -> tuple[Judgement, ...]:
@@ -150,7 +148,7 @@ def _drift(name: str, found: Drift) -> Judgement:
     elif hidden:
         words = f"the order of the poses hides a drift of {found.hides} of the {name}"
     told = _by_chance(f"drift of the {name}", found.p_value, DRIFT_FALSE_ALARM, words)
-    return replace(told, holds=None) if hidden else told
+    return told._replace(holds=None) if hidden else told
 
 
 def _temperature(whole: Any) -> Judgement:
@@ -172,7 +170,7 @@ def _within(found: Within) -> Judgement:
     about = "drift within the rests"
     told = _by_chance(about, found.chance, DRIFT_FALSE_ALARM, found.words)
     # none is judged where the temperature hardly changes within a rest
-    return told if np.isfinite(found.chance) else replace(told, holds=True)
+    return told if np.isfinite(found.chance) else told._replace(holds=True)
 
 
 def _joint(noise: NoiseFactors) -> Judgement:
@@ -203,7 +201,7 @@ def poses_alike(fit: Any) -> Judgement:
     elif p < BEYOND:
         words = f"the field differs from pose to pose by more than its noise: {mean}"
     told = _by_chance("poses of the magnetometer", p, BEYOND, words)
-    return replace(told, holds=False) if fit.disturbed else told
+    return told._replace(holds=False) if fit.disturbed else told
 
 
 def steady(fit: Any) -> Judgement:

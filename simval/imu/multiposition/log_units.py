@@ -1,8 +1,7 @@
 """Unit of a log's readings: as stated, as in the header, or as gravity shows."""
 
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -31,8 +30,7 @@ _FIRST: Final = {"accelerometer": "ax", "gyro": "wx", "magnetometer": "mx"}
 _EXAMPLES: Final = {"gyro": "deg/s, rad/s, or rad/s", "magnetometer": "uT, gauss, or T"}
 
 
-@dataclass(frozen=True, slots=True)
-class Scale:
+class Scale(NamedTuple):
     """SI units in one raw unit, and how that is known."""
 
     si_per_raw: float | None  # None where it is not known

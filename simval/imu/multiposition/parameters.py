@@ -28,10 +28,9 @@ least mean square of an error over all directions; the greatest is the 2-norm of
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from math import acos, degrees
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -60,8 +59,7 @@ SI: Final = {"accelerometer": "m/s^2", "gyroscope": "rad/s"}
 ONE: Final = 2.0  # ratio of scales within which a field is in the unit of its readings
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Autopilot:
+class Autopilot(NamedTuple):
     """Names, units and signs of an autopilot's parameters, eq. (PX1)."""
 
     line: str  # of a parameter: its name, its value

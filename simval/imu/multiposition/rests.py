@@ -12,7 +12,6 @@ and its error bars are too small (`docs/decisions/0055-threshold-without-residua
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import chain
 from typing import NamedTuple
 
@@ -162,8 +161,7 @@ def _too_few(most: int) -> RefusedError:
 MISFIT = 0.02
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Case:
+class Case(NamedTuple):
     """The rests of a log, with the fit to them if there is one."""
 
     log: Log
@@ -177,8 +175,8 @@ class Case:
     same: Float[Array, "3"]
     # share of rows equal to the one before that nine rests of ten stay below
     same_rows: float
-    fit: FitResult | None = None
-    white: Float[Array, " m"] | None = None  # noise of each mean, if it is white
+    fit: FitResult | None
+    white: Float[Array, " m"] | None  # noise of each mean, if it is white
     dof: int  # degrees of freedom of a fit to the rests
     # chi-square per degree of freedom by white noise alone; NaN without a fit
     chi2: float

@@ -16,9 +16,9 @@ sensor's own readings. Where every reading stands in the same number of rows, to
 the sensor's own readings and its own rate are known; else they are not.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -403,8 +403,7 @@ _SHARE: Final = 0.99  # of readings that stand as long as the others
 _LEAST: Final = 3  # readings; fewer tell no step
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class OwnReadings:
+class OwnReadings(NamedTuple):
     """Readings as the sensor made them, and the rows of the log to each."""
 
     rows: Float[Array, "k axes"]

@@ -17,7 +17,6 @@ begin with, then one by one the closest that (D2) lets in (a forward search), so
 nearly half of the rests may turn.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -44,8 +43,7 @@ class Cut(NamedTuple):
     chance: float  # what it may be by chance
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Still:
+class _Still(NamedTuple):
     # what a gyroscope shows where it is still
     level: Float[Array, "m 3"]  # median of each rest
     middle: Float[Array, " m"]  # its middle, ticks

@@ -4,8 +4,6 @@ A false alarm of a test of many sets is one in 1e4, by the binomial of the rate 
 package states.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from magnetometer_sets import FIELD, IRON_STD, squares
@@ -134,14 +132,14 @@ def test_chances_are_those_of_chi_squares():
     """Of one sensor, and of three whose rows together are the least likely."""
     rng = np.random.default_rng(6)
     rows = linear(rng)(ONES)
-    one = replace(
-        rows, sources=(replace(rows.sources[0], covariance=4.0 * np.eye(40)),)
+    one = rows._replace(
+        sources=(rows.sources[0]._replace(covariance=4.0 * np.eye(40)),)
     )
     squares = Deletion.of(one.J, one.r / 2.0).squares([])
     expected = stats.chi2.sf(squares, 32)
     assert Left(one).sensors()[0].p_value == pytest.approx(expected)
     assert Left(one).p_value() == pytest.approx(2.0 * expected)
-    more = Left(replace(rows, r=2.0 * rows.r))
+    more = Left(rows._replace(r=2.0 * rows.r))
     told = more.sensors()
     whole = stats.chi2.sf(sum(each.chi_square for each in told), 32)
     assert whole < min(each.p_value for each in told)

@@ -187,7 +187,7 @@ def test_bias_by_evidence():
     assert choose_bias(rests(rng), N, 0.0)[0] == "constant"
     assert choose_bias(rests(rng, walk=5e-4), N, 5e-4)[0] == "line"
     # scatter that does not grow with time is no walk, however large
-    still = replace(rests(rng), rates=1e-2 * rng.standard_normal((20, 3)))
+    still = rests(rng)._replace(rates=1e-2 * rng.standard_normal((20, 3)))
     assert choose_bias(still, N, None)[0] == "constant"
     # a walk that was stated is not believed against the rests
     assert choose_bias(rests(rng), N, 5e-4)[0] == "constant"

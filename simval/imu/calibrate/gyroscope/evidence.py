@@ -37,8 +37,7 @@ _SHARES: Final = 31  # of the walk in the scatter that are tried, a factor 1.6 a
 _COPLANAR: Final = 1e-3  # least singular value of (1, f/g) over the greatest
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Rests:
+class Rests(NamedTuple):
     """Bias and noise of a gyroscope from its rests."""
 
     rates: Float[Array, "n 3"]  # mean readings, raw units

@@ -47,8 +47,7 @@ from simval.shapes import Float
 from simval.text import chance_words
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ImuReadings:
+class ImuReadings(NamedTuple):
     """Reduced readings of a recording, and the noise assumed for them."""
 
     inter_rest: InterRestRotations
@@ -243,7 +242,7 @@ def calibrate_imu(
         rests, forces, walk, bias_random_walk, asked=asked, powers=warm.at_rest
     )
     rates = rests.rates - forces @ found.G.T - warm.at_rest @ warm.coefficients
-    rests = replace(rests, rates=rates)
+    rests = rests._replace(rates=rates)
     chosen, drift, said = choose_bias(rests, walk, bias_random_walk)
     if bias != "auto" and bias != chosen:
         chosen, said = bias, f"bias: {bias}, as asked; by evidence {said}"

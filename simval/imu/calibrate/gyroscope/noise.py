@@ -6,8 +6,7 @@ a rest of :math:`T_r` seconds the variance :math:`N^2/T_r`; the bias walks by
 G(s), is off by :math:`N^2 \sum w_i^2/T_i + K^2 \int (W - G)^2 ds`.
 """
 
-from dataclasses import dataclass, replace
-from typing import Any, Final, Self
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 
@@ -22,8 +21,7 @@ BIASES: Final = ("constant", "first rest", "line")
 _FLOOR = 1e-11
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GyroscopeNoise:
+class GyroscopeNoise(NamedTuple):
     """Noise of the gyroscope, and its bias by the rests."""
 
     angle_random_walk: Float[Array, "3"]  # N of each axis, raw units per root hertz
@@ -41,12 +39,11 @@ class GyroscopeNoise:
 
     def take(self, trials: Any) -> Self:
         """That of some trials."""
-        return replace(self, bias_value=self.bias_value[trials])
+        return self._replace(bias_value=self.bias_value[trials])
 
     def noisier(self, factor: float) -> Self:
         """The same with so many times the noise."""
-        return replace(
-            self,
+        return self._replace(
             angle_random_walk=self.angle_random_walk * factor,
             bias_random_walk=self.bias_random_walk * factor,
             clock_jitter=self.clock_jitter * factor,

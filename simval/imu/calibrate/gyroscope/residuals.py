@@ -24,7 +24,7 @@ bias that is held, or walks, or a sensitivity that was taken out, is shared by a
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -68,8 +68,7 @@ def inter_rest_residuals(
     return e.reshape(len(u), -1)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Linearised:
+class Linearised(NamedTuple):
     """Inter-rest residuals at some parameters of the gyroscope."""
 
     e: Float[Array, "t r"]

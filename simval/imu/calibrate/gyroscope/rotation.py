@@ -29,8 +29,7 @@ The derivatives of the cofactors are linear in M,
    = \sum_{ln} \epsilon_{ial}\, \epsilon_{jbn}\, M_{ln}. \tag{N4}
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,8 +45,7 @@ _COFACTOR = np.einsum("lia,njb->lnabij", _CROSS, _CROSS).reshape(9, 81)
 _CACHED = 1 << 13  # chunks worked at once: thirty arrays of 64 kB stay in the cache
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Rotations:
+class Rotations(NamedTuple):
     """Rotations between rests for one guess of the parameters."""
 
     statistics: Float[Array, "t k 10 j"]

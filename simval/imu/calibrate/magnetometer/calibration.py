@@ -6,8 +6,8 @@ which is scaled back. Trials are worked in blocks that fit the cache; a trial's 
 do not depend on its block.
 """
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -140,8 +140,7 @@ def checked_std(
     return sigma
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Scaled:
+class Scaled(NamedTuple):
     """A block of trials in the units of the fit, and the way back."""
 
     problem: Problem
@@ -345,8 +344,7 @@ def calibrate_magnetometer(
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Block:
+class _Block(NamedTuple):
     # trials that are worked at once, and the numbers of their results
     scaled: Scaled
     fitted: Fitted
@@ -382,7 +380,7 @@ def _weighed(block: _Block, options: Options) -> tuple[_Block, NoiseFactors]:
     problem = block.scaled.problem
 
     def fit(_: _Block, factor: Any) -> _Block:
-        return _fit(replace(block.scaled, problem=problem.noisier(*factor)), options)
+        return _fit(block.scaled._replace(problem=problem.noisier(*factor)), options)
 
     if block.numbers["code"][0] != Code.CONVERGED or options.known is not None:
         return block, NOT_JUDGED

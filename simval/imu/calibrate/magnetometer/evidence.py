@@ -5,8 +5,7 @@ The natural size of an error of the magnetometer is that of the corrected field:
 field; the same holds for the accelerometer with gravity.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -61,8 +60,7 @@ STATUS_NAMES = np.array(
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Fitted:
+class Fitted(NamedTuple):
     """Trials at the end of their fit, in its scaled units."""
 
     problem: Problem

@@ -32,8 +32,8 @@ rotation R and the sine s of the dip with the least
 vectors says of shape and hard iron.
 """
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -62,8 +62,7 @@ _FLATTEST = 1e-4
 _STEPS = 8  # of Gauss-Newton for three angles and the dip: digits double in each
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Shape:
+class Shape(NamedTuple):
     """An ellipsoid |M(z - b)| = 1, M symmetric."""
 
     root: Float[Array, "t 3 3"]
