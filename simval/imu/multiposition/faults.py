@@ -157,6 +157,8 @@ def frozen(case: Case) -> str | None:
     rails = np.stack([samples.min(axis=0), samples.max(axis=0)], axis=1)
     for axis in np.flatnonzero(case.same <= _NOISY):
         same = np.diff(samples[:, axis]) == 0.0
+        if not np.any(np.ptp(runs_of(same), axis=1) >= _RUN):
+            continue
         for index, (start, stop) in enumerate(case.intervals):
             runs = runs_of(same[start : stop - 1]) + start
             if len(runs) == 0:
@@ -217,6 +219,8 @@ def repeated(case: Case) -> str | None:
     for k in range(run):
         total *= np.uint64(0x9E3779B97F4A7C15)
         total += codes[k : k + len(total)] + np.uint64(1)
+    if np.all(np.diff(np.sort(total))):  # a sort is quicker than an order
+        return None
     order = np.argsort(total, kind="stable")
     pairs = np.stack([order[:-1], order[1:]], axis=1)[np.diff(total[order]) == 0]
     pairs = pairs[pairs[:, 1] - pairs[:, 0] >= run]  # closer ones are a frozen stretch
