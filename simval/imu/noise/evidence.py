@@ -127,8 +127,10 @@ def weighed(
         if min(sets.values()) - min(with_it.values()) > EVIDENCE:
             sets, extra = with_it, sine
     plain = (*family.fast, WALK, *extra)
+    problem = family.problem(variances, plain).part(*used)
+    found = fitted(problem)
     if slow is None:
-        slow = bool(is_slow(family.problem(variances, plain).part(*used), plain)[0])
+        slow = bool(is_slow(problem, plain, found)[0])
     if not slow:
         sets = {plain: sets[plain]}
     # beside a walk, a ramp must show itself, or be all that is needed
@@ -137,13 +139,9 @@ def weighed(
     alone = sets.get((*family.fast, RAMP, *extra), np.inf) - least <= LIKELY
     if slow and (alone or least - _deviances(few, some, [walk])[walk] > EVIDENCE):
         sets |= _slow(few, some, (*extra, RAMP))
-    limit = min(sets.values()) + LIKELY
-    likely = [each for each in sorted(sets, key=sets.__getitem__) if sets[each] < limit]
-    if any(RAMP in each for each in likely) and walk not in likely:
-        likely.append(walk)  # a walk's slope counts for a ramp's, however little it is
-    likely.sort(key=lambda each: (plain, walk, each).index(each))  # the simplest first
-    problem = family.problem(variances, likely[0]).part(*used)
-    found = fitted(problem)
+    likely = _likely(sets, plain, walk)
+    if likely[0] != plain:
+        found = fitted(family.problem(variances, likely[0]).part(*used))
     if not found.holds[0]:
         return None
     least_time, most_time = _times_left(sets, likely)
@@ -156,6 +154,17 @@ def weighed(
         frequency_sd=line.frequency_sd,
         slow=slow,
     )
+
+
+def _likely(
+    sets: dict[Components, float], plain: Components, walk: Components
+) -> list[Components]:
+    # those that the signal does not tell apart, the simplest first
+    limit = min(sets.values()) + LIKELY
+    likely = [each for each in sorted(sets, key=sets.__getitem__) if sets[each] < limit]
+    if any(RAMP in each for each in likely) and walk not in likely:
+        likely.append(walk)  # a walk's slope counts for a ramp's, however little it is
+    return sorted(likely, key=lambda each: (plain, walk, each).index(each))
 
 
 def _times_left(
@@ -175,10 +184,12 @@ def _times_left(
     return float(wide[first]), np.inf if walk else float(wide[last + 1])
 
 
-def is_slow(problem: Problem, components: Components) -> Bool[Array, " s"]:
+def is_slow(
+    problem: Problem, components: Components, found: Squares
+) -> Bool[Array, " s"]:
     """Whether each signal shows flicker or a walk, or needs it beside white noise."""
     slow = np.array([each.kind in "BK" for each in components])
-    low, _ = ends(problem, fitted(problem))
+    low, _ = ends(problem, found)
     law, forms = problem.law[:, ~slow], problem.forms[..., ~slow][..., ~slow, :]
     white = fitted(problem._replace(law=law, forms=forms))
     return np.any(low[:, slow] > 0.0, axis=1) | ~white.holds
@@ -207,17 +218,18 @@ def _slow(
     def beside(slow: Component) -> Components:
         return (*family.fast, slow, *extra)
 
-    plain = [WALK] if RAMP in extra else [WALK, RAMP]
-    sets = _deviances(family, variances, map(beside, plain))
     shortest = SHORTEST * float(family.counts[0])
     octaves = int(np.log2(family.rows / shortest))
     times = shortest * 2.0 ** np.arange(0, octaves + 2, 2)
+    slow = [WALK] if RAMP in extra else [WALK, RAMP]
+    sets: dict[Components, float] = {}
     D: dict[float, float] = {}
     for _ in range(ROUNDS):
         markov = [Component("M", time) for time in times.tolist()]
-        new = _deviances(family, variances, map(beside, markov))
+        new = _deviances(family, variances, map(beside, [*slow, *markov]))
         D |= {each.rows: new[beside(each)] for each in markov}
         sets |= new
+        slow = []
         known = np.sort(list(D))
         levels = np.array([D[time] for time in known]) - min(sets.values())
         # where it changes much from one time to the next, and one of them is likely

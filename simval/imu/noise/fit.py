@@ -255,7 +255,8 @@ def _chosen(
             left = left[~good]
     lined = np.array([line.period > 0.0 for line in lines], dtype=bool)
     whole = np.flatnonzero(found.holds & (np.ptp(used, axis=1) == size) & ~lined)
-    known = is_slow(problem.of(whole), plain).tolist() if len(whole) else []
+    own = Squares(*(every[whole] for every in found))
+    known = is_slow(problem.of(whole), plain, own).tolist() if len(whole) else []
     slow = dict(zip(whole.tolist(), known, strict=True))
     return [
         _weighed(
