@@ -106,7 +106,6 @@ def command(
         log_object,
         sensors_object,
     )
-    from simval.imu.multiposition.parameters import parameters_of
     from simval.imu.noise import load_noise
     from simval.theory import calibration_moments
 
@@ -138,6 +137,8 @@ def command(
         write_json(out, written)
     notes = []
     for name, file in to:
+        from simval.imu.multiposition.parameters import parameters_of
+
         text, left = parameters_of(name, log, whole)
         write(file, text)
         notes += ["", *(f"{name:17s} {note}" for note in left)]

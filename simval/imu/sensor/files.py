@@ -30,7 +30,6 @@ A calibration that ``simval calibrate --out`` wrote is one, too: its T, K and B.
 """
 
 import json
-import tomllib
 from os import PathLike
 from pathlib import Path
 from typing import Any, Final
@@ -168,6 +167,8 @@ def _matrix(sensor: str, values: dict[str, Any]) -> tuple[Float[Array, "3 3"], A
 
 
 def _parsed(path: Path) -> dict[str, Any]:
+    import tomllib
+
     try:
         text = read_text(path, MOST_DOCUMENT)
     except OSError as error:
