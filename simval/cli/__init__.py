@@ -126,7 +126,7 @@ def main() -> None:
     # in parallel, and the bits must not depend on the number of cores.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    gc.set_threshold(100_000, 50, 100)  # imports and lines of a log are no garbage
+    gc.set_threshold(500_000, 50, 100)  # imports and lines of a log are no garbage
     interruption = watch()
     sys.stdout, sys.stderr = patient(sys.stdout), patient(sys.stderr)
     try:
@@ -140,5 +140,6 @@ def main() -> None:
     if interruption.asked and code != 130:  # dropped, or taken for another error
         click.echo("interrupted", err=True)
         code = 130
+    gc.freeze()  # the end of the process would look for garbage twice
     exec("")  # else `python -m` ends by the signal where a text was interrupted
     sys.exit(code)
