@@ -62,7 +62,8 @@ def decoded(path: str, content: bytes) -> tuple[str, Said]:
         pieces = _PADDING.split(text) if "\0" in text else [text]
         # else each character has one
         padded = len(pieces) == 1 or len(pieces) <= text.count("\n") + 2
-        if padded and not text.encode(errors="replace").translate(None, _PLAIN):
+        raw = text.encode(errors="replace") if utf16 else content
+        if padded and not raw.translate(None, _PLAIN):
             whole = [piece[: piece.rfind("\n") + 1] for piece in pieces[:-1]]
             cut = sum(map(len, pieces[:-1])) - sum(map(len, whole))
             nul = len(text) - sum(map(len, pieces))
