@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from simval.arrays import Array
 from simval.imu.noise.allan import PER_OCTAVE, Forms
 from simval.imu.noise.components import Component
-from simval.imu.noise.least_squares import Problem, Squares, ends, fitted
+from simval.imu.noise.least_squares import Problem, Squares, Z, ends, fitted
 from simval.shapes import Bool, Float, Int
 
 LIKELY: Final = 6.0
@@ -189,7 +189,7 @@ def is_slow(
 ) -> Bool[Array, " s"]:
     """Whether each signal shows flicker or a walk, or needs it beside white noise."""
     slow = np.array([each.kind in "BK" for each in components])
-    low, _ = ends(problem, found)
+    (low,) = ends(problem, found, (-Z,))
     law, forms = problem.law[:, ~slow], problem.forms[..., ~slow][..., ~slow, :]
     white = fitted(problem._replace(law=law, forms=forms))
     return np.any(low[:, slow] > 0.0, axis=1) | ~white.holds

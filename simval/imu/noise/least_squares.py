@@ -122,15 +122,17 @@ def fitted(problem: Problem) -> Squares:
     return Squares(values, free, sd, chi2, dof, p_value, chi2 + log_volume)
 
 
-def ends(problem: Problem, found: Squares) -> tuple[Float[Array, "s k"], ...]:
-    """Lower and upper ends (V6) of the 95 % intervals of each signal.
+def ends(
+    problem: Problem, found: Squares, sides: tuple[float, ...] = (-Z, Z)
+) -> tuple[Float[Array, "s k"], ...]:
+    """Lower and upper ends (V6) of the 95 % intervals of each signal, or one of them.
 
     The lower is 0 where the coefficient is not seen, the upper infinite where nothing
     bounds it.
     """
-    size = (*found.values.shape, 2)
+    size = (*found.values.shape, len(sides))
     signal, place, side = (each.ravel() for each in np.indices(size))
-    z = np.array([-Z, Z])[side]
+    z = np.array(sides)[side]
     at_fit, _ = _whitened(problem, allan_covariance(problem.forms, found.values))
     value = np.maximum(found.free[signal, place] + z * found.sd[signal, place], 0.0)
     most = 1e3 * problem.variances.max(axis=1)[:, None] / problem.law.max(axis=-2)
@@ -151,8 +153,7 @@ def ends(problem: Problem, found: Squares) -> tuple[Float[Array, "s k"], ...]:
         left = left[~settled & ~beyond]
         if not len(left):
             break
-    low, high = np.moveaxis(end.reshape(size), -1, 0)
-    return low, high
+    return tuple(np.moveaxis(end.reshape(size), -1, 0))
 
 
 def greatest(problem: Problem) -> Float[Array, "s k"]:
