@@ -166,7 +166,9 @@ def from_rotation_vector(v: Float[Array, "... 3"]) -> Float[Array, "... 4"]:
     return np.concatenate([v * np.sinc(half / np.pi) / 2.0, np.cos(half)], axis=-1)
 
 
-def random_quaternions(count: int, rng: np.random.Generator) -> Float[Array, "count 4"]:
+def random_quaternions(
+    count: int, rng: "np.random.Generator"
+) -> Float[Array, "count 4"]:
     """Attitudes drawn uniformly from the rotation group."""
     count = whole_number("count", count, 0, MOST)
     instance("rng", rng, np.random.Generator)

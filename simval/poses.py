@@ -56,7 +56,9 @@ def fibonacci_sphere(count: int) -> Float[Array, "count 3"]:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=-1)
 
 
-def random_directions(count: int, rng: np.random.Generator) -> Float[Array, "count 3"]:
+def random_directions(
+    count: int, rng: "np.random.Generator"
+) -> Float[Array, "count 3"]:
     """Directions drawn uniformly from the sphere."""
     count = whole_number("count", count, 0, MOST)
     instance("rng", rng, np.random.Generator)

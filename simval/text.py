@@ -1,10 +1,7 @@
 """Text for people: values and messages on one printable line, whole numbers."""
 
 import math
-import traceback
 from collections.abc import Iterable
-from decimal import Decimal, InvalidOperation
-from difflib import get_close_matches
 from numbers import Integral, Real
 from typing import Any, Final
 
@@ -28,6 +25,8 @@ def nearest(word: str, known: Iterable[str], most: int = 1) -> list[str]:
     bare = _bare(word)
     if not bare or len(bare) > LONGEST:
         return []
+    from difflib import get_close_matches
+
     other = OTHER_WORDS.get(bare, "")
     found = [other] if other in names else get_close_matches(bare, names, most)
     if not found and len(bare) >= 3:  # a part of one
@@ -113,6 +112,8 @@ def message_of(error: BaseException) -> str:
 
 def described(error: BaseException) -> str:
     """Traceback of an error, whose last line is the whole message."""
+    import traceback
+
     trace, message = (
         "".join(traceback.format_exception(error)),
         one_line(message_of(error)),
@@ -137,6 +138,8 @@ def as_whole(value: Any) -> Any:
 
 def read_whole(text: str) -> int | None:
     """Read a whole number; None if the text is not one."""
+    from decimal import Decimal, InvalidOperation
+
     try:
         number = Decimal(text.strip())
     except InvalidOperation:

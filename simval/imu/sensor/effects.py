@@ -118,7 +118,7 @@ class NoiseModel:
         _require_time(self, "sine_raw", "sine_hz")
 
     def parts(
-        self, n: int, rate_hz: float, rng: np.random.Generator
+        self, n: int, rate_hz: float, rng: "np.random.Generator"
     ) -> tuple[Float[Array, "n 3"], ...]:
         """Each kind of noise of consecutive rows, apart.
 
@@ -164,7 +164,7 @@ class NoiseModel:
         )
 
     def _markov(
-        self, n: int, rate_hz: float, rng: np.random.Generator
+        self, n: int, rate_hz: float, rng: "np.random.Generator"
     ) -> Float[Array, "n 3"]:
         # (C4)
         rows = np.zeros((n, 3))
@@ -177,7 +177,7 @@ class NoiseModel:
         return rows
 
     def _certain(
-        self, n: int, rate_hz: float, rng: np.random.Generator
+        self, n: int, rate_hz: float, rng: "np.random.Generator"
     ) -> Float[Array, "n 3"]:
         # (C5)
         if not (np.any(self.ramp_raw_per_s) or np.any(self.sine_raw)):
@@ -189,7 +189,7 @@ class NoiseModel:
         return np.asarray(ramp + np.asarray(self.sine_raw) * swing)
 
     def draw(
-        self, n: int, rate_hz: float, rng: np.random.Generator
+        self, n: int, rate_hz: float, rng: "np.random.Generator"
     ) -> Float[Array, "n 3"]:
         """Noise of consecutive rows.
 
@@ -231,7 +231,7 @@ def _remembered(driving: Float[Array, " n"], time: float) -> Float[Array, " n"]:
     return parts.ravel()[: len(driving)]
 
 
-def _flicker(n: int, rng: np.random.Generator) -> Float[Array, "n 3"]:
+def _flicker(n: int, rng: "np.random.Generator") -> Float[Array, "n 3"]:
     # (C3) with B = 1: the second half of 2n rows
     size, spectrum = _flicker_filter(n)
     rows = np.empty((n, 3))

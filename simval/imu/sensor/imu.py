@@ -148,7 +148,7 @@ class ImuReadings:
     magnetometer: Readings | None
 
 
-def read_imu(imu: ImuModel, motion: Motion, rng: np.random.Generator) -> ImuReadings:
+def read_imu(imu: ImuModel, motion: Motion, rng: "np.random.Generator") -> ImuReadings:
     """Readings of an imperfect IMU, eqs. (E1) to (E3) for each of its sensors.
 
     Parameters
@@ -207,7 +207,7 @@ def read_sensor(
     effects: Effects,
     time: Float[Array, " n"],
     specific_force: Float[Array, "n 3"],
-    rng: np.random.Generator,
+    rng: "np.random.Generator",
 ) -> Readings:
     """Readings of an imperfect accelerometer, eqs. (E1) to (E3).
 
@@ -249,7 +249,7 @@ def _read(
     own_std: float,
     time: Float[Array, " n"],
     truth: Float[Array, "n 3"],
-    rng: np.random.Generator,
+    rng: "np.random.Generator",
 ) -> Readings:
     # (E1) to (E3) of a sensor's matrix, bias, and what else its readings are off by; a
     # new effect's stream is a child of another's, so the others' stay
@@ -294,7 +294,7 @@ def _read(
 
 
 def _drawn(
-    model: NoiseModel, time: Float[Array, " n"], rng: np.random.Generator
+    model: NoiseModel, time: Float[Array, " n"], rng: "np.random.Generator"
 ) -> Float[Array, "n 3"]:
     # of a clock with even steps, where there is any
     sizes = (model.flicker_raw, model.markov_raw_per_sqrt_s, model.ramp_raw_per_s)
@@ -304,7 +304,7 @@ def _drawn(
 
 
 def _stamped(
-    time: Float[Array, " n"], jitter: float, rng: np.random.Generator
+    time: Float[Array, " n"], jitter: float, rng: "np.random.Generator"
 ) -> Float[Array, " n"]:
     # time stamps that are off by white noise, but in order
     stamp = time + jitter * rng.standard_normal(len(time)) if jitter else time

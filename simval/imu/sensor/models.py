@@ -102,7 +102,7 @@ def _require_usable(name: str, matrix: Float[Array, "3 3"], unit: str = "") -> N
 
 
 def _with_noise(
-    raw: Float[Array, "... 3"], std: float, rng: np.random.Generator
+    raw: Float[Array, "... 3"], std: float, rng: "np.random.Generator"
 ) -> Float[Array, "... 3"]:
     # the stream is left alone where there is no noise
     if std == 0.0:
@@ -198,7 +198,7 @@ class AccelerometerModel:
         return cls(T=T, K=K, B=B, noise_std=noise_std)
 
     def distort(
-        self, f_s: Float[Array, "... 3"], rng: np.random.Generator
+        self, f_s: Float[Array, "... 3"], rng: "np.random.Generator"
     ) -> Float[Array, "... 3"]:
         """Raw readings of a specific force, eq. (S1).
 
@@ -276,7 +276,7 @@ class GyroscopeModel:
     def distort(
         self,
         rate: Float[Array, "... 3"],
-        rng: np.random.Generator,
+        rng: "np.random.Generator",
         *,
         timestep: float | None = None,
         specific_force: Any = None,
@@ -385,7 +385,7 @@ class MagnetometerModel:
         return bool(np.linalg.det(self.M / np.abs(self.M).max()) > 0.0)
 
     def distort(
-        self, field_b: Float[Array, "... 3"], rng: np.random.Generator
+        self, field_b: Float[Array, "... 3"], rng: "np.random.Generator"
     ) -> Float[Array, "... 3"]:
         """Raw readings of a field, eq. (M0).
 
