@@ -59,7 +59,7 @@ def row(change):
 
     def changed(equations):
         (block,) = equations.blocks
-        other = replace(block, rows=change(block.rows, equations.theta))
+        other = block._replace(rows=change(block.rows, equations.theta))
         return replace(equations, blocks=(other,))
 
     return then(changed)

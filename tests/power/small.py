@@ -206,7 +206,7 @@ def a_turn_steeper(original, theta, *given, **named):
     def rows(at, y):
         return turns.rows(at + off * (at - theta), y)
 
-    return replace(found, blocks=(replace(turns, rows=rows), *others))
+    return replace(found, blocks=(turns._replace(rows=rows), *others))
 
 
 THEORY, ONE = "a derivative of theory 0.1 % off", "a derivative 0.1 % off"

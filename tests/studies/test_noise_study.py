@@ -151,7 +151,7 @@ def test_what_is_chosen_is_right_and_without_markov_noise_it_is_not(monkeypatch)
     most = round(24 * rows[0].prediction)
     beyond = stats.binom.sf([most, most - 1], 24, 0.05)
     assert beyond[0] <= 1e-6 / 7 < beyond[1]
-    monkeypatch.setattr(evidence, "ROUNDS", 0)
+    monkeypatch.setattr(evidence, "SHORTEST", 1e9)
     rows = outcome("noise_model", estimate="chosen", trials=624).rows
     bad = {str(row.statistic) for row in rows if row.value > row.prediction}
     assert "misjudged[kind of Markov]" in bad

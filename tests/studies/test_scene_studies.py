@@ -1,7 +1,5 @@
 """The detector scored against true rest, and the error budget from end to end."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -205,7 +203,7 @@ def test_what_the_linear_budget_leaves_out():
     rng, size, n = np.random.default_rng(60), 1e-3, 1000
     scale = size * np.repeat([9.80665, 1.0], 3)
     _, _, real = case(12, 24)
-    ideal = replace(real, theta=np.concatenate(
+    ideal = real._replace(theta=np.concatenate(
         [np.zeros(3), np.ones(3), np.zeros(3), np.eye(3).ravel(), np.zeros(3), [0.0]]
     ))  # fmt: skip
     extra, linear, squares = [], [], []

@@ -22,6 +22,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from simval.arrays import Array, ReadOnly
+from simval.errors import RefusedError
 from simval.imu.calibrate.goodness_of_fit import (
     Combination,
     Left,
@@ -140,6 +141,11 @@ def judged(
     `fit` takes a fit, and the factors of its sources' standard deviations, to the fit
     with those; `residuals` are the rows of a fit where it ended, their covariances with
     the noise it was made with. Of the last fit it is said what its residuals say.
+
+    Raises
+    ------
+    RefusedError
+        If rounding decides what noise they ask for.
     """
     left = Left(residuals(found))
     for _ in range(_ROUNDS):
@@ -188,8 +194,16 @@ def _balanced(left: Left, free: list[int]) -> Float[Array, " s"]:
     # factors of these sources by restricted maximum likelihood
     factor = np.ones(len(left.V))
     for _ in range(_MOST_STEPS):
-        last, found = factor.copy(), left.moments(factor)
-        ratio = np.sqrt(found[free, 0] / found[free, 1])
+        last, found = factor.copy(), left.moments(factor)[free, :2]
+        if not np.all(found > 0.0):
+            names = ", ".join(each.name for each in left.sources)
+            msg = (
+                f"the noises of these sensors, {names}, differ by so much that "
+                "rounding decides what the residuals say; state a noise that each of "
+                "them can have"
+            )
+            raise RefusedError(msg)
+        ratio = np.sqrt(found[:, 0] / found[:, 1])
         factor[free] = np.maximum(1.0, factor[free] * ratio)
         if np.all(np.abs(np.log(factor / last)) < _STILL):
             break

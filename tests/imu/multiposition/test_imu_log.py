@@ -5,7 +5,7 @@ from html import unescape
 
 import numpy as np
 import pytest
-from made_logs import log_of, of_scene
+from made_logs import SENSORS, log_of, of_scene
 
 from simval.errors import (
     InputError,
@@ -205,3 +205,20 @@ def test_a_coarse_rest_is_no_rail(noise):
             told += 1
     # 0.7 and 0.92 of logs at the coarsest two: false alarms of 1e-3 each
     assert told >= 10 if noise < 0.35 else told >= 18
+
+
+@pytest.mark.ci
+def test_sensors_without_noise_beside_one_with_noise_are_not_fitted_together(
+    simval, tmp_path, monkeypatch
+):
+    """Noise factors of 1e8, whose search ended in NaN and a traceback."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sensor.toml").write_text(SENSORS.partition("[gyroscope]")[0])
+    scene = "gimbal --set poses=12 --set hold_time=0.5 --set first_hold=3 --every 10"
+    code, *_ = simval(
+        "scene", *scene.split(), "--sensor", "sensor.toml", "--out", "log.csv"
+    )
+    assert code == 0
+    code, out, _ = simval("calibrate", "log.csv")
+    assert code == 0
+    assert "not fitted together: the noises of these sensors" in out
