@@ -260,6 +260,7 @@ _GREATEST = 0.5
 # what may change, as columns by (bias x, y, z, scale x, y, z)
 _UNIT = np.eye(6)
 CHANGES: dict[str, Array] = {
+    "biases and scales": _UNIT,  # first: it has all others
     "the bias of x": _UNIT[:, [0]],
     "the bias of y": _UNIT[:, [1]],
     "the bias of z": _UNIT[:, [2]],
@@ -269,12 +270,14 @@ CHANGES: dict[str, Array] = {
     "the scale of all axes": _UNIT[:, 3:].sum(axis=1, keepdims=True),
     "the biases": _UNIT[:, :3],
     "the scales": _UNIT[:, 3:],
-    "biases and scales": _UNIT,
 }
 
 
-def find_step(poses: Float[Array, "n 3"]) -> Change | None:
-    """Look for the step that explains a series of poses best."""
+def find_step(poses: Float[Array, "n 3"], least_drop: float = 0.0) -> Change | None:
+    """Look for the step that explains a series of poses best, and so much at least.
+
+    All changes are parts of that of biases and scales: none explains more there.
+    """
     z, scale, floor = scaled(poses)
     count, dof = len(poses), len(poses) - 9
     tried = {k: v for k, v in CHANGES.items() if dof - v.shape[1] >= LEFT}
@@ -291,11 +294,15 @@ def find_step(poses: Float[Array, "n 3"]) -> Change | None:
     if np.linalg.norm(zero - centre) > _GREATEST:
         zero = centre
     best: list[Change] = []
+    hopeful = np.ones(count, dtype=bool)
     for what, columns in tried.items():
         places = np.arange(sides[what], count - sides[what] + 1)
+        places = places[hopeful[places]]
         if len(places) == 0:
             continue
         sums = np.maximum(_squares(z, p, zero, places, columns), count * floor)
+        if columns is _UNIT:  # twice: an iteration that has not settled leaves more
+            hopeful[places] = sums * least_drop**2 <= 2.0 * total
         at, left = int(np.argmin(sums)), dof - columns.shape[1]
         best.append(
             change(

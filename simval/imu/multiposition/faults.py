@@ -399,7 +399,7 @@ def stepped(case: Case) -> str | None:
     chi2, known = case.chi2, bool(np.isfinite(case.chi2))
     if known and not case.beyond_noise:
         return None
-    step = find_step(case.means)
+    step = find_step(case.means, _VANISHES)
     if step is None or step.drop < _VANISHES:
         return None
     healed = (
