@@ -336,13 +336,15 @@ def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
         ["same", "changed", "same", "changed", "moved"],
         "same",
     ).tolist()
-    for i, (old, new, a, b, theories) in enumerate(pairs):
+    columns = kinds, error.tolist(), p.tolist(), pairs
+    for i, (kind, size, chance, pair) in enumerate(zip(*columns, strict=True)):
+        old, new, a, b, theories = pair
         both = (a.value, b.value), (a.prediction, b.prediction)
         way: Standing = "neither"
-        if kinds[i] == "changed":
+        if kind == "changed":
             least = EXACT_BOUND * abs(a.value) if isfinite(a.value) else 0.0
-            if sampled[i]:
-                least = -float(scipy.special.ndtri(limit[i] / 2.0)) * float(error[i])
+            if size > 0.0:
+                least = -float(scipy.special.ndtri(limit[i] / 2.0)) * size
             way = standing(loss_change(b.statistic, *both), least)
         yield Difference(
             study=new.study,
@@ -350,15 +352,15 @@ def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
             statistic=b.statistic,
             before=a.value,
             after=b.value,
-            error=float(error[i]),
-            moved=kinds[i] == "changed",
+            error=size,
+            moved=kind == "changed",
             standing=way,
             predictions=both[1],
             cell_a=old.name,
             a=a,
             b=b,
-            kind=kinds[i],
-            p_value=float(p[i]) if sampled[i] else None,
+            kind=kind,
+            p_value=chance if size > 0.0 else None,
             predictors=tuple(theories),
         )
 

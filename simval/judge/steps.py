@@ -66,19 +66,19 @@ class Step:
     @property
     def weight(self) -> float:
         """Size of the change, for sorting."""
-        size = self.sigmas
         if self.after == self.before:
             return 0.0
-        # rounding is small compared with the limit or remainder that judges it
-        judged = [p for p in self.predictions if p is not None and isfinite(p)]
-        room = max(
-            self.statistic.family.margin * abs(self.before),
-            *(abs(p - self.before) for p in judged),
-            self.left_open,
-        )
-        if size is None and room:
-            size = (self.after - self.before) / room
-        return abs(size) if size is not None and isfinite(size) else inf
+        size = self.sigmas
+        if size is None:
+            # rounding is small compared with the limit or remainder that judges it
+            judged = [p for p in self.predictions if p is not None and isfinite(p)]
+            room = max(
+                self.statistic.family.margin * abs(self.before),
+                *(abs(p - self.before) for p in judged),
+                self.left_open,
+            )
+            size = (self.after - self.before) / room if room else inf
+        return abs(size) if isfinite(size) else inf
 
     @property
     def loss_change(self) -> float:
