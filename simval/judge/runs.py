@@ -15,8 +15,9 @@ than `EXACT_BOUND` of its size. One with a limit (`limit`) is rounding noise bel
 and changed if it crossed the limit.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import hypot, isfinite
 from typing import Literal, NamedTuple
 
@@ -127,11 +128,25 @@ class Difference(Step):
         return prediction_changed(self.a, self.b)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair(NamedTuple):
+    """A statistic in two cells, and the theories that it is compared with."""
+
+    old: CellResult
+    new: CellResult
+    a: Row
+    b: Row
+    theories: list[str]
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunComparison:
     """The statistics that two runs share, and where the runs differ."""
 
-    differences: tuple[Difference, ...]  # changed ones first, each by how far it moved
+    pairs: tuple[Pair, ...]  # a statistic in both
+    kinds: tuple[Kind, ...]  # of each pair
+    errors: tuple[float, ...]  # standard errors of the differences, eq. (D1)
+    p_values: tuple[float, ...]  # of those that have a standard error
+    standings: Mapping[int, Standing]  # of the pairs that changed
     # names of finished cells, or cell and statistic, that only one run has
     only_a: tuple[str, ...]
     only_b: tuple[str, ...]
@@ -141,20 +156,49 @@ class RunComparison:
     @property
     def total(self) -> int:
         """Number of statistics that both have."""
-        return len(self.differences)
+        return len(self.pairs)
 
     @property
     def predictions_changed(self) -> int:
         """Number of predictions that changed."""
-        return sum(d.prediction_changed for d in self.differences)
+        return sum(prediction_changed(pair.a, pair.b) for pair in self.pairs)
+
+    @cached_property
+    def differences(self) -> tuple[Difference, ...]:
+        """All differences: changed ones first, each by how far it moved."""
+        return (*self.of("changed"), *self.of("moved"), *self.of("same"))
 
     @property
     def moves(self) -> tuple[Move, ...]:
         """Changes by study, kind of statistic and direction, largest first."""
-        return moved(self.differences)
+        changed = self.of("changed")
+        studies = {each.study for each in changed}
+        return moved(
+            changed,
+            (
+                (pair.new.study, pair.b.statistic, pair.new.name)
+                for pair in self.pairs
+                if pair.new.study in studies
+            ),
+        )
+
+    def number(self, kind: Kind) -> int:
+        """Number of differences of one kind.
+
+        Parameters
+        ----------
+        kind : {"changed", "moved", "same"}
+            Which.
+
+        Returns
+        -------
+        int
+            Their number.
+        """
+        return self.kinds.count(kind)
 
     def of(self, kind: Kind) -> tuple[Difference, ...]:
-        """Differences of one kind, in order.
+        """Differences of one kind, by how far they moved.
 
         Parameters
         ----------
@@ -166,7 +210,9 @@ class RunComparison:
         tuple of Difference
             Those.
         """
-        return tuple(d for d in self.differences if d.kind == kind)
+        places = (i for i, each in enumerate(self.kinds) if each == kind)
+        found = map(self._difference, places)
+        return tuple(sorted(found, key=lambda each: (-each.weight, each.cell_a)))
 
     def count(self, standing: Standing) -> int:
         """Number that changed this way.
@@ -181,7 +227,27 @@ class RunComparison:
         int
             Their number.
         """
-        return sum(d.standing == standing for d in self.of("changed"))
+        return sum(each == standing for each in self.standings.values())
+
+    def _difference(self, i: int) -> Difference:
+        old, new, a, b, theories = self.pairs[i]
+        return Difference(
+            study=new.study,
+            cell=new.name,
+            statistic=b.statistic,
+            before=a.value,
+            after=b.value,
+            error=self.errors[i],
+            moved=self.kinds[i] == "changed",
+            standing=self.standings.get(i, "neither"),
+            predictions=(a.prediction, b.prediction),
+            cell_a=old.name,
+            a=a,
+            b=b,
+            kind=self.kinds[i],
+            p_value=self.p_values[i] if self.errors[i] > 0.0 else None,
+            predictors=tuple(theories),
+        )
 
 
 def match(
@@ -224,7 +290,7 @@ def compare_runs(a: Run, b: Run, alpha: float = ALPHA) -> RunComparison:
     Returns
     -------
     RunComparison
-        Sorted: what changed most comes first.
+        What changed most comes first.
     """
     cells, only_a, only_b = match(a, b)
     pairs: list[Pair] = []
@@ -235,8 +301,13 @@ def compare_runs(a: Run, b: Run, alpha: float = ALPHA) -> RunComparison:
         if before.keys() != after.keys():
             only_a += [f"{old.name} {_named(k)}" for k in before if k not in after]
             only_b += [f"{new.name} {_named(k)}" for k in after if k not in before]
+    kinds, errors, p_values, standings = _judged(pairs, alpha)
     return RunComparison(
-        differences=tuple(sorted(_judged(pairs, alpha), key=_rank)),
+        pairs=tuple(pairs),
+        kinds=kinds,
+        errors=errors,
+        p_values=p_values,
+        standings=standings,
         only_a=tuple(only_a),
         only_b=tuple(only_b),
         environment=tuple(differences(_dependencies(a), _dependencies(b))),
@@ -253,21 +324,6 @@ def _dependencies(run: Run) -> Mapping[str, object]:
     own = {key: run.manifest[key] for key in kept if key in run.manifest}
     others = other_machines(run.manifest)
     return {**own, "other machines": others} if others else own
-
-
-def _rank(difference: Difference) -> tuple[int, float, str]:
-    kind = {"changed": 0, "moved": 1, "same": 2}[difference.kind]
-    return kind, -difference.weight, difference.cell_a
-
-
-class Pair(NamedTuple):
-    """A statistic in two cells, and the theories that it is compared with."""
-
-    old: CellResult
-    new: CellResult
-    a: Row
-    b: Row
-    theories: list[str]
 
 
 def _pairs_of(
@@ -300,8 +356,10 @@ def prediction_changed(a: Row, b: Row) -> bool:
 
 
 @np.errstate(all="ignore")  # what is no number has changed
-def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
-    """Judge pairs of statistics together, as columns."""
+def _judged(
+    pairs: Sequence[Pair], alpha: float
+) -> tuple[tuple[Kind, ...], tuple[float, ...], tuple[float, ...], dict[int, Standing]]:
+    """Judge pairs of statistics together: kinds, errors, p-values, and ways."""
     rows = [pair.a for pair in pairs]
     before = np.array([pair.a.value for pair in pairs], dtype=float)
     after = np.array([pair.b.value for pair in pairs], dtype=float)
@@ -336,33 +394,15 @@ def _judged(pairs: Sequence[Pair], alpha: float) -> Iterator[Difference]:
         ["same", "changed", "same", "changed", "moved"],
         "same",
     ).tolist()
-    columns = kinds, error.tolist(), p.tolist(), pairs
-    for i, (kind, size, chance, pair) in enumerate(zip(*columns, strict=True)):
-        old, new, a, b, theories = pair
-        both = (a.value, b.value), (a.prediction, b.prediction)
-        way: Standing = "neither"
-        if kind == "changed":
-            least = EXACT_BOUND * abs(a.value) if isfinite(a.value) else 0.0
-            if size > 0.0:
-                least = -float(scipy.special.ndtri(limit[i] / 2.0)) * size
-            way = standing(loss_change(b.statistic, *both), least)
-        yield Difference(
-            study=new.study,
-            cell=new.name,
-            statistic=b.statistic,
-            before=a.value,
-            after=b.value,
-            error=size,
-            moved=kind == "changed",
-            standing=way,
-            predictions=both[1],
-            cell_a=old.name,
-            a=a,
-            b=b,
-            kind=kind,
-            p_value=chance if size > 0.0 else None,
-            predictors=tuple(theories),
-        )
+    standings: dict[int, Standing] = {}
+    for i in np.flatnonzero(np.array(kinds) == "changed").tolist():
+        a, b = pairs[i].a, pairs[i].b
+        least = EXACT_BOUND * abs(a.value) if isfinite(a.value) else 0.0
+        if sampled[i]:
+            least = -float(scipy.special.ndtri(limit[i] / 2.0)) * float(error[i])
+        values, predictions = (a.value, b.value), (a.prediction, b.prediction)
+        standings[i] = standing(loss_change(b.statistic, values, predictions), least)
+    return tuple(kinds), tuple(error.tolist()), tuple(p.tolist()), standings
 
 
 def _limits(a: Row, b: Row) -> tuple[bool, bool]:

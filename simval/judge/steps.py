@@ -216,7 +216,9 @@ def kind_of(statistic: Statistic) -> str:
     return f"{words}, control variates" if statistic.controlled else words
 
 
-def moved(steps: Iterable[Step]) -> tuple[Move, ...]:
+def moved(
+    steps: Iterable[Step], others: Iterable[tuple[str, Statistic, str]] = ()
+) -> tuple[Move, ...]:
     """Group changes by study, kind of statistic and direction.
 
     Parameters
@@ -224,6 +226,8 @@ def moved(steps: Iterable[Step]) -> tuple[Move, ...]:
     steps : iterable of Step
         `RunComparison.differences` of two runs, or `GateResult.steps` of a run
         and its baseline; those that did not move count among all.
+    others : iterable of (str, Statistic, str)
+        Study, statistic and cell of what counts among all beside the steps.
 
     Returns
     -------
@@ -231,6 +235,8 @@ def moved(steps: Iterable[Step]) -> tuple[Move, ...]:
         What moved, largest first; empty if nothing did.
     """
     cells: dict[tuple[str, str], set[str]] = {}
+    for study, statistic, cell in others:
+        cells.setdefault((study, kind_of(statistic)), set()).add(cell)
     groups: dict[tuple[str, str, Standing], list[Step]] = {}
     for step in steps:
         kind = step.study, kind_of(step.statistic)

@@ -6,12 +6,12 @@ a figure of each with both curves; then every common value.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from simval.judge import Difference, Move, RunComparison
-from simval.judge.runs import origin_of
+from simval.judge.runs import Kind, origin_of
 from simval.judge.trend import WAYS
 from simval.report.curves import (
     Curve,
@@ -72,7 +72,7 @@ def comparison_sections(
     """Make the sections of the page."""
     parts = [located(part_of(run).run) for run in (a, b)]
     drawings = _drawings(parts[0], parts[1], comparison)
-    kinds = {k: len(comparison.of(k)) for k in ("changed", "moved", "same")}
+    kinds = {k: comparison.number(k) for k in get_args(Kind)}
     figures = {drawing.finding: drawing.name for drawing in drawings}
     return (
         made(
@@ -138,7 +138,7 @@ def _few_digits(sigmas: float | None) -> float | None:
 def _drawings(a: Run, b: Run, comparison: RunComparison) -> list[Drawing]:
     """One figure for each kind of change: both curves with their bands."""
     cells_a = {cell.name: cell for cell in a.cells}
-    twins = {d.cell_a: d.cell for d in comparison.differences}
+    twins = {pair.old.name: pair.new.name for pair in comparison.pairs}
     drawings: list[Drawing] = []
     seen: set[Key] = set()
     for move, difference in _worst(comparison):
@@ -271,7 +271,7 @@ def differences_table(comparison: RunComparison) -> Table:
         Column("p", "number", 2): lambda d: d.p_value,
         Column("prediction"): lambda d: "changed" if d.prediction_changed else "",
     }
-    count = len(comparison.differences)
+    count = comparison.total
     return tabulated(
         comparison.differences,
         fields,

@@ -6,6 +6,7 @@ a fact about a machine and its day.
 """
 
 import argparse
+import gc
 from statistics import median
 
 from benchmarks import attitude, calibration, filters, gyroscope, judging, rest  # noqa: F401
@@ -20,6 +21,7 @@ def main() -> None:
     asked = parser.parse_args()
     if unknown := set(asked.races) - set(RACES):
         parser.error(f"no race {', '.join(unknown)}; there are {', '.join(RACES)}")
+    gc.set_threshold(500_000, 50, 100)  # as simval's commands have it
     for name in asked.races or RACES:
         race = RACES[name]
         print(f"\n{race.title} ({name})", flush=True)

@@ -90,13 +90,13 @@ def compare():
         return np.flatnonzero(tails(z) < ALPHA / ROWS)
 
     def simval():
-        found = compare_runs(*runs).differences
-        changed = [str(d.statistic) for d in found if d.kind == "changed"]
+        found = compare_runs(*runs)
+        changed = [str(each.statistic) for each in found.of("changed")]
         return sorted(int(name[5:-1]) for name in changed)
 
     return [
         Contender("a join in NumPy, arrays given", ROWS, bare, failing),
-        Contender("simval, each difference in words", ROWS, simval, failing),
+        Contender("simval, what changed in words", ROWS, simval, failing),
     ]
 
 
