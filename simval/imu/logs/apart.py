@@ -13,7 +13,6 @@ import subprocess
 import sys
 from contextlib import contextmanager
 from pathlib import PurePath
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from simval.errors import InputError
@@ -70,6 +69,8 @@ def _on_disk(source: Source) -> "Iterator[str]":
     if source.inside is None:
         yield source.path
         return
+    from tempfile import TemporaryDirectory
+
     with TemporaryDirectory(prefix="simval-log-") as folder:
         path = os.path.join(folder, PurePath(source.path).stem)
         with open(path, "wb") as file:

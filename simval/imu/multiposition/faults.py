@@ -53,7 +53,7 @@ _ODD_SCALE = 3.0  # ratio of two axes' scales that no sensor has
 # What these bounds let pass and catch of 570 bad logs is
 # held by tests/imu/multiposition/test_faults.py.
 _BETTER = 1.5  # times less scatter; undoing the jumps of a sound log makes it worse
-_STEPS = 30  # of a fit; of 24 500 sets that fit to `MISFIT` none took more than ten
+_STEPS = 20  # of a fit; of 24 500 sets that fit to `MISFIT` none took more than ten
 _VANISHES = 4.0  # times less scatter; leaving out a part of a slow drift halves it
 _CHANCE = 1e-6  # of a cut or a step as good in a clean log; its root where the
 # chi-square has a chance as small, `BEYOND`
