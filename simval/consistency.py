@@ -24,6 +24,7 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array
+from simval.errors import RefusedError
 from simval.geometry import compose, conjugate, rotation_vector
 from simval.shapes import Float
 
@@ -61,8 +62,15 @@ def heading_and_inclination(
 def normalised_squares(
     error: Float[Array, "... p"], covariance: Float[Array, "... p p"]
 ) -> Float[Array, "..."]:
-    """NEES or NIS of each row, eq. (C1)."""
-    solved = np.linalg.solve(covariance, error[..., None])[..., 0]
+    """NEES or NIS of each row, eq. (C1); a covariance without an inverse is refused."""
+    try:
+        solved = np.linalg.solve(covariance, error[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        msg = (
+            "a covariance has no inverse, for its standard deviations differ by more "
+            "than a number has digits: give noises that are nearer to each other"
+        )
+        raise RefusedError(msg) from None
     return np.vecdot(error, solved)
 
 
