@@ -236,7 +236,7 @@ def comparison_json(a: Run, b: Run, found: RunComparison) -> str:
         "alpha": found.alpha,
         "common": found.total,
         "changed": {way: found.count(way) for way in WAYS},
-        "moved_within_chance": found.number("moved"),
+        "moved_within_chance": found.kinds.count("moved"),
         "moves": _moves(found.moves),
         "environment": list(found.environment),
         "only_a": list(found.only_a),

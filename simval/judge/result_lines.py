@@ -66,7 +66,7 @@ SHOWN = 12
 
 def changes_headline(found: RunComparison) -> str:
     """Number of values that changed, by direction."""
-    changed, within = found.number("changed"), found.number("moved")
+    changed, within = found.kinds.count("changed"), found.kinds.count("moved")
     ways = [f"{found.count(way):,} {way}" for way in WAYS if found.count(way)]
     return (
         f"{changed:,} of {found.total:,} common statistics changed "

@@ -182,21 +182,6 @@ class RunComparison:
             ),
         )
 
-    def number(self, kind: Kind) -> int:
-        """Number of differences of one kind.
-
-        Parameters
-        ----------
-        kind : {"changed", "moved", "same"}
-            Which.
-
-        Returns
-        -------
-        int
-            Their number.
-        """
-        return self.kinds.count(kind)
-
     def of(self, kind: Kind) -> tuple[Difference, ...]:
         """Differences of one kind, by how far they moved.
 

@@ -409,7 +409,7 @@ def _from_run(context: Context, against: Against) -> tuple[str, list[Line]]:
         suites = [run.manifest["suite"] for run in (against.run, context.run)]
         return _apart(name, name, *suites)
     changes = [_of_step(step) for step in found.of("changed")]
-    moved, same = found.number("moved"), found.number("same")
+    moved, same = found.kinds.count("moved"), found.kinds.count("same")
     notes = [f"{moved:,} moved within their uncertainty"] if moved else []
     alone = len(found.only_a) + len(found.only_b)
     notes += [f"{alone:,} only in one run"] if alone else []

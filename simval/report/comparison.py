@@ -72,7 +72,7 @@ def comparison_sections(
     """Make the sections of the page."""
     parts = [located(part_of(run).run) for run in (a, b)]
     drawings = _drawings(parts[0], parts[1], comparison)
-    kinds = {k: comparison.number(k) for k in get_args(Kind)}
+    kinds = {k: comparison.kinds.count(k) for k in get_args(Kind)}
     figures = {drawing.finding: drawing.name for drawing in drawings}
     return (
         made(
