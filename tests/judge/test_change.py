@@ -446,6 +446,17 @@ def test_values_of_a_kind_are_one_move():
     )
 
 
+def test_what_moved_most_comes_first_among_all_of_its_kind():
+    old, new = (
+        run_of(*(cell(rows_of({"rms[K]": v}, 0.01, n=4000), k=k) for k, v in cells))
+        for cells in (enumerate([1.0] * 4), enumerate([1.0, 1.5, 2.0, 1.001]))
+    )
+    found = compare_runs(old, new)
+    assert [d.after for d in found.differences] == [2.0, 1.5, 1.001, 1.0]
+    (move,) = found.moves
+    assert (move.cells, move.of, move.standing) == (2, 4, "worse")
+
+
 def test_moves_are_sorted_by_how_far():
     steps = [
         step("rms", after=1.05),  # 5 standard errors

@@ -233,6 +233,20 @@ def test_a_step_is_found_where_it_is(count):
         assert find_step(few) is None
 
 
+@pytest.mark.parametrize("size", [0.02, 0.04, 0.08, 0.3])
+def test_a_step_that_explains_enough_is_found_among_fewer(size):
+    """Drops of 1.8 to 45; what explains less than the least may be none or another."""
+    rng = np.random.default_rng(int(1000 * size))
+    for k in range(6):
+        y = reading(even(rng, 20), rng)
+        y[5 + k :, k % 3] += size
+        whole, found = find_step(y), find_step(y, 4.0)
+        if whole.drop < 4.0:
+            assert found is None or found.drop < 4.0
+        else:
+            assert (found.index, found.what) == (whole.index, whole.what)
+
+
 # drifts
 
 
