@@ -5,13 +5,11 @@ Like those of `arrays` they are made once, at a public boundary. Each refuses, b
 the word "no" for true.
 """
 
-import functools
-import inspect
 import operator
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final, TypeVar, cast
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
@@ -21,7 +19,6 @@ from simval.text import as_whole, did_you_mean, shown
 MOST: Final = 10**12  # of anything counted here: more is a slip, and never ends
 
 Kind = TypeVar("Kind")
-Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def whole_number(name: str, value: Any, least: int, most: int = MOST) -> int:
@@ -83,22 +80,3 @@ def file_path(name: str, value: Any) -> Path:
         msg = f"`{name}` is {shown(value)}; it must be the path of a file or folder"
         raise InputError(msg)
     return Path(text)
-
-
-def renamed(**names: str) -> Callable[[Function], Function]:
-    """Let a function take its former keywords, each by the one that it is now."""
-
-    def renaming(function: Function) -> Function:
-        order = tuple(inspect.signature(function).parameters)
-
-        @functools.wraps(function)
-        def taking(*args: Any, **kwargs: Any) -> Any:
-            for old, new in names.items():
-                if old in kwargs and (new in kwargs or new in order[: len(args)]):
-                    msg = f"`{old}` is the former name of `{new}`; give `{new}` alone"
-                    raise InputError(msg)
-            return function(*args, **{names.get(k, k): v for k, v in kwargs.items()})
-
-        return cast(Function, taking)
-
-    return renaming

@@ -327,9 +327,6 @@ RATES = ("50 Hz", "100 Hz", "250 Hz", "500 Hz")
 ONE_OF_MANY = frozenset((*AXES, "s", *QUANTILES, *RATES))
 """Entries that say which one and not of what: axes, quantiles, shares, rates."""
 
-FORMER_ENTRIES = {"usual recipe": "two-step"}
-"""Entries that runs and baselines of former versions have, and their names now."""
-
 
 @dataclass(frozen=True, slots=True)
 class Statistic:

@@ -23,10 +23,8 @@ SOURCES = {
     "file": ", the Allan variance at the hold's length by --noise",
 }
 
-FORMER = click.Option(["--move", "rotation_time"], type=float, hidden=True)
 
-
-@declared("plan", FORMER)
+@declared("plan")
 def command(
     poses: Annotated[
         str, "Pose set: fibonacci:N, faces, edges or corners, or several joined by +."

@@ -110,7 +110,7 @@ def _show_difference(again: Repetition, run: Run, files: Mapping[str, str]) -> N
         )
     changed = differences(run.manifest["versions"], versions())
     reason = f"; other versions: {'; '.join(changed)}" if changed else ""
-    held = run.manifest.get("files", {})
+    held = run.manifest["files"]
     others = [name for name in files if held.get(name) not in (None, files[name])]
     if others:
         reason += f"; its plug-in has changed: {', '.join(others)}"

@@ -19,7 +19,7 @@ from simval.errors import InputError
 from simval.files import MOST_BASELINE, parsed, read_text
 from simval.plugins.names import is_file
 from simval.results import Check, Row
-from simval.statistics import FORMER_ENTRIES, Statistic
+from simval.statistics import Statistic
 from simval.sweep.cells import MAX_SAMPLES
 from simval.sweep.identity import other_machines
 from simval.sweep.provenance import differences
@@ -222,11 +222,8 @@ def environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
 def environment_changes(
     kept: Mapping[str, Any], manifest: Mapping[str, Any]
 ) -> tuple[str, ...]:
-    """Differences of a run's environment from the baseline's, as far as recorded."""
-    own = environment(manifest)
-    if isinstance(machine := kept.get("machine"), Mapping):
-        own["machine"] = {k: v for k, v in own["machine"].items() if k in machine}
-    return tuple(differences(kept, own))
+    """Differences of a run's environment from the baseline's."""
+    return tuple(differences(kept, environment(manifest)))
 
 
 def entries(rows: Sequence[Row]) -> dict[str, Entry]:
@@ -276,17 +273,8 @@ def _without_repeats(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _cell(cell: Any) -> StoredCell:
-    statistics = {
-        _present(key): _entry(entry) for key, entry in cell["statistics"].items()
-    }
+    statistics = {key: _entry(entry) for key, entry in cell["statistics"].items()}
     return StoredCell(str(cell["study"]), dict(cell["parameters"]), statistics)
-
-
-def _present(name: str) -> str:
-    """Name that a statistic of a former version has now."""
-    for old, new in FORMER_ENTRIES.items():
-        name = name.replace(old, new)
-    return name
 
 
 def _entry(entry: Any) -> Entry:

@@ -102,9 +102,7 @@ def _drawn(file: Path) -> bytes:
 def _caption(
     file: Path, content: Mapping[str, Array], name: str, explained: bool
 ) -> str:
-    """Words under a picture; one of an older run has no arrows."""
-    if "drawn" not in content:
-        return f"The scene {name}, drawn by the physics engine."
+    """Words under a picture."""
     time, end = shaped(file, content, "drawn", 2)
     when = f"The scene {name} after {time:.1f} s of {end:.1f} s"
     if explained:

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 from simval.errors import InputError
 from simval.results import CellName, Check, Row
-from simval.statistics import FAMILIES, FORMER_ENTRIES, Statistic
+from simval.statistics import FAMILIES, Statistic
 from simval.studies.study import Cell
 from simval.verdict import Answer
 
@@ -256,7 +256,7 @@ def _statistic(family: str, entries: str, controlled: int, unit: str) -> Statist
             "of simval that wrote it, or sweep anew"
         )
         raise DamagedError(msg)
-    words = tuple(FORMER_ENTRIES.get(each, each) for each in json.loads(entries))
+    words = tuple(json.loads(entries))
     return Statistic(
         family=FAMILIES[family], entries=words, controlled=bool(controlled), unit=unit
     )

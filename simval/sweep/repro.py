@@ -104,7 +104,7 @@ def _completed(given: str, text: str) -> str:
 
 
 def _require_plugin(cell: Cell, run: Run | None) -> None:
-    held = run.manifest.get("files", {}) if run is not None else {}
+    held = run.manifest["files"] if run is not None else {}
     own = cell.parameters
     if isinstance(own, PluginParameters) and (gone := own.missing(held)):
         msg = (

@@ -285,9 +285,9 @@ class _Manifest(BaseModel):
     git: dict[str, str | bool | None]
     models: dict[str, str]
     machine: dict[str, Any]
-    source: str = ""
-    files: dict[str, str] = Field(default_factory=dict)
-    environments: list[dict[str, Any]] = Field(default_factory=list)
+    source: str
+    files: dict[str, str]
+    environments: list[dict[str, Any]] = Field(default_factory=list)  # at the end
 
 
 def manifest(database: sqlite3.Connection) -> dict[str, Any]:

@@ -137,11 +137,6 @@ class GyroscopePlan(ReadOnly):
     next_angle: float
     sd_next: Float[Array, "12"]
 
-    @property
-    def moves(self) -> int:
-        """Former name of `rotations`."""
-        return self.rotations
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MagnetometerPlan(ReadOnly):
@@ -274,12 +269,11 @@ def plan_gyroscope(
     *,
     pose_std: float,
     angle_random_walk: float,
-    rotation_seconds: float | None = None,
+    rotation_seconds: float,
     rest_seconds: float,
     turns: tuple[Any, Any] | None = None,
     g: float = 9.80665,
     form: str = "triangular",
-    move_seconds: float | None = None,
 ) -> GyroscopePlan:
     """Predict the calibration by rests and rotations between them, for ideal sensors.
 
@@ -292,7 +286,7 @@ def plan_gyroscope(
     angle_random_walk : float
         White noise N of the gyroscope, rad/s per root hertz.
     rotation_seconds : float
-        Time of a rotation between two rests, s; needed.
+        Time of a rotation between two rests, s.
     rest_seconds : float
         Time of a rest, s.
     turns : tuple of array_like, optional
@@ -302,8 +296,6 @@ def plan_gyroscope(
         Gravity, m/s^2.
     form : {"triangular", "upper", "symmetric"}
         Form of the accelerometer's parameters.
-    move_seconds : float, optional
-        Former name of `rotation_seconds`.
 
     Returns
     -------
@@ -319,14 +311,7 @@ def plan_gyroscope(
     unit = "rad/s per root hertz"
     walk = positive_number("angle_random_walk", angle_random_walk, unit)
     std = positive_number("pose_std", pose_std, "m/s^2")
-    if move_seconds is not None and rotation_seconds is not None:
-        msg = (
-            "`move_seconds` is the former name of `rotation_seconds`; give "
-            "`rotation_seconds` alone"
-        )
-        raise InputError(msg)
-    time = move_seconds if rotation_seconds is None else rotation_seconds
-    seconds = positive_number("rotation_seconds", time, "s")
+    seconds = positive_number("rotation_seconds", rotation_seconds, "s")
     rest = positive_number("rest_seconds", rest_seconds, "s")
     axis, angle = turns_of(u) if turns is None else _given(u, *turns)
     rows = turn_rows(u[:-1], axis, angle).reshape(-1, MATRIX)
@@ -512,7 +497,7 @@ PLAN_KEYS: Final = (
     "next_direction", "sd_next",
 )  # fmt: skip
 GYROSCOPE_KEYS: Final = (
-    "names", "sd", "accelerometer_sd", "rotations", "moves", "rank", "condition",
+    "names", "sd", "accelerometer_sd", "rotations", "rank", "condition",
     "next_axis", "next_angle", "sd_next",
 )  # fmt: skip
 

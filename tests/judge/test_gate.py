@@ -240,14 +240,6 @@ def test_a_baseline_that_would_accept_anything_is_refused(tmp_path, text):
         read_baseline(path)
 
 
-def test_a_baseline_of_a_former_version_has_present_names(tmp_path):
-    path = tmp_path / "baseline.json"
-    former = GOOD.replace('"b"', '"control variance_over_bound[M,usual recipe]"')
-    path.write_text(f"{HEAD}{former}}}}}}}")
-    (name,) = read_baseline(path)["cells"]["s()@1"].statistics
-    assert name == "control variance_over_bound[M,two-step]"
-
-
 def test_a_baseline_is_written_of_a_whole_run_of_numbers(tiny_run, tmp_path):
     run, path = load_run(tiny_run), tmp_path / "baseline.json"
     *others, last = run.cells

@@ -19,7 +19,7 @@ from stores import raw
 from simval.cli import run as simval_command
 from simval.errors import InputError
 from simval.results import Row
-from simval.statistics import FAMILIES, VARIANCE_OVER_BOUND, Statistic
+from simval.statistics import FAMILIES, Statistic
 from simval.sweep import load_run, run_suite, store
 from simval.sweep.cells import cell_entry, cell_result, row_entries
 from simval.sweep.runner import Progress, drive
@@ -254,9 +254,3 @@ def stored_and_read(row):
         database.execute(f"INSERT INTO rows VALUES ({marks})", stored)
         (found,) = cell_result(cell, database.execute("SELECT * FROM rows")).rows
     return found
-
-
-def test_an_entry_of_a_former_version_is_read_by_its_present_name():
-    former = Statistic(VARIANCE_OVER_BOUND, ("M", "usual recipe"))
-    found = stored_and_read(Row(statistic=former, value=3.0, n=1))
-    assert str(found.statistic) == "variance_over_bound[M,two-step]"

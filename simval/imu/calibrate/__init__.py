@@ -7,11 +7,9 @@ from simval.imu.calibrate.gyroscope import (
     GyroscopeFit,
     ImuFit,
     InterRestRotations,
-    Moves,
     calibrate_gyroscope,
     calibrate_imu,
     inter_rest_rotations,
-    moves_between,
 )
 from simval.imu.calibrate.magnetometer import (
     MagnetometerFit,
@@ -28,7 +26,6 @@ __all__ = [
     "ImuFit",
     "InterRestRotations",
     "MagnetometerFit",
-    "Moves",
     "NineAxisFit",
     "calibrate",
     "calibrate_gyroscope",
@@ -39,6 +36,5 @@ __all__ = [
     "ellipsoid_then_rotation",
     "inter_rest_rotations",
     "load_calibration",
-    "moves_between",
     "save_calibration",
 ]

@@ -26,7 +26,7 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from simval.arguments import instance, renamed
+from simval.arguments import instance
 from simval.arrays import Array, physical_array
 from simval.errors import InputError
 from simval.imu.calibrate.equations import Problem
@@ -220,7 +220,6 @@ def _result(
 _FLOOR: Final = 1e-11  # of the readings' own size, as for the other noises
 
 
-@renamed(moves="inter_rest")
 def calibrate_nine_axis(
     inter_rest: InterRestRotations,
     poses: Any,

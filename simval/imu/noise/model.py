@@ -278,9 +278,7 @@ def axis_from_json(data: dict[str, Any]) -> AxisNoise:
     coefficients = _checked(
         data.get("coefficients"), "coefficients", dict, dict, "an object of objects"
     )
-    further = _checked(
-        data.get("further", []), "further", list, dict, "a list of objects"
-    )
+    further = _checked(data.get("further"), "further", list, dict, "a list of objects")
     statements = _checked(
         data.get("statements"), "statements", list, str, "a list of texts"
     )

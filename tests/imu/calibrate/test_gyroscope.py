@@ -53,16 +53,7 @@ def test_raw_counts_and_swapped_axes_are_found_without_a_hint():
     counts = GyroscopeModel(M=2.1e-4 * M @ order, B=np.array([3277.0, 3245.0, 3251.0]))
     inter_rest = inter_rest_rotations(TIME, counts.distort(RATE, ZERO), RESTS, chunk=2)
     own = calibrate(CLEAN["poses"], G)
-    former = {"moves": inter_rest}  # former name of the first argument
-    fit = calibrate_gyroscope(
-        **former, poses=CLEAN["poses"], accelerometer=own, pose_std=0.0
-    )
-    for twice in ((inter_rest,), ()):
-        named = former if twice else {**former, "inter_rest": inter_rest}
-        with pytest.raises(InputError, match="give `inter_rest` alone"):
-            calibrate_gyroscope(
-                *twice, **named, poses=CLEAN["poses"], accelerometer=own, pose_std=0.0
-            )
+    fit = calibrate_gyroscope(inter_rest, CLEAN["poses"], own, pose_std=0.0)
     assert fit.status == "converged"
     # chunks of two leave a third order in what they turn, of 2.5 rad in a move
     np.testing.assert_allclose(fit.M, counts.M, rtol=0, atol=1e-6 * 2.1e-4)

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from simval.arguments import choice, instance, renamed
+from simval.arguments import choice, instance
 from simval.arrays import Array, physical_array
 from simval.errors import GeometryError, InputError
 from simval.geometry import normalize
@@ -103,7 +103,6 @@ def require_told(
     raise GeometryError(msg)
 
 
-@renamed(moves="inter_rest")
 def calibrate_gyroscope(
     inter_rest: InterRestRotations,
     poses: Any,
@@ -124,7 +123,7 @@ def calibrate_gyroscope(
     Parameters
     ----------
     inter_rest : InterRestRotations
-        Path statistics, see `inter_rest_rotations`; formerly `moves`.
+        Path statistics, see `inter_rest_rotations`.
     poses : array_like
         Mean accelerometer reading of each rest, raw units, (n, 3) or (trials, n, 3).
     accelerometer : FitResult

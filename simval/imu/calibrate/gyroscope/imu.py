@@ -58,11 +58,6 @@ class ImuReadings(NamedTuple):
     known_bias: Any  # raw units, (3,), where the model of the bias is a line; else None
     bias_std: float  # of the rests' mean, by how they scatter
 
-    @property
-    def moves(self) -> InterRestRotations:
-        """Former name of `inter_rest`."""
-        return self.inter_rest
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImuFit(ReadOnly):

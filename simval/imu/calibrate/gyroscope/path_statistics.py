@@ -147,7 +147,6 @@ _LEAST_REST = 3  # rows, of which two may be given to the rotations
 class InterRestRotations(ReadOnly):
     """Path statistics of the rotations between rests, and the rests' mean readings.
 
-    `Moves` is the former name of this class.
     Leading axis t: trials, 1 for a recording.
 
     Attributes
@@ -206,8 +205,6 @@ def inter_rest_rotations(
     force_noise: Any = None,
 ) -> InterRestRotations:
     """Reduce a gyroscope's samples to path statistics between rests.
-
-    `moves_between` is the former name of this function.
 
     Parameters
     ----------
@@ -284,10 +281,6 @@ def inter_rest_rotations(
         chunk=chunk,
         **_forces(force, force_noise, step, first, last, statistics.shape[-1], chunk),
     )
-
-
-Moves = InterRestRotations
-moves_between = inter_rest_rotations
 
 
 def _forces(

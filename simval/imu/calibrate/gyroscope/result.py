@@ -88,11 +88,6 @@ class GyroscopeFit(Estimate):
         return self.covariance[..., 9:, 9:]
 
     @property
-    def gap_angles(self) -> Float[Array, "... k"]:
-        """Former name of `residual_angles`."""
-        return self.residual_angles
-
-    @property
     def cost(self) -> Float[Array, "..."]:
         """Half the sum of squared differences of unit vectors, IMU-TK's cost, (...)."""
         return (2.0 * np.sin(self.residual_angles / 2.0) ** 2).sum(axis=-1)
@@ -181,7 +176,6 @@ class GyroscopeFit(Estimate):
             "dof": self.dof,
             "condition": float(self.condition),
             "residual_angles_rad": self.residual_angles.tolist(),
-            "gap_angles_rad": self.residual_angles.tolist(),  # its former name
             "status": str(self.status),
         }
 
