@@ -24,6 +24,8 @@ MANIFEST = {
     "versions": {"simval": "1"},
     "git": {"commit": None, "dirty": None},
     "models": {},
+    "files": {},
+    "source": "0",
     "machine": {"system": "Linux", "processor": "x", "kernels": []},
 }
 N = 16_384
