@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 from dataclasses import replace
+from decimal import Decimal
 from math import inf
 from xml.etree import ElementTree
 
@@ -301,6 +302,41 @@ def test_the_sample_can_be_made_again():
         assert [words for words in told if f">{words}<" not in page] == []
 
 
+NUMBER = re.compile(r"[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+def numbers_of(page):
+    """Numbers of a page by the words of their row, sorted: ties may change places.
+
+    Each with a unit of its last digit, if it is no whole number.
+    """
+    found = {}
+    for _, row in re.findall(r"<(tr|title|text)\b[^>]*>(.*?)</\1>", page, re.DOTALL):
+        text = re.sub(r"<[^>]*>", " ", row)
+        words = NUMBER.sub("#", text)
+        for place, number in enumerate(NUMBER.findall(text)):
+            given = Decimal(number.replace("−", "-"))
+            unit = 10.0 ** min(int(given.as_tuple().exponent), 0) % 1.0
+            found.setdefault((words, place), []).append((float(given), unit))
+    return {key: sorted(each) for key, each in found.items()}
+
+
+def differing(old, new):
+    """Numbers of which rounding is not the cause.
+
+    Over the kernels of five other processors a number of the sample above 1e-7 was off
+    by up to 7.4e-4 of itself, and one below it by up to 5.0e-9: a third and a sixth of
+    what is allowed here.
+    """
+    assert old.keys() == new.keys()
+    return [
+        (words, a, b)
+        for (words, place), numbers in old.items()
+        for (a, *unit), (b, *other) in zip(numbers, new[words, place], strict=True)
+        if not abs(a - b) <= 3e-8 + max(2e-3 * abs(a), 1.1 * max(unit + other))
+    ]
+
+
 @pytest.mark.slow
 def test_the_sample_is_of_today_s_code(simval, tmp_path, monkeypatch):
     """Made anew by `make sample` when this fails: a number is not as today's."""
@@ -309,11 +345,19 @@ def test_the_sample_is_of_today_s_code(simval, tmp_path, monkeypatch):
     assert simval("sweep", ROOT / "reports" / "sample.toml", "--out", folder)[0] == 0
     assert simval("report", folder, "--out", "page.html")[0] == 0
     made, committed = (
-        re.findall(r"<(?:title|text|td)\b[^>]*>([^<]+)<", path.read_text("utf-8"))
+        path.read_text("utf-8")
         for path in (tmp_path / "page.html", ROOT / "reports" / "sample.html")
     )
-    assert len(made) > 1000
-    assert made == committed
+    numbers = numbers_of(committed)
+    assert sum(map(len, numbers.values())) > 5000
+    assert differing(numbers, numbers_of(made)) == []
+    # the test can fail: a hundredth more in any one of many rows
+    places = list(re.finditer(r">0\.([5-9]\d{3,})<", made))[::5]
+    for place in places:
+        more = f">{1.01 * float(place[0][1:-1]):.6g}<"
+        off = numbers_of(f"{made[: place.start()]}{more}{made[place.end() :]}")
+        assert differing(numbers, off), place[0]
+    assert len(places) > 10
 
 
 @pytest.mark.ci
