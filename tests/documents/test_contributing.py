@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md keeps its word: one module, one name, and a study is everywhere."""
+"""CONTRIBUTING.md keeps its word: one module, one name, and it is everywhere."""
 
 import json
 import os
@@ -7,31 +7,39 @@ import shutil
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from places import ROOT
 
+from simval.plugins.programs import log_of
+from simval.poses import fibonacci_sphere
 from simval.statistics import FAMILIES
 
 PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 
+ADDED = {"studies/coin": BLOCKS[0], "imu/logs/sl1": BLOCKS[2]}
+LINES = (  # of a module: before what stands there once, what
+    ("vocabulary", '    "coverage",\n', '    "coin",\n'),
+    ("imu/logs/readers", "\nCandidates = ", "from simval.imu.logs import sl1\n"),
+    ("imu/logs/readers", "text),\n", "sl1, "),
+)
+
 
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory):
-    """A copy of the package with the page's study in it."""
+    """A copy of the package with the page's study and reader in it."""
     folder = tmp_path_factory.mktemp("checkout")
     shutil.copytree(
         ROOT / "simval", folder / "simval", ignore=shutil.ignore_patterns("__pycache__")
     )
     shutil.copytree(ROOT / "models", folder / "models")
-    studies = folder / "simval" / "studies"
-    (studies / "coin.py").write_text(BLOCKS[0], encoding="utf-8")
-    names = folder / "simval" / "vocabulary.py"
-    changed = names.read_text(encoding="utf-8").replace(
-        '    "coverage",\n', '    "coin",\n    "coverage",\n'
-    )
-    assert changed.count("coin") == 1
-    names.write_text(changed, encoding="utf-8")
+    for module, content in ADDED.items():
+        (folder / f"simval/{module}.py").write_text(content, encoding="utf-8")
+    for module, before, own in LINES:
+        file = folder / f"simval/{module}.py"
+        start, end = file.read_text(encoding="utf-8").split(before)
+        file.write_text(f"{start}{own}{before}{end}", encoding="utf-8")
     return folder
 
 
@@ -60,6 +68,45 @@ def test_a_study_is_one_module_and_one_name(checkout):
     assert 'id="figure-coin"' in page
     assert "The share of heads agrees with theory" in page
     assert "coverage[heads]" in page
+
+
+@pytest.mark.ci
+def test_a_log_format_is_one_module_and_one_name(checkout):
+    rng = np.random.default_rng(1)
+    force = 9.80665 * fibonacci_sphere(12) + 2e-3 * rng.standard_normal((12, 3))
+    counts = np.round(log_of(force * 200.0 + 40.0, 0.05)[:, 1:]).astype("<i2")
+    (checkout / "log.sl1").write_bytes(
+        b"SL1\0" + np.array([100.0], "<f4").tobytes() + counts.tobytes()
+    )
+    header = ",".join(f"acc_{axis} [raw]" for axis in "xyz")
+    np.savetxt(checkout / "log.csv", counts, "%d", ",", header=header, comments="")
+    found = [
+        json.loads(called(checkout, "calibrate", *words, "--json"))
+        for words in (("log.sl1",), ("log.csv", "--rate", "100"))
+    ]
+    assert found[0]["parameters"] == found[1]["parameters"]
+    assert found[0]["rms"] == found[1]["rms"] > 0.0
+    (checkout / "log.sl1").write_bytes(b"SL1\0" + bytes(4) + counts.tobytes())
+    with pytest.raises(subprocess.CalledProcessError) as refused:
+        called(checkout, "calibrate", "log.sl1")
+    assert refused.value.returncode == 2
+    assert "log.sl1 is cut off or damaged" in refused.value.stderr
+
+
+def test_every_file_that_the_page_names_is_there():
+    named = set(re.findall(r"`([\w/.-]+\.(?:py|md|c|toml|txt))`", PAGE))
+    files = {
+        path.relative_to(ROOT).as_posix()
+        for folder in ("simval", "tests", "docs", "models", "reports")
+        for path in (ROOT / folder).rglob("*.*")
+    }
+    assert len(named) > 30
+    # in a folder that stands before it
+    assert [
+        name
+        for name in sorted(named)
+        if not any(f"/{file}".endswith(f"/{name}") for file in files)
+    ] == []
 
 
 def test_a_statistic_is_one_line():
