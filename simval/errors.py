@@ -59,11 +59,11 @@ class PluginError(RefusedError):
 
 
 class CrashedPluginError(PluginError):
-    """A plug-in that raised, died or did not end, and so has answered nothing."""
+    """A plug-in that raised or died, and so has answered nothing."""
 
 
-class SilentPluginError(CrashedPluginError):
-    """A program that did not answer in time."""
+class SlowPluginError(PluginError):
+    """A plug-in, or a program, that did not answer in time: it is slow, or hangs."""
 
 
 class UnusablePluginError(PluginError, InputError):

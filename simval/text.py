@@ -1,6 +1,7 @@
 """Text for people: values and messages on one printable line, whole numbers."""
 
 import math
+import os
 from collections.abc import Iterable
 from numbers import Integral, Real
 from typing import Any, Final
@@ -8,12 +9,17 @@ from typing import Any, Final
 LIMIT = 2000
 """Characters that a message may have; of a longer one head and tail are kept."""
 
+SHOWN: Final = 80
+"""Characters that a message shows of a line of code."""
+
+OURS: Final = os.path.dirname(__file__) + os.sep
+"""Beginning of the names of our own files."""
 
 OTHER_WORDS = dict.fromkeys(
     ("positions", "n_poses", "n_positions", "orientations", "directions", "throws"),
     "poses",
 )
-"""Names that a thing had here once, or has elsewhere, and its name."""
+"""Names that a thing has elsewhere, and its name."""
 
 LONGEST = 200
 """Characters of a word for which near ones are searched: more is no slip."""
@@ -108,6 +114,33 @@ def message_of(error: BaseException) -> str:
     """Say what an error is, even one that cannot say so itself."""
     words = words_of(error)
     return f"{type(error).__name__}: {words}" if words else type(error).__name__
+
+
+def raised(error: BaseException) -> str:
+    """Message of an error of a user's code, with the file and the line that raised it.
+
+    It is the last line that is neither ours nor of an installed package; of code that
+    is installed itself the last of the file that we called.
+    """
+    import linecache
+    import sysconfig
+    import traceback
+
+    words, paths = message_of(error), sysconfig.get_paths()
+    libraries = tuple(paths[each] + os.sep for each in ("stdlib", "purelib", "platlib"))
+    frames = [
+        (frame.f_code.co_filename, line)
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if not frame.f_code.co_filename.startswith((OURS, "<"))
+    ]
+    if not frames:
+        return words
+    own = [each for each in frames if not each[0].startswith(libraries)]
+    file, line = (own or [each for each in frames if each[0] == frames[0][0]])[-1]
+    code = linecache.getline(file, line).strip()
+    code = code if len(code) <= SHOWN else f"{code[: SHOWN - 3]}..."
+    at = f"{os.path.basename(file)}, line {line}"
+    return f"{words} ({at}: {code})" if code else f"{words} ({at})"
 
 
 def described(error: BaseException) -> str:

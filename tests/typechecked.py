@@ -78,6 +78,8 @@ def checked(function):
             return state["full"](*args, **names)
         return function(*args, **names)
 
+    # it is no line of a user's, to whoever looks for that in a traceback
+    call.__code__ = call.__code__.replace(co_filename="<checked>")
     return call
 
 

@@ -15,6 +15,7 @@ from simval.check.causes import unjudged, why
 from simval.check.measure import Checked
 from simval.errors import CrashedPluginError
 from simval.judge import Finding, findings, headline
+from simval.judge.steps import loss
 from simval.plugins.loading import Meant
 from simval.plugins.names import located, portable
 from simval.results import CellName, Row
@@ -108,13 +109,18 @@ ANSWERS: Final[Mapping[str, str]] = MappingProxyType(
 )
 """How an answer is called in the table; what is not judged has none."""
 
+SHOWN: Final[Mapping[str, str]] = MappingProxyType(
+    {"more": "least", "prediction": "farthest"}
+)
+"""Which member of a family is the worst, and shown, by what is better."""
+
 CRASH = f"{CrashedPluginError.__module__}.{CrashedPluginError.__qualname__}: "
 """What the words of a crash begin with in a store."""
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One family of statistics in one cell: its greatest member, and its answer."""
+    """One family of statistics in one cell: its worst member, and its answer."""
 
     value: str
     answer: str
@@ -207,7 +213,7 @@ def _fails_at(cell: CellResult) -> Iterator[str]:
 
 
 def _table(cells: Sequence[CellResult], judged: Sequence[Finding]) -> Iterator[str]:
-    """Columns for each cell: what is greatest of a family, and the answer."""
+    """Columns for each cell: what is worst of a family, and the answer."""
     columns = [_lines(cell, judged) for cell in cells]
     titles = list(dict.fromkeys(title for column in columns for title in column))
     table = [["", *titles]]
@@ -255,13 +261,19 @@ def _lines(cell: CellResult, judged: Sequence[Finding]) -> dict[str, Line]:
             if (key := (one_line(str(row.statistic)), one_line(row.predictor)))
             in answers
         ]
-        # a NaN is greater than any number here: it must be seen
-        greatest = max(rows, key=lambda r: (r.value != r.value, abs(r.value)))
+        farthest = max(rows, key=_badness)
         worst = next((word for word in ANSWERS if word in known and word != "pass"), "")
         answer = worst or ("pass" if known else "")
-        value = _figure(greatest.value, greatest.standard_error)
+        value = _figure(farthest.value, farthest.standard_error)
         lines[_title(family, rows)] = Line(value, answer)
     return lines
+
+
+def _badness(row: Row) -> tuple[bool, float]:
+    """How bad a value is beside others; its size where neither way is better."""
+    found = loss(row.statistic, row.value, row.prediction)
+    # a NaN is worse than any number: it must be seen
+    return row.value != row.value, abs(row.value) if found != found else found
 
 
 def _figure(value: float, error: float) -> str:
@@ -276,7 +288,8 @@ def _figure(value: float, error: float) -> str:
 def _title(family: Family, rows: Sequence[Row]) -> str:
     units = {row.unit for row in rows}
     unit = f", {units.pop()}" if len(units) == 1 and units != {"1"} else ""
-    many = f" (greatest of {len(rows)})" if len(rows) > 1 else ""
+    shown = SHOWN.get(family.better or "", "greatest")
+    many = f" ({shown} of {len(rows)})" if len(rows) > 1 else ""
     return f"{family.words}{unit}{many}"
 
 
@@ -311,8 +324,6 @@ def _finding(finding: Finding, checked: Checked, more: int = 0) -> Iterator[str]
     yield f"  {': '.join(filter(None, words))}"
     if more:
         yield f"    and {more} more of this kind"
-    for line in _own_frames(cell):
-        yield f"    {line}"
     if hint := advice_on(finding):
         yield f"    {hint}"
 
@@ -321,13 +332,6 @@ def _of_same(cell: CellResult, checked: Checked) -> Sequence[CellResult]:
     """Cells of the same plug-in."""
     groups = (checked.of(plugin) for plugin in checked.plugins)
     return next((group for group in groups if cell in group), ())
-
-
-def _own_frames(cell: CellResult | None) -> list[str]:
-    """Lines of a crash that show the user's own code, without its last line."""
-    if cell is None or cell.ending != "crashed" or "Traceback" in cell.error:
-        return []
-    return [line.rstrip() for line in cell.error.splitlines()[:-1]]
 
 
 def _cell(checked: Checked, name: CellName) -> CellResult | None:

@@ -11,7 +11,6 @@ statistic, which may be said, or in bounds: the Cramer-Rao bound of its row.
 
 import re
 import time
-import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -253,8 +252,6 @@ NUMPYS_OWN: Final[Mapping[str, Any]] = MappingProxyType(
 )
 """What NumPy does about floating-point errors if it is not told otherwise."""
 
-OURS = Path(__file__).parents[1]
-
 Held = Estimator | Calibrator | Filter
 Algorithm = Callable[..., Any] | Held
 
@@ -384,16 +381,9 @@ def _measured(position: int, cell: Cell, plugin: Held) -> CellResult:
         warnings.simplefilter("default")
         try:
             rows = outcome(plugin, parameters, cell.streams).rows
-        except CrashedPluginError as crash:
-            cause = crash.__cause__
-            frames = traceback.extract_tb(
-                None if cause is None else cause.__traceback__
-            )
-            own = [f for f in frames if not Path(f.filename).is_relative_to(OURS)]
-            # lines of the user's own code, then the message
-            error = f"{''.join(traceback.format_list(own))}{crash}\n"
-        except PluginError as refusal:
-            error = f"{REFUSED}{refusal}\n"
+        except PluginError as fault:
+            crashed = isinstance(fault, CrashedPluginError)
+            error = f"{'' if crashed else REFUSED}{fault}\n"
     return CellResult(
         position=position,
         name=cell.name,

@@ -267,7 +267,8 @@ def run_on_log(
     from simval.plugins.runs import run_filter
     from simval.plugins.worlds import find_world
 
-    with started(time_limit, f"the filter {name}") as child:
+    longer = "give it more time by --time-limit"
+    with started(time_limit, f"the filter {name}", longer) as child:
         filter = child.ask(find_plugin, algorithm, Filter)
         if found.field is None:
             _require_six(filter)
@@ -277,7 +278,9 @@ def run_on_log(
         stride = -(-len(given.dt) // MOST_ROWS)
         keep = np.arange(stride - 1, len(given.dt), stride)
         rate = 1.0 / float(np.median(given.dt))
+        child.expect(len(given.dt), "rows")
         world = find_world(filter, given.told, rate)
+        child.measure()
         output = run_filter(filter, given, keep, world.world)
     how = "declared" if filter.world else "found"
     at = "" if filter.magnetometer else f"; starts at {found.time[start.row]:.2f} s"

@@ -32,7 +32,7 @@ from simval.plugins.attitudes import (
     sound_rows,
     tail,
 )
-from simval.plugins.child import where_it_lives
+from simval.plugins.child import answered, where_it_lives
 from simval.plugins.noise import VectorNoise, vector_noise
 from simval.plugins.protocol import (
     ANSWERS,
@@ -42,7 +42,7 @@ from simval.plugins.protocol import (
     Filter,
 )
 from simval.shapes import Bool, Float
-from simval.text import message_of, words_of
+from simval.text import raised, words_of
 
 Mask = NDArray[np.bool_]
 Shape = tuple[int, ...]
@@ -68,7 +68,7 @@ def ended(name: str, error: BaseException, where: str = "") -> PluginError:
         return type(error)(f"{error}{where}")
     if isinstance(error, RefusedError):
         return PluginError(f"{name} refuses what it is given: {words_of(error)}{where}")
-    return CrashedPluginError(f"{name} raised {message_of(error)}{where}")
+    return CrashedPluginError(f"{name} raised {raised(error)}{where}")
 
 
 def answers(
@@ -81,14 +81,17 @@ def answers(
     """Answers of a function: one for a batch, else one for each row."""
     given, words = stacked(estimator, vectors), handed(estimator, vectors, noise)
     kept = [a.copy() for a in (*given, *words.values())]
-    if estimator.batch:
-        found = [called(estimator.name, function, *given, *more, **words)]
-    else:
-        rows = range(len(vectors[0]))
-        found = [
-            called(estimator.name, function, *one, *more, **own)
-            for one, own in (_row(i, given, words) for i in rows)
-        ]
+    n = len(vectors[0])
+    each = (
+        [(given, words)]
+        if estimator.batch
+        else (_row(i, given, words) for i in range(n))
+    )
+    found = []
+    for one, own in each:
+        found.append(called(estimator.name, function, *one, *more, **own))
+        if function is estimator.estimate:
+            answered(n if estimator.batch else 1)
     now = (*given, *words.values())
     if not all(np.array_equal(a, b) for a, b in zip(now, kept, strict=True)):
         msg = f"{estimator.name} changes its input; work on a copy"
@@ -341,6 +344,7 @@ def calibration_of(
     if calibrator.noise_std:
         arguments = (*arguments, noise_std)
     answer = called(name, calibrator.calibrate, *arguments)
+    answered()
     return _checked(name, calibrator, answer)
 
 
@@ -592,6 +596,6 @@ def _size(name: str, word: str, given: Mapping[str, Any]) -> int:
     try:
         shape = np.shape(given[word])
     except Exception as error:  # ragged, or whatever a user's object may raise
-        msg = f"{name} returned `{word}` that is not an array ({message_of(error)})"
+        msg = f"{name} returned `{word}` that is not an array ({raised(error)})"
         raise PluginError(msg) from None
     return shape[-1] if shape else 0

@@ -5,8 +5,10 @@ the function's name and its arguments, and gets what it returns: words as JSON, 
 as they are, so that every number crosses to the bit and nothing is unpickled. Which
 functions is open: who asks is our own code, and each study asks something else. The
 plug-in may raise, print, exit, hang or crash its interpreter: each ends as a
-`PluginError` that says so (`CrashedPluginError` where it raised, died or did not end),
-and its whole process group goes with it.
+`PluginError` that says so (`CrashedPluginError` where it raised or died,
+`SlowPluginError` where it did not end), and its whole process group goes with it.
+What it has answered is counted in a file that both have, so that a slow one is told
+how far it came.
 
 It is started as a program, not by `multiprocessing`: a daemonic worker, as Dask's are,
 may have no children there, and a child by `spawn` would run the user's script again.
@@ -24,21 +26,30 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from contextvars import ContextVar
 from dataclasses import fields, is_dataclass, replace
 from functools import wraps
 from importlib import import_module
 from math import prod
+from mmap import mmap
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import monotonic
-from typing import IO, Any, Concatenate, ParamSpec, TypeVar
+from types import MappingProxyType
+from typing import IO, Any, Concatenate, Final, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.errors import CrashedPluginError, PluginError, RefusedError, SimvalError
+from simval.errors import (
+    CrashedPluginError,
+    PluginError,
+    RefusedError,
+    SimvalError,
+    SlowPluginError,
+)
 from simval.plugins.protocol import Plugin
-from simval.text import message_of
+from simval.text import raised
 
 MAX_OUTPUT = 1 << 26
 """Bytes that the child, or a command that it runs, may write to any one file."""
@@ -59,6 +70,17 @@ SIZES = struct.Struct(">QQ")
 """Of what a message says of its arrays, and of its words."""
 
 PR_SET_PDEATHSIG = 1
+
+FAULTS: Final[Mapping[str, type[PluginError]]] = MappingProxyType(
+    {each.__name__: each for each in (CrashedPluginError, SlowPluginError)}
+)
+"""Errors that cross by their names; any other is a plain refusal."""
+
+OUTPUT, ANSWERS = "output", "answers"
+"""Files of a child: what it has written, and the number of its answers."""
+
+COUNT: Final = 8
+"""Bytes of that number."""
 
 KIND = "@"
 """Key of the words for a value that JSON does not have."""
@@ -211,18 +233,35 @@ class Child(End):
         self,
         process: subprocess.Popen[bytes],
         connection: socket.socket,
-        output: Path,
+        folder: Path,
         time_limit: float,
         who: str,
+        advice: str,
     ) -> None:
         super().__init__(connection)
-        self.process, self.output, self.who = process, output, who
+        self.process, self.folder = process, folder
+        self.who, self.advice = who, advice
         self.time_limit, self.begun, self.asked = time_limit, monotonic(), 0
+        self.trials: tuple[int, str] = 0, ""
+        self.before: int | None = None  # answers before the trials
 
     @property
     def spent(self) -> float:
         """Seconds since it was begun."""
         return monotonic() - self.begun
+
+    @property
+    def answers(self) -> int:
+        """Number of answers that the plug-in has given: rows, or calibrations."""
+        return int.from_bytes((self.folder / ANSWERS).read_bytes(), sys.byteorder)
+
+    def expect(self, trials: int, what: str) -> None:
+        """State how many answers are measured, once it is checked, and of what."""
+        self.trials = trials, what
+
+    def measure(self) -> None:
+        """Take the answers from here on for those that are measured."""
+        self.before = self.answers
 
     def ask(self, function: Callable[..., T], *arguments: Any, **words: Any) -> T:
         """Result of a module's function, called in the child.
@@ -252,7 +291,7 @@ class Child(End):
         if fault == "lost":
             raise Lost(CrashedPluginError(answer))
         if fault:
-            raise (CrashedPluginError if fault == "crashed" else PluginError)(answer)
+            raise FAULTS.get(fault, PluginError)(answer)
         found: T = answer
         return found
 
@@ -272,7 +311,18 @@ class Child(End):
 
     def _too_late(self) -> Lost:
         msg = f"{self.who} did not end within {self.time_limit:g} s and was stopped"
-        return Lost(CrashedPluginError(msg))
+        count, what = self.trials
+        if count:
+            done, where = 0, ", and was still at its checks without noise"
+            if self.before is not None:
+                done, where = min(self.answers - self.before, count), ""
+            if done == count:
+                where = ", and not all that is asked after them"
+            msg = (
+                f"{self.who} is too slow, or hangs: it answered {done:,} of {count:,} "
+                f"{what} in {self.time_limit:g} s{where}"
+            )
+        return Lost(SlowPluginError(f"{msg}; {self.advice}"))
 
     def _death(self) -> str:
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -284,7 +334,7 @@ class Child(End):
         return f"{how}{self._last_words()}"
 
     def _last_words(self) -> str:
-        with contextlib.suppress(OSError), self.output.open("rb") as output:
+        with contextlib.suppress(OSError), (self.folder / OUTPUT).open("rb") as output:
             lines = tail_of(output).splitlines()
             words = " | ".join(line.strip() for line in lines[-3:])
             return f"; its last words: {words}" if words else ""
@@ -292,8 +342,14 @@ class Child(End):
 
 
 @contextlib.contextmanager
-def started(time_limit: float, who: str = "the plug-in") -> Iterator[Child]:
+def started(
+    time_limit: float,
+    who: str = "the plug-in",
+    advice: str = "give it more time by `time_limit`, or less to do",
+) -> Iterator[Child]:
     """Start a child, and end it with its process group.
+
+    The advice is for one that does not end in time.
 
     Raises
     ------
@@ -307,11 +363,11 @@ def started(time_limit: float, who: str = "the plug-in") -> Iterator[Child]:
             prefix="simval-plugin-", ignore_cleanup_errors=True
         ) as folder,
     ):
-        output, number = Path(folder, "output"), str(theirs.fileno())
-        program = (sys.executable, "-P", "-m", "simval.plugins")
-        with theirs, output.open("wb") as file:
+        own, program = Path(folder), (sys.executable, "-P", "-m", "simval.plugins")
+        (own / ANSWERS).write_bytes(bytes(COUNT))
+        with theirs, (own / OUTPUT).open("wb") as file:
             process = subprocess.Popen(
-                [*program, number, str(time_limit)],
+                [*program, str(theirs.fileno()), str(time_limit), folder],
                 stdin=subprocess.DEVNULL,
                 stdout=file,
                 stderr=subprocess.STDOUT,
@@ -320,13 +376,25 @@ def started(time_limit: float, who: str = "the plug-in") -> Iterator[Child]:
                 pass_fds=(theirs.fileno(),),
             )
         try:
-            yield Child(process, ours, output, time_limit, who)
+            yield Child(process, ours, own, time_limit, who, advice)
         except Lost as lost:
             raise lost.error from None
         finally:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
+
+
+_COUNTER: ContextVar[mmap | None] = ContextVar("counter", default=None)
+"""In a child, the number of answers."""
+
+
+def answered(count: int = 1) -> None:
+    """Count answers of a plug-in, where that is in a child."""
+    counter = _COUNTER.get()
+    if counter is not None:
+        total = int.from_bytes(counter[:], sys.byteorder) + count
+        counter[:] = total.to_bytes(COUNT, sys.byteorder)
 
 
 def home_of(plugin: Plugin) -> Child | None:
@@ -373,7 +441,7 @@ def as_plugin_error(error: BaseException) -> PluginError:
         refused = isinstance(error, RefusedError)
         crashed = isinstance(error, CrashedPluginError) or not refused
         return (CrashedPluginError if crashed else PluginError)(str(error))
-    return CrashedPluginError(f"the plug-in raised {message_of(error)}")
+    return CrashedPluginError(f"the plug-in raised {raised(error)}")
 
 
 def answer_all(connection: socket.socket) -> None:
@@ -387,13 +455,12 @@ def answer_all(connection: socket.socket) -> None:
         try:
             end.send((number, "", function(*arguments, **words)))
         except PluginError as error:
-            crashed = isinstance(error, CrashedPluginError)
-            end.send((number, "crashed" if crashed else "refused", str(error)))
+            end.send((number, type(error).__name__, str(error)))
         except BaseException as error:  # SystemExit too: no plug-in ends the cell
             end.send((number, "lost", str(as_plugin_error(error))))
 
 
-def main(number: int, time_limit: float) -> None:
+def main(number: int, time_limit: float, folder: str) -> None:
     """Be a child: restrained, answering, and gone with all that it has left behind."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (MAX_OUTPUT, MAX_OUTPUT))
@@ -403,6 +470,8 @@ def main(number: int, time_limit: float) -> None:
         with contextlib.suppress(OSError):  # out of memory, we are what is ended
             Path("/proc/self/oom_score_adj").write_text("1000")
     os.set_inheritable(number, False)  # what the plug-in starts has no part in it
+    with Path(folder, ANSWERS).open("r+b") as count:
+        _COUNTER.set(mmap(count.fileno(), COUNT))
     answer_all(socket.socket(fileno=number))
     sys.stdout.flush()
     os._exit(0)  # whatever threads and exit handlers the plug-in has left behind

@@ -16,7 +16,7 @@ from simval.arrays import Array
 from simval.errors import (
     CrashedPluginError,
     PluginError,
-    SilentPluginError,
+    SlowPluginError,
     UnusablePluginError,
 )
 from simval.plugins.child import ending, tail_of
@@ -163,7 +163,7 @@ class _Process:
                 f"`{self.program}` still runs {END_LIMIT:g} s after its input has "
                 "ended; end with the end of standard input"
             )
-            raise CrashedPluginError(msg) from None
+            raise SlowPluginError(msg) from None
         finally:
             self._kill()
 
@@ -198,7 +198,7 @@ class _Process:
                 raise PluginError(msg)
             more = self._more(end - monotonic())
             if more is None:
-                raise SilentPluginError(self._silence(seconds))
+                raise SlowPluginError(self._silence(seconds))
             if not more:
                 raise CrashedPluginError(self._death())
             self.pending += more

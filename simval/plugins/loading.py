@@ -42,7 +42,7 @@ from simval.plugins.protocol import (
     Plugin,
     declarations,
 )
-from simval.text import did_you_mean, message_of, nearest
+from simval.text import did_you_mean, nearest, raised
 
 STATED = frozenset({"simval", "numpy", "scipy", "mujoco", "pydantic"})
 """Modules whose versions a run states whatever its plug-ins."""
@@ -339,7 +339,8 @@ def meant(plugin: str) -> list[Meant]:
         raise _no_plugin(plugin, 0)
     whole = file or plugin
     try:
-        with started(TIME_LIMIT, f"the plug-in {whole}") as child:
+        later = "what takes long belongs into a call, not into the import"
+        with started(TIME_LIMIT, f"the plug-in {whole}", later) as child:
             held = child.ask(offer, whole)
     except PluginError as error:
         raise UnusablePluginError(str(error)) from None
@@ -478,5 +479,5 @@ def _usable(what: str) -> Iterator[None]:
     try:
         yield
     except (Exception, SystemExit) as error:
-        msg = f"{what} fails with {message_of(error)}"
+        msg = f"{what} fails with {raised(error)}"
         raise UnusablePluginError(msg) from error

@@ -41,6 +41,7 @@ from simval.arrays import Array
 from simval.errors import (
     CrashedPluginError,
     PluginError,
+    SlowPluginError,
     UnusablePluginError,
 )
 from simval.plugins.child import ending, tail_of
@@ -229,6 +230,7 @@ def run(
     with temporary as given, TemporaryFile() as output, TemporaryFile() as errors:
         values = write(Path(given))
         words = command.filled(values)
+        kind: type[PluginError] = CrashedPluginError
         read = values["trials"] if command.standard_input else os.devnull
         try:
             with open(read, "rb") as content:
@@ -242,7 +244,8 @@ def run(
                 ).returncode
             said = f"{ending(code)}: {tail_of(errors) or 'silent'}" if code else ""
         except subprocess.TimeoutExpired:
-            said = f"did not answer within {seconds:g} s"
+            own = " (`time_limit`)" * (seconds != CALL_LIMIT)
+            said, kind = f"did not answer within {seconds:g} s{own}", SlowPluginError
         except OSError as error:
             said = f"cannot be run: {error}"
         output.seek(0)
@@ -250,7 +253,7 @@ def run(
             lines = sum(1 for line in output if line.strip())
             progress = f"; it had printed {lines} of {trials} lines" * bool(trials)
             msg = f"`{words[0]}` {said}{progress}"
-            raise CrashedPluginError(msg)
+            raise kind(msg)
         yield output
 
 
@@ -265,7 +268,9 @@ def answers(
     Raises
     ------
     CrashedPluginError
-        If it cannot be run, fails, or does not end in time.
+        If it cannot be run, or fails.
+    SlowPluginError
+        If it does not end in time.
     PluginError
         If there is not exactly one answer of each trial.
     """

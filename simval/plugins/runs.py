@@ -23,10 +23,11 @@ calls, and in a batch also what depends on a place or on what stands beside it. 
 answer that is kept for good is the same again; but then it is that of other trials too.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from time import perf_counter
 from types import MappingProxyType
 from typing import Any, Final
@@ -47,7 +48,7 @@ from simval.imu.filters import Mekf
 from simval.imu.filters.signals import FilterInput, FilterOutput
 from simval.plugins.answers import Form, called, ended, form_of
 from simval.plugins.attitudes import WORLD_AXES, package_quaternion, tail
-from simval.plugins.child import where_it_lives
+from simval.plugins.child import answered, where_it_lives
 from simval.plugins.protocol import Filter
 from simval.shapes import Float
 
@@ -117,8 +118,9 @@ def require_no_memory(
     first: Float[Array, "n p"],
     again: Callable[[Places], Array],
     allowed: Float[Array, "n p"],
+    rounds: int = 1,
 ) -> None:
-    """Check that trials have the same answers in another order.
+    """Check that trials have the same answers in other orders, in some rounds.
 
     Raises
     ------
@@ -134,8 +136,9 @@ def require_no_memory(
             "neither a constant nor kept from one call to the next"
         )
         raise PluginError(msg)
-    order = np.random.default_rng(20_275).permutation(len(first))
-    for places in (order, order[::FEWER]):
+    rng = np.random.default_rng(20_275)
+    orders = [rng.permutation(len(first)) for _ in range(rounds)]
+    for places in chain.from_iterable((order, order[::FEWER]) for order in orders):
         apart = np.abs(again(places) - first[places]) / allowed[places]
         if not np.all(apart <= 1.0):
             count = int(np.sum(~np.all(apart <= 1.0, axis=1)))
@@ -297,6 +300,7 @@ def stepped(
             where = f", {place(readings, first + max(row, 0))}"
             raise ended(filter.name, error, where) from error
         seconds.append(perf_counter() - start)
+        answered((last - first) * math.prod(readings.lead))
         _require_unchanged(filter, readings, rows, columns)
         assert form is not None
         if fault := form.fault(arrays):

@@ -32,7 +32,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.consistency import heading_and_inclination
-from simval.errors import PluginError, SilentPluginError
+from simval.errors import PluginError, SlowPluginError
 from simval.geometry import (
     attitude_error,
     attitude_matrix,
@@ -253,7 +253,7 @@ class Trial:
             try:
                 raw = run_of(declared, readings, rows).words["attitude"]
                 self.runs[key] = raw[:, 0] if declared.batch else raw
-            except SilentPluginError:  # would be as silent when it is asked again
+            except SlowPluginError:  # would be as slow when it is asked again
                 raise
             except PluginError as error:
                 self.runs[key] = error

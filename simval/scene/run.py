@@ -31,7 +31,7 @@ from simval.scene.physics import (
 from simval.scene.script import Scene, Script
 from simval.scene.trajectory import Trajectory, attitude_from_mujoco
 from simval.shapes import Bool, Float
-from simval.text import did_you_mean
+from simval.text import did_you_mean, raised
 
 CLOCK_TOLERANCE = 1e-6  # of a step, beside what a sum of steps is rounded by
 
@@ -266,10 +266,7 @@ def write_script(
     except SimvalError:
         raise
     except Exception as error:  # whatever a user's driver may raise
-        msg = (
-            f"the driver of scene {scene.name} fails with "
-            f"{type(error).__name__}: {error}"
-        )
+        msg = f"the driver of scene {scene.name} fails with {raised(error)}"
         raise InputError(msg) from error
     if not isinstance(script, Script):
         kind = type(script).__name__

@@ -197,6 +197,11 @@ class Calibrations(Problem[Calibrator, float, Trials]):
         """Its answer without noise."""
         return calibration_of(self.plugin, self.clean, G, self.noise)
 
+    @property
+    def size(self) -> tuple[int, str]:
+        """Its trials, in whole blocks."""
+        return BLOCK * ceil(self.parameters.trials / BLOCK), "trials"
+
     def probe(self) -> float:
         """Greatest error without noise."""
         return probe_calibrator(self.plugin, self.directions if self.faces else None)

@@ -183,6 +183,11 @@ class Attitudes(Problem[Estimator, float, Trials]):
         self.truth = np.concatenate([body, self.references])
         self.roots = self.noise.roots([v[None] for v in self.truth])[0]
 
+    @property
+    def size(self) -> tuple[int, str]:
+        """Its samples."""
+        return self.parameters.samples, "samples"
+
     def probe(self) -> float:
         """Greatest error without noise, rad."""
         asked = self.plugin if self.claims else replace(self.plugin, covariance=None)

@@ -26,7 +26,7 @@ from simval.plugins.child import where_it_lives
 from simval.plugins.probe import allowed
 from simval.results import Row, unjudged
 from simval.shapes import Float, Int
-from simval.text import message_of
+from simval.text import raised
 
 COUNT: Final = 200
 """Problems."""
@@ -140,7 +140,7 @@ def _counted(
         except Exception as fault:  # whatever a user's function may raise
             msg = (
                 f"`arithmetic` of {plugin.name} cannot work with numbers that count: "
-                f"{message_of(fault)}; use + - * /, ** 0.5, abs, comparisons and "
+                f"{raised(fault)}; use + - * /, ** 0.5, abs, comparisons and "
                 "numpy.sqrt, or leave it out"
             )
             raise PluginError(msg) from None

@@ -10,7 +10,6 @@ whose length is the sine of the angle, the rotation vector is to fourth order
 Its coefficients cross between processes, not the series.
 """
 
-import traceback
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,7 @@ from simval.plugins.attitudes import tail
 from simval.plugins.child import where_it_lives
 from simval.plugins.noise import VectorNoise
 from simval.shapes import Float
-from simval.text import message_of
+from simval.text import raised
 from simval.theory.series import Series, algebra, series_moments
 
 
@@ -39,19 +38,19 @@ def series_of(
 ) -> Moments:
     """Mean and covariance of the rotation error at q, on the plug-in's side."""
     truth = [v[None] for v in vectors]
-    raised: list[Exception] = []
+    faults: list[Exception] = []
 
     def error(*given: NDArray[np.object_]) -> NDArray[np.object_]:
         try:
             return _rotation(plugin, q, _answer(plugin, list(given), truth, noise))
         except Exception as fault:  # whatever a user's function may raise
-            raised.append(fault)
+            faults.append(fault)
             raise
 
     try:
         moments = series_moments(error, vectors, covariances, order)
     except Exception as fault:  # of the plug-in, or of what it answered
-        own = raised[0] if raised else fault
+        own = faults[0] if faults else fault
         unable = own if isinstance(own, PluginError) else _unable(plugin.name, own)
         raise unable from None
     return Moments(bias=-moments.bias, covariance=moments.covariance)
@@ -101,18 +100,9 @@ def _terms(
 def _unable(name: str, fault: Exception) -> PluginError:
     return PluginError(
         f"{name} declares series=True, and `estimate` cannot work with "
-        f"power series{_place(fault)}: {message_of(fault)}; use + - * / **, abs, "
+        f"power series: {raised(fault)}; use + - * / **, abs, "
         "comparisons and numpy.sqrt, or do not declare it"
     )
-
-
-def _place(error: BaseException) -> str:
-    """The line of the user's file at which it was raised."""
-    frames = traceback.extract_tb(error.__traceback__)
-    own = [i for i, frame in enumerate(frames) if frame.filename == answers.__file__]
-    theirs = frames[own[-1] + 1 :] if own else []
-    lines = [f.line for f in theirs if f.filename == theirs[0].filename and f.line]
-    return f" at `{lines[-1]}`" if lines else ""
 
 
 def _rotation(

@@ -120,6 +120,11 @@ class Filtering(Problem[Filter, str, Answers]):
             for i in range(-(-self.parameters.trials // BLOCK))
         ]
 
+    @property
+    def size(self) -> tuple[int, str]:
+        """The rows of all trials."""
+        return len(self.draws) * BLOCK * len(self.way.dt), "rows"
+
     def probe(self) -> str:
         """World of the filter, as it is found without noise."""
         # of our own a test knows it; it takes as long as the trials do

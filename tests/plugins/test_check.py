@@ -19,7 +19,8 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 from sound import GOOD, IDENTITY, PASSIVE, ellipsoid, leading, turn, where
 
-from simval.check import check_function, told
+from simval import statistics as stat
+from simval.check import Checked, check_function, told
 from simval.check.explanation import to_json
 from simval.check.measure import missed_limits
 from simval.errors import InputError
@@ -27,8 +28,12 @@ from simval.geometry import normalize
 from simval.imu.attitude import wahba_quaternion
 from simval.imu.attitude.comparators import davenport, triad
 from simval.imu.calibrate import calibrate
+from simval.judge import judge_run
 from simval.plugins import Calibrator, Estimator
 from simval.plugins.calibrator_probe import probe_sensor
+from simval.plugins.loading import Meant
+from simval.results import plain, unjudged
+from simval.sweep.run import Run
 
 ALIGN = str(EXAMPLES / "align.py")
 QUICK = {"noise_std": 0.05, "samples": 1024}
@@ -491,6 +496,58 @@ def test_a_limit_is_kept_missed_or_refused_in_words(cells, limit, words):
         assert all(words in each for each in missed)
 
 
+def test_of_a_family_the_worst_is_shown():
+    """The least of what should be more, and the farthest of what is predicted."""
+    (cell,) = check_function(lambda *v: v[0], Estimator, **PASSIVE, **QUICK).cells
+    rows = (
+        *unjudged(stat.EFFICIENCY.each("xyz"), [0.93, 0.778, 1.02], 0.01, 99),
+        *unjudged(stat.BIAS.each("xyz"), [1.0, -3.0, 2.0]),
+        *plain(stat.NOISE_SQUARE.each("xyz"), [1.2, 0.5, 1.1], 0.01, 99, 1.0, "stated"),
+        *unjudged(stat.BELOW_BOUND.each("xyz"), [0.1, -0.4, 0.3]),
+        *unjudged(stat.RMS.each("xyz"), [3.0, np.nan, 4.0]),
+    )
+    done = replace(cell, status="done", error="", rows=rows)
+    run = Run(folder=Path("check"), cells=(done,), manifest={}, timing={})
+    mine = Meant(Estimator.taken_by, "<lambda>", "mine", {})
+    said = told(Checked(plugins=(mine,), cells=(done,), result=judge_run(run)))
+    for words, value in (
+        ("efficiency (least of 3)", "0.778 ± 0.010"),
+        ("bias (greatest of 3)", "-3"),
+        (f"{stat.NOISE_SQUARE.words} (farthest of 3)", "0.500 ± 0.010"),
+        (f"{stat.BELOW_BOUND.words} (greatest of 3)", "-0.4"),
+        (f"{stat.RMS.words} (greatest of 3)", "nan"),
+    ):
+        assert re.search(rf"  {re.escape(words)} +{re.escape(value)} ", said), said
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(("kind", "settings"), [
+    (Estimator, {**PASSIVE, **QUICK, "cases": 64}),
+    (Calibrator, {"noise_std": 0.05, "trials": 1024}),
+])  # fmt: skip
+def test_what_turns_wrong_when_all_is_measured_is_asked_again(kind, settings):
+    """Wrong in the very last call alone, some rounds after what is measured."""
+    asked = []
+
+    def turning(limit):
+        asked.clear()
+
+        def answer(*given):
+            asked.append(0)
+            wrong = len(asked) > limit
+            if kind is Estimator:
+                return turn(davenport(*given), 0.02 * wrong)
+            matrix, bias = ellipsoid(*given)
+            return matrix * (1.0 + 0.01 * wrong), bias
+
+        return check_function(answer, kind, **settings)
+
+    assert turning(np.inf).result.exit_code == 0
+    (cell,) = turning(len(asked) - 1).cells
+    assert cell.ending == "refused"
+    assert re.search(STATE, cell.reason)
+
+
 @pytest.mark.ci
 def test_a_calibrator_is_checked():
     noisy = {"noise_std": True, "trials": 1024}  # True declares
@@ -498,6 +555,7 @@ def test_a_calibrator_is_checked():
     assert found.result.exit_code == 0, told(found)
     assert ", calibrator: PASS" in told(found)
     assert "bias (greatest of 9)" in told(found)
+    assert "efficiency (least of 9)" in told(found)
     assert found.plugins[0].declared["noise_std"] == "yes"
     assert [cell.parameters["noise_std"] for cell in found.cells] == [0.01, 0.05]
 

@@ -16,10 +16,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from places import EXAMPLES
+from sound import tumbling
 
-from simval.errors import CrashedPluginError, PluginError, SimvalError
-from simval.plugins import Calibrator, find_plugin
-from simval.plugins.answers import calibration_of, calibrations_of
+from simval.errors import (
+    CrashedPluginError,
+    PluginError,
+    SimvalError,
+    SlowPluginError,
+)
+from simval.plugins import Calibrator, Estimator, Filter, find_plugin, run_filter
+from simval.plugins.answers import calibration_of, calibrations_of, raw_attitudes
 from simval.plugins.child import started
 from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator
@@ -43,6 +49,8 @@ def surroundings():
     score = open("/proc/self/oom_score_adj").read().strip() if linux else 1000
     return f"\\udcff\\x1b\\n{inside}{score}"
 
+calls = []
+
 def sound(poses, g):
     return 9.8 * np.eye(3), poses.mean(axis=0)
 
@@ -64,14 +72,18 @@ ZOO = {
     "_exits": ("os._exit(0)", "ended with exit code 0 without an answer$"),
     "crashes": ("os.kill(os.getpid(), signal.SIGSEGV)", "was killed by SIGSEGV"),
     "is killed": ("os.kill(os.getpid(), 9)", r"SIGKILL \(Killed\) without an answer"),
-    "hangs with a child": ("os.fork(); stay()", "not end within 3 s and was stopped"),
+    "hangs with a child": ("os.fork(); stay()", "slow, or hangs: it answered 0 of 6 "),
+    "becomes slow": (
+        "calls.append(0); len(calls) < 4 or stay()",
+        "is too slow, or hangs: it answered 3 of 6 trials in 5 s; give it more time",
+    ),
     "says its last": (
         "print('x' * 10**6); print('last', file=sys.stderr, flush=True); os._exit(7)",
         "exit code 7 without an answer; its last words: .*last",
     ),
     "floods": ("while True: print('x' * 10**6)", "OSError|SIGXFSZ"),
     "closes all": (CLOSED, "OSError|exit code|closed the connection"),
-    "closes all and stays": (f"{CLOSED}; stay()", "closed the connection|within 3 s"),
+    "closes all and stays": (f"{CLOSED}; stay()", "closed the connection|in 5 s"),
     "leaves who is connected": ("os.fork() or stay(); os._exit(5)", "exit code 5"),
     "answers itself": (
         "socket.socket(fileno=os.dup(int(sys.argv[1]))).sendall(b'\\xff' * 99)",
@@ -123,17 +135,21 @@ def alive(pid):
 def test_what_a_plugin_does_is_said_in_words_and_goes_with_it(tmp_path, way, where):
     code, words = ZOO[way]
     file, said, begun = written(tmp_path, **{where: code}), "", time.monotonic()
+    kind = None
     try:
-        with started(3.0) as child:
+        with started(5.0) as child:
             plugin = child.ask(find_plugin, file, Calibrator)
+            child.expect(len(POSES) + 1, "trials")
+            child.measure()
             found = calibrations_of(plugin, POSES, 9.8, 0.01, 1.0)
             found.append(calibration_of(plugin, POSES[0], 9.8, 0.01))
         assert [each.bias.tolist() for each in found] == [
             poses.mean(axis=0).tolist() for poses in (*POSES, POSES[0])
         ]
     except PluginError as error:
-        said = str(error)
+        said, kind = str(error), type(error)
     assert time.monotonic() - begun < 20.0
+    assert (kind is SlowPluginError) == ("too slow" in said)
     gone(tmp_path / "mark")
     assert re.search(words, said), said
 
@@ -157,18 +173,67 @@ def test_a_child_goes_with_a_driver_that_is_killed(tmp_path):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_broken_plugin_fails_its_cells_and_nothing_else(tmp_path, workers):
-    algorithm = written(tmp_path, call="os.kill(os.getpid(), 9)")
+@pytest.mark.parametrize(("workers", "call", "ending", "words"), [
+    (1, "os.kill(os.getpid(), 9)", "crashed", "by SIGKILL (Killed) without an answer"),
+    # which is no crash
+    (1, "stay()", "refused", "0 of 32 trials in 5 s, and was still at its checks with"),
+    pytest.param(2, "1 / 0", "crashed", "mine.py, line ", marks=pytest.mark.slow),
+])  # fmt: skip
+def test_a_broken_plugin_fails_its_cells_and_nothing_else(
+    tmp_path, workers, call, ending, words
+):
+    algorithm = written(tmp_path, call=call)
     content = {
         "attitude": {"noise_std": 0.02, "samples": 65_536},
-        "calibrator": {"algorithm": algorithm, "trials": 32},
+        "calibrator": {"algorithm": algorithm, "trials": 32, "time_limit": 5.0},
     }
     run = run_suite(expand("mixed", content), tmp_path / "run", workers=workers)
-    status = {cell.study: cell.status for cell in run.cells}
-    assert status == {"attitude": "done", "calibrator": "failed"}
+    endings = {cell.study: cell.ending for cell in run.cells}
+    assert endings == {"attitude": "done", "calibrator": ending}
     (failed,) = (cell for cell in run.cells if cell.status == "failed")
-    assert "was killed by SIGKILL (Killed) without an answer" in failed.error
+    assert words in failed.reason
+    gone(tmp_path / "mark")
+
+
+ANSWERING = """
+import numpy as np
+from simval.imu.attitude.comparators import davenport
+from simval.plugins import Calibrator, Estimator, Filter
+
+def alone(*vectors):
+    return davenport(*(v[None] for v in vectors))[0]
+
+def make():
+    return lambda *row: np.array([0.0, 0.0, 0.0, 1.0])
+
+words = {"components": "xyzs", "matrix": "passive"}
+calibrator = Calibrator(name="c", calibrate=lambda p, g: (np.eye(3), p[0]))
+batch = Estimator(name="batch", estimate=davenport, **words)
+alone = Estimator(name="alone", estimate=alone, batch=False, **words)
+filter = Filter(name="f", make=make, **words)
+"""
+
+
+@pytest.mark.ci
+def test_what_is_answered_is_counted_as_it_is_answered(tmp_path):
+    (tmp_path / "several.py").write_text(ANSWERING)
+    (given, _), vectors = tumbling(3, 40), [*POSES[:2], *POSES[:2]]
+    with started(60.0) as child:
+
+        def of(name, kind):
+            return child.ask(find_plugin, f"{tmp_path}/several.py:{name}", kind)
+
+        asked = [
+            (5, lambda: calibrations_of(of("c", Calibrator), POSES, 9.8, 0.1, 1.0)),
+            (24, lambda: raw_attitudes(of("batch", Estimator), vectors)),
+            (24, lambda: raw_attitudes(of("alone", Estimator), vectors)),
+            # all trials, and the first of them again
+            (160, lambda: run_filter(of("f", Filter), given, np.arange(40), "NWU")),
+        ]
+        for count, ask in asked:
+            before = child.answers
+            ask()
+            assert child.answers - before == count
 
 
 # the same bits here and there

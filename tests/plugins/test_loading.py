@@ -17,13 +17,23 @@ import pytest
 import rows_by_name
 from places import EXAMPLES, ROOT
 from quick_align import ALIGN
+from sound import told
 
-from simval.errors import InputError
-from simval.plugins import Calibrator, Estimator, Filter, PluginError, find_plugin
+from simval.errors import InputError, SimvalError, UnusablePluginError
+from simval.plugins import (
+    Calibrator,
+    Estimator,
+    Filter,
+    PluginError,
+    find_plugin,
+    find_world,
+    probe_calibrator,
+    probe_estimator,
+)
 from simval.plugins.loading import BESIDE, BUILTIN, beside_builtin, chosen, spelled
 from simval.plugins.names import without_folders
 from simval.results import Outcome, unjudged
-from simval.scene import Scene, find_scene, models_folder
+from simval.scene import Scene, find_scene, models_folder, simulate
 from simval.statistics import BIAS
 from simval.streams import Streams
 from simval.studies import calibrator, custom_scene, estimator
@@ -90,6 +100,67 @@ def test_finding_a_plugin(tmp_path):
     ):
         with pytest.raises(PluginError, match=words):
             find_plugin(algorithm, kind)
+
+
+RAISING = """
+import numpy as np
+from pathlib import Path
+from simval.imu.attitude.comparators import davenport
+from simval.plugins import Calibrator, Estimator, Filter
+from simval.scene import Scene
+
+def raising(*given, **more):
+    return np.linalg.inv(np.zeros((3, 3)))  # here
+
+class Stepped:
+    update = staticmethod(raising)
+
+words = {"components": "xyzs", "matrix": "passive"}
+estimate = Estimator(name="estimate", estimate=raising, **words)
+states = Estimator(name="states", estimate=davenport, covariance=raising, **words)
+fits = Calibrator(name="fits", calibrate=raising)
+made = Filter(name="made", make=raising, world="NWU", **words)
+steps = Filter(name="steps", make=Stepped, world="NWU", **words)
+scene = Scene(name="scene", summary="", model=Path("gimbal.xml"), drive=raising)
+"""
+
+
+@pytest.mark.parametrize(("name", "kind", "ask"), [
+    ("estimate", Estimator, probe_estimator),
+    ("states", Estimator, probe_estimator),
+    ("fits", Calibrator, probe_calibrator),
+    ("made", Filter, lambda found: find_world(found, told())),
+    ("steps", Filter, lambda found: find_world(found, told())),
+    ("scene", Scene, simulate),
+])  # fmt: skip
+def test_what_raises_is_shown_with_its_file_and_line(tmp_path, name, kind, ask):
+    shutil.copy(models_folder() / "gimbal.xml", tmp_path)
+    text = RAISING.replace(
+        'Path("gimbal.xml")', f"Path({str(tmp_path)!r}, 'gimbal.xml')"
+    )
+    line = text.partition("# here")[0].count("\n") + 1
+    place = (
+        f"LinAlgError: Singular matrix (plugin.py, line {line}: return np.linalg.inv"
+    )
+    found = find_plugin(f"{written(tmp_path, text)}:{name}", kind)
+    with pytest.raises(SimvalError, match=re.escape(place)):
+        ask(found)
+
+
+@pytest.mark.parametrize(("own", "beside", "place"), [
+    ("TABLE = {}['x']", "", "KeyError: 'x' (plugin.py, line 1: TABLE = {}['x'])"),
+    ("import beside", "\n\n1 / 0", "by zero (beside.py, line 3: 1 / 0)"),
+    ("import json\njson.loads('x')", "", "(plugin.py, line 2: json.loads('x'))"),
+    ("from simval import calibrate\ncalibrate(3)", "", "line 2: calibrate(3))"),
+    ("x = (1,\ny = = 3", "", "SyntaxError: '(' was never closed (plugin.py, line 1)"),
+])  # fmt: skip
+def test_what_an_import_raises_is_shown_with_its_file_and_line(
+    tmp_path, monkeypatch, own, beside, place
+):
+    monkeypatch.delitem(sys.modules, "beside", raising=False)
+    written(tmp_path, beside, "beside.py")
+    with pytest.raises(UnusablePluginError, match=re.escape(place)):
+        find_plugin(written(tmp_path, own), Estimator)
 
 
 @pytest.mark.ci
@@ -587,6 +658,16 @@ SHELF = """
 <framequat name="attitude" objtype="site" objname="imu"/></sensor></mujoco>
 """
 
+ERRATIC = """
+from dataclasses import replace
+from itertools import count
+import mine
+
+poses = count(40)
+drive = lambda model: mine.scene.drive(model, poses=next(poses))
+erratic = replace(mine.scene, name="erratic", drive=drive)
+"""
+
 
 @pytest.mark.ci
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")  # it never turns
@@ -603,6 +684,11 @@ def test_the_documented_scenes_are_judged_as_documented(tmp_path):
         answers[name] = {str(v.row.statistic): v.answer for v in judged}
         tested = [row for row in rows if row.check != "record"]
         assert all(f"`{row.statistic}`" in text for row in tested)
+    # one whose driver writes another script each time is none
+    written(tmp_path, ERRATIC, "erratic.py")
+    parameters = custom_scene.Parameters(scene=str(tmp_path / "erratic.py"))
+    with pytest.raises(PluginError, match="writes another script when it is asked ag"):
+        custom_scene.compute(parameters, STREAMS)
     assert set(answers["mine"].values()) == {"pass"}
     assert answers["shelf"]["rank"] == "fail"
     assert answers["shelf"]["rest_force"] == "pass"

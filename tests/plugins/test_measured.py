@@ -5,6 +5,7 @@ Every case is measured as a user measures: by `check_function`, in one cell.
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -329,17 +330,17 @@ def matrices(*vectors):
 @pytest.mark.parametrize(
     ("estimate", "words"),
     [
-        (with_norm, "at `length = np.linalg.norm(b1, axis=-1)"),
-        (by_angle, "at `angle = np.arctan2"),
+        (with_norm, ": length = np.linalg.norm(b1, axis=-1)"),
+        (by_angle, ": angle = np.arctan2"),
         (of_floats, "astype(float)"),
-        (matrices, "cannot work with power series at `return attitude_matrix"),
+        (matrices, ": return attitude_matrix"),
     ],
 )
 def test_what_cannot_work_with_series_is_refused_with_its_line(estimate, words):
     wrong = of(SERIES, estimate=estimate, kind=None)
     said = refused(wrong)
     assert "series declares series=True" in said
-    assert words in said
+    assert re.search(rf"\(test_measured.py, line \d+.*{re.escape(words)}", said), said
     assert not measured(of(wrong, series=False))[1]
 
 

@@ -227,7 +227,7 @@ BROKEN = [
     (of(GOOD, estimate=lambda b1, b2, *r: davenport(*r, b1, b2)), "rad from the t"),
     (
         of(ALONE, estimate=single, batch=True),
-        "raised ValueError: one vector, please; it takes one .* batch=False",
+        "raised ValueError: one vector, please .*; it takes one .* batch=False",
     ),
     (
         of(MATRIX, estimate=reflecting),

@@ -94,8 +94,7 @@ def test_the_users_own_line_is_shown_where_it_raises(judged):
         "    return v[0] @ np.eye(7)",
         "simval_estimator(lambda *v: inner(v), **QUICK)",
     )
-    assert "in inner" in said
-    assert "return v[0] @ np.eye(7)" in said
+    assert re.search(r"\(test_\w+.py, line 8: return v\[0\] @ np.eye\(7\)\)", said)
     assert "raised ValueError: matmul" in said
 
 
