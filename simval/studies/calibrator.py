@@ -53,6 +53,7 @@ from simval.plugins.calibrator_probe import G, probe_sensor
 from simval.plugins.names import COMMAND
 from simval.plugins.probe import TOLERANCE
 from simval.plugins.programs import in_batch
+from simval.plugins.protocol import BatchCalibrator
 from simval.plugins.runs import Places
 from simval.poses import cube_faces, fibonacci_sphere
 from simval.results import Row, limit, nees, plain, unjudged
@@ -201,6 +202,11 @@ class Calibrations(Problem[Calibrator, float, Trials]):
     def size(self) -> tuple[int, str]:
         """Its trials, in whole blocks."""
         return BLOCK * ceil(self.parameters.trials / BLOCK), "trials"
+
+    @property
+    def lives(self) -> bool:
+        """False for a command, which is started anew for each batch."""
+        return not isinstance(self.plugin, BatchCalibrator)
 
     def probe(self) -> float:
         """Greatest error without noise."""

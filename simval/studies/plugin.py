@@ -156,6 +156,11 @@ class Problem(ABC, Generic[Own, Probed, Answers]):
     def size(self) -> tuple[int, str]:
         """Number of answers that its trials ask for, and what they are."""
 
+    @property
+    def lives(self) -> bool:
+        """True if one process answers all calls, so that it can turn wrong in it."""
+        return True
+
     @abstractmethod
     def probe(self) -> Probed:
         """Check its conventions without noise."""
@@ -236,7 +241,7 @@ def outcome(
     rows, artifacts = problem.rows(probed, answers), problem.artifacts(answers)
     spare = child is None or child.spent < SHARE * parameters.time_limit
     times = call_time(plugin, *problem.call()) if child and spare else {}
-    if again is not None:
+    if again is not None and problem.lives:
         require_no_memory(plugin.name, *again, AFTER if spare else 1)
     return Outcome(rows=rows, artifacts=artifacts, times=times)
 
