@@ -195,6 +195,32 @@ def test_a_broken_plugin_fails_its_cells_and_nothing_else(
     gone(tmp_path / "mark")
 
 
+LATE = """
+import time
+
+calls = []
+
+def late(poses, g):
+    calls.append(0)
+    if len(calls) > 20:
+        time.sleep(600)
+    return _fit(poses, g)
+
+ellipsoid = Calibrator(name="late", calibrate=late)
+"""
+
+
+@pytest.mark.ci
+def test_of_a_slow_one_the_trials_are_counted_and_not_what_is_asked_before(tmp_path):
+    file = tmp_path / "late.py"
+    file.write_text((EXAMPLES / "ellipsoid.py").read_text() + LATE)
+    given = calibrator.Parameters(algorithm=str(file), trials=32, time_limit=8.0)
+    with pytest.raises(
+        PluginError, match="it answered 19 of 32 trials in 8 s; give it"
+    ):
+        calibrator.run(given, STREAMS)
+
+
 ANSWERING = """
 import numpy as np
 from simval.imu.attitude.comparators import davenport

@@ -23,6 +23,7 @@ from simval.errors import (
     GeometryError,
     InputError,
     PluginError,
+    SlowPluginError,
 )
 from simval.geometry import (
     FRAME_AXES,
@@ -104,6 +105,19 @@ def test_what_fails_alone_is_what_fails():
     shares = failure_shares(of(GOOD, estimate=estimate), 64)
     _, (b1, *_) = Observed().cases("generic", 64)
     assert shares["generic"] == np.mean(b1[:, 0] > 0.5) > 0.1
+
+
+def test_what_is_too_slow_is_asked_once():
+    """Not in halves, each of which would take as long."""
+    asked = []
+
+    def estimate(*v):
+        asked.append(0)
+        raise SlowPluginError("within 60 s")
+
+    with pytest.raises(SlowPluginError, match="within 60 s"):
+        failure_shares(of(GOOD, estimate=estimate), 64)
+    assert len(asked) == 1
 
 
 @pytest.mark.ci
