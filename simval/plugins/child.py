@@ -76,11 +76,8 @@ FAULTS: Final[Mapping[str, type[PluginError]]] = MappingProxyType(
 )
 """Errors that cross by their names; any other is a plain refusal."""
 
-OUTPUT, ANSWERS = "output", "answers"
-"""Files of a child: what it has written, and the number of its answers."""
-
-COUNT: Final = 8
-"""Bytes of that number."""
+ANSWERS, COUNT = "answers", 8
+"""File of a child with the number of its answers, and the bytes of that."""
 
 KIND = "@"
 """Key of the words for a value that JSON does not have."""
@@ -233,13 +230,14 @@ class Child(End):
         self,
         process: subprocess.Popen[bytes],
         connection: socket.socket,
-        folder: Path,
+        output: Path,
+        counter: mmap,
         time_limit: float,
         who: str,
         advice: str,
     ) -> None:
         super().__init__(connection)
-        self.process, self.folder = process, folder
+        self.process, self.output, self.counter = process, output, counter
         self.who, self.advice = who, advice
         self.time_limit, self.begun, self.asked = time_limit, monotonic(), 0
         self.trials: tuple[int, str] = 0, ""
@@ -253,7 +251,7 @@ class Child(End):
     @property
     def answers(self) -> int:
         """Number of answers that the plug-in has given: rows, or calibrations."""
-        return int.from_bytes((self.folder / ANSWERS).read_bytes(), sys.byteorder)
+        return int.from_bytes(self.counter[:], sys.byteorder)
 
     def expect(self, trials: int, what: str) -> None:
         """State how many answers are measured, once it is checked, and of what."""
@@ -334,7 +332,7 @@ class Child(End):
         return f"{how}{self._last_words()}"
 
     def _last_words(self) -> str:
-        with contextlib.suppress(OSError), (self.folder / OUTPUT).open("rb") as output:
+        with contextlib.suppress(OSError), self.output.open("rb") as output:
             lines = tail_of(output).splitlines()
             words = " | ".join(line.strip() for line in lines[-3:])
             return f"; its last words: {words}" if words else ""
@@ -363,9 +361,11 @@ def started(
             prefix="simval-plugin-", ignore_cleanup_errors=True
         ) as folder,
     ):
-        own, program = Path(folder), (sys.executable, "-P", "-m", "simval.plugins")
-        (own / ANSWERS).write_bytes(bytes(COUNT))
-        with theirs, (own / OUTPUT).open("wb") as file:
+        program = (sys.executable, "-P", "-m", "simval.plugins")
+        output = Path(folder, "output")
+        Path(folder, ANSWERS).write_bytes(bytes(COUNT))
+        counter = counter_of(folder)
+        with theirs, output.open("wb") as file:
             process = subprocess.Popen(
                 [*program, str(theirs.fileno()), str(time_limit), folder],
                 stdin=subprocess.DEVNULL,
@@ -376,7 +376,7 @@ def started(
                 pass_fds=(theirs.fileno(),),
             )
         try:
-            yield Child(process, ours, own, time_limit, who, advice)
+            yield Child(process, ours, output, counter, time_limit, who, advice)
         except Lost as lost:
             raise lost.error from None
         finally:
@@ -387,6 +387,12 @@ def started(
 
 _COUNTER: ContextVar[mmap | None] = ContextVar("counter", default=None)
 """In a child, the number of answers."""
+
+
+def counter_of(folder: str) -> mmap:
+    """The number of answers, which parent and child share, as bytes."""
+    with Path(folder, ANSWERS).open("r+b") as file:
+        return mmap(file.fileno(), COUNT)
 
 
 def answered(count: int = 1) -> None:
@@ -470,8 +476,7 @@ def main(number: int, time_limit: float, folder: str) -> None:
         with contextlib.suppress(OSError):  # out of memory, we are what is ended
             Path("/proc/self/oom_score_adj").write_text("1000")
     os.set_inheritable(number, False)  # what the plug-in starts has no part in it
-    with Path(folder, ANSWERS).open("r+b") as count:
-        _COUNTER.set(mmap(count.fileno(), COUNT))
+    _COUNTER.set(counter_of(folder))
     answer_all(socket.socket(fileno=number))
     sys.stdout.flush()
     os._exit(0)  # whatever threads and exit handlers the plug-in has left behind
