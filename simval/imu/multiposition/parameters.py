@@ -20,6 +20,11 @@ and ``AP_Compass_Backend.cpp`` (2017268), Kalibr's ``IccSensors.py`` (7819a2c, i
 ``scale-misalignment``), OpenVINS's ``Propagator.cpp`` and ``rpng_sim`` (068490c, its
 model ``kalibr``), dpkoch/imu_calib's ``accel_calib.cpp`` (07b7433).
 
+PX4's setters ignore small changes: `AUTOPILOTS` has file, line and commit of each in
+PX4-Autopilot, and where newer code differs, those of a copy of it
+(postech-compsec/drone-rca-px4). There the magnetometer's offset has 0.005 (PX4's pull
+request 21812) and the gyroscope's first one is taken up as it is.
+
 **What a project cannot hold is said**, in its file and beside it, with its size. Of a
 matrix A from true to raw, the scales :math:`s_i = A_{ii}/\sum_j A_{ij}^2` leave the
 least mean square of an error over all directions; the greatest is the 2-norm of
@@ -59,13 +64,34 @@ SI: Final = {"accelerometer": "m/s^2", "gyroscope": "rad/s"}
 ONE: Final = 2.0  # ratio of scales within which a field is in the unit of its readings
 
 
+STEP: Final = 0.01  # length of a change below which a project that ignores some does
+
+
+class Ignored(NamedTuple):
+    """A change of three parameters by less than `STEP`: those in use are kept."""
+
+    source: str  # file, line and version
+    newer: float = STEP  # in newer code; 0 where that takes up the first of any size
+    newer_source: str = ""
+
+    def words(self, off: float, kept: float) -> str:
+        """Say that a change of some length is not taken up, or may not be."""
+        least = f"{self.newer:g} in newer code" if self.newer else "newer code takes any"
+        more = f"; {least}, {self.newer_source}" * bool(self.newer_source)
+        return (
+            f"{'will' if off < self.newer else 'may'} not be taken up: it is {off:.2g} "
+            f"from {kept:g}, with which the project starts, and a change below {STEP:g} "
+            f"is ignored there ({self.source}{more})"
+        )
+
+
 class Autopilot(NamedTuple):
     """Names, units and signs of an autopilot's parameters, eq. (PX1)."""
 
     line: str  # of a parameter: its name, its value
     names: dict[str, str]  # by the first letter of a sensor and what is held; {} is X
     ranges: dict[str, tuple[float, float]]  # that are documented
-    step: float  # length of a change of scales below which those in use are kept
+    ignored: dict[str, Ignored]  # by what is held, as names are
     units: dict[str, str]  # of an offset, by sensor
     sign: float  # of an offset of the magnetometer
     turn: str  # turns a magnetometer after it is corrected; none where it does before
@@ -84,7 +110,18 @@ AUTOPILOTS: Final = {
             "m off-diagonal": "CAL_MAG0_{}ODIAG",
         },
         ranges={"a scale": (0.1, 3.0), "m scale": (0.1, 3.0)},
-        step=0.01,
+        ignored={
+            "a offset": Ignored("Accelerometer.cpp:132, 9abd968"),
+            "a scale": Ignored("Accelerometer.cpp:145, 9abd968"),
+            "g offset": Ignored(
+                "Gyroscope.cpp:127, 303aaab", 0.0, "Gyroscope.cpp:112, 5e52b1a"
+            ),
+            "m offset": Ignored(
+                "Magnetometer.cpp:93, a412449", 0.005, "Magnetometer.cpp:112, 5e52b1a"
+            ),
+            "m scale": Ignored("Magnetometer.cpp:106, a412449"),
+            "m off-diagonal": Ignored("Magnetometer.cpp:124, a412449"),
+        },
         units=SI | {"magnetometer": "gauss"},
         sign=1.0,
         turn="CAL_MAG0_ROT",
@@ -111,7 +148,7 @@ AUTOPILOTS: Final = {
             "a scale": (0.8, 1.2),
             "m offset": (-400.0, 400.0),
         },
-        step=0.0,
+        ignored={},
         units=SI | {"magnetometer": "mgauss"},
         sign=-1.0,
         turn="",
@@ -185,12 +222,9 @@ def _lines(
             if not least <= value <= most:
                 words = f"{name.format(axis)} is {value:.4g}, the project documents "
                 notes.say(sensor, f"{words}{least:g} to {most:g}")
-        off = float(np.linalg.norm(three - kept))
-        if what != "offset" and off < pilot.step:
-            words = f"{name.format('*')} will not be taken up: it is {off:.2g} from "
-            words += f"{kept:g}, with which the project starts, and a change below "
-            words += f"{pilot.step:g} is ignored there"
-            notes.say(sensor, words)
+        off, rule = float(np.linalg.norm(three - kept)), pilot.ignored.get(held)
+        if rule and off < STEP:
+            notes.say(sensor, f"{name.format('*')} {rule.words(off, kept)}")
     if values:
         notes.say(sensor, pilot.notes[sensor])
 

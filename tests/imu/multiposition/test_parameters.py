@@ -216,6 +216,42 @@ def test_px4_takes_up_no_scales_within_a_hundredth_of_one(tmp_path, simval):
 
 
 @pytest.mark.ci
+def test_px4_takes_up_no_small_offsets_and_says_in_which_version(
+    made, tmp_path, simval
+):
+    """Each sensor's setter asks for a length of 0.01, in m/s^2, rad/s and gauss.
+
+    Newer code: 0.005 gauss, and the gyroscope's first one of any size.
+    """
+    rows = np.loadtxt(made[0]["px4"].parent / "imu.csv", delimiter=",", skiprows=1)
+    data, out = made[1], tmp_path / "out"
+    biases = (data["B"], data["gyroscope"]["B"], data["magnetometer"]["b"])
+    off = np.concatenate(biases) * np.repeat([*UNITS[:2], [0.01]], 3)
+    along = np.array([0.6, 0.0, 0.8])
+    names = ("ACC", "GYRO", "MAG")
+    for sizes, said in (
+        ((0.006, 0.006, 0.003), ("will not", "may not", "will not")),
+        ((0.006, 0.006, 0.008), ("will not", "may not", "may not")),
+        ((0.02, 0.02, 0.02), (None, None, None)),
+    ):
+        moved = rows.copy()
+        moved[:, 1:] += (np.kron(sizes, along) - off) / np.repeat([*UNITS[:2], [0.01]], 3)
+        log = tmp_path / "log.csv"
+        np.savetxt(log, moved, delimiter=",", header=HEADER, comments="", fmt="%.17g")
+        assert simval("calibrate", log, "--to", "px4", out)[0] == 0
+        text = out.read_text()
+        for name, size, words in zip(names, sizes, said, strict=True):
+            values = re.findall(rf"CAL_{name}0_.OFF\t(\S+)", text)
+            length = np.linalg.norm([float(x) for x in values])
+            assert length == pytest.approx(size, abs=3e-3)  # errors of the fit
+            found = re.search(rf"CAL_{name}0_\*OFF (\w+ not) be taken up: .*", text)
+            assert (found and found[1]) == words
+            if found:  # file, line and commit, as the module has them
+                assert re.search(r"\(\w+\.cpp:\d+, [0-9a-f]{7}", found[0])
+                assert ("newer code" in found[0]) == (name != "ACC")
+
+
+@pytest.mark.ci
 @pytest.mark.parametrize("name", ["px4", "ros"])
 def test_counts_are_refused_where_a_project_has_units(name, tmp_path, simval):
     out = tmp_path / "out"
