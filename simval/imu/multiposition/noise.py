@@ -95,10 +95,9 @@ def log_noise(
     """
     start, stop, how, intervals = _still(log, rest)
     require_even(log, start, stop)
-    rows = log.accelerometer[start:stop]
-    mean = rows.mean(axis=0, keepdims=True)
-    if log.gyro is not None:
-        rows = np.concatenate([rows, log.gyro[start:stop]], axis=1)
+    sensors = [log.accelerometer] if log.gyro is None else [log.accelerometer, log.gyro]
+    rows = np.stack([each[start:stop] for each in sensors], axis=1)
+    mean = rows[:, 0].mean(axis=0, keepdims=True)
     axes = noise_of(rows, log.rate, increments=increments)
     compass: tuple[AxisNoise, ...] = ()
     left_out = {}

@@ -9,9 +9,9 @@ from simval.imu.logs import Log
 from simval.imu.multiposition.description import log_object
 from simval.imu.multiposition.log_units import Scale
 from simval.imu.multiposition.noise import LogNoise
-from simval.imu.noise import AxisNoise
+from simval.imu.noise import AxisNoise, Coefficient
 from simval.imu.noise.components import LETTERS
-from simval.imu.noise.model import AXES, FORMAT, axis_to_json, largest
+from simval.imu.noise.model import AXES, FORMAT, Largest, axis_to_json, largest
 from simval.text import interval_words
 from simval.units import G0, OF_A_LOG, OF_TIME
 from simval.units import RADIANS_PER_DEGREE as DEGREE
@@ -124,19 +124,20 @@ def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:
         },
         "sensors": listed,
         "left_out": dict(found.left_out),
-        "kalibr": {name: x for name, x, _ in kalibr if x is not None}
+        "kalibr": {name: x.value for name, x in kalibr if x.value is not None}
         | {"update_rate": log.rate},
-        "kalibr_bounds": {name: x for name, _, x in kalibr if x is not None},
+        "kalibr_bounds": {name: x.bound for name, x in kalibr if x.bound is not None},
+        "kalibr_horizons_s": {name: x.horizon for name, x in kalibr if x.horizon},
     }
 
 
-def _kalibr(sensors: Sensors) -> Iterator[tuple[str, float | None, float | None]]:
-    # one number for the three axes: the largest that is seen, and the largest bound
+def _kalibr(sensors: Sensors) -> Iterator[tuple[str, Largest]]:
+    # one number for the three axes
     for (name, kind), title in KALIBR.items():
         axes, scale = sensors.get(name, ((), None))
         if scale is not None and scale.si_per_raw is not None:
             size = np.full(len(axes), scale.si_per_raw)
-            yield title, *largest(axes, kind, size)
+            yield title, largest(axes, kind, size)
 
 
 def described(found: LogNoise, sensors: Sensors) -> list[str]:
@@ -146,25 +147,42 @@ def described(found: LogNoise, sensors: Sensors) -> list[str]:
     for name, (axes, scale) in sensors.items():
         kinds = {c.kind for axis in axes for c in axis.coefficients}
         for kind in (each for each in LETTERS if each in kinds):
-            lines += ["", *_table(name, kind, axes, scale.si_per_raw)]
+            own = [_of_kind(kind, axis.coefficients) for axis in axes]
+            words = LETTERS[kind].words
+            lines += ["", *_table(name, words, kind, axes, own, scale.si_per_raw)]
+        horizons = [a.slow.horizon for a in axes if a.slow and not a.slow.is_walk]
+        if horizons:
+            words = f"random walk equivalent over up to {max(horizons):.4g} s,"
+            own = [_of_kind("K", axis.given) for axis in axes]
+            lines += ["", *_table(name, words, "K", axes, own, scale.si_per_raw)]
         lines += ["", f"{name}, how far the model holds", *_fits(axes)]
     for name, why in found.left_out.items():
         lines += ["", f"left out          the {name}: {why}"]
     return lines + _kalibr_lines(sensors)
 
 
+def _of_kind(kind: str, coefficients: tuple[Coefficient, ...]) -> Coefficient | None:
+    return next((c for c in coefficients if c.kind == kind), None)
+
+
 def _table(
-    name: str, kind: str, axes: tuple[AxisNoise, ...], si: float | None
+    name: str,
+    words: str,
+    kind: str,
+    axes: tuple[AxisNoise, ...],
+    coefficients: list[Coefficient | None],
+    si: float | None,
 ) -> list[str]:
     # one row for each axis; a bound is printed as a bound
     unit = LETTERS[kind].raw_unit if si is None else si_unit(name, kind)
-    further = FURTHER.get((name, kind), ()) if si is not None else ()
+    further = FURTHER.get((name, "K" if kind == "q" else kind), ())[
+        : 9 * (si is not None)
+    ]
     scale = 1.0 if si is None or kind in OF_TIME else si
     heads = "".join(f"   {each.title}" for each in further)
     head = f"  {'':4s}{'value':>12s}{'sd':>10s}   {'95 % interval':22s}"
-    lines = [f"{name}, {LETTERS[kind].words} {kind}, {unit}", head + heads]
-    for letter, axis in zip(AXES, axes, strict=True):
-        found = next((c for c in axis.coefficients if c.kind == kind), None)
+    lines = [f"{name}, {words} {kind}, {unit}", head + heads]
+    for letter, axis, found in zip(AXES, axes, coefficients, strict=True):
         if found is None:
             lines.append(
                 f"  {letter:4s}{'-' if axis.coefficients else 'no model':>12s}"
@@ -203,15 +221,25 @@ def _fits(axes: tuple[AxisNoise, ...]) -> list[str]:
     return lines
 
 
+def equivalent_words(horizon: float | None) -> str:
+    """Say of a random walk that it is equivalent; nothing of one that was measured."""
+    if horizon is None:
+        return ""
+    return f"equivalent over up to {horizon:.4g} s, not a random walk that was measured"
+
+
 def _kalibr_lines(sensors: Sensors) -> list[str]:
     lines = []
-    for title, seen, bound in _kalibr(sensors):
+    for title, found in _kalibr(sensors):
         name = f"  {title + ':':30s}"
-        if seen is not None:
-            more = "" if bound is None else f"   # not on every axis: below {bound:.4g}"
-            lines.append(f"{name}{seen:.4g}{more}")
-        elif bound is not None:
-            lines.append(f"# {name[2:]}not seen, below {bound:.4g}")
+        if found.value is not None:
+            more = [equivalent_words(found.horizon)]
+            if found.bound is not None:
+                more.append(f"not on every axis: below {found.bound:.4g}")
+            words = "; ".join(filter(None, more))
+            lines.append(f"{name}{found.value:.4g}{'   # ' * bool(words)}{words}")
+        elif found.bound is not None:
+            lines.append(f"# {name[2:]}not seen, below {found.bound:.4g}")
     if not lines:
         return []
     rate = next(iter(sensors.values()))[0][0].rate_hz

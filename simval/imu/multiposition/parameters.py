@@ -50,7 +50,11 @@ from simval.imu.multiposition.description import (
 )
 from simval.imu.multiposition.log_units import written_unit
 from simval.imu.multiposition.noise import log_noise
-from simval.imu.multiposition.noise_description import KALIBR, si_unit
+from simval.imu.multiposition.noise_description import (
+    KALIBR,
+    equivalent_words,
+    si_unit,
+)
 from simval.imu.noise.model import largest
 from simval.imu.sensor import gyroscope_factors
 from simval.poses import fibonacci_sphere
@@ -76,12 +80,14 @@ class Ignored(NamedTuple):
 
     def words(self, off: float, kept: float) -> str:
         """Say that a change of some length is not taken up, or may not be."""
-        least = f"{self.newer:g} in newer code" if self.newer else "newer code takes any"
+        least = (
+            f"{self.newer:g} in newer code" if self.newer else "newer code takes any"
+        )
         more = f"; {least}, {self.newer_source}" * bool(self.newer_source)
         return (
             f"{'will' if off < self.newer else 'may'} not be taken up: it is {off:.2g} "
-            f"from {kept:g}, with which the project starts, and a change below {STEP:g} "
-            f"is ignored there ({self.source}{more})"
+            f"from {kept:g}, with which the project starts, and a change below "
+            f"{STEP:g} is ignored there ({self.source}{more})"
         )
 
 
@@ -385,12 +391,16 @@ def _noise(log: Log, matrices: _Values, notes: _Notes) -> dict[str, str]:
         return values
     for (sensor, kind), name in KALIBR.items():
         axes, size = getattr(found, sensor), np.linalg.norm(matrices[sensor], axis=0)
-        (value, bound), unit = largest(axes, kind, size), si_unit(sensor, kind)
-        if value is not None:
-            more = f"; an axis that is not seen, below {bound:.4g}" if bound else ""
-            values[name] = f"{_flow(value)}  # {unit}{more}"
+        most, unit = largest(axes, kind, size), si_unit(sensor, kind)
+        if most.value is not None:
+            more = [unit, equivalent_words(most.horizon)]
+            if most.bound is not None:
+                more.append(f"an axis that is not seen, below {most.bound:.4g}")
+            values[name] = f"{_flow(most.value)}  # {'; '.join(filter(None, more))}"
             continue
-        seen = "not told" if bound is None else f"not seen, below {bound:.4g} {unit}"
+        seen = "not told"
+        if most.bound is not None:
+            seen = f"not seen, below {most.bound:.4g} {unit}"
         words = "the project needs a value: measure a longer rest, or state the data "
         notes.say(name, f"{seen} by {found.seconds:.0f} s at rest; {words}sheet's")
     return values

@@ -16,8 +16,10 @@ coefficient is seen if all of them show it. A walk is Markov noise of a time wit
 end, so the times that are left are the interval of the correlation time.
 """
 
-from collections.abc import Iterable, Sequence, Set
-from itertools import groupby
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from functools import partial
+from itertools import groupby, product
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -27,6 +29,7 @@ from simval.arrays import Array
 from simval.imu.noise.allan import PER_OCTAVE, Forms
 from simval.imu.noise.components import Component
 from simval.imu.noise.least_squares import Problem, Squares, Z, ends, fitted
+from simval.imu.noise.model import SlowNoise
 from simval.shapes import Bool, Float, Int
 
 LIKELY: Final = 6.0
@@ -41,10 +44,16 @@ _BESIDE: Final = 10  # frequencies to either side of a line
 _BAND: Final = 3.0  # of the level: their mean, which noise exceeds in one line of 1000
 _CLOSE: Final = 2.0  # of (V13): from one correlation time to the next about the best
 ROUNDS: Final = 6  # of times between those before
+NEEDED: Final = Z**2  # of (V13): what each of a walk and Markov noise must gain
 
 WALK: Final = Component("K")
 RAMP: Final = Component("R")
 Components = tuple[Component, ...]
+
+
+def kinds_of(components: Components) -> str:
+    """Kinds of a set but for a sine: what one axis and another may have alike."""
+    return "".join(c.kind for c in components if c.kind != "A")
 
 
 class Family:
@@ -96,11 +105,22 @@ class Chosen(NamedTuple):
     """Of a sine, cycles a row."""
     slow: bool = False
     """Whether there is more than white noise and a sine."""
+    by_axes: bool = False
+    """Whether sets are left out by the axes of the sensor together."""
+    tried: Mapping[Components, float] = MappingProxyType({})
+    """(V13) of sets before a ramp beside others, where there is no sine."""
 
     @property
     def components(self) -> Components:
         """The stated set."""
         return self.likely[0]
+
+    def letter(self, component: Component) -> str:
+        """Coefficient of a component: of Markov noise K, or q beside a likely walk."""
+        both = component.kind == "M" and any(
+            {"K", "M"} <= {c.kind for c in each} for each in self.likely
+        )
+        return "q" if both else component.process.letter
 
 
 def weighed(
@@ -109,10 +129,12 @@ def weighed(
     used: tuple[int, int],
     line: "Line",
     slow: bool | None = None,
+    refused: Set[str] = frozenset(),
 ) -> Chosen | None:
     """Choose components for some of the lengths; None if no set fits them.
 
-    `slow` is what `is_slow` says of these lengths without a sine, where it is known.
+    `slow` is what `is_slow` says of these lengths without a sine, where it is known;
+    `refused` are kinds of sets that the axes of the sensor leave out.
     """
     first, last = used
     # one length an octave, where these are enough
@@ -133,6 +155,8 @@ def weighed(
         slow = bool(is_slow(problem, plain, found)[0])
     if not slow:
         sets = {plain: sets[plain]}
+    tried = sets
+    sets = {each: D for each, D in sets.items() if kinds_of(each) not in refused}
     # beside a walk, a ramp must show itself, or be all that is needed
     least = min(sets.values())
     walk = (*plain, RAMP)
@@ -153,7 +177,46 @@ def weighed(
         most_time=most_time,
         frequency_sd=line.frequency_sd,
         slow=slow,
+        tried={} if extra else tried,
+        by_axes=bool(refused),
     )
+
+
+def refused_together(axes: Sequence[Chosen]) -> Set[str]:
+    """Kinds of sets that axes of one sensor, whose noise is of one kind, leave out.
+
+    Those that others, no larger and not more general, exceed by `EVIDENCE` on all axes
+    with slow noise together, and by a share of it without the axis that says most. The
+    others are likely on each axis; if none is, the axes are not alike.
+    """
+    slow = [each for each in axes if each.slow and each.tried]
+    if len(slow) < 2:
+        return frozenset()
+    least: list[dict[str, float]] = [{} for _ in slow]
+    for axis, D in zip(slow, least, strict=True):
+        for components, value in axis.tried.items():
+            kinds = kinds_of(components)
+            D[kinds] = min(value, D.get(kinds, np.inf))
+    every = dict.fromkeys(kinds for D in least for kinds in D)
+    alike = [
+        kinds
+        for kinds in every
+        if all(D.get(kinds, np.inf) - min(D.values()) <= LIKELY for D in least)
+    ]
+    share = EVIDENCE / 3.0
+    refused = set()
+    for kinds, other in product(every, alike):
+        more = [D.get(kinds, np.inf) - D[other] for D in least]
+        general = set(kinds) <= {*other, *"K" * ("M" in other)}
+        rest = sum(sorted(more)[:-1])
+        if (
+            not general
+            and len(other) <= len(kinds)
+            and rest > share
+            and rest + max(more) > EVIDENCE
+        ):
+            refused.add(kinds)
+    return frozenset(refused)
 
 
 def _likely(
@@ -180,7 +243,10 @@ def _times_left(
     middles = np.sqrt(known[1:] * known[:-1])
     wide = np.concatenate([known[:1], middles, known[-1:]])
     first, last = np.searchsorted(known, left[[0, -1]])
-    walk = any(WALK in each for each in likely)
+    # Markov noise of the longest time is a walk
+    walk = last + 1 == len(known) or any(
+        WALK in each and kinds_of(each)[-1] == "K" for each in likely
+    )
     return float(wide[first]), np.inf if walk else float(wide[last + 1])
 
 
@@ -214,31 +280,52 @@ def by_size(sets: Iterable[Components]) -> list[list[Components]]:
 def _slow(
     family: Family, variances: Float[Array, "1 m"], extra: Components
 ) -> dict[Components, float]:
-    # the walk, a ramp in its place, and Markov noise, finer about the likely times
-    def beside(slow: Component) -> Components:
-        return (*family.fast, slow, *extra)
+    # a walk, a ramp in its place, and Markov noise of every time; and a walk beside it
+    # in place of flicker, where without flicker each of the two is needed
+    def beside(*slow: Component) -> Components:
+        return (*family.fast, *slow, *extra)
 
+    def bare(*slow: Component) -> Components:
+        return tuple(each for each in beside(*slow) if each.kind != "B")
+
+    alone = [WALK] if RAMP in extra else [WALK, RAMP]
+    sets = _deviances(family, variances, map(beside, alone))
+    sets |= _of_times(family, variances, beside, min(sets.values()))
+    if RAMP in extra:
+        return sets
+    D = _of_times(family, variances, partial(bare, WALK), min(sets.values()))
+    markov = [c for each in D for c in each if c.kind == "M"]
+    others = _deviances(family, variances, map(bare, [WALK, *markov]))
+    if min(D.values()) < min(others.values()) - NEEDED:
+        # in intervals flicker is beside them, as in all other sets
+        sets |= {beside(WALK, each): D[bare(WALK, each)] for each in markov}
+    return sets
+
+
+def _of_times(
+    family: Family,
+    variances: Float[Array, "1 m"],
+    of: Callable[[Component], Components],
+    least: float,
+) -> dict[Components, float]:
+    # (V13) of a set with Markov noise, by its time: finer about the likely times
     shortest = SHORTEST * float(family.counts[0])
     octaves = int(np.log2(family.rows / shortest))
     times = shortest * 2.0 ** np.arange(0, octaves + 2, 2)
-    slow = [WALK] if RAMP in extra else [WALK, RAMP]
-    sets: dict[Components, float] = {}
     D: dict[float, float] = {}
     for _ in range(ROUNDS):
-        markov = [Component("M", time) for time in times.tolist()]
-        new = _deviances(family, variances, map(beside, [*slow, *markov]))
-        D |= {each.rows: new[beside(each)] for each in markov}
-        sets |= new
-        slow = []
+        new = {time: of(Component("M", time)) for time in times.tolist()}
+        found = _deviances(family, variances, new.values())
+        D |= {time: found[each] for time, each in new.items()}
         known = np.sort(list(D))
-        levels = np.array([D[time] for time in known]) - min(sets.values())
+        levels = np.array([D[time] for time in known]) - min(least, *D.values())
         # where it changes much from one time to the next, and one of them is likely
         near = np.minimum(levels[1:], levels[:-1]) <= LIKELY
         near &= np.abs(np.diff(levels)) > _CLOSE
         times = np.sqrt(known[1:] * known[:-1])[near]
         if not len(times):
             break
-    return sets
+    return {of(Component("M", time)): value for time, value in D.items()}
 
 
 class Line(NamedTuple):
@@ -293,7 +380,17 @@ def line_of(signal: Float[Array, " n"]) -> Line:
     return Line(float(n / (k[top] + shift)), float(sd))
 
 
-def words_of(chosen: Chosen, seen: Set[str], rate_hz: float, unit: float) -> list[str]:
+NAMES: Final = {
+    "B": "flicker",
+    "K": "a random walk",
+    "M": "Markov noise",
+    "R": "a ramp",
+}
+
+
+def words_of(
+    chosen: Chosen, seen: Set[str], slow: SlowNoise | None, rate_hz: float, unit: float
+) -> list[str]:
     """Say what was chosen beside N, B and K, and what is not told apart.
 
     `seen` are the letters of the coefficients that the signal shows.
@@ -302,25 +399,31 @@ def words_of(chosen: Chosen, seen: Set[str], rate_hz: float, unit: float) -> lis
     stated = {c.kind: place for place, c in enumerate(chosen.components)}
     kinds = {c.kind for each in chosen.likely for c in each}
     low = chosen.least_time / rate_hz
-    if "M" in stated and "K" in seen:
+    if "M" in stated and seen & {"K", "q"} and "T" in seen:
         tau = chosen.components[stated["M"]].rows
         size = np.sqrt(0.5 * tau * chosen.found.values[0, stated["M"]] * unit)
+        walk = "K is its driving noise, and no random walk follows the averages"
+        if "q" in seen:
+            walk = "q is its driving noise, and K is of a random walk beside it"
         said.append(
             f"the bias is Markov noise of {size:.3g} raw units (1 sd), its correlation "
             f"time {tau / rate_hz:.3g} s ({low:.3g} to "
-            f"{chosen.most_time / rate_hz:.3g} s): K is its driving noise, and no "
-            "random walk follows the averages"
+            f"{chosen.most_time / rate_hz:.3g} s): {walk}"
         )
     elif "M" in kinds and "K" in seen:
         said.append(
             "K is of a random walk, or of Markov noise with a correlation time above "
             f"{low:.3g} s: this signal does not tell them apart"
         )
-    if not seen & {"B", "K", "R"} and chosen.slow:
+    if slow is not None and not slow.seen:
+        *others, last = (name for kind, name in NAMES.items() if kind in kinds)
         said.append(
-            "there is slow noise, and the signal does not tell what: flicker, a random "
-            "walk, Markov noise or a ramp, each below its bound; a longer rest does"
+            f"slow noise is there; its kind cannot be told: {', '.join(others)} or "
+            f"{last}, each below its bound; for a filter there is an equivalent random "
+            "walk, and a longer rest tells the kind"
         )
+    if slow is not None and slow.by_axes:
+        said.append("the axes of the sensor together leave out other kinds of noise")
     if "R" in seen:
         said.append("a ramp: the bias drifts evenly (temperature?)")
     if "A" in seen:

@@ -16,7 +16,9 @@ sensor's own readings. Where every reading stands in the same number of rows, to
 the sensor's own readings and its own rate are known; else they are not.
 """
 
+from collections.abc import Set
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from typing import Any, Final, NamedTuple
 
@@ -36,17 +38,21 @@ from simval.imu.noise.components import KINDS, LETTERS, Component
 from simval.imu.noise.evidence import (
     WALK,
     Chosen,
+    Components,
     Family,
     Line,
     by_size,
     is_slow,
+    kinds_of,
     line_of,
+    refused_together,
     weighed,
     words_of,
 )
 from simval.imu.noise.least_squares import Squares, Z, ends, fitted, greatest
-from simval.imu.noise.model import LEAST_ROWS, AxisNoise, Coefficient
-from simval.shapes import Float
+from simval.imu.noise.model import LEAST_ROWS, AxisNoise, Coefficient, SlowNoise
+from simval.imu.noise.walk import walks_of
+from simval.shapes import Bool, Float
 
 SHARE: Final = 12.0  # of a squared step: its variance
 LEAST_NOISE: Final = 0.5  # sd of the noise in steps, rounding taken off
@@ -86,7 +92,8 @@ def noise_of(
     Parameters
     ----------
     rows : array_like
-        Readings at equal steps of time, (n,) for one signal or (n, signals), any unit.
+        Readings at equal steps of time, any unit: (n,) of one signal, (n, signals), or
+        (n, sensors, axes) of sensors whose axes are judged together.
     rate_hz : float
         Rows per second, Hz.
     increments : bool
@@ -100,7 +107,7 @@ def noise_of(
     Returns
     -------
     tuple of AxisNoise
-        One for each signal.
+        One for each signal, or axis after axis of each sensor.
 
     Raises
     ------
@@ -110,11 +117,14 @@ def noise_of(
         If there are too few rows.
     """
     signals = physical_array("rows", rows, ())
-    if signals.ndim == 1:
-        signals = signals[:, None]
-    if signals.ndim != 2 or not signals.shape[1]:
-        msg = f"`rows` has shape {signals.shape}; give (n,) or (n, signals)"
+    if not (1 <= signals.ndim <= 3 and all(signals.shape[1:])):
+        msg = (
+            f"`rows` has shape {signals.shape}; give (n,), (n, signals) or "
+            "(n, sensors, axes)"
+        )
         raise InputError(msg)
+    together = signals.shape[2] if signals.ndim == 3 else 1
+    signals = signals.reshape(len(signals), -1)
     rate_hz = positive_number("rate_hz", rate_hz, "Hz")
     kinds = KINDS if switch("increments", increments) else KINDS[:3]
     told = switch("intervals", intervals)
@@ -134,7 +144,7 @@ def noise_of(
     scaled = (variances / units).T[usable]
     lines = [line_of(signals[:, k]) for k in usable]
     family = Family(counts, len(signals), kinds)
-    sets = _chosen(family, scaled, lines, told)
+    sets = _chosen(family, scaled, lines, told, usable // together)
     chosen = dict(zip(usable.tolist(), sets, strict=True))
     return tuple(
         _axis(
@@ -168,6 +178,7 @@ def _axis(
     statements = [refusal] if refusal else []
     coefficients: tuple[Coefficient, ...] = ()
     squares: dict[Component, float] = {}
+    slow = None
     if chosen is not None:
         used, found = chosen.used, chosen.found
         whole = family.problem(variances[None] / unit, chosen.components)
@@ -177,10 +188,12 @@ def _axis(
         statements += _statements(found, used, counts / rate_hz)
         if found.holds[0] and not told:
             unsaid: Any = {"value": None, "sd": None, "low": 0.0, "high": np.inf}
-            letters = [c.process.letter for c in chosen.components]
+            letters = [chosen.letter(c) for c in chosen.components]
             coefficients = tuple(Coefficient(kind=k, **unsaid) for k in letters)
         elif found.holds[0]:
-            coefficients = _coefficients(family, variances[None], chosen, unit, rate_hz)
+            coefficients, slow = _coefficients(
+                family, variances[None], chosen, unit, rate_hz
+            )
             seen = {each.kind for each in coefficients if each.value is not None}
             if falls and "R" in seen:  # a square has no sign, the readings have
                 coefficients = tuple(
@@ -189,7 +202,7 @@ def _axis(
                     else c
                     for c in coefficients
                 )
-            statements += words_of(chosen, seen, rate_hz, unit)
+            statements += words_of(chosen, seen, slow, rate_hz, unit)
     if step > 0.0 and not refusal:
         share = step**2 / SHARE / variances[0]
         statements.append(
@@ -210,6 +223,7 @@ def _axis(
         dof=0 if chosen is None else int(found.dof[0]),
         p_value=0.0 if chosen is None else float(found.p_value[0]),
         step=step,
+        slow=slow,
         statements=tuple(statements),
     )
 
@@ -233,7 +247,11 @@ def _unusable(variances: Float[Array, " m"], step: float) -> str:
 
 
 def _chosen(
-    family: Family, variances: Float[Array, "s m"], lines: list[Line], told: bool
+    family: Family,
+    variances: Float[Array, "s m"],
+    lines: list[Line],
+    told: bool,
+    sensors: NDArray[np.intp],
 ) -> list[Chosen]:
     # for each signal the widest range that white noise, flicker and a walk fit,
     # dropping the shortest lengths first; else all; and then what else may be there
@@ -243,32 +261,61 @@ def _chosen(
     found = fitted(problem)
     used = np.tile([0, size], (len(problem.variances), 1))
     left = np.flatnonzero(~found.holds)
-    for last in range(size, size // 2, -PER_OCTAVE):
-        for first in range(last - LEAST_POINTS + 1):
-            if not len(left):
-                break
-            part = fitted(problem.of(left).part(first, last))
-            good = part.holds
-            for all_of_it, new in zip(found, part, strict=True):
-                all_of_it[left[good]] = new[good]
-            used[left[good]] = first, last
-            left = left[~good]
+    certain = np.zeros(len(used), dtype=bool)
+    certain[left] = _starts_white(family, variances[left])
+    for first, last in _ranges(size):
+        some = left[(first == 0) | ~certain[left] & (last > size // 2)]
+        if not len(some):
+            continue
+        part = fitted(problem.of(some).part(first, last))
+        good = part.holds
+        for all_of_it, new in zip(found, part, strict=True):
+            all_of_it[some[good]] = new[good]
+        used[some[good]] = first, last
+        left = np.setdiff1d(left, some[good])
     lined = np.array([line.period > 0.0 for line in lines], dtype=bool)
     whole = np.flatnonzero(found.holds & (np.ptp(used, axis=1) == size) & ~lined)
     own = Squares(*(every[whole] for every in found))
     known = is_slow(problem.of(whole), plain, own).tolist() if len(whole) else []
     slow = dict(zip(whole.tolist(), known, strict=True))
-    return [
-        _weighed(
+    signals = [
+        partial(
+            _weighed,
             family,
             problem.variances[[k]],
             Chosen((first, last), Squares(*(every[[k]] for every in found)), (plain,)),
             lines[k],
             slow.get(k),
             told,
+            bool(certain[k]),
         )
         for k, (first, last) in enumerate(used.tolist())
     ]
+    chosen = [weigh() for weigh in signals]
+    for sensor in np.unique(sensors) if told else ():
+        axes: list[int] = np.flatnonzero(sensors == sensor).tolist()
+        refused = refused_together([chosen[k] for k in axes])
+        for k in axes:
+            if refused & {kinds_of(each) for each in chosen[k].likely}:
+                chosen[k] = signals[k](refused)
+    return chosen
+
+
+def _ranges(size: int) -> list[tuple[int, int]]:
+    # of lengths, the most first, and of as many the longest
+    lasts = range(size, LEAST_POINTS - 1, -PER_OCTAVE)
+    every = [(k, last) for last in lasts for k in range(last - LEAST_POINTS + 1)]
+    return sorted(every, key=lambda part: part[0] - part[1])
+
+
+def _starts_white(family: Family, variances: Float[Array, "s m"]) -> Bool[Array, " s"]:
+    # whether the shortest averages are white noise and a little of a walk: no filter of
+    # a sensor, whose averages rise and then level off
+    plain = tuple(each for each in family.fast if each.kind != "B")
+    problem = family.problem(variances, (*plain, WALK)).part(0, LEAST_POINTS)
+    found = fitted(problem)
+    white = problem.law[0, 0] * found.values[:, 0] > 0.5 * variances[:, 0]
+    return np.asarray(found.holds & white)
 
 
 def _weighed(
@@ -278,6 +325,8 @@ def _weighed(
     line: Line,
     slow: bool | None,
     told: bool,
+    certain: bool,
+    refused: Set[str] = frozenset(),
 ) -> Chosen:
     # what else may be there, if something is; known of a signal that is plain so far.
     # That shorter averages follow from it, too, is asked where coefficients are told
@@ -287,10 +336,12 @@ def _weighed(
     fits = plain.found.holds[0]
     first = plain.used[0]
     starts = (
-        [0, first][not told :] if fits else range(0, size - LEAST_POINTS, PER_OCTAVE)
+        [0, first][not told :]
+        if fits
+        else range(0, 1 if certain else size - LEAST_POINTS, PER_OCTAVE)
     )
     for used in dict.fromkeys([*((k, size) for k in starts), plain.used]):
-        chosen = weighed(family, variances, used, line, slow)
+        chosen = weighed(family, variances, used, line, slow, refused)
         if chosen is not None:
             return chosen
     return plain
@@ -330,49 +381,89 @@ def _coefficients(
     chosen: Chosen,
     unit: float,
     rate_hz: float,
-) -> tuple[Coefficient, ...]:
-    # roots of the squares, from the least end to the greatest of all that is likely
+) -> tuple[tuple[Coefficient, ...], SlowNoise | None]:
+    # roots of the squares, from the least end to the greatest of all that is likely;
+    # and of the walk that stands for the slow noise
     lows: dict[str, list[float]] = {}
     highs: dict[str, list[float]] = {}
+    walks: dict[Components, tuple[float, ...]] = {}
+    span = family.counts[chosen.used[0]], family.counts[chosen.used[1] - 1]
     for sets in by_size(chosen.likely):
         many = np.repeat(variances / unit, len(sets), axis=0)
         problem = family.problem(many, *sets).part(*chosen.used)
-        lowest, highest = ends(problem, fitted(problem))
+        found = fitted(problem)
+        lowest, highest = ends(problem, found)
         noise = [[c.process.spectrum is not None for c in some] for some in sets]
         highest = np.where(noise, np.minimum(highest, greatest(problem)), highest)
         every = zip(
             chain(*sets), lowest.ravel().tolist(), highest.ravel().tolist(), strict=True
         )
         for component, low, high in every:
-            letter = component.process.letter
+            letter = chosen.letter(component)
             lows.setdefault(letter, []).append(low)
             # Markov noise that is not seen would be bounded by white noise alone
             if low > 0.0 or component.kind != "M":
                 highs.setdefault(letter, []).append(high)
+        if chosen.slow:
+            walks |= walks_of(problem, found, sets, span)
     made = []
-    found, kinds = chosen.found, [c.process.letter for c in chosen.components]
+    found, kinds = chosen.found, [chosen.letter(c) for c in chosen.components]
     for letter in (each for each in LETTERS if each in highs):
         square = spread = 0.0
         if letter in kinds:
             place = kinds.index(letter)
             square, spread = found.values[0, place], found.sd[0, place]
-        scale = unit * rate_hz ** -LETTERS[letter].rate_power
         least = min(lows[letter]) if len(lows[letter]) == len(chosen.likely) else 0.0
         # fitted with signs, an end is not always on its side of what is fitted without
-        least, most = min(least, square), max(*highs[letter], square)
-        value = float(np.sqrt(square * scale))
-        seen = least > 0.0
-        made.append(
-            Coefficient(
-                kind=letter,
-                value=value if seen else None,
-                sd=float(spread * scale / (2.0 * value)) if seen else None,
-                low=float(np.sqrt(least * scale)) if seen else 0.0,
-                high=float(np.sqrt(most * scale)),
-            )
-        )
+        squares = (square, min(least, square), max(*highs[letter], square))
+        made.append(_root(letter, squares, spread, unit, rate_hz, squares[1] > 0.0))
     made += _times(chosen, made, rate_hz)
-    return tuple(sorted(made, key=lambda each: [*LETTERS].index(each.kind)))
+    made = sorted(made, key=lambda each: [*LETTERS].index(each.kind))
+    return tuple(made), _slow_noise(chosen, made, walks, unit, rate_hz, span[1])
+
+
+def _root(
+    letter: str,
+    squares: tuple[float, float, float],
+    spread: float,
+    unit: float,
+    rate_hz: float,
+    seen: bool,
+) -> Coefficient:
+    # of a square and its ends, in units of rows, and of its standard deviation
+    scale = unit * rate_hz ** -LETTERS[letter].rate_power
+    value, low, high = (float(np.sqrt(each * scale)) for each in squares)
+    return Coefficient(
+        kind=letter,
+        value=value if seen else None,
+        sd=float(spread * scale / (2.0 * value)) if seen else None,
+        low=low if seen else 0.0,
+        high=high,
+    )
+
+
+def _slow_noise(
+    chosen: Chosen,
+    made: list[Coefficient],
+    walks: dict[Components, tuple[float, ...]],
+    unit: float,
+    rate_hz: float,
+    rows: int,
+) -> SlowNoise | None:
+    # None of white noise, or where even the stated set has no slow noise
+    if chosen.components not in walks:
+        return None
+    square = walks[chosen.components][0]
+    lows, highs = zip(*(ends_of_it for _, *ends_of_it in walks.values()), strict=True)
+    ends_of_it = min(lows), max(highs)
+    spread = (ends_of_it[1] - ends_of_it[0]) / (2.0 * Z)
+    return SlowNoise(
+        seen=tuple(c.kind for c in made if c.value is not None and c.kind in "BKqTR"),
+        likely=tuple(dict.fromkeys(kinds_of(each) for each in chosen.likely)),
+        by_axes=chosen.by_axes,
+        walk=_root("K", (square, *ends_of_it), spread, unit, rate_hz, seen=True),
+        horizon=float(rows / rate_hz),
+    )
 
 
 def _times(
@@ -382,7 +473,7 @@ def _times(
     seen = {each.kind for each in made if each.value is not None}
     times = {c.kind: c.rows / rate_hz for c in chosen.components}
     found = []
-    if "K" in seen and np.isfinite(chosen.least_time):
+    if seen & {"K", "q"} and np.isfinite(chosen.least_time):
         low, high = chosen.least_time / rate_hz, chosen.most_time / rate_hz
         tau = times.get("M")
         sd = None if tau is None else (high - low) / (2.0 * Z)
@@ -459,7 +550,8 @@ def noise_of_readings(
     """
     own = own_readings(rows)
     try:
-        axes = noise_of(own.rows, rate_hz / own.each, intervals=intervals)
+        rows = own.rows[:, None]
+        axes = noise_of(rows, rate_hz / own.each, intervals=intervals)
     except RefusedError as error:
         if own.each == 1.0:
             raise

@@ -138,15 +138,19 @@ def ends(
     most = 1e3 * problem.variances.max(axis=1)[:, None] / problem.law.max(axis=-2)
     most = most[signal, place]
     end = np.where(z > 0.0, np.inf, 0.0)
-    left = np.arange(len(end))
-    for _ in range(4 * ROUNDS):
+    left, moved = np.arange(len(end)), np.zeros(len(end))
+    for step in range(4 * ROUNDS):
         i, k, before = signal[left], place[left], value[left]
         there = _with_end(_Whitened(*(each[i] for each in at_fit)), k, before)
         some = problem.of(i)
         whitened, _ = _whitened(some, allan_covariance(some.forms, there))
         free, sd = (each[np.arange(len(k)), k] for each in _free(whitened))
         near = np.where(z[left] > 0.0, np.maximum(free, -sd), free)
-        now = value[left] = np.maximum(near + z[left] * sd, 0.0)
+        now = np.maximum(near + z[left] * sd, 0.0)
+        # to and fro, where the error grows faster than the end: half of the way
+        turns = (now - before) * moved[left] < 0.0 if step > 2 * ROUNDS else 0.0
+        moved[left] = now - before
+        value[left] = before + moved[left] / (1.0 + turns)
         settled = np.abs(now - before) <= 0.01 * sd
         beyond = ~settled & ~(now <= most[left])
         end[left[settled]], end[left[beyond]] = now[settled], np.inf

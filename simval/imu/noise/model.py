@@ -4,11 +4,11 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from simval.arguments import file_path, whole_number
+from simval.arguments import file_path, switch, whole_number
 from simval.arrays import (
     Array,
     finite_array,
@@ -56,6 +56,39 @@ class Coefficient:
     high: float
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlowNoise:
+    """What there is beside white noise and a sine, and what a filter is given for it.
+
+    Attributes
+    ----------
+    seen : tuple of str
+        Letters of the coefficients that every likely explanation has; none where the
+        kind of the slow noise cannot be told.
+    likely : tuple of str
+        Explanations that the signal does not tell apart, the most likely first: the
+        kinds of the components of each, as ``NBK`` (`simval.imu.noise.components`).
+    by_axes : bool
+        Whether some explanations are left out by the axes of the sensor together.
+    walk : Coefficient
+        The equivalent random walk, eq. (V14) of `simval.imu.noise.walk`, raw units per
+        root second.
+    horizon : float
+        Longest time over which it is that, s.
+    """
+
+    seen: tuple[str, ...]
+    likely: tuple[str, ...]
+    by_axes: bool
+    walk: Coefficient
+    horizon: float
+
+    @property
+    def is_walk(self) -> bool:
+        """Whether it is a walk as far as is seen, or Markov noise alone."""
+        return "K" in self.seen and set(self.seen) <= {"K", "T"}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisNoise:
     """Noise of one signal.
@@ -88,6 +121,8 @@ class AxisNoise:
         Chance of one at least as high if the model is right.
     step : float
         Step of the converter, raw units; 0 where none is seen.
+    slow : SlowNoise or None
+        Its slow noise; None where none is seen.
     statements : tuple of str
         Notes on the coefficients.
     """
@@ -105,6 +140,7 @@ class AxisNoise:
     dof: int
     p_value: float
     step: float
+    slow: SlowNoise | None
     statements: tuple[str, ...]
 
     def __post_init__(self) -> None:
@@ -115,6 +151,14 @@ class AxisNoise:
     def seconds(self) -> Float[Array, " m"]:
         """Averaging times, s, (m,)."""
         return np.asarray(self.counts / self.rate_hz)
+
+    @property
+    def given(self) -> tuple[Coefficient, ...]:
+        """Coefficients with the equivalent walk for K, where the slow noise is none."""
+        if self.slow is None or self.slow.is_walk:
+            return self.coefficients
+        others = (c for c in self.coefficients if c.kind != "K")
+        return (*others, self.slow.walk)
 
     def law(self, seconds: Float[Array, " t"]) -> Float[Array, " t"]:
         """Allan variance of the fitted model.
@@ -168,21 +212,32 @@ class AxisNoise:
         return float(np.exp(logs))
 
 
+class Largest(NamedTuple):
+    """What is given to a program that knows white noise and a random walk."""
+
+    value: float | None  # the largest of the axes
+    bound: float | None  # the largest of the axes that show nothing
+    horizon: float | None  # s, of a walk that is equivalent and not the noise's own
+
+
 def largest(
     axes: Sequence[AxisNoise], kind: str, scales: Float[Array, " axes"]
-) -> tuple[float | None, float | None]:
-    """Largest value that is seen of the axes; largest bound of those that show none."""
-    each = [
-        (c, float(scale))
-        for axis, scale in zip(axes, scales, strict=True)
-        for c in axis.coefficients
-        if c.kind == kind
-    ]
-    seen = [scale * c.value for c, scale in each if c.value is not None]
-    bounds = [
-        scale * c.high for c, scale in each if c.value is None and np.isfinite(c.high)
-    ]
-    return max(seen, default=None), max(bounds, default=None)
+) -> Largest:
+    """N or K of the three axes: the largest that is seen, and the largest bound."""
+    seen: list[tuple[float, float | None]] = []
+    bounds = []
+    for axis, scale in zip(axes, scales.tolist(), strict=True):
+        own = next((c for c in axis.given if c.kind == kind), None)
+        if own is None:
+            continue
+        equivalent = axis.slow is not None and own is axis.slow.walk
+        horizon = axis.slow.horizon if axis.slow and equivalent else None
+        if own.value is None:
+            bounds.append(scale * own.high)
+        else:
+            seen.append((scale * own.value, horizon))
+    value, horizon = max(seen, key=lambda each: each[0], default=(None, None))
+    return Largest(value, max(filter(np.isfinite, bounds), default=None), horizon)
 
 
 FORMAT: Final = "simval noise 1"
@@ -237,7 +292,18 @@ def axis_to_json(axis: AxisNoise) -> dict[str, Any]:
         "dof": axis.dof,
         "p_value": axis.p_value,
         "rounding_step": axis.step,
+        "slow_noise": axis.slow and _slow_to_json(axis.slow),
         "statements": list(axis.statements),
+    }
+
+
+def _slow_to_json(slow: SlowNoise) -> dict[str, Any]:
+    return {
+        "seen": list(slow.seen),
+        "likely": list(slow.likely),
+        "by_axes": slow.by_axes,
+        "equivalent_walk": _coefficient(slow.walk),
+        "horizon_s": slow.horizon,
     }
 
 
@@ -296,7 +362,30 @@ def axis_from_json(data: dict[str, Any]) -> AxisNoise:
         dof=whole_number("dof", data.get("dof"), 0),
         p_value=float(finite_array("p_value", data.get("p_value"), ())),
         step=float(finite_array("rounding_step", data.get("rounding_step"), ())),
+        slow=_slow_from_json(data.get("slow_noise")),
         statements=tuple(statements),
+    )
+
+
+def _slow_from_json(given: Any) -> SlowNoise | None:
+    if given is None:
+        return None
+    walk = _checked(
+        given.get("equivalent_walk") if isinstance(given, dict) else given,
+        "equivalent_walk",
+        dict,
+        object,
+        "an object",
+    )
+    words = {
+        name: tuple(_checked(given.get(name), name, list, str, "a list of texts"))
+        for name in ("seen", "likely")
+    }
+    return SlowNoise(
+        **words,
+        by_axes=switch("by_axes", given.get("by_axes")),
+        walk=_rebuilt("K", walk),
+        horizon=positive_number("horizon_s", given.get("horizon_s"), "s"),
     )
 
 

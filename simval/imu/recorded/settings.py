@@ -374,6 +374,9 @@ def _gyro_noise(
         seconds = min(axis.rows / axis.rate_hz for axis in axes)
     N = _coefficient(axes, "N", scale)
     K = _coefficient(axes, "K", scale)
+    slow = [axis.slow for axis in axes if axis.slow and not axis.slow.is_walk]
+    if slow:
+        words += f"; K is equivalent over {max(each.horizon for each in slow):.4g} s"
     if N is None:
         # no model: the scatter from row to row
         steps = np.diff(found.gyro[part], axis=0)
@@ -393,7 +396,7 @@ def _axes(
         seconds = (part.stop - part.start) / found.rate
         words = f"Allan variances of a rest of {seconds:.0f} s"
         try:
-            return noise_of(found.gyro[part], found.rate), 1.0, words
+            return noise_of(found.gyro[part][:, None], found.rate), 1.0, words
         except RefusedError:  # a short rest
             return (), 1.0, words
     if not known.gyro or known.gyro_si_per_raw is None:
@@ -407,7 +410,7 @@ def _axes(
 
 def _coefficient(axes: tuple[AxisNoise, ...], kind: str, scale: float) -> float | None:
     # root of the mean square over the axes; one that is not seen counts as nothing
-    values = [c.value for axis in axes for c in axis.coefficients if c.kind == kind]
+    values = [c.value for axis in axes for c in axis.given if c.kind == kind]
     seen = [value for value in values if value is not None]
     if not seen or (kind == "N" and len(seen) < len(axes)):
         return None

@@ -235,7 +235,9 @@ def test_px4_takes_up_no_small_offsets_and_says_in_which_version(
         ((0.02, 0.02, 0.02), (None, None, None)),
     ):
         moved = rows.copy()
-        moved[:, 1:] += (np.kron(sizes, along) - off) / np.repeat([*UNITS[:2], [0.01]], 3)
+        moved[:, 1:] += (np.kron(sizes, along) - off) / np.repeat(
+            [*UNITS[:2], [0.01]], 3
+        )
         log = tmp_path / "log.csv"
         np.savetxt(log, moved, delimiter=",", header=HEADER, comments="", fmt="%.17g")
         assert simval("calibrate", log, "--to", "px4", out)[0] == 0
