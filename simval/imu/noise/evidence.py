@@ -115,12 +115,24 @@ class Chosen(NamedTuple):
         """The stated set."""
         return self.likely[0]
 
-    def letter(self, component: Component) -> str:
-        """Coefficient of a component: of Markov noise K, or q beside a likely walk."""
-        both = component.kind == "M" and any(
-            {"K", "M"} <= {c.kind for c in each} for each in self.likely
+    def letter(self, component: Component, components: Components) -> str:
+        """Coefficient of a component of a set.
+
+        Markov noise has q where a walk is beside it, and alone where it is no walk
+        itself and one may be beside it; else K, of the walk that it may be.
+        """
+        walk = any(WALK in each for each in self.likely) and not may_be_walk(
+            self.likely
         )
-        return "q" if both else component.process.letter
+        if component.kind == "M" and (WALK in components or walk):
+            return "q"
+        return component.process.letter
+
+
+def may_be_walk(likely: Iterable[Components]) -> bool:
+    """Whether a walk without Markov noise is likely."""
+    kinds = [{c.kind for c in each} for each in likely]
+    return any("K" in each and "M" not in each for each in kinds)
 
 
 def weighed(
@@ -233,20 +245,21 @@ def _likely(
 def _times_left(
     sets: Iterable[Components], likely: Iterable[Components]
 ) -> tuple[float, float]:
-    # ends of the likely correlation times, to the middle to those that are not
+    # ends of the likely correlation times, to the middle to those that are not; of
+    # Markov noise alone where a walk is likely, and that of the longest time is one
+    likely = list(likely)
+    walk = may_be_walk(likely)
+    some = [each for each in likely if not (walk and WALK in each)]
     known, left = (
-        np.unique([c.rows for each in some for c in each if c.kind == "M"])
-        for some in (sets, likely)
+        np.unique([c.rows for each in every for c in each if c.kind == "M"])
+        for every in (sets, some)
     )
     if not len(left):
         return np.inf, np.inf
     middles = np.sqrt(known[1:] * known[:-1])
     wide = np.concatenate([known[:1], middles, known[-1:]])
     first, last = np.searchsorted(known, left[[0, -1]])
-    # Markov noise of the longest time is a walk
-    walk = last + 1 == len(known) or any(
-        WALK in each and kinds_of(each)[-1] == "K" for each in likely
-    )
+    walk |= last + 1 == len(known)
     return float(wide[first]), np.inf if walk else float(wide[last + 1])
 
 
@@ -296,9 +309,10 @@ def _slow(
     D = _of_times(family, variances, partial(bare, WALK), min(sets.values()))
     markov = [c for each in D for c in each if c.kind == "M"]
     others = _deviances(family, variances, map(bare, [WALK, *markov]))
-    if min(D.values()) < min(others.values()) - NEEDED:
-        # in intervals flicker is beside them, as in all other sets
-        sets |= {beside(WALK, each): D[bare(WALK, each)] for each in markov}
+    for each in markov:
+        both = D[bare(WALK, each)]
+        if both < min(others.values()) - NEEDED:
+            sets[beside(WALK, each)] = both  # flicker beside them, as in all others
     return sets
 
 

@@ -19,7 +19,6 @@ the sensor's own readings and its own rate are known; else they are not.
 from collections.abc import Set
 from dataclasses import replace
 from functools import partial
-from itertools import chain
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -188,7 +187,8 @@ def _axis(
         statements += _statements(found, used, counts / rate_hz)
         if found.holds[0] and not told:
             unsaid: Any = {"value": None, "sd": None, "low": 0.0, "high": np.inf}
-            letters = [chosen.letter(c) for c in chosen.components]
+            own = chosen.components
+            letters = [chosen.letter(c, own) for c in own]
             coefficients = tuple(Coefficient(kind=k, **unsaid) for k in letters)
         elif found.holds[0]:
             coefficients, slow = _coefficients(
@@ -395,11 +395,9 @@ def _coefficients(
         lowest, highest = ends(problem, found)
         noise = [[c.process.spectrum is not None for c in some] for some in sets]
         highest = np.where(noise, np.minimum(highest, greatest(problem)), highest)
-        every = zip(
-            chain(*sets), lowest.ravel().tolist(), highest.ravel().tolist(), strict=True
-        )
-        for component, low, high in every:
-            letter = chosen.letter(component)
+        every = [(c, chosen.letter(c, some)) for some in sets for c in some]
+        limits = zip(lowest.ravel().tolist(), highest.ravel().tolist(), strict=True)
+        for (component, letter), (low, high) in zip(every, limits, strict=True):
             lows.setdefault(letter, []).append(low)
             # Markov noise that is not seen would be bounded by white noise alone
             if low > 0.0 or component.kind != "M":
@@ -407,7 +405,8 @@ def _coefficients(
         if chosen.slow:
             walks |= walks_of(problem, found, sets, span)
     made = []
-    found, kinds = chosen.found, [chosen.letter(c) for c in chosen.components]
+    found, own = chosen.found, chosen.components
+    kinds = [chosen.letter(c, own) for c in own]
     for letter in (each for each in LETTERS if each in highs):
         square = spread = 0.0
         if letter in kinds:
