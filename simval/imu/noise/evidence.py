@@ -309,10 +309,14 @@ def _slow(
     D = _of_times(family, variances, partial(bare, WALK), min(sets.values()))
     markov = [c for each in D for c in each if c.kind == "M"]
     others = _deviances(family, variances, map(bare, [WALK, *markov]))
-    for each in markov:
-        both = D[bare(WALK, each)]
-        if both < min(others.values()) - NEEDED:
-            sets[beside(WALK, each)] = both  # flicker beside them, as in all others
+    needed = min(others.values()) - NEEDED
+    if min(D.values()) < needed:
+        # Markov noise of a long time beside a walk that is likely alone says nothing
+        likely = sets[beside(WALK)] - min(*sets.values(), *D.values()) <= LIKELY
+        most = needed if likely else np.inf
+        both = {each: D[bare(WALK, each)] for each in markov}
+        # flicker is beside them, as in all other sets
+        sets |= {beside(WALK, each): x for each, x in both.items() if x < most}
     return sets
 
 

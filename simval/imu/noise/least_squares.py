@@ -55,19 +55,33 @@ class Problem(NamedTuple):
     variances: Float[Array, "s m"]
     law: Float[Array, "... m k"]  # of the coefficients that are asked for
     forms: Float[Array, "... m m k k"]
+    places: NDArray[np.intp] | None = (
+        None  # of the forms of each signal, if not in turn
+    )
 
     def of(self, signals: NDArray[np.intp]) -> "Problem":
         """Take some of the signals, each as often as it is named."""
-        law, forms = self.law, self.forms
-        if law.ndim == 3:
-            law, forms = law[signals], forms[signals]
-        return Problem(self.variances[signals], law, forms)
+        if self.law.ndim == 2:
+            return Problem(self.variances[signals], self.law, self.forms)
+        places = signals if self.places is None else self.places[signals]
+        return Problem(self.variances[signals], self.law[signals], self.forms, places)
 
     def part(self, first: int, last: int) -> "Problem":
         """Take some of the lengths."""
         some = slice(first, last)
         forms = self.forms[..., some, some, :, :]
-        return Problem(self.variances[:, some], self.law[..., some, :], forms)
+        law = self.law[..., some, :]
+        return Problem(self.variances[:, some], law, forms, self.places)
+
+    def covariance(self, squares: Float[Array, "s k"]) -> Float[Array, "s m m"]:
+        """Covariance (V4) of each signal with these squares."""
+        if self.places is None:
+            return allan_covariance(self.forms, squares)
+        made = np.empty((*self.variances.shape, self.variances.shape[1]))
+        for place in np.unique(self.places):  # forms are too large to be repeated
+            own = self.places == place
+            made[own] = allan_covariance(self.forms[place], squares[own])
+        return made
 
 
 class Squares(NamedTuple):
@@ -105,7 +119,7 @@ def fitted(problem: Problem) -> Squares:
     for _ in range(ROUNDS):
         before = values[left]
         some = problem.of(left)
-        whitened, _ = _whitened(some, allan_covariance(some.forms, before))
+        whitened, _ = _whitened(some, some.covariance(before))
         free[left], sd[left] = _free(whitened)
         now = _nonnegative(whitened, free[left])
         nothing = ~np.any(now, axis=1)  # no weights at all: keep the last ones
@@ -114,7 +128,7 @@ def fitted(problem: Problem) -> Squares:
         left = left[~np.all(np.abs(now - before) <= SETTLED * sd[left], axis=1)]
         if not len(left):
             break
-    V = allan_covariance(problem.forms, values)
+    V = problem.covariance(values)
     (law, target), log_volume = _whitened(problem, V)
     chi2 = np.sum((target - _times(law, values)) ** 2, axis=1)
     dof = problem.law.shape[-2] - np.count_nonzero(values, axis=1)
@@ -133,7 +147,7 @@ def ends(
     size = (*found.values.shape, len(sides))
     signal, place, side = (each.ravel() for each in np.indices(size))
     z = np.array(sides)[side]
-    at_fit, _ = _whitened(problem, allan_covariance(problem.forms, found.values))
+    at_fit, _ = _whitened(problem, problem.covariance(found.values))
     value = np.maximum(found.free[signal, place] + z * found.sd[signal, place], 0.0)
     most = 1e3 * problem.variances.max(axis=1)[:, None] / problem.law.max(axis=-2)
     most = most[signal, place]
@@ -143,7 +157,7 @@ def ends(
         i, k, before = signal[left], place[left], value[left]
         there = _with_end(_Whitened(*(each[i] for each in at_fit)), k, before)
         some = problem.of(i)
-        whitened, _ = _whitened(some, allan_covariance(some.forms, there))
+        whitened, _ = _whitened(some, some.covariance(there))
         free, sd = (each[np.arange(len(k)), k] for each in _free(whitened))
         near = np.where(z[left] > 0.0, np.maximum(free, -sd), free)
         now = np.maximum(near + z[left] * sd, 0.0)

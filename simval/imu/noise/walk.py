@@ -62,25 +62,29 @@ def walks_of(
     the slow noise, its shape the fitted one: where the shape is not known, the signal
     has several sets. `span` has the first and the last of the lengths, rows.
     """
-    kinds = np.array([[c.kind for c in some] for some in sets])
+    kinds = np.array([[c.kind for c in each] for each in sets])
     slow = found.values * np.isin(kinds, [*SLOW])
-    some = np.flatnonzero(slow.any(axis=1)).tolist()
-    if not some:
+    some = np.flatnonzero(slow.any(axis=1))
+    if not len(some):
         return {}
-    times = np.geomspace(*span, _TIMES)
-    laws = np.array([[c.law(times) for c in sets[k]] for k in some])
-    slow, values, kinds = slow[some], found.values[some], kinds[some]
-    shape = np.stack([values - slow, slow], axis=2)
-    sized = problem.of(np.array(some)) if len(sets) > 1 else problem
-    law = sized.law @ shape
+    slow, rest, kinds = slow[some], (found.values - slow)[some], kinds[some]
+    rest[:, 0] += ~rest.any(axis=1)  # white noise may be there if none was found
+    # two squares: one factor of all that is fast, and one of all that is slow
+    shape = np.stack([rest, slow], axis=2)
+    law, forms = problem.law, problem.forms
+    if len(sets) > 1:
+        law, forms = law[some], forms[some]
     both = shape[:, None, None]
-    forms = np.swapaxes(both, 3, 4) @ sized.forms @ both
-    sized = Problem(sized.variances, law, forms)
+    forms = np.swapaxes(both, 3, 4) @ forms @ both
+    sized = Problem(problem.variances[some], law @ shape, forms)
     low, high = (each[:, 1] for each in ends(sized, fitted(sized)))
     high = np.minimum(high, greatest(sized)[:, 1])
     size = np.stack([np.ones(len(some)), np.minimum(low, 1.0), np.maximum(high, 1.0)])
-    white = np.einsum("sk,skt->st", values * np.isin(kinds, [*"NQ"]), laws)
-    slow = size[..., None] * np.einsum("sk,skt->st", slow, laws)
-    squares = equivalent_walk(slow, white, times)
-    rows = squares.T.tolist()
-    return {sets[k]: (a, b, c) for k, (a, b, c) in zip(some, rows, strict=True)}
+    times = np.geomspace(*span, _TIMES)
+    laws = np.array([[c.law(times) for c in sets[k]] for k in some.tolist()])
+    white = np.einsum("sk,skt->st", rest * np.isin(kinds, [*"NQ"]), laws)
+    s = np.einsum("sk,skt->st", slow, laws)
+    squares = equivalent_walk(size[..., None] * s, white, times).T.tolist()
+    return {
+        sets[k]: (a, b, c) for k, (a, b, c) in zip(some.tolist(), squares, strict=True)
+    }
