@@ -12,6 +12,7 @@ from simval.arrays import Array
 from simval.imu.logs import Log
 from simval.imu.noise import AxisNoise, Coefficient
 from simval.imu.noise.components import LETTERS
+from simval.imu.noise.model import equivalent_words, largest
 from simval.report.formatting import rounded
 from simval.report.log_page import LogPage, Reply
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
@@ -112,6 +113,16 @@ def _greatest(sensor: SensorNoise, kind: str) -> str:
     return f"{LETTERS[kind].words} {below}{unit.factor * size:.3g} {unit.name}"
 
 
+def _for_filters(sensor: SensorNoise) -> str:
+    """Random walk that stands for slow noise of another kind, if there is some."""
+    unit = sensor.unit("K")
+    found = largest(sensor.axes, "K", np.full(len(sensor.axes), unit.factor))
+    if found.value is None or found.horizon is None:
+        return ""
+    size = f"{found.value:.3g} {unit.name}"
+    return f"for filters, a random walk of {size}, {equivalent_words(found.horizon)}"
+
+
 def _where_seen(sensor: SensorNoise, kind: str) -> SensorNoise:
     """Take the axes that show a coefficient which others do not have."""
     axes = [
@@ -136,6 +147,7 @@ def _how_noisy(sensors: Sequence[SensorNoise], seconds: float) -> Reply:
         for kind in ("T", "R", "A")
         if (shown := _where_seen(s, kind)).axes
     ]
+    lines += [f"{s.title}: {words}." for s in sensors if (words := _for_filters(s))]
     lines.append(
         f"The greatest of the three axes; measured at rest for {seconds:.0f} s."
     )
@@ -242,6 +254,12 @@ def _coefficients(sensors: Sequence[SensorNoise]) -> Table:
             for letter, axis in s.lettered
             for each in axis.coefficients
             if each.kind == kind
+        ]
+        + [
+            (s.title, "equivalent walk K", letter, *_cells(axis.slow.walk, s.unit("K")))
+            for s in sensors
+            for letter, axis in s.lettered
+            if axis.slow is not None and not axis.slow.is_walk
         ],
     )
 

@@ -11,7 +11,14 @@ from simval.imu.multiposition.log_units import Scale
 from simval.imu.multiposition.noise import LogNoise
 from simval.imu.noise import AxisNoise, Coefficient
 from simval.imu.noise.components import LETTERS
-from simval.imu.noise.model import AXES, FORMAT, Largest, axis_to_json, largest
+from simval.imu.noise.model import (
+    AXES,
+    FORMAT,
+    Largest,
+    axis_to_json,
+    equivalent_words,
+    largest,
+)
 from simval.text import interval_words
 from simval.units import G0, OF_A_LOG, OF_TIME
 from simval.units import RADIANS_PER_DEGREE as DEGREE
@@ -152,7 +159,7 @@ def described(found: LogNoise, sensors: Sensors) -> list[str]:
             lines += ["", *_table(name, words, kind, axes, own, scale.si_per_raw)]
         horizons = [a.slow.horizon for a in axes if a.slow and not a.slow.is_walk]
         if horizons:
-            words = f"random walk equivalent over up to {max(horizons):.4g} s,"
+            words = f"random walk equivalent over up to {max(horizons):.3g} s,"
             own = [_of_kind("K", axis.given) for axis in axes]
             lines += ["", *_table(name, words, "K", axes, own, scale.si_per_raw)]
         lines += ["", f"{name}, how far the model holds", *_fits(axes)]
@@ -219,13 +226,6 @@ def _fits(axes: tuple[AxisNoise, ...]) -> list[str]:
             )
         lines += [f"  {letter:4s}{words}" for words in axis.statements]
     return lines
-
-
-def equivalent_words(horizon: float | None) -> str:
-    """Say of a random walk that it is equivalent; nothing of one that was measured."""
-    if horizon is None:
-        return ""
-    return f"equivalent over up to {horizon:.4g} s, not a random walk that was measured"
 
 
 def _kalibr_lines(sensors: Sensors) -> list[str]:

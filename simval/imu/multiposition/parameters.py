@@ -50,12 +50,8 @@ from simval.imu.multiposition.description import (
 )
 from simval.imu.multiposition.log_units import written_unit
 from simval.imu.multiposition.noise import log_noise
-from simval.imu.multiposition.noise_description import (
-    KALIBR,
-    equivalent_words,
-    si_unit,
-)
-from simval.imu.noise.model import largest
+from simval.imu.multiposition.noise_description import KALIBR, si_unit
+from simval.imu.noise.model import equivalent_words, largest
 from simval.imu.sensor import gyroscope_factors
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float

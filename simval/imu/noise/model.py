@@ -240,6 +240,13 @@ def largest(
     return Largest(value, max(filter(np.isfinite, bounds), default=None), horizon)
 
 
+def equivalent_words(horizon: float | None) -> str:
+    """Say of a random walk that it is equivalent; nothing of one that was measured."""
+    if horizon is None:
+        return ""
+    return f"equivalent over up to {horizon:.3g} s, not a random walk that was measured"
+
+
 FORMAT: Final = "simval noise 1"
 AXES: Final = ("x", "y", "z")
 
