@@ -105,6 +105,8 @@ class Chosen(NamedTuple):
     """Of a sine, cycles a row."""
     slow: bool = False
     """Whether there is more than white noise and a sine."""
+    flicker: bool = False
+    """Whether nothing without flicker is likely."""
     by_axes: bool = False
     """Whether sets are left out by the axes of the sensor together."""
     tried: Mapping[Components, float] = MappingProxyType({})
@@ -153,13 +155,13 @@ def weighed(
     step = PER_OCTAVE if last - first >= 6 * PER_OCTAVE else 1
     octaves = np.arange(first, last)[::step]
     few, some = family.of(octaves), variances[:, octaves]
-    sets = _slow(few, some, ())
+    sets, bare = _slow(few, some, ())
     extra: Components = ()
     if line.period:
         sine = (line.component,)
         with_it = _slow(few, some, sine)
-        if min(sets.values()) - min(with_it.values()) > EVIDENCE:
-            sets, extra = with_it, sine
+        if min(sets.values()) - min(with_it[0].values()) > EVIDENCE:
+            (sets, bare), extra = with_it, sine
     plain = (*family.fast, WALK, *extra)
     problem = family.problem(variances, plain).part(*used)
     found = fitted(problem)
@@ -174,7 +176,7 @@ def weighed(
     walk = (*plain, RAMP)
     alone = sets.get((*family.fast, RAMP, *extra), np.inf) - least <= LIKELY
     if slow and (alone or least - _deviances(few, some, [walk])[walk] > EVIDENCE):
-        sets |= _slow(few, some, (*extra, RAMP))
+        sets |= _slow(few, some, (*extra, RAMP))[0]
     likely = _likely(sets, plain, walk)
     if likely[0] != plain:
         found = fitted(family.problem(variances, likely[0]).part(*used))
@@ -189,6 +191,7 @@ def weighed(
         most_time=most_time,
         frequency_sd=line.frequency_sd,
         slow=slow,
+        flicker=bare - min(sets.values()) > LIKELY,
         tried={} if extra else tried,
         by_axes=bool(refused),
     )
@@ -292,9 +295,10 @@ def by_size(sets: Iterable[Components]) -> list[list[Components]]:
 
 def _slow(
     family: Family, variances: Float[Array, "1 m"], extra: Components
-) -> dict[Components, float]:
+) -> tuple[dict[Components, float], float]:
     # a walk, a ramp in its place, and Markov noise of every time; and a walk beside it
-    # in place of flicker, where without flicker each of the two is needed
+    # in place of flicker, where without flicker each of the two is needed. And the
+    # least of what has no flicker
     def beside(*slow: Component) -> Components:
         return (*family.fast, *slow, *extra)
 
@@ -305,11 +309,12 @@ def _slow(
     sets = _deviances(family, variances, map(beside, alone))
     sets |= _of_times(family, variances, beside, min(sets.values()))
     if RAMP in extra:
-        return sets
-    D = _of_times(family, variances, partial(bare, WALK), min(sets.values()))
+        return sets, np.inf
+    D = _of_times(family, variances, partial(bare, WALK))
     markov = [c for each in D for c in each if c.kind == "M"]
-    others = _deviances(family, variances, map(bare, [WALK, *markov]))
+    others = _deviances(family, variances, map(bare, [*alone, *markov]))
     needed = min(others.values()) - NEEDED
+    bare_least = min(D.values()) + NEEDED, *others.values()
     if min(D.values()) < needed:
         # Markov noise of a long time beside a walk that is likely alone says nothing
         likely = sets[beside(WALK)] - min(*sets.values(), *D.values()) <= LIKELY
@@ -317,14 +322,14 @@ def _slow(
         both = {each: D[bare(WALK, each)] for each in markov}
         # flicker is beside them, as in all other sets
         sets |= {beside(WALK, each): x for each, x in both.items() if x < most}
-    return sets
+    return sets, min(bare_least)
 
 
 def _of_times(
     family: Family,
     variances: Float[Array, "1 m"],
     of: Callable[[Component], Components],
-    least: float,
+    least: float = np.inf,
 ) -> dict[Components, float]:
     # (V13) of a set with Markov noise, by its time: finer about the likely times
     shortest = SHORTEST * float(family.counts[0])

@@ -412,7 +412,9 @@ def _coefficients(
         if letter in kinds:
             place = kinds.index(letter)
             square, spread = found.values[0, place], found.sd[0, place]
-        least = min(lows[letter]) if len(lows[letter]) == len(chosen.likely) else 0.0
+        always = len(lows[letter]) == len(chosen.likely)
+        always &= letter != "B" or chosen.flicker
+        least = min(lows[letter]) if always else 0.0
         # fitted with signs, an end is not always on its side of what is fitted without
         squares = (square, min(least, square), max(*highs[letter], square))
         made.append(_root(letter, squares, spread, unit, rate_hz, squares[1] > 0.0))

@@ -376,7 +376,9 @@ def _gyro_noise(
     K = _coefficient(axes, "K", scale)
     slow = [axis.slow for axis in axes if axis.slow and not axis.slow.is_walk]
     if slow:
-        words += f"; K is equivalent over up to {max(each.horizon for each in slow):.3g} s"
+        words += (
+            f"; K is equivalent over up to {max(each.horizon for each in slow):.3g} s"
+        )
     if N is None:
         # no model: the scatter from row to row
         steps = np.diff(found.gyro[part], axis=0)
