@@ -144,31 +144,31 @@ def weighed(
     line: "Line",
     slow: bool | None = None,
     refused: Set[str] = frozenset(),
+    both: bool = True,
 ) -> Chosen | None:
     """Choose components for some of the lengths; None if no set fits them.
 
     `slow` is what `is_slow` says of these lengths without a sine, where it is known;
-    `refused` are kinds of sets that the axes of the sensor leave out.
+    `refused` are kinds of sets that the axes of the sensor leave out; `both` asks for a
+    walk beside Markov noise.
     """
     first, last = used
     # one length an octave, where these are enough
     step = PER_OCTAVE if last - first >= 6 * PER_OCTAVE else 1
     octaves = np.arange(first, last)[::step]
     few, some = family.of(octaves), variances[:, octaves]
-    sets, bare = _slow(few, some, ())
+    plain: Components = (*family.fast, WALK)
     extra: Components = ()
     if line.period:
         sine = (line.component,)
-        with_it = _slow(few, some, sine)
-        if min(sets.values()) - min(with_it[0].values()) > EVIDENCE:
-            (sets, bare), extra = with_it, sine
-    plain = (*family.fast, WALK, *extra)
+        without, with_it = (_slow(few, some, each, False)[0] for each in ((), sine))
+        if min(without.values()) - min(with_it.values()) > EVIDENCE:
+            plain, extra = (*plain, *sine), sine
     problem = family.problem(variances, plain).part(*used)
     found = fitted(problem)
     if slow is None:
         slow = bool(is_slow(problem, plain, found)[0])
-    if not slow:
-        sets = {plain: sets[plain]}
+    sets, bare = _slow(few, some, extra, both) if slow else ({plain: 0.0}, np.inf)
     tried = sets
     sets = {each: D for each, D in sets.items() if kinds_of(each) not in refused}
     # beside a walk, a ramp must show itself, or be all that is needed
@@ -176,7 +176,7 @@ def weighed(
     walk = (*plain, RAMP)
     alone = sets.get((*family.fast, RAMP, *extra), np.inf) - least <= LIKELY
     if slow and (alone or least - _deviances(few, some, [walk])[walk] > EVIDENCE):
-        sets |= _slow(few, some, (*extra, RAMP))[0]
+        sets |= _slow(few, some, (*extra, RAMP), False)[0]
     likely = _likely(sets, plain, walk)
     if likely[0] != plain:
         found = fitted(family.problem(variances, likely[0]).part(*used))
@@ -294,61 +294,61 @@ def by_size(sets: Iterable[Components]) -> list[list[Components]]:
 
 
 def _slow(
-    family: Family, variances: Float[Array, "1 m"], extra: Components
+    family: Family, variances: Float[Array, "1 m"], extra: Components, both: bool
 ) -> tuple[dict[Components, float], float]:
-    # a walk, a ramp in its place, and Markov noise of every time; and a walk beside it
-    # in place of flicker, where without flicker each of the two is needed. And the
-    # least of what has no flicker
+    # the walk, a ramp in its place, and Markov noise of every time, finer about the
+    # likely ones; where it is asked for, a walk beside that in place of flicker. And
+    # the least of what has no flicker
     def beside(*slow: Component) -> Components:
         return (*family.fast, *slow, *extra)
 
     def bare(*slow: Component) -> Components:
         return tuple(each for each in beside(*slow) if each.kind != "B")
 
+    makers: list[Callable[..., Components]] = [beside]
+    if both:
+        makers += [partial(bare, WALK), bare]
     alone = [WALK] if RAMP in extra else [WALK, RAMP]
-    sets = _deviances(family, variances, map(beside, alone))
-    sets |= _of_times(family, variances, beside, min(sets.values()))
-    if RAMP in extra:
-        return sets, np.inf
-    D = _of_times(family, variances, partial(bare, WALK))
-    markov = [c for each in D for c in each if c.kind == "M"]
-    others = _deviances(family, variances, map(bare, [*alone, *markov]))
-    needed = min(others.values()) - NEEDED
-    bare_least = min(D.values()) + NEEDED, *others.values()
-    if min(D.values()) < needed:
-        # Markov noise of a long time beside a walk that is likely alone says nothing
-        likely = sets[beside(WALK)] - min(*sets.values(), *D.values()) <= LIKELY
-        most = needed if likely else np.inf
-        both = {each: D[bare(WALK, each)] for each in markov}
-        # flicker is beside them, as in all other sets
-        sets |= {beside(WALK, each): x for each, x in both.items() if x < most}
-    return sets, min(bare_least)
-
-
-def _of_times(
-    family: Family,
-    variances: Float[Array, "1 m"],
-    of: Callable[[Component], Components],
-    least: float = np.inf,
-) -> dict[Components, float]:
-    # (V13) of a set with Markov noise, by its time: finer about the likely times
+    asked = [make(each) for make in makers[::2] for each in alone]
     shortest = SHORTEST * float(family.counts[0])
     octaves = int(np.log2(family.rows / shortest))
     times = shortest * 2.0 ** np.arange(0, octaves + 2, 2)
-    D: dict[float, float] = {}
+    D: dict[Components, float] = {}
+    known: list[Component] = []
     for _ in range(ROUNDS):
-        new = {time: of(Component("M", time)) for time in times.tolist()}
-        found = _deviances(family, variances, new.values())
-        D |= {time: found[each] for time, each in new.items()}
-        known = np.sort(list(D))
-        levels = np.array([D[time] for time in known]) - min(least, *D.values())
-        # where it changes much from one time to the next, and one of them is likely
-        near = np.minimum(levels[1:], levels[:-1]) <= LIKELY
-        near &= np.abs(np.diff(levels)) > _CLOSE
-        times = np.sqrt(known[1:] * known[:-1])[near]
+        new = [Component("M", time) for time in times.tolist()]
+        asked += [make(each) for make in makers for each in new]
+        D |= _deviances(family, variances, asked)
+        asked, known = [], sorted([*known, *new], key=lambda each: each.rows)
+        curves = [[D[make(each)] for each in known] for make in makers[:2]]
+        times = _between(known, np.array(curves))
         if not len(times):
             break
-    return {of(Component("M", time)): value for time, value in D.items()}
+    sets = {each: D[each] for each in map(beside, [*alone, *known])}
+    if not both:
+        return sets, np.inf
+    one = min(D[bare(each)] for each in [*alone, *known])
+    two = {beside(WALK, each): D[bare(WALK, each)] for each in known}
+    least = min(two.values())
+    if least < one - NEEDED:
+        # flicker is beside them, as in all other sets. Markov noise of a long time
+        # beside a walk that is likely alone says nothing
+        walk = sets[beside(WALK)] - min(least, *sets.values()) <= LIKELY
+        most = one - NEEDED if walk else np.inf
+        sets |= {each: level for each, level in two.items() if level < most}
+    return sets, min(one, least + NEEDED)
+
+
+def _between(
+    known: list[Component], levels: Float[Array, "f t"]
+) -> Float[Array, " new"]:
+    # times between those known, where a level changes much from one to the next, and
+    # one of them is likely
+    rows = np.array([each.rows for each in known])
+    above = levels - levels.min(axis=1, keepdims=True)
+    near = np.minimum(above[:, 1:], above[:, :-1]) <= LIKELY
+    near &= np.abs(np.diff(above, axis=1)) > _CLOSE
+    return np.asarray(np.sqrt(rows[1:] * rows[:-1])[near.any(axis=0)])
 
 
 class Line(NamedTuple):

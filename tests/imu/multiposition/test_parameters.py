@@ -15,6 +15,7 @@ from places import recording
 
 from simval.imu.logs import read_log
 from simval.imu.multiposition.noise import log_noise
+from simval.imu.sensor import NoiseModel
 from simval.poses import fibonacci_sphere
 from simval.vocabulary import TARGETS
 
@@ -153,6 +154,28 @@ def test_kalibr_and_openvins_and_ros_hold_what_correct_applies(made):
     np.testing.assert_allclose(raw[:, 0] @ SM.T - held["bias"], force, atol=1e-11)
     for name in data["ros_imu"]:
         np.testing.assert_array_equal(held[name], data["ros_imu"][name])
+
+
+@pytest.mark.ci
+def test_kalibr_and_openvins_get_a_walk_for_slow_noise_of_any_kind(
+    made, tmp_path, simval
+):
+    """Flicker at rest: the key that they need, marked as equivalent."""
+    rows = np.loadtxt(made[0]["kalibr"].parent / "imu.csv", delimiter=",", skiprows=1)
+    flicker = NoiseModel(flicker_raw=2e-4)  # g
+    rows[:, 1:4] += flicker.draw(len(rows), 100.0, np.random.default_rng(4))
+    log, name = tmp_path / "log.csv", "accelerometer_random_walk"
+    np.savetxt(log, rows, delimiter=",", header=HEADER, comments="", fmt="%.17g")
+    files = {to: tmp_path / to for to in ("kalibr", "openvins")}
+    to = [word for name, path in files.items() for word in ("--to", name, path)]
+    assert simval("calibrate", log, *to)[0] == 0
+    found = log_noise(read_log(str(log))).accelerometer
+    assert any(axis.slow and not axis.slow.is_walk for axis in found)
+    for path in files.values():
+        text = path.read_text()
+        (line,) = (x for x in text.splitlines() if name in x)
+        assert "# m/s^2/sqrt(s); equivalent over up to" in line
+        assert yaml.safe_load(text.removeprefix("%YAML:1.0\n"))["imu0"][name] > 0.0
 
 
 @pytest.mark.ci

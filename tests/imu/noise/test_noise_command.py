@@ -8,7 +8,7 @@ import pytest
 from places import recording
 from written import written
 
-from simval.errors import RefusedError
+from simval.errors import InputError, RefusedError
 from simval.imu.logs import Log
 from simval.imu.multiposition.noise import (
     log_noise,
@@ -74,6 +74,35 @@ def test_the_numbers_of_a_log_at_rest(simval, still):
         abs(found["kalibr"]["gyroscope_noise_density"] / (worst * DEGREE) - 1) < 1e-12
     )
     assert found["kalibr"]["update_rate"] == pytest.approx(RATE, rel=1e-9)
+
+
+@pytest.mark.ci
+def test_a_walk_that_is_equivalent_is_marked_wherever_it_stands(
+    simval, still, tmp_path
+):
+    """Flicker on z, so K is not seen, and Kalibr asks for one."""
+    found = answer(simval, still, "--json")
+    slow = found["sensors"]["accelerometer"]["axes"]["z"]["slow_noise"]
+    assert found["sensors"]["gyro"]["axes"]["x"]["slow_noise"] is None
+    title, walk = "accelerometer_random_walk", slow["equivalent_walk"]
+    assert found["kalibr"][title] == walk["value"]
+    assert found["kalibr_horizons_s"] == {title: slow["horizon_s"]}
+    assert 0.0 < walk["low"] < walk["value"] < walk["high"]
+    said = simval("noise", still)[1]
+    (line,) = (x for x in said.splitlines() if x.strip().startswith(title))
+    assert f"{walk['value']:.4g}" in line
+    assert "# equivalent over up to" in line
+    path = tmp_path / "noise.json"
+    path.write_text(json.dumps(found))
+    read = load_noise(path).accelerometer[2]
+    assert read.slow.walk.value == walk["value"]
+    assert read.given[-1] is read.slow.walk
+    for name, value in (("horizon_s", -1.0), ("likely", "NBK"), ("by_axes", 1)):
+        bad = json.loads(json.dumps(found))
+        bad["sensors"]["accelerometer"]["axes"]["z"]["slow_noise"][name] = value
+        path.write_text(json.dumps(bad))
+        with pytest.raises(InputError, match=name):
+            load_noise(path)
 
 
 @pytest.mark.ci

@@ -259,6 +259,7 @@ def test_each_is_recognised_and_no_other(kind, size, given):
         again = axis_from_json(axis_to_json(axis))
         np.testing.assert_array_equal(again.law(axis.seconds), axis.law(axis.seconds))
         assert again.coefficients == axis.coefficients
+        assert again.slow == axis.slow
         for c in axis.coefficients:
             assert c.high > 0.0 or c.value < 0.0
             assert (c.sd is None) is (c.value is None)
