@@ -7,6 +7,7 @@ depend on its block.
 """
 
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -120,7 +121,8 @@ def pose_means(name: str, value: Any) -> Float[Array, "... n 3"]:
     if readings.ndim > 3 or readings.size == 0:
         msg = f"`{name}` has shape {readings.shape}; give (n, 3) or (trials, n, 3)"
         raise InputError(msg)
-    if readings.ndim == 2 and not np.isfinite(readings).all():
+    greatest = max(-float(readings.min()), float(readings.max()))
+    if readings.ndim == 2 and not isfinite(greatest):
         pose, axis = (int(i) for i in np.argwhere(~np.isfinite(readings))[0])
         msg = (
             f"`{name}` has {np.count_nonzero(~np.isfinite(readings))} non-finite "
@@ -128,10 +130,9 @@ def pose_means(name: str, value: Any) -> Float[Array, "... n 3"]:
             f"{'xyz'[axis]}; every reading must be finite, so remove that pose"
         )
         raise InputError(msg)
-    with np.errstate(invalid="ignore"):
-        greatest = float(
-            np.max(np.abs(readings), initial=0.0, where=np.isfinite(readings))
-        )
+    if not isfinite(greatest):  # of a batch, whose other trials are fitted
+        finite = readings[np.isfinite(readings)]
+        greatest = float(np.abs(finite).max(initial=0.0))
     if not (greatest == 0.0 or 1.0 / _GREATEST <= greatest <= _GREATEST):
         msg = (
             f"the greatest reading of `{name}` is {greatest:g}, outside "
@@ -187,7 +188,7 @@ def checked_time(time: Any, count: int) -> Float[Array, " n"]:
 
 
 _EXPLAINED = 4.0  # standard deviations; of 100 clean poses one in 160 sets has more
-_BLOCK = 1 << 16  # poses worked at once: 5 MB of monomials
+_BLOCK = 1 << 15  # poses worked at once: 5 MB of monomials
 # By how much rounding may raise a cost, in eps by pose. Measured on 2700 fits of every
 # solver and four residuals: statuses and number of steps are the same from 16 to 4096;
 # with 0 there are twice the steps.
@@ -293,7 +294,9 @@ def calibrate(
         _fit_block(batch[block], None if sigma is None else sigma[block], options)
         for block in blocks
     ]
-    numbers = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
+    numbers = parts[0]
+    if len(parts) > 1:
+        numbers = {k: np.concatenate([part[k] for part in parts]) for k in numbers}
     code, half_width = numbers.pop("code"), numbers.pop("half_width")
     single = readings.ndim == 2
     if single and code[0] >= Code.NON_FINITE:
@@ -348,11 +351,11 @@ def _fit_block(
 ) -> _Block:
     # Fit a block of trials, refused ones set aside.
     count = len(poses)
-    code = screen(poses, full_scale=options.full_scale, repeats=options.repeats)
-    condition = np.full(count, np.inf)
-    block: _Block = {"code": code, "condition": condition}
     rows = np.ascontiguousarray(poses.transpose(1, 2, 0))  # trials in lanes
-    block["raw_range"] = np.stack([rows.min(axis=0), rows.max(axis=0)]).T
+    ends = np.array([rows.min(axis=0), rows.max(axis=0)]).T
+    code = screen(poses, ends, full_scale=options.full_scale, repeats=options.repeats)
+    condition = np.full(count, np.inf)
+    block: _Block = {"code": code, "condition": condition, "raw_range": ends}
     # repeated poses are looked at as well: what they leave open says more
     keep = np.flatnonzero((code == Code.CONVERGED) | (code == Code.DUPLICATES))
     if keep.size == 0:
@@ -436,10 +439,13 @@ def _solve(data: _Data, options: Options) -> tuple[Any, _Block]:
     sizes[:, 6:] = data.scale[:, None]
     parameters = solution.theta * sizes
     parameters[:, 6:] += data.centre
+    matrix = summary.covariance
+    if options.covariance:
+        matrix = matrix * (sizes[:, :, None] * sizes[:, None])
     unit = {"squared": options.g**4, "adjusted": options.g**4, "norm": options.g**2}
     results = {
         "parameters": parameters,
-        "covariance": summary.covariance * (sizes[:, :, None] * sizes[:, None]),
+        "covariance": matrix,
         "cost": summary.cost * unit.get(options.residual, data.scale**2),
         "rms": summary.rms * options.g,
         "chi2_per_dof": summary.chi2_per_dof,

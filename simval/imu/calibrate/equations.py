@@ -23,6 +23,7 @@ changes.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
@@ -30,7 +31,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 import numpy as np
 
 from simval.arrays import Array
-from simval.imu.calibrate.solver import Trials, each
+from simval.imu.calibrate.solver import Trials
 from simval.imu.sensor import forms
 from simval.shapes import Float
 
@@ -543,9 +544,21 @@ def _whitener(L: Float[Array, "t n e m"]) -> Float[Array, "t n e e"]:
     return np.ascontiguousarray(np.moveaxis(white, (0, 1), (2, 3)))
 
 
+def _each(of: Callable[..., Array], otherwise: float, *stacks: Array) -> Array:
+    # a function of stacks of matrices, and `otherwise` for those that it refuses
+    try:
+        return of(*stacks)
+    except np.linalg.LinAlgError:
+        results = np.full(stacks[-1].shape, otherwise)
+    for k in range(len(results)):
+        with suppress(np.linalg.LinAlgError):
+            results[k] = of(*(stack[k : k + 1] for stack in stacks))[0]
+    return results
+
+
 def _inverse_root(matrices: Float[Array, "t r r"]) -> Float[Array, "t r r"]:
     # R of the inverses R'R, lower triangular; NaN where a matrix is not positive
-    return each(lambda N: _inverse_triangle(np.linalg.cholesky(N)), np.nan, matrices)
+    return _each(lambda N: _inverse_triangle(np.linalg.cholesky(N)), np.nan, matrices)
 
 
 def _inverse_triangle(lower: Float[Array, "t r r"]) -> Float[Array, "t r r"]:
@@ -566,4 +579,4 @@ def solved(
     matrices: Float[Array, "t p p"], right: Float[Array, "t p"]
 ) -> Float[Array, "t p"]:
     """Solutions of linear equations, NaN where a matrix is singular."""
-    return each(np.linalg.solve, np.nan, matrices, right[..., None])[..., 0]
+    return _each(np.linalg.solve, np.nan, matrices, right[..., None])[..., 0]

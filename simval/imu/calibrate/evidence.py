@@ -74,7 +74,7 @@ from simval.imu.calibrate.residuals import (
     residual_values,
     value_derivatives,
 )
-from simval.imu.calibrate.solver import Code, negative_pivots, solve_positive
+from simval.imu.calibrate.solver import Code, inverse_root, negative_pivots
 from simval.poses import PARAMETERS, describe, observability
 from simval.shapes import Float
 
@@ -111,8 +111,7 @@ def summarize(
     a = None  # of eq. (U1); None for 1
     if residual in WEIGHTED:
         a = 0.25 / q if shares is None else 0.25 / q * shares
-    squares = c * c if a is None else a * c * c
-    total = squares.sum(axis=-1)
+    weighed = c if a is None else a * c
     distance2 = 0.25 * c * c / q
     chi2 = spread = np.full(len(m), np.nan)
     if dof > 0:
@@ -138,12 +137,11 @@ def summarize(
         weights = middle if a is None else a * a * middle
         matrix = _sandwich(dv, normal, moment_matrix(m, weights))
     norm = np.sqrt(np.maximum(1.0 + c, 0.0)) - 1.0
-    if residual == "norm":
-        total = (norm * norm).sum(axis=-1)
+    squares = np.vecdot(norm, norm)
     return Summary(
         covariance=matrix,
-        cost=total,
-        rms=np.sqrt((norm * norm).mean(axis=-1)),
+        cost=squares if residual == "norm" else np.vecdot(weighed, c),
+        rms=np.sqrt(squares / m.shape[2]),
         chi2_per_dof=chi2,
         distance_std=spread,
         steepness=2.0 * np.sqrt(q.mean(axis=-1)),
@@ -159,8 +157,9 @@ def _least_scatter(
     # eq. (U2)
     w = 0.25 / q
     pull = np.vecmat(np.matvec(m, w * c), dv)
-    back = solve_positive(_contract(dv, moment_matrix(m, w)), pull[..., None])[0]
-    least = np.vecdot(w * c, c) - np.vecdot(pull, back[..., 0])
+    root, _ = inverse_root(_contract(dv, moment_matrix(m, w)))
+    drawn = np.matvec(root, pull)
+    least = np.vecdot(w * c, c) - np.vecdot(drawn, drawn)
     return np.maximum(least, 0.0) / (m.shape[2] - 9)  # rounding may leave -1e-32
 
 
@@ -185,7 +184,8 @@ def _sandwich(
 ) -> Float[Array, "t 9 9"]:
     # eq. (U1) from the moments of its two sums
     normal = _contract(dv, outer)
-    inverse = solve_positive(normal, np.eye(9))[0]
+    root, _ = inverse_root(normal)
+    inverse = root.mT @ root
     return inverse @ _contract(dv, middle) @ inverse
 
 
@@ -219,7 +219,7 @@ def pencil(
     """The two matrices of eq. (N1)."""
     mean = moments[:, :9, 9]
     outer = (mean / moments[:, 9:, 9])[:, :, None] * mean[:, None]
-    products = moments[:, 6:, 6:].reshape(-1, 16) @ _GRADIENTS.T
+    products = np.matvec(_GRADIENTS, moments[:, 6:, 6:].reshape(-1, 16))
     return moments[:, :9, :9] - outer, products.reshape(-1, 9, 9)
 
 
@@ -294,19 +294,23 @@ _RANK_TOLERANCE = 1e-7  # relative; what a scatter matrix of readings can resolv
 
 
 def screen(
-    poses: Float[Array, "t n 3"], *, full_scale: float | None, repeats: bool
+    poses: Float[Array, "t n 3"],
+    raw_range: Float[Array, "t 3 2"],
+    *,
+    full_scale: float | None,
+    repeats: bool,
 ) -> Any:
-    """Code of each trial from its readings alone."""
+    """Code of each trial from its readings alone, and from their least and greatest."""
     code = np.full(poses.shape[0], Code.CONVERGED)
-    finite = np.isfinite(poses).all(axis=(-2, -1))
+    finite = np.isfinite(raw_range).all(axis=(-2, -1))
     if not repeats:
         ordered = np.sort(poses[..., 0], axis=-1)
-        suspect = (ordered[:, 1:] == ordered[:, :-1]).any(axis=-1)
-        for row in np.flatnonzero(suspect & finite):
+        suspects, _ = np.nonzero(ordered[:, 1:] == ordered[:, :-1])
+        for row in set(suspects.tolist()):
             if repeated_poses(poses[row]).size:
                 code[row] = Code.DUPLICATES
     if full_scale is not None:
-        clipped = (np.abs(poses) >= full_scale).any(axis=(-2, -1))
+        clipped = (np.abs(raw_range) >= full_scale).any(axis=(-2, -1))
         code[clipped] = Code.SATURATED
     code[~finite] = Code.NON_FINITE
     return code

@@ -77,8 +77,8 @@ from simval.imu.calibrate.solver import (
     Rules,
     Solution,
     Trials,
+    inverse_root,
     minimize,
-    solve_positive,
     trace,
 )
 from simval.imu.sensor import forms
@@ -127,11 +127,13 @@ def direction_condition(
     """
     change = _corrected_monomials(model, theta)
     normal = change @ moments @ change.mT
-    inverse, _ = solve_positive(normal, np.eye(9))
-    back = trace(inverse)
-    stretch = np.vecdot(_SCALES @ inverse[:, :6, :6], _SCALES).max(axis=-1) / 4.0
-    good = usable & (back > 0.0) & (stretch > 0.0)  # or rounding is all that is left
-    condition = np.sqrt(trace(normal) * np.where(good, back, 1.0)) / 9.0
+    root, pivot = inverse_root(normal)
+    good = usable & (pivot > 0.0)
+    flat = root.reshape(-1, 81)
+    back = np.where(good, np.vecdot(flat, flat), 1.0)
+    condition = np.sqrt(trace(normal) * back) / 9.0
+    seen = root[:, :, :6] @ _SCALES.T
+    stretch = np.einsum("tiw,tiw->tw", seen, seen).max(axis=-1) / 4.0
     return np.where(good, condition, np.inf), np.where(good, stretch, np.inf)
 
 
@@ -179,7 +181,7 @@ def minimize_leverage(
 class Leverage(Trials):
     """Parts of a leverage; NaN where G_9 is not positive."""
 
-    inverse: Float[Array, "t 9 9"]  # of G_9
+    root: Float[Array, "t 9 9"]  # of the inverse of G_9
     pivot: Float[Array, " t"]  # least of G_9
     start: Float[Array, "t 9"]  # p of eq. (E1)
     start_cost: Float[Array, " t"]  # s of eq. (H1)
@@ -187,13 +189,10 @@ class Leverage(Trials):
     @classmethod
     def of(cls, moments: Float[Array, "t 10 10"]) -> "Leverage":
         """Factorise the moments of some trials."""
-        sides = np.empty((len(moments), 9, 10))
-        sides[..., :9] = np.eye(9)
-        sides[..., 9] = moments[:, :9, 9]
-        solved, pivot = solve_positive(moments[:, :9, :9], sides)
-        start = solved[..., 9].copy()
+        root, pivot = inverse_root(moments[:, :9, :9])
+        start = np.vecmat(np.matvec(root, moments[:, :9, 9]), root)
         return cls(
-            inverse=solved[..., :9].copy(),
+            root=root,
             pivot=pivot,
             start=start,
             start_cost=moments[:, 9, 9] - np.vecdot(start, moments[:, 9, :9]),
@@ -220,7 +219,8 @@ class Leverage(Trials):
         by_b = np.empty((len(bias), 9, 3))
         by_b[:] = _SLOPES[..., 3]
         by_b += np.einsum("mij,tj->tmi", _SLOPES[..., :3], bias)
-        bent = by_b.mT @ self.inverse @ by_b
+        drawn = self.root @ by_b
+        bent = drawn.mT @ drawn
         bent *= self.start_cost[:, None, None]
         tilt = np.vecmat(self.start, by_b)
         bent += tilt[:, :, None] * tilt[:, None]
@@ -237,10 +237,11 @@ class Leverage(Trials):
     ) -> tuple[Float[Array, " t"], Float[Array, "t 9"]]:
         # psi, and psi times the first nine coefficients of eq. (H1)
         at = monomials(bias)[:, :9]
-        drawn = self.start_cost[:, None] * np.matvec(self.inverse, at)
+        drawn, cost = np.matvec(self.root, at), self.start_cost
         depth = 1.0 - np.vecdot(self.start, at)
-        psi = depth * depth + np.vecdot(at, drawn)
-        return psi, depth[:, None] * self.start - drawn
+        psi = depth * depth + cost * np.vecdot(drawn, drawn)
+        back = np.vecmat(drawn, self.root)
+        return psi, depth[:, None] * self.start - cost[:, None] * back
 
 
 def _is_positive(a: Float[Array, "t 3 3"]) -> Any:
@@ -272,12 +273,12 @@ def fit_ellipsoid(moments: Float[Array, "t 10 10"]) -> Ellipsoid:
     """Linear least squares of eq. (E1) from the moment matrices."""
     leverage = Leverage.of(moments)
     gram, linear = quadratic(leverage.start), leverage.start[:, 6:]
-    bias, pivot = solve_positive(gram, linear[..., None] / -2.0)
-    # b'Ab = -b'l/2
-    level = 1.0 - np.vecdot(bias[..., 0], linear) / 2.0
+    root, pivot = inverse_root(gram)
+    drawn = np.matvec(root, linear)  # b'Ab = l'A^-1 l/4
+    level = 1.0 + np.vecdot(drawn, drawn) / 4.0
     return Ellipsoid(
         gram=gram / level[:, None, None],
-        bias=bias[..., 0],
+        bias=np.vecmat(drawn, root) / -2.0,
         leverage=leverage,
         determined=leverage.pivot > _LEAST_PIVOT,
         proper=pivot > 0.0,  # the level is then 1 or more

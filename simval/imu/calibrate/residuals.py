@@ -182,13 +182,14 @@ def residual_values(
     model: str, theta: Float[Array, "t 9"], m: Float[Array, "t 10 n"]
 ) -> tuple[Float[Array, "t n"], Float[Array, "t n"]]:
     """The quadrics c and q of each reading, without derivatives."""
-    matrix = forms.matrix(model, theta)
-    h = matrix @ (m[:, READING] - theta[:, 6:, None])
-    return _squared(h) - 1.0, _squared(matrix.mT @ h)
-
-
-def _squared(x: Float[Array, "t 3 n"]) -> Float[Array, "t n"]:
-    return x[:, 0] * x[:, 0] + x[:, 1] * x[:, 1] + x[:, 2] * x[:, 2]
+    # both vectors, M (y - b) and M'M (y - b), are linear in the last four monomials
+    both = np.empty((len(m), 2, 3, 4))
+    both[:, 0, :, :3] = forms.matrix(model, theta)
+    both[:, 1, :, :3] = both[:, 0, :, :3].mT @ both[:, 0, :, :3]
+    both[..., 3] = -np.matvec(both[..., :3], theta[:, None, 6:])
+    vectors = (both.reshape(-1, 6, 4) @ m[:, 6:]).reshape(-1, 2, 3, m.shape[2])
+    squares = np.einsum("tvin,tvin->tvn", vectors, vectors)
+    return squares[:, 0] - 1.0, squares[:, 1]
 
 
 def value_derivatives(quadric: Quadric) -> Float[Array, "t 10 9"]:

@@ -1,10 +1,11 @@
 r"""Minimisation for a batch of trials, and the small linear systems of its steps.
 
-**Batched solution of small symmetric systems, positive definite or not.**
+**Elimination of small symmetric matrices, positive definite or not.**
 
-LAPACK through NumPy works a stack of matrices one by one, so a trial's numbers do not
-depend on its neighbours. It raises for the whole stack where one matrix is not
-positive, or singular within rounding, so such a matrix is set aside.
+The trials are on the last axis, so that each operation is one of NumPy's on the whole
+batch, element by element: a trial's numbers do not depend on its neighbours, nor on the
+machine's BLAS, and one that is not positive harms no other. LAPACK, which NumPy calls
+for one matrix after the other, takes four times as long in a batch, and half for one.
 
 **Levenberg-Marquardt, damped Gauss-Newton and Newton for a batch of trials.**
 
@@ -22,7 +23,6 @@ neighbours.
 """
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -32,55 +32,51 @@ from simval import vocabulary
 from simval.arrays import Array
 from simval.shapes import Float
 
-# A pivot of a matrix of unit diagonal that is below it is rounding.
+# A pivot that is below it, over its diagonal, is rounding.
 _ROUNDING = 1e-15
 
 
-def solve_positive(
-    matrices: Float[Array, "t p p"], right: Float[Array, "... p k"]
-) -> tuple[Float[Array, "t p k"], Float[Array, " t"]]:
-    """Solve N x = r after scaling N to a unit diagonal; also its least pivot.
+def eliminate(n: Float[Array, "p q t"]) -> Float[Array, "p t"]:
+    """Eliminate symmetric matrices in place, trials on the last axis: the pivots D.
 
-    Where N is not positive within rounding the solution is NaN, and the pivot 0.
+    Of N = LDL', L with a unit diagonal, a unit matrix right of N becomes the inverse
+    of L.
     """
+    size = len(n)
+    for i in range(1, size):
+        row = n[i - 1, i : size + i]
+        n[i:, i : size + i] -= row[: size - i, None] * (row / n[i - 1, i - 1])
+    return n.diagonal().T
+
+
+def inverse_root(
+    matrices: Float[Array, "t p p"],
+) -> tuple[Float[Array, "t p p"], Float[Array, " t"]]:
+    """Lower triangles R, the inverse R'R, and the least pivot over its diagonal.
+
+    Where a matrix is not positive within rounding R is NaN, and the pivot 0.
+    """
+    count, size = matrices.shape[:2]
+    n = np.empty((size, 2 * size, count))
+    n[:, :size] = matrices.transpose(1, 2, 0)
+    n[:, size:] = np.eye(size)[..., None]
+    sizes = np.abs(n.diagonal().T)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        scale = 1.0 / np.sqrt(matrices.diagonal(0, -2, -1))[..., None]
-        n = matrices * scale * scale.mT
-        # N = LDL', and of what is not positive 0
-        lower = each(np.linalg.cholesky, 0.0, n)
-        pivot = np.square(lower.diagonal(0, -2, -1)).min(axis=-1)
-        bad = ~(pivot > _ROUNDING)
-        some = bad.any()
-        if some:
-            n[bad], pivot[bad] = np.eye(n.shape[-1]), 0.0
-        x = each(np.linalg.solve, np.nan, n, right * scale) * scale
-    if some:
-        x[bad] = np.nan
-    return x, pivot
-
-
-def each(of: Callable[..., Array], otherwise: float, *stacks: Array) -> Array:
-    """A function of stacks of matrices, and `otherwise` for those that it refuses."""
-    try:
-        return of(*stacks)
-    except np.linalg.LinAlgError:
-        results = np.full(stacks[-1].shape, otherwise)
-    for k in range(len(results)):
-        with suppress(np.linalg.LinAlgError):
-            results[k] = of(*(stack[k : k + 1] for stack in stacks))[0]
-    return results
+        pivots = eliminate(n)
+        pivot = (pivots / sizes).min(axis=0)
+        n[:, size:] /= np.sqrt(pivots)[:, None]
+    root = n[:, size:].transpose(2, 0, 1).copy()
+    bad = ~(pivot > _ROUNDING)
+    if bad.any():
+        root[bad], pivot[bad] = np.nan, 0.0
+    return root, pivot
 
 
 def negative_pivots(matrices: Float[Array, "t p p"]) -> Any:
     """Number of negative eigenvalues of each symmetric matrix."""
-    # trials on the last axis: of a stack eight times as fast as its eigenvalues
-    n = matrices.transpose(1, 2, 0).copy()
-    size = len(n)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        for i in range(1, size):
-            row, pivot = n[i - 1, i:], n[i - 1, i - 1]
-            n[i:, i:] -= row[:, None] * (row / pivot)
-    return (~(n.diagonal() > 0.0)).sum(axis=-1)
+        pivots = eliminate(matrices.transpose(1, 2, 0).copy())
+    return (~(pivots > 0.0)).sum(axis=0)
 
 
 def trace(matrices: Float[Array, "t p p"]) -> Float[Array, " t"]:
@@ -279,16 +275,14 @@ def _advance(
 
 def _step(here: Local, method: str, damping: Float[Array, " t"]) -> Float[Array, "t p"]:
     # The full step of each trial.
-    right = -here.gradient[..., None]
-    if method == "lm":
-        matrices = here.normal + damping[:, None, None] * np.eye(right.shape[-2])
-        return solve_positive(matrices, right)[0][..., 0]
     curved = here.normal if here.hessian is None else here.hessian
-    step, pivot = solve_positive(curved, right)
+    if method == "lm":
+        curved = here.normal + damping[:, None, None] * np.eye(curved.shape[-1])
+    root, pivot = inverse_root(curved)
     if method == "newton" and not np.all(pivot > 0.0):  # not convex here: Gauss-Newton
         bad = ~(pivot > 0.0)
-        step[bad] = solve_positive(here.normal[bad], right[bad])[0]
-    return step[..., 0]
+        root[bad] = inverse_root(here.normal[bad])[0]
+    return -np.vecmat(np.matvec(root, here.gradient), root)
 
 
 def _choose(better: Any, there: Local, here: Local) -> Local:
