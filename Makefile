@@ -44,9 +44,10 @@ POWER ?= --quick
 power: .venv/installed
 	PYTHONPATH=tests $(BIN)/python -m power $(POWER)
 
-# simval beside the alternatives: all races, or RACES="calibration allan"
+# simval beside the alternatives and the last release: all races, or RACES="calibration
+# allan"; RELEASE=yes writes their ratios as the last release's
 bench: .venv/installed
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python -m benchmarks $(RACES)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python -m benchmarks $(if $(RELEASE),--release) $(RACES)
 
 # the compiled filter under sanitizers, with random arguments
 sanitize: .venv/installed

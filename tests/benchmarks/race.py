@@ -20,6 +20,8 @@ import numpy as np
 ROUNDS = 7
 """Odd, so that the median is a round; the least and the greatest of seven ratios hold
 the true median between them in 98.4 % of races."""
+FALL = 0.1
+"""Of a ratio since the last release; what is more is printed."""
 TICK = 1e-9  # s, least time: a clock that did not move divides nothing
 
 Answers = Mapping[str, tuple[Any, Any]]
@@ -93,6 +95,17 @@ def run_race(
         Result(each, each.items / median(seconds[:, k]), tuple(ratios[:, k].tolist()))
         for k, each in enumerate(contenders)
     ]
+
+
+def beside_release(ratios: Sequence[float], released: float | None) -> str:
+    """Say the last release's ratio, and a fall of more than a tenth from it."""
+    if released is None:
+        return "not in the last release"
+    words, fall = f"released {released:.4g}", 1.0 - median(ratios) / released
+    if not fall > FALL:
+        return words
+    room = "" if max(ratios) < (1.0 - FALL) * released else ", not in every round"
+    return f"{words}: fell by {fall:.0%}{room}"
 
 
 def require_agreement(found: Sequence[tuple[Contender, Answers]]) -> None:

@@ -1,10 +1,19 @@
 """The races are fair: the same answers, in turns, and each contender does its work."""
 
+import json
+
 import numpy as np
 import pytest
 
 from benchmarks import attitude, calibration, filters, gyroscope, judging, rest
-from benchmarks.race import RACES, Contender, require_agreement, run_race
+from benchmarks.__main__ import RELEASED
+from benchmarks.race import (
+    RACES,
+    Contender,
+    beside_release,
+    require_agreement,
+    run_race,
+)
 from simval.geometry import attitude_matrix, normalize, random_quaternions
 from simval.imu.attitude import wahba_quaternion
 
@@ -58,6 +67,27 @@ def test_answers_that_differ_are_not_timed(other):
     with pytest.raises(AssertionError, match="reference and half differ"):
         run_race(race, clock=lambda: machine.now)
     assert machine.ran == list(COSTS)
+
+
+@pytest.mark.parametrize(
+    ("ratios", "released", "words"),
+    [
+        ([1.0, 2.0, 3.0], None, "not in the last release"),
+        ([50.0, 61.3, 70.0], 68.1, "released 68.1"),  # 0.0999 less
+        ([50.0, 61.2, 70.0], 68.1, "released 68.1: fell by 10%, not in every round"),
+        ([39.0, 41.0, 43.0], 68.1, "released 68.1: fell by 40%"),
+        ([90.0, 91.0, 92.0], 68.1, "released 68.1"),
+    ],
+)
+def test_a_fall_of_more_than_a_tenth_is_said(ratios, released, words):
+    assert beside_release(ratios, released) == words
+
+
+def test_every_race_has_the_ratios_of_the_last_release():
+    found = json.loads(RELEASED.read_text())["ratios"]
+    assert {name: bool(ratios) for name, ratios in found.items()} == dict.fromkeys(
+        RACES, True
+    )
 
 
 SMALL = {
