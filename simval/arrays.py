@@ -57,7 +57,7 @@ def physical_array(
 ) -> Array:
     """`finite_array` of values whose powers can be worked with."""
     array = shaped_array(name, value, tail)
-    greatest = float(max(np.max(array, initial=0.0), -np.min(array, initial=0.0)))
+    greatest = max(float(array.max(initial=0.0)), -float(array.min(initial=0.0)))
     if not greatest <= most:
         finite_array(name, array, tail)
         msg = (

@@ -42,10 +42,11 @@ def contenders():
     bound = partial(filter_bound, path, model, keep=kept)
     predict = partial(filter_prediction, path, model, errors=[error], keep=kept)
     mekf = {
-        f"mekf{form}, {trials}": (n, partial(_followed, n, plain))
-        for form, plain in (("", False), (" in NumPy", True))
+        f"mekf{form}, {trials}": (n, partial(_followed, n, way))
+        for form, way in (("", Mekf.update_rows), (" in NumPy", _in_numpy))
         for trials, n in ((f"{TRIALS} trials", TRIALS), ("one trial", 1))
     }
+    mekf["mekf, one trial, row by row"] = (1, partial(_followed, 1, _by_row))
 
     def pulled(matrix):
         return {"attitude of the filter in NumPy": (matrix, ROUNDING)}
@@ -94,10 +95,19 @@ def _data():
     return path, told, given.start, rows
 
 
-def _followed(n, plain):
+def _followed(n, way):
     path, told, start, rows = _data()
     own, rows = Mekf(start=start[:n], **asdict(told)), [y[:, :n] for y in rows]
-    return own._in_numpy(path.dt, rows) if plain else own.update_rows(path.dt, *rows)
+    return way(own, path.dt, *rows)
+
+
+def _in_numpy(own, dt, *rows):
+    return own._in_numpy(dt, list(rows))
+
+
+def _by_row(own, dt, *rows):
+    answers = [own.update(*row) for row in zip(dt, *rows, strict=True)]
+    return {word: [answer[word] for answer in answers] for word in answers[0]}
 
 
 class _Pulled:

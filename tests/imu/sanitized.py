@@ -55,6 +55,8 @@ def attack(library):
     if not mekf.reproduces(code):
         sys.exit("the compiled filter has other numbers than the NumPy form")
     rng = np.random.default_rng(1)
+    kinds = [np.dtype(k) for k in ["f8", "f4", "u8", "i8", "u1", "c16", ">f8", "?"]]
+    kinds.append(kinds[0].newbyteorder("<"))  # its format states the order
     things = [None, "text", b"x" * 72, 1.0, [1.0] * 9, memoryview(b"")]
     accepted = 0
     for _ in range(CASES):
@@ -70,8 +72,7 @@ def attack(library):
         ]
         for place in rng.integers(0, 7, size=rng.integers(0, 3)):
             size = int(rng.integers(0, 60))
-            kind = rng.choice(["f8", "f4", "u8", "i8", "u1", "c16", ">f8", "?"])
-            array = np.zeros(size, dtype=kind)
+            array = np.zeros(size, dtype=kinds[rng.integers(len(kinds))])
             array = array[::2] if rng.random() < 0.2 else array
             pick = things[rng.integers(len(things))] if rng.random() < 0.2 else array
             given[place] = pick

@@ -302,20 +302,59 @@ def test_the_compiled_form_is_the_numpy_form(coning, some, lead):
         assert off <= 1e-12 * np.abs(wanted).max(initial=0.0), word
 
 
-def test_rows_that_no_processor_reads_at_once_are_taken():
-    """From a file's middle, of strides, of integers: as the same doubles."""
-    held = np.zeros(1 + 8 * 18, dtype=np.uint8)
-    rows = held[1:].view(float).reshape(2, 3, 3)
-    rows[:] = np.arange(18).reshape(2, 3, 3)
-    assert not rows.flags.aligned
-    wide = np.repeat(rows, 2, axis=-1)[..., ::2]
-    found = [
-        filter_of()[0].update_rows([1, 1], one, one, one)
-        for one in (rows.copy(), rows, wide, rows.astype(int))
-    ]
-    for other in found[1:]:
-        for word, value in other.items():
-            np.testing.assert_array_equal(value, found[0][word])
+def unaligned(rows):
+    held = np.zeros(1 + rows.nbytes, dtype=np.uint8)[1:].view(float)
+    held = held.reshape(rows.shape)
+    held[:] = rows
+    assert not held.flags.aligned
+    return held
+
+
+def read_only(rows):
+    rows = rows.copy()
+    rows.flags.writeable = False
+    return rows
+
+
+FORMS = {
+    "byte order stated": lambda rows: rows.astype(rows.dtype.newbyteorder("<")),
+    "the other byte order": lambda rows: rows.astype(">f8"),
+    "columns first": np.asfortranarray,
+    "strides": lambda rows: np.repeat(rows, 2, axis=-1)[..., ::2],
+    "backwards": lambda rows: rows[..., ::-1].copy()[..., ::-1],
+    "read only": read_only,
+    "from a file's middle": unaligned,
+    "float32": lambda rows: rows.astype(np.float32),
+    "int16": lambda rows: rows.astype(np.int16),
+    "long doubles": lambda rows: rows.astype(np.longdouble),
+    "objects": lambda rows: rows.astype(object),
+    "a subclass": lambda rows: rows.view(np.recarray),
+    "lists": lambda rows: rows.tolist(),
+}
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+def test_rows_of_any_layout_are_taken(form):
+    """As the same doubles to the bit, by `update_rows` and by `update`."""
+    rows, dt = np.arange(18.0).reshape(2, 3, 3), np.array([1.0, 2.0])
+    plain, other = (
+        filter_of()[0].update_rows(make(dt), *[make(rows)] * 3)
+        for make in (np.copy, form)
+    )
+    own = filter_of()[0]
+    each = [own.update(h, *[form(row)] * 3) for h, row in zip(dt, rows, strict=True)]
+    for word, value in plain.items():
+        np.testing.assert_array_equal(other[word], value)
+        np.testing.assert_array_equal([answer[word] for answer in each], value)
+
+
+@needs_it
+def test_buffers_that_are_not_doubles_are_refused():
+    given = [np.ones(n) for n in (1, 3, 3, 3, 15, 46, 85)]
+    COMPILED.rows(*given)
+    for kind in (">f8", "f4", "i8", "?", "c16", "S8"):
+        with pytest.raises(ValueError, match="`gyroscope` must be of doubles"):
+            COMPILED.rows(given[0], np.zeros(3, kind), *given[2:])
 
 
 @needs_it

@@ -202,6 +202,15 @@ static void run(double *const *given, Py_ssize_t rows, Py_ssize_t trials, int se
         }
 }
 
+/* Of this machine's doubles, whether or not the format states their byte order. */
+static int of_doubles(const Py_buffer *view)
+{
+    const char *format = view->format == NULL ? "" : view->format;
+    if (*format == '@' || *format == '=' || *format == (PY_LITTLE_ENDIAN ? '<' : '>'))
+        format++;
+    return strcmp(format, "d") == 0 && view->itemsize == sizeof(double);
+}
+
 PyDoc_STRVAR(rows_doc,
 "rows(dt, gyroscope, accelerometer, magnetometer, told, state, answers)\n--\n\n"
 "Step through rows: C-contiguous doubles, and None for a sensor that is not there; the\n"
@@ -227,7 +236,7 @@ static PyObject *rows(PyObject *module, PyObject *args)
         if (PyObject_GetBuffer(objects[i], &views[i],
                                flags | (i >= STATE ? PyBUF_WRITABLE : 0)) < 0)
             goto done;
-        if (views[i].format == NULL || strcmp(views[i].format, "d") != 0) {
+        if (!of_doubles(&views[i])) {
             PyErr_Format(PyExc_ValueError, "`%s` must be of doubles", NAMES[i]);
             goto done;
         }

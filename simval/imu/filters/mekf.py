@@ -57,6 +57,7 @@ ROUNDED: Final = 1e-12  # relative, of the compiled form's answers
 LOST: Final = 1e-14
 """Of a reading's variance: noise below it is lost in rounding, and what the readings
 have in common is singular."""
+SENSORS: Final = ("gyroscope", "accelerometer", "magnetometer")
 WORDS: Final = ("attitude", "bias", "covariance", "innovation", "innovation_covariance")
 
 
@@ -125,6 +126,7 @@ class Mekf:
             self.references = np.concatenate([self.references, m[None]])
             noise += [positive_number("magnetometer_noise", magnetometer_noise, "T")]
         self.R = np.repeat(np.square(noise), 3)
+        self._settings: dict[tuple[int, ...], Array] = {}
 
     def update(
         self, dt: float, gyroscope: Any, accelerometer: Any, magnetometer: Any = None
@@ -147,15 +149,10 @@ class Mekf:
             The attitude (n, 4), the bias (n, 3), the covariance of the error (n, 6, 6),
             the innovation (n, m) and its covariance (n, m, m).
         """
-        shape = self.b.shape
-        rate = self._rows("gyroscope", gyroscope, shape)
-        given = [("accelerometer", accelerometer), ("magnetometer", magnetometer)]
-        some = [i for i, (_, rows) in enumerate(given) if rows is not None]
-        y = [self._rows(*given[i], shape) for i in some]
-        with self._unless_refused():
-            self._step(positive_number("dt", dt, "s"), rate)
-            z, S = self._correct(np.array(some, dtype=int), y)
-        return dict(zip(WORDS, (self.q, self.b, self.P, z, S), strict=True))
+        y = self._readings(self.b.shape, gyroscope, accelerometer, magnetometer)
+        rows = [a if a is None else a[None] for a in y]
+        found = self._taken(np.array([positive_number("dt", dt, "s")]), rows)
+        return {word: value[0] for word, value in found.items()}
 
     def update_rows(
         self, dt: Any, gyroscope: Any, accelerometer: Any, magnetometer: Any = None
@@ -186,42 +183,54 @@ class Mekf:
             msg = f"`dt` has shape {dt.shape}; give the time of each step, above 0 s"
             raise InputError(msg)
         lead = (len(dt), *self.b.shape)
-        given = {"gyroscope": gyroscope}
-        given |= {"accelerometer": accelerometer, "magnetometer": magnetometer}
-        y = [
-            None if a is None and k != "gyroscope" else self._rows(k, a, lead)
-            for k, a in given.items()
-        ]
+        y = self._readings(lead, gyroscope, accelerometer, magnetometer)
+        return self._taken(dt, y)
+
+    def _taken(self, dt: Array, y: list[Array | None]) -> dict[str, Array]:
         code = _compiled()
         return self._in_numpy(dt, y) if code is None else self._in_c(code, dt, y)
 
     def _in_numpy(self, dt: Array, y: list[Array | None]) -> dict[str, Array]:
         columns = [[None] * len(dt) if a is None else a for a in y]
         with self._unless_refused():
-            each = [self.update(*row) for row in zip(dt, *columns, strict=True)]
+            each = [self._row(*row) for row in zip(dt, *columns, strict=True)]
         return {word: np.stack([row[word] for row in each]) for word in WORDS}
+
+    def _row(self, h: float, rate: Array, *y: Array | None) -> dict[str, Array]:
+        self._step(h, rate)
+        some = np.array([i for i, a in enumerate(y) if a is not None], dtype=int)
+        z, S = self._correct(some, [a for a in y if a is not None])
+        return dict(zip(WORDS, (self.q, self.b, self.P, z, S), strict=True))
 
     def _in_c(self, code: Any, dt: Array, y: list[Array | None]) -> dict[str, Array]:
         lead = self.q.shape[:-1]
-        some = [i for i, a in enumerate(y[1:]) if a is not None]
-        told = [self.references[some].ravel(), self.R.reshape(-1, 3)[some].ravel()]
-        told.append(np.array([self.N2, self.K2, self.coning]))
-        P = self.P.reshape(*lead, 36)
+        some = tuple(i for i, a in enumerate(y[1:]) if a is not None)
+        P, m = self.P.reshape(*lead, 36), 3 * len(some)
         state = np.concatenate([self.q, self.b, self.before, P], axis=-1)
-        m = 3 * len(some)
         answers = np.empty((len(dt), *lead, 43 + m + m * m))
         given = [a if a is None else np.require(a, None, ["C", "A"]) for a in (dt, *y)]
-        code.rows(*given, np.concatenate(told), state, answers)
-        self._require_noise(some, answers[..., -m * m :][..., :: m + 1] if m else None)
-        self.q, self.b, self.before, P = np.split(state, [4, 7, 10], axis=-1)
-        self.P = P.reshape(self.P.shape)
-        parts = np.split(answers, np.cumsum([4, 3, 36, m]), axis=-1)
-        shapes = ((4,), (3,), (6, 6), (m,), (m, m))
-        found = (
-            a.reshape(*answers.shape[:-1], *shape)
-            for a, shape in zip(parts, shapes, strict=True)
+        told, S = self._told(some), answers[..., 43 + m :]
+        code.rows(*given, told, state, answers)
+        _require_noise(some, told[m : 2 * m], S[..., :: m + 1])
+        self.q, self.b, self.before = state[..., :4], state[..., 4:7], state[..., 7:10]
+        self.P, rows = state[..., 10:].reshape(self.P.shape), answers.shape[:-1]
+        parts = (
+            answers[..., :4],
+            answers[..., 4:7],
+            answers[..., 7:43].reshape(*rows, 6, 6),
+            answers[..., 43 : 43 + m],
+            S.reshape(*rows, m, m),
         )
-        return dict(zip(WORDS, found, strict=True))
+        return dict(zip(WORDS, parts, strict=True))
+
+    def _told(self, some: tuple[int, ...]) -> Float[Array, " k"]:
+        """Settings of the compiled form for rows with these vectors."""
+        if some not in self._settings:
+            picked = self.references[[*some]], self.R.reshape(-1, 3)[[*some]]
+            self._settings[some] = np.concatenate(
+                [*map(np.ravel, picked), [self.N2, self.K2, self.coning]]
+            )
+        return self._settings[some]
 
     @contextmanager
     def _unless_refused(self) -> Iterator[None]:
@@ -233,41 +242,27 @@ class Mekf:
             self.q, self.b, self.P, self.before = before
             raise
 
-    def _require_noise(
-        self, some: Any, variances: Float[Array, "... m"] | None
-    ) -> None:
-        # of the innovations, beside which the noise of a reading must be seen
-        if variances is None:
-            return
-        noise = self.R.reshape(-1, 3)[some].ravel()
-        seen = variances <= noise / LOST  # False for NaN
-        if not seen.all():
-            k = int(np.argmin(seen.reshape(-1, len(noise)).all(axis=0)))
-            name = ("accelerometer_noise", "magnetometer_noise")[some[k // 3]]
-            msg = (
-                f"`{name}` is {np.sqrt(noise[k]):.3g}, and lost in rounding beside the "
-                f"{np.sqrt(np.max(variances)):.3g} by which a reading is off for the "
-                "error of the attitude; give the scatter of a row of that sensor"
-            )
-            raise InputError(msg)
-
-    def _rows(
-        self, name: str, rows: Any, shape: tuple[int, ...]
-    ) -> Float[Array, "... 3"]:
-        if name == "magnetometer" and len(self.references) < 2:
+    def _readings(self, shape: tuple[int, ...], *given: Any) -> list[Array | None]:
+        if given[2] is not None and len(self.references) < 2:
             msg = (
                 "a `magnetometer` is given to a filter of six axes; give the filter "
                 "`field` and `magnetometer_noise`, or leave the reading out"
             )
             raise InputError(msg)
-        array = physical_array(name, rows, (3,))
-        if array.shape != shape:
-            msg = (
-                f"`{name}` has shape {array.shape}; the start has {self.q.shape}, so "
-                f"give {shape}"
-            )
-            raise InputError(msg)
-        return array
+        y: list[Array | None] = []
+        for name, rows in zip(SENSORS, given, strict=True):
+            if rows is None and name != "gyroscope":
+                y.append(None)
+                continue
+            array = physical_array(name, rows, (3,))
+            if array.shape != shape:
+                msg = (
+                    f"`{name}` has shape {array.shape}; the start has {self.q.shape}, "
+                    f"so give {shape}"
+                )
+                raise InputError(msg)
+            y.append(array)
+        return y
 
     def _step(self, h: float, rate: Float[Array, "... 3"]) -> None:
         S = h * (rate - self.b)
@@ -294,8 +289,9 @@ class Mekf:
         HP = H @ self.P[..., :3, :]
         S = HP[..., :3] @ H.swapaxes(-1, -2)
         i = np.arange(m)
-        S[..., i, i] += self.R.reshape(-1, 3)[some].ravel()
-        self._require_noise(some, S[..., i, i] if m else None)
+        noise = self.R.reshape(-1, 3)[some].ravel()
+        S[..., i, i] += noise
+        _require_noise(some, noise, S[..., i, i])
         K = np.linalg.solve(S, HP).swapaxes(-1, -2)
         P = self.P - K @ HP
         self.P = (P + P.swapaxes(-1, -2)) / 2.0
@@ -303,6 +299,22 @@ class Mekf:
         self.q = _turned(self.q, error[..., :3])
         self.b = self.b + error[..., 3:]
         return z, S
+
+
+def _require_noise(
+    some: Any, noise: Float[Array, " m"], variances: Float[Array, "... m"]
+) -> None:
+    # of the innovations, beside which the noise of a reading must be seen
+    seen = variances <= noise / LOST  # False for NaN
+    if not seen.all():
+        k = int(np.argmin(seen.reshape(-1, len(noise)).all(axis=0)))
+        name = f"{SENSORS[1 + some[k // 3]]}_noise"
+        msg = (
+            f"`{name}` is {np.sqrt(noise[k]):.3g}, and lost in rounding beside the "
+            f"{np.sqrt(np.max(variances)):.3g} by which a reading is off for the "
+            "error of the attitude; give the scatter of a row of that sensor"
+        )
+        raise InputError(msg)
 
 
 def compiled() -> bool:
