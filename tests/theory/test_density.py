@@ -77,26 +77,32 @@ def test_its_moments_are_the_exact_ones(shared):
 @pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.0, 1.0])
 def test_coverage_of_its_regions(ratio):
-    sigma, count = 0.1, 2000
+    """By vectors drawn with 1.5 times the noise and weighed by the two noises' ratio,
+    so that what a region of 99.999 % leaves out is among them."""
+    sigma, count, scale = 0.1, 6000, 1.5
     q = attitude_at(ratio * sigma)
     A = attitude_matrix(q)
     vectors = np.concatenate([A @ R1, A @ R2, R1, R2])[:, None]
-    noise = sigma * np.random.default_rng(5).standard_normal((12, count))
-    found = normalize_columns(raw_quaternion(vectors + noise, "plain")).T
+    x = scale * np.random.default_rng(5).standard_normal((12, count))
+    found = normalize_columns(raw_quaternion(vectors + sigma * x, "plain")).T
+    exponent = 0.5 * (scale**-2 - 1.0) * np.sum(x * x, axis=0)
+    weights = scale**12 * np.exp(exponent)
     density = attitude_density(q, R1, R2, sigma, "plain")
-    for share in (0.5, 0.9, 0.99):
-        # four standard errors, and that of the level, which 2048 draws make
-        error = 4.0 * np.sqrt(share * (1.0 - share) * (1.0 / count + 1.0 / 2048))
-        assert np.mean(density.contains(found, share)) == pytest.approx(
-            share, abs=error
-        )
+    for share in (0.5, 0.9, 0.99, 0.999, 0.99999):
+        left = np.where(density.contains(found, share), 0.0, weights)
+        stated = np.interp(1.0 - share, density.outside, density.error)
+        assert stated < 0.2 * (1.0 - share)
+        # four standard errors; the level of 2048 plain draws is 13 times and more off
+        error = 4.0 * np.hypot(left.std() / np.sqrt(count), stated)
+        assert left.mean() == pytest.approx(1.0 - share, abs=error)
     if ratio:  # the ellipsoid of the covariance does not cover
         moments = attitude_moments(q, R1, R2, sigma, 2, "plain")
         C = 4.0 * multiplicative_moments(moments).covariance[:3, :3]
         turn = compose(conjugate(moments.q_true), found)
         turn = 2.0 * turn[:, :3] * np.sign(turn[:, 3:])
         square = np.vecdot(turn, np.linalg.solve(C, turn.T).T)
-        assert np.mean(square < 11.345) < 0.98  # chi-square of 3, 99 %
+        beyond = square > 11.345  # chi-square of 3, 99 %
+        assert np.average(beyond, weights=weights) > 0.02
 
 
 def test_noise_that_has_no_density_is_refused():
@@ -128,3 +134,6 @@ def test_attitudes_without_an_axis_are_answered():
         density = attitude_density(q, R1, R2, 0.05, frame)
         held = density.contains(np.eye(4), 0.9)
         assert held.tolist() == [False, False, False, True]
+        for rare in (1e-13, 1.0 - 1e-13):  # none of the draws is so rare
+            with pytest.raises(RefusedError, match="the level of its region"):
+                density.contains(np.eye(4), rare)

@@ -1,9 +1,11 @@
 """Exact moments: elementary functions, quadratures, flips, Monte Carlo."""
 
+import re
 from functools import partial
 
 import numpy as np
 import pytest
+from places import ROOT
 from rounding import EPS, relative
 from scipy import integrate, special
 
@@ -12,6 +14,7 @@ from simval.geometry import normalize, random_quaternions
 from simval.imu.attitude import two_vector_quaternion
 from simval.imu.attitude.kernel import normalize_columns, raw_quaternion
 from simval.studies.attitude import random_geometry
+from simval.studies.attitude_geometries import regular_geometries
 from simval.theory import attitude_moments, cubature_moments, exact
 from simval.theory.cubature import covariance_roots
 from simval.theory.exact import (
@@ -268,6 +271,26 @@ def test_flips_by_an_average_over_directions():
     given = special.ndtr(-along / spread)
     chance = flip_probability(geometry, noise)
     assert chance == pytest.approx(float(weights @ given), rel=1e-6)
+
+
+@pytest.mark.ci
+def test_flips_of_the_page():
+    """Median and range of nine in ten of the page's table, in its 150 geometries."""
+    page = (ROOT / "docs/attitude.md").read_text()
+    table = page[page.index("| the raw sign flips") :].splitlines()[2:5]
+    said = [[float(x) for x in re.findall(r"[\d.]+(?:e-\d+)?", row)] for row in table]
+    for column, (name, frame) in enumerate((("greatest", None), ("plain", "plain"))):
+        truths = zip(*regular_geometries(name, 150)[1], strict=True)
+        geometries = [two_vector_geometry(*truth, frame) for truth in truths]
+        for ratio, *numbers in said:
+            chances = [
+                flip_probability(each, noise_covariances(each.norm / ratio))
+                for each in geometries
+            ]
+            found = np.quantile(chances, [0.5, 0.05, 0.95])
+            own = numbers[3 * column : 3 * column + 3]
+            # of two digits, the half of the last one
+            np.testing.assert_allclose(own, found, rtol=0.05)
 
 
 def test_a_flip_with_noise_on_one_vector_is_a_normal_tail():
