@@ -374,6 +374,8 @@ ROOM = 1.1
 LEAST = 1e-3
 """Least half of an axis: what is nearer to 1 is drawn on it."""
 HEIGHT = 0.75
+MOST_ROWS = 12
+"""Places of several curves that are rows; of more they are those of an axis."""
 MEASURED_OVER_PREDICTED = "measured / predicted"
 
 
@@ -419,11 +421,11 @@ def ratio_panel(
     lines: Sequence[Series] = (),
     *,
     log_x: bool = True,
-) -> Panel | None:
+) -> Panel | DotPanel | None:
     """Panel of the ratios that can be seen with bands of z errors; None if none can.
 
     The lines are other predictions over the one that the points are divided by; they
-    do not widen the axis.
+    do not widen the axis. Several curves have rows, one for each place, without lines.
     """
     shown = [(i, seen(ratio(c), z)) for i, c in enumerate(measured)]
     shown = [(i, c) for i, c in shown if len(c.x)]
@@ -431,6 +433,10 @@ def ratio_panel(
         return None
     several = len(measured) > 1
     points = [c.points(z, i, None if several else "") for i, c in shown]
+    places = np.unique(np.concatenate([s.x for s in points]))
+    if several and len(places) <= MOST_ROWS:  # or one would cover the other
+        rows = [replace(s, x=1.0 * np.searchsorted(places, s.x)) for s in points]
+        return _rows(title, [f"{x:g}" for x in places], rows, x_label)
     return Panel(
         title=title,
         x_label=x_label,
@@ -439,7 +445,6 @@ def ratio_panel(
         log_x=log_x,
         log_y=False,
         references=((1.0, ""),),
-        dodge=True,
         limits=limits([s.y for s in points], [s.band for s in points]),
         height=HEIGHT,
     )
@@ -468,13 +473,20 @@ def ratio_bars(
     shown = [(i, c) for i, c in shown if len(c.x)]
     if not shown:
         return None
-    dots = [upright(c.points(z, i)) for i, c in shown]
+    return _rows(title, names, [c.points(z, i) for i, c in shown])
+
+
+def _rows(
+    title: str, names: Sequence[str], points: Sequence[Series], y_label: str = ""
+) -> DotPanel:
+    """Ratios in named rows, whose places are the x of the points."""
     return DotPanel(
         title=title,
         x_label=MEASURED_OVER_PREDICTED,
         names=names,
-        series=dots,
+        series=[upright(s) for s in points],
         reference=(1.0, "theory"),
+        y_label=y_label,
     )
 
 

@@ -364,7 +364,6 @@ def _lines(figure: Figure, points: Sequence[Point]) -> Panels:
                 log_x=log_x,
                 log_y=log_y,
                 references=((figure.level, ""),) if figure.level is not None else (),
-                dodge=figure.compared,
             )
         )
         if figure.compared and figure.ratio:

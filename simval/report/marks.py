@@ -39,7 +39,6 @@ from simval.shapes import Float
 SIZE, TITLE, SMALL = 10.0, 11.0, 8.5
 """Of labels, of titles, of words on a panel and of a legend, points."""
 MARK, CAP = 5.0, 2.0  # across a mark; half of a bar's end
-STEP, SIDE = 0.02, 0.1  # of the axis: between points set side by side, and all of them
 SPREAD = 2.0 / 3.0  # of a row, over which the dots of a name are spread
 MARGIN = 0.05  # of an axis beyond its data
 WIDEST = 10.0
@@ -58,9 +57,6 @@ GAP = 0.15
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 DASHES = {"-": "", "--": "5.2 2.2", "-.": "9 2.2 1.4 2.2", ":": "1.4 2.3"}
 LONG, SHORT = "4.8 2.4", "1.2 1.2"  # of references
-SAMPLE = 17.0  # of a line in a legend
-SAMPLE_LINE = np.array([[0.0, 0.0], [SAMPLE, 0.0]])
-FAR = 1e4  # from a sheet
 SAMPLE = 17.0  # of a line in a legend
 SAMPLE_LINE = np.array([[0.0, 0.0], [SAMPLE, 0.0]])
 FAR = 1e4  # from a sheet
@@ -276,7 +272,7 @@ def framed(panel: object, place: int) -> Frame:
 @framed.register
 def _(panel: Panel, place: int) -> Frame:
     names, panel = names_of(panel, place), _drawable(panel)
-    series, dashes = _dodged(panel), [LONG] * len(panel.references)
+    series, dashes = panel.series, [LONG] * len(panel.references)
     if any(label for _, label in panel.references):  # or they look alike
         dashes[1::2] = [SHORT] * len(dashes[1::2])
 
@@ -327,25 +323,6 @@ def _drawable(panel: Panel) -> Panel:
     left = any(len(s.x) for s in series)
     log_x, log_y = panel.log_x and left, panel.log_y and left
     return replace(panel, series=series, log_x=log_x, log_y=log_y)
-
-
-def _dodged(panel: Panel) -> Sequence[Series]:
-    """The series, the points of each shifted a little, by a fraction of the axis."""
-    points = [s for s in panel.series if not s.line and len(s.x)]
-    if not panel.dodge or len(points) < 2:
-        return panel.series
-    places = np.concatenate([s.x for s in points])
-    low, high = float(places.min()), float(places.max())
-    step = min(STEP, SIDE / (len(points) - 1))
-    steps = iter(step * (np.arange(len(points)) - (len(points) - 1) / 2.0))
-    series = []
-    for s in panel.series:
-        x = s.x
-        if not s.line and len(x):
-            shift = next(steps)
-            x = x * (high / low) ** shift if panel.log_x else x + shift * (high - low)
-        series.append(replace(s, x=x))
-    return series
 
 
 def _across(panel: Panel, series: Sequence[Series]) -> Axis:
@@ -403,7 +380,9 @@ def _points(s: Series, x: Scale, y: Scale) -> list[Ink]:
 def _flat_points(s: Series, x: Scale, y: Scale) -> list[Ink]:
     ink: list[Ink] = [_marks(s, x(s.x), y(s.y))]
     if s.band is not None:
-        bars = _bars(y(s.y), x(s.x - s.band), x(s.x + s.band), flat=True)
+        low, high = x(s.x - s.band), x(s.x + s.band)
+        wide = near(s.band)  # what is not sampled has no bar
+        bars = _bars(y(s.y)[wide], low[wide], high[wide], flat=True)
         ink.insert(0, Lines(bars, s.colour, 1.2))
     return ink
 
@@ -593,7 +572,7 @@ def _(panel: DotPanel, place: int) -> Frame:
     return Frame(
         title=panel.title,
         x=Axis(low=low, high=high, log=log, label=panel.x_label),
-        y=_rows(panel.names),
+        y=replace(_rows(panel.names), label=panel.y_label),
         draw=draw,
         points=series,
         entries=_entries(panel, place),

@@ -52,6 +52,7 @@ INCH = 72.0  # in points, of which all lengths are
 # width of a panel by how many are side by side, height of its axes
 WIDTHS = {1: 475.0, 2: 353.0}
 WIDTH, UP = 310.0, 158.0
+LEAST_UP = 0.6  # of that height, for few rows
 DISC = 194.0  # height of a map of directions
 LEFT, RIGHT = 68.0, 25.0  # margins, at least: a tick of eight digits; half of one
 EDGE = 4.0  # about all
@@ -249,7 +250,7 @@ def _up(panel: AnyPanel, frame: Frame) -> float:
     lines: float = 1 + max((name.count("\n") for name in names), default=0)
     if isinstance(panel, DotPanel):
         lines = max(lines, APART * (1 + len(panel.series)))
-    return max(0.6 * UP, ROW * lines * len(names))
+    return max(LEAST_UP * UP, ROW * lines * len(names))
 
 
 def _wide(text: str, size: float = SIZE) -> float:
@@ -290,10 +291,10 @@ def _in_lines(panel: AnyPanel, width: float, names: float) -> AnyPanel:
     changes["title"] = broken(panel.title, across, TITLE)
     if isinstance(panel, Panel | BarPanel | DotPanel):
         changes["x_label"] = broken(panel.x_label, across)
-    if isinstance(panel, Panel):
-        # there is some room above and below the axes
-        changes["y_label"] = broken(panel.y_label, UP * panel.height + 22.0)
     if isinstance(panel, Panel | DotPanel):
+        # there is some room above and below the axes
+        up = panel.height if isinstance(panel, Panel) else LEAST_UP
+        changes["y_label"] = broken(panel.y_label, UP * up + 22.0)
         changes["series"] = [
             replace(s, label=broken(s.label, width - INCH, SMALL)) for s in panel.series
         ]

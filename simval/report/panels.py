@@ -84,7 +84,6 @@ class Panel:
     log_y: bool = True
     references: Sequence[tuple[float, str]] = ()  # horizontal lines: height and label
     spans: Sequence[tuple[float, float]] = ()  # shaded intervals of x
-    dodge: bool = False  # set the points of different series at the same x side by side
     limits: tuple[float, float] | None = None  # of y; None fits them to what is drawn
     height: float = 1.0  # of its axes, in that of most
 
@@ -129,6 +128,7 @@ class DotPanel:
     # x is the value, y the place of its name, the first 0; band is about x
     series: Sequence[Series]
     reference: tuple[float, str]  # a vertical line: its place and what it is
+    y_label: str = ""  # what the things are
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

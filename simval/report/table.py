@@ -4,6 +4,7 @@ import csv
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any, Literal
 
 from simval.report.formatting import measured, number, slug
@@ -112,10 +113,11 @@ def text(value: Any, column: Column) -> str:
 
 
 def sort_key(value: Any, column: Column) -> str:
-    """Value by which the page sorts a cell of a numeric column."""
+    """Value by which the page sorts a cell of a numeric column; none sorts last."""
     if value is None or not column.numeric:
         return ""
-    return repr(float(value[0] if column.kind == "measured" else value))
+    key = float(value[0] if column.kind == "measured" else value)
+    return repr(key) if isfinite(key) else ""
 
 
 def csv_text(table: Table) -> str:

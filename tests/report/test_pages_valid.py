@@ -12,6 +12,17 @@ import pytest
 from browser import browser, find_chromium
 from every_page import every_page
 from places import ROOT
+from read_back import not_numbers, off_datum
+
+from simval.imu.logs import read_log
+from simval.imu.multiposition import calibrate_log, calibrate_sensors
+from simval.imu.multiposition.noise import log_noise
+from simval.judge import compare_runs
+from simval.report import drawings
+from simval.report.calibration_page import calibration_page
+from simval.report.comparison import comparison_sections
+from simval.report.noise_page import SensorNoise, allan_drawing
+from simval.sweep import load_run
 
 MODULES = ROOT / "tests" / "pages" / "node_modules"
 AXE = MODULES / "axe-core" / "axe.min.js"
@@ -104,3 +115,31 @@ def test_every_page_is_valid_html(pages):
 @pytest.mark.parametrize("name", NAMES)
 def test_every_page_prints_whole(tab, pages, name):
     assert tab.printed(pages[name], 718) == []
+
+
+def every_drawing(folder):
+    """Figures of the pages; those of filters over a log have no markers."""
+    runs = [load_run(folder / name) for name in ("sound", "broken", "own")]
+    for run in runs:
+        yield from drawings(run)
+    compared = comparison_sections(*runs[:2], compare_runs(*runs[:2]))
+    for name in ("log <b> & c.csv", "odd.csv"):
+        log = read_log(folder / name)
+        whole = calibrate_sensors(log, calibrate_log(log))
+        compared += calibration_page(log, whole).sections
+    yield from (drawing for section in compared for drawing in section.drawings)
+    noise = log_noise(read_log(folder / "still.csv"))
+    yield allan_drawing(
+        "a", [SensorNoise(name="gyro", axes=noise.gyro, si_per_raw=1.0)]
+    )
+
+
+def test_every_marker_stands_at_its_datum(pages):
+    found = [off_datum(each) for each in every_drawing(pages["sound"].parent)]
+    assert [off for off, _ in found if off] == []
+    assert sum(count for _, count in found) > 400
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_number_of_an_attribute_is_one(pages, name):
+    assert not_numbers(pages[name].read_text(encoding="utf-8")) == []

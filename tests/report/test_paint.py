@@ -10,6 +10,7 @@ import pytest
 from matplotlib.font_manager import FontProperties
 from matplotlib.image import imread
 from matplotlib.textpath import TextToPath
+from read_back import not_numbers, off_datum
 
 from simval.report.marks import decimals, even_ticks, log_ticks, percent, spelled
 from simval.report.paint import broken, png, svg, svg_file
@@ -180,6 +181,25 @@ def test_no_word_is_cut_and_no_legend_is_over_its_curves(count):
     assert misplaced(drawing_of(wide, columns=1))
 
 
+def test_a_marker_stands_at_its_datum_and_what_has_no_width_has_no_bar():
+    """Also where several stand at one place; half a percent of the axis is seen."""
+    rng, counts = np.random.default_rng(21), []
+    for _ in range(24):
+        drawing = drawing_of(some_panel(rng))
+        off, count = off_datum(drawing)
+        assert off == []
+        assert not_numbers(svg(drawing)) == []
+        counts.append(count)
+    assert sum(counts) > 200
+    x, none = np.array([1.0, 1.5]), np.full(2, np.nan)
+    dots = Series(label="", x=x, y=np.arange(2.0), band=none)
+    panel = DotPanel(
+        title="t", x_label="", names="ab", series=[dots], reference=(1, "")
+    )
+    assert not_numbers(svg(drawing_of(panel))) == []
+    assert off_datum(drawing_of(panel)) == ([], 2)
+
+
 def test_the_same_data_are_the_same_bytes_in_every_form():
     series = Series(label="a", x=X, y=X, band=0.1 * X, notes="12")
     globe = SpherePanel(title="z up", directions=np.eye(3), sign=1.0)
@@ -305,18 +325,17 @@ def marks(root, key):
     ]
 
 
-def test_discs_lie_on_the_marks_of_dodged_points_and_of_upper_limits():
+def test_discs_lie_on_the_marks_of_points_and_of_upper_limits():
     x = np.array([1.0, 2.0, 4.0])
     a = Series(label="a", x=x, y=x, band=np.array([2.0, 0.1, 0.1]), notes="123")
     b = replace(a, label="b", colour=COLOURS[1], notes="456")
-    root = drawn(panel_of(a, b, dodge=True))
+    root = drawn(panel_of(a, b))
     for key, label in (("0-0", "t, a"), ("1-0", "t, b")):
         near = np.array(sorted(marks(root, key)))
         for place in discs(root)[label].values():
             assert np.abs(near - place).max(axis=1).min() <= 2.6  # half a mark
-    # set side by side, so different places
     first, second = discs(root).values()
-    assert first["1"][0] + 1.0 < second["4"][0]
+    assert first["1"] == second["4"]  # of the same data
     # the limit lies at the end of its bar: 3, between 2 and 4
     assert first["3"][1] < first["1"][1] < first["2"][1]
     # and only an axis of logarithms has limits

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from read_back import not_numbers, off_datum
 from small_runs import cell_of, run_of
 
 from simval.errors import InputError
@@ -241,6 +242,14 @@ def test_every_statistic_is_shown_or_named(smoke, others, study, monkeypatch):
         assert (before != shown(changed(context, study, name))) != said, name
         told.add(said)
     assert False in told, "something of it is drawn"
+
+
+def test_every_marker_stands_at_its_datum_and_every_number_is_one(smoke, others):
+    for run, least in ((smoke, 300), (others, 80)):
+        found = [off_datum(drawing) for drawing in drawings(run)]
+        assert [off for off, _ in found if off] == []
+        assert sum(count for _, count in found) > least
+        assert not_numbers(render(run)) == []
 
 
 def test_what_is_left_out_is_named(others):
