@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import click
 
 from simval.cli.interruption import watch
-from simval.cli.terminal import patient, say
+from simval.cli.terminal import failure_of, patient, say
 from simval.errors import SimvalError
 from simval.text import did_you_mean
 
@@ -128,10 +128,12 @@ def main() -> None:
         os.environ.setdefault(name, "1")
     gc.set_threshold(500_000, 50, 100)  # imports and lines of a log are no garbage
     interruption = watch()
-    sys.stdout, sys.stderr = patient(sys.stdout), patient(sys.stderr)
+    sys.stdout, sys.stderr = patient(sys.stdout, 1), patient(sys.stderr, 2)
     try:
         code = run(sys.argv[1:])
-        sys.stdout.flush()
+        if code != 130 and (failure := failure_of(sys.stdout)):
+            say([f"error: standard output could not be written: {failure}"], err=True)
+            code = 2
     except (Exception, KeyboardInterrupt) as error:
         code = 70
         if not interruption.asked:

@@ -1,9 +1,10 @@
-"""Lines for people: folded on a narrow terminal, discarded when the pipe is closed."""
+"""Lines for people: folded on a narrow terminal, dropped where nobody takes them."""
 
 import os
 import re
 import sys
 from collections.abc import Iterable
+from errno import EBADF, EPIPE
 from io import BufferedWriter, FileIO, TextIOWrapper
 from typing import Any
 
@@ -15,29 +16,44 @@ LABEL = 24
 """Columns that a label may take, so that what belongs to it is folded beside it."""
 
 
-class Pipe(FileIO):
-    """An output whose reader may close it, as ``head`` does: the rest is dropped.
+class Output(FileIO):
+    """Standard output or error, which may end early: the rest is dropped.
 
-    So a command ends its work and its exit code is its own, not the reader's.
+    So a command ends its work, whether its reader goes, as ``head`` does, or the disk
+    is full or the shell has closed it (``>&-``). A reader may go, so then the exit code
+    is the command's own; what else went wrong is the `failure`.
     """
 
+    failure = ""
+
     def write(self, data: Any) -> int:
-        """Write, or drop what has no reader any more."""
+        """Write, or drop what has no place any more."""
         try:
             return super().write(data) or 0
-        except BrokenPipeError:
-            nobody = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nobody, self.fileno())
-            os.close(nobody)
+        except OSError as error:
+            if error.errno != EPIPE:
+                closed = error.errno == EBADF
+                self.failure = "it is closed" if closed else str(error.strerror)
+            _lead_nowhere(self.fileno(), os.O_WRONLY)
             return len(data)
 
 
-def patient(stream: Any) -> Any:
-    """The stream, with a reader that may go, of names that a terminal cannot show."""
+def _lead_nowhere(number: int, mode: int) -> None:
+    file = os.open(os.devnull, mode)
+    if file != number:
+        os.dup2(file, number)
+        os.close(file)
+
+
+def patient(stream: Any, number: int) -> Any:
+    """The stream as an `Output`, of names that a terminal cannot show."""
+    if stream is None:  # closed: no other file gets its number, and writing fails
+        _lead_nowhere(number, os.O_RDONLY)
+        stream = open(number, "w", closefd=False)  # noqa: SIM115 - never closed
     try:
         stream.flush()
-        raw = Pipe(stream.fileno(), "w", closefd=False)
-    except (AttributeError, OSError):  # none, or one of a test
+        raw = Output(stream.fileno(), "w", closefd=False)
+    except (AttributeError, OSError):  # one of a test
         return stream
     return TextIOWrapper(
         BufferedWriter(raw),
@@ -46,6 +62,13 @@ def patient(stream: Any) -> Any:
         line_buffering=stream.line_buffering,
         write_through=stream.write_through,
     )
+
+
+def failure_of(stream: Any) -> str:
+    """Why what was printed is not all there; empty if it is."""
+    stream.flush()
+    raw = getattr(getattr(stream, "buffer", None), "raw", None)
+    return raw.failure if isinstance(raw, Output) else ""
 
 
 def say(lines: Iterable[str], *, err: bool = False) -> None:

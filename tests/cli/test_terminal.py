@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simval.cli import run
+from simval.cli import COMMANDS, run
 from simval.cli.terminal import folded
 
 SENSOR = """
@@ -88,6 +88,44 @@ def test_a_reader_that_goes_early_is_no_failure(log, tiny_run, tmp_path):
         assert "Traceback" not in errors
         assert "pipe" not in errors
     assert made.exists()  # the work is done
+
+
+def ended(shell, *words):
+    """Exit code and standard error of a command, its streams as the shell has them."""
+    command = ["sh", "-c", f'exec "$@" {shell}', "sh", sys.executable, "-m", "simval"]
+    done = subprocess.run([*command, *map(str, words)], capture_output=True, text=True)
+    return done.returncode, done.stderr
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("command", [name for name, _ in COMMANDS])
+def test_an_output_that_takes_nothing_is_a_sentence_and_2(command):
+    full, closed = (ended(f">{end}", command, "--help") for end in ("/dev/full", "&-"))
+    assert [code for code, _ in (full, closed)] == [2, 2]
+    assert full[1].startswith("error: standard output could not be written: No space")
+    assert closed[1] == "error: standard output could not be written: it is closed\n"
+    assert full[1].count("\n") == 1
+
+
+@pytest.mark.ci
+def test_what_was_to_be_done_is_done_though_nothing_can_be_printed(
+    log, tiny_run, tmp_path
+):
+    made = tmp_path / "made.json"
+    for words, end in (
+        (("calibrate", log, "--json", "--out", made), "/dev/full"),  # several buffers
+        (("gate", tiny_run, "--baseline", log), "&-"),  # with an error of its own
+    ):
+        code, errors = ended(f">{end}", *words)
+        assert code == 2, words
+        assert "Traceback" not in errors
+    assert made.exists()
+    # where messages have no place they are lost, and nothing else is
+    for end in ("2>/dev/full", "2>&-"):
+        assert ended(f"{end} >{made}", "list")[0] == 0
+        assert "smoke" in made.read_text()
+        assert ended(end, "gate", tiny_run, "--baseline", log)[0] == 2
+    assert ended(">&- 2>&- <&-", "list") == (2, "")
 
 
 @pytest.mark.ci
