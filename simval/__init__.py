@@ -64,5 +64,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """List the public names too, though they are not imported yet."""
-    return sorted({*globals(), *__all__})
+    """List the public names, imported or not."""
+    return [*__all__]

@@ -26,6 +26,7 @@ from simval.imu.filters import Mekf
 from simval.plugins import Calibrator, Estimator
 from simval.plugins.protocol import Filter
 from simval.shapes import Float
+from simval.vocabulary import Residual
 
 LEAST = 1e-12
 """Relative noise of readings that have none: some residuals ask for its size, and this
@@ -125,7 +126,7 @@ plain = _own(
 
 
 def _fit(
-    poses: Float[Array, "n 3"], g: float, noise_std: float, *, residual: str
+    poses: Float[Array, "n 3"], g: float, noise_std: float, *, residual: Residual
 ) -> tuple[Any, Any, Any]:
     """Calibrate one set of poses of known noise."""
     known = max(noise_std, LEAST * float(np.abs(poses).max()))
@@ -133,7 +134,7 @@ def _fit(
     return fit.matrix, fit.B, fit.covariance
 
 
-def _calibrator(residual: str) -> Calibrator:
+def _calibrator(residual: Residual) -> Calibrator:
     return Calibrator(
         name=residual, calibrate=partial(_fit, residual=residual), noise_std=True
     )

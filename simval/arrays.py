@@ -20,6 +20,10 @@ from simval.shapes import Float
 from simval.text import shown
 
 Array = NDArray[np.floating]
+# what is given: lists mixed of whole numbers and others have these types, and no
+# `ArrayLike`
+Vector = NDArray[Any] | Sequence[float]
+Matrix = NDArray[Any] | Sequence[Sequence[float]]
 Scalars = Array | np.floating  # of an array without axes NumPy makes a number
 
 _KINDS: Final = {

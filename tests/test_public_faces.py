@@ -9,6 +9,7 @@ caller's own function raises is the caller's.
 import datetime
 from fractions import Fraction
 from inspect import signature
+from typing import Literal, get_args, get_origin
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from true_sensor import MODEL, G
 
 import simval
 from simval import geometry, montecarlo, poses, theory
-from simval.errors import SimvalError
+from simval.errors import InputError, SimvalError
 from simval.imu import attitude, sensor, statics
 from simval.imu.calibrate import calibrate, diagnose, load_calibration, save_calibration
 from simval.imu.sensor import AccelerometerModel, Effects
@@ -367,3 +368,26 @@ def test_good_values_are_accepted():
     for function, good, kinds, _ in FACES.values():
         if "path" not in kinds.values():
             function(**good)
+
+
+def literals(kind):
+    """Values of the literals in an annotation."""
+    if get_origin(kind) is Literal:
+        return set(get_args(kind))
+    return set().union(*map(literals, get_args(kind)))
+
+
+@pytest.mark.parametrize("face", FACES)
+def test_a_choice_is_annotated_by_the_values_that_are_taken(face):
+    function, good, kinds, _ = FACES[face]
+    for name in (name for name, kind in kinds.items() if kind == "choice"):
+        known = literals(function.__annotations__[name])
+        assert known > {good[name]}
+        with pytest.raises(InputError) as refused:
+            function(**good | {name: "lmx"})
+        listed = str(refused.value).rpartition("one of ")[2].split(", ")
+        assert {*listed} == {*map(str, known)}
+
+
+def test_the_package_shows_what_is_public():
+    assert [name for name in dir(simval) if name not in simval.__all__] == []

@@ -20,5 +20,11 @@ class _Pulled:
         return self.R.as_quat()
 
 
-conventions = {"components": "xyzs", "matrix": "passive", "world": "NWU"}
-pulled = Filter(name="pulled", make=_Pulled, reads=("start",), **conventions)
+pulled = Filter(
+    name="pulled",
+    make=_Pulled,
+    reads=("start",),
+    components="xyzs",
+    matrix="passive",
+    world="NWU",
+)

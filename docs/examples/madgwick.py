@@ -6,6 +6,7 @@ gradient is not zero at the true attitude, and a step is normalised by a length 
 mostly along the quaternion. It is told its start; its gain is that of the table.
 """
 
+from functools import partial
 from math import hypot, sqrt
 
 from simval.plugins import Filter
@@ -65,6 +66,13 @@ class Madgwick:
         return self.q
 
 
-OWN = {"components": "sxyz", "matrix": "passive", "world": "NWU", "reads": ("start",)}
-madgwick = Filter(name="madgwick", make=Madgwick, **OWN)
-six = Filter(name="madgwick-six", make=Madgwick, magnetometer=False, **OWN)
+filter_of = partial(
+    Filter,
+    make=Madgwick,
+    components="sxyz",
+    matrix="passive",
+    world="NWU",
+    reads=("start",),
+)
+madgwick = filter_of(name="madgwick")
+six = filter_of(name="madgwick-six", magnetometer=False)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 COLOURS = {"before": "#0072b2", "after": "#c1440e"}
 Z = 3.3  # 95 % for all of some 25 instants and two runs together, by Sidak's rule
@@ -34,8 +35,8 @@ def over_time(run, statistic):
 
 def drawn(before, after):
     """Error beside the bound, and the error over what the filter says of it."""
-    figure = Figure(figsize=(8.4, 3.0), layout="constrained")
-    figure.get_layout_engine().set(wspace=0.06)
+    layout = ConstrainedLayoutEngine(wspace=0.06)
+    figure = Figure(figsize=(8.4, 3.0), layout=layout)
     error, nees = figure.subplots(1, 2)
     for (name, colour), run in zip(COLOURS.items(), (before, after), strict=True):
         marks = {"color": colour, "fmt": "o", "markersize": 3.5, "elinewidth": 1.2}

@@ -15,6 +15,7 @@ from simval.report.curves import axis_of, curve, grouped
 from simval.results import Row
 from simval.sweep import Run
 from simval.text import did_you_mean
+from simval.vocabulary import Model
 
 HALF = 1.96  # standard deviations of a 95 % interval
 
@@ -88,7 +89,7 @@ def _kinds(fit: Any) -> list[Kind]:
     return kinds
 
 
-def _accelerometer(model: str, fit: Any) -> list[Kind]:
+def _accelerometer(model: Model, fit: Any) -> list[Kind]:
     """T, K and B, as the first nine parameters of a fit have them."""
     names, signs = zip(*forms.entries(model), strict=True)
     signed = np.array(signs)

@@ -1,10 +1,11 @@
 """The physics: model files and scripts in, unchecked rows out.
 
-MuJoCo is imported for its physics, whatever `MUJOCO_GL` says. It ends its own import
-where that variable names a graphics library that is not there; it is then imported
-without one. If it is there, the process has it as its user wants it. Pictures are drawn
-in a process of their own (`simval.scene.pictures`). Its messages are collected, never
-printed, and never written to a log file.
+MuJoCo is imported when its physics is first used, so that what simulates nothing starts
+without it, and whatever `MUJOCO_GL` says. It ends its own import where that variable
+names a graphics library that is not there; it is then imported without one. If it is
+there, the process has it as its user wants it. Pictures are drawn in a process of their
+own (`simval.scene.pictures`). Its messages are collected, never printed, and never
+written to a log file.
 
 MuJoCo silently accepts options that make its data wrong: a negative time step, a
 gravity that is not a number, an automatic reset that turns a diverged run into perfect
@@ -22,9 +23,10 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from os import PathLike
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,16 +43,34 @@ from simval.shapes import Float
 RENDERER = "MUJOCO_GL"
 """Environment variable by which MuJoCo chooses a graphics library."""
 
-try:
-    import mujoco as mujoco
-except Exception:  # whatever a graphics library raises that is half there
-    wanted = os.environ.pop(RENDERER, None)
-    os.environ[RENDERER] = "disable"
+
+@cache
+def _imported() -> Any:
+    """MuJoCo, without a graphics library where the one that is asked for is not."""
     try:
-        import mujoco as mujoco
-    finally:
-        del os.environ[RENDERER]
-        os.environ |= {} if wanted is None else {RENDERER: wanted}
+        import mujoco
+    except Exception:  # whatever a graphics library raises that is half there
+        wanted = os.environ.pop(RENDERER, None)
+        os.environ[RENDERER] = "disable"
+        try:
+            import mujoco
+        finally:
+            del os.environ[RENDERER]
+            os.environ |= {} if wanted is None else {RENDERER: wanted}
+    return mujoco
+
+
+class _Mujoco:
+    """MuJoCo, imported at the first look into it."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(_imported(), name)
+
+
+if TYPE_CHECKING:
+    import mujoco as mujoco
+else:
+    mujoco = _Mujoco()
 
 
 @contextmanager
@@ -69,7 +89,8 @@ SITE = "imu"
 # of the site, in the order of a row's columns
 SENSORS = ("accelerometer", "gyro", "magnetometer", "attitude", "clock")
 _TYPES = ("ACCELEROMETER", "GYRO", "MAGNETOMETER", "FRAMEQUAT", "CLOCK")
-INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast")
+Integrator = Literal["Euler", "RK4", "implicit", "implicitfast"]
+INTEGRATORS = get_args(Integrator)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,7 +134,7 @@ def load_model(
     path: str | PathLike[str],
     site_offset: object = None,
     timestep: float | None = None,
-    integrator: str | None = None,
+    integrator: Integrator | None = None,
 ) -> Physics:
     """Compile a model file, with parameters set in memory, and check it."""
     try:

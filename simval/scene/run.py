@@ -21,6 +21,7 @@ from simval.geometry import normalize
 from simval.scene.catalogue import find_scene
 from simval.scene.drivers import require_rows
 from simval.scene.physics import (
+    Integrator,
     Physics,
     Rollout,
     load_model,
@@ -162,7 +163,7 @@ def simulate(
     *,
     site_offset: object = None,
     timestep: float | None = None,
-    integrator: str | None = None,
+    integrator: Integrator | None = None,
     **parameters: Any,
 ) -> Trajectory:
     """Simulate a scene and return what an ideal sensor reads.
@@ -218,7 +219,7 @@ def plan_run(
     *,
     site_offset: object = None,
     timestep: float | None = None,
-    integrator: str | None = None,
+    integrator: Integrator | None = None,
     **parameters: Any,
 ) -> Plan:
     """Compile the model and write the script of a run."""
@@ -361,7 +362,7 @@ def simulate_many(
     *,
     site_offset: object = None,
     timestep: float | None = None,
-    integrator: str | None = None,
+    integrator: Integrator | None = None,
     threads: int = 1,
 ) -> RestMeans:
     """Simulate a scene with each of many sets of parameters.

@@ -48,6 +48,7 @@ from simval.studies.study import LEAST_NOISE, Cost, Geometry, StudyParameters, r
 from simval.studies.trials import root
 from simval.theory.attitude import (
     AttitudeMoments,
+    Order,
     attitude_moments,
 )
 from simval.theory.expansion import (
@@ -75,7 +76,7 @@ CONTROLLED = 16
 """Chosen for its cost: the standard error of the pairs is of the next order anyway."""
 CONTROL_STREAM = 1
 COMPONENTS = ("x", "y", "z", "s")
-PREDICTORS: dict[int | str, str] = {
+PREDICTORS: dict[Order, str] = {
     2: stat.ORDER_2,
     "4-paper": stat.ORDER_4_SOURCE,
     4: stat.ORDER_4,

@@ -37,6 +37,7 @@ from simval.theory.expansion import (
 )
 from simval.theory.two_vector import (
     MIN_NORM,
+    Frame,
     TwoVectorGeometry,
     column_norms,
     two_vector_geometry,
@@ -82,7 +83,7 @@ class Parameters(StudyParameters):
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Find the ratios of one cell."""
     numbers, truths = regular_geometries(parameters.frame, parameters.geometries)
-    frame = "plain" if parameters.frame == "plain" else None
+    frame: Frame | None = "plain" if parameters.frame == "plain" else None
     ratios, off = np.empty((len(numbers), 2)), np.zeros(0)
     for start in range(0, len(numbers), BLOCK):
         some = slice(start, start + BLOCK)
@@ -142,7 +143,7 @@ def _leading(
 
 
 def _extrapolated(
-    truths: Truths, geometry: TwoVectorGeometry, noise: Array, frame: str | None
+    truths: Truths, geometry: TwoVectorGeometry, noise: Array, frame: Frame | None
 ) -> Array:
     # the term in sigma^4 from exact moments at two noise levels, free of sigma^6
     terms = []

@@ -29,6 +29,7 @@ from simval.studies.attitude import FORMULAS, PREDICTORS, Truth
 from simval.studies.attitude_geometries import QUANTILES, regular_geometries
 from simval.studies.study import Cost, StudyParameters, ranged
 from simval.theory.attitude import AttitudeMoments, attitude_moments
+from simval.theory.two_vector import Frame
 
 TITLE = "Map of the limits: where each attitude formula holds, over many geometries"
 SECTION = "ranges"
@@ -44,7 +45,7 @@ NEAR: Final = np.array([6.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5])
 
 PARTS: Final = ("bias", "covariance")
 HIGHER: Final = {order: label for order, label in FORMULAS.items() if order != 2}
-Limit = tuple[int | str, str, str]
+Limit = tuple[Any, str, str]
 """A formula, a moment, and the share by which it is off."""
 
 
@@ -64,7 +65,7 @@ class Parameters(StudyParameters):
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Find the quantiles of one cell."""
     _, truths = regular_geometries(parameters.frame, parameters.geometries)
-    frame = "plain" if parameters.frame == "plain" else None
+    frame: Frame | None = "plain" if parameters.frame == "plain" else None
     drawn = [*zip(*truths, strict=True)]
     limits = [limits_of(truth, RATIOS, frame) for truth in drawn]
     rows: list[Row] = []
@@ -93,7 +94,7 @@ def artifact_of(named: Mapping[str, Any]) -> str:
 
 
 def limits_of(
-    truth: Truth, ratios: Float[Array, " n"], frame: str | None
+    truth: Truth, ratios: Float[Array, " n"], frame: Frame | None
 ) -> dict[Limit, tuple[float, float]]:
     """Where each formula is off by each share: |qbar|/sigma and rho there.
 
@@ -114,7 +115,7 @@ def limits_of(
     return limits
 
 
-def nearer(truth: Truth, frame: str | None) -> Bool[NDArray[np.bool_], "2 n"]:
+def nearer(truth: Truth, frame: Frame | None) -> Bool[NDArray[np.bool_], "2 n"]:
     """True at each of `NEAR` where a formula is nearer than the second order."""
     noise = (attitude_moments(*truth, 1e-3, 2, frame).norm / NEAR)[:, None]
     found = {o: attitude_moments(*truth, noise, o, frame) for o in PREDICTORS}

@@ -11,7 +11,7 @@ its own order, so its slope is 4 too. No chance is involved.
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from pydantic import Field
@@ -33,10 +33,10 @@ from simval.studies.attitude import (
     random_geometry,
 )
 from simval.studies.study import Cost, Geometry, StudyParameters, refusing
-from simval.theory.attitude import attitude_moments
+from simval.theory.attitude import Order, attitude_moments
 from simval.theory.cubature import cubature_moments
 from simval.theory.exact import isotropic
-from simval.theory.two_vector import column_norms, true_vectors
+from simval.theory.two_vector import Frame, column_norms, true_vectors
 
 TITLE = "Convergence order: how fast each attitude formula becomes exact"
 SECTION = "orders"
@@ -53,10 +53,10 @@ TOLERANCE = 0.1
 FLOOR = 3e-14
 """Differences below 30 times the cubature's rounding, 1e-15, are not fitted."""
 
-ORDERS: dict[int | str, float] = {2: 4.0, "4-paper": 4.0, 4: 6.0}
+ORDERS: dict[Order, float] = {2: 4.0, "4-paper": 4.0, 4: 6.0}
 """The slope that each formula's error must have."""
 
-COMBINED = "combined"
+COMBINED: Final = "combined"
 LEAD = 0.1
 """By which a column must lead for it: no node of the cubature, up to 4.5 deviations
 away, may start from another."""
@@ -109,7 +109,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
 
 def _slopes(
-    truth: Truth, shape: Float[Array, "4 3 3"], frame: str | None
+    truth: Truth, shape: Float[Array, "4 3 3"], frame: Frame | None
 ) -> Iterator[Row]:
     """Rows of the greatest column, or of all combined: three levels suffice there."""
     levels = np.array(LEVELS[:: 2 if frame else 1])
@@ -133,12 +133,12 @@ def _slopes(
             yield from unjudged(statistics, gap, predictor=label)
 
 
-def _truth(truth: Truth, noise: Float[Array, "4 3 3"], frame: str | None) -> Moments:
+def _truth(truth: Truth, noise: Float[Array, "4 3 3"], frame: Frame | None) -> Moments:
     """Exact moments of a fixed frame under isotropic noise, else cubature."""
     if isotropic(noise) and frame is None:
         return attitude_moments(*truth, noise, "exact")
     second = attitude_moments(*truth, noise, 2, frame)
-    estimate = partial(two_vector_quaternion, frame=str(second.frame))
+    estimate = partial(two_vector_quaternion, frame=second.frame)
 
     def estimator(*vectors: Any) -> Array:
         found = estimate(*vectors)

@@ -57,6 +57,7 @@ from simval.studies.attitude import Truth
 from simval.studies.study import Cost, Geometry, StudyParameters, ranged
 from simval.studies.trials import Kept, Trials, drawn_rows, mean_of, root, trials_of
 from simval.theory.attitude import (
+    Order,
     attitude_moments,
     multiplicative_moments,
 )
@@ -68,6 +69,7 @@ from simval.theory.expansion import scaled_error_moments, second_order_covarianc
 from simval.theory.orders import RANGE, expansion_remainders
 from simval.theory.two_vector import (
     FRAMES,
+    Column,
     TwoVectorGeometry,
     column_norms,
     noise_covariances,
@@ -196,7 +198,7 @@ class Setting:
         second = C + np.outer(bias, bias)
         return 4.0 * float(np.trace(second) - geometry.q @ second @ geometry.q)
 
-    def frames(self) -> dict[str, str]:
+    def frames(self) -> dict[str, Column]:
         """Frame of each remedy that has a fixed one here."""
         found, p = {}, self.parameters
         lengths = np.sort(self.norms)
@@ -301,7 +303,7 @@ def _normalisation_rows(setting: Setting, trials: Trials) -> Iterator[Row]:
             stat.ORDER_2, 4.0 * size**2,
         )  # fmt: skip
     given = setting.q, setting.r1, setting.r2, setting.sigma
-    orders: tuple[int | str, ...] = (2, 4)
+    orders: tuple[Order, ...] = (2, 4)
     found = {k: attitude_moments(*given, k, setting.best) for k in orders}
     turns = compose(conjugate(found[2].q_true), normalize(trials["raw best"]))
     bias, left = multiplicative_moments(found[2]).bias, expansion_remainders(found)[2]

@@ -70,7 +70,7 @@ from simval.theory import (
     wahba_bound,
     wahba_moments,
 )
-from simval.theory.two_vector import FRAMES, MIN_NORM, column_norms
+from simval.theory.two_vector import FRAMES, MIN_NORM, Frame, column_norms
 
 TITLE = "Two or more weighted vectors: error, covariance and test of the loss"
 SECTION = "vectors"
@@ -158,10 +158,10 @@ class Setting:
             name: wahba_moments(self.q, self.references, noise, weights)
             for name, weights in self.weights.items()
         }
-        self.frames: dict[str, str] = {}
+        self.frames: dict[str, Frame] = {}
         if n == 2:
             r1, r2 = self.references
-            best = str(attitude_moments(self.q, r1, r2, 0.0).frame)  # at the truth
+            best = attitude_moments(self.q, r1, r2, 0.0).frame  # at the truth
             self.frames = {"combined": "combined", "best of four": best}
             for name, frame in self.frames.items():
                 moments[name] = attitude_moments(self.q, r1, r2, noise, 2, frame)
@@ -273,7 +273,7 @@ def closed_form_square(
     error: Float[Array, "n 3"],
     references: Float[Array, "2 3"],
     noise_std: Float[Array, "4"],
-    frame: str,
+    frame: Frame,
 ) -> Float[Array, " n"]:
     """Squares of turns, normalised by second-order theory at each estimate.
 

@@ -51,7 +51,7 @@ are in `simval.studies.estimator_errors`; operations in `estimator_operations`.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -395,7 +395,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
         _, weights = smolyak_hermite(3 * len(self.noise.noisy), DEGREE)
         return float(np.abs(weights).sum())
 
-    def series(self, noise_std: float, order: int) -> Moments:
+    def series(self, noise_std: float, order: Literal[2, 4]) -> Moments:
         """Mean and covariance of the rotation error by power series."""
         covariances, told = self.covariances(noise_std), self.noise.at(noise_std)
         return series_of(self.plugin, self.q, self.truth, covariances, told, order)

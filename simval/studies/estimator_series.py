@@ -10,7 +10,7 @@ whose length is the sine of the angle, the rotation vector is to fourth order
 Its coefficients cross between processes, not the series.
 """
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ def series_of(
     vectors: Float[Array, "m 3"],
     covariances: Float[Array, "m 3 3"],
     noise: VectorNoise,
-    order: int,
+    order: Literal[2, 4],
 ) -> Moments:
     """Mean and covariance of the rotation error at q, on the plug-in's side."""
     truth = [v[None] for v in vectors]

@@ -32,12 +32,13 @@ from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
+from simval.vocabulary import Method, Model
 
 TITLE = "Solvers: do all methods of the calibration reach the same answer?"
 SECTION = "convergence"
 
 G = 9.80665  # m/s^2, standard gravity
-METHODS = (stat.FIRST_SOLVER, "gauss-newton", "newton")
+METHODS: tuple[Method, ...] = (stat.FIRST_SOLVER, "gauss-newton", "newton")
 SHOWN = 30  # steps that the report draws
 STOP: Final = 1e-11
 """Of the sources' methods, by (L1); half steps then end 1e-11 from the answer."""
@@ -53,8 +54,8 @@ HALF: Final = 0.5  # alpha
 class Source(NamedTuple):
     """Method of a source."""
 
-    model: str
-    method: str
+    model: Model
+    method: Method
     step: float = 1.0
 
 
@@ -86,7 +87,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     force = G * fibonacci_sphere(parameters.poses)
     raw = sensor.distort(force, streams.block(0))
     ends = {method: calibrate(raw, g=G, method=method) for method in METHODS}
-    first = ends[stat.FIRST_SOLVER].parameters
+    first = ends[METHODS[0]].parameters
     ways: dict[str, Array] = {}
     rows: list[Row] = []
     for method, fit in ends.items():

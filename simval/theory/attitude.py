@@ -13,17 +13,16 @@ is not isotropic, and those close to singular, it takes one at a time.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simval.arguments import choice, instance, switch
 from simval.arrays import Array, frozen
 from simval.errors import InputError
 from simval.geometry import compose, conjugate, cross
 from simval.moments import Moments
-from simval.shapes import Float, Shaped
+from simval.shapes import Float
 from simval.theory.cubature import refined_moments
 from simval.theory.exact import exact_moments
 from simval.theory.expansion import (
@@ -42,6 +41,7 @@ from simval.theory.series import require_distribution, series_moments
 from simval.theory.two_vector import (
     FRAMES,
     Columns,
+    Frame,
     TwoVectorGeometry,
     chosen_columns,
     column_norms,
@@ -229,7 +229,8 @@ def _series_moments(
     return bias, second_order_covariance(q, P)
 
 
-ORDERS = (2, "4-paper", 4, "exact")
+Order = Literal[2, "4-paper", 4, "exact"]
+ORDERS = get_args(Order)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -258,7 +259,7 @@ class AttitudeMoments(Moments):
     """
 
     q_true: Float[Array, "... 4"]
-    frame: str | Shaped[NDArray[np.str_], "..."]
+    frame: Any
     norm: float | Float[Array, "..."]
 
     def __post_init__(self) -> None:
@@ -271,8 +272,8 @@ def attitude_moments(
     r1: Any,
     r2: Any,
     noise_std: Any,
-    order: int | str = 2,
-    frame: str | None = None,
+    order: Order | Literal[3] = 2,
+    frame: Frame | None = None,
     *,
     normalized: bool = False,
     third_moments: Any = None,

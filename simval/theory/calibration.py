@@ -50,8 +50,8 @@ from simval.imu.sensor import AccelerometerModel, forms
 from simval.poses import PARAMETERS, observability, one_set
 from simval.shapes import Float, Inexact
 from simval.theory.estimating import Block, Estimating, Weights
+from simval.vocabulary import RESIDUALS, Model, Residual
 
-RESIDUALS = ("squared", "norm", "weighted", "sampson", "adjusted")
 _WEIGHTS: Final[dict[str, Weights]] = {"weighted": "estimate", "sampson": "truth"}
 BIAS_NEXT = 40.0  # of eq. (K3), measured
 VARIANCE_NEXT = 60.0  # of eq. (K4), measured
@@ -107,9 +107,9 @@ def calibration_moments(
     directions: Any,
     g: float = 9.80665,
     noise_std: Any = None,
-    residual: str = "squared",
+    residual: Residual = "squared",
     *,
-    form: str = "triangular",
+    form: Model = "triangular",
 ) -> CalibrationMoments:
     """Predict the error of a calibration from the sensor and its poses.
 

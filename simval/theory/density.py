@@ -49,6 +49,7 @@ from simval.theory.exact import direction_maps
 from simval.theory.expansion import half_noise, unit
 from simval.theory.two_vector import (
     FRAMES,
+    Column,
     TwoVectorGeometry,
     chosen_columns,
     noise_of_vectors,
@@ -169,7 +170,7 @@ class AttitudeDensity(ReadOnly):
 
 
 def attitude_density(
-    q: Any, r1: Any, r2: Any, noise_std: Any, frame: str | None = None
+    q: Any, r1: Any, r2: Any, noise_std: Any, frame: Column | None = None
 ) -> AttitudeDensity:
     """Exact density (D2) of the two-vector estimate, at any distance from singular.
 

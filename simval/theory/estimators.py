@@ -72,7 +72,7 @@ A quaternion's error :math:`e = q - \hat q` is the rotation vector
 """
 
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -88,6 +88,7 @@ from simval.theory.expansion import EPS, unit
 from simval.theory.series import require_distribution, series_moments
 from simval.theory.two_vector import (
     MIN_NORM,
+    Frame,
     noise_covariances,
     noise_of_vectors,
     normalized_noise,
@@ -183,7 +184,7 @@ def wahba_moments(
     references: Any,
     noise_std: Any,
     weights: Any = None,
-    order: int | str = 2,
+    order: Literal[2, 3, 4, "exact"] = 2,
     *,
     third_moments: Any = None,
 ) -> Moments:
@@ -254,7 +255,7 @@ def wahba_moments(
     if series:
         _require_few(noise)
         numbers = partial(_optimum_series, unit_q, a, vectors)
-        return series_moments(numbers, vectors, noise, int(order), third_moments)
+        return series_moments(numbers, vectors, noise, order, third_moments)
     second = np.einsum("ab,jbc,jc->a", R, changes, moved)
     drift = np.einsum("n,nij->ij", a, _gain(means[:n], vectors[n:]))
     drift = drift + np.einsum("n,nij->ij", a, _gain(vectors[:n], means[n:]))
@@ -428,7 +429,7 @@ def class_moments(
         used = weights if kind == "weighted wahba" else None
         additive = wahba_moments(truth, references, noise_std, used)
     else:
-        frame = "combined" if kind == "combined" else None
+        frame: Frame | None = "combined" if kind == "combined" else None
         r1, r2 = references
         additive = attitude_moments(truth, r1, r2, noise_std, frame=frame)
         truth = additive.q_true

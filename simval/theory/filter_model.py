@@ -54,6 +54,7 @@ from simval.geometry import (
 )
 from simval.imu.sensor import forms
 from simval.shapes import Float
+from simval.vocabulary import Model
 
 LONGEST: Final = 1e6  # s, of a step: eleven days
 
@@ -470,7 +471,7 @@ def _kron(x: Float[Array, "t 3"]) -> Float[Array, "t 3 9"]:
 
 
 def calibration_error(
-    of: str, matrix: Any, covariance: Any, *, form: str | None = None
+    of: str, matrix: Any, covariance: Any, *, form: Model | None = None
 ) -> CalibrationError:
     """Errors of readings that are corrected by an uncertain calibration, eq. (F13).
 

@@ -58,6 +58,7 @@ from simval.poses import one_set
 from simval.shapes import Float, Inexact
 from simval.theory.estimating import Block, Estimating
 from simval.theory.magnetometer import NAMES, dip_angle
+from simval.vocabulary import Model
 
 GYROSCOPE = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "B_x", "B_y", "B_z")
 _NODES: Final = 4  # of Gauss and Legendre in a segment: exact to the eighth power of it
@@ -138,7 +139,7 @@ def gyroscope_moments(
     bias_std: Any,
     g: float = 9.80665,
     angle_random_walk: float | None = None,
-    form: str = "triangular",
+    form: Model = "triangular",
 ) -> GyroscopeMoments:
     """Bound the error of a calibration from the sensors, rests and rotations.
 
@@ -209,7 +210,7 @@ def nine_axis_moments(
     g: float = 9.80665,
     field: float = 1.0,
     angle_random_walk: float | None = None,
-    form: str = "triangular",
+    form: Model = "triangular",
 ) -> NineAxisMoments:
     """Bound the error of a calibration from the sensors, rests and rotations.
 
@@ -315,7 +316,7 @@ def gyroscope_bias(
     bias_std: float,
     angle_random_walk: float,
     g: float = 9.80665,
-    form: str = "triangular",
+    form: Model = "triangular",
 ) -> Float[Array, "12"]:
     """Predict the second-order bias of a joint calibration.
 

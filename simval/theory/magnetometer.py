@@ -53,6 +53,7 @@ from simval.geometry import attitude_matrix
 from simval.imu.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.shapes import Float, Inexact
 from simval.theory.estimating import Block, Estimating, inverse_of, rank_of
+from simval.vocabulary import Model
 
 PARAMETERS = 22
 
@@ -60,7 +61,7 @@ PARAMETERS = 22
 class Problem(NamedTuple):
     """Sensors and readings at the truth, and the noise; readings y_a, then y_m."""
 
-    form: str
+    form: Model
     g: float
     field: float
     theta: Float[Array, "22"]
@@ -213,7 +214,7 @@ def magnetometer_moments(
     magnetometer_std: Any,
     g: float = 9.80665,
     field: float = 1.0,
-    form: str = "triangular",
+    form: Model = "triangular",
 ) -> MagnetometerMoments:
     """Predict the error of a magnetometer's calibration from its poses.
 

@@ -25,7 +25,7 @@ the exact moments of the very case, in Frobenius norm relative to them.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from simval.moments import Moments
 from simval.theory.attitude import ORDERS, AttitudeMoments, attitude_moments
 from simval.theory.cubature import REFINED
 from simval.theory.estimators import wahba_moments
-from simval.theory.two_vector import FRAMES, noise_of_vectors, require_one
+from simval.theory.two_vector import FRAMES, Frame, noise_of_vectors, require_one
 
 RANGE = 5.0  # see above; of sigma
 _SIXTH = 2.0  # of eq. (R1), measured
@@ -50,7 +50,7 @@ class Remainder(NamedTuple):
 
 
 def expansion_remainders(
-    found: Mapping[int | str, AttitudeMoments],
+    found: Mapping[Any, AttitudeMoments],
 ) -> dict[int | str, Remainder]:
     """Remainder of the moments of each order, eqs. (R1), (R2)."""
     fourth = found[4]
@@ -99,7 +99,7 @@ def sufficient_order(
     r2: Any,
     noise_std: Any,
     tolerance: float = 0.01,
-    frame: str | None = None,
+    frame: Frame | None = None,
 ) -> SufficientOrder:
     """Find which formula of the attitude error may be used, by the exact answer.
 
@@ -175,7 +175,7 @@ def wahba_order(
     InputError, GeometryError, RefusedError
         As `wahba_moments`.
     """
-    orders: tuple[int | str, ...] = (2, 4, "exact")
+    orders: tuple[Literal[2, 4, "exact"], ...] = (2, 4, "exact")
     found = {o: wahba_moments(q, references, noise_std, weights, o) for o in orders}
     widest = float(np.linalg.eigvalsh(found[2].covariance)[-1])
     ratio = 0.5 / np.sqrt(widest) if widest > 0.0 else np.inf
@@ -183,7 +183,7 @@ def wahba_order(
 
 
 def _lowest_order(
-    found: Mapping[int | str, Moments], tolerance: float, ratio: float
+    found: Mapping[Any, Moments], tolerance: float, ratio: float
 ) -> SufficientOrder:
     # of some orders, that within a tolerance of the exact moments
     tolerance = positive_number("tolerance", tolerance, "")

@@ -56,6 +56,7 @@ from simval.theory.estimating import Estimating, inverse_of, rank_of
 from simval.theory.gyroscope import GYROSCOPE, MovePath, gyroscope_moments
 from simval.theory.magnetometer import problem_of
 from simval.turns import MATRIX, best_next_turn, judge, turn_rows, turns_of
+from simval.vocabulary import Model
 
 _PIECES: Final = 24  # of a move: a standard deviation is good to a thousandth of itself
 _HEADINGS: Final = 6
@@ -214,7 +215,7 @@ def plan(
     *,
     sensor: AccelerometerModel | None = None,
     g: float = 9.80665,
-    form: str = "triangular",
+    form: Model = "triangular",
 ) -> Plan:
     """Predict the calibration by a set of poses.
 
@@ -273,7 +274,7 @@ def plan_gyroscope(
     rest_seconds: float,
     turns: tuple[Any, Any] | None = None,
     g: float = 9.80665,
-    form: str = "triangular",
+    form: Model = "triangular",
 ) -> GyroscopePlan:
     """Predict the calibration by rests and rotations between them, for ideal sensors.
 
@@ -517,7 +518,7 @@ def as_object(
     return {key: plain(getattr(result, key)) for key in keys}
 
 
-def described(result: Plan, form: str, g: float, source: str = "") -> list[str]:
+def described(result: Plan, form: Model, g: float, source: str = "") -> list[str]:
     """Describe a plan in lines of text."""
     helps = ", ".join(f"{x:.3f}" for x in result.next_direction)
     lines = [

@@ -24,7 +24,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from itertools import combinations_with_replacement
 from math import prod
-from typing import Any, Final, NamedTuple, Union
+from typing import Any, Final, Literal, NamedTuple, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -241,7 +241,7 @@ def series_moments(
     estimator: Callable[..., Any],
     inputs: Any,
     covariances: Any,
-    order: int = 4,
+    order: Literal[2, 3, 4, 6] = 4,
     third_moments: Any = None,
 ) -> Moments:
     """Bias and covariance of an arithmetic estimator, truth minus estimate.

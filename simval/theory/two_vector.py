@@ -10,7 +10,7 @@ turned reference noise, mapped back.
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -298,7 +298,9 @@ def tangent_covariances(
 
 # rounding enters a prediction as eps / |qbar|^k, k up to 4
 MIN_NORM: Final = 1e-3
-_TURNS: Final = {
+Column = Literal["x", "y", "z", "plain"]
+Frame = Column | Literal["combined"]
+_TURNS: Final[dict[Column, Array]] = {
     "x": np.array([1.0, -1.0, -1.0]),
     "y": np.array([-1.0, 1.0, -1.0]),
     "z": np.array([-1.0, -1.0, 1.0]),
@@ -359,7 +361,7 @@ def column_maps() -> list[tuple[Float[Array, "3"], Float[Array, "4 4"]]]:
     return [(turn, _way_back(frame)) for frame, turn in _TURNS.items()]
 
 
-def _way_back(frame: str) -> Float[Array, "4 4"]:
+def _way_back(frame: Column) -> Float[Array, "4 4"]:
     # matrix of q' -> [1_k; 0] * q', the identity for plain
     half_turn = np.append((_TURNS[frame] + 1.0) / 2.0, 0.0)
     if frame == "plain":

@@ -73,6 +73,33 @@ def test_a_process_keeps_its_own_renderer(value):
     assert done.stdout.split() == ["MjModel", str(value == "egl"), value]
 
 
+WITHOUT = """
+import sys
+import simval.check, simval.judge, simval.report, simval.sweep
+
+suite, other, run, page = sys.argv[1:]
+simval.report.render(simval.sweep.load_run(run))  # that has scenes
+made = simval.sweep.run_suite(suite, page)
+simval.report.render(made)
+simval.judge.judge_run(made)
+print("mujoco" in sys.modules)
+simval.sweep.run_suite(other, f"{page}2")
+print("mujoco" in sys.modules)
+"""
+
+
+@pytest.mark.ci
+def test_the_physics_is_imported_where_a_scene_is_simulated(tiny_run, tmp_path):
+    suite, other = tmp_path / "suite.toml", tmp_path / "other.toml"
+    suite.write_text(
+        "title = 'a'\n[attitude]\nsamples = 65536\n[solvers]\nposes = 12\n"
+    )
+    other.write_text("title = 'b'\n[scene]\nposes = 12\n")
+    words = [sys.executable, "-c", WITHOUT, suite, other, tiny_run, tmp_path / "run"]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.stdout.split() == ["False", "True"], done.stderr
+
+
 @pytest.mark.ci
 def test_who_draws_is_told_what_there_is(monkeypatch):
     value = "nonsens\u00e9"

@@ -9,7 +9,7 @@ Equations and conventions are in `simval.imu.attitude.kernel`.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Final
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 import scipy
@@ -216,7 +216,8 @@ def refuse(
     raise kind(msg)
 
 
-SELECTIONS = ("best", "combined", *kernel.FRAMES)
+Selection = Literal["best", "combined", "x", "y", "z", "plain"]
+SELECTIONS = get_args(Selection)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -263,7 +264,7 @@ def two_vector_quaternion(
     b2: Any,
     r1: Any,
     r2: Any,
-    frame: str = "best",
+    frame: Selection = "best",
     *,
     weights: Any = None,
     length_tolerance: float = 0.5,
@@ -322,7 +323,7 @@ def estimate_attitude(
     b2: Any,
     r1: Any,
     r2: Any,
-    frame: str = "best",
+    frame: Selection = "best",
     *,
     weights: Any = None,
     noise_std: Any = None,

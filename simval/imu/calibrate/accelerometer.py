@@ -57,6 +57,7 @@ from simval.imu.sensor import forms
 from simval.poses import PARAMETERS
 from simval.shapes import Float
 from simval.text import shown
+from simval.vocabulary import Loss, Method, Model, Residual
 
 # Above it (singular values 1e4 apart) the moments, whose condition is the square, keep
 # under eight digits, and 1 mm/s^2 of noise becomes 0.6 m/s^2 of bias or more.
@@ -201,13 +202,13 @@ _Block = dict[str, Any]  # physical results of a block of trials; NaN where refu
 def calibrate(
     poses: Any,
     g: float = 9.80665,
-    model: str = "triangular",
-    method: str = "lm",
-    residual: str = "squared",
+    model: Model = "triangular",
+    method: Method = "lm",
+    residual: Residual = "squared",
     noise_std: Any = None,
     *,
     step: float = 1.0,
-    loss: str = "linear",
+    loss: Loss = "linear",
     tolerance: float = 1e-12,
     max_iterations: int = 200,
     full_scale: float | None = None,

@@ -54,7 +54,7 @@ from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
 from simval.text import one_line
-from simval.vocabulary import ALPHA
+from simval.vocabulary import ALPHA, Model
 
 COVERAGE: Final = 0.95
 """Probability that an expanded uncertainty covers."""
@@ -435,7 +435,7 @@ def _apart(first: "_File", second: "_File", sensor: str) -> str:
 class _File:
     """What a file states, and what it has more than is compared."""
 
-    form: str  # of the accelerometer's parameters; the other sensors have its axes
+    form: Model  # of the accelerometer's parameters; the other sensors have its axes
     states: dict[str, State]
     more: set[str]
     warm: dict[str, Thermal]
@@ -443,7 +443,7 @@ class _File:
     doubts: tuple[str, ...]  # of its bars, by its own checks
 
 
-def _read(path: Path, form: str = "") -> _File:
+def _read(path: Path, form: Model | None = None) -> _File:
     """Read a file, its accelerometer in a form if one is given."""
     fit, models, warm = load_calibration(path), load_others(path), load_thermal(path)
     if not fit.converged:

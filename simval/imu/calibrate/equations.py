@@ -34,6 +34,7 @@ from simval.arrays import Array
 from simval.imu.calibrate.solver import Trials
 from simval.imu.sensor import forms
 from simval.shapes import Float
+from simval.vocabulary import Model
 
 FIELD_NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "b_x", "b_y", "b_z", "dip")
 """Of a magnetometer's parameters: M row by row, b, and the dip."""
@@ -125,7 +126,7 @@ class Sensor:
 class Accelerometer(Sensor):
     """Its parameters are those of a form, which fixes the axes of all sensors."""
 
-    model: str
+    model: Model
     g: float = 1.0
 
     name: ClassVar[str] = "accelerometer"

@@ -13,6 +13,7 @@ from simval.imu.sensor import forms
 from simval.notebooks import ShownFit
 from simval.shapes import Float
 from simval.text import interval_words, shown
+from simval.vocabulary import Model
 
 KNOWN_UNITS = (
     (1.0, "rad/s"),
@@ -90,7 +91,7 @@ def parameter_lines(fit: Any, bound: Float[Array, "9"] | None = None) -> list[st
 
 
 def entry_lines(
-    model: str,
+    model: Model,
     values: Float[Array, "9"],
     sd: Float[Array, "9"],
     intervals: Float[Array, "9 2"],

@@ -41,6 +41,7 @@ from simval.imu.calibrate.thermal import EDGE, TERMS, Thermal
 from simval.imu.sensor import GyroscopeModel, MagnetometerModel, forms
 from simval.shapes import Float
 from simval.text import shown
+from simval.vocabulary import Model
 
 _ROUNDING = 1e-12  # a sum of products of two parameters is off by a few times 1e-16
 _SIX_DIGITS = 5e-6  # half a unit in the sixth digit, relative, of a leading 1
@@ -214,7 +215,7 @@ def named(source: str | Path) -> Iterator[None]:
     raise InputError(msg) from None
 
 
-def _parameters(data: dict[str, Any]) -> tuple[str, Float[Array, "9"]]:
+def _parameters(data: dict[str, Any]) -> tuple[Model, Float[Array, "9"]]:
     # the form and the nine parameters, or those that T, K and B amount to
     if "parameters" in data and "model" in data:
         parameters = array(data, "parameters", (9,))
@@ -231,9 +232,10 @@ def _parameters(data: dict[str, Any]) -> tuple[str, Float[Array, "9"]]:
         raise InputError(msg)
     bias = shaped_array("B", data["B"], (3,))
     for model in [data["model"]] if "model" in data else forms.MODELS:
-        match = forms.from_factors(forms.check_model(model), data["T"], data["K"], bias)
+        form = forms.check_model(model)
+        match = forms.from_factors(form, data["T"], data["K"], bias)
         if match is not None:
-            return model, match
+            return form, match
     msg = (
         f"`T` is {shown(data['T'])} and `K` {shown(data['K'])}; three scales with a T "
         "of unit diagonal and zeros above or below it, or T the identity and a "

@@ -10,6 +10,7 @@ from simval.arrays import Array
 from simval.imu.calibrate.estimate import Estimate, accelerometer_lines
 from simval.imu.sensor import AccelerometerModel, forms
 from simval.shapes import Float
+from simval.vocabulary import Loss, Method, Model, Residual
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
 
@@ -70,10 +71,10 @@ class FitResult(Estimate):
         "of the sphere, and look for outliers"
     )
 
-    model: str
-    method: str
-    residual: str
-    loss: str
+    model: Model
+    method: Method
+    residual: Residual
+    loss: Loss
     g: float
     covariance_kind: str
     cost: Float[Array, "..."]
@@ -133,7 +134,7 @@ class FitResult(Estimate):
             return scipy.special.stdtrit(self.dof, tail)
         return scipy.special.ndtri(tail)
 
-    def to_form(self, model: str) -> "FitResult":
+    def to_form(self, model: Model) -> "FitResult":
         """Return the same calibration in another form, covariance carried along.
 
         Parameters

@@ -47,6 +47,7 @@ from simval.imu.calibrate.rest_temperatures import (
 from simval.imu.sensor import forms
 from simval.shapes import Float
 from simval.text import chance_words
+from simval.vocabulary import Model
 
 Term = tuple[str, int]  # bias or scale, and the power of the temperature
 TERMS: Final[tuple[Term, ...]] = (
@@ -318,7 +319,7 @@ def choose_thermal(
     rests: RestTemperatures,
     *,
     start: Float[Array, "9"],
-    model: str,
+    model: Model,
     g: float,
     std: Float[Array, " n"],
     known: bool,
@@ -443,7 +444,7 @@ def _widened(
 def thermal_problem(
     poses: Float[Array, "t n 3"],
     powers: Float[Array, "n 2"],
-    model: str,
+    model: Model,
     g: float,
     std: Float[Array, " n"],
     terms: tuple[Term, ...],
@@ -458,7 +459,7 @@ def thermal_problem(
 
 
 def _fitted(
-    poses: Float[Array, "n 3"], powers: Float[Array, "n 2"], model: str, g: float,
+    poses: Float[Array, "n 3"], powers: Float[Array, "n 2"], model: Model, g: float,
     std: Float[Array, " n"], start: Float[Array, " p"], terms: tuple[Term, ...],
 ) -> Fit | None:  # fmt: skip
     # None where the terms cannot be told from the parameters

@@ -37,6 +37,7 @@ from simval.imu.calibrate.diagnosis import Diagnosis, diagnose
 from simval.imu.calibrate.evidence import FEW
 from simval.imu.calibrate.factors import of_both, widened
 from simval.imu.calibrate.gyroscope.imu import joined
+from simval.imu.calibrate.magnetometer.calibration import Hemisphere
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
 from simval.imu.calibrate.thermal import Fit, Thermal, ThermalChoice, choose_thermal
 from simval.imu.logs import Log
@@ -53,6 +54,7 @@ from simval.imu.noise import NoiseFile
 from simval.imu.statics import Intervals, Rest, interval_means
 from simval.poses import PARAMETERS, observability
 from simval.shapes import Float
+from simval.vocabulary import Loss, Method, Model, Residual
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,10 +127,10 @@ def calibrate_log(
     log: Log,
     *,
     g: float = 9.80665,
-    model: str = "triangular",
-    method: str = "lm",
-    residual: str = "squared",
-    loss: str = "linear",
+    model: Model = "triangular",
+    method: Method = "lm",
+    residual: Residual = "squared",
+    loss: Loss = "linear",
     rest: float | None = None,
     full_scale: float | None = None,
     noise: NoiseFile | None = None,
@@ -333,7 +335,7 @@ def calibrate_sensors(
     result: LogCalibration,
     *,
     sensors: Sequence[str] | None = None,
-    hemisphere: str = "unstated",
+    hemisphere: Hemisphere = "unstated",
     field: float = 1.0,
     noise: NoiseFile | None = None,
 ) -> ImuCalibration:
@@ -486,7 +488,7 @@ def _magnetometer(
     log: Log,
     result: LogCalibration,
     samples: Float[Array, "n 3"],
-    hemisphere: str,
+    hemisphere: Hemisphere,
     field: float,
     file: NoiseFile | None,
 ) -> tuple[MagnetometerFit, PoseNoise, ThermalChoice]:

@@ -34,7 +34,7 @@ and :math:`\mathrm{d}L = L (X - [\omega\times])`; with :math:`X = \mathrm{d}M\,C
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
@@ -51,6 +51,7 @@ from simval.arrays import (
 from simval.errors import InputError
 from simval.geometry import cross_matrix
 from simval.shapes import Float, Inexact
+from simval.vocabulary import Model
 
 MODELS = vocabulary.MODELS
 
@@ -68,7 +69,7 @@ _OFF_DIAGONAL = {
 _SYMMETRIC = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
-def check_model(model: str) -> str:
+def check_model(model: Any) -> Model:
     """Refuse a form that does not exist.
 
     Raises
@@ -76,10 +77,10 @@ def check_model(model: str) -> str:
     InputError
         If there is no such form.
     """
-    return str(choice("model", model, MODELS))
+    return cast(Model, choice("model", model, MODELS))
 
 
-def names(model: str) -> tuple[str, ...]:
+def names(model: Model) -> tuple[str, ...]:
     """Names of the nine parameters in their order.
 
     Parameters
@@ -95,7 +96,7 @@ def names(model: str) -> tuple[str, ...]:
     return _NAMES[check_model(model)]
 
 
-def entries(model: str) -> tuple[tuple[str, float], ...]:
+def entries(model: Model) -> tuple[tuple[str, float], ...]:
     """The parameters as entries of T, K and B, each with its sign."""
     known = tuple((name, 1.0) for name in names(model))
     if model == "symmetric":
@@ -112,7 +113,7 @@ ENTRIES = {
 """Entry of T, K or B, with its sign, that a parameter's name stands for."""
 
 
-def sign_notes(model: str) -> list[str]:
+def sign_notes(model: Model) -> list[str]:
     """Say which parameters are minus the entry of T that is printed."""
     return [
         f"parameters[{place}], {names(model)[place]}, is -{entry}"
@@ -259,8 +260,8 @@ def convert(
     parameters: Float[Array, "... 9"],
     covariance: Float[Array, "... 9 9"] | None,
     *,
-    source: str,
-    target: str,
+    source: Model,
+    target: Model,
 ) -> tuple[Array, Array | None]:
     """Carry a calibration, and its covariance, from one form to another.
 
@@ -321,8 +322,8 @@ def conversion_jacobian(
     parameters: Float[Array, "... 9"],
     result: Float[Array, "... 9"],
     *,
-    source: str,
-    target: str,
+    source: Model,
+    target: Model,
 ) -> Float[Array, "... 9 9"]:
     """Derivative of the target's parameters by the source's.
 
@@ -342,7 +343,8 @@ def conversion_jacobian(
     return jacobian
 
 
-FACTORS = ("misalignment-scale", "kalibr", "polar")
+Factors = Literal["misalignment-scale", "kalibr", "polar"]
+FACTORS = get_args(Factors)
 _OFF = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 _LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 _AXES = "xyz"
@@ -368,7 +370,7 @@ class GyroscopeFactors:
         Their covariance, (9, 9); NaN where none was given.
     """
 
-    form: str
+    form: Factors
     shape: Float[Array, "3 3"]
     rest: Float[Array, "3 3"]
     names: tuple[str, ...]
@@ -386,7 +388,7 @@ class GyroscopeFactors:
 
 
 def gyroscope_factors(
-    M: Any, covariance: Any = None, *, form: str = "misalignment-scale"
+    M: Any, covariance: Any = None, *, form: Factors = "misalignment-scale"
 ) -> GyroscopeFactors:
     """Write a gyroscope's matrix in another form, covariance carried along.
 

@@ -46,15 +46,18 @@ rest fixes the frame, so it is taken in the frame that fits best; with
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from simval.arguments import instance
 from simval.arrays import (
     GREATEST,
     LEAST,
     Array,
+    Matrix,
+    Vector,
     frozen,
     nonnegative_number,
     physical_array,
@@ -63,6 +66,7 @@ from simval.arrays import (
 from simval.errors import InputError
 from simval.imu.sensor import forms
 from simval.shapes import Float
+from simval.vocabulary import Model
 
 
 def unscaled(
@@ -139,6 +143,12 @@ class AccelerometerModel:
     B: Float[Array, "3"]
     noise_std: float = 0.0
 
+    if TYPE_CHECKING:  # lists are taken as well
+
+        def __init__(
+            self, *, T: Matrix, K: Vector | Matrix, B: Vector, noise_std: float = 0.0
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         scale = physical_array("K", self.K, (), GREATEST**2)
         if scale.shape not in ((3,), (3, 3)):
@@ -168,9 +178,9 @@ class AccelerometerModel:
     @classmethod
     def from_parameters(
         cls,
-        parameters: Float[Array, "9"],
+        parameters: Vector,
         *,
-        model: str = "triangular",
+        model: Model = "triangular",
         noise_std: float = 0.0,
     ) -> "AccelerometerModel":
         """Build the sensor from nine parameters.
@@ -198,7 +208,7 @@ class AccelerometerModel:
         return cls(T=T, K=K, B=B, noise_std=noise_std)
 
     def distort(
-        self, f_s: Float[Array, "... 3"], rng: "np.random.Generator"
+        self, f_s: ArrayLike, rng: "np.random.Generator"
     ) -> Float[Array, "... 3"]:
         """Raw readings of a specific force, eq. (S1).
 
@@ -219,7 +229,7 @@ class AccelerometerModel:
         raw = unscaled(self.matrix, force) + self.B
         return _with_noise(raw, self.noise_std, rng)
 
-    def correct(self, raw: Float[Array, "... 3"]) -> Float[Array, "... 3"]:
+    def correct(self, raw: ArrayLike) -> Float[Array, "... 3"]:
         """Specific force of raw readings, the inverse of eq. (S1) without noise.
 
         Parameters
@@ -263,6 +273,17 @@ class GyroscopeModel:
     G: Float[Array, "3 3"] | None = None
     angle_random_walk: float = 0.0
 
+    if TYPE_CHECKING:  # lists are taken as well
+
+        def __init__(
+            self,
+            *,
+            M: Matrix,
+            B: Vector,
+            G: Matrix | None = None,
+            angle_random_walk: float = 0.0,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         shapes: dict[str, tuple[int, ...]] = {"M": (3, 3), "B": (3,)}
         if self.G is not None:
@@ -275,7 +296,7 @@ class GyroscopeModel:
 
     def distort(
         self,
-        rate: Float[Array, "... 3"],
+        rate: ArrayLike,
         rng: "np.random.Generator",
         *,
         timestep: float | None = None,
@@ -311,7 +332,7 @@ class GyroscopeModel:
         return raw + std * rng.standard_normal(raw.shape)
 
     def correct(
-        self, raw: Float[Array, "... 3"], *, specific_force: Any = None
+        self, raw: ArrayLike, *, specific_force: Any = None
     ) -> Float[Array, "... 3"]:
         """Body rate of raw readings, the inverse of eq. (N0) without noise.
 
@@ -373,6 +394,10 @@ class MagnetometerModel:
     b: Float[Array, "3"]
     noise_std: float = 0.0
 
+    if TYPE_CHECKING:  # lists are taken as well
+
+        def __init__(self, *, M: Matrix, b: Vector, noise_std: float = 0.0) -> None: ...
+
     def __post_init__(self) -> None:
         _keep_arrays(self, {"M": (3, 3), "b": (3,)})
         noise = nonnegative_number("noise_std", self.noise_std, "raw units")
@@ -385,7 +410,7 @@ class MagnetometerModel:
         return bool(np.linalg.det(self.M / np.abs(self.M).max()) > 0.0)
 
     def distort(
-        self, field_b: Float[Array, "... 3"], rng: "np.random.Generator"
+        self, field_b: ArrayLike, rng: "np.random.Generator"
     ) -> Float[Array, "... 3"]:
         """Raw readings of a field, eq. (M0).
 
@@ -406,7 +431,7 @@ class MagnetometerModel:
         raw = unscaled(self.M, field) + self.b
         return _with_noise(raw, self.noise_std, rng)
 
-    def correct(self, raw: Float[Array, "... 3"]) -> Float[Array, "... 3"]:
+    def correct(self, raw: ArrayLike) -> Float[Array, "... 3"]:
         """Field of raw readings, the inverse of eq. (M0) without noise.
 
         Parameters

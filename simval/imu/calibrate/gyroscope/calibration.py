@@ -13,7 +13,7 @@ scales a tenth apart are tried. If axes are not those of the accelerometer, all 
 orders and signs are.
 """
 
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy as np
 
@@ -25,7 +25,13 @@ from simval.imu.calibrate.drift import Drift, find_drift
 from simval.imu.calibrate.equations import Accelerometer, HeldAccelerometer, Problem
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors
 from simval.imu.calibrate.gauss_newton import Solution, minimize, weighed
-from simval.imu.calibrate.gyroscope.noise import checked_pose_std, floored, noise_of
+from simval.imu.calibrate.gyroscope.noise import (
+    Bias,
+    Weighting,
+    checked_pose_std,
+    floored,
+    noise_of,
+)
 from simval.imu.calibrate.gyroscope.path_statistics import InterRestRotations, merged
 from simval.imu.calibrate.gyroscope.residuals import (
     InterRest,
@@ -43,7 +49,7 @@ from simval.turns import MATRIX, TurnObservability, best_next_turn, judge, missi
 A: Final = 9  # accelerometer's parameters, and entries of M
 MOST_STEPS: Final = 30
 _RANK: Final = 1e-7  # of the greatest singular value
-ESTIMATORS: Final = ("joint", "generalised", "unweighted")
+ESTIMATORS: Final = get_args(Weighting)
 _FAR: Final = 0.05
 """rad, rms of the residuals, beyond which the rotations lead somewhere else. Chosen:
 recordings by hand leave 0.01, columns of another log 0.1 and more."""
@@ -112,8 +118,8 @@ def calibrate_gyroscope(
     angle_random_walk: Any = None,
     bias_random_walk: float = 0.0,
     clock_jitter: float = 0.0,
-    estimator: str = "joint",
-    bias: str = "constant",
+    estimator: Weighting = "joint",
+    bias: Bias = "constant",
     known_bias: Any = None,
     bias_std: Any = None,
     start: Any = None,

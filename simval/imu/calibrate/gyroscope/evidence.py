@@ -24,7 +24,7 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array, ReadOnly, physical_array
-from simval.imu.calibrate.gyroscope.noise import walk_covariance
+from simval.imu.calibrate.gyroscope.noise import Bias, walk_covariance
 from simval.imu.calibrate.rest_temperatures import LEAST_LEFT, RestTemperatures
 from simval.imu.calibrate.thermal import Thermal
 from simval.shapes import Float
@@ -60,7 +60,7 @@ class Sensitivity(ReadOnly):
 
 def choose_bias(
     rests: Rests, walk: Float[Array, "3"], drift: float | None
-) -> tuple[str, float, str]:
+) -> tuple[Bias, float, str]:
     """Model of the bias, the walk K it was chosen with, and the reason."""
     N2 = float((walk**2).mean())
     K = walk_of(rests, np.ones((len(rests.times), 1)))[1] if drift is None else drift
@@ -72,7 +72,7 @@ def choose_bias(
     pairs = 0.25 * (1.0 / rests.seconds[1:] + 1.0 / rests.seconds[:-1])
     line = float(np.mean(T2 * N2 * pairs + K * K * rests.rotation_seconds**3 / 12.0))
     told_c, told_l = _left_out(rests)
-    chosen = "line" if line < constant and told_l < told_c else "constant"
+    chosen: Bias = "line" if line < constant and told_l < told_c else "constant"
     said = (
         f"bias: {chosen}; N {np.sqrt(N2):.3g} and K {K:.3g} raw units "
         f"({'measured between rests' if drift is None else 'given'}) leave a "

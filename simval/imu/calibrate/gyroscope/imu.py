@@ -5,7 +5,7 @@ gyroscope are chosen by evidence (`simval.imu.calibrate.gyroscope.evidence`).
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -31,10 +31,13 @@ from simval.imu.calibrate.gyroscope.evidence import (
     walk_of,
 )
 from simval.imu.calibrate.gyroscope.noise import (
+    Bias,
+    Weighting,
     checked_pose_std,
 )
 from simval.imu.calibrate.gyroscope.path_statistics import (
     InterRestRotations,
+    Scheme,
     inter_rest_rotations,
 )
 from simval.imu.calibrate.gyroscope.residuals import across
@@ -45,6 +48,7 @@ from simval.imu.calibrate.thermal import TERMS, Thermal
 from simval.imu.sensor import forms
 from simval.shapes import Float
 from simval.text import chance_words
+from simval.vocabulary import Model
 
 
 class ImuReadings(NamedTuple):
@@ -134,15 +138,15 @@ def calibrate_imu(
     intervals: Any,
     *,
     g: float = 9.80665,
-    model: str = "triangular",
+    model: Model = "triangular",
     pose_std: Any = None,
     angle_random_walk: Any = None,
     bias_random_walk: float | None = None,
     clock_jitter: float = 0.0,
-    bias: str = "auto",
+    bias: Bias | Literal["auto"] = "auto",
     sensitivity: bool | None = None,
-    estimator: str = "joint",
-    scheme: str = "averages",
+    estimator: Weighting = "joint",
+    scheme: Scheme = "averages",
     margin: int = 10,
     chunk: int = 1,
     full_scale: float | None = None,

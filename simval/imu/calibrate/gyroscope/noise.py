@@ -6,7 +6,7 @@ a rest of :math:`T_r` seconds the variance :math:`N^2/T_r`; the bias walks by
 G(s), is off by :math:`N^2 \sum w_i^2/T_i + K^2 \int (W - G)^2 ds`.
 """
 
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
@@ -16,7 +16,9 @@ from simval.errors import InputError
 from simval.imu.calibrate.gyroscope.path_statistics import InterRestRotations
 from simval.shapes import Float
 
-BIASES: Final = ("constant", "first rest", "line")
+Bias = Literal["constant", "first rest", "line"]
+BIASES: Final = get_args(Bias)
+Weighting = Literal["joint", "generalised", "unweighted"]
 # Of the readings' own size: below it noise is rounding, and V is still positive.
 _FLOOR = 1e-11
 

@@ -31,7 +31,7 @@ middle and b the slope times h, :math:`S = h\bar y`, :math:`A = h^2 a \times b/1
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,8 @@ from simval.arrays import Array, ReadOnly, finite_array, physical_array, positiv
 from simval.errors import InputError, RefusedError, SaturatedError
 from simval.shapes import Float
 
-SCHEMES: Final = ("averages", "cubic", "linear")
+Scheme = Literal["averages", "cubic", "linear"]
+SCHEMES: Final = get_args(Scheme)
 STATISTICS: Final = 10  # S, A, m, tau
 _S, _A, _m, _tau = slice(0, 3), slice(3, 6), slice(6, 9), 9
 _TURNS: Final = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # of the axes
@@ -196,7 +197,7 @@ def inter_rest_rotations(
     rates: Any,
     intervals: Any,
     *,
-    scheme: str = "averages",
+    scheme: Scheme = "averages",
     margin: int = 10,
     chunk: int = 1,
     full_scale: float | None = None,

@@ -9,8 +9,11 @@ from simval.arrays import Array
 from simval.imu.calibrate.drift import Drift
 from simval.imu.calibrate.estimate import Estimate, gyroscope_lines
 from simval.imu.calibrate.factors import NoiseFactors
+from simval.imu.calibrate.gyroscope.noise import Bias, Weighting
 from simval.imu.sensor import GyroscopeFactors, GyroscopeModel, forms, gyroscope_factors
+from simval.imu.sensor.forms import Factors
 from simval.shapes import Float
+from simval.vocabulary import Model
 
 NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "B_x", "B_y", "B_z")
 START = ", and give a `start` near the truth"
@@ -56,9 +59,9 @@ class GyroscopeFit(Estimate):
         f"look for rests that do not belong, for another order of the axes{START}"
     )
 
-    model: str
-    estimator: str
-    bias: str
+    model: Model
+    estimator: Weighting
+    bias: Bias
     accelerometer: Float[Array, "... 9"]
     chi2_per_dof: Float[Array, "..."]
     condition: Float[Array, "..."]
@@ -92,7 +95,7 @@ class GyroscopeFit(Estimate):
         """Half the sum of squared differences of unit vectors, IMU-TK's cost, (...)."""
         return (2.0 * np.sin(self.residual_angles / 2.0) ** 2).sum(axis=-1)
 
-    def factors(self, form: str = "misalignment-scale") -> GyroscopeFactors:
+    def factors(self, form: Factors = "misalignment-scale") -> GyroscopeFactors:
         """M of one fit as others write it, with its covariance.
 
         Parameters
@@ -108,7 +111,7 @@ class GyroscopeFit(Estimate):
         self._require_single()
         return gyroscope_factors(self.M, self.own_covariance[:9, :9], form=form)
 
-    def to_form(self, model: str) -> "GyroscopeFit":
+    def to_form(self, model: Model) -> "GyroscopeFit":
         """Return one fit for another form of the accelerometer.
 
         The accelerometer's axes turn by Q and M becomes Q M, the gauge of
@@ -181,8 +184,8 @@ class GyroscopeFit(Estimate):
 
 
 def _frame_jacobian(
-    source: str,
-    target: str,
+    source: Model,
+    target: Model,
     old: Float[Array, "9"],
     new: Float[Array, "9"],
     M: Float[Array, "3 3"],

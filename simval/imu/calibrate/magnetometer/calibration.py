@@ -7,7 +7,7 @@ do not depend on its block.
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -41,12 +41,14 @@ from simval.imu.calibrate.minimization import normalized
 from simval.imu.calibrate.result import FitResult
 from simval.imu.sensor import forms
 from simval.shapes import Float
+from simval.vocabulary import Model
 
 FEWEST = 8
 """Poses: three equations each for 22 parameters."""
 FEWEST_KNOWN = 7
 """Poses with a known accelerometer: two equations each for the other 13 parameters."""
-HEMISPHERES = ("unstated", "north", "south")
+Hemisphere = Literal["unstated", "north", "south"]
+HEMISPHERES = get_args(Hemisphere)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,8 +57,8 @@ class Options:
 
     g: float  # gravity, m/s^2
     field: float  # strength of the field, in the unit that is wanted
-    model: str  # form of the accelerometer's parameters
-    hemisphere: str  # one of `HEMISPHERES`
+    model: Model  # form of the accelerometer's parameters
+    hemisphere: Hemisphere
     max_iterations: int  # most steps for a trial
     known: FitResult | None  # the accelerometer, from poses other than these
 
@@ -233,9 +235,9 @@ def calibrate_magnetometer(
     *,
     accelerometer_std: Any,
     magnetometer_std: Any,
-    hemisphere: str = "unstated",
+    hemisphere: Hemisphere = "unstated",
     known: Any = None,
-    model: str = "triangular",
+    model: Model = "triangular",
     time: Any = None,
     max_iterations: int = 100,
 ) -> MagnetometerFit:

@@ -11,6 +11,7 @@ from simval.imu.calibrate.estimate import Estimate, magnetometer_lines, plain
 from simval.imu.calibrate.factors import NoiseFactors
 from simval.imu.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.shapes import Float
+from simval.vocabulary import Model
 
 PARAMETERS = 22
 ACCELEROMETER, MATRIX, IRON, DIP = slice(0, 9), slice(9, 18), slice(18, 21), 21
@@ -60,7 +61,7 @@ class MagnetometerFit(Estimate):
         "turn and tilt the sensors to more sides, and look for poses that do not belong"
     )
 
-    model: str
+    model: Model
     g: float
     field: float
     chi_square: Float[Array, "..."]
