@@ -29,6 +29,7 @@ from pydantic import ConfigDict, TypeAdapter
 
 from simval.arrays import Array
 from simval.statistics import Statistic
+from simval.text import ROUNDING
 
 Numbers = ArrayLike | tuple[float, ...]  # which NumPy's ArrayLike leaves out
 Check = Literal["plain", "control", "nees", "exact", "limit", "record"]
@@ -73,6 +74,14 @@ class Row:
     def unit(self) -> str:
         """Unit of the value."""
         return self.statistic.unit
+
+    @property
+    def shown(self) -> float:
+        """The value for people: 0 where it is only rounding, and may be."""
+        allowed = self.prediction if self.check == "limit" else self.remainder
+        computed = self.check in ("limit", "exact")  # in SI units, of a size about 1
+        rounding = computed and abs(self.value) <= min(ROUNDING, allowed or 0.0)
+        return 0.0 if rounding else self.value
 
     @property
     def tidy(self) -> dict[str, Any]:

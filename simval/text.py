@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from numbers import Integral, Real
 from typing import Any, Final
 
@@ -58,6 +58,32 @@ def shown(value: Any) -> str:
     except ValueError:  # Python writes no whole number of more than 4300 digits
         text = f"of type {type(value).__name__}, too long to be written"
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+ROUNDING: Final = 1e-12
+"""Share of a size below which a number is only rounding, and so 0."""
+
+
+def number(value: float, digits: int = 6, size: float = 0.0) -> str:
+    """A value in digits; 0 where it is rounding of numbers of this size."""
+    return "0" if abs(value) <= ROUNDING * size else f"{value:.{digits}g}"
+
+
+def columns(rows: Iterable[Sequence[str]], *least: int) -> list[str]:
+    """Lines of cells, two blanks between them, as wide as the longest of a column.
+
+    A column is at least as wide as stated; one of negative width is set to the left,
+    and there the last cell of a row takes no room.
+    """
+    table = [*map(tuple, rows)]
+    lines = ["" for _ in table]
+    for i, width in enumerate(least):
+        own = [row[i] for row in table if i < len(row) - (width < 0)]
+        wide = max([abs(width), *map(len, own)])
+        for k, row in enumerate(table):
+            cell = row[i] if i < len(row) else ""
+            lines[k] += "  " + (cell.rjust(wide) if width > 0 else cell.ljust(wide))
+    return [line.rstrip() for line in lines]
 
 
 def interval_words(low: float, high: float, digits: int) -> str:

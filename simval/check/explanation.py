@@ -27,7 +27,7 @@ from simval.statistics import (
     Family,
 )
 from simval.sweep.cells import CellResult
-from simval.text import one_line
+from simval.text import columns, one_line
 from simval.verdict import ENDINGS
 
 _UNEQUAL: Final = (
@@ -214,22 +214,16 @@ def _fails_at(cell: CellResult) -> Iterator[str]:
 
 def _table(cells: Sequence[CellResult], judged: Sequence[Finding]) -> Iterator[str]:
     """Columns for each cell: what is worst of a family, and the answer."""
-    columns = [_lines(cell, judged) for cell in cells]
-    titles = list(dict.fromkeys(title for column in columns for title in column))
+    found = [_lines(cell, judged) for cell in cells]
+    titles = list(dict.fromkeys(title for column in found for title in column))
     table = [["", *titles]]
-    for cell, column in zip(cells, columns, strict=True):
+    for cell, column in zip(cells, found, strict=True):
         lines = [column.get(title) for title in titles]
         table.append(
             [_varied(cell, cells), *("" if n is None else n.value for n in lines)]
         )
         table.append(["", *("" if n is None else ANSWERS[n.answer] for n in lines)])
-    widths = [max(map(len, column)) for column in table]
-    for words in zip(*table, strict=True):
-        padded = (
-            word.rjust(width) if place % 2 else word.ljust(width)
-            for place, (word, width) in enumerate(zip(words, widths, strict=True))
-        )
-        yield f"  {'  '.join(padded)}".rstrip()
+    yield from columns(zip(*table, strict=True), -1, *(1, -1) * len(cells))
 
 
 def _varied(cell: CellResult, cells: Sequence[CellResult]) -> str:
@@ -264,7 +258,7 @@ def _lines(cell: CellResult, judged: Sequence[Finding]) -> dict[str, Line]:
         farthest = max(rows, key=_badness)
         worst = next((word for word in ANSWERS if word in known and word != "pass"), "")
         answer = worst or ("pass" if known else "")
-        value = _figure(farthest.value, farthest.standard_error)
+        value = _figure(farthest.shown, farthest.standard_error)
         lines[_title(family, rows)] = Line(value, answer)
     return lines
 

@@ -13,6 +13,7 @@ import click
 from simval.cli.options import Alpha, OutFile, RunName, declared, refuse_if, runs, write
 from simval.cli.terminal import tell
 from simval.errors import InputError
+from simval.text import number
 from simval.vocabulary import ALPHA
 
 if TYPE_CHECKING:
@@ -178,7 +179,7 @@ def _merit_line(merit: Merit, first: str, second: str) -> str:
     from simval.judge.algorithms import ACCURACY
 
     if merit.what == ACCURACY:
-        size = f"{100.0 * abs(merit.difference):.3g} %"
+        size = f"{number(100.0 * abs(merit.difference), 3, 100.0)} %"
         if merit.error > 0.0:
             size += (
                 f" ± {100.0 * merit.error:.2g} % ({merit.weight:.3g} standard errors)"
@@ -206,7 +207,8 @@ def _same_lines(found: AlgorithmComparison) -> Iterator[str]:
         own = [merit for merit in same if merit.what == what]
         if own:
             widest = max(merit.within for merit in own)
-            bound = f"{100.0 * widest:.2g} %" if what == ACCURACY else f"{widest:.2g}"
+            factor, unit = (100.0, " %") if what == ACCURACY else (1.0, "")
+            bound = f"{number(factor * widest, 2, factor)}{unit}"
             yield (
                 f"same: {what}, settings: {len(own)}: no difference beyond chance, and "
                 f"none above {bound} (95 % each)"

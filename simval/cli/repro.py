@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Final
 
 import click
 
 from simval.cli.options import declared, runs, suites
 from simval.errors import InputError
+from simval.text import columns
 
 if TYPE_CHECKING:
     from simval.results import Row
@@ -133,17 +134,12 @@ def apart(row: Row) -> str:
     difference = row.value - row.prediction
     if row.standard_error > 0.0:
         return f"{difference / row.standard_error:+.1f} s.e."
-    return f"{difference:+.1g}" if difference else "0"
+    return f"{difference:+.1g}" if difference and row.shown else "0"
 
 
-def beside_theory(rows: Iterable[Row]) -> Iterator[str]:
+def beside_theory(rows: Iterable[Row]) -> list[str]:
     """Lines of a table: measured and predicted values."""
-    table = [HEADS, *(_entries(row) for row in rows)]
-    widths = [max(len(line[place]) for line in table) for place in range(len(HEADS))]
-    for line in table:
-        cells = [f"{cell:>{width}}" for cell, width in zip(line, widths, strict=True)]
-        cells[0], cells[-1] = f"{line[0]:<{widths[0]}}", line[-1]
-        yield "  ".join(cells).rstrip()
+    return columns([HEADS, *map(_entries, rows)], -1, 1, 1, 1, 1, -1)
 
 
 def _entries(row: Row) -> tuple[str, ...]:
@@ -152,7 +148,7 @@ def _entries(row: Row) -> tuple[str, ...]:
     unit = "" if row.unit == "1" else f", {row.unit}"
     return (
         f"{row.statistic}{unit}",
-        rounded(row.value, error),
+        rounded(row.shown, error),
         f"{error:.1e}" if error else "",
         f"at most {predicted}" if row.check == "limit" else predicted,
         apart(row),

@@ -206,7 +206,7 @@ def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) ->
         Column("poses", "number", choice=True): lambda v: place(v, 1),
         Column("what else varies"): lambda v: place(v, 2),
         Column("command", "command"): lambda v: reproduce(v.cell, folder) or None,
-        Column("measured", "measured"): lambda v: (v.row.value, v.row.standard_error),
+        Column("measured", "measured"): lambda v: v.row,
         Column("unit", "unit"): lambda v: v.row.unit,
         Column("predicted", "number"): lambda v: v.row.prediction,
         Column("allowed remainder", "number", 3): lambda v: v.row.remainder,

@@ -22,7 +22,7 @@ import scipy
 from simval.arrays import Array
 from simval.change import EFFORT
 from simval.judge.findings import reproduce
-from simval.report.formatting import measured, number, setting_words, spelled
+from simval.report.formatting import measured, setting_words, spelled
 from simval.report.panels import (
     BOUND,
     COLOURS,
@@ -38,6 +38,7 @@ from simval.results import Row
 from simval.shapes import Bool, Float
 from simval.statistics import FAMILIES
 from simval.sweep.run import CellResult
+from simval.text import number
 from simval.units import COUNT, Unit
 
 # ---- points on request

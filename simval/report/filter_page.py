@@ -86,7 +86,7 @@ def filter_page(
         worlds = [f"{each.run.name}: {each.run.how}." for each in done]
         how = "How each filter was run, and the frame that was found for it"
         notes.append(Note(words=how, lines=worlds))
-    if lines := bound_lines(done, 12):
+    if lines := bound_lines(done):
         notes.append(Note(words=f"{FREE} In degrees, as above:", lines=lines))
     if lines := published_lines(done):
         words = "By the definitions of a published benchmark, and then by ours"

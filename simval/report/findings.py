@@ -33,11 +33,10 @@ from simval.results import Row
 from simval.shapes import Float
 from simval.statistics import Family, Statistic
 from simval.sweep.run import CellResult
+from simval.text import ROUNDING
 
 SURE = 0.9999
 """Confidence with which a point outside its band differs from theory."""
-EXACTLY = 1e-12
-"""Relative distance that is rounding."""
 
 
 class Farthest(NamedTuple):
@@ -299,7 +298,7 @@ def slopes_said(pairs: Sequence[tuple[Slope | None, Slope | None]]) -> tuple[str
 
 def percent(share: float) -> str:
     """Spell a share in percent, two digits."""
-    if share <= EXACTLY:
+    if share <= ROUNDING:
         return "rounding"
     if share < 1e-5:
         return "0.001 %"

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from simval.statistics import ORDER_2, ORDER_4, ORDER_4_SOURCE, Statistic
+from simval.text import number
 from simval.units import COUNT, DEGREE, MILLIRADIAN, Unit
 
 # ---- numbers
@@ -19,11 +20,6 @@ DIGITS = 16  # of a double, after its first
 LEAST_DEGREES = 2e-3
 """Angles below this, rad, are told in milliradians: a tenth of a degree."""
 FEWEST = -300  # exponent of ten below which a double has fewer
-
-
-def number(value: float | None, digits: int = 6) -> str:
-    """Spell a number for a person."""
-    return "–" if value is None else f"{value:.{digits}g}"  # noqa: RUF001
 
 
 def measured(value: float, error: float) -> str:

@@ -23,7 +23,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from simval.judge import GateResult, RunComparison
-from simval.report.formatting import measured, number
+from simval.report.formatting import measured
 from simval.report.interactivity import silent
 from simval.report.paint import svg
 from simval.report.panels import MANY, Drawing
@@ -69,7 +69,6 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(number=number)
     environment.globals.update(NAMED=NAMED, PRINTED=PRINTED, MANY=MANY, silent=silent)
     environment.globals.update(
         measured=measured, text=text, sort_key=sort_key, script=script

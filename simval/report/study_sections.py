@@ -152,7 +152,7 @@ def listed(listing: Listing, cells: Cells) -> list[Table]:
         kind = "measured" if sampled else "number"
         told = with_unit(title, unit)
         columns.append(Column(title, kind, shown=told, factor=unit.factor))
-        fields.append((title, _measured if sampled else _plain))
+        fields.append((title, _itself))
         if listing.predicted and any(row.prediction is not None for row in own):
             columns.append(Column("predicted", "number", factor=unit.factor))
             fields.append((title, _predicted))
@@ -176,12 +176,8 @@ def listed(listing: Listing, cells: Cells) -> list[Table]:
     ]
 
 
-def _measured(row: Row) -> tuple[float, float]:
-    return row.value, row.standard_error
-
-
-def _plain(row: Row) -> float:
-    return row.value
+def _itself(row: Row) -> Row:
+    return row
 
 
 def _predicted(row: Row) -> float | None:

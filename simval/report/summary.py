@@ -152,7 +152,7 @@ def _told(row: Row) -> str:
 def _value(row: Row) -> str:
     sampled = row.standard_error > 0.0
     exact = partial(rounded, digits=3)
-    return measured(row.value, row.standard_error) if sampled else exact(row.value)
+    return measured(row.value, row.standard_error) if sampled else exact(row.shown)
 
 
 def _distance(row: Row) -> float:

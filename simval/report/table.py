@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Literal
 
-from simval.report.formatting import measured, number, slug
+from simval.report.formatting import measured, slug
 from simval.results import Row
+from simval.text import number
 
 Kind = Literal[
     "text", "unit", "code", "command", "number", "measured", "answer", "figure"
@@ -22,7 +23,8 @@ class Column:
     title: str  # heading, with the unit where all its values have the same
     # ``text``; ``unit``, which a ratio has none of on the page; ``code``, a name;
     # ``command``, shown on request; ``number``;
-    # ``measured``, a pair of value and standard error; ``answer``, a verdict;
+    # ``measured``, a pair of value and standard error; or of both the row that has
+    # them; ``answer``, a verdict;
     # ``figure``, the name of a figure on the page
     kind: Kind = "text"
     digits: int = 6  # significant digits of a number
@@ -96,8 +98,7 @@ NUMBERS = (
 
 def numbers_of(row: Row) -> tuple[Any, ...]:
     """Entries of the columns `NUMBERS`."""
-    value = (row.value, row.standard_error)
-    words = (str(row.statistic), value, row.unit)
+    words = (str(row.statistic), row, row.unit)
     return (*words, row.n, row.prediction, row.predictor)
 
 
@@ -105,6 +106,7 @@ def text(value: Any, column: Column) -> str:
     """Spell a cell for a person."""
     if value is None:
         return ""
+    value = _plain(value, column, shown=True)
     if column.kind == "measured":
         return measured(*(column.factor * part for part in value))
     if column.kind == "number":
@@ -116,6 +118,7 @@ def sort_key(value: Any, column: Column) -> str:
     """Value by which the page sorts a cell of a numeric column; none sorts last."""
     if value is None or not column.numeric:
         return ""
+    value = _plain(value, column)
     key = float(value[0] if column.kind == "measured" else value)
     return repr(key) if isfinite(key) else ""
 
@@ -157,7 +160,16 @@ def csv_text(table: Table) -> str:
     return buffer.getvalue()
 
 
+def _plain(value: Any, column: Column, *, shown: bool = False) -> Any:
+    """The number of a row, with its error where it is measured, or another value."""
+    if not isinstance(value, Row):
+        return value
+    found = value.shown if shown else value.value
+    return (found, value.standard_error) if column.kind == "measured" else found
+
+
 def _fields(value: Any, column: Column) -> tuple[Any, ...]:
+    value = _plain(value, column)
     if column.kind == "measured":
         return ("", "") if value is None else tuple(repr(float(v)) for v in value)
     if isinstance(value, float):

@@ -50,6 +50,7 @@ from simval.poses import (
     one_set,
 )
 from simval.shapes import Float
+from simval.text import number
 from simval.theory import magnetometer
 from simval.theory.calibration import calibration_moments
 from simval.theory.estimating import Estimating, inverse_of, rank_of
@@ -543,7 +544,8 @@ def described(result: Plan, form: Model, g: float, source: str = "") -> list[str
         result.sd_next,
     )
     for (name, sign), sd, bound, bias, after in zip(*columns, strict=True):
-        numbers = f"{sd:14.4g} {bound:10.4g} {sign * bias:10.2g} {after:20.4g}"
+        moved = number(sign * bias, 2, sd)
+        numbers = f"{sd:14.4g} {bound:10.4g} {moved:>10s} {after:20.4g}"
         lines.append(f"  {name:7s} {numbers}")
     if (np.abs(result.bias) > result.sd).any():
         lines += [

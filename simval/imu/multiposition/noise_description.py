@@ -19,7 +19,7 @@ from simval.imu.noise.model import (
     equivalent_words,
     largest,
 )
-from simval.text import interval_words
+from simval.text import columns, interval_words
 from simval.units import G0, OF_A_LOG, OF_TIME
 from simval.units import RADIANS_PER_DEGREE as DEGREE
 
@@ -182,36 +182,31 @@ def _table(
 ) -> list[str]:
     # one row for each axis; a bound is printed as a bound
     unit = LETTERS[kind].raw_unit if si is None else si_unit(name, kind)
-    further = FURTHER.get((name, "K" if kind == "q" else kind), ())[
-        : 9 * (si is not None)
-    ]
+    walk = "K" if kind == "q" else kind
+    further = FURTHER.get((name, walk), ()) if si is not None else ()
     scale = 1.0 if si is None or kind in OF_TIME else si
-    heads = "".join(f"   {each.title}" for each in further)
-    head = f"  {'':4s}{'value':>12s}{'sd':>10s}   {'95 % interval':22s}"
-    lines = [f"{name}, {words} {kind}, {unit}", head + heads]
+    rows: list[tuple[str, ...]] = [
+        ("", "value", "sd", " 95 % interval", *(each.title for each in further))
+    ]
     for letter, axis, found in zip(AXES, axes, coefficients, strict=True):
         if found is None:
-            lines.append(
-                f"  {letter:4s}{'-' if axis.coefficients else 'no model':>12s}"
-            )
+            rows.append((letter, "-" if axis.coefficients else "no model"))
             continue
         seen = found.value is not None
         size = scale * (found.high if found.value is None else found.value)
         if found.low > 0.0 and not np.isfinite(size):  # of a correlation time
-            lines.append(f"  {letter:4s}{f'>{found.low:.4g}':>12s}{'-':>10s}")
+            rows.append((letter, f">{found.low:.4g}", "-"))
             continue
         if not np.isfinite(size):
-            lines.append(f"  {letter:4s}{'not seen, and not bounded either':>12s}")
+            rows.append((letter, "-", "-", " not seen, and not bounded either"))
             continue
         mark = "" if seen else "<"
-        cells = [f"{mark}{size:.4g}", f"{scale * found.sd:.2g}" if found.sd else "-"]
         ends = interval_words(scale * found.low, scale * found.high, 4)
-        extra = ""
-        for each in further:
-            number = f"{mark}{each.of(size, axis.rate_hz):.4g}"
-            extra += f"{number:>{len(each.title) + 3}s}"
-        lines.append(f"  {letter:4s}{cells[0]:>12s}{cells[1]:>10s}   {ends:22s}{extra}")
-    return [line.rstrip() for line in lines]
+        sd = f"{scale * found.sd:.2g}" if found.sd else "-"
+        more = (f"{mark}{each.of(size, axis.rate_hz):.4g}" for each in further)
+        rows.append((letter, f"{mark}{size:.4g}", sd, f" {ends}", *more))
+    widths = -2, 12, 8, -23, *(len(each.title) + 1 for each in further)
+    return [f"{name}, {words} {kind}, {unit}", *columns(rows, *widths)]
 
 
 def _fits(axes: tuple[AxisNoise, ...]) -> list[str]:

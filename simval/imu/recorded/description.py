@@ -14,7 +14,7 @@ from simval.imu.recorded.errors import Consistency, Measured, Rms
 from simval.imu.recorded.evaluation import norths, turned_words
 from simval.imu.recorded.published import SOURCE
 from simval.imu.recorded.settings import Signals, Start
-from simval.text import interval_words
+from simval.text import columns, interval_words
 from simval.units import OF_A_LOG
 
 PARTS = {"all": "all", "rest": "at rest", "moving": "moving"}
@@ -132,35 +132,44 @@ def filter_lines(
     return lines
 
 
-def _width(done: Iterable[Evaluation]) -> int:
-    return max(10, *(len(each.run.name) for each in done)) + 2
+ERRORS = -10, -9, 15, 15, 15, -1
+"""Widths of a table of errors: filter, rows, three errors, and when it converged."""
 
 
 def _errors(done: list[Evaluation]) -> list[str]:
-    width = _width(done)
-    head = "".join(f"{name:>17s}" for name in ("total", "heading", "inclination"))
-    lines = [
-        "RMS error, degrees, with its standard error",
-        f"  {'filter':{width}s}{'rows':9s}{head}   converged",
+    rows: list[tuple[str, ...]] = [
+        ("filter", "rows", "total", "heading", "inclination", " converged")
     ]
     for each in done:
         assert each.truth is not None
         for part, words in PARTS.items():
-            own = each.truth.rms[part]
-            cells = "".join(f"{_cell(own[k]):>17s}" for k in own)
-            name = each.run.name if part == "all" else ""
-            after = f"   {_settled(each.truth.settled)}" if part == "all" else ""
-            lines.append(f"  {name:{width}s}{words:9s}{cells}{after}")
-    free = bound_lines(done, width)
-    return [*lines, *free, FREE] if free else lines
+            cells = map(_cell, each.truth.rms[part].values())
+            whole = part == "all"
+            name = each.run.name if whole else ""
+            after = f" {_settled(each.truth.settled)}" if whole else ""
+            rows.append((name, words, *cells, after))
+    free = _bound(done)
+    lines = columns([*rows, *free], *ERRORS)
+    return [
+        "RMS error, degrees, with its standard error",
+        *lines,
+        *([FREE] if free else []),
+    ]
 
 
-def bound_lines(done: Iterable[Evaluation], width: int) -> list[str]:
+def bound_lines(done: Iterable[Evaluation]) -> list[str]:
     """The bound of a filter whose heading is free, by part, degrees."""
+    return columns(_bound(done), *ERRORS)
+
+
+def _bound(done: Iterable[Evaluation]) -> list[tuple[str, ...]]:
     bound = next((e.truth.bound for e in done if e.truth and e.truth.bound), None)
     return [
-        f"  {'bound' if part == 'all' else '':{width}s}{PARTS[part]:9s}"
-        + "".join(f"{np.degrees(value):17.3g}" for value in least.values())
+        (
+            "bound" if part == "all" else "",
+            PARTS[part],
+            *(f"{np.degrees(value):.3g}" for value in least.values()),
+        )
         for part, least in (bound or {}).items()
     ]
 
@@ -170,13 +179,11 @@ def published_lines(done: Iterable[Evaluation]) -> list[str]:
     lines = []
     for each in (one for one in done if one.published):
         lines += ["", f"{each.run.name} by published definitions ({SOURCE}), degrees"]
-        names = each.published[0].rms
-        lines.append(f"  {'changed in turn':42s}" + "".join(f"{n:>13s}" for n in names))
-        lines += [
-            f"  {step.words:42s}"
-            + "".join(f"{np.degrees(rms.value):13.3f}" for rms in step.rms.values())
-            for step in each.published
-        ]
+        rows: list[tuple[str, ...]] = [("changed in turn", *each.published[0].rms)]
+        for step in each.published:
+            errors = (f"{np.degrees(rms.value):.3f}" for rms in step.rms.values())
+            rows.append((step.words, *errors))
+        lines += columns(rows, -42, *[11] * (len(rows[0]) - 1))
     return lines
 
 
@@ -191,30 +198,28 @@ def _settled(seconds: float) -> str:
 
 
 def _covariances(done: list[Evaluation]) -> list[str]:
-    width = _width(done)
-    lines = [
+    free = any(each.truth and each.truth.free for each in done)
+    title = (
         "squared error over covariance (NEES), 3 where that is true; NIS beside it"
-        if not any(each.truth and each.truth.free for each in done)
+        if not free
         else "squared error over covariance (NEES): of the attitude 3, of inclination "
-        "alone where heading is free 2, of its drift 1; NIS beside it",
-        f"  {'filter':{width}s}{'NEES':>10s}   {'interval':22s}{'verdict':16s}"
-        f"{'NIS':>8s}  us a row",
+        "alone where heading is free 2, of its drift 1; NIS beside it"
+    )
+    rows: list[tuple[str, ...]] = [
+        ("filter", "NEES", " interval", "verdict", "NIS", "us a row")
     ]
     for each in done:
         assert each.truth is not None
         nees, nis = each.truth.nees, each.nis
-        text = f"{'no covariance':>13s}{'':38s}"
+        found = ("-", " no covariance", "")
         if nees is not None:
-            text = f"{nees.mean:10.3g}   {_interval(nees):22s}{nees.verdict:16s}"
+            found = (f"{nees.mean:.3g}", f" {_interval(nees)}", nees.verdict)
         second = "-" if nis is None else f"{nis.mean:.3g} of {nis.expected:.0f}"
-        lines.append(
-            f"  {each.run.name:{width}s}{text}{second:>8s}  {each.microseconds:.0f}"
-        )
+        rows.append((each.run.name, *found, second, f"{each.microseconds:.0f}"))
         if (drift := each.truth.drift) is not None:
-            low = f"{drift.low:.3g} or more" if drift.blocks else "-"
-            text = f"{_known(drift.mean):>10s}   {low:22s}{drift.verdict}"
-            lines.append(f"  {'  its drift':{width}s}{text}")
-    return lines
+            low = f" {drift.low:.3g} or more" if drift.blocks else " -"
+            rows.append(("  its drift", _known(drift.mean), low, drift.verdict))
+    return [title, *columns(rows, -10, 10, -21, -14, 8, -1)]
 
 
 def _interval(each: Consistency) -> str:
@@ -222,26 +227,27 @@ def _interval(each: Consistency) -> str:
 
 
 def _alone(done: list[Evaluation]) -> list[str]:
-    width = _width(done)
-    lines = [
-        "at rest: drift of the heading, and the filter's up against the specific force",
-        f"  {'filter':{width}s}{'drift, deg/min':>15s}{'up, deg':>9s}{'NIS':>12s}   "
-        f"{'verdict':16s}innovation with the next",
-    ]
+    heads = "filter", "drift, deg/min", "up, deg", "NIS", " verdict"
+    rows: list[tuple[str, ...]] = [(*heads, "innovation with the next")]
     for each in done:
         rest, nis = each.at_rest, each.nis
-        drift = np.degrees(rest.drift) * 60.0
         white = "-"
         if each.white is not None:
             white = " ".join(f"{value:.2f}" for value in each.white)
-        second = "-" if nis is None else f"{nis.mean:.3g} of {nis.expected:.0f}"
-        verdict = "" if nis is None else nis.verdict
-        lines.append(
-            f"  {each.run.name:{width}s}{_known(drift):>15s}"
-            f"{_known(np.degrees(rest.inclination)):>9s}{second:>12s}   "
-            f"{verdict:16s}{white}"
+        rows.append(
+            (
+                each.run.name,
+                _known(np.degrees(rest.drift) * 60.0),
+                _known(np.degrees(rest.inclination)),
+                "-" if nis is None else f"{nis.mean:.3g} of {nis.expected:.0f}",
+                "" if nis is None else f" {nis.verdict}",
+                white,
+            )
         )
-    return lines
+    return [
+        "at rest: drift of the heading, and the filter's up against the specific force",
+        *columns(rows, -10, 15, 7, 10, -15, -1),
+    ]
 
 
 def _known(value: float) -> str:
