@@ -1,0 +1,151 @@
+"""Numbers and tables as text: columns apart at any width, and rounding is 0."""
+
+from itertools import cycle, zip_longest
+from types import SimpleNamespace as Made
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from simval.cli.repro import beside_theory
+from simval.imu.calibrate.comparison import CalibrationComparison
+from simval.imu.calibrate.estimate import entry_lines, gyroscope_lines
+from simval.imu.multiposition.noise_description import described as noise_described
+from simval.imu.recorded.description import filter_lines
+from simval.results import limit, plain
+from simval.statistics import BIAS, RECOVERY
+from simval.text import columns, number
+from simval.theory import plans
+
+CELLS = st.text("ab0.-", min_size=1, max_size=30)
+SIZES = st.floats(1e-30, 1e30)
+
+
+@given(
+    rows=st.lists(st.lists(CELLS, min_size=1, max_size=5), min_size=1, max_size=6),
+    least=st.tuples(*[st.sampled_from([-12, -1, 1, 12])] * 5),
+)
+def test_columns_are_apart_and_one_below_the_other(rows, least):
+    lines = columns(rows, *least)
+    assert [line.split() for line in lines] == rows
+    for place, width in enumerate(least):
+        ends = set()
+        for row, line in zip(rows, lines, strict=True):
+            if place < len(row):
+                before = sum(map(len, row[:place]))
+                left = np.flatnonzero(np.char.not_equal(list(line), " "))[before]
+                ends.add(left + (len(row[place]) - 1 if width > 0 else 0))
+        assert len(ends) <= 1
+
+
+def filters(x):
+    """Tables of `simval filter`, with truth and without."""
+
+    def square(verdict):
+        return Made(mean=next(x), low=next(x), high=np.inf, expected=3, blocks=9,
+                    verdict=verdict)  # fmt: skip
+
+    def errors():
+        return {k: Made(value=next(x), sd=next(x)) for k in ("total", "up", "heading")}
+
+    def done():
+        bound = {k: dict.fromkeys("abc", next(x)) for k in ("all", "rest")}
+        truth = Made(
+            rms={part: errors() for part in ("all", "rest", "moving")},
+            settled=next(x), bound=bound, free=True, nees=square("overconfident"),
+            drift=square("consistent"),
+        )  # fmt: skip
+        step = Made(words="marked rows", rms=errors())
+        return Made(
+            run=Made(name="mekf", how="", world="NWU"), truth=truth,
+            nis=square("overconfident"), microseconds=next(x), white=[next(x)] * 2,
+            published=[step], at_rest=Made(drift=next(x), inclination=next(x)),
+        )  # fmt: skip
+
+    return [*filter_lines([done()], {}, True), *filter_lines([done()], {}, False)]
+
+
+def noise(x):
+    """The table of `simval noise`, of a sensor in SI units."""
+
+    def axis():
+        value = next(x)
+        found = Made(kind="N", value=value, low=value, high=2 * value, sd=next(x))
+        return Made(
+            coefficients=[found], rate_hz=100.0, seconds=np.ones(2), used=(0, 2),
+            chi2=next(x), dof=3, statements=(),
+        )  # fmt: skip
+
+    log = Made(how="", start=0, stop=9, left_out={})
+    sensors = {"accelerometer": ([axis() for _ in "xyz"], Made(how="", si_per_raw=1.0))}
+    return noise_described(log, sensors)
+
+
+def calibrations(x):
+    """Tables of parameters, of one fit and of two that are compared."""
+    values, sd, both = ([next(x) for _ in range(9)] for _ in range(3))
+    lines = entry_lines("triangular", values, sd, np.array([sd, both]).T, both)
+    names = tuple("abcdefghi")
+    state = Made(parameters=values, dof=np.inf, size=next(x))
+    pair = Made(
+        sensor="accelerometer", names=names, a=state, b=state, difference=-np.array(sd),
+        U=sd, E_n=both, chi_square=np.nan, change=next(x), p_value=np.nan,
+    )  # fmt: skip
+    compared = CalibrationComparison(
+        sensors=(pair,), notes=(), alpha=0.01, causes=(), doubted=()
+    )
+    fit = Made(
+        model="upper", M=np.eye(3), chi2_per_dof=1.0, dof=9, names=names,
+        parameters=values, sd=sd, noise=Made(lines=[]),
+    )  # fmt: skip
+    return [*lines, *compared.lines(), *gyroscope_lines(fit)]
+
+
+def planned(x):
+    """Tables of `simval plan`."""
+    nine = {key: np.array([next(x) for _ in range(9)]) for key in
+            ("sd", "bound", "sd_next")}  # fmt: skip
+    plan = Made(poses=9, rank=9, condition=1.0, noise_std=1.0, next_direction=[1.0],
+                bias=-nine["sd"], **nine)  # fmt: skip
+    turned = Made(rotations=8, rank=9, condition=1.0, next_axis=[1.0], next_angle=1.0,
+                  names=tuple("abcdefghi"), **nine)  # fmt: skip
+    lines = plans.described(plan, "triangular", 9.8)
+    return [*lines, *plans.gyroscope_described(turned)]
+
+
+def measured(x):
+    """The table of `simval repro`."""
+    value, error = next(x), next(x)
+    return beside_theory(plain(BIAS("a"), value, error, 9, -value, "theory"))
+
+
+@pytest.mark.usefixtures("unchecked")  # made of what the tables read, and no more
+@pytest.mark.parametrize("table", [filters, noise, calibrations, planned, measured])
+@given(sizes=st.lists(SIZES, min_size=3, max_size=30))
+@example(sizes=[1.23456789e-30, 9.87654321e29, 123.456789])
+def test_numbers_of_any_width_leave_a_blank(table, sizes):
+    """As many words in each line as with numbers that are short."""
+    wide, short = table(cycle(sizes)), table(cycle([2.0]))
+    for one, other in zip_longest(wide, short):
+        assert len(one.split()) == len(other.split()), one
+
+
+@given(value=SIZES, share=st.floats(0.0, 1e-12), sign=st.sampled_from([1, -1]))
+def test_what_is_only_rounding_is_0(value, share, sign):
+    assert number(sign * share * value, 6, value) == "0"
+    assert float(number(sign * value, 17)) == sign * value  # nothing is without a size
+    assert number(1.1e-12 * value, 2, value) != "0"
+
+
+def test_a_computed_row_shows_rounding_as_0_but_none_that_is_judged():
+    shown = [
+        row.shown
+        for row in (
+            *limit(RECOVERY("T"), 3e-16, 1e-9, "truth"),
+            *limit(RECOVERY("T"), 3e-16, 1e-16, "truth"),  # beyond its limit
+            *limit(RECOVERY("T"), 3e-11, 1e-9, "truth"),
+            *plain(BIAS("x"), 3e-16, 1e-17, 9, 3e-16, "theory"),
+        )
+    ]
+    assert shown == [0.0, 3e-16, 3e-11, 3e-16]
