@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
 from types import MappingProxyType
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, PlainSerializer
 
@@ -399,7 +399,7 @@ OBSERVABILITY = "observability"
 ROUNDING = "rounding"
 SAME_ROW = "same row"
 ATTITUDE = "attitude"
-FIRST_SOLVER: Final = "lm"
+FIRST_SOLVER = "lm"
 PSEUDO_TRUE = "what its class converges to"
 NOISE_FREE = "its noise-free answer"
 BEST_OF_CLASS = "best of its class"

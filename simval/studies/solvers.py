@@ -32,13 +32,12 @@ from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
-from simval.vocabulary import Method, Model
+from simval.vocabulary import METHODS, Method, Model
 
 TITLE = "Solvers: do all methods of the calibration reach the same answer?"
 SECTION = "convergence"
 
 G = 9.80665  # m/s^2, standard gravity
-METHODS: tuple[Method, ...] = (stat.FIRST_SOLVER, "gauss-newton", "newton")
 SHOWN = 30  # steps that the report draws
 STOP: Final = 1e-11
 """Of the sources' methods, by (L1); half steps then end 1e-11 from the answer."""
