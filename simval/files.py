@@ -8,6 +8,7 @@ so that each reader says it in its own words for files that cannot be read.
 """
 
 import os
+import re
 import stat
 from collections.abc import Callable
 from os import PathLike
@@ -23,6 +24,13 @@ MOST_MODEL: Final = 64 * MEBIBYTE
 MOST_DOCUMENT: Final = 4 * MEBIBYTE
 """Bytes of any other text: suites, sensors, calibrations, noise, poses, plug-ins. A
 calibration of three sensors takes 20 kB, and `tomllib` a second for a mebibyte."""
+MOST_PARTS: Final = 32
+"""Parts of a dotted key of TOML; ours have three. The memory that `tomllib` takes for
+one grows as their square: 50 000 take 6 GB."""
+_PART: Final = r"""(?:[\w-]++|"(?:\\.|[^"\\\n])*+"|'[^'\n]*+')[ \t]*+"""
+_LONG_KEY: Final = re.compile(
+    rf"""(?<![\w"'\\-])(?:{_PART}\.[ \t]*+){{{MOST_PARTS}}}""", re.ASCII
+)
 
 
 class UnreadableError(OSError):
@@ -69,7 +77,7 @@ def read_text(path: str | PathLike[str], most: int, encoding: str = "utf-8") -> 
 
 
 def parsed(read: Callable[..., Any], text: str, **settings: Any) -> Any:
-    """Value of a text, by `json.loads` or `tomllib.loads`.
+    """Value of a text, by `json.loads` or `toml`.
 
     Raises
     ------
@@ -81,3 +89,20 @@ def parsed(read: Callable[..., Any], text: str, **settings: Any) -> Any:
     except RecursionError:
         msg = "it is nested too deeply; none of ours has more than a few levels"
         raise ValueError(msg) from None
+
+
+def toml(text: str) -> dict[str, Any]:
+    """Value of a TOML text.
+
+    Raises
+    ------
+    ValueError
+        If the text is not valid, or a key has too many parts.
+    """
+    import tomllib
+
+    if long := _LONG_KEY.search(text):
+        line = text.count("\n", 0, long.start()) + 1
+        msg = f"line {line} has a key of more than {MOST_PARTS} parts; ours have three"
+        raise ValueError(msg)
+    return tomllib.loads(text)

@@ -90,6 +90,17 @@ def test_what_no_person_writes_is_refused_in_words(reader, text, tmp_path):
         said(reader, path)
 
 
+@pytest.mark.parametrize("reader", ["sensor", "suite"])
+@pytest.mark.parametrize("part", ["a", '"b c"', "'d'", "e ", "f \t"])
+@pytest.mark.parametrize("form", ["{} = 1", "[{}]", "[[{}]]", "K = 1\nx = {{{} = 1}}"])
+def test_a_key_of_many_parts_is_refused(reader, part, form, tmp_path):
+    # `tomllib` takes 6 GB for 50 000
+    path = tmp_path / reader
+    path.write_text(form.format(".".join([part] * 50_000)))
+    assert "parts" in said(reader, path)
+    assert files.toml(form.format(".".join([part] * 30)))
+
+
 def test_a_threshold_is_not_rounded_to_nothing():
     """5e-324 times a variance of 1e-18 was 0, and a crash of the cell."""
     for multiplier in (5e-324, 1e-300, 0.0, math.nextafter(1e-9, 0.0)):

@@ -14,7 +14,6 @@ Paths in a suite file are relative to its folder, and so are words of a command 
 files in it.
 """
 
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -35,7 +34,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 
 from simval.errors import InputError
-from simval.files import MOST_DOCUMENT, parsed, read_text
+from simval.files import MOST_DOCUMENT, parsed, read_text, toml
 from simval.plugins.names import located
 from simval.studies import STUDIES
 from simval.studies.plugin import PluginParameters
@@ -125,7 +124,7 @@ def load_suite(
     """
     stem, text = _read(name)
     try:
-        content = parsed(tomllib.loads, text)
+        content = parsed(toml, text)
     except ValueError as error:
         msg = f"suite {name} is not valid TOML: {error}"
         raise InputError(msg) from None
@@ -251,7 +250,7 @@ def _override(content: dict[str, Any], override: str) -> None:
 def literal(text: str) -> Any:
     """Value of a text: a TOML literal, else the text itself."""
     try:
-        content = parsed(tomllib.loads, f"value = {text}")
+        content = parsed(toml, f"value = {text}")
     except ValueError:
         return text
     return content["value"] if len(content) == 1 else text

@@ -39,7 +39,7 @@ import numpy as np
 from simval.arguments import file_path
 from simval.arrays import Array, physical_array
 from simval.errors import InputError
-from simval.files import MOST_DOCUMENT, parsed, read_text
+from simval.files import MOST_DOCUMENT, parsed, read_text, toml
 from simval.imu.sensor.effects import (
     Effects,
     GyroscopeEffects,
@@ -167,8 +167,6 @@ def _matrix(sensor: str, values: dict[str, Any]) -> tuple[Float[Array, "3 3"], A
 
 
 def _parsed(path: Path) -> dict[str, Any]:
-    import tomllib
-
     try:
         text = read_text(path, MOST_DOCUMENT)
     except OSError as error:
@@ -179,7 +177,7 @@ def _parsed(path: Path) -> dict[str, Any]:
         raise InputError(msg) from None
     try:
         json_file = path.suffix.lower() == ".json"
-        values = parsed(json.loads if json_file else tomllib.loads, text)
+        values = parsed(json.loads if json_file else toml, text)
     except ValueError as error:
         msg = f"the sensor file {path} cannot be parsed: {error}"
         raise InputError(msg) from None
