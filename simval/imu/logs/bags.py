@@ -4,11 +4,12 @@ A candidate is a topic of ``sensor_msgs/Imu``: linear acceleration with gravity 
 and angular velocity in rad/s, in the sensor's axes (REP 103, REP 145); a quantity that
 the message says it lacks (first covariance -1), or that is zero in every message, is
 not read. A topic of ``sensor_msgs/MagneticField``, in T, is joined to it. Stamps are
-those of the headers; where these do not increase, the times of receipt.
+those of the headers; where these do not increase, the times of receipt. A bag states
+how many messages each topic has; where fewer are there, that is said.
 """
 
 import struct
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -51,8 +52,8 @@ def read(source: Source) -> dict[str, Callable[[], ArrayTable]]:
     return candidates(source.path, *bag)
 
 
-def parsed(path: str) -> tuple[list[Stream], str]:
-    """Streams of a bag's topics, and what it holds."""
+def parsed(path: str) -> tuple[list[Stream], str, list[tuple[str, str]]]:
+    """Streams of a bag's topics, what it holds, and what is missing in it."""
     first, reader = _reader(Path(path))
     reader.open()
     topics = sorted({f"{each.topic} ({each.msgtype})" for each in reader.connections})
@@ -61,11 +62,19 @@ def parsed(path: str) -> tuple[list[Stream], str]:
     for each, receipt, raw in reader.messages(known) if known else ():
         message = _message(raw, _DOUBLES[each.msgtype], first)
         rows[each.topic, each.msgtype].append((receipt, *message))
+    said = [
+        (
+            "damaged",
+            f"{key[0]}: it states {count} messages and has {len(rows.get(key, ()))}",
+        )
+        for key, count in sorted(_stated(reader, known).items())
+        if count > len(rows.get(key, ()))
+    ]
     stamps = {key: np.array([row[:2] for row in own]) for key, own in rows.items()}
     ordered = all(np.all(np.diff(each[:, 1]) > 0) for each in stamps.values())
-    said = "stamps of the headers"
+    clock = "stamps of the headers"
     if not ordered:
-        said = "times of receipt, for the headers' stamps do not increase"
+        clock = "times of receipt, for the headers' stamps do not increase"
     start = min((each[0, int(ordered)] for each in stamps.values()), default=0)
     streams, lacking = [], []
     for (topic, kind), own in sorted(rows.items()):
@@ -75,12 +84,41 @@ def parsed(path: str) -> tuple[list[Stream], str]:
             Stream(
                 name=topic,
                 group=topic.rpartition("/")[0],
-                words="; ".join([f"{kind}, {said}", *words]),
+                words="; ".join([f"{kind}, {clock}", *words]),
                 time=(stamps[topic, kind][:, int(ordered)] - start) / 1e9,
                 columns=columns,
             )
         )
-    return streams, ", ".join([*lacking, *topics])
+    lacking += [words for _, words in said]
+    return streams, ", ".join([*lacking, *topics]), said
+
+
+def _stated(reader: Any, known: list[Any]) -> Counter[tuple[str, str]]:
+    # messages of each topic, by the bag's own statements: an index, or a summary
+    found: Counter[tuple[str, str]] = Counter()
+    for each in known:
+        chunks = getattr(reader, "chunk_infos", ())  # of ROS 1
+        indexed = sum(chunk.connection_counts.get(each.id, 0) for chunk in chunks)
+        found[each.topic, each.msgtype] += max(indexed, each.msgcount)
+    summary = _summary(reader)
+    return found | Counter({key: summary.get(key, 0) for key in found})
+
+
+def _summary(reader: Any) -> dict[tuple[str, str], int]:
+    # what a SQLite file states of itself since it was closed; of a bag in several files
+    # it would count those before, too
+    from ruamel.yaml import YAML
+
+    database = getattr(reader, "dbconn", None)
+    if database is None or not [*database.execute("PRAGMA table_info(metadata)")]:
+        return {}
+    texts = [text for (text,) in database.execute("SELECT metadata FROM metadata")]
+    bag = YAML(typ="safe").load(texts[-1]) if texts else None
+    if not isinstance(bag, dict) or len(bag.get("relative_file_paths", ())) != 1:
+        return {}
+    counts = bag.get("topics_with_message_count", ())
+    topics = ((each["topic_metadata"], each["message_count"]) for each in counts)
+    return {(own["name"], own["type"]): count for own, count in topics}
 
 
 def _message(raw: bytes, count: int, first: bool) -> tuple[int, Array]:

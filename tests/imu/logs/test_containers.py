@@ -4,6 +4,11 @@ import json
 import os
 import re
 import shutil
+import sqlite3
+import struct
+import tracemalloc
+import zipfile
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -91,7 +96,14 @@ def read_or_refused(path):
     return None
 
 
-FAMILIES = (truncated, flipped, zeroed)
+def removed(content, rng):
+    at, size = int(rng.integers(len(content))), int(10 ** rng.uniform(0, 3.5))
+    return content[:at] + content[at + size :]
+
+
+FAMILIES = (truncated, flipped, zeroed, removed)
+STATED = {"ros1", "ros2_folder", "ros2_db3", "mcap", "mcap_zstd"}
+"""Formats that state how many messages they have."""
 
 
 def files_of(path):
@@ -131,6 +143,8 @@ def test_damage_is_refused_or_leaves_rows_that_were_written(name, trials, tmp_pa
         if log is None:
             continue
         assert len(log.time) <= ROWS
+        labels = {label for label, _ in log.source}
+        assert len(log.time) == ROWS or name not in STATED or "damaged" in labels
         assert np.all(np.diff(log.time) > 0.0)
         assert np.isfinite(log.accelerometer).all()
         if (family is truncated or name in CHECKED) and log.gyro is not None:
@@ -143,12 +157,84 @@ def test_damage_is_refused_or_leaves_rows_that_were_written(name, trials, tmp_pa
     assert seen > trials / 10 or name in FORMS  # of a folder it may be a file unread
 
 
+def deleted(file):
+    """Nine messages of a SQLite file, as a repair of it leaves them out."""
+    with closing(sqlite3.connect(file)) as database, database:
+        database.execute("DELETE FROM messages WHERE id BETWEEN 101 AND 109")
+
+
+def blanked(file):
+    """Nine records of an MCAP file, whose bytes are as many empty records."""
+    content, at, found = file.read_bytes(), 8, []
+    while content[at] != 0x02:
+        size = 9 + int.from_bytes(content[at + 1 : at + 9], "little")
+        size = 49 if content[at] == 0x06 else size  # into a chunk
+        found += [(at, at + size)] * (content[at] == 0x05)
+        at += size
+    start, stop = found[100][0], found[108][1]
+    file.write_bytes(content[:start] + bytes(stop - start) + content[stop:])
+
+
+def overstated(file):
+    """The count of a ROS 1 bag's summary, nine more than there are."""
+    head, _, tail = file.read_bytes().rpartition(struct.pack("<I", ROWS - 9))
+    file.write_bytes(head + struct.pack("<I", ROWS) + tail)
+
+
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        *(("ros2_db3", deleted), ("ros2_folder", deleted)),
+        *(("mcap", blanked), ("ros1", overstated)),
+    ],
+)
+def test_a_bag_says_how_many_messages_it_lacks(name, damage, tmp_path):
+    rows = ROWS - 9 if damage is overstated else ROWS
+    path = made(tmp_path / "log", name, *recording(name, rows=rows)[:3])
+    said = ("damaged", f"/imu/data: it states {ROWS} messages and has {ROWS - 9}")
+    assert said not in read_log(path).source
+    damage(next(each for each in files_of(path) if each.suffix != ".yaml"))
+    log = read_log(path)
+    assert (len(log.time), said in log.source) == (ROWS - 9, True)
+
+
+def test_a_bag_in_several_files_is_not_held_against_the_whole(tmp_path):
+    path = made(tmp_path / "log", "ros2_db3", *recording("ros2_db3")[:3])
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute(
+            "UPDATE metadata SET metadata = "
+            "replace(metadata, '- log.db3', '- log_0.db3\n- log.db3')"
+        )
+    deleted(path)
+    assert "damaged" not in {label for label, _ in read_log(path).source}
+
+
+@pytest.mark.parametrize("stated", [0, 1000, 2**30])
+def test_a_directory_that_lies_about_sizes_takes_no_memory(stated, tmp_path):
+    """32 MB of rows in 50 kB, whose size by the directory is another."""
+    path = tmp_path / "log.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("Accelerometer.csv", b"0,0,9.8\n" * 2**22)
+    content = bytearray(path.read_bytes())
+    for start, at in ((b"PK\1\2", 24), (b"PK\3\4", 22)):
+        place = content.rfind(start) + at
+        content[place : place + 4] = struct.pack("<I", stated)
+    path.write_bytes(content)
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match="unpack"):
+            read_log(path, rate=100.0)
+        assert tracemalloc.get_traced_memory()[1] < 2**22
+    finally:
+        tracemalloc.stop()
+
+
 def calibration(simval, path):
     """What `simval calibrate` says of a log, but for how it was read."""
     code, out, err = simval("calibrate", path, "--json")
     assert code == 0, err
     said = json.loads(out)
-    return {key: said[key] for key in said if key not in ("source", "columns")}
+    return {key: said[key] for key in said if key not in ("source", "columns", "units")}
 
 
 def readings(simval, path):
