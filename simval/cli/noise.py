@@ -63,7 +63,7 @@ def command(
     LOG, its columns and its clock are read as by `simval calibrate`.
     """
     from simval.imu.logs import read_log
-    from simval.imu.multiposition.log_units import scale_of
+    from simval.imu.multiposition.log_units import units_of
     from simval.imu.multiposition.noise import log_noise
     from simval.imu.multiposition.noise_description import as_object, described
 
@@ -72,13 +72,17 @@ def command(
     found = log_noise(log, rest, increments=increments)
     _require_present("gyro", gyro_unit, log.gyro, path)
     _require_present("magnetometer", magnetometer_unit, log.magnetometer, path)
-    scale = scale_of(log, "accelerometer", accelerometer_unit, found.means)
-    sensors: Sensors = {"accelerometer": (found.accelerometer, scale)}
-    if found.gyro:
-        sensors["gyro"] = (found.gyro, scale_of(log, "gyro", gyro_unit))
-    if found.magnetometer:
-        scale = scale_of(log, "magnetometer", magnetometer_unit)
-        sensors["magnetometer"] = (found.magnetometer, scale)
+    given = {
+        "accelerometer": accelerometer_unit,
+        "gyro": gyro_unit,
+        "magnetometer": magnetometer_unit,
+    }
+    units = units_of(log, given, means=found.means)
+    sensors: Sensors = {
+        name: (axes, scale)
+        for name, scale in units.items()
+        if (axes := getattr(found, name))
+    }
     if figure is not None:
         _draw(figure, log, sensors)
     if page is not None:
@@ -122,11 +126,12 @@ def _draw(figure: Path, log: Log, sensors: Sensors) -> None:
 
 
 def _write_page(page: Path, log: Log, found: LogNoise, sensors: Sensors) -> None:
+    from simval.imu.multiposition.noise_description import unit_lines
     from simval.report.log_page import render_log  # starts the drawing
     from simval.report.noise_page import noise_page
 
     said = [f"rest              {found.how}: {found.stop - found.start} rows"]
-    said += [f"raw unit          {name}: {sensors[name][1].how}" for name in sensors]
+    said += unit_lines(sensors)
     content = noise_page(
         log,
         _noisy(sensors),

@@ -24,6 +24,7 @@ from simval.imu.multiposition.description import (
     steady,
     temperature_lines,
 )
+from simval.imu.multiposition.log_units import said_of
 from simval.imu.sensor import forms
 from simval.imu.statics import interval_means
 from simval.poses import fibonacci_sphere
@@ -121,7 +122,7 @@ def calibration_page(log: Log, whole: ImuCalibration, command: str = "") -> LogP
             *(section for section in others if section is not None),
             made([_signals(log, result)]).under("signals", "Static intervals"),
         ),
-        said=tuple(log.described()),
+        said=(*log.described(), *said_of(whole.units.values())),
         command=command,
     )
 

@@ -13,14 +13,8 @@ from simval.imu.sensor import forms
 from simval.notebooks import ShownFit
 from simval.shapes import Float
 from simval.text import interval_words, shown
+from simval.units import OF_A_LOG
 from simval.vocabulary import Model
-
-KNOWN_UNITS = (
-    (1.0, "rad/s"),
-    (np.pi / 180.0, "deg/s"),
-    (np.pi / 180.0e3, "mdeg/s"),
-    (np.pi / 30.0, "rev/min"),
-)
 
 G_NAMES = tuple(f"G_{a}{b}" for a in "xyz" for b in "xyz")
 """Of the sensitivity of a gyroscope to specific force, row by row."""
@@ -187,7 +181,7 @@ def rate_unit(M: Float[Array, "3 3"]) -> tuple[float | None, str]:
     None of counts.
     """
     scale = float(np.cbrt(abs(np.linalg.det(M))))
-    for size, name in KNOWN_UNITS:
+    for name, size in OF_A_LOG["gyro"].items():
         if 1.0 / NEAR < scale / size < NEAR:
             return size, f"are in {name} by their scale, {scale:.5g}"
     return None, f"are counts of {scale:.4g} rad/s"

@@ -441,7 +441,7 @@ _REST = (0.75, 1.25)
 _MOVING = (0.75, 8.0)
 _WINDOW = 0.5  # s; a hand at rest holds still for as long
 _FEWEST = 10  # rows of which a scatter says something
-_QUIET = 0.05  # scatter of a window at rest over its mean; a cheap sensor has 0.02
+QUIET = 0.05  # scatter of a window at rest over its mean; a cheap sensor has 0.02
 
 
 def require_same_sensor(fit: FitResult, raw: Float[Array, "n 3"], rate: float) -> None:
@@ -469,12 +469,16 @@ def require_same_sensor(fit: FitResult, raw: Float[Array, "n 3"], rate: float) -
 
 def rest_forces(force: Float[Array, "n 3"], rate: float) -> Float[Array, " m"]:
     """Length of the mean force of each stretch at rest."""
-    size = max(_FEWEST, round(_WINDOW * rate))
-    count = len(force) // size
-    windows = force[: count * size].reshape(count, size, 3)
+    windows = half_seconds(force, rate)
     means = np.linalg.norm(windows.mean(axis=1), axis=1)
     scatter = np.linalg.norm(windows.std(axis=1), axis=1)
-    return np.asarray(means[scatter < _QUIET * means])
+    return np.asarray(means[scatter < QUIET * means])
+
+
+def half_seconds(rows: Float[Array, "n 3"], rate: float) -> Float[Array, "m k 3"]:
+    """Rows in stretches of half a second, the last of them left out."""
+    size = max(_FEWEST, round(_WINDOW * rate))
+    return rows[: len(rows) // size * size].reshape(-1, size, 3)
 
 
 def _made_from(fit: FitResult) -> str:

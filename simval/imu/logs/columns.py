@@ -21,6 +21,7 @@ from simval.imu.logs.names import (
 )
 from simval.imu.logs.text import Table, TextTable
 from simval.shapes import Float
+from simval.units import G0
 
 TEMPERATURE = "temp"
 NAMES = ("t", "ax", "ay", "az", "wx", "wy", "wz", "mx", "my", "mz", TEMPERATURE)
@@ -43,7 +44,6 @@ _FREE = ("bare", "force", "temperature", "other")  # kinds that may be misnamed
 G_UNIT = 3.0  # between a length in g at rest, 1, and in m/s^2, 9.8
 PX4 = frozenset({"timestamp_sample", "gyro_rad[0]", "accelerometer_m_s2[0]"})
 """Names of PX4's logs, whose ``timestamp`` is in microseconds since boot."""
-STANDARD = 9.80665  # m/s^2, gravity at rest
 _FIELDS = ((0.2, 0.7), (20.0, 70.0))  # of the earth in gauss and uT, with a margin
 ROWS = 20  # readings that do not increase each time but by chance, 1 in 20!
 _PADDED = re.compile(r"0\d+")
@@ -143,7 +143,7 @@ def _doubt(table: Table, roles: tuple[str, ...]) -> str:
     low, usual, high = np.percentile(second, [5, 50, 95])
     steady = 0.8 * usual < low and high < 1.25 * usual
     moving = np.percentile(first, 95) > 3.0 * np.percentile(first, 5)
-    still = abs(usual / STANDARD - 1.0) < 0.05 and np.median(first) < G_UNIT
+    still = abs(usual / G0 - 1.0) < 0.05 and np.median(first) < G_UNIT
     if steady and (moving or still):
         return (
             "the last three have a length as steady as gravity's and the three before "
@@ -151,7 +151,7 @@ def _doubt(table: Table, roles: tuple[str, ...]) -> str:
             f"{','.join((*roles[:-6], *NAMES[4:7], *NAMES[1:4]))}"
         )
     turned = np.linalg.norm(rate.sum(axis=0)) < 0.98 * second.sum()
-    units = any(abs(np.median(first) / unit - 1.0) < 0.05 for unit in (1.0, STANDARD))
+    units = any(abs(np.median(first) / unit - 1.0) < 0.05 for unit in (1.0, G0))
     units &= bool(np.linalg.norm(force.sum(axis=0)) > 0.98 * first.sum())  # is still
     field = units and any(least < usual < most for least, most in _FIELDS)
     if (turned or field) if steady else _is_bound_to_poses(force, rate):

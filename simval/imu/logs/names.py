@@ -21,6 +21,11 @@ def _listed(words: str) -> frozenset[str]:
     return frozenset(words.split())
 
 
+def _spelt(units: Mapping[str, str]) -> dict[str, str]:
+    # the unit by each of its spellings
+    return {word: unit for unit, words in units.items() for word in words.split()}
+
+
 _WORDS: dict[Kind, frozenset[str]] = {
     "force": _listed(
         "acc accel acce accl accelero accelerometer accelerometers acceleration "
@@ -71,14 +76,21 @@ _SECONDS = {
     3600.0: "h hr hrs hour hours",
 }
 SECONDS = {word: size for size, words in _SECONDS.items() for word in words.split()}
-_UNITS: dict[Kind, frozenset[str]] = {
-    "force": _listed("ms2 mss ms-2 mps2 mpss g mg μg ug gs gee cms2 mms2 fts2 gal"),
-    "gyro": _listed(
-        "rads rads-1 radsec radps mrads degs degs-1 degsec °s °s-1 °sec °ps dps "
-        "mdps rps rpm"
-    ),
-    "mag": _listed("ut μt nt mt t gauss mgauss g mg gs"),
-}
+UNITS: dict[Kind, dict[str, str]] = {
+    "force": _spelt({
+        "m/s^2": "ms2 mss ms-2 mps2 mpss", "g": "g gs gee", "mg": "mg", "ug": "ug μg",
+        "": "cms2 mms2 fts2 gal",
+    }),
+    "gyro": _spelt({
+        "rad/s": "rads rads-1 radsec radps", "mrad/s": "mrads", "mdps": "mdps",
+        "deg/s": "degs degs-1 degsec °s °s-1 °sec °ps dps", "rpm": "rpm", "": "rps",
+    }),
+    "mag": _spelt({
+        "T": "t", "mT": "mt", "uT": "ut μt", "nT": "nt", "gauss": "gauss g gs",
+        "mgauss": "mgauss mg",
+    }),
+}  # fmt: skip
+"""Units as names spell them, and as `simval.units` has them; empty if it has not."""
 DEGREES = {  # of one unit in kelvin, and its zero in degrees Celsius
     word: scale
     for scale, words in {
@@ -156,7 +168,7 @@ def is_known(name: str) -> bool:
 def is_unit(text: str) -> bool:
     """Return whether a text is a unit and nothing else."""
     unit = _compact(text)
-    known = (*_UNITS.values(), frozenset(SECONDS), _ANY_UNIT, _STRANGE_UNIT)
+    known = (*UNITS.values(), frozenset(SECONDS), _ANY_UNIT, _STRANGE_UNIT)
     bracketed = bool(_BRACKETS.fullmatch(text.strip()))
     return bracketed or any(unit in words for words in known)
 
@@ -223,7 +235,7 @@ def _kind(words: list[str]) -> Kind:
 
 
 def _kinds_of(unit: str) -> set[Kind]:
-    return {kind for kind, units in _UNITS.items() if unit in units}
+    return {kind for kind, units in UNITS.items() if unit in units}
 
 
 def _settled(kind: Kind, unit: str) -> Kind:

@@ -43,6 +43,7 @@ from simval.imu.calibrate.thermal import Fit, Thermal, ThermalChoice, choose_the
 from simval.imu.logs import Log
 from simval.imu.multiposition.description import log_lines, sensor_lines
 from simval.imu.multiposition.faults import explained, for_a_log, require_sound
+from simval.imu.multiposition.log_units import Scale, said_of, units_of
 from simval.imu.multiposition.noise import PoseNoise, pose_noise
 from simval.imu.multiposition.ranges import (
     require_alive,
@@ -311,6 +312,8 @@ class ImuCalibration:
         Terms in temperature of each sensor that has any.
     thermal_reasons : tuple of str
         Why these, or why there are none.
+    units : mapping of str to Scale
+        Unit and axes of each sensor as they are stated, and as the readings show.
     """
 
     log: LogCalibration
@@ -325,9 +328,11 @@ class ImuCalibration:
     compass_noise: PoseNoise | None
     thermal: Mapping[str, Thermal] = default(default_factory=dict)
     thermal_reasons: tuple[str, ...] = ()
+    units: Mapping[str, Scale] = default(default_factory=dict)
 
     def __str__(self) -> str:
-        return "\n".join(log_lines(self.log, self) + sensor_lines(self))
+        lines = log_lines(self.log, self) + sensor_lines(self)
+        return "\n".join([*said_of(self.units.values()), *lines])
 
 
 def calibrate_sensors(
@@ -382,6 +387,7 @@ def calibrate_sensors(
     )
     fits: dict[str, Any] = {}
     left_out: dict[str, str] = {}
+    recorded = log
     log = at_reference(log, accelerometer=result.warm.thermal)
     for name, samples, calibrated in kinds:
         if asked is not None and name not in asked:
@@ -426,10 +432,21 @@ def calibrate_sensors(
         left_out=left_out,
         thermal={name: own for name, own in thermal.items() if own is not None},
         thermal_reasons=tuple(x for x in (result.warm.reason, warm.reason) if x),
+        units=_units(recorded, result, imu, hemisphere),
     )
     if imu is None or compass is None:
         return whole
     return _together(log, whole, imu, of_both(result.warm.shifts, warm.shifts))
+
+
+def _units(
+    log: Log, result: LogCalibration, imu: ImuFit | None, hemisphere: str
+) -> dict[str, Scale]:
+    # of the log, as the fits show them
+    matrices = {"accelerometer": result.fit.matrix}
+    if imu is not None:
+        matrices["gyro"] = imu.gyroscope.M
+    return units_of(log, matrices=matrices, hemisphere=hemisphere)
 
 
 def _gyroscope(

@@ -14,6 +14,7 @@ from simval.imu.calibrate.files import (
     require_same_sensor,
 )
 from simval.imu.logs import Log
+from simval.imu.multiposition.log_units import said_of, units_of
 
 
 class Corrected(NamedTuple):
@@ -21,7 +22,7 @@ class Corrected(NamedTuple):
 
     log: Log  # m/s^2, rad/s, the calibration's unit; what is not in it as it was
     sensors: tuple[str, ...]  # what is
-    said: list[str]  # of the temperatures
+    said: list[str]  # of the units, and of the temperatures
 
 
 def corrected(
@@ -61,6 +62,10 @@ def corrected(
         require_same_sensor(fit, force, log.rate)
     force, sensors = fit.sensor().correct(force), ["accelerometer"]
     gyroscope, magnetometer = load_others(path)
+    matrices = {"accelerometer": fit.matrix}
+    if gyroscope is not None and log.gyro is not None:
+        matrices["gyro"] = gyroscope.M
+    said = [*said_of(units_of(log, matrices=matrices).values()), *said]
     if gyroscope is not None and rate is not None:
         rate = gyroscope.correct(rate, specific_force=force)
         sensors.append("gyroscope")

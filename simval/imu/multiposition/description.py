@@ -384,7 +384,8 @@ def as_object(whole: Any) -> dict[str, Any]:
 
 def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
     """The sensors after the accelerometer, and the conditions of all error bars."""
-    values: dict[str, Any] = {"left_out": dict(whole.left_out)}
+    units = {name: each.as_object() for name, each in whole.units.items()}
+    values: dict[str, Any] = {"left_out": dict(whole.left_out), "units": units}
     seen = whole.log.warm.rests
     if seen is not None:
         values["temperature"] = {

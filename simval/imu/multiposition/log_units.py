@@ -1,7 +1,15 @@
-"""Unit of a log's readings: as stated, as in the header, or as gravity shows."""
+"""Unit and axes of each sensor of a log: one judgement for stated and unstated units.
 
+A unit is given by the user, written in the header, or shown by the readings
+(`simval.imu.multiposition.unit_evidence`). What is stated is held against what the
+readings show. Where the header is contradicted the readings count; what the user gives
+counts in any case. Both are said.
+"""
+
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from typing import Final, NamedTuple
+from types import MappingProxyType
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -9,97 +17,292 @@ from simval.arrays import Array
 from simval.errors import InputError, RefusedError
 from simval.imu.calibrate import calibrate
 from simval.imu.logs import Log
-from simval.imu.logs.names import channel
+from simval.imu.logs.columns import ROLES
+from simval.imu.logs.names import UNITS, Kind, channel
+from simval.imu.multiposition.rests import AXES
+from simval.imu.multiposition.unit_evidence import ORDERS, SAME, Seen, seen_of
 from simval.poses import PARAMETERS
 from simval.shapes import Float
 from simval.units import G0, OF_A_LOG
 
-_WRITTEN: Final = {  # units as `simval.imu.logs.names` writes them
-    "ms2": "m/s^2", "mss": "m/s^2", "ms-2": "m/s^2", "mps2": "m/s^2", "mpss": "m/s^2",
-    "g": "g", "gs": "g", "gee": "g", "mg": "mg", "ug": "ug", "μg": "ug",
-    "rads": "rad/s", "rads-1": "rad/s", "radsec": "rad/s", "radps": "rad/s",
-    "rps": "", "mrads": "mrad/s", "degs": "deg/s", "degs-1": "deg/s",
-    "degsec": "deg/s", "°s": "deg/s", "°s-1": "deg/s", "°sec": "deg/s",
-    "°ps": "deg/s", "dps": "deg/s", "mdps": "mdps", "rpm": "rpm",
-    "t": "T", "mt": "mT", "ut": "uT", "μt": "uT", "nt": "nT", "gauss": "gauss",
-    "mgauss": "mgauss",
-}  # fmt: skip
-NEAR: Final = 0.05  # relative; a mean reading this near to 1 g is in m/s^2, or in g
-_GAUSS: Final = {"g": "gauss", "mg": "mgauss"}  # where they are no gravities
-_FIRST: Final = {"accelerometer": "ax", "gyro": "wx", "magnetometer": "mx"}
-_EXAMPLES: Final = {"gyro": "deg/s, rad/s, or rad/s", "magnetometer": "uT, gauss, or T"}
+ALIKE: Final = 0.05  # relative; lengths at rest that differ by more are not about zero
+TELLING: Final = 20.0  # ratio of the possible sizes beyond which they bear nothing out
+DOUBTFUL: Final = 2.5
+"""Times off a stated unit below which an unknown zero may be the reason."""
+POWERS: Final = tuple(2.0**k for k in (-4, -3, -2, -1, 1, 2, 3, 4))  # of ranges
+_KINDS: Final[dict[str, Kind]] = {
+    "accelerometer": "force",
+    "gyro": "gyro",
+    "magnetometer": "mag",
+}
+_RANGES: Final = {"accelerometer": "the range", "gyro": "the range, or the clock,"}
+LEVEL: Final = 0.2  # sine of a field's elevation that tells no hemisphere
+COUNTS: Final = 50.0  # times a unit that counts are smaller by, at least
+_EXAMPLES: Final = {
+    "accelerometer": "m/s^2, g, mg, or m/s^2",
+    "gyro": "deg/s, rad/s, or rad/s",
+    "magnetometer": "uT, gauss, or T",
+}
+_NO_UNITS: Final[Mapping[str, str | None]] = MappingProxyType({})
+_NO_MATRICES: Final[Mapping[str, Array]] = MappingProxyType({})
+
+
+Judged = Literal["agrees", "contradicted", "doubtful", "not judged"]
 
 
 class Scale(NamedTuple):
-    """SI units in one raw unit, and how that is known."""
+    """Unit and axes of a sensor's readings, and how they are known.
 
-    si_per_raw: float | None  # None where it is not known
+    Attributes
+    ----------
+    si_per_raw : float or None
+        SI units in one raw unit; None where it is not known.
+    how : str
+        How that is known.
+    unit : str
+        Name of the unit; empty where it has none.
+    kind : str
+        Whether the readings bear the unit that is stated: ``agrees``,
+        ``contradicted``, ``doubtful`` (a zero that is not known may be the reason), or
+        ``not judged``.
+    factor : float
+        One raw unit by the readings over the one that is stated; NaN if not judged.
+    axes : str
+        ``as stated``, ``left-handed``, ``turned``, or ``turned or left-handed``.
+    said : tuple of str
+        What is wrong with unit or axes, the likely reason, and what to do.
+    """
+
+    si_per_raw: float | None
     how: str
+    unit: str = ""
+    kind: Judged = "not judged"
+    factor: float = np.nan
+    axes: str = "as stated"
+    said: tuple[str, ...] = ()
+
+    def as_object(self) -> dict[str, Any]:
+        """Return it as plain JSON values."""
+        known = np.isfinite(self.factor)
+        return self._asdict() | {"factor": self.factor if known else None}
 
 
 def written_unit(log: Log, sensor: str) -> str:
     """Return the unit that the header states for a sensor, or nothing."""
-    name = next((c.name for c in log.columns if c.role == _FIRST[sensor]), "")
-    unit = _WRITTEN.get(channel(name).unit, "") if name else ""
-    return _GAUSS.get(unit, unit) if sensor == "magnetometer" else unit
+    kind = _KINDS[sensor]
+    name = next((c.name for c in log.columns if c.role == ROLES[kind][0]), "")
+    return UNITS[kind].get(channel(name).unit, "") if name else ""
 
 
-def scale_of(
-    log: Log, sensor: str, given: str | None, means: Float[Array, "m 3"] | None = None
-) -> Scale:
-    """Find the unit of a sensor: as given, by the header, or by gravity.
+def units_of(
+    log: Log,
+    given: Mapping[str, str | None] = _NO_UNITS,
+    *,
+    means: Float[Array, "m 3"] | None = None,
+    matrices: Mapping[str, Float[Array, "3 3"]] = _NO_MATRICES,
+    hemisphere: str = "unstated",
+) -> dict[str, Scale]:
+    """Judge the unit and the axes of each sensor that a log has.
 
-    Gravity shows an accelerometer's in the mean readings at rest: by a calibration with
-    all but the first, if they are ten or more in poses all over the sphere, which needs
-    no zero; else by the length of the first, if zero is where it seems. The unit of
-    another sensor is not guessed.
+    Parameters
+    ----------
+    log : Log
+        The log.
+    given : mapping of str to str
+        Units that the user states, by sensor.
+    means : Array or None
+        Mean readings of the accelerometer in rests, the longest first, raw units,
+        (m, 3): where its unit has no name, they tell its size.
+    matrices : mapping of str to Array
+        Of calibrations, readings to m/s^2 and rad/s, (3, 3), of the accelerometer and
+        of the gyro.
+    hemisphere : {"unstated", "north", "south"}
+        Where the log was made, which tells a magnetometer's axes from their opposites.
+
+    Returns
+    -------
+    dict of str to Scale
+        By sensor: ``accelerometer``, ``gyro``, ``magnetometer``.
 
     Raises
     ------
     InputError
-        If the unit that is given is none.
+        If a unit that is given is none.
     """
-    if given is not None:
-        return Scale(_size(sensor, given), f"{given}, as given")
-    unit = written_unit(log, sensor)
-    if unit in OF_A_LOG[sensor]:
-        return Scale(OF_A_LOG[sensor][unit], f"{unit}, as the header says")
-    if means is not None:
-        return _by_gravity(means)
-    how = "not stated by the header; give"
-    return Scale(None, f"{how} --{sensor}-unit {_EXAMPLES[sensor]} per count")
+    stated = {sensor: given.get(sensor) for sensor in OF_A_LOG}
+    sizes = {
+        sensor: _size(sensor, unit) if (unit := stated[sensor]) else own.get(name)
+        for sensor, own in OF_A_LOG.items()
+        for name in (written_unit(log, sensor),)
+    }
+    known = {sensor: size for sensor, size in sizes.items() if size is not None}
+    found = {}
+    for sensor, seen in seen_of(log, known, matrices).items():
+        if sensor in known:
+            unit, given_ = stated[sensor], stated[sensor] is not None
+            unit = unit or written_unit(log, sensor)
+            scale = _judged(sensor, unit, given_, known[sensor], seen)
+        else:
+            scale = _shown(sensor, seen, None if sensor != "accelerometer" else means)
+        axes, words = _axes(sensor, seen, hemisphere)
+        found[sensor] = scale._replace(axes=axes, said=scale.said + words)
+    return found
 
 
-def _by_gravity(means: Float[Array, "m 3"]) -> Scale:
-    if len(means) > PARAMETERS + 1:
+def said_of(units: Iterable[Scale]) -> list[str]:
+    """What is wrong with the units and axes of a log, in lines."""
+    return [f"{'unit':18s}{words}" for each in units for words in each.said]
+
+
+def _title(sensor: str) -> str:
+    return "gyroscope" if sensor == "gyro" else sensor
+
+
+def _judged(sensor: str, unit: str, given: bool, size: float, seen: Seen) -> Scale:
+    # a unit that is stated, of so many SI units
+    how = f"{unit}, as {'given' if given else 'the header says'}"
+    stated = Scale(size, how, unit=unit if unit in OF_A_LOG[sensor] else "")
+    factor = seen.size / size
+    if seen.low <= size <= seen.high:
+        if not seen.high < TELLING * seen.low:
+            return stated
+        return stated._replace(kind="agrees", factor=factor)
+    one, name = (1.0, unit) if stated.unit else (size, _si(sensor))
+    shown = f"{one * factor:.3g}"
+    if not seen.low > 0.0:  # a bound is all that is known
+        shown = f"less than {one * seen.high / size:.2g}"
+    begin = f"{unit} is given" if given else f"the header says {unit}"
+    begin = f"{_title(sensor)}: {begin}, but one unit of the log is {shown} {name} by "
+    if not seen.sure and 1.0 / DOUBTFUL < factor < DOUBTFUL:
+        bias = abs(1.0 / factor - 1.0)
+        words = f"{begin}{seen.words}: another range, or a bias of {bias:.2g} g; "
+        words += "record rests on all sides to tell"
+        return stated._replace(kind="doubtful", factor=factor, said=(words,))
+    name, true, why = _reason(sensor, size, seen)
+    do = f"give {name or f'{true:.6g}'}" if true else "correct it"
+    do = do if given else "correct the header"
+    taken = stated
+    if not given and true is None:
+        how = f"not known, for the readings contradict {unit}; give --{sensor}-unit"
+        taken = Scale(None, how)
+    elif not given:
+        shown = name or f"{true:.5g} {_si(sensor)}"
+        taken = Scale(true, f"{shown}, as the readings show", unit=name)
+    words = f"{begin}{seen.words}: {why}; {do}"
+    return taken._replace(kind="contradicted", factor=factor, said=(words,))
+
+
+def _reason(sensor: str, size: float, seen: Seen) -> tuple[str, float | None, str]:
+    # name and size of the likely unit, and why it is likely
+    likely: list[tuple[str, float, str]] = []
+    if seen.sure or sensor == "accelerometer":
+        likely = [
+            (name, other, f"the readings are in {name}")
+            for name, other in OF_A_LOG[sensor].items()
+            if other != size
+        ]
+    if seen.sure and sensor in _RANGES:
+        words = f"{_RANGES[sensor]} is {{:g}} times what the logger took it for"
+        likely += [("", size * k, words.format(k)) for k in POWERS]
+    off = [abs(np.log(each[1] / seen.size)) for each in likely]
+    if off and min(off) <= np.log(seen.near):
+        return likely[int(np.argmin(off))]
+    if sensor == "accelerometer" and seen.size > size:
+        return "", None, "gravity may have been taken out of them"
+    if seen.low > 0.0 and seen.size < size / COUNTS and sensor in _RANGES:
+        true = seen.size if sensor == "accelerometer" and seen.sure else None
+        return "", true, f"they may be counts of {seen.size:.3g} {_si(sensor)}"
+    return "", None, "no sensor is so far off"
+
+
+def _si(sensor: str) -> str:
+    return next(iter(OF_A_LOG[sensor]))
+
+
+def _shown(sensor: str, seen: Seen, means: Float[Array, "m 3"] | None) -> Scale:
+    # of a unit that is not stated: by a calibration with all rests but the first if
+    # they are ten or more in poses all over the sphere; else the one in use that is
+    # near; else by the length of the first rest, if zero is where it seems
+    if means is not None and len(means) > PARAMETERS + 1:
         with suppress(RefusedError):  # of too few directions the lengths may tell
             fit = calibrate(means[1:], G0).require_converged()
             size = float(np.mean(np.diagonal(fit.matrix)))
             words = f"by a calibration with its {len(means) - 1} rests"
             return Scale(size, f"{size:.5g} m/s^2, {words}")
+    if seen.low > 0.0:
+        off = {name: abs(np.log(x / seen.size)) for name, x in OF_A_LOG[sensor].items()}
+        unit = min(off, key=off.__getitem__)
+        if off[unit] <= np.log(seen.near):
+            how = f"{unit}, by {seen.words}"
+            return Scale(OF_A_LOG[sensor][unit], how, unit=unit)
+    if means is None:
+        how = f"not stated by the header; give --{sensor}-unit {_EXAMPLES[sensor]}"
+        return Scale(None, f"{how} per count")
     lengths = np.linalg.norm(means, axis=1)
     length = float(lengths[0])
     # counts about the middle of an unsigned converter, not about zero
     middles = 2.0 ** np.arange(9, 32)
     offset = np.any(np.all(np.abs(means[0][:, None] / middles - 1.0) < 0.3, axis=0))
-    if not length > 0.0 or np.ptp(lengths) > NEAR * length or offset:
+    if not length > 0.0 or np.ptp(lengths) > ALIKE * length or offset:
         return Scale(
             None,
             "not known: the mean readings at rest, as in "
             f"({', '.join(f'{x:.6g}' for x in means[0])}), do not show gravity about a "
-            "zero; give --accelerometer-unit m/s^2, g, mg, or m/s^2 per count",
+            f"zero; give --accelerometer-unit {_EXAMPLES[sensor]} per count",
         )
-    for unit in ("m/s^2", "g"):
-        size = OF_A_LOG["accelerometer"][unit]
-        if abs(length * size / G0 - 1.0) <= NEAR:
-            return Scale(
-                size, f"{unit}, as its mean length at rest, {length:.5g}, says"
-            )
     return Scale(
         G0 / length,
         f"{G0 / length:.5g} m/s^2, as the mean length at rest, {length:.6g}, is taken "
         "for gravity (--accelerometer-unit states another)",
     )
+
+
+def _axes(sensor: str, seen: Seen, hemisphere: str) -> tuple[str, tuple[str, ...]]:
+    # whether the axes are those of the accelerometer, and what is said if not
+    own, told = ORDERS[seen.order], sensor != "magnetometer"
+    if not told and hemisphere != "unstated" and abs(seen.upward) > LEVEL:
+        # in the north the field dips, against the specific force
+        told = True
+        own = own if (seen.upward < 0.0) == (hemisphere == "north") else -own
+    if np.array_equal(own, ORDERS[SAME]):
+        return "as stated", ()
+    begin = f"{_title(sensor)}: its x, y, z point along {_listed(own)} of the "
+    begin += "accelerometer"
+    if np.linalg.det(own) < 0.0:
+        words = f"{begin}, left-handed: {_mirror(own)}; change it, or the columns"
+        return "left-handed", (words,)
+    if not told:
+        words = (
+            f"{begin}, or in the other hemisphere along {_listed(-own)}, left-handed: "
+            f"{_mirror(-own)}; `simval calibrate --hemisphere` tells which"
+        )
+        return "turned or left-handed", (words,)
+    plus = [AXES[k] for k in range(3) if own[k, k] > 0.0]
+    words = f"{begin}: it is mounted so, or the accelerometer has the wrong sign in "
+    words += plus[0] if len(plus) == 1 else "an axis"
+    return "turned", (words,)
+
+
+def _listed(own: Float[Array, "3 3"]) -> str:
+    # where x, y and z point
+    axes = [int(np.argmax(np.abs(column))) for column in own.T]
+    signs = ["-" if own[axis, k] < 0.0 else "" for k, axis in enumerate(axes)]
+    return ", ".join(
+        f"{sign}{AXES[axis]}" for sign, axis in zip(signs, axes, strict=True)
+    )
+
+
+def _mirror(own: Float[Array, "3 3"]) -> str:
+    # the least mistake that makes axes left-handed
+    wrong = [AXES[k] for k in range(3) if own[k, k] < 0.0]
+    moved = [AXES[k] for k in range(3) if own[k, k] == 0.0]
+    if len(moved) == 2 and not (own < 0.0).any():
+        return f"{moved[0]} and {moved[1]} are exchanged"
+    if not moved:
+        return (
+            f"{' and '.join(wrong)} ha{'s' if len(wrong) == 1 else 've'} the wrong sign"
+        )
+    return "two axes are exchanged, or one has the wrong sign"
 
 
 def _size(sensor: str, given: str) -> float:

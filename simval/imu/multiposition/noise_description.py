@@ -7,7 +7,7 @@ import numpy as np
 
 from simval.imu.logs import Log
 from simval.imu.multiposition.description import log_object
-from simval.imu.multiposition.log_units import Scale
+from simval.imu.multiposition.log_units import Scale, said_of
 from simval.imu.multiposition.noise import LogNoise
 from simval.imu.noise import AxisNoise, Coefficient
 from simval.imu.noise.components import LETTERS
@@ -130,6 +130,7 @@ def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:
             "how": found.how,
         },
         "sensors": listed,
+        "units": {name: scale.as_object() for name, (_, scale) in sensors.items()},
         "left_out": dict(found.left_out),
         "kalibr": {name: x.value for name, x in kalibr if x.value is not None}
         | {"update_rate": log.rate},
@@ -150,7 +151,7 @@ def _kalibr(sensors: Sensors) -> Iterator[tuple[str, Largest]]:
 def described(found: LogNoise, sensors: Sensors) -> list[str]:
     """Describe the noise of a log in lines of text."""
     lines = [f"rest              {found.how}: {found.stop - found.start} rows"]
-    lines += [f"raw unit          {name}: {sensors[name][1].how}" for name in sensors]
+    lines += unit_lines(sensors)
     for name, (axes, scale) in sensors.items():
         kinds = {c.kind for axis in axes for c in axis.coefficients}
         for kind in (each for each in LETTERS if each in kinds):
@@ -170,6 +171,14 @@ def described(found: LogNoise, sensors: Sensors) -> list[str]:
 
 def _of_kind(kind: str, coefficients: tuple[Coefficient, ...]) -> Coefficient | None:
     return next((c for c in coefficients if c.kind == kind), None)
+
+
+def unit_lines(sensors: Sensors) -> list[str]:
+    """Say how the unit of each sensor is known, and what is wrong with it."""
+    how = [
+        f"raw unit          {name}: {unit.how}" for name, (_, unit) in sensors.items()
+    ]
+    return how + said_of(scale for _, scale in sensors.values())
 
 
 def _table(

@@ -41,14 +41,12 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import InputError, RefusedError
-from simval.imu.calibrate.estimate import rate_unit
 from simval.imu.logs import Log
 from simval.imu.multiposition.description import (
     honest,
     judgements,
     message_covariances,
 )
-from simval.imu.multiposition.log_units import written_unit
 from simval.imu.multiposition.noise import log_noise
 from simval.imu.multiposition.noise_description import KALIBR, si_unit
 from simval.imu.noise.model import equivalent_words, largest
@@ -196,7 +194,7 @@ def _autopilot(name: str, log: Log, whole: Any, notes: _Notes) -> list[str]:
     ):
         if getattr(whole, sensor) is None:
             continue
-        size = _size(log, sensor, whole, pilot.units[sensor])
+        size = _size(whole, sensor, pilot.units[sensor])
         if size is None:
             notes.say(
                 sensor,
@@ -205,6 +203,11 @@ def _autopilot(name: str, log: Log, whole: Any, notes: _Notes) -> list[str]:
                 "ax [m/s^2]",
             )
             continue
+        unit = whole.units["gyro" if sensor == "gyroscope" else sensor]
+        if unit.kind == "contradicted":
+            words = f"this file takes one unit of the log for {size:.5g} "
+            words += f"{pilot.units[sensor]}, as the readings show, whatever its header"
+            notes.say(sensor, words)
         lines += _lines(pilot, sensor, part(pilot, size, whole, notes), notes)
     if not lines:
         msg = f"nothing can be written for {name}: {'; '.join(notes)}"
@@ -231,15 +234,11 @@ def _lines(
         notes.say(sensor, pilot.notes[sensor])
 
 
-def _size(log: Log, sensor: str, whole: Any, unit: str) -> float | None:
-    """Units in a raw one: by the header, else by the scale of the calibration."""
+def _size(whole: Any, sensor: str, unit: str) -> float | None:
+    """Units in a raw one, as the log's header says, or its readings show."""
     column = "gyro" if sensor == "gyroscope" else sensor
-    known, written = OF_A_LOG[column], written_unit(log, column)
-    if sensor == "gyroscope" and not written:
-        return rate_unit(whole.gyroscope.M)[0]
-    if sensor == "accelerometer":
-        written = written or whole.accelerometer.raw_unit
-    return known[written] / known[unit] if written in known else None
+    size = whole.units[column].si_per_raw
+    return None if size is None else size / OF_A_LOG[column][unit]
 
 
 def _left(matrix: Array) -> float:
@@ -360,7 +359,7 @@ def _chain(name: str, log: Log, whole: Any, notes: _Notes) -> list[str]:
         notes.say(sensor, f"{words}{_triple(getattr(whole, sensor).B)}")
     if whole.magnetometer is not None:
         notes.say("magnetometer", "not carried; the project has none")
-    if any(_size(log, sensor, whole, unit) != 1.0 for sensor, unit in SI.items()):
+    if any(_size(whole, sensor, unit) != 1.0 for sensor, unit in SI.items()):
         words = "not all in m/s^2 and rad/s, which the project reads: the matrices are "
         notes.say("readings", f"{words}for messages in the units of the log")
     return list(_yaml({"imu0": imu}))
@@ -453,7 +452,7 @@ def parameters_of(name: str, log: Log, whole: Any) -> tuple[str, tuple[str, ...]
     RefusedError
         If nothing of it can be written.
     """
-    notes = _Notes()
+    notes = _Notes(words for each in whole.units.values() for words in each.said)
     first, writer = WRITERS[name]
     lines = writer(name, log, whole, notes)
     for sensor, own in whole.thermal.items():

@@ -38,7 +38,7 @@ from simval.arrays import Array, frozen
 from simval.errors import GeometryError, RefusedError
 from simval.geometry import cross_matrix
 from simval.imu.logs import Log, Truth
-from simval.imu.multiposition.log_units import scale_of
+from simval.imu.multiposition.log_units import units_of, written_unit
 from simval.imu.multiposition.rests import find_rests
 from simval.imu.recorded.attitudes import (
     STRETCH,
@@ -54,7 +54,13 @@ from simval.imu.recorded.attitudes import (
     turned,
 )
 from simval.imu.recorded.errors import Measured, block_of, jackknife
-from simval.imu.recorded.settings import Signals, signals, with_gyro_unit, without_turns
+from simval.imu.recorded.settings import (
+    UNSTATED,
+    Signals,
+    signals,
+    with_gyro_unit,
+    without_turns,
+)
 from simval.imu.recorded.world import TruthWorld, World, find_world, taken_world
 from simval.imu.statics import interval_means
 from simval.shapes import Float
@@ -574,11 +580,14 @@ def prepared(
     """Readings in SI units, and the truth aligned with them."""
     rests = find_rests(log, None, 1).best.intervals
     means = interval_means(log.accelerometer, rests)
+    given = {"accelerometer": units[0], "gyro": units[1]}
+    scales = {"gyro": UNSTATED} | units_of(log, given, means=means)
+    if recorded is not None and not (units[1] or written_unit(log, "gyro")):
+        scales["gyro"] = UNSTATED  # the truth says it better
     found = signals(
         log,
         rests,
-        accelerometer=scale_of(log, "accelerometer", units[0], means),
-        gyro=scale_of(log, "gyro", units[1]),
+        **scales,
         calibration=None if calibration is None else str(calibration),
     )
     if recorded is None:

@@ -379,6 +379,7 @@ def log_values(
             "gyroscope": found.gyro_unit,
             "accelerometer": found.force_unit,
             "magnetometer": found.field_unit or None,
+            "said": [words for each in found.scales for words in each.said],
         },
         "rests": found.rests.tolist(),
         "start": {"row": start.row, "attitude": start.attitude.tolist()},

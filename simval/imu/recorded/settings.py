@@ -14,7 +14,7 @@ from simval.errors import InputError, RefusedError
 from simval.imu.filters.signals import Told
 from simval.imu.logs import Log
 from simval.imu.multiposition.correction import corrected
-from simval.imu.multiposition.log_units import Scale, written_unit
+from simval.imu.multiposition.log_units import Scale, said_of, units_of
 from simval.imu.noise import AxisNoise, noise_of
 from simval.imu.noise.model import NoiseFile
 from simval.imu.recorded.attitudes import of_matrix
@@ -31,10 +31,8 @@ NEAR: Final = 0.1
 """Relative: scales of gyroscopes are within some per cent of their unit, and units are
 a factor of 57 apart."""
 
+UNSTATED: Final = Scale(None, "")
 UNKNOWN: Final = "in the unit of its calibration or of the log"
-EARTH: Final = (20e-6, 70e-6)
-"""T. The Earth's field is 22 to 67 uT: a factor of three, and the units of a
-magnetometer are ten apart or more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,6 +50,7 @@ class Signals:
     force_unit: str
     field_unit: str
     cuts: tuple[str, ...] = ()  # rests in which the gyroscope turns, in words
+    scales: tuple[Scale, ...] = ()  # of its sensors, and what is wrong with them
 
     def __post_init__(self) -> None:
         for name in ("time", "gyro", "force", "field"):
@@ -65,6 +64,7 @@ class Signals:
             f"                  accelerometer {self.force_unit}",
             "                  magnetometer "
             + ("none" if self.field is None else self.field_unit or UNKNOWN),
+            *said_of(self.scales),
             *self.cuts,
         ]
 
@@ -75,6 +75,7 @@ def signals(
     *,
     accelerometer: Scale,
     gyro: Scale,
+    magnetometer: Scale = UNSTATED,
     calibration: str | None,
 ) -> Signals:
     """Bring a log to SI units, by a calibration file or by the units of its columns.
@@ -98,13 +99,14 @@ def signals(
         gyro_unit=gyro.how if gyro.si_per_raw else "",
         force_unit=accelerometer.how,
         field_unit="",
+        scales=(accelerometer, gyro, magnetometer),
     )
     if calibration is not None:
-        return _calibrated(log, raw, calibration)
+        return _calibrated(log, raw, calibration, magnetometer)
     if accelerometer.si_per_raw is None:
         msg = f"{log.path}: the unit of the accelerometer is {accelerometer.how}"
         raise InputError(msg)
-    return with_field_unit(log, raw)
+    return with_field_unit(raw, magnetometer)
 
 
 def _require_gyroscope(log: Log) -> None:
@@ -127,7 +129,7 @@ def _require_gyroscope(log: Log) -> None:
         raise InputError(msg)
 
 
-def _calibrated(log: Log, raw: Signals, path: str) -> Signals:
+def _calibrated(log: Log, raw: Signals, path: str, magnetometer: Scale) -> Signals:
     done, sensors, _ = corrected(log, path)
     words = f"by the calibration {path}"
     found = replace(
@@ -136,7 +138,10 @@ def _calibrated(log: Log, raw: Signals, path: str) -> Signals:
     if "gyroscope" in sensors:
         assert done.gyro is not None
         found = replace(found, gyro=done.gyro, gyro_unit=f"rad/s, {words}")
-    return with_field_unit(log, found)
+    if "magnetometer" in sensors:  # in the unit of the calibration's field
+        shown = units_of(replace(done, columns=()))["magnetometer"]
+        return with_field_unit(found, shown)
+    return with_field_unit(found, magnetometer)
 
 
 TURNS: Final = 0.05
@@ -193,22 +198,12 @@ def without_turns(found: Signals) -> Signals:
     return replace(found, rests=np.array(kept, dtype=np.intp), cuts=tuple(words))
 
 
-def with_field_unit(log: Log, found: Signals) -> Signals:
-    """Bring the field to T: by the header, else where its length is the Earth's."""
-    if found.field is None or log.magnetometer is None:
+def with_field_unit(found: Signals, scale: Scale) -> Signals:
+    """Bring the field to T, if its unit is known."""
+    if found.field is None or scale.si_per_raw is None:
         return found
-    units = OF_A_LOG["magnetometer"]
-    unit, words = written_unit(log, "magnetometer"), "as the header says"
-    if unit not in units or not np.array_equal(found.field, log.magnetometer):
-        length = float(np.median(np.linalg.norm(found.field, axis=1)))
-        fits = [u for u in units if EARTH[0] <= length * units[u] <= EARTH[1]]
-        if len(fits) != 1:
-            return found
-        unit = fits[0]
-        words = f"as its median length {length:.4g} says (the Earth's is 22 to 67 uT)"
-    return replace(
-        found, field=found.field * units[unit], field_unit=f"{unit}, {words}"
-    )
+    field = found.field * scale.si_per_raw
+    return replace(found, field=field, field_unit=scale.how)
 
 
 def with_gyro_unit(found: Signals, raw_per_si: float | None) -> Signals:

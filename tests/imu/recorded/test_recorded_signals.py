@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from simval.errors import InputError, RefusedError
 from simval.geometry import attitude_error
 from simval.imu.logs import read_log
-from simval.imu.multiposition.log_units import Scale
+from simval.imu.multiposition.log_units import Scale, units_of
 from simval.imu.multiposition.rests import find_rests
 from simval.imu.noise import noise_of
 from simval.imu.noise.model import NoiseFile
@@ -40,8 +40,9 @@ def read(log, tmp_path_factory):
 
 
 def brought(read, **changes):
-    options = {"accelerometer": SI, "gyro": Scale(1.0, "rad/s"), "calibration": None}
-    return signals(read, find_rests(read, None, 1).best.intervals, **options | changes)
+    options = units_of(read) | {"accelerometer": SI, "gyro": Scale(1.0, "rad/s")}
+    rests = find_rests(read, None, 1).best.intervals
+    return signals(read, rests, **{"calibration": None} | options | changes)
 
 
 @pytest.mark.parametrize("unit", UNITS)
