@@ -31,6 +31,10 @@ TARGETS: Final = get_args(Target)
 """Projects for which a calibration is written as parameters."""
 TruthWorld = Literal["NED", "ENU", "NWU", "estimated"]
 """Worlds that a recorded truth may have."""
+RowKind = Literal["before", "instant", "after"]
+ROW_KINDS: Final = get_args(RowKind)
+GyroRows = Literal["found", "before", "instant", "after"]
+"""What a row of a gyroscope is of, and whether the log is asked."""
 
 STUDIES: Final = (
     "sampling",
