@@ -117,9 +117,9 @@ def six_axis_bound(
     q = between(np.clip(time, known[0], known[-1])).as_quat()
     model = model_of(start.told, magnetometer=False)
     A, first = attitude_matrix(q[1:]), model.start.copy()
-    first[:3, :3] -= start.told.start_std**2 * np.outer(
-        *2 * [attitude_matrix(q[0])[:, 2]]
-    )
+    # of no heading: by two axes normal to the vertical, as a difference is rounded
+    level = np.linalg.svd(attitude_matrix(q[0])[:, 2:])[0][:, 1:]
+    first[:3, :3] = start.told.start_std**2 * level @ level.T
     path = FilterPath(dt=np.diff(time), attitude=q)
     body = filter_bound(path, replace(model, start=first)).covariance[:, :3, :3]
     square = np.diagonal(A.swapaxes(1, 2) @ body @ A, axis1=1, axis2=2)[there[1:]]

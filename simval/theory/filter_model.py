@@ -295,8 +295,7 @@ def covariance_matrix(name: str, value: Any, size: int) -> Float[Array, "p p"]:
     if P.shape != (size, size):
         msg = f"`{name}` has shape {P.shape}; give one covariance, ({size}, {size})"
         raise InputError(msg)
-    unit = np.sqrt(np.maximum(np.diagonal(P), 0.0))
-    unit = np.where(unit > 0.0, unit, 1.0)
+    unit = scales(P)
     scaled = P / np.outer(unit, unit)
     # 1e-9: a thousand times what rounding leaves of a covariance that was computed
     off = float(np.abs(scaled - scaled.T).max())
@@ -304,11 +303,32 @@ def covariance_matrix(name: str, value: Any, size: int) -> Float[Array, "p p"]:
     if not (off <= 1e-9 and least >= -1e-9):
         msg = (
             f"`{name}` is no covariance: relative asymmetry {off:.1e}, least "
-            f"eigenvalue {least:.1e} of its correlations; it must be symmetric, with "
+            f"eigenvalue {least:.1e} where variances are 1; it must be symmetric, with "
             "none below 0"
         )
         raise InputError(msg)
     return (P + P.T) / 2.0
+
+
+LEAST_SCALE: Final = 1e-3
+"""Of the greatest standard deviation in one unit: a variance that is the difference of
+greater ones is rounded like them, to 1e-16, and is judged by 1e-9 of the square."""
+
+
+def scales(P: Float[Array, "... p p"]) -> Float[Array, "... p"]:
+    """Scale of each number of a covariance, by which even a singular one is judged.
+
+    Standard deviations, but none below `LEAST_SCALE` of the greatest in its unit: the
+    last three numbers have one, those before them another; nine have one.
+    """
+    sd = np.sqrt(np.maximum(np.diagonal(P, axis1=-2, axis2=-1), 0.0))
+    count = sd.shape[-1]
+    first = count if count == MATRIX else count - 3
+    unit = np.empty_like(sd)
+    for part in (slice(first), slice(first, None)):
+        unit[..., part] = sd[..., part].max(axis=-1, keepdims=True, initial=0.0)
+    found = np.maximum(sd, LEAST_SCALE * unit)
+    return np.where(found > 0.0, found, 1.0)
 
 
 GYROSCOPE: Final = "gyroscope"

@@ -53,7 +53,13 @@ from simval.arguments import instance, whole_number
 from simval.arrays import Array, ReadOnly
 from simval.errors import InputError
 from simval.shapes import Float
-from simval.theory.filter_model import FilterModel, FilterPath, Steps, steps_of
+from simval.theory.filter_model import (
+    FilterModel,
+    FilterPath,
+    Steps,
+    scales,
+    steps_of,
+)
 
 Matrices = tuple[Array, ...]
 """Of a map, a row or a state; all of a kind have the same leading axes."""
@@ -120,8 +126,7 @@ def apply_riccati(state: Matrices, maps: Matrices) -> Matrices:
 
 def _root(P: Float[Array, "... 6 6"]) -> Float[Array, "... 6 6"]:
     # R R' = P, which may be singular; of the correlations, whose units are one
-    sd = np.sqrt(np.diagonal(P, axis1=-2, axis2=-1))
-    unit = np.where(sd > 0.0, sd, 1.0)
+    unit = scales(P)
     values, V = np.linalg.eigh(P / (unit[..., :, None] * unit[..., None, :]))
     return unit[..., :, None] * V * np.sqrt(np.maximum(values, 0.0))[..., None, :]
 
