@@ -32,7 +32,7 @@ TARGETS: Final = get_args(Target)
 TruthWorld = Literal["NED", "ENU", "NWU", "estimated"]
 """Worlds that a recorded truth may have."""
 RowKind = Literal["before", "instant", "after"]
-ROW_KINDS: Final = get_args(RowKind)
+ROW_KINDS: Final[tuple[RowKind, ...]] = get_args(RowKind)
 GyroRows = Literal["found", "before", "instant", "after"]
 """What a row of a gyroscope is of, and whether the log is asked."""
 

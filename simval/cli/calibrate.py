@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -12,6 +14,7 @@ from simval.cli.options import (
     AsJson,
     Columns,
     Gravity,
+    GyroDelay,
     Instance,
     LogPath,
     OutFile,
@@ -19,8 +22,10 @@ from simval.cli.options import (
     Positive,
     Rate,
     Rest,
+    RowsOf,
     command_again,
     declared,
+    with_rows,
     write,
 )
 from simval.cli.outputs import Output
@@ -30,6 +35,7 @@ from simval.vocabulary import TARGETS, Loss, Method, Model, Residual
 if TYPE_CHECKING:
     from simval.imu.logs import Log
     from simval.imu.multiposition import ImuCalibration
+    from simval.imu.recorded.rows import RowEvidence
 
 
 @declared("calibrate")
@@ -66,6 +72,8 @@ def command(
         Path | None,
         "Measured noise of the sensors, a file made by `simval noise LOG --json`.",
     ] = None,
+    gyro_rows: RowsOf = "found",
+    gyro_delay: GyroDelay = 0.0,
     full_scale: Annotated[
         Positive | None,
         "Greatest reading that the sensor can give, in the unit of the log.",
@@ -107,9 +115,10 @@ def command(
         sensors_object,
     )
     from simval.imu.noise import load_noise
+    from simval.imu.recorded.description import row_lines, rows_object
     from simval.theory import calibration_moments
 
-    log = read_log(path, rate, columns, instance)
+    log = with_rows(read_log(path, rate, columns, instance), gyro_rows, gyro_delay)
     known = None if noise is None else load_noise(noise)
     result = calibrate_log(
         log,
@@ -123,16 +132,21 @@ def command(
         noise=known,
         predict=calibration_moments,
     )
-    whole = calibrate_sensors(
-        log,
-        result,
+    all_of = partial(
+        calibrate_sensors,
         sensors=None if sensors is None else listed(sensors),
         hemisphere=hemisphere,
         field=field,
         noise=known,
     )
+    whole = all_of(log, result)
+    evidence = rows_of(log, whole, find=gyro_rows == "found")
+    if evidence is not None and evidence.rows != log.gyro_rows:
+        log = replace(log, gyro_rows=evidence.rows)
+        whole = all_of(log, result)
     if out is not None or as_json:
         written = as_object(whole) | sensors_object(whole, log) | log_object(log)
+        written["gyro_rows"] = rows_object(evidence)
     if out is not None:
         write_json(out, written)
     notes = []
@@ -148,7 +162,22 @@ def command(
         click.echo(json.dumps(written, allow_nan=False))
         say(notes, err=True)
         return
-    say([*log.described(), *str(whole).splitlines(), *notes])
+    say([*log.described(), *row_lines(evidence), *str(whole).splitlines(), *notes])
+
+
+def rows_of(log: Log, whole: ImuCalibration, *, find: bool) -> RowEvidence | None:
+    """What the calibrated log says of its gyroscope's rows; None without any."""
+    import numpy as np
+
+    from simval.imu.recorded.rows import judged_rows, row_centre
+
+    if log.gyro is None or whole.gyroscope is None:
+        return None
+    rate = whole.gyroscope.sensor().correct(log.gyro)
+    force = whole.accelerometer.sensor().correct(log.accelerometer)
+    seen = row_centre(log.time, rate, force, "accelerometer")
+    step = float(np.median(np.diff(log.time)))
+    return judged_rows((seen,), step, log.gyro_rows, find=find)
 
 
 def listed(words: str) -> list[str]:

@@ -12,16 +12,19 @@ import click
 from simval.cli.options import (
     AsJson,
     Columns,
+    GyroDelay,
     Instance,
     LogPath,
     Number,
     OutFile,
     Page,
     Rate,
+    RowsOf,
     command_again,
     declared,
     refuse_if,
     unit_words,
+    with_rows,
     write,
 )
 from simval.cli.terminal import say
@@ -103,6 +106,8 @@ def command(
         str | None, unit_words("accelerometer"), dict(metavar="UNIT")
     ] = None,
     gyro_unit: Annotated[str | None, unit_words("gyro"), dict(metavar="UNIT")] = None,
+    gyro_rows: RowsOf = "found",
+    gyro_delay: GyroDelay = 0.0,
     time_limit: Annotated[
         float,
         Number(0.0, 86_400.0, min_open=True),
@@ -135,17 +140,21 @@ def command(
         evaluation_object,
         filter_lines,
         log_values,
+        row_lines,
     )
     from simval.imu.recorded.published import published_rows, published_start
     from simval.imu.recorded.settings import start_of
 
     filters = filters_of(plugins)
-    log = read_log(path, rate, columns, instance)
+    log = with_rows(read_log(path, rate, columns, instance), gyro_rows, gyro_delay)
     recorded = truth_of(log, truth, truth_columns, truth_rate, instance)
     units = accelerometer_unit, gyro_unit
-    found, alignment = prepared(log, recorded, calibration, units, truth_world)
+    found, alignment = prepared(
+        log, recorded, calibration, units, truth_world, find_rows=gyro_rows == "found"
+    )
     start = start_of(found, None if noise is None else load_noise(noise), str(noise))
-    head = [*log.described(), *found.described(), *start.described]
+    head = [*log.described(), *found.described(), *row_lines(found.evidence)]
+    head += start.described
     head += alignment_lines(alignment, recorded, found)
     head += _offered(path, instance) if recorded is None else []
     say([] if as_json else head)
@@ -260,7 +269,12 @@ def run_on_log(
     """
     import numpy as np
 
-    from simval.imu.recorded.evaluation import FilterRun, filter_input, in_view
+    from simval.imu.recorded.evaluation import (
+        FilterRun,
+        filter_input,
+        given_rows,
+        in_view,
+    )
     from simval.plugins.child import started
     from simval.plugins.loading import find_plugin
     from simval.plugins.protocol import Filter
@@ -288,7 +302,7 @@ def run_on_log(
         name=name,
         world=world.world,
         how=f"{how}: {filter.name} {world.words}{at}",
-        output=replace(output, kept=output.kept + start.row + 1),
+        output=replace(output, kept=output.kept + given_rows(found, start).start),
         six=None if filter.magnetometer else start,
         thinned=stride > 1,
     )

@@ -12,10 +12,19 @@ folders are looked at. Where no name fits, the shell completes files by itself.
 import os
 import shlex
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from inspect import Parameter, signature
 from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import click
 from click.core import ParameterSource
@@ -25,7 +34,10 @@ from simval.cli.outputs import Command, Input, Output, require_free
 from simval.errors import InputError
 from simval.text import as_whole, read_whole, shown
 from simval.units import OF_A_LOG
-from simval.vocabulary import RUNS, SCENES, STUDIES, builtin_suites
+from simval.vocabulary import RUNS, SCENES, STUDIES, GyroRows, builtin_suites
+
+if TYPE_CHECKING:
+    from simval.imu.logs import Log
 
 PROCESSORS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
 """Processors that this process may use."""
@@ -220,6 +232,19 @@ Rest = Annotated[
     "State that the first SECONDS are a rest.  [default: found in the log]",
     dict(metavar="SECONDS"),
 ]
+RowsOf = Annotated[
+    GyroRows,
+    "What a row of the gyroscope is: the mean rate over the step before its stamp or "
+    "after it, or the rate of that instant; found by the accelerometer where the log "
+    "can tell, else taken as before.",
+    dict(name="--gyro-rows"),
+]
+GyroDelay = Annotated[
+    float,
+    Number(-500.0, 500.0),
+    "By how much these rows are late against the accelerometer's.",
+    dict(metavar="MS"),
+]
 Page = Annotated[
     OutFile | None,
     "Write a page with figures, a single HTML file.",
@@ -232,6 +257,14 @@ Alpha = Annotated[
     "False-alarm rate of all checks together.",
     dict(metavar="RATE"),
 ]
+
+
+def with_rows(log: "Log", kind: GyroRows, delay_ms: float) -> "Log":
+    """A log whose gyroscope's rows are as stated; before, until they are found."""
+    from simval.imu.logs import Rows
+
+    known = "before" if kind == "found" else kind
+    return replace(log, gyro_rows=Rows(kind=known, delay=1e-3 * delay_ms))
 
 
 def unit_words(sensor: str) -> str:

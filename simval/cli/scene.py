@@ -11,6 +11,7 @@ import click
 
 from simval.cli.options import (
     AsJson,
+    GyroDelay,
     OutFile,
     Whole,
     declared,
@@ -21,8 +22,10 @@ from simval.cli.options import (
 from simval.cli.terminal import say
 from simval.errors import InputError
 from simval.text import did_you_mean
+from simval.vocabulary import RowKind
 
 if TYPE_CHECKING:
+    from simval.imu.logs import Rows
     from simval.imu.sensor import ImuModel, ImuReadings
     from simval.scene import Trajectory
 
@@ -45,6 +48,13 @@ def command(
         "Keep each N-th row of the log; its rates are averages over the N steps.",
         dict(metavar="N"),
     ] = 1,
+    gyro_rows: Annotated[
+        RowKind,
+        "What a row of the gyroscope is: the mean rate over the step before its stamp "
+        "or after it, or the rate of that instant.",
+        dict(name="--gyro-rows"),
+    ] = "before",
+    gyro_delay: GyroDelay = 0.0,
     picture: Annotated[
         OutFile | None,
         "Write a picture (.png) or an animation (.gif, .mp4).",
@@ -66,6 +76,7 @@ def command(
     of a Python file with a Scene. --out writes a test signal for any calibrator: a log
     with the raw readings of accelerometer, gyroscope and magnetometer, and their truth.
     """
+    from simval.imu.logs import Rows
     from simval.imu.sensor import load_imu
     from simval.scene import render_file, simulate
     from simval.scene.trajectory import write_signal
@@ -88,10 +99,16 @@ def command(
         stated("every") and out is None,
         "`--every` thins what `--out` writes; give that file too",
     )
+    refuse_if(
+        (stated("gyro_rows") or stated("gyro_delay")) and out is None,
+        "`--gyro-rows` and `--gyro-delay` are of what `--out` writes; give that file "
+        "too",
+    )
+    rows = Rows(kind=gyro_rows, delay=1e-3 * gyro_delay)
     trajectory = simulate(name, **parameters)
-    readings = None if imu is None else read(imu, trajectory, every, seed)
+    readings = None if imu is None else read(imu, trajectory, every, seed, rows)
     if out is not None:
-        write_signal(out, trajectory, readings, every)
+        write_signal(out, trajectory, readings, every, rows)
     if picture is not None:
         render_file(picture, name, seconds=seconds, **parameters)
     if as_json:
@@ -125,14 +142,16 @@ def parsed(name: str, settings: tuple[str, ...]) -> dict[str, Any]:
     return values
 
 
-def read(imu: ImuModel, trajectory: Trajectory, every: int, seed: int) -> ImuReadings:
+def read(
+    imu: ImuModel, trajectory: Trajectory, every: int, seed: int, rows: Rows
+) -> ImuReadings:
     """Readings of a run's kept rows, with noise of a seed."""
     from simval.imu.sensor import read_imu
     from simval.scene.trajectory import motion_of
     from simval.streams import cell_key, stream
 
     rng = stream(seed, cell_key("sensor of simval scene"), 0)
-    return read_imu(imu, motion_of(trajectory, every), rng)
+    return read_imu(imu, motion_of(trajectory, every, rows), rng)
 
 
 def stopped(readings: ImuReadings | None) -> list[str]:

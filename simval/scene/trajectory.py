@@ -24,12 +24,14 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from simval.arguments import instance, whole_number
 from simval.arrays import Array, ReadOnly
 from simval.errors import InputError
 from simval.geometry import compose, conjugate, rotation_vector
+from simval.imu.logs.rows import BEFORE, Rows
 from simval.imu.sensor import ImuReadings, Motion
 from simval.shapes import Float
 
@@ -175,6 +177,33 @@ def average_rates(trajectory: Trajectory, every: int = 1) -> Float[Array, "m 3"]
     return np.concatenate([rates[:1], rates])
 
 
+def gyroscope_rows(
+    trajectory: Trajectory, every: int = 1, rows: Rows = BEFORE
+) -> Float[Array, "m 3"]:
+    """Rates as a gyroscope of such rows has them; beyond the run its ends go on.
+
+    By the spline through the sum of the increments of all steps, of which every so many
+    are kept.
+    """
+    if rows == BEFORE:
+        return average_rates(trajectory, every)
+    time, at = trajectory.time, trajectory.time[::every]
+    sums = np.cumsum(increments(trajectory.attitude), axis=0)
+    turned = scipy.interpolate.CubicSpline(time, np.vstack([np.zeros(3), sums]))
+
+    def until(wanted: Float[Array, " m"]) -> Float[Array, "m 3"]:
+        inside = np.clip(wanted, time[0], time[-1])
+        return np.asarray(
+            turned(inside) + turned(inside, 1) * (wanted - inside)[:, None]
+        )
+
+    if rows.kind == "instant":
+        return np.asarray(turned(np.clip(at - rows.delay, time[0], time[-1]), 1))
+    first, last = 2.0 * at[0] - at[1], 2.0 * at[-1] - at[-2]
+    edges = np.concatenate([[first], at] if rows.kind == "before" else [at, [last]])
+    return np.diff(until(edges - rows.delay), axis=0) / np.diff(edges)[:, None]
+
+
 def increments(attitude: Float[Array, "n 4"]) -> Float[Array, "n-1 3"]:
     """Integrals of the body rate between attitudes, rad, eq. (G1)."""
     d = turns(attitude)
@@ -214,16 +243,16 @@ TRUTH = (
 UNITS = (("a", "m/s^2"), ("w", "rad/s"), ("m", "T"))
 
 
-def motion_of(trajectory: Trajectory, every: int = 1) -> Motion:
+def motion_of(trajectory: Trajectory, every: int = 1, rows: Rows = BEFORE) -> Motion:
     """Motion of a run for the sensors of an IMU, keeping every n-th row.
 
     The rate is the average over the step that ends at a row, and over all steps since
-    the row before that is kept.
+    the row before that is kept, or as the gyroscope's rows are of.
     """
     return Motion(
         time=trajectory.time[::every],
         specific_force=trajectory.specific_force[::every],
-        rate=average_rates(trajectory, every),
+        rate=gyroscope_rows(trajectory, every, rows),
         field=trajectory.magnetic_field[::every],
     )
 
@@ -233,17 +262,19 @@ def write_signal(
     trajectory: Trajectory,
     readings: ImuReadings | None = None,
     every: int = 1,
+    rows: Rows = BEFORE,
 ) -> None:
     """Write a run as comma-separated text, one row of one instant each.
 
     Columns: the time stamp; readings of accelerometer, gyroscope and magnetometer, the
-    truth where there is no such sensor; the true time, specific force, average rate of
-    the step that ends at the row, rate of the instant, and field, in sensor axes; the
-    attitude world to sensor, vector first; the index of the rest that the row belongs
+    truth where there is no such sensor, the gyroscope's as `rows` says; the true time,
+    specific force, average rate of the step that ends at the row, rate of the instant,
+    and field, in sensor axes; the attitude world to sensor, vector first; the index of
+    the rest that the row belongs
     to, -1 for none. ``simval calibrate`` reads the readings by their names, and any
     other calibrator the first columns.
     """
-    motion = motion_of(trajectory, every)
+    motion = motion_of(trajectory, every, rows)
     kept = slice(None, None, every)
     table = np.column_stack(
         [
@@ -251,7 +282,7 @@ def write_signal(
             *read_or_true(motion, readings),
             motion.time,
             motion.specific_force,
-            motion.rate,
+            average_rates(trajectory, every),
             trajectory.angular_velocity[kept],
             motion.field,
             trajectory.attitude[kept],

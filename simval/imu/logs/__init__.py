@@ -28,6 +28,7 @@ row.
 
 from simval.imu.logs.columns import Column
 from simval.imu.logs.log import Log, read_log
+from simval.imu.logs.rows import Rows
 from simval.imu.logs.truth import Truth, read_truth
 
-__all__ = ["Column", "Log", "Truth", "read_log", "read_truth"]
+__all__ = ["Column", "Log", "Rows", "Truth", "read_log", "read_truth"]

@@ -19,6 +19,7 @@ from simval.imu.logs.columns import (
 )
 from simval.imu.logs.names import Kind
 from simval.imu.logs.readers import read_table
+from simval.imu.logs.rows import BEFORE, Rows
 from simval.imu.logs.temperature import read_temperature
 from simval.imu.logs.text import Table
 from simval.shapes import Float
@@ -52,6 +53,8 @@ class Log(ReadOnly):
         Of the sensor at each row, degrees Celsius, (n,).
     source : tuple of (str, str)
         Label and words: what was taken of the file, joined or mended.
+    gyro_rows : Rows
+        What a row of the gyroscope is of, which no file says.
     """
 
     path: str
@@ -65,6 +68,7 @@ class Log(ReadOnly):
     unclear: tuple[str, ...] = ()
     temperature: Float[Array, " n"] | None = None
     source: tuple[tuple[str, str], ...] = ()
+    gyro_rows: Rows = BEFORE
 
     def rows_within(self, seconds: float) -> int:
         """Number of rows in the first seconds of the log.

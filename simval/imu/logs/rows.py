@@ -81,6 +81,21 @@ class Rows:
         """Middle of what a row is of, less its stamp, s, eq. (W1)."""
         return MIDDLES[self.kind] * step - self.delay
 
+    def in_place(
+        self, time: Float[Array, " n"], rates: Float[Array, "n 3"]
+    ) -> Float[Array, "n 3"]:
+        """The rows moved by whole ones, to within half a step of where they belong.
+
+        Noise and readings are kept, for what is turned between two rests; a mean over
+        the step after becomes the next row's over the step before.
+        """
+        step = float(np.median(np.diff(time)))
+        moved = round(self.delay / step) - (self.kind == "after")
+        if not moved:
+            return rates
+        rows = np.clip(np.arange(len(time)) + moved, 0, len(time) - 1)
+        return np.asarray(rates[rows])
+
     def means(
         self, time: Float[Array, " n"], rates: Float[Array, "n 3"]
     ) -> Float[Array, "n 3"]:
@@ -98,7 +113,7 @@ class Rows:
         Array
             In the same unit, (n, 3); of means before without a delay the rows.
         """
-        if self == Rows():
+        if self == BEFORE:
             return rates
         clock = time - time[0]
         ends = np.concatenate([[clock[0] - clock[1]], clock])  # of the steps before
@@ -119,6 +134,10 @@ class Rows:
         covered = inside[:-1] & inside[1:]
         means = np.diff(turned(wanted), axis=0) / np.diff(ends)[:, None]
         return np.where(covered[:, None], means, np.nan)
+
+
+BEFORE: Final = Rows()
+"""What they are taken as where nothing is known."""
 
 
 def _over_holes(

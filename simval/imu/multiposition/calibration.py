@@ -37,6 +37,7 @@ from simval.imu.calibrate.diagnosis import Diagnosis, diagnose
 from simval.imu.calibrate.evidence import FEW
 from simval.imu.calibrate.factors import of_both, widened
 from simval.imu.calibrate.gyroscope.imu import joined
+from simval.imu.calibrate.gyroscope.path_statistics import Scheme
 from simval.imu.calibrate.magnetometer.calibration import Hemisphere
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
 from simval.imu.calibrate.thermal import Fit, Thermal, ThermalChoice, choose_thermal
@@ -460,12 +461,14 @@ def _gyroscope(
             "record more rests in which nothing turns"
         )
         raise RefusedError(msg)
+    scheme: Scheme = "cubic" if log.gyro_rows.kind == "instant" else "averages"
+    samples = log.gyro_rows.in_place(log.time, samples)
 
     def joint(rows: Float[Array, "n 3"]) -> ImuFit:
         fit = calibrate_imu(
             log.time, log.accelerometer, rows, result.intervals, g=result.fit.g,
             model=result.fit.model, pose_std=result.pose_std,
-            temperature=log.temperature,
+            temperature=log.temperature, scheme=scheme,
         )  # fmt: skip
         require_one_unit(log, "gyroscope", fit.gyroscope.require_converged().M)
         if not len(result.warm.shifts):

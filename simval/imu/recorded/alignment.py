@@ -54,6 +54,7 @@ from simval.imu.recorded.attitudes import (
     turned,
 )
 from simval.imu.recorded.errors import Measured, block_of, jackknife
+from simval.imu.recorded.rows import SLACK, RowCentre, judged_rows, row_centre
 from simval.imu.recorded.settings import (
     UNSTATED,
     Signals,
@@ -83,7 +84,7 @@ def likely_offsets(signals: Signals, attitudes: Attitudes) -> list[float]:
     RefusedError
         If nothing moves, or either is too long or too short.
     """
-    time, gyro = signals.time, signals.gyro
+    time, gyro = signals.turning
     # about the median, which is the bias of a sensor that rests, and of counts
     centred = gyro - np.median(gyro, axis=0)
     sums = np.cumsum(centred[1:] * np.diff(time)[:, None], axis=0)
@@ -424,8 +425,8 @@ def align(truth: Truth, signals: Signals, world: TruthWorld | None = None) -> Al
     truth : Truth
         As from `simval.imu.logs.read_truth`.
     signals : Signals
-        Readings of the log: angular rate, the average over the step that ends at a
-        row, and field in any unit; specific force in m/s^2.
+        Readings of the log: angular rate and field in any unit, specific force in
+        m/s^2.
     world : {"NWU", "ENU", "NED", "estimated"}, optional
         The truth's world; default that of its data set, else the nearest one;
         ``estimated`` turns the truth to what rests and field show.
@@ -468,7 +469,7 @@ def align(truth: Truth, signals: Signals, world: TruthWorld | None = None) -> Al
 
 def _best(truth: Truth, signals: Signals) -> tuple[_Tried, list[_Tried]]:
     # one meaning of each class is enough, see `attitudes`
-    pieces = stretches(signals.time, signals.gyro, coarse=True)
+    pieces = stretches(*signals.turning, coarse=True)
     tried: list[_Tried] = []
     pair = meanings(truth.scalar)[:2]
     first = attitudes(truth.time, truth.components, pair[0])
@@ -520,8 +521,8 @@ def _refined(
     truth: Truth, signals: Signals, best: _Tried
 ) -> tuple[tuple[Meaning, ...], Meaning, TurnFit]:
     # of the meanings of one motion, the one whose body axes are nearest to the sensor's
-    pieces = stretches(signals.time, signals.gyro)
-    coarse = stretches(signals.time, signals.gyro, coarse=True)
+    pieces = stretches(*signals.turning)
+    coarse = stretches(*signals.turning, coarse=True)
     alike = []
     for meaning in meanings(truth.scalar):
         read = attitudes(truth.time, truth.components, meaning)
@@ -576,8 +577,14 @@ def prepared(
     calibration: Path | None,
     units: tuple[str | None, str | None],
     world: TruthWorld | None = None,
+    *,
+    find_rows: bool = True,
 ) -> tuple[Signals, Alignment | None]:
-    """Readings in SI units, and the truth aligned with them."""
+    """Readings in SI units, and the truth aligned with them.
+
+    The rows of the gyroscope are the log's, or, with their delay, of the kind that is
+    found.
+    """
     rests = find_rests(log, None, 1).best.intervals
     means = interval_means(log.accelerometer, rests)
     given = {"accelerometer": units[0], "gyro": units[1]}
@@ -590,11 +597,35 @@ def prepared(
         **scales,
         calibration=None if calibration is None else str(calibration),
     )
-    if recorded is None:
-        return without_turns(with_gyro_unit(found, None)), None
-    start = float(log.time[0])
-    if np.spacing(start) > 1e-9:  # seconds since 1970: both from the log's start on
-        found = replace(found, time=found.time - start)
-        recorded = replace(recorded, time=recorded.time - start)
-    alignment = align(recorded, found, world)
-    return without_turns(with_gyro_unit(found, alignment.fit.scale)), alignment
+    start, alignment = float(log.time[0]), None
+    if recorded is not None:
+        if np.spacing(start) > 1e-9:  # seconds since 1970: both from the log's start on
+            found = replace(found, time=found.time - start)
+            recorded = replace(recorded, time=recorded.time - start)
+        alignment = align(recorded, found, world)
+    found = with_gyro_unit(found, None if alignment is None else alignment.fit.scale)
+    found = _with_evidence(found, recorded, alignment, find=find_rows)
+    if recorded is not None and found.rows != log.gyro_rows:
+        alignment = align(recorded, found, world)
+    return without_turns(found), alignment
+
+
+def _with_evidence(
+    found: Signals, recorded: Truth | None, alignment: Alignment | None, *, find: bool
+) -> Signals:
+    # what the log says of the gyroscope's rows, which are taken so
+    step = float(np.median(np.diff(found.time)))
+    compass = None
+    seen = [row_centre(found.time, found.gyro, found.force, "accelerometer")]
+    if found.field is not None:
+        compass = row_centre(found.time, found.gyro, found.field, "magnetometer")
+    if alignment is not None and recorded is not None and not recorded.own_clock:
+        offset = alignment.offset
+        truth = RowCentre(
+            by="truth", centre=found.rows.centre(step) + offset.value, sd=offset.sd,
+            coherent=SLACK * step,
+        )  # fmt: skip
+        seen.append(truth)
+    evidence = judged_rows(tuple(seen), step, found.rows, find=find)
+    evidence = replace(evidence, compass=compass)
+    return replace(found.taken_as(evidence.rows), evidence=evidence)

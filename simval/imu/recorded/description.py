@@ -1,7 +1,7 @@
 """Results of filters over a log, as text and as JSON (SI units, radians)."""
 
 from collections.abc import Iterable
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 import numpy as np
@@ -13,11 +13,14 @@ from simval.imu.recorded.alignment import polar
 from simval.imu.recorded.errors import Consistency, Measured, Rms
 from simval.imu.recorded.evaluation import norths, turned_words
 from simval.imu.recorded.published import SOURCE
+from simval.imu.recorded.rows import FEWEST, MOST_LEFT, WINDOW, RowCentre, RowEvidence
 from simval.imu.recorded.settings import Signals, Start
 from simval.text import columns, interval_words
 from simval.units import OF_A_LOG
+from simval.vocabulary import ROW_KINDS
 
 PARTS = {"all": "all", "rest": "at rest", "moving": "moving"}
+ROW_WORDS = ("mean before", "instant", "mean after")
 FREE = (
     "Without a magnetometer heading is free: its error is the drift since the first "
     "row with truth. The bound (Cramer-Rao) is that of six axes, by the settings told, "
@@ -89,6 +92,51 @@ def alignment_lines(
         f"north, west and up: up by {world.rests} rest(s), {tilt};",
         f"                  {north}",
     ]
+
+
+def row_lines(evidence: RowEvidence | None) -> list[str]:
+    """What a gyroscope's rows are taken as and what the log says of it, one line.
+
+    A second one where there is a magnetometer, which may be late itself.
+    """
+    if evidence is None:
+        return []
+    how = str(evidence.rows)
+    if evidence.why in ("stated", "default"):
+        how = f"{how}, as stated" if evidence.why == "stated" else f"taken as {how}"
+    lines = [f"gyroscope's rows  {how}: {_witness_words(evidence)}"]
+    late = evidence.lateness
+    if evidence.compass is not None and np.isfinite(late):
+        size = with_error(1e3 * late, 1e3 * evidence.compass.half)
+        lines.append(f"magnetometer      {size} ms late against the gyroscope's rows")
+    return lines
+
+
+def _witness_words(evidence: RowEvidence) -> str:
+    seen = evidence.telling or evidence.seen[0]
+    if np.isnan(seen.centre):
+        return (
+            f"too little turns for the {seen.by} to tell ({seen.windows} windows of "
+            f"{WINDOW:g} s, and {FEWEST} are needed)"
+        )
+    if not seen.left < MOST_LEFT:
+        return (
+            f"the {seen.by} cannot tell, for {100.0 * seen.left:.0f} % of what it "
+            "shows is real acceleration"
+        )
+    size = with_error(1e3 * seen.centre, 1e3 * seen.half)
+    middles = ", ".join(
+        f"{word} {1e3 * replace(evidence.rows, kind=kind).centre(evidence.step):.3g}"
+        for kind, word in zip(ROW_KINDS, ROW_WORDS, strict=True)
+    )
+    said = f"the {seen.by} puts their middle {size} ms after the stamp ({middles})"
+    if not evidence.clash:
+        return said if evidence.telling else f"{said}, which decides nothing"
+    remedy = evidence.remedy
+    if remedy is None:
+        return f"{said}, which contradicts that"
+    late = f" --gyro-delay {1e3 * remedy.delay:g}" if remedy.delay else ""
+    return f"{said}, which contradicts that: give --gyro-rows {remedy.kind}{late}"
 
 
 def with_error(value: float, half: float) -> str:
@@ -348,6 +396,10 @@ def evaluation_object(each: Evaluation) -> dict[str, Any]:
 def _consistency(each: Consistency | None) -> dict[str, Any] | None:
     if each is None:
         return None
+    return _plain(each)
+
+
+def _plain(each: Consistency | RowCentre) -> dict[str, Any]:
     return {name: plain(value) for name, value in asdict(each).items()}
 
 
@@ -359,6 +411,24 @@ def plain(value: Any) -> Any:
     if array.ndim:
         return [plain(each) for each in array]
     return array.item() if np.isfinite(array) else None
+
+
+def rows_object(evidence: RowEvidence | None) -> dict[str, Any] | None:
+    """What a gyroscope's rows are taken as, and by what, as plain JSON values, s."""
+    if evidence is None:
+        return None
+    remedy, compass = evidence.remedy, evidence.compass
+    return {
+        **asdict(evidence.rows),
+        "why": evidence.why,
+        "step": evidence.step,
+        "seen": [_plain(each) for each in evidence.seen],
+        "clash": evidence.clash,
+        "remedy": None if remedy is None else asdict(remedy),
+        "magnetometer": None
+        if compass is None
+        else _plain(compass) | {"late": plain(evidence.lateness)},
+    }
 
 
 FORMAT = "simval filter 1"
@@ -382,6 +452,7 @@ def log_values(
             "said": [words for each in found.scales for words in each.said],
         },
         "rests": found.rests.tolist(),
+        "gyro_rows": rows_object(found.evidence),
         "start": {"row": start.row, "attitude": start.attitude.tolist()},
         "told": {
             each.name: plain(getattr(start.told, each.name))

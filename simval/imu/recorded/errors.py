@@ -210,7 +210,10 @@ ALPHA: Final = 0.01
 """False-alarm rate of a verdict, both sides together; measured in
 test_recorded_errors.py for errors that last up to a twentieth of the log."""
 
-Verdict = Literal["consistent", "overconfident", "underconfident", "not judged"]
+Verdict = Literal[
+    "consistent", "overconfident", "underconfident", "not judged", "not judged: rows"
+]
+"""The last where the log contradicts what the gyroscope's rows are taken as."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

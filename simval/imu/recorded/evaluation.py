@@ -56,15 +56,20 @@ def in_view(start: Start, found: Signals, truth: Float[Array, "n 4"]) -> Start:
     return start
 
 
+def given_rows(found: Signals, start: Start) -> slice:
+    """Rows that a filter is given: those after the start that have a mean rate."""
+    return slice(max(start.row + 1, found.covered.start), found.covered.stop)
+
+
 def filter_input(found: Signals, start: Start) -> FilterInput:
     """Readings of a log for a filter, from the row after the start on."""
-    rows = slice(start.row + 1, None)
-    before = found.time[start.row]
-    if start.row < 0:  # before the first row, by as much as the first step
+    rows = given_rows(found, start)
+    before = found.time[rows.start - 1]
+    if rows.start == 0:  # before the first row, by as much as the first step
         before = 2.0 * found.time[0] - found.time[1]
     return FilterInput(
         dt=np.diff(found.time[rows], prepend=before),
-        gyroscope=found.gyro[None, rows],
+        gyroscope=found.means[None, rows],
         accelerometer=found.force[None, rows],
         magnetometer=np.full_like(found.force, np.nan)[None, rows]
         if found.field is None
@@ -210,14 +215,25 @@ def evaluate(
         What was measured.
     """
     nis, white = _innovations(run)
+    truth = None if alignment is None else _with_truth(run, found, alignment, bound)
+    if found.evidence is not None and found.evidence.clash:
+        nis = _unjudged(nis)
+        if truth is not None:
+            nees, drift = _unjudged(truth.nees), _unjudged(truth.drift)
+            truth = replace(truth, nees=nees, drift=drift)
     return Evaluation(
         run=run,
-        truth=None if alignment is None else _with_truth(run, found, alignment, bound),
+        truth=truth,
         at_rest=_at_rest(run, found),
         nis=nis,
         white=white,
         microseconds=1e6 * float(np.median(run.output.seconds)),
     )
+
+
+def _unjudged(each: Consistency | None) -> Consistency | None:
+    # where rows are not what they are taken as, a covariance is not to blame
+    return None if each is None else replace(each, verdict="not judged: rows")
 
 
 def resting(found: Signals) -> Bool[np.ndarray, " n"]:

@@ -8,11 +8,12 @@ vector sensor back. Gravity g (or the field) is then constant; what is left is
    + A_k^T(b + M A_k g + L_k r) + \theta_k \times g,  \tag{W2}
 
 rows that are :math:`\delta c` off, the sensor's bias and calibration, its lever arm r
-(:math:`L r = \dot\omega \times r + \omega \times (\omega \times r)`), and what bias and
-calibration of the gyroscope turn by, :math:`\theta`. Each window has a g of its own; the
-others are common, with wide priors, without which a thrust is a bias. A window counts
-by the inverse of what it leaves. It is the *predicted* Ag that is in the products: the
-reading's own noise would be on both sides.
+(:math:`L r = \dot\omega \times r + \omega \times (\omega \times r)`, late as well,
+and in the force that the others act on), and what bias and calibration of the
+gyroscope turn by, :math:`\theta`. Each window has its own g; the others are common,
+with wide priors, without which a thrust is a bias. A window counts by the inverse of
+what it leaves. The force in the products is the *predicted* one: the reading's own
+noise would be on both sides.
 
 **The error bar** leaves out blocks of windows by turns, as eq. (R2). What is left of
 (W2) is real acceleration, and where that is in step with the turning, it moves c: so
@@ -20,7 +21,8 @@ reading's own noise would be on both sides.
 is left, no bar is true, and the answer is refused.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -28,26 +30,28 @@ import scipy
 
 from simval.arrays import Array
 from simval.geometry import attitude_matrix, cross_matrix, from_rotation_vector
-from simval.imu.logs.rows import HOLE, MIDDLES, Rows
+from simval.imu.logs.rows import HOLE, LONGEST, MIDDLES, Rows
 from simval.shapes import Float, Int
+from simval.vocabulary import ROW_KINDS
 
 WINDOW: Final = 2.0  # s
 MOVING: Final = 0.1  # rad/s, RMS in a window that counts
 FEWEST: Final = 10  # windows
 MOST_ROWS: Final = 60_000  # in windows that count: those that turn most
 BLOCKS: Final = 20
-STEPS: Final = 8
-ENOUGH: Final = 1e-6  # s
+STEPS: Final = 6
+ENOUGH: Final = 1e-5  # s
 COHERENT: Final = 0.05
-"""Share of what is left that may be in step with the motion: two recordings of BROAD
-(docs/filters_recorded.md) leave their rows at -1.5 and -2.5 ms by optical positions, and
--2.9 and -11.4 ms by (W2)."""
+"""Share of what is left that may be in step with the motion."""
 MOST_LEFT: Final = 0.5
-"""Share of what the vector shows in the windows that may be left: of a multirotor, whose
-force is along its axis, it is 0.98, and its middle 7 to 19 ms off."""
+"""Share of what the vector shows in the windows that may be left."""
 NARROW: Final = 1.0 / 6.0
 """Of a step: with three such bars one middle of (W1) is at most near."""
-SMOOTH: Final = 0.02  # s, to each side, of the polynomial that a rate is by
+SMOOTH: Final = 0.06
+"""s, to each side, of the polynomial that a rate is by: 17 Hz pass. The noise of its
+third derivative, times an arm, is in the column of the delay."""
+PROBE: Final = 0.25  # of a step, at least, to where the slope is taken
+STEEPEST, FLATTEST = -2.0, -0.02
 FARTHEST: Final = 0.25  # s, that a middle is looked for
 BENT: Final = np.array([
     np.diag([1.0, -1.0, 0.0]), np.diag([1.0, 1.0, -2.0]),
@@ -55,13 +59,19 @@ BENT: Final = np.array([
     [[0, 0, 0], [0, 0, 1], [0, 1, 0]],
 ])  # fmt: skip
 """Symmetric changes of a vector sensor's axes that leave its mean scale."""
+SLACK: Final = 1.0 / 30.0
+"""Of a step: bar of a truth's clock besides its own, which neither a convention of the
+truth nor what lies between its rows moves it by."""
 NEAR: Final = 3.0  # bars, of a middle that agrees
 FAR: Final = 4.0  # bars, of one that does not
 
-PRIOR: Final = {  # s, the vector's bias and bends over its length
-    "accelerometer": [1.0, *[0.05] * 3, *[0.03] * 5],
-    "magnetometer": [1.0, *[0.05] * 3, *[0.03] * 5],
+OTHERS: Final = [0.05] * 3 + [0.03] * 5, [0.02] * 3 + [0.03] * 9
+PRIORS: Final = {
+    "accelerometer": [*OTHERS[0], *[0.5] * 3, *OTHERS[1]],
+    "magnetometer": [*OTHERS[0], *OTHERS[1]],
 }
+"""Standard deviations of what is not asked: the vector's bias over its length, and its
+axes; the arm, m; the gyroscope's bias, rad/s, and matrix."""
 
 Witness = Literal["accelerometer", "magnetometer", "truth"]
 
@@ -80,6 +90,8 @@ class RowCentre:
         Its standard deviation by blocks of time, s.
     coherent : float
         What acceleration in step with the turning may move it by, s.
+    apart : float
+        By how much it differs between the three axes of turning beyond chance, s.
     left : float
         Share of what the sensor shows that turning does not explain.
     windows : int
@@ -90,13 +102,14 @@ class RowCentre:
     centre: float
     sd: float
     coherent: float = 0.0
+    apart: float = 0.0
     left: float = 0.0
     windows: int = 0
 
     @property
     def bar(self) -> float:
         """One standard deviation of it, s."""
-        return float(np.hypot(self.sd, self.coherent))
+        return float(np.hypot(np.hypot(self.sd, self.coherent), self.apart))
 
     @property
     def half(self) -> float:
@@ -110,6 +123,24 @@ class RowCentre:
     def off(self, centre: float) -> float:
         """Distance from a middle, in bars."""
         return abs(self.centre - centre) / self.bar
+
+
+class _Equations(NamedTuple):
+    """Columns of eq. (W2) in each window, and the readings turned back."""
+
+    late: Float[Array, "w s 3 3"]  # rows that are late, by axis
+    others: Float[Array, "w s 3 q"]
+    u: Float[Array, "w s 3"]
+
+
+class _Fit(NamedTuple):
+    """Least squares of eq. (W2), each window by the inverse of what it leaves."""
+
+    solution: Float[Array, " p"]  # changes of the middle, s, first
+    sd: Float[Array, " p"]  # by blocks of windows
+    rest: Float[Array, " w"]  # mean square of what is left
+    weight: Float[Array, " w"]
+    moves: Float[Array, " w"]  # mean square of the first column
 
 
 def row_centre(
@@ -143,25 +174,58 @@ def row_centre(
     if len(starts) < FEWEST:
         return RowCentre(by=by, centre=np.nan, sd=np.nan, windows=len(starts))
     rows = starts[:, None] + np.arange(size)
-    lever = 3 if by == "accelerometer" else 0
-    prior = np.concatenate([PRIOR[by], [0.5] * lever, [0.02] * 3, [0.03] * 9])
-    centre, arm = MIDDLES["before"] * step, np.zeros(3)
-    for k in range(STEPS):
+    arm: Array = np.zeros(3)
+
+    def fitted(centre: float) -> tuple[_Fit, _Equations]:
+        nonlocal arm
         late = Rows(delay=MIDDLES["before"] * step - centre)
         means = np.nan_to_num(late.means(time, gyro))
-        fit = _fit(time, means, vector, rows, prior, arm, by)
-        if lever:
-            arm = fit.solution[9:12]
-        if lever and k < 2:  # the arm first: its force moves with the rows
-            continue
-        change = float(np.clip(fit.solution[0], -FARTHEST - centre, FARTHEST - centre))
-        centre += change
-        if abs(change) < ENOUGH:
-            break
+        each = _equations(time, means, vector, rows, arm, by)
+        fit = _fitted(each, each.late.sum(axis=3, keepdims=True), by)
+        arm = fit.solution[-15:-12] if by == "accelerometer" else arm
+        return fit, each
+
+    start = MIDDLES["before"] * step
+    if by == "accelerometer":  # the arm first: its force moves with the rows
+        fitted(start), fitted(start)
+    centre, slope, fit, each = _middle(fitted, start, step)
+    apart = _fitted(each, each.late, by)
+    weight = apart.sd[:3] ** -2.0
+    excess = float(weight @ apart.solution[:3] ** 2) - 2.0
+    shown = vector[rows] - vector[rows].mean(axis=1, keepdims=True)
+    # what the sensor shows from row to row where it is quietest is in step with nothing
+    jumps = np.mean(np.diff(vector, axis=0) ** 2, axis=1)
+    quiet = jumps[: len(jumps) // size * size].reshape(-1, size).mean(axis=1).min()
+    slow = fit.weight @ np.maximum(fit.rest - 0.5 * quiet, 0.0)
     return RowCentre(
-        by=by, centre=centre, sd=fit.sd, coherent=COHERENT * fit.moved, left=fit.left,
+        by=by,
+        centre=centre,
+        sd=float(fit.sd[0]) / -slope,
+        coherent=COHERENT * float(np.sqrt(slow / (fit.weight @ fit.moves))) / -slope,
+        apart=float(np.sqrt(max(excess, 0.0) / weight.sum())) / -slope,
+        left=float(3.0 * size * fit.rest.sum() / np.sum(shown**2)),
         windows=len(starts),
-    )  # fmt: skip
+    )
+
+
+def _middle(
+    fitted: Callable[[float], tuple[_Fit, _Equations]], start: float, step: float
+) -> tuple[float, float, _Fit, _Equations]:
+    # where no change is left, by the secant, and the slope there: noise in the columns
+    # makes it flatter, and the answer as much more uncertain
+    at, (fit, each), slope = start, fitted(start), -1.0
+    move = float(fit.solution[0])
+    move = float(np.copysign(max(abs(move), PROBE * step), move))
+    for _ in range(STEPS):
+        before, left = at, fit.solution[0]
+        at = float(np.clip(at + move, -FARTHEST, FARTHEST))
+        if at == before or abs(move) < ENOUGH:
+            break
+        fit, each = fitted(at)
+        slope = float((fit.solution[0] - left) / (at - before))
+        slope = float(np.clip(slope, STEEPEST, FLATTEST))
+        move = float(fit.solution[0]) / -slope
+    return at, slope, fit, each
 
 
 def _starts(
@@ -182,56 +246,31 @@ def _starts(
     return np.sort(starts[np.argsort(-rate)[:most]])
 
 
-class _Fit(NamedTuple):
-    """Least squares of eq. (W2)."""
-
-    solution: Float[Array, " p"]  # change of the middle, s, first
-    sd: float  # of that, by blocks
-    moved: float  # s, by which all that is left would move it, were it in step
-    left: float  # share of what the sensor shows
-
-
-def _fit(
-    time: Float[Array, " n"],
-    means: Float[Array, "n 3"],
-    vector: Float[Array, "n 3"],
-    rows: Int[np.ndarray, "w s"],
-    prior: Float[Array, " p"],
-    arm: Float[Array, "3"],
-    by: Witness,
-) -> _Fit:
-    count = len(rows)
-    X, u = _equations(time, means, vector, rows, arm, by)
-    X = (X - X.mean(axis=1, keepdims=True)).reshape(count, -1, len(prior))
-    u = (u - u.mean(axis=1, keepdims=True)).reshape(count, -1)
-    N, b = X.swapaxes(1, 2) @ X, np.vecmat(u, X)
-    weight = np.full(count, 1.0 / np.median(np.mean(u**2, axis=1)))
+def _fitted(each: _Equations, late: Float[Array, "w s 3 k"], by: Witness) -> _Fit:
+    u = each.u
+    X, count = np.concatenate([late, each.others], axis=3), len(u)
+    X = (X - X.mean(axis=1, keepdims=True)).reshape(count, -1, X.shape[3])
+    y = (u - u.mean(axis=1, keepdims=True)).reshape(count, -1)
+    prior = np.diag(np.concatenate([[1.0] * late.shape[3], PRIORS[by]]) ** -2.0)
+    N, b = X.swapaxes(1, 2) @ X, np.vecmat(y, X)
+    weight = np.full(count, 1.0 / np.median(np.mean(y**2, axis=1)))
     for _ in range(4):
-        whole = np.einsum("w,wpq->pq", weight, N) + np.diag(prior**-2.0)
-        right = weight @ b
+        whole, right = np.einsum("w,wpq->pq", weight, N) + prior, weight @ b
         solution = np.linalg.solve(whole, right)
-        rest = np.mean((u - X @ solution) ** 2, axis=1)
+        rest = np.mean((y - X @ solution) ** 2, axis=1)
         weight = 1.0 / (rest + np.median(rest))
-    parts = np.array_split(np.arange(count), min(BLOCKS, count))
     without = np.array([
         np.linalg.solve(
             whole - np.einsum("w,wpq->pq", weight[k], N[k]), right - weight[k] @ b[k]
-        )[0]
-        for k in parts
+        )
+        for k in np.array_split(np.arange(count), min(BLOCKS, count))
     ])  # fmt: skip
-    share = (len(parts) - 1) / len(parts)
-    shown = vector[rows] - vector[rows].mean(axis=1, keepdims=True)
-    column = weight @ np.mean(X[:, :, 0] ** 2, axis=1)
-    # what the sensor shows from row to row where it is quietest is in step with nothing
-    jumps = np.mean(np.diff(vector, axis=0) ** 2, axis=1)
-    size = rows.shape[1]
-    quiet = jumps[: len(jumps) // size * size].reshape(-1, size).mean(axis=1).min()
-    slow = weight @ np.maximum(rest - 0.5 * quiet, 0.0)
     return _Fit(
         solution=solution,
-        sd=float(np.sqrt(share * np.sum((without - without.mean()) ** 2))),
-        moved=float(np.sqrt(slow / column)),
-        left=float(np.sum(rest) * u.shape[1] / np.sum(shown**2)),
+        sd=without.std(axis=0) * np.sqrt(len(without) - 1.0),
+        rest=rest,
+        weight=weight,
+        moves=np.mean(X[:, :, 0] ** 2, axis=1),
     )
 
 
@@ -242,27 +281,30 @@ def _equations(
     rows: Int[np.ndarray, "w s"],
     arm: Float[Array, "3"],
     by: Witness,
-) -> tuple[Float[Array, "w s 3 p"], Float[Array, "w s 3"]]:
-    # columns of eq. (W2), and the readings turned back
+) -> _Equations:
     step = np.diff(time, prepend=2.0 * time[0] - time[1])
     h = step[rows][..., None]
     back = _attitudes(means * step[:, None], rows).swapaxes(2, 3)
     rate, speed = _rates(means * step[:, None], step, rows)
+    W, E = cross_matrix(rate), cross_matrix(np.eye(3))
+    L = cross_matrix(speed) + W @ W
     u = np.matvec(back, vector[rows])
-    g = u.mean(axis=1, keepdims=True)
+    swung = L @ arm
+    g = (u - np.matvec(back, swung)).mean(axis=1, keepdims=True)
     p = np.matvec(back.swapaxes(2, 3), g)
-    late = np.matvec(back, np.cross(rate, p))
-    size = np.linalg.norm(g, axis=2)[..., None]
-    columns = [size[..., None] * back, *(np.matvec(back, p @ M)[..., None] for M in BENT)]
+    late = rate[..., None] * np.cross(np.eye(3), p[:, :, None])  # [j] of axis j
+    size = np.linalg.norm(g, axis=2)[..., None, None]
+    p = p + swung
+    columns = [size * back, *(np.matvec(back, p @ M)[..., None] for M in BENT)]
     if by == "accelerometer":
-        L = cross_matrix(speed) + cross_matrix(rate) @ cross_matrix(rate)
         columns.append(back @ L)
-        late = late - np.matvec(back, np.gradient(L @ arm, axis=1) / h)
-    turns = [back, *(back * rate[:, :, None, j : j + 1] for j in range(3))]
-    for each in turns:
+        jerk, W = np.gradient(speed, axis=1) / h, W[:, :, None]
+        late = late - jerk[..., None] * (E @ arm)
+        late = late - speed[..., None] * ((E @ W + W @ E) @ arm)
+    for each in (back, *(back * rate[:, :, None, j : j + 1] for j in range(3))):
         theta = np.cumsum(each * h[..., None], axis=1)
-        columns.append(-np.cross(g[..., None], theta, axis=2))
-    return np.concatenate([late[..., None], *columns], axis=3), u
+        columns.append(-np.cross(np.matvec(back, p)[..., None], theta, axis=2))
+    return _Equations(back @ late.swapaxes(2, 3), np.concatenate(columns, axis=3), u)
 
 
 def _rates(
@@ -290,3 +332,101 @@ def _attitudes(
     for k in range(1, rows.shape[1]):
         each[:, k] = each[:, k] @ each[:, k - 1]
     return each
+
+
+Why = Literal["stated", "accelerometer", "truth", "default"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RowEvidence:
+    """What a log's gyroscope rows are taken as, and what the log says of it.
+
+    Attributes
+    ----------
+    rows : Rows
+        As they are taken.
+    why : {"stated", "accelerometer", "truth", "default"}
+        By what.
+    step : float
+        Median step of the log, s.
+    seen : tuple of RowCentre
+        Their middle by the accelerometer, and by a truth on the log's own clock.
+    compass : RowCentre or None
+        By the magnetometer, which may be late itself, and names nothing.
+    """
+
+    rows: Rows
+    why: Why
+    step: float
+    seen: tuple[RowCentre, ...]
+    compass: RowCentre | None = None
+
+    @property
+    def telling(self) -> RowCentre | None:
+        """The first that can tell conventions apart, the accelerometer before a truth.
+
+        A truth that fits none is late itself.
+        """
+        return next(
+            (
+                each
+                for each in self.seen
+                if each.decides(self.step)
+                and (each.by == "accelerometer" or self._fitting(each))
+            ),
+            None,
+        )
+
+    @property
+    def clash(self) -> bool:
+        """Whether it contradicts what the rows are taken as."""
+        seen = self.telling
+        return seen is not None and seen.off(self.rows.centre(self.step)) > FAR
+
+    @property
+    def remedy(self) -> Rows | None:
+        """What to state where there is a clash; None if nothing that can be."""
+        if (seen := self.telling) is None or not self.clash:
+            return None
+        if near := self._fitting(seen):
+            return near[0]
+        digits = int(np.ceil(-np.log10(seen.bar)))
+        late = round(MIDDLES[self.rows.kind] * self.step - seen.centre, digits)
+        return replace(self.rows, delay=late) if abs(late) <= LONGEST else None
+
+    def _fitting(self, seen: RowCentre) -> list[Rows]:
+        delays = dict.fromkeys((self.rows.delay, 0.0))
+        return [each for d in delays for each in fitting(seen, self.step, d)]
+
+    @property
+    def lateness(self) -> float:
+        """Delay of the magnetometer against the rows as taken, s; NaN if not seen."""
+        if self.compass is None or not self.compass.left < MOST_LEFT:
+            return np.nan
+        return self.compass.centre - self.rows.centre(self.step)
+
+
+def fitting(seen: RowCentre, step: float, delay: float) -> list[Rows]:
+    """Rows of such a delay whose middle is within `NEAR` bars, the nearest first."""
+    every = (Rows(kind=kind, delay=delay) for kind in ROW_KINDS)
+    near = [each for each in every if seen.off(each.centre(step)) <= NEAR]
+    return sorted(near, key=lambda each: seen.off(each.centre(step)))
+
+
+def judged_rows(
+    seen: tuple[RowCentre, ...], step: float, rows: Rows, *, find: bool
+) -> RowEvidence:
+    """Take the rows as stated, or find their kind, with the delay that is stated.
+
+    Another kind than theirs is taken where a witness names it alone, and they are off.
+    """
+    if not find:
+        return RowEvidence(rows=rows, why="stated", step=step, seen=seen)
+    for each in seen:
+        if not each.decides(step):
+            continue
+        near = fitting(each, step, rows.delay)
+        if len(near) == 1 and (near[0] == rows or each.off(rows.centre(step)) > FAR):
+            why: Why = "truth" if each.by == "truth" else "accelerometer"
+            return RowEvidence(rows=near[0], why=why, step=step, seen=seen)
+    return RowEvidence(rows=rows, why="default", step=step, seen=seen)

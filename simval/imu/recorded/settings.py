@@ -5,6 +5,7 @@ the scatter of a row in all of them. Nothing is from the truth.
 """
 
 from dataclasses import dataclass, replace
+from dataclasses import field as default
 from typing import Final
 
 import numpy as np
@@ -13,11 +14,13 @@ from simval.arrays import Array, frozen
 from simval.errors import InputError, RefusedError
 from simval.imu.filters.signals import Told
 from simval.imu.logs import Log
+from simval.imu.logs.rows import BEFORE, Rows
 from simval.imu.multiposition.correction import corrected
 from simval.imu.multiposition.log_units import Scale, said_of, units_of
 from simval.imu.noise import AxisNoise, noise_of
 from simval.imu.noise.model import NoiseFile
 from simval.imu.recorded.attitudes import of_matrix
+from simval.imu.recorded.rows import RowEvidence
 from simval.imu.statics import Intervals
 from simval.imu.statics.detector import runs_of
 from simval.shapes import Float
@@ -51,11 +54,35 @@ class Signals:
     field_unit: str
     cuts: tuple[str, ...] = ()  # rests in which the gyroscope turns, in words
     scales: tuple[Scale, ...] = ()  # of its sensors, and what is wrong with them
+    rows: Rows = BEFORE  # what the gyroscope's are of
+    evidence: RowEvidence | None = None  # of that
+    # mean rate over the step that ends at a row, made of `gyro`; NaN where not covered
+    means: Float[Array, "n 3"] = default(init=False)
 
     def __post_init__(self) -> None:
         for name in ("time", "gyro", "force", "field"):
             if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, frozen(value))
+        means = self.rows.means(self.time, self.gyro)
+        means = means if means is self.gyro else frozen(means)
+        object.__setattr__(self, "means", means)
+
+    @property
+    def covered(self) -> slice:
+        """Rows that have a mean rate: all but some at the ends."""
+        rows = np.flatnonzero(np.isfinite(self.means[:, 0]))
+        return slice(int(rows[0]), int(rows[-1]) + 1)
+
+    @property
+    def turning(self) -> tuple[Float[Array, " k"], Float[Array, "k 3"]]:
+        """Times and mean rates of the rows that have one."""
+        return self.time[self.covered], self.means[self.covered]
+
+    def taken_as(self, rows: Rows) -> "Signals":
+        """The same with other rows of the gyroscope, and no rest before they begin."""
+        found = replace(self, rows=rows)
+        rests = np.maximum(found.rests, found.covered.start - 1)
+        return replace(found, rests=rests[np.ptp(rests, axis=1) > 0])
 
     def described(self) -> list[str]:
         """Describe the units and their origin in lines of text."""
@@ -96,6 +123,7 @@ def signals(
         field=log.magnetometer,
         rate=log.rate,
         rests=rests,
+        rows=log.gyro_rows,
         gyro_unit=gyro.how if gyro.si_per_raw else "",
         force_unit=accelerometer.how,
         field_unit="",
