@@ -18,6 +18,7 @@ from simval.cli.options import (
     Number,
     OutFile,
     Page,
+    Positive,
     Rate,
     RowsOf,
     command_again,
@@ -94,6 +95,13 @@ def command(
         "Noise given to the filters, a file made by `simval noise LOG --json`.  "
         "[default: measured in the log's rests]",
     ] = None,
+    accelerometer_noise: Annotated[
+        Positive | None,
+        "Noise of the accelerometer given to the filters, a row and axis, m/s^2: on a "
+        "log with motion more than the scatter at rest, by the accelerations that are "
+        "not gravity.  [default: measured in the log's rests]",
+        dict(metavar="STD"),
+    ] = None,
     as_published: Annotated[
         bool,
         "Also by the definitions of the benchmark BROAD: started at the first row, "
@@ -152,7 +160,12 @@ def command(
     found, alignment = prepared(
         log, recorded, calibration, units, truth_world, find_rows=gyro_rows == "found"
     )
-    start = start_of(found, None if noise is None else load_noise(noise), str(noise))
+    start = start_of(
+        found,
+        None if noise is None else load_noise(noise),
+        str(noise),
+        accelerometer_noise=accelerometer_noise,
+    )
     head = [*log.described(), *found.described(), *row_lines(found.evidence)]
     head += start.described
     head += alignment_lines(alignment, recorded, found)
@@ -305,6 +318,8 @@ def run_on_log(
         output=replace(output, kept=output.kept + given_rows(found, start).start),
         six=None if filter.magnetometer else start,
         thinned=stride > 1,
+        told=start.of_nis(filter.reads),
+        motion=start.motion,
     )
 
 

@@ -30,6 +30,7 @@ from simval.judge.algorithms import (
     size_row,
 )
 from simval.plugins.loading import BESIDE, BUILTIN
+from simval.ranking import Ranking, ranked
 from simval.report.answers import Line
 from simval.report.curves import MAX_GROUPS, along_axis, grouped, simultaneous, upright
 from simval.report.curves import Measured as Said
@@ -353,36 +354,43 @@ def _ranked(contest: Contest, short: Mapping[str, str]) -> str:
     seen = [name for name in short if contest.accuracy[name]]
     of = contest.settings
     shared = [s for s in of if all(s in contest.accuracy[name] for name in seen)]
-    means = [(contest.mean(name, shared)[0], name) for name in seen]
-    found = sorted((m.value, name) for m, name in means if m is not None)
-    if not found:
+    means = {name: m.value for name in seen if (m := contest.mean(name, shared)[0])}
+    if not means:
         return ""
     how = "geometric mean over" if len(shared) > 1 else "in"
     over = f" ({how} {len(shared)} settings)" if len(shared) > 1 else ""
     if len(shared) < len(of):
         over = f" ({how} {len(shared)} of {len(of)} settings)"
-    (best, first), (worst, last) = found[0], found[-1]
+    found = ranking(contest, means, shared)
+    first, last = found.order[0], found.order[-1]
+    best, worst = means[first], means[last]
     if first == last:
         return f"{short[first]} has {best:.3g} times the error of the bound{over}."
-    cells = {name: [c for s in shared for c in contest.cells[name, s]] for name in seen}
-
-    def with_tied(end: str) -> tuple[list[str], str]:
-        """Who is not told apart from it, as `simval compare` would judge the pair."""
-        tied = [n for _, n in found if n != end and not apart(cells[end], cells[n])]
-        others = ", ".join(short[name] for name in tied)
-        return tied, f" (no difference seen to {others})" if others else ""
-
-    tied, near = with_tied(first)
-    if last in tied:
+    if found.tied:
         return (
             f"No difference is seen between {short[first]}, with {best:.3g} times the "
             f"error of the bound, and {short[last]}, with {worst:.3g} times{over}."
         )
     return (
-        f"{short[first]}{near} is nearest to the bound, with {best:.3g} times its "
-        f"error, and {short[last]}{with_tied(last)[1]} farthest, with {worst:.3g} "
-        f"times{over}."
+        f"{short[first]}{_beside(found.best, short)} is nearest to the bound, with "
+        f"{best:.3g} times its error, and {short[last]}{_beside(found.worst, short)} "
+        f"farthest, with {worst:.3g} times{over}."
     )
+
+
+def ranking(
+    contest: Contest, means: Mapping[str, float], settings: Sequence[str]
+) -> Ranking:
+    """Algorithms by their means over settings, where `simval compare` tells a pair."""
+    of = contest.cells
+    cells = {n: [c for s in settings for c in of.get((n, s), ())] for n in means}
+    return ranked(means, lambda one, other: apart(cells[one], cells[other]))
+
+
+def _beside(tied: Sequence[str], short: Mapping[str, str]) -> str:
+    """Who is not told apart from the first of some, in brackets."""
+    others = ", ".join(short[name] for name in tied[1:])
+    return f" (no difference seen to {others})" if others else ""
 
 
 def failing(who: str, contest: Contest) -> Drawing | None:
@@ -450,7 +458,7 @@ def contests(run: Run) -> list[Contest]:
 
 def _line_of_best(contest: Contest) -> Line:
     """What is said where no algorithm is a user's."""
-    name, value, count = best(contest, contest.settings)
+    found, value, count = best(contest, contest.settings)
     what = begun(spelled(contest.study))
     if value is None:
         said = "not measured"
@@ -458,9 +466,15 @@ def _line_of_best(contest: Contest) -> Line:
     return Line(
         what=what,
         said=f"{measured(*value)} {BOUND}",
-        where=f"{name}, the least of {len(contest.algorithms)}; {_over(count)}",
+        where=f"{found[0]}, {_place(found, contest)}; {_over(count)}",
         link="algorithms",
     )
+
+
+def _place(tied: Sequence[str], contest: Contest) -> str:
+    """The place of the first of some that are not told apart."""
+    short = called(contest.algorithms)
+    return f"the least of {len(contest.algorithms)}{_beside(tied, short)}"
 
 
 def _line(context: Context, contest: Contest, name: str) -> Line:
@@ -475,7 +489,7 @@ def _line(context: Context, contest: Contest, name: str) -> Line:
     value, settings = contest.mean(name)
     if value is None:
         return line
-    beside, other, count = best(contest, settings)
+    (beside, *_), other, count = best(contest, settings)
     against = ""
     if other is not None:
         # over the settings of both, so that like is set beside like
@@ -499,14 +513,21 @@ def _line(context: Context, contest: Contest, name: str) -> Line:
 
 def best(
     contest: Contest, settings: Collection[str]
-) -> tuple[str, Measured | None, int]:
-    """The built-in one of the least mean where it has a result, and in how many."""
+) -> tuple[tuple[str, ...], Measured | None, int]:
+    """The built-in one of the least mean where it has a result, and in how many.
+
+    After it come those that are not told apart from it.
+    """
     names = [name for name in contest.algorithms if not own(name)]
     found = [(name, *contest.mean(name, settings)) for name in names]
     # one that has fewer results never stands for all
     most = max((len(shared) for _, _, shared in found), default=0)
-    whole = [(n, m, most) for n, m, shared in found if m and len(shared) == most]
-    return min(whole, key=lambda each: each[1].value, default=("", None, 0))
+    whole = {n: m for n, m, shared in found if m and len(shared) == most}
+    if not whole:
+        return ("",), None, 0
+    means = {name: mean.value for name, mean in whole.items()}
+    tied = ranking(contest, means, [s for s in contest.settings if s in settings]).best
+    return tied, whole[tied[0]], most
 
 
 def _over(count: int) -> str:

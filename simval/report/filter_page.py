@@ -10,8 +10,14 @@ from simval.arrays import Array
 from simval.imu.logs import Log
 from simval.imu.recorded import Evaluation
 from simval.imu.recorded.description import FREE, bound_lines, published_lines
-from simval.imu.recorded.errors import ALPHA, Consistency, Rms
-from simval.imu.recorded.evaluation import WithTruth, turned_words
+from simval.imu.recorded.errors import ALPHA, WINDOW, Consistency, Rms
+from simval.imu.recorded.evaluation import (
+    FilterRun,
+    WithTruth,
+    ranking,
+    turned_words,
+)
+from simval.imu.recorded.rows import RowEvidence
 from simval.report.formatting import measured, rounded, slug
 from simval.report.log_page import (
     Answer,
@@ -48,7 +54,8 @@ MEANING = (
     "NEES is the squared error over the covariance, 3 where the covariance is true (2, "
     "that of the inclination, where a filter takes no magnetometer), "
     "with its interval at a false-alarm rate of 1 %; NIS the squared innovation over "
-    "its covariance. At rest: the drift of the heading, degrees a minute, and up, the "
+    "its covariance. At rest: the drift of the heading, degrees a minute, in the "
+    "second half of each of two rests or more after the filter settled, and up, the "
     "angle between the filter's up and the specific force, degrees. Time is in "
     "microseconds a row."
 )
@@ -122,7 +129,7 @@ def _how_wrong(done: Sequence[Evaluation]) -> Reply:
             answer="inconclusive",
             lines=tuple(
                 f"{each.run.name} at rest: its heading drifts {_drift(each):.2g} "
-                "degrees a minute."
+                f"degrees a minute ({each.at_rest.settled} rests, after it settled)."
                 for each in done
                 if np.isfinite(each.at_rest.drift)
             ),
@@ -137,10 +144,12 @@ def _how_wrong(done: Sequence[Evaluation]) -> Reply:
     if turned := turned_words(done):
         lines.append(turned)
     least = _degrees(_widest_part(judged[0])[1]["total"])
-    what = "least" if len(judged) > 1 else "RMS error"
+    what = ", least" if len(judged) > 1 else ", RMS error"
+    if (order := ranking(done)) and len(order.best) > 1:
+        what = f"; no difference seen to {', '.join(order.best[1:])}"
     return Reply(
         title=title,
-        headline=f"{least} ({judged[0].run.name}, {what})",
+        headline=f"{least} ({judged[0].run.name}{what})",
         lines=tuple(lines),
     )
 
@@ -194,7 +203,7 @@ def _worst(each: Evaluation) -> Consistency | None:
 
 def _honest(done: Sequence[Evaluation]) -> Reply:
     told = [
-        {found.verdict for _, found in of} - {"not judged"}
+        {found.verdict for _, found in of if not found.verdict.startswith("not")}
         for each in done
         if (of := _judged(each))
     ]
@@ -227,9 +236,11 @@ def _how_many(good: int, count: int) -> str:
 
 def _why_not(each: Evaluation) -> str:
     if each.nis is not None:
+        found = each.nis
+        known = f", as the noise is known to {50.0 * found.told:.2g} %"
         return (
-            f"without truth only its innovations, {each.nis.verdict}, "
-            f"{each.nis.mean:.3g} of {each.nis.expected:.3g}"
+            f"without truth only its innovations, {found.verdict}, {found.mean:.3g} of "
+            f"{found.expected:.3g}{known if found.told else ''}"
         )
     return "it states no covariance" if each.truth else "no truth to judge it by"
 
@@ -251,11 +262,14 @@ def _next(done: Sequence[Evaluation], failed: Mapping[str, str]) -> Reply:
     ]
     if done and not any(each.truth is not None for each in done):
         todo.append(("Give the recorded attitudes (--truth)", WITHOUT_TRUTH))
-    todo += [
-        _advice(each.run.name, found)
-        for each in done
-        if (found := _worst(each)) and found.verdict != "consistent"
-    ]
+    if (rows := next((each.rows for each in done), None)) and rows.clash:
+        todo.append(_rows_advice(rows))
+    else:
+        todo += [
+            _advice(each.run, found)
+            for each in done
+            if (found := _worst(each)) and found.verdict != "consistent"
+        ]
     headline = "Nothing stands out: the covariances agree with the errors"
     if todo:
         headline = todo[0][0] + (f", and {len(todo) - 1} more" if todo[1:] else "")
@@ -267,13 +281,35 @@ def _next(done: Sequence[Evaluation], failed: Mapping[str, str]) -> Reply:
     )
 
 
-def _advice(name: str, nees: Consistency) -> tuple[str, str]:
+def _rows_advice(rows: RowEvidence) -> tuple[str, str]:
+    """Advice where the gyroscope's rows are not what they are taken as."""
+    seen, remedy = rows.telling, rows.remedy
+    assert seen is not None
+    do = "state what they are (--gyro-rows, --gyro-delay)"
+    if remedy is not None:
+        do = f"give {' '.join(remedy.options)}"
+    return (
+        "State what the gyroscope's rows are",
+        f"The gyroscope's rows are taken as {rows.rows}, and by the {seen.by} they are "
+        f"not: their middle is {1e3 * seen.centre:.2f} +- {1e3 * seen.half:.2g} ms "
+        f"after the stamp, not {1e3 * rows.rows.centre(rows.step):.2f}. No covariance "
+        f"is judged by that; {do}.",
+    )
+
+
+def _advice(run: FilterRun, nees: Consistency) -> tuple[str, str]:
     """Advice on a filter, in short and in a sentence."""
+    name = run.name
     if nees.verdict == "overconfident":
+        moved = (
+            f" While it moves, real acceleration adds {run.motion:.2g} m/s² an axis, "
+            f"which it is not told (--accelerometer-noise {run.motion:.2g})."
+        )
         return (
             f"Give {name} more noise",
             f"{name} is overconfident: give it more noise, or calibrate the log first "
-            " (simval calibrate LOG --out FILE, then --calibration FILE).",
+            " (simval calibrate LOG --out FILE, then --calibration FILE)."
+            + (moved if run.motion else ""),
         )
     if nees.verdict == "underconfident":
         return (
@@ -399,7 +435,8 @@ def _farthest(truth: WithTruth) -> str:
     if not np.isfinite(truth.settled):
         return f"{found}; it never converges."
     if truth.settled == 0.0:
-        return f"{found}; it had converged at the start."
+        early = errors.time[k] - errors.time[0] < WINDOW
+        return f"{found}." if early else f"{found}; it had converged at the start."
     return f"{found}; it had converged after {truth.settled:.2g} s."
 
 

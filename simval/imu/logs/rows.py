@@ -77,6 +77,12 @@ class Rows:
         late = f", {1e3 * self.delay:g} ms late" if self.delay else ""
         return f"{WORDS[self.kind]}{late}"
 
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Words of a command that state them."""
+        late = ("--gyro-delay", f"{1e3 * self.delay:g}") if self.delay else ()
+        return ("--gyro-rows", self.kind, *late)
+
     def centre(self, step: float) -> float:
         """Middle of what a row is of, less its stamp, s, eq. (W1)."""
         return MIDDLES[self.kind] * step - self.delay

@@ -133,10 +133,8 @@ def _witness_words(evidence: RowEvidence) -> str:
     if not evidence.clash:
         return said if evidence.telling else f"{said}, which decides nothing"
     remedy = evidence.remedy
-    if remedy is None:
-        return f"{said}, which contradicts that"
-    late = f" --gyro-delay {1e3 * remedy.delay:g}" if remedy.delay else ""
-    return f"{said}, which contradicts that: give --gyro-rows {remedy.kind}{late}"
+    do = "" if remedy is None else f": give {' '.join(remedy.options)}"
+    return f"{said}, which contradicts that{do}"
 
 
 def with_error(value: float, half: float) -> str:
@@ -355,6 +353,7 @@ def evaluation_object(each: Evaluation) -> dict[str, Any]:
             "heading_drift": plain(each.at_rest.drift),
             "inclination": plain(each.at_rest.inclination),
             "rests": each.at_rest.rests,
+            "settled_rests": each.at_rest.settled,
         },
         "nis": _consistency(each.nis),
         "innovation_correlation": None if each.white is None else plain(each.white),

@@ -171,6 +171,21 @@ def rms(values: Float[Array, " k"]) -> Rms:
     return Rms(value=value, sd=sd, rows=len(values))
 
 
+def differ(first: Errors, second: Errors, alpha: float) -> bool:
+    """Whether the RMS of two total errors differ beyond chance.
+
+    By the difference of the squares in the rows that both have, which share what
+    disturbed them, and blocks of time.
+    """
+    _, ours, theirs = np.intersect1d(first.time, second.time, return_indices=True)
+    if len(ours) < FEWEST:
+        return False
+    squares = first.total[ours] ** 2 - second.total[theirs] ** 2
+    mean, covariance, dof = mean_with_error(squares[:, None])
+    width = quantile(dof, 1.0 - alpha) * float(np.sqrt(covariance[0, 0]))
+    return bool(abs(mean[0]) > width)
+
+
 def table(errors: Errors) -> dict[str, dict[str, Rms]]:
     """RMS of each error, over all rows, at rest and moving."""
     parts = {
@@ -190,16 +205,20 @@ def table(errors: Errors) -> dict[str, dict[str, Rms]]:
 def convergence(errors: Errors) -> float:
     """Seconds until the RMS of the following `WINDOW` is below `SETTLED`; NaN never.
 
-    In whole seconds, against the RMS of the last half.
+    In whole seconds, against the RMS of the last half; and until the next second alone
+    is, which ten may hide.
     """
     time = errors.time - errors.time[0]
     squares = errors.total**2
     limit = SETTLED**2 * float(squares[time >= 0.5 * time[-1]].mean())
     sums = np.concatenate([[0.0], np.cumsum(squares)])
     begins = np.arange(0.0, max(time[-1] - WINDOW, 0.0) + 1.0)
-    first, last = np.searchsorted(time, begins), np.searchsorted(time, begins + WINDOW)
-    counts = np.maximum(last - first, 1)
-    below = ((sums[last] - sums[first]) / counts <= limit) & (last > first)
+    first = np.searchsorted(time, begins)
+    below = np.ones_like(begins, dtype=bool)
+    for window in (WINDOW, 1.0):
+        last = np.searchsorted(time, begins + window)
+        counts = np.maximum(last - first, 1)
+        below &= ((sums[last] - sums[first]) / counts <= limit) & (last > first)
     return float(begins[np.argmax(below)]) if below.any() else np.nan
 
 
@@ -226,6 +245,7 @@ class Consistency:
     high: float
     blocks: int
     verdict: Verdict
+    told: float = 0.0  # relative sd of what is expected, by how well noise is known
 
 
 def normalised(
@@ -237,10 +257,13 @@ def normalised(
     return np.where(good, normalised_squares(errors, filled), np.nan)
 
 
-def judged(values: Float[Array, " k"], expected: float) -> Consistency:
+def judged(
+    values: Float[Array, " k"], expected: float, told: float = 0.0
+) -> Consistency:
     """Judge the mean of correlated squares.
 
-    Overconfident is a mean above what it should be: errors beyond the covariance.
+    Overconfident is a mean above what it should be: errors beyond the covariance. That
+    may be off by itself, by a relative standard deviation `told`.
     """
     values = values[np.isfinite(values)]
     if len(values) < 10 * COUNTS[-1]:
@@ -251,13 +274,14 @@ def judged(values: Float[Array, " k"], expected: float) -> Consistency:
             high=np.nan,
             blocks=0,
             verdict="not judged",
+            told=told,
         )
     means = _block_means(values)
     # of the logarithm: the means of few independent squares are skewed
     logs = np.log(np.maximum(means, 1e-12 * expected))
     mean = float(means.mean())
     spread = float(logs.std(ddof=1)) / np.sqrt(len(means))
-    width = spread * quantile(len(means) - 1, 1.0 - ALPHA)
+    width = float(np.hypot(spread, told)) * quantile(len(means) - 1, 1.0 - ALPHA)
     low, high = mean * np.exp(-width), mean * np.exp(width)
     verdict: Verdict = "consistent"
     if low > expected:
@@ -271,6 +295,7 @@ def judged(values: Float[Array, " k"], expected: float) -> Consistency:
         high=high,
         blocks=len(means),
         verdict=verdict,
+        told=told,
     )
 
 

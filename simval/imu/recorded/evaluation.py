@@ -13,10 +13,12 @@ from simval.geometry import attitude_matrix, compose
 from simval.imu.filters.signals import FilterInput, FilterOutput
 from simval.imu.recorded.alignment import Alignment
 from simval.imu.recorded.errors import (
+    ALPHA,
     Consistency,
     Errors,
     Rms,
     convergence,
+    differ,
     errors_of,
     judged,
     judged_once,
@@ -24,8 +26,10 @@ from simval.imu.recorded.errors import (
     table,
     whiteness,
 )
+from simval.imu.recorded.rows import RowEvidence
 from simval.imu.recorded.settings import Signals, Start, two_vectors
 from simval.imu.recorded.world import World
+from simval.ranking import Ranking, ranked
 from simval.shapes import Bool, Float
 
 
@@ -39,6 +43,9 @@ class FilterRun:
     output: FilterOutput  # rows counted in the log
     six: Start | None = None  # of one without a magnetometer, whose heading is free
     thinned: bool  # whether rows between the kept ones are left out
+    told: float = 0.0  # relative sd of NIS, by how well the noise told is known
+    # m/s^2, of real acceleration while moving, where the noise told is less; else 0
+    motion: float = 0.0
 
 
 def in_view(start: Start, found: Signals, truth: Float[Array, "n 4"]) -> Start:
@@ -80,7 +87,8 @@ def filter_input(found: Signals, start: Start) -> FilterInput:
 
 
 Bound = Mapping[str, Mapping[str, float]]
-SHORTEST: Final = 2.0  # s; of a rest in which a drift is looked at
+SHORTEST: Final = 2.0  # s; of a rest that is looked at, twice that for a drift
+SEVERAL: Final = 2  # rests, of one of which a drift may be what ended before
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,17 +98,21 @@ class AtRest:
     Attributes
     ----------
     drift : float
-        RMS over the rests of the change of heading within one, rad/s; NaN without.
+        RMS over the rests of the change of heading within the second half of one,
+        rad/s; NaN where fewer than `SEVERAL` begin after the filter has settled.
     inclination : float
         RMS over the rests of the angle between the filter's up and the mean specific
         force, rad; NaN without.
     rests : int
         Rests looked at.
+    settled : int
+        Those that the drift is of.
     """
 
     drift: float
     inclination: float
     rests: int
+    settled: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -179,6 +191,9 @@ class Evaluation:
         Median time of a row.
     published : tuple of Step
         Its errors by a benchmark's definitions, and then by ours.
+    rows : RowEvidence or None
+        What the gyroscope's rows were taken as; where the log contradicts that,
+        nothing is judged.
     """
 
     run: FilterRun
@@ -188,6 +203,7 @@ class Evaluation:
     white: Float[Array, " m"] | None
     microseconds: float
     published: tuple[Step, ...] = ()
+    rows: RowEvidence | None = None
 
 
 def evaluate(
@@ -224,10 +240,11 @@ def evaluate(
     return Evaluation(
         run=run,
         truth=truth,
-        at_rest=_at_rest(run, found),
+        at_rest=_at_rest(run, found, truth),
         nis=nis,
         white=white,
         microseconds=1e6 * float(np.median(run.output.seconds)),
+        rows=found.evidence,
     )
 
 
@@ -341,35 +358,45 @@ def _turned(errors: Errors, turns: tuple[float, float]) -> tuple[float, float]:
     return first, last
 
 
+def ranking(done: Sequence[Evaluation]) -> Ranking | None:
+    """Filters by the RMS of their total errors; None without any that has one."""
+    found = {
+        each.run.name: each.truth
+        for each in done
+        if each.truth is not None and np.isfinite(each.truth.rms["all"]["total"].value)
+    }
+    if not found:
+        return None
+    alpha = ALPHA / max(1, 2 * len(found) - 3)  # with both ends
+    return ranked(
+        {name: truth.rms["all"]["total"].value for name, truth in found.items()},
+        lambda one, other: differ(found[one].errors, found[other].errors, alpha),
+    )
+
+
 def turned_words(done: Sequence[Evaluation]) -> str:
     """Effect of another north on a comparison of filters; empty for none.
 
     The difference of two mean squares is linear in a small turn, so an order that both
     ends of an interval have is that of all between.
     """
-    ranked = sorted(
-        (
-            (each.run.name, each.truth)
-            for each in done
-            if each.truth is not None and not each.truth.free
-        ),
-        key=lambda pair: pair[1].rms["all"]["total"].value,
-    )
-    if not ranked:
+    judged = [each for each in done if each.truth is not None and not each.truth.free]
+    if not judged:
         return ""
-    estimated = ranked[0][1].world.taken == "estimated"
+    judged.sort(key=lambda each: _truth(each).rms["all"]["total"].value)
+    world = _truth(judged[0]).world
+    estimated = world.taken == "estimated"
     ends = [
-        f"{name} {' and '.join(f'{np.degrees(v):.2f}' for v in found.turned)}"
-        if estimated
-        else f"{name} {np.degrees(found.turned[1]):.2f}"
-        for name, found in ranked
+        f"{each.run.name} {' and '.join(f'{np.degrees(v):.2f}' for v in turned)}"
+        for each in judged
+        if (turned := _truth(each).turned[0 if estimated else 1 :])
     ]
     open_ = [
-        f"{name} and {other}"
-        for (name, first), (other, second) in combinations(ranked, 2)
-        if any(a > b for a, b in zip(first.turned, second.turned, strict=True))
+        f"{one.run.name} and {other.run.name}"
+        for one, other in combinations(judged, 2)
+        if _open(one, other, estimated=estimated)
     ]
-    turn = np.degrees(norths(ranked[0][1].world)[1])
+    turn = np.degrees(norths(world)[1])
     if estimated:
         said = (
             "North is the log's own magnetometer's, which favours a filter that "
@@ -384,6 +411,20 @@ def turned_words(done: Sequence[Evaluation]) -> str:
         f"estimated), the total would be {', '.join(ends)} degrees, which exchanges "
         f"{'; '.join(open_)}."
     )
+
+
+def _truth(each: Evaluation) -> WithTruth:
+    assert each.truth is not None
+    return each.truth
+
+
+def _open(one: Evaluation, other: Evaluation, *, estimated: bool) -> bool:
+    # whether another north exchanges two that are told apart, or leaves two undecided
+    pairs = zip(_truth(one).turned, _truth(other).turned, strict=True)
+    crossed = any(a > b for a, b in pairs)
+    order = ranking([one, other])
+    tied = order is None or order.tied
+    return crossed or tied if estimated else crossed and not tied
 
 
 def extra(alignment: Alignment, truth: Float[Array, "k 4"]) -> Float[Array, "k 3 3"]:
@@ -407,8 +448,9 @@ def _band(
     return np.sqrt(np.maximum(parts, 0.0))
 
 
-def _at_rest(run: FilterRun, found: Signals) -> AtRest:
+def _at_rest(run: FilterRun, found: Signals, truth: WithTruth | None) -> AtRest:
     kept, q = run.output.kept, run.output.attitude[0]
+    since = _settled(run, found, truth)
     drifts, tilts = [], []
     for start, stop in found.rests:
         rows = (kept >= start) & (kept < stop)
@@ -419,16 +461,31 @@ def _at_rest(run: FilterRun, found: Signals) -> AtRest:
         force = found.force[start:stop].mean(axis=0)
         up = A[:, :, 2].mean(axis=0)
         tilts.append(np.arctan2(np.linalg.norm(np.cross(up, force)), up @ force))
-        turn = A[-1].T @ A[0]  # in the world, from the end to the start
+        if not found.time[start] >= since or seconds < 2.0 * SHORTEST:
+            continue
+        half = len(A) // 2  # before it a filter may still take back what moved it
+        turn = A[-1].T @ A[half]  # in the world, from the end to the middle
         angle = np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
-        drifts.append(angle / seconds)
-    if not drifts:
-        return AtRest(drift=np.nan, inclination=np.nan, rests=0)
+        at = found.time[kept[rows]]
+        drifts.append(angle / (at[-1] - at[half]))
+    rms = [
+        float(np.sqrt(np.mean(np.square(each)))) if len(each) >= least else np.nan
+        for each, least in ((drifts, SEVERAL), (tilts, 1))
+    ]
     return AtRest(
-        drift=float(np.sqrt(np.mean(np.square(drifts)))),
-        inclination=float(np.sqrt(np.mean(np.square(tilts)))),
-        rests=len(drifts),
+        drift=rms[0], inclination=rms[1], rests=len(tilts), settled=len(drifts)
     )
+
+
+def _settled(run: FilterRun, found: Signals, truth: WithTruth | None) -> float:
+    # s, log's clock: not before the end of the rest that it starts in
+    first = int(run.output.kept[0])
+    ends = [stop for _, stop in found.rests if stop > first]
+    since = float(found.time[ends[0] - 1]) if ends else np.inf
+    if truth is None:
+        return since
+    settled = float(truth.errors.time[0]) + truth.settled
+    return max(since, settled) if np.isfinite(settled) else np.inf
 
 
 def _innovations(run: FilterRun) -> tuple[Consistency | None, Array | None]:
@@ -436,7 +493,7 @@ def _innovations(run: FilterRun) -> tuple[Consistency | None, Array | None]:
     if innovation is None or covariance is None:
         return None, None
     squares = normalised(innovation[0], covariance[0])
-    nis = judged(squares, float(innovation.shape[-1]))
+    nis = judged(squares, float(innovation.shape[-1]), run.told)
     good = np.isfinite(squares)
     if run.thinned or not good.any():
         return nis, None

@@ -4,6 +4,7 @@ Noise is from a noise file, else from the log's own rests: N and K of the longes
 the scatter of a row in all of them. Nothing is from the truth.
 """
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from dataclasses import field as default
 from typing import Final
@@ -20,6 +21,7 @@ from simval.imu.multiposition.log_units import Scale, said_of, units_of
 from simval.imu.noise import AxisNoise, noise_of
 from simval.imu.noise.model import NoiseFile
 from simval.imu.recorded.attitudes import of_matrix
+from simval.imu.recorded.errors import mean_with_error
 from simval.imu.recorded.rows import RowEvidence
 from simval.imu.statics import Intervals
 from simval.imu.statics.detector import runs_of
@@ -284,14 +286,26 @@ class Start:
     attitude: Float[Array, "4"]  # north-west-up to sensor
     told: Told
     described: tuple[str, ...]  # where the numbers are from
+    known: Mapping[str, float]  # relative sd of noises told, by their names
+    motion: float  # m/s^2, of real acceleration while moving; 0 where the noise has it
+
+    def of_nis(self, reads: Collection[str]) -> float:
+        """Relative sd of NIS, by how well the noises that a filter reads are known."""
+        parts = [2.0 * sd if name in reads else 0.0 for name, sd in self.known.items()]
+        return float(np.hypot.reduce(parts)) / len(parts)
 
 
 def start_of(
-    found: Signals, known: NoiseFile | None = None, source: str = "the noise file"
+    found: Signals,
+    known: NoiseFile | None = None,
+    source: str = "the noise file",
+    *,
+    accelerometer_noise: float | None = None,
 ) -> Start:
     """Start at the first rest, by two vectors, with the filter's settings.
 
-    Without known noise the log's longest rest is measured. Without a magnetometer the
+    Without known noise the log's longest rest is measured; the accelerometer's, m/s^2 a
+    row, is the scatter at rest where it is not given. Without a magnetometer the
     start is by the specific force, its heading is any, and the field told is NaN.
 
     Raises
@@ -307,6 +321,12 @@ def start_of(
     forces = [found.force[part].mean(axis=0) for part in parts]
     gravity = float(np.mean([np.linalg.norm(force) for force in forces]))
     field, scatter = np.full(3, np.nan), np.nan
+    noise, sd = _scatter(found.force, parts)
+    known_to, as_given = {"accelerometer_noise": sd}, ""
+    if accelerometer_noise is not None:
+        noise, as_given = accelerometer_noise, " as given"
+        known_to = {"accelerometer_noise": 0.0}
+    motion = _motion(found, gravity, noise)
     sensed = ""
     told_field = f"gravity {gravity:.5g} m/s^2: mean of the rests"
     vectors = "the specific force of the first rest, heading free"
@@ -320,7 +340,7 @@ def start_of(
         ]
         dip = float(np.arcsin(np.mean(sine)))
         field = length * np.array([np.cos(dip), 0.0, -np.sin(dip)])
-        scatter = _scatter(found.field, parts)
+        scatter, known_to["magnetometer_noise"] = _scatter(found.field, parts)
         unit = "T" if found.field_unit else "in its unit"
         sensed = f", magnetometer {scatter:.3g} {unit}"
         told_field = (
@@ -332,22 +352,35 @@ def start_of(
     told = Told(
         gyroscope_noise=N,
         gyroscope_walk=K,
-        accelerometer_noise=_scatter(found.force, parts),
+        accelerometer_noise=noise,
         magnetometer_noise=scatter,
         gravity=gravity,
         field=field,
         start_std=START_STD,
         bias_std=max(bias, N / np.sqrt((first.stop - first.start) / found.rate)),
     )
+    sizes = " and ".join(f"{100.0 * sd:.2g}" for sd in known_to.values() if sd)
     return Start(
         row=int(first.start),
         attitude=attitude,
         told=told,
+        known=known_to,
+        motion=motion,
         described=(
             f"told              gyroscope N {N:.3g} rad/s/sqrt(Hz), K {K:.3g} "
             f"rad/s/sqrt(s): {words}",
-            f"                  accelerometer {told.accelerometer_noise:.3g} m/s^2"
-            f"{sensed} a row: scatter in {len(parts)} rest(s)",
+            f"                  accelerometer {noise:.3g} m/s^2{as_given}{sensed} a row"
+            + (
+                f": scatter in {len(parts)} rest(s), known to {sizes} %"
+                if sizes
+                else ""
+            ),
+            *(
+                "                  which is less than real acceleration adds while it "
+                f"moves, {each:.2g} m/s^2 an axis (--accelerometer-noise)"
+                for each in (motion,)
+                if each
+            ),
             f"                  {told_field}",
             f"                  start at {found.time[first.start]:.2f} s by {vectors}"
             f", sd {np.degrees(START_STD):.2g} degrees; bias 0, sd "
@@ -383,8 +416,28 @@ def two_vectors(found: Signals, part: slice) -> Float[Array, "4"]:
     return of_matrix(np.stack([north, np.cross(up, north), up], axis=1))
 
 
-def _scatter(rows: Float[Array, "n 3"], parts: list[slice]) -> float:
-    return float(np.sqrt(np.mean([rows[part].var(axis=0).mean() for part in parts])))
+def _scatter(rows: Float[Array, "n 3"], parts: list[slice]) -> tuple[float, float]:
+    # of a row about the mean of its rest, and how well that is known, relative
+    found = float(np.sqrt(np.mean([rows[part].var(axis=0).mean() for part in parts])))
+    off = [np.mean((rows[p] - rows[p].mean(axis=0)) ** 2, axis=1) for p in parts]
+    mean, covariance, _ = mean_with_error(np.concatenate(off)[:, None])
+    sd = 0.5 * float(np.sqrt(covariance[0, 0])) / float(mean[0]) if mean[0] else 0.0
+    return found, sd
+
+
+MOVED: Final = 2.0
+"""Times the accelerometer's noise, by which a force while moving is off gravity: beyond
+it the acceleration is real, and a filter is told too little."""
+
+
+def _motion(found: Signals, gravity: float, noise: float) -> float:
+    # along gravity, as in any direction; to first order the length has that alone
+    moving = np.ones(len(found.time), dtype=bool)
+    for start, stop in found.rests:
+        moving[start:stop] = False
+    off = np.linalg.norm(found.force[moving], axis=1) - gravity
+    size = float(np.sqrt(np.mean(off**2))) if moving.any() else 0.0
+    return size if size > MOVED * noise else 0.0
 
 
 def _gyro_noise(
