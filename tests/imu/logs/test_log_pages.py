@@ -113,10 +113,11 @@ def filtered(name, verdict=None, mean=3.0, rms=0.01, drift=None):
         drift=drift,
         world=world,
         turned=(rms, rms),
+        errors=SimpleNamespace(time=np.arange(100.0), total=np.full(100, rms)),
     )
-    rest = SimpleNamespace(drift=1e-4, inclination=1e-3, rests=3)
-    named = SimpleNamespace(name=name)
-    return SimpleNamespace(run=named, truth=known, nis=None, at_rest=rest)
+    rest = SimpleNamespace(drift=1e-4, inclination=1e-3, rests=3, settled=2)
+    named = SimpleNamespace(name=name, motion=0.0)
+    return SimpleNamespace(run=named, truth=known, nis=None, at_rest=rest, rows=None)
 
 
 @pytest.mark.usefixtures("unchecked")

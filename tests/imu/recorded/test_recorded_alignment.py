@@ -228,14 +228,23 @@ def evaluated(answers, log, found):
 
 
 def test_a_drift_and_a_tilt_at_rest_are_those_that_were_put_in():
-    log, drift, tilt = made(4, seconds=40.0, rate=50.0), 2e-3, 0.05
-    turn = from_rotation_vector(drift * log.time[:, None] * [0.0, 0.0, 1.0])
+    log, drift, tilt = made(4, seconds=80.0, rate=50.0), 2e-3, 0.05
+    # which begins with ten degrees that it loses within the first rest
+    angle = drift * log.time + 0.2 * np.exp(-log.time)
+    turn = from_rotation_vector(angle[:, None] * [0.0, 0.0, 1.0])
     leant = compose(from_rotation_vector(np.array([tilt, 0.0, 0.0])), log.attitude)
-    (found,) = evaluated({"drifts": compose(turn, leant)}, log, None)
-    assert found.at_rest.rests == len(log.rests)
-    # from the first row of a rest to the last: exact but for a sine
+    q = compose(turn, leant)
+    (found,) = evaluated({"drifts": q}, log, None)
+    assert found.at_rest.rests == len(log.rests) == 4
+    # of the second halves of the others: exact but for a sine
+    assert found.at_rest.settled == 3
     assert found.at_rest.drift == pytest.approx(drift, rel=1e-6)
     assert found.at_rest.inclination == pytest.approx(tilt, abs=1e-3)  # noise of force
+    # of the one other rest of a shorter log nothing is said
+    short = made(4, seconds=40.0, rate=50.0)
+    (found,) = evaluated({"drifts": q[: len(short.time)]}, short, None)
+    assert (found.at_rest.rests, found.at_rest.settled) == (2, 1)
+    assert np.isnan(found.at_rest.drift)
 
 
 RATE = 2000.0 / 7.0  # Hz, as their `sampling_rate` has it
