@@ -6,9 +6,11 @@ from scipy.integrate import fixed_quad
 from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
+from simval.imu.logs import Rows
 from simval.scene import average_rates, scenes, simulate
 from simval.scene.drivers import minimum_jerk
-from simval.scene.trajectory import increments
+from simval.scene.trajectory import gyroscope_rows, increments
+from simval.vocabulary import ROW_KINDS
 
 FROM, TO = np.array([0.3, -0.5, 1.1]), np.array([-1.9, 0.8, -1.4])
 
@@ -89,6 +91,24 @@ def test_a_sensor_read_less_often_adds_increments(every, trajectories):
         some, full[:count].reshape(-1, every, 3).sum(axis=1), atol=1e-15
     )
     np.testing.assert_array_equal(rates[0], rates[1])
+
+
+@pytest.mark.parametrize("name", ["gimbal", "freefall"])
+@pytest.mark.parametrize("kind", ROW_KINDS)
+@pytest.mark.parametrize("delay", [0.0, 0.006, -0.003])
+def test_rows_of_a_kind_turn_by_what_averages_turn_by(name, kind, delay, trajectories):
+    """Back to averages by their own splines: through five steps, not through one."""
+    trajectory, rows = trajectories(name), Rows(kind=kind, delay=delay)
+    time, exact = trajectory.time[::5], average_rates(trajectory, 5)
+    found = rows.means(time, gyroscope_rows(trajectory, 5, rows))
+    there = np.isfinite(found).all(axis=1)
+    assert np.count_nonzero(~there) <= 2  # at the ends
+    size = np.sqrt(np.mean(exact**2))
+    # the third order in a step at the least, of moves of a second; less at the ends
+    assert np.sqrt(np.mean((found - exact)[3:-3] ** 2)) < 1e-4 * size
+    # and rows of another kind, or late ones, are not these
+    raw = gyroscope_rows(trajectory, 5, rows)
+    assert (np.abs(raw - exact).max() > 1e-3 * size) == (rows != Rows())
 
 
 def test_what_cannot_be_told_is_refused(trajectories):

@@ -1,11 +1,14 @@
 """What a calibration leaves in readings, against readings that are corrected wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from filter_paths import model, wobble
 
 from simval.errors import InputError
 from simval.imu.sensor import forms
-from simval.theory import calibration_error
+from simval.theory import calibration_error, filter_bound
 
 RNG = np.random.default_rng(0)
 M = np.eye(3) + 0.1 * RNG.standard_normal((3, 3))
@@ -86,3 +89,37 @@ def test_refusals(arguments, words):
     of, matrix, covariance, *form = arguments
     with pytest.raises(InputError, match=words):
         calibration_error(of, matrix, covariance, form=form[0] if form else None)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_covariance_may_be_singular_in_any_direction(seed):
+    """However it was computed: a difference of greater ones is rounded like these.
+
+    Of numbers of two units. One with as much below zero as a millionth of its greatest
+    variance, in either unit, is none.
+    """
+    rng = np.random.default_rng(seed)
+    size = 10.0 ** rng.uniform(-9.0, 0.0)
+    near = 10.0 ** rng.uniform(-12.0, 0.0)  # to an axis
+    up = np.array([near, near * rng.uniform(), 1.0])
+    up = np.linalg.qr(np.column_stack([up, np.eye(3)[:, :2]]))[0][:, 0]
+    flat = np.eye(3) - np.outer(up, up)
+    P = np.zeros((6, 6))
+    P[:3, :3], P[3:, 3:] = flat, size * np.diag([1.0, 1.0, 0.0])
+    path = wobble(30)
+    free = filter_bound(path, replace(model(), start=P)).covariance
+    # by two axes that need no difference it is the same: what is clipped is rounding
+    level = np.linalg.svd(up[:, None])[0][:, 1:]
+    P[:3, :3] = level @ level.T
+    np.testing.assert_allclose(
+        filter_bound(path, replace(model(), start=P)).covariance, free,
+        rtol=0, atol=1e-9 * free.max(),
+    )  # fmt: skip
+    for axis, greatest in ((up, 1.0), (np.eye(3)[2], size)):
+        wrong = P.copy()
+        part = slice(0, 3) if greatest == 1.0 else slice(3, 6)
+        wrong[part, part] -= 1e-6 * greatest * np.outer(axis, axis)
+        with pytest.raises(InputError, match="no covariance"):
+            replace(model(), start=wrong)
+    with pytest.raises(InputError, match="no covariance"):
+        replace(model(), start=P + np.triu(1e-6 * np.ones((6, 6)), 1))

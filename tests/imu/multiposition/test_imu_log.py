@@ -1,6 +1,7 @@
 """All sensors of a log: found, calibrated, corrected, or named with the reason."""
 
 import json
+from dataclasses import replace
 from html import unescape
 
 import numpy as np
@@ -12,7 +13,7 @@ from simval.errors import (
     RefusedError,
     SaturatedError,
 )
-from simval.imu.logs import read_log
+from simval.imu.logs import Log, Rows, read_log
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
 from simval.imu.multiposition.ranges import (
     rail,
@@ -21,6 +22,8 @@ from simval.imu.multiposition.ranges import (
 )
 from simval.imu.sensor import load_imu
 from simval.report.calibration_page import calibration_page
+from simval.scene import simulate
+from simval.scene.trajectory import gyroscope_rows
 
 
 @pytest.fixture(scope="module")
@@ -222,3 +225,27 @@ def test_sensors_without_noise_beside_one_with_noise_are_not_fitted_together(
     code, out, _ = simval("calibrate", "log.csv")
     assert code == 0
     assert "not fitted together: the noises of these sensors" in out
+
+
+@pytest.mark.ci
+def test_the_kind_of_its_rows_sets_how_a_gyroscope_is_integrated():
+    """Moves of 0.6 s at 50 Hz: instants as means are nine times farther off."""
+    run = simulate("gimbal", poses=12, move_time=0.6, hold_time=0.8, first_hold=3.0)
+    time, rng = run.time[::10], np.random.default_rng(1)
+    force = run.specific_force[::10] + 1e-3 * rng.standard_normal((len(time), 3))
+    noise = 1e-3 * rng.standard_normal((len(time), 3))
+    off = {}
+    for kind, delay in (("before", 0.0), ("instant", 0.0), ("after", 0.05)):
+        rows = Rows(kind=kind, delay=delay)
+        log = Log(
+            path="simulated", time=time, accelerometer=force, rate=50.0,
+            gyro=gyroscope_rows(run, 10, rows) + noise,
+        )  # fmt: skip
+        result = calibrate_log(log)
+        for taken in (rows, Rows()):
+            given = replace(log, gyro_rows=taken)
+            fit = calibrate_sensors(given, result, sensors=["gyroscope"]).gyroscope
+            off[kind, taken.kind] = np.abs(fit.M - np.eye(3)).max()
+    right = [off[kind, kind] for kind in ("before", "instant", "after")]
+    assert max(right) < 1.5 * min(right)
+    assert off["instant", "before"] > 5.0 * max(right)

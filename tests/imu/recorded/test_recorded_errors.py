@@ -1,5 +1,7 @@
 """Errors over a recording, their error bars by blocks, and verdicts at their rate."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rounding import EPS
@@ -18,6 +20,7 @@ from simval.imu.recorded.errors import (
     Measured,
     block_of,
     convergence,
+    differ,
     errors_of,
     judged,
     mean_with_error,
@@ -172,6 +175,55 @@ def test_verdicts_keep_their_rate_and_have_power(memory):
     assert min(over, under) > (0.95 if memory < 50.0 else 0.4)
     assert not any(row[1] == "underconfident" for row in answers)
     assert not any(row[2] == "overconfident" for row in answers)
+
+
+@pytest.mark.ci
+def test_noise_that_was_measured_is_no_certainty():
+    """NIS of good filters, by a noise that 300 rows of a rest showed to 2.4 %.
+
+    Without its uncertainty two verdicts of three are false; with it one of 100, and a
+    noise told half as large again is still seen.
+    """
+    rng, trials, size = np.random.default_rng(9), 300, 3 * 300
+    false, bare, found = 0, 0, 0
+    for _ in range(trials):
+        told = np.sum(rng.standard_normal(size) ** 2) / size
+        rows = np.sum(rng.standard_normal((4000, 3)) ** 2, axis=1)
+        sd = np.sqrt(2.0 / size)
+        false += judged(rows / told, 3.0, sd).verdict != "consistent"
+        bare += judged(rows / told, 3.0).verdict != "consistent"
+        found += judged(1.5**2 * rows / told, 3.0, sd).verdict == "overconfident"
+    assert false <= binom.ppf(1.0 - 1e-3, trials, ALPHA)
+    assert bare > trials / 3
+    assert found == trials
+
+
+@pytest.mark.ci
+def test_two_filters_differ_beyond_chance_or_not():
+    """Errors in step, as of two filters over one log: at the rate, and with power."""
+    rng, trials = np.random.default_rng(10), 60
+    false, found = 0, 0
+    for _ in range(trials):
+        common = ornstein_uhlenbeck(rng, 2000, 50.0)
+        ours, theirs, more = (
+            np.linalg.norm(common + part, axis=1)
+            for part in 0.3 * np.stack([
+                ornstein_uhlenbeck(rng, 2000, 50.0) * scale for scale in (1, 1, 3)
+            ])
+        )  # fmt: skip
+        first, second, third = map(errors_like, (ours, theirs, more))
+        false += differ(first, second, ALPHA)
+        found += differ(first, third, ALPHA)
+    # blocks that are still correlated cost up to three times ALPHA, as in verdicts
+    assert false <= binom.ppf(1.0 - 1e-3, trials, 3.0 * ALPHA)
+    assert found > trials / 2
+    # in the rows that both have
+    late = Errors(**{
+        name: getattr(first, name)[500:]
+        for name in ("time", "body", "total", "heading", "inclination", "rest")
+    })  # fmt: skip
+    assert not differ(first, late, 0.5)
+    assert not differ(first, replace(first, time=first.time + 0.05), 0.5)
 
 
 def test_few_rows_are_not_judged():

@@ -106,6 +106,54 @@ def test_what_is_told_is_what_was_put_in(log, read):
     assert attitude_error(start.attitude, log.attitude[start.row]) < 5e-3
 
 
+def test_how_well_the_scatter_at_rest_is_known():
+    """By blocks: of white noise 1 / sqrt(2 n), of one that wanders more."""
+    found, rate = [], 50.0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        noise = 0.02 * rng.standard_normal((500, 3))
+        still = Signals(
+            time=np.arange(500) / rate, gyro=1e-3 * rng.standard_normal((500, 3)),
+            force=noise + np.array([0.0, 0.0, G]), field=None, rate=rate,
+            rests=np.array([[0, 250], [250, 500]]), gyro_unit="rad/s",
+            force_unit="m/s^2", field_unit="",
+        )  # fmt: skip
+        start = start_of(still)
+        known = start.known["accelerometer_noise"]
+        found.append([start.told.accelerometer_noise / 0.02, known])
+        assert start.of_nis(("accelerometer_noise",)) == pytest.approx(2.0 * known)
+        assert start.of_nis(()) == 0.0
+        given = start_of(still, accelerometer_noise=0.5)
+        assert given.told.accelerometer_noise == 0.5
+        assert given.of_nis(("accelerometer_noise",)) == 0.0
+    scatter, known = np.std(np.array(found)[:, 0]), np.mean(np.array(found)[:, 1])
+    white = 1.0 / np.sqrt(2 * 1500)
+    # the sd of 40 to 11 % of itself, its estimate by 24 blocks to 15 % / sqrt(40)
+    assert scatter == pytest.approx(white, rel=0.4)
+    assert known == pytest.approx(white, rel=0.1)
+
+
+@pytest.mark.parametrize(("size", "said"), [(0.0, False), (0.5, True)])
+def test_noise_at_rest_is_little_on_a_log_with_motion(size, said):
+    rng, rate = np.random.default_rng(3), 50.0
+    time = np.arange(0.0, 40.0, 1.0 / rate)
+    moving = (time > 10.0)[:, None]
+    force = 0.02 * rng.standard_normal((len(time), 3)) + [0.0, 0.0, G]
+    force += size * moving * np.sin(2.0 * time[:, None] + [0.0, 1.0, 2.0])
+    log = Signals(
+        time=time, gyro=1e-3 * rng.standard_normal(force.shape), force=force,
+        field=None, rate=rate, rests=np.array([[0, 500]]), gyro_unit="rad/s",
+        force_unit="m/s^2", field_unit="",
+    )  # fmt: skip
+    start = start_of(log)
+    # along gravity: the root of half of its square, and 40 waves
+    assert start.motion == pytest.approx(size / np.sqrt(2.0), rel=0.1)
+    assert ("--accelerometer-noise" in " ".join(start.described)) == said
+    # nothing is left to say where it is told
+    told = start_of(log, accelerometer_noise=size or 0.02)
+    assert told.motion == 0.0
+
+
 def test_noise_of_a_file(read):
     rng = np.random.default_rng(3)
     rows = 0.1 * rng.standard_normal((20000, 3))  # deg/s at 100 Hz

@@ -15,6 +15,7 @@ from simval.errors import GeometryError, RefusedError
 from simval.geometry import (
     attitude_error,
     compose,
+    conjugate,
     from_rotation_vector,
 )
 from simval.imu.filters import Mekf
@@ -157,6 +158,23 @@ def test_the_reference_filter_is_at_the_bound_and_consistent():
     for factor in (0.25, 4.0):
         off = np.abs(factor * mean - 1.0) > 4.0 * factor * spread
         assert off.all(), (factor, mean, spread)
+
+
+def test_the_bound_of_a_log_that_starts_level():
+    """However near to level: the free heading is of no axis of the sensor."""
+    log = made(5, seconds=20.0, rate=25.0, bias=2e-3)
+    signals = replace(six_axes(log), rate=25.0)
+    alignment = align(log.truth, signals, "NWU")
+    start = start_of(signals)
+    flat = compose(log.attitude, conjugate(log.attitude[start.row]))  # level there
+    found = []
+    for tilt in (0.0, 1e-12, 1e-9, 1e-8, 3e-8, 1e-6, 1e-4):
+        turn = from_rotation_vector(np.array([0.6 * tilt, 0.8 * tilt, 0.0]))
+        at = replace(alignment, attitude=compose(flat, turn))
+        bound = six_axis_bound(signals, start, at)["all"]
+        found.append([bound[word] for word in ("total", "heading", "inclination")])
+    # the least is that of the rows' noise, by the same path to the tilt
+    np.testing.assert_allclose(found, found[0] * np.ones((7, 1)), rtol=1e-3)
 
 
 @pytest.fixture(scope="module")
