@@ -39,6 +39,7 @@ MOVING: Final = 0.1  # rad/s, RMS in a window that counts
 FEWEST: Final = 10  # windows
 MOST_ROWS: Final = 60_000  # in windows that count: those that turn most
 BLOCKS: Final = 20
+SLOW: Final = 0.5  # s, of a mean that parts slow turning from quick
 STEPS: Final = 6
 ENOUGH: Final = 1e-5  # s
 COHERENT: Final = 0.05
@@ -65,9 +66,10 @@ truth nor what lies between its rows moves it by."""
 NEAR: Final = 3.0  # bars, of a middle that agrees
 FAR: Final = 4.0  # bars, of one that does not
 
+LAG: Final = 0.015  # m s
 OTHERS: Final = [0.05] * 3 + [0.03] * 5, [0.02] * 3 + [0.03] * 9
 PRIORS: Final = {
-    "accelerometer": [*OTHERS[0], *[0.5] * 3, *OTHERS[1]],
+    "accelerometer": [*OTHERS[0], *[0.5] * 3, *[LAG] * 3, *OTHERS[1]],
     "magnetometer": [*OTHERS[0], *OTHERS[1]],
 }
 """Standard deviations of what is not asked: the vector's bias over its length, and its
@@ -182,30 +184,47 @@ def row_centre(
         means = np.nan_to_num(late.means(time, gyro))
         each = _equations(time, means, vector, rows, arm, by)
         fit = _fitted(each, each.late.sum(axis=3, keepdims=True), by)
-        arm = fit.solution[-15:-12] if by == "accelerometer" else arm
+        arm = fit.solution[9:12] if by == "accelerometer" else arm
         return fit, each
 
     start = MIDDLES["before"] * step
     if by == "accelerometer":  # the arm first: its force moves with the rows
         fitted(start), fitted(start)
     centre, slope, fit, each = _middle(fitted, start, step)
-    apart = _fitted(each, each.late, by)
-    weight = apart.sd[:3] ** -2.0
-    excess = float(weight @ apart.solution[:3] ** 2) - 2.0
+    axes = _fitted(each, each.late, by)
+    slow = max(3, round(SLOW / step))
+    low = _Equations(
+        *(scipy.ndimage.uniform_filter1d(part, slow, axis=1) for part in each)
+    )
+    high = _Equations(*(x - y for x, y in zip(each, low, strict=True)))
+    bands = [
+        _fitted(some, some.late.sum(axis=3, keepdims=True), by) for some in (low, high)
+    ]
+    apart = np.hypot(
+        _apart(axes.solution[:3], axes.sd[:3]),
+        _apart(*np.array([(b.solution[0], b.sd[0]) for b in bands]).T),
+    )
     shown = vector[rows] - vector[rows].mean(axis=1, keepdims=True)
     # what the sensor shows from row to row where it is quietest is in step with nothing
     jumps = np.mean(np.diff(vector, axis=0) ** 2, axis=1)
     quiet = jumps[: len(jumps) // size * size].reshape(-1, size).mean(axis=1).min()
-    slow = fit.weight @ np.maximum(fit.rest - 0.5 * quiet, 0.0)
+    real = fit.weight @ np.maximum(fit.rest - 0.5 * quiet, 0.0)
     return RowCentre(
         by=by,
         centre=centre,
         sd=float(fit.sd[0]) / -slope,
-        coherent=COHERENT * float(np.sqrt(slow / (fit.weight @ fit.moves))) / -slope,
-        apart=float(np.sqrt(max(excess, 0.0) / weight.sum())) / -slope,
+        coherent=COHERENT * float(np.sqrt(real / (fit.weight @ fit.moves))) / -slope,
+        apart=float(apart) / -slope,
         left=float(3.0 * size * fit.rest.sum() / np.sum(shown**2)),
         windows=len(starts),
     )
+
+
+def _apart(changes: Float[Array, " k"], sd: Float[Array, " k"]) -> float:
+    # what independent changes that should be 0 scatter by beyond their own errors
+    weight = sd**-2.0
+    excess = float(weight @ changes**2) - (len(changes) - 1)
+    return float(np.sqrt(max(excess, 0.0) / weight.sum()))
 
 
 def _middle(
@@ -297,10 +316,11 @@ def _equations(
     p = p + swung
     columns = [size * back, *(np.matvec(back, p @ M)[..., None] for M in BENT)]
     if by == "accelerometer":
-        columns.append(back @ L)
         jerk, W = np.gradient(speed, axis=1) / h, W[:, :, None]
-        late = late - jerk[..., None] * (E @ arm)
-        late = late - speed[..., None] * ((E @ W + W @ E) @ arm)
+        # of each axis, and the change of L with it
+        each = jerk[..., None, None] * E + speed[..., None, None] * (E @ W + W @ E)
+        late = late - each @ arm
+        columns += [back @ L, back @ each.sum(axis=2)]
     for each in (back, *(back * rate[:, :, None, j : j + 1] for j in range(3))):
         theta = np.cumsum(each * h[..., None], axis=1)
         columns.append(-np.cross(np.matvec(back, p)[..., None], theta, axis=2))
