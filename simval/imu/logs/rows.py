@@ -4,7 +4,7 @@ A sensor that integrates gives the mean rate over the step that ends at a row's 
 (``before``), or that begins there (``after``); a register or a simulator the rate of an
 instant. Any of these may come late. The middle of what row k is of is
 
-.. math:: t_k + c, \qquad c = \{-h/2,\ 0,\ h/2\} - d  \tag{W1}
+.. math:: t_k + c, \qquad c = \{-h/2,\ 0,\ h/2\} - d  \tag{R6}
 
 for mean before, instant and mean after, with the step h and the delay d. Only c counts
 to first order; the width of what is averaged counts to second.
@@ -84,7 +84,7 @@ class Rows:
         return ("--gyro-rows", self.kind, *late)
 
     def centre(self, step: float) -> float:
-        """Middle of what a row is of, less its stamp, s, eq. (W1)."""
+        """Middle of what a row is of, less its stamp, s, eq. (R6)."""
         return MIDDLES[self.kind] * step - self.delay
 
     def in_place(

@@ -115,15 +115,14 @@ def row_lines(evidence: RowEvidence | None) -> list[str]:
 def _witness_words(evidence: RowEvidence) -> str:
     seen = evidence.telling or evidence.seen[0]
     if np.isnan(seen.centre):
+        few = f" ({seen.windows} windows of {WINDOW:g} s, and {FEWEST} are needed)"
         return (
-            f"too little turns for the {seen.by} to tell ({seen.windows} windows of "
-            f"{WINDOW:g} s, and {FEWEST} are needed)"
+            f"too little turns for the {seen.by} to tell"
+            f"{few if seen.windows < FEWEST else ''}"
         )
     if not seen.left < MOST_LEFT:
-        return (
-            f"the {seen.by} cannot tell, for {100.0 * seen.left:.0f} % of what it "
-            "shows is real acceleration"
-        )
+        share = f"{100.0 * min(seen.left, 1.0):.0f} % of what it shows"
+        return f"the {seen.by} cannot tell, for {share} is real acceleration"
     size = with_error(1e3 * seen.centre, 1e3 * seen.half)
     middles = ", ".join(
         f"{word} {1e3 * replace(evidence.rows, kind=kind).centre(evidence.step):.3g}"

@@ -1,24 +1,28 @@
 r"""When the rows of a gyroscope are of, by a vector that the body turns past.
 
-**Their middle** c against the stamps (`simval.imu.logs.rows`, eq. (W1)). In a window of
+**Their middle** c against the stamps (`simval.imu.logs.rows`, eq. (R6)). In a window of
 two seconds the gyroscope's attitudes A, from its first row on, turn the readings v of a
 vector sensor back. Gravity g (or the field) is then constant; what is left is
 
 .. math:: A_k^T v_k = g + \delta c\, A_k^T(\omega_k \times A_k g)
-   + A_k^T(b + M A_k g + L_k r) + \theta_k \times g,  \tag{W2}
+   + A_k^T(b + M A_k g + L_k r) + \theta_k \times g,  \tag{R7}
 
 rows that are :math:`\delta c` off, the sensor's bias and calibration, its lever arm r
-(:math:`L r = \dot\omega \times r + \omega \times (\omega \times r)`, late as well,
-and in the force that the others act on), and what bias and calibration of the
-gyroscope turn by, :math:`\theta`. Each window has its own g; the others are common,
+(:math:`L r = \dot\omega \times r + \omega \times (\omega \times r)`, late like the
+rest, and late by itself, as of a body that follows), and what bias and calibration of
+the gyroscope turn by, :math:`\theta`. Each window has its own g; the others are common,
 with wide priors, without which a thrust is a bias. A window counts by the inverse of
 what it leaves. The force in the products is the *predicted* one: the reading's own
-noise would be on both sides.
+noise would be on both sides. The noise of the rates is in the columns, which makes
+:math:`\delta c` too small: so c is where none is left, and its error is divided by the
+slope there.
 
-**The error bar** leaves out blocks of windows by turns, as eq. (R2). What is left of
-(W2) is real acceleration, and where that is in step with the turning, it moves c: so
-`COHERENT` of it is taken to be, and is in the bar. Where most of what the sensor shows
-is left, no bar is true, and the answer is refused.
+**The error bar** has three parts. Blocks of windows are left out by turns, as in eq.
+(R2). What is left of (R7) is real acceleration, and `COHERENT` of it is taken to be in
+step with the turning, where it moves c. A gait is more in step than that; but it does
+not move c as much about each axis, nor as much in slow turning as in quick, as a delay
+does: so c is asked of each apart, and what they differ by beyond chance is in the bar.
+Where most of what the sensor shows is left, no bar is true, and the answer is refused.
 """
 
 from collections.abc import Callable
@@ -36,8 +40,10 @@ from simval.vocabulary import ROW_KINDS
 
 WINDOW: Final = 2.0  # s
 MOVING: Final = 0.1  # rad/s, RMS in a window that counts
+LEAST_ROWS: Final = 16  # in a window
 FEWEST: Final = 10  # windows
-MOST_ROWS: Final = 60_000  # in windows that count: those that turn most
+MOST_ROWS: Final = 40_000  # in windows that count: those that turn most
+THIN: Final = 0.01  # s, between rows of the equations
 BLOCKS: Final = 20
 SLOW: Final = 0.5  # s, of a mean that parts slow turning from quick
 STEPS: Final = 6
@@ -47,7 +53,7 @@ COHERENT: Final = 0.05
 MOST_LEFT: Final = 0.5
 """Share of what the vector shows in the windows that may be left."""
 NARROW: Final = 1.0 / 6.0
-"""Of a step: with three such bars one middle of (W1) is at most near."""
+"""Of a step: with three such bars one middle of (R6) is at most near."""
 SMOOTH: Final = 0.06
 """s, to each side, of the polynomial that a rate is by: 17 Hz pass. The noise of its
 third derivative, times an arm, is in the column of the delay."""
@@ -66,14 +72,14 @@ truth nor what lies between its rows moves it by."""
 NEAR: Final = 3.0  # bars, of a middle that agrees
 FAR: Final = 4.0  # bars, of one that does not
 
-LAG: Final = 0.015  # m s
 OTHERS: Final = [0.05] * 3 + [0.03] * 5, [0.02] * 3 + [0.03] * 9
 PRIORS: Final = {
-    "accelerometer": [*OTHERS[0], *[0.5] * 3, *[LAG] * 3, *OTHERS[1]],
+    "accelerometer": [*OTHERS[0], *[0.5] * 3, *[0.015] * 3, *OTHERS[1]],
     "magnetometer": [*OTHERS[0], *OTHERS[1]],
 }
 """Standard deviations of what is not asked: the vector's bias over its length, and its
-axes; the arm, m; the gyroscope's bias, rad/s, and matrix."""
+axes; the arm, m, and that times what it is late by itself, m s; the gyroscope's bias,
+rad/s, and matrix."""
 
 Witness = Literal["accelerometer", "magnetometer", "truth"]
 
@@ -93,7 +99,8 @@ class RowCentre:
     coherent : float
         What acceleration in step with the turning may move it by, s.
     apart : float
-        By how much it differs between the three axes of turning beyond chance, s.
+        By how much it differs, between the axes of turning and between slow and quick
+        turning, beyond chance, s.
     left : float
         Share of what the sensor shows that turning does not explain.
     windows : int
@@ -128,7 +135,7 @@ class RowCentre:
 
 
 class _Equations(NamedTuple):
-    """Columns of eq. (W2) in each window, and the readings turned back."""
+    """Columns of eq. (R7) in each window, and the readings turned back."""
 
     late: Float[Array, "w s 3 3"]  # rows that are late, by axis
     others: Float[Array, "w s 3 q"]
@@ -136,7 +143,7 @@ class _Equations(NamedTuple):
 
 
 class _Fit(NamedTuple):
-    """Least squares of eq. (W2), each window by the inverse of what it leaves."""
+    """Least squares of eq. (R7), each window by the inverse of what it leaves."""
 
     solution: Float[Array, " p"]  # changes of the middle, s, first
     sd: Float[Array, " p"]  # by blocks of windows
@@ -170,12 +177,13 @@ def row_centre(
         Where it is, with its error bar.
     """
     step = float(np.median(np.diff(time)))
-    size = max(8, round(WINDOW / step))
+    size = max(2, round(WINDOW / step))
     gyro = gyro - np.median(gyro, axis=0)
     starts = _starts(time, gyro, vector, size)
-    if len(starts) < FEWEST:
-        return RowCentre(by=by, centre=np.nan, sd=np.nan, windows=len(starts))
     rows = starts[:, None] + np.arange(size)
+    # (a sensor that is stuck, or that is read too slowly, shows no turn)
+    if len(starts) < FEWEST or size < LEAST_ROWS or not np.ptp(vector[rows]) > 0.0:
+        return RowCentre(by=by, centre=np.nan, sd=np.nan, windows=len(starts))
     arm: Array = np.zeros(3)
 
     def fitted(centre: float) -> tuple[_Fit, _Equations]:
@@ -188,11 +196,11 @@ def row_centre(
         return fit, each
 
     start = MIDDLES["before"] * step
-    if by == "accelerometer":  # the arm first: its force moves with the rows
-        fitted(start), fitted(start)
+    for _ in range(2 if by == "accelerometer" else 0):
+        fitted(start)  # the arm first: its force moves with the rows
     centre, slope, fit, each = _middle(fitted, start, step)
     axes = _fitted(each, each.late, by)
-    slow = max(3, round(SLOW / step))
+    slow = max(2, round(SLOW / max(step, THIN)))
     low = _Equations(
         *(scipy.ndimage.uniform_filter1d(part, slow, axis=1) for part in each)
     )
@@ -204,18 +212,20 @@ def row_centre(
         _apart(axes.solution[:3], axes.sd[:3]),
         _apart(*np.array([(b.solution[0], b.sd[0]) for b in bands]).T),
     )
-    shown = vector[rows] - vector[rows].mean(axis=1, keepdims=True)
+    shown = _thinned(vector[rows], step)
+    shown = shown - shown.mean(axis=1, keepdims=True)
     # what the sensor shows from row to row where it is quietest is in step with nothing
     jumps = np.mean(np.diff(vector, axis=0) ** 2, axis=1)
     quiet = jumps[: len(jumps) // size * size].reshape(-1, size).mean(axis=1).min()
-    real = fit.weight @ np.maximum(fit.rest - 0.5 * quiet, 0.0)
+    noise = 0.5 * quiet * shown.shape[1] / size
+    real = fit.weight @ np.maximum(fit.rest - noise, 0.0)
     return RowCentre(
         by=by,
         centre=centre,
         sd=float(fit.sd[0]) / -slope,
         coherent=COHERENT * float(np.sqrt(real / (fit.weight @ fit.moves))) / -slope,
         apart=float(apart) / -slope,
-        left=float(3.0 * size * fit.rest.sum() / np.sum(shown**2)),
+        left=float(np.mean(fit.rest) / np.mean(shown**2)),
         windows=len(starts),
     )
 
@@ -324,7 +334,15 @@ def _equations(
     for each in (back, *(back * rate[:, :, None, j : j + 1] for j in range(3))):
         theta = np.cumsum(each * h[..., None], axis=1)
         columns.append(-np.cross(np.matvec(back, p)[..., None], theta, axis=2))
-    return _Equations(back @ late.swapaxes(2, 3), np.concatenate(columns, axis=3), u)
+    whole = back @ late.swapaxes(2, 3), np.concatenate(columns, axis=3), u
+    return _Equations(*(_thinned(part, float(np.median(step))) for part in whole))
+
+
+def _thinned(rows: Float[Array, "w s ..."], step: float) -> Float[Array, "w r ..."]:
+    # means of so many rows that they are `THIN` apart: all columns are as smooth
+    many = max(1, round(THIN / step))
+    kept = rows[:, : rows.shape[1] // many * many]
+    return kept.reshape(len(rows), -1, many, *rows.shape[2:]).mean(axis=2)
 
 
 def _rates(

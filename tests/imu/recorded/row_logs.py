@@ -1,7 +1,7 @@
 """Simulated logs whose gyroscope has rows of each kind, with real accelerations."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -37,6 +37,7 @@ class Body:
 
     attitude: Callable
     place: Callable = lambda t: np.zeros((len(t), 3))
+    felt: Callable | None = None  # the specific force, where that is known instead
 
     def rate(self, t, d=2e-4):
         """Body rate of an instant, rad/s."""
@@ -59,6 +60,8 @@ class Body:
 
     def force(self, t, more=0.0, d=2e-3):
         """Specific force, m/s^2, with what else acts in the world."""
+        if self.felt is not None:
+            return self.felt(t)
         p = [self.place(t + k * d) for k in (-1, 0, 1)]
         world = (p[0] - 2.0 * p[1] + p[2]) / d**2 + more + [0.0, 0.0, G]
         return self.attitude(t).inv().apply(world)
@@ -99,6 +102,26 @@ def in_step(family, seed):
                 upper(t).apply([0.3, 0.0, 0.0]) + lower(t).apply([0.25, 0, 0.02])
             ),
         )
+    if family == "multirotor":  # pushed along its own axis, to hold its height
+        vector = waves(rng, 0.2, 1.5, 0.4)
+        pushed = Body(attitude=lambda t: Rotation.from_rotvec(vector(t)))
+
+        def thrust(t):
+            up = pushed.attitude(t).as_matrix()[:, 2, 2]
+            return (G / np.maximum(up, 0.5))[:, None] * [0.0, 0.0, 1.0]
+
+        return replace(pushed, felt=thrust)
+    if family == "vehicle":  # which turns as it goes
+        vector, speed = waves(rng, 0.05, 0.4, 1.0), rng.uniform(3.0, 15.0)
+        going = Body(
+            attitude=lambda t: Rotation.from_rotvec(vector(t) * [0.05, 0.05, 1.0])
+        )
+
+        def turning(t):
+            level = going.attitude(t).inv().apply([0.0, 0.0, G])
+            return level + np.cross(going.rate(t), [speed, 0.0, 0.0])
+
+        return replace(going, felt=turning)
     pace = 2.0 * np.pi * rng.uniform(0.8, 1.1)
     size = {"gait": (0.15, 0.02), "foot": (0.3, 0.15)}[family]
     turn, lean = swings(rng, pace, size[0]), waves(rng, 0.02, 0.1, 0.5, 4)

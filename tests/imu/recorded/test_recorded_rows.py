@@ -100,42 +100,42 @@ def test_what_names_a_convention():
 
 
 @pytest.mark.slow
-def test_named_rightly_or_not_at_all():
-    """96 logs: real acceleration of 0 to 1 m/s^2 that has nothing to do with turning.
+@pytest.mark.parametrize(
+    ("motion", "power"), [("handheld", 25), ("multirotor", 45), ("slow", 10)]
+)
+def test_named_rightly_or_not_at_all(motion, power):
+    """288 logs: real acceleration of 0 to 1 m/s^2 that has nothing to do with turning.
 
-    Of 288, two thirds of them others, none was named wrongly. Power: a third is named.
+    None is named wrongly, and no convention that is right is contradicted. Three kinds
+    share a motion, so that 96 logs of independent draws would show a rate of 3 %.
     """
-    named = wrong = accused = 0
-    apart = []
-    for motion, rate, (size, arm), kind in product(
-        ("handheld", "multirotor"), (50.0, 100.0),
-        ((0, 0), (0.3, 0.2), (1, 0.2), (1, 0)), ROW_KINDS,
+    named, apart = 0, []
+    for rate, (size, arm), seed, kind in product(
+        (50.0, 100.0, 200.0, 500.0), ((0, 0), (0.3, 0.2), (1, 0.2), (1, 0)),
+        range(2), ROW_KINDS,
     ):  # fmt: skip
-        for seed in range(2):
-            t, gyro, force = read(
-                moving(motion, 10 + seed, arm), kind, rate, seed, acceleration=size
-            )
-            seen = row_centre(t, gyro, force, "accelerometer")
-            h = 1.0 / rate
-            found = judged_rows((seen,), h, Rows(), find=True)
-            named += found.why != "default"
-            wrong += found.why != "default" and found.rows.kind != kind
-            accused += judged_rows((seen,), h, Rows(kind=kind), find=False).clash
-            apart.append(seen.off(Rows(kind=kind).centre(h)))
-    assert (wrong, accused) == (0, 0)
-    assert named >= 32
-    # bars are no wider than a few times the errors, and hold them
+        body, h, true = moving(motion, 10 + seed, arm), 1.0 / rate, Rows(kind=kind)
+        log = read(body, kind, rate, seed, acceleration=size)
+        seen = row_centre(*log, "accelerometer")
+        found = judged_rows((seen,), h, Rows(), find=True)
+        assert found.why == "default" or found.rows == true
+        assert not judged_rows((seen,), h, true, find=False).clash
+        named += found.why != "default"
+        apart.append(seen.off(true.centre(h)))
+    print(motion, named, "of", len(apart), "named")  # noqa: T201
+    assert named >= power
+    # bars hold the errors, and are no wider than a few of them
     assert np.max(apart) < 4.0
-    assert 0.2 < np.sqrt(np.mean(np.square(apart))) < 1.2
+    assert np.sqrt(np.mean(np.square(apart))) > 0.1
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("family", ["arm", "gait", "foot"])
+@pytest.mark.parametrize("family", ["arm", "gait", "foot", "multirotor", "vehicle"])
 def test_nothing_is_named_where_acceleration_is_in_step(family):
-    """A third of these have a bar that is false by itself: none may name or accuse."""
-    for seed, rate in product(range(6), (50.0, 100.0)):
-        t, gyro, force = read(in_step(family, seed), "before", rate, seed)
-        seen = row_centre(t, gyro, force, "accelerometer")
+    """A bar by blocks alone is false in a third of these: none may name or accuse."""
+    for seed, rate in product(range(10), (50.0, 100.0)):
+        log = read(in_step(family, seed), "before", rate, seed)
+        seen = row_centre(*log, "accelerometer")
         h = 1.0 / rate
         assert judged_rows((seen,), h, Rows(), find=True).rows == Rows()
         assert not judged_rows((seen,), h, Rows(), find=False).clash
@@ -214,9 +214,11 @@ def test_instants_are_as_good_as_means(tmp_path, capsys):
     kept = {}
     for kind in ROW_KINDS:
         path = write(tmp_path / f"{kind}.csv", kind, seconds=60.0)
-        rows, found, _ = filtered(path, capsys, "--truth", "ref_q")
+        rows, found, whole = filtered(path, capsys, "--truth", "ref_q")
         assert (rows["kind"], rows["why"]) == (kind, "accelerometer")
         assert not rows["clash"]
+        offset = whole["truth"]["offset"]  # of a truth in the log's own rows
+        assert abs(offset["value"]) < 4.0 * offset["sd"] < 1e-3
         kept[kind] = found["rms"]["all"]["inclination"]["value"]
         assert found["nees"]["mean"] < 4.0
     least, most = min(kept.values()), max(kept.values())
