@@ -53,7 +53,7 @@ def test_errors_in_a_table(folder, capsys):
         3.0 * good["nees"]["mean"] < bold["nees"]["mean"] < 101 * good["nees"]["mean"]
     )
     assert good["nis"]["verdict"] == "consistent"
-    # of two sensors, by a scatter of 250 rows of a rest and more: 2 / sqrt(6 n) / sqrt(2)
+    # of two sensors, by a scatter of n rows, 250 and more: 2 / sqrt(6 n) / sqrt(2)
     assert 0.002 < good["nis"]["told"] < 0.05
     assert 0.0 < good["rms"]["all"]["total"]["value"] < np.radians(1.0)
     parts = [good["rms"]["all"][k]["value"] ** 2 for k in ("heading", "inclination")]
