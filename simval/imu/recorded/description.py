@@ -124,9 +124,11 @@ def _witness_words(evidence: RowEvidence) -> str:
         share = f"{100.0 * min(seen.left, 1.0):.0f} % of what it shows"
         return f"the {seen.by} cannot tell, for {share} is real acceleration"
     size = with_error(1e3 * seen.centre, 1e3 * seen.half)
+    each = (replace(evidence.rows, kind=kind) for kind in ROW_KINDS)
+    # (a difference that is rounding is 0)
+    at = [round(1e3 * rows.centre(evidence.step), 6) + 0.0 for rows in each]
     middles = ", ".join(
-        f"{word} {1e3 * replace(evidence.rows, kind=kind).centre(evidence.step):.3g}"
-        for kind, word in zip(ROW_KINDS, ROW_WORDS, strict=True)
+        f"{word} {middle:.3g}" for word, middle in zip(ROW_WORDS, at, strict=True)
     )
     said = f"the {seen.by} puts their middle {size} ms after the stamp ({middles})"
     if not evidence.clash:
