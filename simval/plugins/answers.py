@@ -259,20 +259,29 @@ ASYMMETRY: Final = 1e-6
 NEGATIVE: Final = -1e-9
 """Least eigenvalue of a correlation matrix that rounding makes of 0."""
 
+LEAST_SCALE: Final = 1e-3
+"""Of the greatest standard deviation of three numbers, which have one unit: a variance
+that is the difference of greater ones is rounded like them."""
+
 
 def sound_covariances(each: Float[Array, "n p p"], definite: int) -> Bool[Mask, " n"]:
     """Mask of covariances that are finite, symmetric and positive (semi-)definite.
 
-    What is known exactly has a row of zeros, as the bias of a gyroscope without one.
+    What is known exactly has a row of zeros, as the bias of a gyroscope without one, or
+    no variance in some other direction.
     """
     with np.errstate(invalid="ignore", over="ignore"):
         variances = np.diagonal(each, axis1=1, axis2=2)
         std = np.sqrt(np.maximum(variances, 0.0))
+        for k in range(definite, std.shape[1], 3):
+            part = std[:, k : k + 3]
+            part[:] = np.maximum(part, LEAST_SCALE * part.max(axis=1, keepdims=True))
         i, j = np.triu_indices(each.shape[-1], 1)
         skew = np.abs(each[:, i, j] - each[:, j, i])
         sound: Mask = np.all(skew <= ASYMMETRY * std[:, i] * std[:, j], axis=1)
         sound &= finite_rows(each)
-        sound &= (variances >= 0.0).all(1) & (variances[:, :definite] > 0.0).all(1)
+        sound &= (variances >= NEGATIVE * std**2).all(1)
+        sound &= (variances[:, :definite] > 0.0).all(1)
     if sound.all():
         with suppress(np.linalg.LinAlgError):
             np.linalg.cholesky(each)

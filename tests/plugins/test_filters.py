@@ -40,6 +40,7 @@ from simval.geometry import (
 )
 from simval.imu.filters.mekf import Mekf
 from simval.plugins import Filter, find_plugin, find_world, run_filter
+from simval.plugins.answers import sound_covariances
 from simval.plugins.protocol import ANSWERS, READS
 
 ROWS = 40
@@ -708,3 +709,19 @@ def test_the_example_stands_on_the_page_and_stays_near_the_truth():
     # one row's two vectors alone are off by some 7e-3 rad, and 50 rows are averaged
     assert angles.max() < 7e-3
     assert attitude_error(found[:, 0], given.start).max() < 0.1
+
+
+@pytest.mark.parametrize("near", [0.0, 1e-12, 1e-9, 1e-7, 1e-5, 1e-3, 1.0])
+@pytest.mark.parametrize("size", [1e-12, 1e-4])
+def test_a_bias_may_be_known_in_one_direction(near, size):
+    """However near to an axis, of a difference that is rounded; less than known is not.
+
+    A millionth of the greatest variance below zero is no rounding.
+    """
+    up = np.array([near, -0.6 * near, 1.0])
+    up /= np.linalg.norm(up)
+    known = size * np.stack([np.eye(3) - f * np.outer(up, up) for f in (1.0, 1 + 1e-6)])
+    each = np.zeros((2, 6, 6))
+    each[:, :3, :3], each[:, 3:, 3:] = P3, known
+    assert sound_covariances(each, 3).tolist() == [True, False]
+    assert sound_covariances(each[:1], 3).all()
