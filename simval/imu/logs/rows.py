@@ -84,7 +84,18 @@ class Rows:
         return ("--gyro-rows", self.kind, *late)
 
     def centre(self, step: float) -> float:
-        """Middle of what a row is of, less its stamp, s, eq. (R6)."""
+        """Middle of what a row is of, less its stamp, s, eq. (R6).
+
+        Parameters
+        ----------
+        step : float
+            Of the log, s.
+
+        Returns
+        -------
+        float
+            Above 0 where it is after the stamp.
+        """
         return MIDDLES[self.kind] * step - self.delay
 
     def in_place(
@@ -94,6 +105,18 @@ class Rows:
 
         Noise and readings are kept, for what is turned between two rests; a mean over
         the step after becomes the next row's over the step before.
+
+        Parameters
+        ----------
+        time : Array
+            Stamps, s, (n,), increasing.
+        rates : Array
+            Rows of this kind, in any unit, (n, 3).
+
+        Returns
+        -------
+        Array
+            The same rows, (n, 3), the first or last repeated at an end.
         """
         step = float(np.median(np.diff(time)))
         moved = round(self.delay / step) - (self.kind == "after")
