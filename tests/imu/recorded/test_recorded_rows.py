@@ -45,6 +45,15 @@ def test_the_kind_is_found_by_the_accelerometer(kind):
         assert taken.remedy == (true if other != kind else None)
 
 
+def test_an_arm_s_force_in_quick_turning_is_none_of_the_middle_s():
+    t, gyro, force = read(
+        moving("multirotor", 3, arm=0.3), "instant", 50.0, 3, seconds=30.0
+    )
+    seen = row_centre(t, gyro, force, "accelerometer")
+    assert seen.decides(0.02)
+    assert seen.off(0.0) < 3.0
+
+
 def test_a_delay_that_is_no_convention_is_named_with_its_size():
     t, gyro, force = read(
         moving("handheld", 4), "before", 50.0, 4, seconds=30.0, delay=0.030
@@ -250,7 +259,7 @@ def test_a_truth_names_rows_on_the_log_s_own_clock_alone(tmp_path, capsys):
     rows, _, found = filtered(path, capsys, "--truth", "ref_q", "--gyro-rows", "before")
     assert rows["clash"]
     t, *_, q = signals("instant", seconds=40.0, thrust=True)
-    own = written(tmp_path / "truth.csv", "t,qx,qy,qz,qw", t + 100.0, q)
+    own = written(tmp_path / "truth.csv", "t,qx,qy,qz,qw", t, q)
     rows, _, found = filtered(path, capsys, "--truth", str(own))
     assert found["truth"]["own_clock"]
     assert (rows["kind"], rows["why"], rows["clash"]) == ("before", "default", False)
