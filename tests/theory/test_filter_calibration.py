@@ -99,7 +99,7 @@ def test_a_covariance_may_be_singular_in_any_direction(seed):
     variance, in either unit, is none.
     """
     rng = np.random.default_rng(seed)
-    size = 10.0 ** rng.uniform(-9.0, 0.0)
+    size = 10.0 ** rng.uniform(-14.0, 0.0)
     near = 10.0 ** rng.uniform(-12.0, 0.0)  # to an axis
     up = np.array([near, near * rng.uniform(), 1.0])
     up = np.linalg.qr(np.column_stack([up, np.eye(3)[:, :2]]))[0][:, 0]
