@@ -16,10 +16,15 @@ exact    deterministic: |value - prediction| must not exceed the remainder
 limit    deterministic: the value must not exceed the prediction
 record   reported, not judged
 ======== =====================================================================
+
+A row of which theory says nothing at its cell's parameters is not judged either, and
+says why (`outside`): the range in which theory holds, and where the cell is. So does a
+sampled row whose remainder is above `MAX_REMAINDER` of both the prediction and the
+spread of a sample: a prediction that may be off by more predicts nothing.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -44,6 +49,7 @@ COLUMNS = (
     "remainder",
     "unit",
     "check",
+    "outside",
 )
 """Names of the columns of a results table, in their order."""
 
@@ -67,6 +73,8 @@ class Row:
     # out
     remainder: float = 0.0
     check: Check = "record"
+    # why theory says nothing of it here, with its range: then it is not judged
+    outside: str = ""
 
     __pydantic_config__ = ConfigDict(strict=True, ser_json_inf_nan="constants")
 
@@ -110,6 +118,10 @@ class CellName:
 Statistics = Statistic | Sequence[Statistic]
 """One statistic, or several for which the numbers are arrays."""
 
+MAX_REMAINDER = 0.5
+"""Greatest remainder over the predicted value or one sample's own spread, whichever
+is greater."""
+
 
 def _sampled(
     check: Check,
@@ -123,7 +135,30 @@ def _sampled(
 ) -> tuple[Row, ...]:
     """Rows of sampled values against theory."""
     numbers = (value, standard_error, prediction, remainder)
-    return _rows(check, statistics, n, predictor, *numbers)
+    rows = _rows(check, statistics, n, predictor, *numbers)
+    return tuple(beyond([row], _too_much(row))[0] for row in rows)
+
+
+def _too_much(row: Row) -> str:
+    """Why a sampled row's remainder is too great to judge by; empty if it is not."""
+    assert row.prediction is not None
+    size = max(abs(row.prediction), row.standard_error * row.n**0.5)
+    if not row.remainder > MAX_REMAINDER * size:
+        return ""
+    return (
+        f"what theory leaves out may be {row.remainder:.2g} here, and it holds up to "
+        f"{MAX_REMAINDER:g} of the prediction or of a trial's spread, {size:.2g}"
+    )
+
+
+def beyond(rows: Iterable[Row], why: str) -> tuple[Row, ...]:
+    """The same rows, none judged, if there is a reason why theory ends before them."""
+    return tuple(
+        replace(row, check="record", outside=why)
+        if why and row.check != "record"
+        else row
+        for row in rows
+    )
 
 
 plain = partial(_sampled, "plain")

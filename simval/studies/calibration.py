@@ -167,6 +167,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     sums, x = trials.sums("error"), trials["noise"]
     rows = (*_moment_rows(sums, predicted), *_nees_row(sums, predicted))
     still = calibrate(clean, g=g)
+    rounding = rounding_of(sensor, float(still.condition))
     error = trials["error"] - (still.parameters - sensor.parameters)
     known = expanded(sensor, means, g, x, noise)
     return Outcome(
@@ -174,7 +175,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
             *unjudged(stat.NOISE_OF_MEAN(), noise),
             *noise_row(x.reshape(len(x), -1) / noise),
             *rows,
-            *_control_rows(rows, error, known, predicted, float(still.condition)),
+            *_control_rows(rows, error, known, predicted, rounding),
             *_group_rows(sums, predicted),
             *drawn_rows(trials.noise),
             *response_rows(sensor, means, g),
@@ -248,16 +249,21 @@ def _nees_row(sums: Sums, predicted: CalibrationMoments) -> tuple[Row, ...]:
     return nees(stat.NEES(), *found, sums.samples, expected, stat.FIRST_ORDER, left)
 
 
+def rounding_of(sensor: AccelerometerModel, condition: float) -> Float[Array, "9"]:
+    """What the arithmetic of a fit leaves of its nine parameters."""
+    K = sensor.K
+    return ROUNDED * condition * np.concatenate([np.ones(3), K, G / K])
+
+
 def _control_rows(
     rows: tuple[Row, ...],
     error: Float[Array, "t 9"],
     known: Expanded,
     predicted: CalibrationMoments,
-    condition: float,
+    rounding: Float[Array, "9"],
 ) -> tuple[Row, ...]:
     """The judged ones of these rows, of what noise adds, with control variates."""
     weight = np.linalg.inv(predicted.covariance)
-    rounding = ROUNDED * condition * np.array([1.0] * 6 + [G] * 3)
     relative = 18.0 * np.max(rounding / predicted.sd)  # of nine squares
     return beside(
         [row for row in rows if row.check != "record"],

@@ -8,12 +8,10 @@ a known sigma, against 9 F(9, N - 9) with a Type A covariance.
 The laws are those of first order. The next one changes a reported variance by what
 theory states (`simval.theory.calibration`), and Type A takes n - 9 degrees of freedom
 where unequal scales make it a little more: 0.3 % of the variance for scales within 5 %.
-A relative error e of a standard deviation moves a 95 % interval's coverage by
-0.23 e, and that of the nine-dimensional ellipsoid by 0.54 e; both come from the
-density of the law at its quantile.
+A bias does not fall with more poses, as the error bars do, so the laws are those of an
+error about the bias of second order (`simval.theory.coverage`).
 """
 
-from math import sqrt
 from typing import Literal, Self
 
 import numpy as np
@@ -29,8 +27,16 @@ from simval.results import Outcome, nees, plain, unjudged
 from simval.streams import Streams
 from simval.studies.calibration import response_rows, true_sensor
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import Kept, drawn_rows, mean_of, stated_of, trials_of
+from simval.studies.trials import (
+    Kept,
+    drawn_rows,
+    mean_of,
+    share_error,
+    stated_of,
+    trials_of,
+)
 from simval.theory.calibration import calibration_moments
+from simval.theory.coverage import bias_square, ellipsoid_coverage, interval_coverage
 
 TITLE = "Coverage: do the reported error bars of a calibration hold?"
 SECTION = "statistics"
@@ -40,8 +46,6 @@ G = 9.80665  # m/s^2, standard gravity
 LEVEL = 0.95  # as of the intervals that a calibration states
 FREEDOM = 0.003
 """Relative, of a Type A variance; measured for scales within 5 %, like those here."""
-INTERVAL_SLOPE = 0.23  # 2 z f(z) of the normal density at its 97.5 % quantile
-ELLIPSOID_SLOPE = 0.54  # 2 x f(x) of chi-square(9) at its 95 % quantile
 
 
 class Parameters(StudyParameters):
@@ -87,7 +91,9 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     known = parameters.sigma == "known"
     dof = parameters.poses - 9
     limit = nees_quantile(LEVEL, None if known else dof)
-    predicted = calibration_moments(sensor, directions, G, parameters.noise_std)
+    predicted = calibration_moments(
+        sensor, directions, G, parameters.noise_std, parameters.residual
+    )
 
     def trial(rng: np.random.Generator) -> tuple[Kept, Kept]:
         noise = parameters.noise_std * rng.standard_normal((BLOCK, *clean.shape))
@@ -110,25 +116,31 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     measured = moments_of(trials.sums("of each"))
     n, covered = measured.samples, measured.bias
     relative = (predicted.variance_remainder + FREEDOM) / 2.0
-    slopes = np.array([INTERVAL_SLOPE] * 9 + [ELLIPSOID_SLOPE])
+    bias, left = predicted.bias, predicted.bias_remainder
+    freedom = None if known else dof
+    inside, may = interval_coverage(
+        LEVEL, bias / predicted.sd, left / predicted.sd, relative, freedom
+    )
+    shift, off = bias_square(bias, left, predicted.covariance)
+    whole, all_may = ellipsoid_coverage(LEVEL, 9, shift, off, relative, freedom)
     # that of the predicted fraction: the fraction seen is the larger the smaller
     # its own standard error, which makes chance look like a fault
-    error = sqrt(LEVEL * (1.0 - LEVEL) / n)
     rows = (
         *plain(
-            stat.COVERAGE.each(names("triangular")), covered[:9], error, n,
-            LEVEL, stat.NORMAL if known else stat.STUDENT, slopes[:9] * relative,
+            stat.COVERAGE.each(names("triangular")), covered[:9],
+            share_error(inside, n), n,
+            inside, stat.NORMAL if known else stat.STUDENT, may,
         ),
         *plain(
-            stat.COVERAGE("ellipsoid"), covered[9], error, n,
-            LEVEL, stat.CHI_SQUARE if known else stat.F_LAW, slopes[9] * relative,
+            stat.COVERAGE("ellipsoid"), covered[9], share_error(whole, n), n,
+            whole, stat.CHI_SQUARE if known else stat.F_LAW, all_may,
         ),
         *unjudged(stat.COVERAGE_NORMAL(), covered[10], measured.bias_error[10], n),
     )  # fmt: skip
     if known:
         rows += nees(
             stat.NEES(), covered[11], measured.bias_error[11], n,
-            9.0, stat.CHI_SQUARE, 9.0 * 2.0 * relative,
+            9.0 + shift, stat.CHI_SQUARE, (9.0 + shift) * 2.0 * relative + off,
         )  # fmt: skip
     else:  # the variance of the residuals is unbiased
         rows += plain(

@@ -13,7 +13,8 @@ is measured. Such rows are ``control`` rows; the spread of the
 single trials stands beside them as ``plain`` rows, with the Cramer-Rao bound and the
 efficiency.
 
-Both predictions are allowed the remainder that theory states for them.
+Both predictions are allowed the remainder that theory states for them, and rounding:
+that of the poses' condition, in the units of the sensor's scales.
 """
 
 from typing import Literal
@@ -27,11 +28,11 @@ from simval.figures import Figure, Listing, of_calibration, predictor
 from simval.imu.calibrate import calibrate
 from simval.imu.sensor import AccelerometerModel
 from simval.montecarlo import moments_of
-from simval.poses import fibonacci_sphere
+from simval.poses import fibonacci_sphere, observability
 from simval.results import Outcome, Row, control, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
-from simval.studies.calibration import UNITS, expanded, response_rows
+from simval.studies.calibration import UNITS, expanded, response_rows, rounding_of
 from simval.studies.response import Expanded, Reduced, beside, reduced_mean, stated
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.studies.trials import Kept, correlation_row, noise_row, trials_of
@@ -115,21 +116,28 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         ),
     )  # fmt: skip
     sharper = known.mirrored_sd(pairs)
-    left = predicted.bias_remainder
+    rounding = rounding_of(sensor, observability(directions).condition)
+    left = predicted.bias_remainder + rounding
     bias = stated(known.mirrored_mean(pairs), predicted.bias, left, n)
     return Outcome(
         rows=(
             *noise_row(noise.reshape(n, -1) / sigma),
-            *_rung_rows(parameters, sensor, pairs, known, predicted),
+            *_rung_rows(parameters, sensor, pairs, known, predicted, left),
             *control(
                 stat.BIAS.each(predicted.names, UNITS), *bias, n,
                 predicted.bias, stat.SECOND_ORDER, left,
             ),
             *spread,
-            *beside(spread, (sharper, _efficiency(*sharper, predicted))),
+            *beside(
+                spread,
+                (sharper, _efficiency(*sharper, predicted)),
+                np.concatenate(
+                    [rounding, 2.0 * predicted.efficiency * rounding / predicted.sd]
+                ),
+            ),
             *correlation_row(noise.reshape(n // BLOCK, -1)),
             *response_rows(sensor, G * directions, G, residual),
-            *_scale_rows(pairs, known, predicted),
+            *_scale_rows(pairs, known, predicted, left[3:6]),
         )
     )  # fmt: skip
 
@@ -146,10 +154,11 @@ def _rung_rows(
     pairs: Float[Array, "2 t 9"],
     known: Expanded,
     predicted: CalibrationMoments,
+    left: Float[Array, "9"],
 ) -> tuple[Row, ...]:
     """Mean relative bias of the scales, with its standard error, against theory."""
     unit = (parameters.noise_std / G) ** 2
-    left_out = float((predicted.bias_remainder[3:6] / sensor.K).mean() / unit)
+    left_out = float((left[3:6] / sensor.K).mean() / unit)
     expected = float((predicted.bias[3:6] / sensor.K).mean() / unit)
     samples = pairs.shape[1]
 
@@ -170,10 +179,13 @@ def _rung_rows(
 
 
 def _scale_rows(
-    pairs: Float[Array, "2 t 9"], known: Expanded, predicted: CalibrationMoments
+    pairs: Float[Array, "2 t 9"],
+    known: Expanded,
+    predicted: CalibrationMoments,
+    left: Float[Array, "3"],
 ) -> tuple[Row, ...]:
     """Bias of the three scales along the predicted one; its entries are judged."""
-    n, bias, left = pairs.shape[1], predicted.bias[3:6], predicted.bias_remainder[3:6]
+    n, bias = pairs.shape[1], predicted.bias[3:6]
     size = float(np.sqrt(np.mean(bias**2)))
     if not size > 0.0:  # theory has none at this order
         return ()

@@ -7,10 +7,9 @@ ellipsoid for each sensor and then the turn between them. Errors are estimate mi
 truth, against the bound, the second-order bias, and the two steps' own covariance
 (`simval.theory.magnetometer`).
 
-A relative error e of a standard deviation moves a 95 % interval's coverage by 0.23 e,
-and a bias of b standard deviations by 0.11 b^2; that of the ellipsoid of k parameters
-moves by :math:`2 x f_k(x)\, e`, with f the density of chi-square at its 95 % quantile
-x.
+Coverage and normalised square are those of errors about the bias
+(`simval.theory.coverage`). Where the noisier sensor bends a combination of parameters
+that the other one fixes, theory's law of all of them ends (`magnetometer.RANGE`).
 
 The same trials are averaged once more with the linear part c of the errors as a control
 variate (`simval.studies.response`): its square under its own inverse covariance is
@@ -43,7 +42,7 @@ from simval.imu.calibrate import (
     ellipsoid_then_rotation,
 )
 from simval.imu.sensor import MagnetometerModel
-from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
+from simval.results import Outcome, Row, beyond, exact, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
@@ -67,10 +66,17 @@ from simval.studies.trials import (
     mean_of,
     noise_row,
     root,
+    share_error,
     stated_of,
     trials_of,
 )
-from simval.theory.magnetometer import MagnetometerMoments, magnetometer_moments
+from simval.theory.coverage import bias_square, ellipsoid_coverage, interval_coverage
+from simval.theory.magnetometer import (
+    RANGE,
+    SQUARE_NEXT,
+    MagnetometerMoments,
+    magnetometer_moments,
+)
 from simval.units import PERCENT
 
 TITLE = "Magnetometer: all 22 parameters at the bound, and the two-step calibration"
@@ -82,8 +88,6 @@ LEVEL = 0.95
 ALL = 22
 RECOVERED = 1e-9
 """Relative; of 1000 random sensors the worst was off by 3e-15."""
-INTERVAL_SLOPE = 0.23  # 2 z f(z) of the normal density at its 97.5 % quantile
-BIAS_SLOPE = 0.115  # z f(z), of a squared bias
 MOST_POSES = 20
 """Poses: more tell nothing new of a formula."""
 UNLIKE = 100.0
@@ -295,7 +299,8 @@ def _over_bound(
         expected = float(variance[part].mean())
         yield plain(
             stat.VARIANCE_OVER_BOUND(name, "two-step"),
-            *mean_of(values.mean(axis=1)), expected, stat.FIRST_ORDER, expected * left,
+            *mean_of(values.mean(axis=1)), expected, stat.FIRST_ORDER,
+            expected * predicted.recipe_remainder,
         ), sharper(recipe, centred, part, bound)  # fmt: skip
 
 
@@ -304,13 +309,20 @@ def _stated(
 ) -> Measured:
     """Rows on the stated intervals, ellipsoid and residuals."""
     n, inside, squares = len(seen["square"]), seen["inside"], seen["square"]
-    quantile = float(2.0 * scipy.special.gammaincinv(ALL / 2.0, LEVEL))
-    error = float(np.sqrt(LEVEL * (1.0 - LEVEL) / n))
-    relative = predicted.variance_remainder / 2.0
-    shift = float(
-        predicted.bias @ np.linalg.solve(predicted.covariance, predicted.bias)
+    out = (
+        f"the second order adds {predicted.bent:.2g} to the normalised square of all "
+        f"errors; the laws of all together hold up to {RANGE:g}"
+        if predicted.bent > RANGE
+        else ""
     )
-    moved = BIAS_SLOPE * (predicted.bias / predicted.sd) ** 2
+    quantile = float(2.0 * scipy.special.gammaincinv(ALL / 2.0, LEVEL))
+    relative, left = predicted.variance_remainder / 2.0, predicted.bias_remainder
+    within, may = interval_coverage(
+        LEVEL, predicted.bias / predicted.sd, left / predicted.sd, relative
+    )
+    shift, off = bias_square(predicted.bias, left, predicted.covariance)
+    off += SQUARE_NEXT * predicted.bent
+    whole, all_may = ellipsoid_coverage(LEVEL, ALL, shift, off, relative)
     # of the linear part: in its deviations, and normalised
     sd = np.sqrt(np.diagonal(fit.covariance))
     ratio = fit.first / sd
@@ -318,31 +330,23 @@ def _stated(
     square = np.vecdot(ratio, np.linalg.solve(unit, ratio.T).T)
     z = -scipy.special.ndtri((1.0 - LEVEL) / 2.0)
     yield plain(
-        stat.COVERAGE.each(predicted.names), inside.mean(axis=0), error, n,
-        LEVEL, stat.NORMAL, INTERVAL_SLOPE * relative + moved,
+        stat.COVERAGE.each(predicted.names), inside.mean(axis=0),
+        share_error(within, n), n, within, stat.NORMAL, may,
     ), reduced_share(inside > 0.5, np.abs(ratio) <= z, LEVEL)  # fmt: skip
-    yield plain(
-        stat.COVERAGE("ellipsoid"), np.mean(squares <= quantile), error, n,
-        LEVEL, stat.CHI_SQUARE,
-        _ellipsoid_slope(quantile, ALL) * (relative + shift / (2.0 * ALL)),
-    ), reduced_share(squares <= quantile, square <= quantile, LEVEL)  # fmt: skip
-    yield nees(
+    yield beyond(plain(
+        stat.COVERAGE("ellipsoid"), np.mean(squares <= quantile),
+        share_error(whole, n), n, whole, stat.CHI_SQUARE, all_may,
+    ), out), reduced_share(squares <= quantile, square <= quantile, LEVEL)  # fmt: skip
+    yield beyond(nees(
         stat.NEES(), squares.mean(), np.std(squares) / np.sqrt(n), n,
-        ALL + shift, stat.CHI_SQUARE, ALL * 2.0 * relative,
-    ), reduced_mean(squares, square, ALL)  # fmt: skip
+        ALL + shift, stat.CHI_SQUARE, (ALL + shift) * 2.0 * relative + off,
+    ), out), reduced_mean(squares, square, ALL)  # fmt: skip
     white = np.sum((seen["noise"] @ equations.T) ** 2, axis=1)
     linear = (white - square) / (len(equations) - ALL)
     yield plain(
         stat.CHI_SQUARE_OF_FREEDOM(), *mean_of(seen["chi_square"]),
         1.0, stat.CHI_SQUARE, 2.0 * relative,
     ), reduced_mean(seen["chi_square"], linear, 1.0)  # fmt: skip
-
-
-def _ellipsoid_slope(x: float, freedom: int) -> float:
-    # 2 x f(x) of chi-square
-    half = freedom / 2.0
-    log = half * np.log(x / 2.0) - x / 2.0 - scipy.special.gammaln(half)
-    return float(2.0 * np.exp(log))
 
 
 def _spread_row(

@@ -10,8 +10,6 @@ terms. What is ``left`` is the error of the specific force over the span, and wi
 terms the price of ignoring temperature.
 """
 
-from math import sqrt
-
 import numpy as np
 import scipy
 
@@ -28,10 +26,11 @@ from simval.results import Outcome, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.calibration import true_sensor
-from simval.studies.coverage import FREEDOM, INTERVAL_SLOPE, LEVEL
+from simval.studies.coverage import FREEDOM, LEVEL
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
-from simval.studies.trials import Kept, drawn_rows, mean_of, trials_of
+from simval.studies.trials import Kept, drawn_rows, mean_of, share_error, trials_of
 from simval.theory.calibration import VARIANCE_NEXT
+from simval.theory.coverage import interval_coverage
 from simval.theory.thermal import LINEAR, thermal_equations
 
 TITLE = "Temperature: are bias and scale in it at the bound, and what does it cost?"
@@ -111,8 +110,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     n = measured.samples
     sd, variance_error = measured.sd, np.diagonal(measured.covariance_error)
     remainder = VARIANCE_NEXT * (sigma * np.abs(sensor.matrix).max() / G) ** 2
-    inside = trials["inside"].mean(axis=0)
-    slopes = INTERVAL_SLOPE * (remainder + FREEDOM) / 2.0
+    bias = np.abs(theory.bias) / predicted
+    within, may = interval_coverage(LEVEL, bias, bias, (remainder + FREEDOM) / 2.0, dof)
     return Outcome(
         rows=(
             *plain(
@@ -120,8 +119,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
                 predicted, stat.CRAMER_RAO, predicted * remainder / 2.0,
             ),
             *plain(
-                stat.COVERAGE.each(NAMES), inside, sqrt(LEVEL * (1.0 - LEVEL) / n), n,
-                LEVEL, stat.STUDENT, slopes,
+                stat.COVERAGE.each(NAMES), trials["inside"].mean(axis=0),
+                share_error(within, n), n, within, stat.STUDENT, may,
             ),
             *unjudged(stat.LEFT("modelled"), *mean_of(trials["left"])),
             *unjudged(stat.LEFT("ignored"), *mean_of(trials["ignored"])),

@@ -119,6 +119,15 @@ def root(square: Any, error: Any) -> tuple[Any, Any]:
     return rms, error / (2.0 * rms)
 
 
+def share_error(share: Any, n: int) -> Any:
+    """Standard error of a share of n trials, by the share that is predicted.
+
+    Of one that hardly ever or nearly always is, as if one trial in n were otherwise.
+    """
+    share = np.asarray(share)
+    return np.sqrt(np.maximum(share * (1.0 - share), 1.0 / n) / n)
+
+
 def mean_of(values: Float[Array, " n"] | list[float]) -> tuple[float, float, int]:
     """Mean of some trials, its standard error, and their number."""
     error = float(np.std(values, ddof=1)) / float(np.sqrt(len(values)))

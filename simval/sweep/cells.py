@@ -154,6 +154,7 @@ def _row_entry(position: int, ordinal: int, row: Row) -> Stored:
         row.predictor,
         _number(row.remainder),
         row.check,
+        row.outside,
     )
 
 
@@ -172,6 +173,7 @@ def _impossible(row: Row) -> str:
         or row.prediction != row.prediction
         or family.least <= row.prediction <= family.most,
         "predictor": row.predictor.isprintable(),
+        "outside": row.outside.isprintable(),
         "remainder": not row.remainder < 0.0,
         "check": row.check in get_args(Check),
     }
@@ -229,6 +231,7 @@ def _row(
     predictor: str,
     remainder: float | None,
     check: Check,
+    outside: str,
 ) -> Row:
     return Row(
         statistic=_statistic(family, entries, controlled, unit),
@@ -239,6 +242,7 @@ def _row(
         predictor=_same(predictor),
         remainder=math.nan if remainder is None else remainder,
         check=_same(check),
+        outside=_same(outside),
     )
 
 

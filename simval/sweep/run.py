@@ -187,6 +187,7 @@ def _line(row: Row) -> list[Any]:
         *("" if number is None or number != number else number for number in numbers),
         row.unit,
         row.check,
+        row.outside,
     ]
 
 

@@ -38,7 +38,7 @@ from simval.sweep.cells import (
     digest_of_entries,
 )
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 PATIENCE = 30.0
 """Seconds that one waits for another program that writes to the store."""
 

@@ -29,8 +29,14 @@ may be off by, relative to itself, and a bias by, in standard deviations,
 
 .. math:: 10\, k^4 u \tag{M9}, \qquad 10\, k^6 u^{3/2} \sqrt n. \tag{M10}
 
-The powers bound the growth; the factors are measured over random sensors and 10 to 100
-random poses: `tests/theory/test_magnetometer_theory.py`.
+The two steps see their worst combination as much worse as their own w is greater, so
+their variances may be off by (M9) with that k. The powers bound the growth; the factors
+are measured over random sensors and 10 to 100 random poses:
+`tests/theory/test_magnetometer_theory.py`.
+
+All parameters together are as good as their best combination, which the noisier sensor
+may bend by more than it scatters. Their normalised square may be off by 4 b, b of (E4);
+up to b = `RANGE` it has the law of chi-square.
 """
 
 from dataclasses import dataclass
@@ -168,6 +174,8 @@ def equations_of(p: Problem) -> Estimating:
 
 VARIANCE_NEXT = 10.0  # of eq. (M9), measured
 BIAS_NEXT = 10.0  # of eq. (M10), measured
+SQUARE_NEXT = 4.0  # of eq. (E4), measured
+RANGE = 0.25  # of eq. (E4): the ellipsoid then holds 2 % less of the trials
 EVEN = 2.4  # w sqrt(n) / sigma of many poses, for any dip from 0 to 89 degrees
 
 
@@ -189,6 +197,10 @@ class MagnetometerMoments(ReadOnly):
         What the bias may be off by, eq. (M10), (22,).
     variance_remainder : float
         What a variance may be off by relative to itself, eq. (M9).
+    recipe_remainder : float
+        The same of the two-step calibration.
+    bent : float
+        What the second order adds to the normalised square of all errors, eq. (E4).
     """
 
     names: tuple[str, ...]
@@ -197,6 +209,8 @@ class MagnetometerMoments(ReadOnly):
     recipe: Float[Array, "22 22"]
     bias_remainder: Float[Array, "22"]
     variance_remainder: float
+    recipe_remainder: float
+    bent: float
 
     @property
     def sd(self) -> Float[Array, "22"]:
@@ -259,8 +273,7 @@ def magnetometer_moments(
         )
         raise GeometryError(msg)
     covariance = inverse_of(information)
-    carry = _natural(problem)
-    worst = float(np.sqrt(np.max(np.diagonal(carry @ covariance @ carry.T))))
+    recipe = _recipe(problem, estimate)
     to_dip = np.ones(PARAMETERS)
     to_dip[-1] = 1.0 / np.cos(np.arcsin(problem.theta[-1]))
     bias = estimate.bias.copy()
@@ -268,7 +281,11 @@ def magnetometer_moments(
     bias[-1] += 0.5 * np.tan(dip) * to_dip[-1] * covariance[-1, -1]
     sd, count = np.sqrt(np.diagonal(covariance)), len(problem.y)
     noise = float(np.max(problem.sigma / problem.size))
-    u, k = (noise / np.cos(dip)) ** 2, max(1.0, worst * count**0.5 / noise / EVEN)
+    u, carry = (noise / np.cos(dip)) ** 2, _natural(problem)
+    k, of_recipe = (
+        max(1.0, np.sqrt(np.diagonal(carry @ C @ carry.T).max() * count) / noise / EVEN)
+        for C in (covariance, recipe)
+    )
     both = np.outer(to_dip, to_dip)
     return MagnetometerMoments(
         names=(
@@ -277,9 +294,11 @@ def magnetometer_moments(
         ),
         bias=bias * to_dip,
         covariance=covariance * both,
-        recipe=_recipe(problem, estimate) * both,
+        recipe=recipe * both,
         bias_remainder=BIAS_NEXT * k**6 * u**1.5 * np.sqrt(count) * sd * to_dip,
         variance_remainder=VARIANCE_NEXT * k**4 * u,
+        recipe_remainder=VARIANCE_NEXT * of_recipe**4 * u,
+        bent=estimate.bent,
     )
 
 
