@@ -47,7 +47,7 @@ from numpy.typing import ArrayLike, NDArray
 from simval import vocabulary
 from simval.arrays import Array
 from simval.change import holm
-from simval.results import CellName, Row, nees
+from simval.results import MAX_REMAINDER, CellName, Row, nees
 from simval.shapes import Bool, Float, Int, Shaped
 from simval.statistics import POOLED_NEES
 
@@ -89,10 +89,6 @@ def freedom(n: ArrayLike) -> Float[Array, "..."]:
     return np.asarray(np.minimum(n / SAMPLES_PER_FREEDOM, has), dtype=float)
 
 
-MAX_REMAINDER = 0.5
-"""Greatest remainder over the predicted value or one sample's own spread, whichever
-is greater: a prediction that may be off by more predicts nothing."""
-
 PRACTICAL = 0.25
 """Discrepancy that must not go unseen, see eq. (V2). A bias of a quarter of the error's
 own standard deviation adds 3 % to its RMS."""
@@ -125,6 +121,13 @@ class Verdict:
         As if Student's t kept its degrees of freedom, so somewhat few far below `n`.
         """
         return self.row.n * (self.detectable / self.margin) ** 2
+
+    @property
+    def more(self) -> float:
+        """Times as many samples would do where they are too few; else NaN."""
+        if self.answer != "inconclusive":
+            return float("nan")
+        return max(self.samples_needed, MIN_SAMPLES) / self.row.n
 
     @property
     def sigmas(self) -> float:
@@ -230,16 +233,18 @@ def judge(
     columns = _columns([row for _, row in members])
     obstacle, sampled = columns.obstacles, columns.sampled
     sound, limited = obstacle == 0, columns.check == "limit"
+    # of too few samples nothing is said but how many are needed
+    counted = sound | (obstacle == TOO_FEW)
     p = np.where(sound & sampled, columns.p_values, np.nan)
     limit = np.where(limited, columns.prediction, columns.remainder)
     limit[~sound | sampled] = np.nan
     detectable = np.full(len(members), np.nan)
-    families = [name for name in WEIGHTS if (sound & (columns.check == name)).any()]
+    families = [name for name in WEIGHTS if (counted & (columns.check == name)).any()]
     whole = sum(WEIGHTS[name] for name in families)
     for name in families:
-        own = sound & (columns.check == name)
+        own = counted & (columns.check == name)
         share = alpha * WEIGHTS[name] / whole
-        limit[own] = holm(p[own], share)
+        limit[own] = holm(np.where(sound, p, 1.0)[own], share)
         tail = share / int(own.sum()) / 2.0
         quantile = -scipy.special.stdtrit(freedom(columns.n[own]), tail)
         needed = quantile + float(scipy.special.ndtri(POWER))
@@ -253,7 +258,8 @@ def judge(
     failed = sound & np.where(sampled, ~(p > limit), ~good)
     unclear = ~sound | (~failed & sampled & ~(detectable <= margin))
     answers = np.select([failed, unclear], WORST_FIRST[:2], WORST_FIRST[2]).tolist()
-    margin[~sound | ~sampled] = np.nan
+    margin[~counted | ~sampled] = np.nan
+    limit[~sound & sampled] = np.nan
     return tuple(
         Verdict(
             cell=cell,
@@ -337,3 +343,6 @@ OBSTACLES: tuple[Callable[[Row], str], ...] = (
     ),
 )
 """Why a row cannot be judged; the first that holds is said."""
+
+TOO_FEW = 4
+"""Place in `OBSTACLES`, and 1, of the number of samples."""

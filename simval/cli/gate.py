@@ -214,12 +214,14 @@ def _stored_cells(path: Path) -> set[str]:
 
 
 def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
+    from simval.judge.gate import outside_lines
     from simval.sweep.provenance import source_hash
 
     if run.manifest["source"] != source_hash():
         yield "this run was made with another source code of simval than is installed"
     if no_baseline:
         yield "judged against theory alone, as requested"
+    yield from outside_lines(result)
     same, close, new = (result.changes[word] for word in ("same", "close", "new"))
     if result.environment:
         yield (

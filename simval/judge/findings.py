@@ -14,7 +14,7 @@ import shlex
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import ceil, floor, inf, isfinite, log10
 
 from simval.errors import InputError
 from simval.judge.comparison import Comparison
@@ -62,6 +62,7 @@ class Finding:
     sigmas: float | None = None  # None where the value is deterministic
     kind: str = ""  # the statistic in words, without which axis or level
     step: Step | None = None  # how its value changed from the baseline's
+    more: float | None = None  # times as many samples would do, where they are too few
 
     @property
     def study(self) -> str:
@@ -167,6 +168,7 @@ def _of_theory(verdict: Verdict, run: str) -> Finding:
         reason=verdict.reason,
         run=run,
         kind=one_line(kind_of(row.statistic)),
+        more=_number(verdict.more),
     )
 
 
@@ -235,6 +237,8 @@ class Group:
     def line(self) -> str:
         """One-line summary of the group."""
         first = self.worst
+        if first.more is not None:
+            return f"{first.answer}: {self._too_few()}"
         if first.step is not None and first.check == "changed":
             return f"{first.answer}: {self._moved()}"
         if first.tier == "theory":
@@ -247,6 +251,13 @@ class Group:
     def what(self) -> str:
         """Study and kind of statistic."""
         return ", ".join(filter(None, (self.worst.study, self.worst.kind)))
+
+    def _too_few(self) -> str:
+        count = len(self.findings)
+        times = rounded_up(max(each.more or 1.0 for each in self.findings))
+        checks = "1 check needs" if count == 1 else f"{count:,} checks need"
+        studies = ", ".join(dict.fromkeys(each.study for each in self.findings))
+        return f"{checks} more trials: {times} times as many would do ({studies})"
 
     def _moved(self) -> str:
         steps = [each.step for each in self.findings if each.step is not None]
@@ -286,6 +297,8 @@ class Group:
     def lines(self) -> list[str]:
         """The line, then the finding that is farthest off and its command."""
         first = self.worst
+        if first.more is not None:
+            return [self.line]
         if len(self.findings) == 1 and not first.kind:
             return details(first)
         most = ": ".join(filter(None, (first.what, first.reason)))
@@ -316,7 +329,15 @@ def groups(result: GateResult) -> tuple[Group, ...]:
     return tuple(sorted(found, key=_rank))
 
 
+def rounded_up(number: float) -> str:
+    """A number of times in words, of two digits, rounded up."""
+    step = 10.0 ** (floor(log10(number)) - 1)
+    return f"{ceil(number / step - 1e-9) * step:,.6g}"
+
+
 def _kind(finding: Finding) -> tuple[str, ...]:
+    if finding.more is not None:  # whatever is measured, more trials would do
+        return (finding.tier,)
     return finding.tier, finding.study, finding.kind
 
 

@@ -156,9 +156,12 @@ def to_markdown(result: GateResult) -> str:
         f"{headline(result)}; false-alarm rate {result.alpha:g} for all together.",
         "",
     ]
-    bad = [f for f in entries if f.answer != "pass"]
+    every = [f for f in entries if f.answer != "pass"]
+    bad = [f for f in every if f.more is None]  # trials that are too few are one line
     together = groups(result)
-    if len(together) < len(bad):  # several of a kind: what moved, and which way
+    if len(together) < len(every) or len(bad) < len(
+        every
+    ):  # several of a kind: what moved, and which way
         shown = [f"- {_markdown(group.line)}" for group in together[:KINDS]]
         hidden = len(together) - KINDS
         lines += [

@@ -23,7 +23,7 @@ from simval.judge.comparison import (
     has_partners,
 )
 from simval.judge.steps import Step
-from simval.results import CellName
+from simval.results import CellName, Row
 from simval.sweep.run import CellResult, Run
 from simval.verdict import (
     ALPHA,
@@ -61,6 +61,8 @@ class GateResult:
     seconds: Mapping[str, float] = field(default_factory=dict)
     first: str = ""  # why nothing was compared though a baseline was wanted
     notes: tuple[str, ...] = ()  # what else a reader should know; no answer changes
+    # of which theory says nothing at the parameters of their cells: not judged
+    outside: tuple[tuple[CellName, Row], ...] = ()
 
     @property
     def answer(self) -> Answer:
@@ -146,8 +148,9 @@ def judge_run(
         share = alpha / 2.0 if has_partners(run, baseline["cells"]) else alpha
         compared = compare(run, baseline["cells"], alpha)
         environment = environment_changes(baseline["environment"], run.manifest)
-    done = (cell for cell in run.cells if cell.status == "done")
-    verdicts = judge(((c.named, row) for c in done for row in c.rows), share)
+    done = [cell for cell in run.cells if cell.status == "done"]
+    rows = [(cell.named, row) for cell in done for row in cell.rows]
+    verdicts = judge(rows, share)
     return GateResult(
         verdicts=verdicts,
         comparisons=compared,
@@ -157,6 +160,7 @@ def judge_run(
         alpha=alpha,
         folder=str(run.folder),
         seconds={cell.name: cell.seconds for cell in run.cells},
+        outside=tuple(pair for pair in rows if pair[1].outside),
     )
 
 
@@ -220,9 +224,26 @@ def headline(result: GateResult) -> str:
         else "",
         "there was no baseline to compare with" if result.first else "",
         _judged(theory, "check", "against theory") or "nothing was judged",
+        f"{len(result.outside):,} outside theory's range, not judged"
+        if result.outside
+        else "",
         _judged(compared, "comparison", "with the baseline"),
     ]
     return "; ".join(filter(None, parts))
+
+
+def outside_lines(result: GateResult) -> Iterator[str]:
+    """A line for each study of what theory's range leaves out, and why."""
+    of: dict[str, list[tuple[CellName, Row]]] = {}
+    for name, row in result.outside:
+        of.setdefault(name.study, []).append((name, row))
+    for study, found in of.items():
+        cells = _count(len({name for name, _ in found}), "cell")
+        checks, (name, row) = _count(len(found), "check"), found[0]
+        yield (
+            f"outside theory's range, not judged: {study}, {checks} in {cells}; the "
+            f"first, {row.statistic} of {name}: {row.outside}"
+        )
 
 
 def _judged(answers: Counter[Answer], what: str, beside: str) -> str:

@@ -20,12 +20,21 @@ def every_line(result: GateResult) -> Iterator[str]:
 
 
 def short_lines(result: GateResult) -> Iterator[str]:
-    """Findings that did not pass: one by one if few, else by study and kind."""
-    lines = list(every_line(result))
-    if len(lines) <= LINES:
-        yield from lines
-        return
+    """Findings that did not pass: one by one if few, else by study and kind.
+
+    All that need more trials are one line.
+    """
     found = groups(result)
+    short = [group.line for group in found if group.worst.more is not None]
+    lines = [
+        line
+        for finding in findings(result, passes=False)
+        if finding.more is None
+        for line in _indented(details(finding))
+    ]
+    if len(lines) + len(short) <= LINES:
+        yield from (*lines, *short)
+        return
     shown: list[str] = []
     hidden = list(found)
     while hidden and (not shown or len(shown) + len(hidden[0].lines) <= LINES):
