@@ -92,6 +92,11 @@ class Row:
         return 0.0 if rounding else self.value
 
     @property
+    def claimed(self) -> bool:
+        """True if theory predicts it, in its range or not."""
+        return self.check != "record" or bool(self.outside)
+
+    @property
     def tidy(self) -> dict[str, Any]:
         """The columns of a results table, in their order."""
         named = {"statistic": str(self.statistic)}

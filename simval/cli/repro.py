@@ -56,7 +56,7 @@ def command(
 
     Prints what the cell measures and what theory predicts, and compares it with the
     run. Exit code 0 if the numbers are equal to the bit, 1 if not, 3 if the run does
-    not have the cell or its plug-in is refused, 4 if it crashes.
+    not have the cell or it is refused, 4 if it crashes.
     """
     from simval.sweep.cells import REFUSED
     from simval.sweep.identity import mixture
@@ -75,7 +75,7 @@ def command(
     if again.error:
         click.echo(again.error.rstrip(), err=True)
         refused = again.error.startswith(REFUSED)
-        how = "refused its plug-in" if refused else "crashed"
+        how = "was refused" if refused else "crashed"
         click.echo(f"the cell {how}: {wanted.name}", err=True)
         return 3 if refused else 4
     rows = again.outcome.rows

@@ -87,7 +87,7 @@ def command(
     """Run SUITE: smoke, accuracy, filters, full, or the path of a TOML file.
 
     The last line printed is the folder of the run. Exit code 0 if every cell was
-    computed, 3 if a plug-in was refused or the cluster was lost, 4 if a cell crashed.
+    computed, 3 if a cell was refused or the cluster was lost, 4 if a cell crashed.
     `simval gate` judges the numbers.
     """
     from simval.cli.progress import CellBar, Quiet
@@ -151,8 +151,8 @@ def _tell_failures(folder: Path, cells: int) -> int:
         click.echo(f"{'refused' if known else 'failed'}: {name}: {last}", err=True)
     if failed and failed == refused:
         click.echo(
-            f"{failed} of {cells} cells refused their plug-in; the "
-            f"reasons are in {folder}/run.sqlite and in the report",
+            f"{failed} of {cells} cells were refused; the reasons are in "
+            f"{folder}/run.sqlite and in the report",
             err=True,
         )
     elif failed:

@@ -130,8 +130,8 @@ def _incomplete(result: GateResult) -> Iterator[Finding]:
     for cell in result.unfinished:
         if cell.status == "failed":
             check = "refused" if cell.refused else "failed"
-            who = "the plug-in was refused" if cell.refused else "the cell crashed"
-            gaps.append((check, cell.named, f"{who}: {cell.reason}"))
+            how = "was refused" if cell.refused else "crashed"
+            gaps.append((check, cell.named, f"the cell {how}: {cell.reason}"))
     if result.never_run:
         gaps.append(("pending", CellName(""), result.never_run))
     if not result.counts:

@@ -266,7 +266,7 @@ def _control_rows(
     weight = np.linalg.inv(predicted.covariance)
     relative = 18.0 * np.max(rounding / predicted.sd)  # of nine squares
     return beside(
-        [row for row in rows if row.check != "record"],
+        [row for row in rows if row.claimed],
         (known.mean(error), known.sd(error), known.weighted_square(error, weight)),
         np.concatenate([rounding, rounding, [relative]]),
     )

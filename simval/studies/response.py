@@ -247,7 +247,7 @@ def beside(
             value=float(values[i]),
             standard_error=float(errors[i]),
             remainder=float(left[i]),
-            check="control",
+            check="record" if row.outside else "control",
         )
         for i, row in enumerate(rows)
     )

@@ -19,7 +19,7 @@ from simval.studies.study import Cell
 from simval.verdict import Answer
 
 REFUSED = "refused: "
-"""Beginning of a cell's error if its plug-in was refused; that of a crash begins with a
+"""Beginning of a cell's error if it was refused; that of a crash begins with a
 traceback."""
 
 MAX_SAMPLES = 2**53
@@ -71,7 +71,7 @@ class CellResult:
 
     @property
     def refused(self) -> bool:
-        """True if its plug-in was refused, so that it has no result."""
+        """True if it was refused, in words, so that it has no result."""
         return self.status == "failed" and self.error.startswith(REFUSED)
 
     @property

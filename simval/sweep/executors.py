@@ -48,7 +48,7 @@ from simval.sweep.cells import (
 from simval.sweep.identity import Stated, StrangerError, refusal, require_as_read
 from simval.sweep.threads import ONE_THREAD
 from simval.text import described, message_of, one_line, printable
-from simval.verdict import judge, overall
+from simval.verdict import ALPHA, judge, overall
 
 PAUSE = 1.0  # s, after which the window is asked for again though nothing has ended
 
@@ -223,10 +223,17 @@ def _done(
 
 
 def ending_of(cell: Cell, rows: Sequence[Row], alpha: float) -> Ending:
-    """Verdict of one cell by itself, at its part of the false-alarm rate."""
-    name = CellName(cell.study, cell.name)
-    verdicts = judge(((name, row) for row in rows), alpha)
-    return overall(verdicts) if verdicts else "stored"
+    """Verdict of one cell by itself: it fails at its part of the false-alarm rate.
+
+    A run judges all rows together, and asks for no fewer samples than its whole rate
+    does of this cell alone: what is inconclusive here is so there.
+    """
+    members = [(CellName(cell.study, cell.name), row) for row in rows]
+    verdicts = judge(members, alpha)
+    if not verdicts:
+        return "stored"
+    failed = overall(verdicts) == "fail"
+    return "fail" if failed else overall(judge(members, ALPHA))
 
 
 def failed(position: int, cell: Cell, error: str, seconds: float = 0.0) -> Done:

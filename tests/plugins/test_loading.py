@@ -628,7 +628,7 @@ def test_a_refused_plugin_is_refused_in_every_output(simval, tmp_path, monkeypat
     words = ("--workers", 1, "--quiet", "--out", "run")
     code, _, err = simval("sweep", "suite.toml", *words)
     assert code == 3
-    assert "1 of 1 cells refused their plug-in" in err
+    assert "1 of 1 cells were refused" in err
     outputs = ("--junit", "gate.xml", "--summary", "gate.md", "--json", "gate.json")
     code, out, _ = simval("gate", "run", "--no-baseline", *outputs)
     assert code == 3
@@ -646,7 +646,7 @@ def test_a_refused_plugin_is_refused_in_every_output(simval, tmp_path, monkeypat
     assert (cell.status, cell.ending) == ("failed", "refused")
     code, _, err = simval("repro", "--run", "run", cell.name)
     assert code == 3
-    assert "the cell refused its plug-in" in err
+    assert "the cell was refused" in err
 
 
 SHELF = """
