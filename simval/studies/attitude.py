@@ -58,6 +58,7 @@ from simval.theory.expansion import (
 )
 from simval.theory.orders import RANGE, expansion_remainders
 from simval.theory.two_vector import (
+    column_norms,
     noise_covariances,
     tangent_covariances,
     true_vectors,
@@ -115,11 +116,16 @@ class Parameters(StudyParameters):
         return Cost(0.05 + 1.8e-7 * self.samples, 97)
 
 
-def random_geometry(number: int) -> Truth:
-    """True quaternion and reference vectors of a numbered geometry."""
+def random_geometry(number: int, least: float = 0.0) -> Truth:
+    """True quaternion and reference vectors of a numbered geometry.
+
+    Drawn again until the greatest column is no shorter than `least`.
+    """
     rng = np.random.default_rng(number)
-    q, r1, r2 = (normalize(rng.standard_normal(k)) for k in (4, 3, 3))
-    return q, r1, r2
+    while True:
+        q, r1, r2 = (normalize(rng.standard_normal(k)) for k in (4, 3, 3))
+        if np.abs(column_norms(q, r1, r2)).max() >= least:
+            return q, r1, r2
 
 
 def noise_shapes(

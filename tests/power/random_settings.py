@@ -1,46 +1,28 @@
-"""Random legal settings of each study whose judged rows rest on samples.
+"""Random legal settings of each study, drawn from the ranges that it declares.
 
-A setting is drawn from a seed: geometry, poses, noise, dip, algorithm. It has few
-samples, which is the harder case, and is one at which the study judges its rows. The
-studies of a user's code are given the package's own, in this process: what is asked is
-whether the study's verdicts are right, and not whether a process can be started.
+Each field is drawn by itself: at an edge of its range or next to it, at its default, or
+between, by its logarithm where that is the scale. Of trials there are few, which is the
+harder case, and a cell is cheap. The studies of a user's code are given the package's
+own, in this process: what is asked is whether the study's verdicts are right, and not
+whether a process can be started.
 """
 
+import math
+import typing
 from collections.abc import Mapping
+from importlib import import_module
 from types import MappingProxyType
-from typing import Final, get_args
+from typing import Any, Final
 
 import numpy as np
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic import ValidationError
 
+from simval.errors import InputError
 from simval.plugins import Calibrator, find_plugin
 from simval.streams import Streams
-from simval.studies import (
-    attitude,
-    attitude_efficiency,
-    attitude_limits,
-    attitude_singular,
-    attitude_vectors,
-    calibration,
-    calibrator,
-    coverage,
-    detector,
-    end_to_end,
-    estimator,
-    filter,
-    gyroscope,
-    ladder,
-    magnetometer,
-    noise_model,
-    sampling,
-    thermal,
-)
-from simval.theory.two_vector import two_vector_geometry
-
-FEW = 1024
-"""Trials, of which the studies of calibrations have as many in the smoke suite."""
-
-LEAST = 256
-"""Trials of a study whose trials are slow: with fewer the gate judges nothing."""
+from simval.studies import STUDIES, calibrator, sampling
+from simval.studies.named_geometries import GEOMETRIES
 
 WITHOUT_CHANCE: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -54,64 +36,135 @@ WITHOUT_CHANCE: Final[Mapping[str, str]] = MappingProxyType(
 )
 """Studies without a judged row that has a standard error, each with the reason."""
 
+DRAWN: Final = tuple(name for name in STUDIES if name != "custom_scene")
+"""Studies whose cells can be drawn: that one's is a user's file."""
 
-NUMBERS = 1_000_000  # of geometries
+EDGE, PLAIN = 0.15, 0.25
+"""Share of the values that are at an edge, and of those that are the default."""
 
+FEW: Final = MappingProxyType(
+    {"trials": 256, "samples": 4096, "cases": 64, "blocks": 4, "numbers": 1024}
+    | {"geometries": 20, "attitudes": 4}
+)
+"""Effort of a cell, or the least that is legal: as few as the gate judges."""
 
-def _attitude(rng):
-    number = int(rng.integers(NUMBERS))
-    # between 20 and 100 standard deviations from where the estimate flips
-    norm = two_vector_geometry(*attitude.random_geometry(number)).norm
-    return attitude.Parameters(
-        geometry=number,
-        noise_std=float(norm / rng.uniform(20.0, 100.0)),
-        samples=attitude.MIN_BATCHES * attitude.BATCH,
-    )
+SECONDS: Final = 3.0
+"""Most that a cell says it costs."""
 
-
-RESIDUALS = get_args(ladder.Parameters.model_fields["residual"].annotation)
-
-
-def _even_seeds(parameters, streams):
-    # the study draws the streams of the next seed too, which is then no other run's
-    return sampling.run(parameters, Streams(2 * streams.seed, streams.key))
-
-
-def _estimator(rng):
-    names = ("wahba", "weighted-wahba", "triad", "closed-form", "combined")
-    name = names[rng.integers(len(names))]
-    kinds = ("body", "all", "tangent", "unequal", "general")
-    return estimator.Parameters(
-        algorithm=f"simval:{name}",
-        vectors=int(rng.integers(2, 4)) if name.endswith("wahba") else 2,
-        geometry=int(rng.integers(NUMBERS)),
-        noise=kinds[rng.integers(len(kinds))],
-        noise_std=float(10 ** rng.uniform(-3.0, -2.0)),
-        samples=4096,
-        cases=64,
-    )
-
-
-def _calibrator(rng):
-    noise = float(rng.uniform(0.003, 0.03))
-    if rng.random() < 0.5:  # `SIX`
-        return calibrator.Parameters(
-            pose_set="faces",
-            sensor="full" if rng.random() < 0.5 else "own class",
-            poses=6 * int(rng.integers(1, 5)),
-            noise_std=noise,
-            trials=FEW,
-        )
-    names = ("squared", "norm", "weighted", "sampson", "adjusted")
-    return calibrator.Parameters(
-        algorithm=f"simval:{names[rng.integers(len(names))]}",
-        poses=int(rng.integers(12, 41)),
-        noise_std=noise,
-        trials=2 * LEAST,
-    )
+TEXTS: Final[Mapping[tuple[str, str], tuple[Any, ...]]] = MappingProxyType(
+    {
+        ("estimator", "algorithm"): tuple(
+            f"simval:{name}"
+            for name in ("wahba", "weighted-wahba", "triad", "closed-form", "combined")
+        ),
+        ("estimator", "noise"): ("body", "all", "tangent", "unequal", "general"),
+        ("estimator", "geometry"): (0, 12_345, 2**63 - 1, *GEOMETRIES),
+        ("calibrator", "algorithm"): (
+            "",  # `SIX`
+            *(f"simval:{n}" for n in ("squared", "norm", "weighted", "sampson")),
+        ),
+        ("filter", "algorithm"): ("simval:mekf",),
+        ("filter", "scenario"): (
+            *("gimbal slow", "gimbal fast", "long rest", "magnetic disturbance"),
+            *("anywhere", "gimbal slow, scale 1e-3", "gimbal slow, calibration 3e-4"),
+            *("gimbal slow, gyroscope noise 2", "lever arm", "unknown start"),
+        ),
+    }
+)
+"""Values of fields that are text."""
 
 
-def _faces(poses, g):
+def limits(info: Any) -> tuple[float, float]:
+    """Least and greatest legal value of a number."""
+    whole = info.annotation is int
+    low, high = -math.inf, 2**200 if whole else 1e300
+    for limit in info.metadata:
+        match limit:
+            case Ge(ge=value):
+                low = value
+            case Gt(gt=value):
+                low = value + 1 if whole else math.nextafter(value, math.inf)
+            case Le(le=value):
+                high = value
+            case Lt(lt=value):
+                high = value - 1 if whole else math.nextafter(value, -math.inf)
+    return low, high
+
+
+def edges(info: Any) -> list[Any]:
+    """Values of a number at its edges and next to them."""
+    low, high = limits(info)
+    if info.annotation is int:
+        return [low, low + 1, high - 1, high]
+    tiny = [1e-300, 1e-150, 1e-30, 1e-15, 1e-9] if 0.0 <= low < 1e-300 else []
+    ends = [low, math.nextafter(low, high), high, math.nextafter(high, low)]
+    return [float(each) for each in (*ends, *tiny)]
+
+
+def between(info: Any, rng: np.random.Generator) -> Any:
+    """A value between the edges, by its logarithm where that is the scale."""
+    low, high = limits(info)
+    high = min(high, 1e6 if info.annotation is float else 2**60)
+    least = max(low, 1 if info.annotation is int else 1e-9 * high)
+    if info.annotation is float and (rng.random() < 0.5 or low < 0.0):
+        return float(rng.uniform(low, high))
+    value = 10.0 ** rng.uniform(math.log10(least), math.log10(high))
+    return info.annotation(min(max(value, least), high))
+
+
+def values_of(study: str, rng: np.random.Generator) -> dict[str, Any]:
+    """Values of all fields of a study, legal one by one."""
+    values: dict[str, Any] = {}
+    for name, info in STUDIES[study].parameters.model_fields.items():
+        kind, choices = rng.random(), TEXTS.get((study, name))
+        if typing.get_origin(info.annotation) is typing.Literal:
+            choices = typing.get_args(info.annotation)
+        if name == "time_limit":
+            continue
+        if choices is None and name in FEW:
+            values[name] = int(min(max(FEW[name], limits(info)[0]), limits(info)[1]))
+            continue
+        if choices is None and kind < EDGE:
+            choices = edges(info)
+        if choices is not None:
+            values[name] = choices[int(rng.integers(len(choices)))]
+        elif kind < EDGE + PLAIN:
+            values[name] = info.default
+        else:
+            values[name] = between(info, rng)
+    return values
+
+
+def made(study: str, values: dict[str, Any]) -> Any:
+    """Parameters; None where they are refused, in words."""
+    try:
+        return STUDIES[study].parameters(**values)
+    except (ValidationError, InputError):
+        return None
+
+
+def setting(study: str, rng: np.random.Generator) -> Any:
+    """Legal parameters of a cheap cell."""
+    while True:
+        found = made(study, values_of(study, rng))
+        if found is not None and found.cost().seconds <= SECONDS:
+            return found
+
+
+def compute(study: str, parameters: Any, streams: Streams) -> Any:
+    """Outcome of a cell, in this process."""
+    if study == "sampling":  # it draws the next seed's streams too, no other run's
+        streams = Streams(2 * streams.seed, streams.key)
+        return sampling.run(parameters, streams)
+    if study == "calibrator":
+        name = parameters.algorithm
+        plugin = find_plugin(name, Calibrator) if name else SIX
+        return calibrator.outcome(plugin, parameters, streams)
+    module = import_module(f"simval.studies.{study}")
+    return getattr(module, "compute", module.run)(parameters, streams)
+
+
+def _faces(poses: Any, g: float) -> Any:
     up, down = np.split(poses.reshape(-1, 6, 3).mean(axis=0), 2)
     up, down = np.diag(up), np.diag(down)
     return np.diag(2.0 * g / (up - down)), (up + down) / 2.0
@@ -119,128 +172,3 @@ def _faces(poses, g):
 
 SIX: Final = Calibrator(name="six faces", calibrate=_faces, estimates=("scale", "bias"))
 """A calibrator of less than nine parameters, which the package has none of."""
-
-
-def _calibrated(parameters, streams):
-    name = parameters.algorithm
-    plugin = find_plugin(name, Calibrator) if name else SIX
-    return calibrator.outcome(plugin, parameters, streams)
-
-
-def _scenario(rng):
-    scenario = ("gimbal slow", "long rest")[rng.integers(2)]
-    wrong = (
-        "",
-        f", scale {rng.uniform(-2e-3, 2e-3):.3g}",
-        f", calibration {rng.uniform(1e-4, 2e-3):.3g}",
-        f", gyroscope noise {10 ** rng.uniform(-0.5, 0.5):.3g}",
-    )
-    return scenario + wrong[rng.integers(len(wrong))]
-
-
-def drawn(study, **settings):
-    """Parameters of a study, drawn in this order: (low, high), or a function of rng."""
-
-    def one(rng, value):
-        match value:
-            case (int() as low, int() as high):
-                return int(rng.integers(low, high))
-            case (float() as low, float() as high):
-                return float(rng.uniform(low, high))
-        return value(rng) if callable(value) else value
-
-    return lambda rng: study.Parameters(
-        **{name: one(rng, value) for name, value in settings.items()}
-    )
-
-
-def power_of_ten(low, high):
-    return lambda rng: float(10 ** rng.uniform(low, high))
-
-
-def either(one, other):
-    return lambda rng: one if rng.random() < 0.5 else other
-
-
-def one_of(*values):
-    return lambda rng: values[rng.integers(len(values))]
-
-
-def sampled(study, **settings):
-    return study.run, drawn(study, **settings)
-
-
-SETTINGS: Final[Mapping] = MappingProxyType(
-    {
-        "sampling": (
-            _even_seeds, drawn(sampling, blocks=(2, 33), numbers=(1024, 8193))
-        ),
-        "calibration": sampled(
-            calibration,
-            poses=(12, 41), noise_std=(0.003, 0.03), hold_time=0.02, trials=FEW,
-        ),
-        "ladder": sampled(
-            ladder, residual=one_of(*RESIDUALS), scale_spread=(0.0, 0.9), trials=FEW
-        ),
-        "coverage": sampled(
-            coverage, poses=(15, 60), sigma=either("known", "type A"), trials=4 * FEW
-        ),
-        "thermal": sampled(
-            thermal, poses=(24, 60), temperature_span=(10.0, 60.0), trials=FEW
-        ),
-        "gyroscope": sampled(gyroscope, poses=(13, 25), trials=256),
-        "magnetometer": sampled(
-            magnetometer,
-            poses=(30, 100), dip_deg=(-75.0, 75.0), field_noise=(1e-4, 5e-3),
-            trials=FEW,
-        ),
-        "attitude": (attitude.run, _attitude),
-        "attitude_efficiency": sampled(
-            attitude_efficiency,
-            geometries=(100, 201), trials=(10, 51), noise_std=power_of_ten(-5.0, -3.0),
-        ),
-        "attitude_limits": sampled(
-            attitude_limits, ratio=(1.5, 2.5), norm=(0.1, 0.7), samples=16_384
-        ),
-        "attitude_singular": sampled(
-            attitude_singular,
-            case=one_of(*"ABCD"), distance=(8.0, 24.0),
-            geometry=(0, NUMBERS), noise_std=power_of_ten(-5.0, -2.0),
-        ),
-        "attitude_vectors": sampled(
-            attitude_vectors,
-            vectors=(2, 7), ratio=power_of_ten(0.0, 2.0), geometry=(0, NUMBERS),
-            samples=4096,
-        ),
-        "noise_model": sampled(
-            noise_model,
-            estimate="known weights", rows=4096, flicker=(0.2, 2.0), walk=(0.1, 1.0),
-        ),
-        "detector": sampled(
-            detector,
-            scene=either("die", "gimbal"), poses=(14, 18), noise_std=(0.003, 0.03),
-            multiplier=(4.0, 12.0),
-            window=lambda rng: 2 * int(rng.integers(15, 36)) + 1,
-            trim=(5, 26), trials=LEAST,
-        ),
-        "end_to_end": sampled(
-            end_to_end,
-            poses=(12, 15), attitudes=(2, 9), accelerometer_noise_std=(0.005, 0.04),
-            magnetometer_noise_std=power_of_ten(-8.0, -7.0), average=(10, 400),
-            trials=LEAST,
-        ),
-        "estimator": (estimator.compute, _estimator),
-        "calibrator": (_calibrated, _calibrator),
-        "filter": (
-            filter.compute,
-            drawn(
-                filter, scenario=_scenario, rate=one_of(25.0, 50.0), seconds=4.0,
-                accelerometer_noise=power_of_ten(-3.0, -2.0),
-                magnetometer_noise=power_of_ten(-2.5, -2.0),
-                angle_random_walk=power_of_ten(-2.5, -1.5),
-                start_std=power_of_ten(-3.0, -2.0), trials=LEAST,
-            ),
-        ),
-    }
-)  # fmt: skip
-"""Studies whose judged rows rest on samples, each with its random settings."""
