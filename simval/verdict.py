@@ -37,7 +37,7 @@ inconclusive; it never passes.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import isnan, sqrt
 from typing import Literal
 
 import numpy as np
@@ -125,9 +125,16 @@ class Verdict:
     @property
     def more(self) -> float:
         """Times as many samples would do where they are too few; else NaN."""
-        if self.answer != "inconclusive":
+        if self.answer != "inconclusive" or isnan(self.detectable):
             return float("nan")
-        return max(self.samples_needed, MIN_SAMPLES) / self.row.n
+        row, seen = self.row, float(scipy.special.ndtri(POWER))
+        far, needed = self.detectable / row.standard_error, self.samples_needed
+        tail = scipy.special.stdtr(freedom(row.n), seen - far)
+        for _ in range(ROUNDS):  # with more samples Student's t is narrower
+            needed = max(needed, MIN_SAMPLES)
+            narrower = seen - scipy.special.stdtrit(freedom(needed), tail)
+            needed = float(self.samples_needed * (narrower / far) ** 2)
+        return max(needed, MIN_SAMPLES) / row.n
 
     @property
     def sigmas(self) -> float:
@@ -344,5 +351,7 @@ OBSTACLES: tuple[Callable[[Row], str], ...] = (
 )
 """Why a row cannot be judged; the first that holds is said."""
 
+ROUNDS = 9
+"""In which a number of samples and Student's t by it settle to a percent."""
 TOO_FEW = 4
 """Place in `OBSTACLES`, and 1, of the number of samples."""

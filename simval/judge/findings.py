@@ -135,9 +135,12 @@ def _incomplete(result: GateResult) -> Iterator[Finding]:
     if result.never_run:
         gaps.append(("pending", CellName(""), result.never_run))
     if not result.counts:
-        gaps.append(
-            ("gap", CellName(""), "no row was judged: nothing measured never passes")
+        why = (
+            "every check is outside theory's range"
+            if result.outside
+            else "nothing measured never passes"
         )
+        gaps.append(("gap", CellName(""), f"no row was judged: {why}"))
     if result.first:
         gaps.append(("first", CellName(""), result.first))
     for check, name, reason in gaps:

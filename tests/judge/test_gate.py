@@ -26,9 +26,12 @@ from simval.judge import (
 from simval.judge.baseline import StoredCell
 from simval.judge.comparison import Comparison
 from simval.judge.findings import reasons_given
-from simval.judge.gate import gaps_of
+from simval.judge.formats import to_markdown
+from simval.judge.gate import gaps_of, outside_lines
+from simval.judge.result_lines import short_lines
 from simval.report import render_comparison
-from simval.results import CellName
+from simval.results import CellName, plain
+from simval.statistics import BIAS
 from simval.sweep import load_run
 from simval.verdict import Verdict
 
@@ -407,6 +410,42 @@ def test_a_line_says_what_is_so_of_any_result():
             assert told(r"w\w+ inconclusive", part) == answers.count("inconclusive")
             assert ("agree" in part) == (bool(answers) and set(answers) == {"pass"})
         assert all("agree" in part for part in parts) == (result.answer == "pass")
+
+
+def test_too_few_trials_are_one_line_and_checks_out_of_range_are_counted():
+    """Rows of two studies: too few samples, out of range, and a sound one."""
+    rng = np.random.default_rng(2)
+    numbers = {"prediction": 0.0, "predictor": "exact", "check": "plain"}
+    few = [
+        row(f"bias[{k}]", 0.1, standard_error=1.0, n=n, **numbers)
+        for k, n in enumerate(rng.integers(2, 500, 40))
+    ]
+    (far,) = plain(BIAS("x"), 0.0, 1.0, 1000, 0.0, "exact", 40.0)
+    sound = row("sd", 1.0, standard_error=0.01, n=9000, **numbers | {"prediction": 1.0})
+    run = run_of(cell([*few, far, sound], noise=1))
+    result = judge_run(run)
+    assert far.outside
+    assert [row for _, row in result.outside] == [far]
+    (line,) = short_lines(result)
+    most = max(v.more for v in result.verdicts if v.more == v.more)
+    said = re.fullmatch(
+        r"inconclusive: 40 checks need more trials: "
+        r"([\d,]+) times as many would do \(s\)",
+        line,
+    )
+    assert most <= int(said[1].replace(",", "")) <= 1.2 * most
+    assert result.exit_code == 3
+    assert "; 1 outside theory's range, not judged" in headline(result)
+    (note,) = outside_lines(result)
+    assert far.outside in note
+    assert "may be 40 here" in note
+    assert "| bias" not in to_markdown(result)
+    # what is out of range changes no answer, but is not enough for one
+    rest = judge_run(run_of(cell([far, sound], noise=1)))
+    assert (rest.exit_code, rest.counts.total()) == (0, 1)
+    alone = judge_run(run_of(cell([far], noise=1)))
+    assert alone.exit_code == 3
+    assert "outside theory's range" in "".join(short_lines(alone))
 
 
 # two runs

@@ -142,6 +142,27 @@ def test_ten_samples_are_one_degree_of_freedom(n, degrees):
         assert verdict.sigmas == pytest.approx(verdict.row.value / 0.01, rel=4 * EPS)
 
 
+@pytest.mark.parametrize("n", [40, 255, 256, 400])
+@pytest.mark.parametrize("rows", [1, 400])
+def test_as_many_more_samples_as_are_asked_for_would_do(n, rows):
+    def judged_with(count):
+        # the spread of a sample stays; a prediction of twice it asks for fewer
+        spread = {"standard_error": 1.0 / sqrt(count), "n": count}
+        return judged(changed(value=0.01, **spread), *[changed(**spread)] * (rows - 1))
+
+    few = judged_with(n)[0]
+    assert few.answer == "inconclusive"
+    assert few.more > 1.0
+    for times, answer in ((1.01, "pass"), (0.97, "inconclusive")):
+        (verdict, *_) = judged_with(int(np.ceil(times * few.more * n)))
+        assert verdict.answer == answer
+        assert (verdict.more > 1.0) == (answer == "inconclusive")
+    # what no number of samples mends asks for none
+    (other,) = judged(changed(remainder=1e3))
+    assert other.answer == "inconclusive"
+    assert np.isnan(other.more)
+
+
 @pytest.mark.parametrize("n", [256, 1024, 4096, 65536])
 @pytest.mark.parametrize("p", [1e-3, 1e-5, 1e-7])
 def test_the_tail_of_skewed_rows_is_the_stated_one(n, p):
