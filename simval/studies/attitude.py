@@ -41,7 +41,7 @@ from simval.montecarlo import (
     simulate,
     simulate_reduced,
 )
-from simval.results import Outcome, Row, control, limit, nees, plain, unjudged
+from simval.results import Outcome, Row, beyond, control, limit, nees, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.study import LEAST_NOISE, Cost, Geometry, StudyParameters, ranged
@@ -188,7 +188,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     return Outcome(
         rows=(
             *unjudged(stat.NORM_OVER_NOISE(), exact.norm / sigma),
-            *_moment_rows(measured, predictions, float(exact.norm) / sigma >= RANGE),
+            *_moment_rows(measured, predictions, float(exact.norm) / sigma),
             *control(
                 [statistic.control for statistic in ENTRIES],
                 *_entries(controlled), controlled.samples,
@@ -213,16 +213,18 @@ def _entries(moments: Moments) -> tuple[Float[Array, "14"], Float[Array, "14"]]:
 
 
 def _moment_rows(
-    measured: Moments, predictions: dict[str, AttitudeMoments], inside: bool
+    measured: Moments, predictions: dict[str, AttitudeMoments], ratio: float
 ) -> Iterator[Row]:
     left = expansion_remainders({o: predictions[k] for o, k in PREDICTORS.items()})
+    why = f"|qbar| is {ratio:.3g} times the noise; expansions hold from {RANGE:g}"
     for order, label in PREDICTORS.items():
-        judged = label == stat.EXACT or (inside and label != stat.ORDER_4_SOURCE)
         remainder = np.repeat([left[order].bias, left[order].covariance], (4, 10))
-        yield from (plain if judged else unjudged)(
+        rows = (unjudged if label == stat.ORDER_4_SOURCE else plain)(
             ENTRIES, *_entries(measured), measured.samples,
             _entries(predictions[label])[0], label, remainder,
         )  # fmt: skip
+        inside = label == stat.EXACT or ratio >= RANGE
+        yield from beyond(rows, "" if inside else why)
 
 
 def _rms_rows(sums: Sums, predictions: dict[str, AttitudeMoments]) -> Iterator[Row]:

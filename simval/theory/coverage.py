@@ -91,7 +91,7 @@ def _between(
     # the ends of what falls by the first and rises by the second
     value, low = held(at, 1.0), held(at + left, max(1.0 - relative, 0.0))
     high = held(np.maximum(at - left, 0.0), 1.0 + relative)
-    return value, np.maximum(value - low, high - value)
+    return value, np.asarray(np.maximum(value - low, high - value))
 
 
 def bias_square(

@@ -212,3 +212,33 @@ def test_the_dip_is_as_biased_as_one_that_is_a_parameter(dip_deg):
     np.testing.assert_allclose(direct.bias / found.sd, found.bias / found.sd, atol=1e-9)
     # power: the arcsine's part, of the bias in standard deviations
     assert abs(np.tan(dip) * found.sd[-1]) > 1e-5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("count", "body_std", "iron_std"),
+    [(12, 0.012, 0.005), (15, 0.08, 0.055), (20, 0.01, 10.0), (40, 0.2, 10.0)],
+)
+def test_the_square_of_all_errors_is_within_what_the_second_order_adds(
+    count, body_std, iron_std
+):
+    """Eq. (E4) of `estimating`: noises alike add nothing, unlike ones much."""
+    case = random_set(count, 5)
+    noise = {"accelerometer_std": body_std, "magnetometer_std": iron_std}
+    found = predicted(case, **noise)
+    rng, shape = np.random.default_rng(count), (4000, *case.body.shape)
+    fit = calibrate_magnetometer(
+        case.body + body_std * rng.standard_normal(shape),
+        case.iron + iron_std * rng.standard_normal(shape), G, FIELD, **noise,
+    ).require_converged()  # fmt: skip
+    error = fit.parameters - case.truth
+    ratio = (error - error.mean(axis=0)) / found.sd
+    unit = found.covariance / np.outer(found.sd, found.sd)
+    square = np.vecdot(ratio, np.linalg.solve(unit, ratio.T).T)
+    off = square.mean() * 4000 / 3999 - 22.0
+    # one alarm in 1e4
+    limit = 3.9 * square.std() / np.sqrt(4000)
+    left = own.SQUARE_NEXT * found.bent + 22.0 * found.variance_remainder
+    assert abs(off) < limit + left
+    if found.bent > own.RANGE:  # power: beyond the range it is seen
+        assert off > limit + 0.3 * found.bent
