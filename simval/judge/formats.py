@@ -64,12 +64,13 @@ class Document(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, title="simval gate")
 
-    schema_version: Literal[3] = Field(description="Version of this format.")
+    schema_version: Literal[4] = Field(description="Version of this format.")
     answer: Answer = Field(description="The worst of all answers.")
     headline: str = Field(description="Why that is the answer, in one line.")
     exit_code: int = Field(description="What the command returned.")
     alpha: float = Field(description="False-alarm rate of everything together.")
     counts: dict[Answer, int] = Field(description="Findings by verdict.")
+    outside: int = Field(description="Checks outside theory's range, not judged.")
     environment: list[str] = Field(description="Differences from the baseline's.")
     notes: list[str] = Field(description="What else a reader should know.")
     findings: list[Entry] = Field(description="Failures first.")
@@ -79,12 +80,13 @@ def to_json(result: GateResult, exit_code: int) -> str:
     """Write the result as JSON, by the schema of `Document`."""
     entries = findings(result)
     document = Document(
-        schema_version=3,
+        schema_version=4,
         answer=result.answer,
         headline=headline(result),
         exit_code=exit_code,
         alpha=result.alpha,
         counts=counts(entries),
+        outside=len(result.outside),
         environment=[one_line(line) for line in result.environment],
         notes=[one_line(line) for line in result.notes],
         findings=[

@@ -20,7 +20,6 @@ the comparison say what changed beyond its uncertainty; here it is counted by di
 """
 
 import shlex
-from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
@@ -29,8 +28,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simval.change import question
-from simval.judge import Comparison, Step
+from simval.judge import Comparison, GateResult, Step
 from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
+from simval.judge.findings import rounded_up
 from simval.report.curves import simultaneous
 from simval.report.formatting import begun, measured, rounded, spelled
 from simval.report.section import Against, Context, home
@@ -162,23 +162,30 @@ def as_theory_says(context: Context) -> Block:
     return Block(
         title="As theory says",
         answer=worst(v.answer for v in verdicts) if verdicts else "inconclusive",
-        headline=_headline(context.judged.counts, whole=not missing),
+        headline=_headline(context.judged, whole=not missing),
         lines=missing + sorted(lines, key=lambda line: WORST_FIRST.index(line.answer)),
         note=f"{_farthest(verdicts)}{NOTE_ON_THEORY}",
         fold="more studies",
     )
 
 
-def _headline(answers: Counter[Answer], *, whole: bool) -> str:
+def _headline(judged: GateResult, *, whole: bool) -> str:
+    answers, far = judged.counts, len(judged.outside)
+    more = f"; {far:,} more outside theory's range" if far else ""
     if not answers:
-        return "Nothing was judged"
+        return f"Nothing was judged{more}"
     failed, unclear = answers["fail"], answers["inconclusive"]
     if not failed and not unclear:
         all_of = "All" if whole else "As far as measured, all"
-        return f"{all_of} {answers.total():,} checks agree"
+        return f"{all_of} {answers.total():,} checks agree{more}"
+    times = [v.more for v in judged.verdicts if v.more == v.more]
+    short = f"{rounded_up(max(times))} times as many trials" if times else ""
     parts = [f"{failed:,} fail"] if failed else []
-    parts += [f"{unclear:,} cannot be judged"] if unclear else []
-    return f"Of {answers.total():,} checks {' and '.join(parts)}"
+    if len(times) == unclear and unclear:
+        parts.append(f"{unclear:,} need up to {short}")
+    elif unclear:
+        parts.append(f"{unclear:,} cannot be judged")
+    return f"Of {answers.total():,} checks {' and '.join(parts)}{more}"
 
 
 def _missing(context: Context) -> list[Line]:

@@ -157,7 +157,11 @@ def checks_section(context: Context) -> Section | None:
     figures = figure_names(context.verdicts)
     linked = sorted({figures[k] for v in verdicts if (k := key_of(v)) in figures})
     return made(
-        tables=[_families(context), _each(context, verdicts, figures)],
+        tables=[
+            _families(context),
+            _each(context, verdicts, figures),
+            *_outside(context.judged.outside),
+        ],
         open=bool(verdicts) and verdicts[0].answer != "pass",
         alpha=context.alpha,
         linked=linked,
@@ -228,6 +232,35 @@ def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) ->
         + sign_of_entries(v.row.statistic for v in verdicts),
         shown=MAX_ROWS,
     )
+
+
+def _outside(rows: Sequence[tuple[CellName, Row]]) -> list[Table]:
+    """What theory's range leaves out, by study and kind of statistic; none without."""
+    kinds: dict[tuple[str, str], list[tuple[CellName, Row]]] = {}
+    for name, row in rows:
+        kinds.setdefault((name.study, row.statistic.family.words), []).append(
+            (name, row)
+        )
+    if not kinds:
+        return []
+    return [
+        Table(
+            name="outside",
+            caption="Checks outside theory's range, which are not judged",
+            columns=(
+                *map(Column, ("study", "statistic")),
+                *(Column(what, "number") for what in ("checks", "cells")),
+                *map(Column, ("why the first is", "which")),
+            ),
+            rows=[
+                (
+                    spelled(study), what, len(own), len({name for name, _ in own}),
+                    own[0][1].outside, f"{own[0][1].statistic} of {own[0][0]}",
+                )
+                for (study, what), own in sorted(kinds.items())
+            ],
+        )
+    ]  # fmt: skip
 
 
 def _places(run: Run) -> dict[CellName, tuple[Any, ...]]:
