@@ -58,7 +58,7 @@ TEXTS: Final[Mapping[tuple[str, str], tuple[Any, ...]]] = MappingProxyType(
             for name in ("wahba", "weighted-wahba", "triad", "closed-form", "combined")
         ),
         ("estimator", "noise"): ("body", "all", "tangent", "unequal", "general"),
-        ("estimator", "geometry"): (0, 12_345, 2**63 - 1, *GEOMETRIES),
+        ("estimator", "geometry"): (*range(24), 12_345, 2**63 - 1, *GEOMETRIES),
         ("calibrator", "algorithm"): (
             "",  # `SIX`
             *(f"simval:{n}" for n in ("squared", "norm", "weighted", "sampson")),

@@ -1,37 +1,27 @@
-"""The gate's false-alarm rate and power, measured on fresh seeds.
+"""The gate's power, measured on fresh seeds.
 
-False alarms: the attitude study, and then the calibration studies, are run many times,
-each time with a new seed, and the gate judges each run at 5, 1 and 0.1 %. The cells are
-small, which is the harder case: their standard errors are less certain.
-
-Power: one cell at the default size of the accuracy suite, with a fault in its
-prediction (or in its noise), judged among as many sound rows as a large run has. One
-cell is the harder case again: a fault in all cells is detected by any of them.
+One cell at the default size of the accuracy suite, with a fault in its prediction (or
+in its noise), judged among as many sound rows as a large run has. One cell is the
+harder case: a fault in all cells is detected by any of them. How often the gate is
+wrong about sound runs is counted in `power.tails`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
-from functools import cache, partial
+from dataclasses import replace
 from typing import Any
-
-import scipy
 
 from power.attitude import by_noise, second_order_alone
 from power.fault import changed, replaced, result
+from power.tails import Rate
 from simval.montecarlo import simulate
 from simval.montecarlo.reduction import simulate_reduced
 from simval.results import CellName, Check, Row, plain
 from simval.statistics import EXACT, RMS
 from simval.streams import Streams, cell_key
-from simval.studies import attitude, calibration, coverage, ladder
-from simval.theory.attitude import attitude_moments
+from simval.studies import attitude
 from simval.verdict import ALPHA, judge, overall
 
-CLEAN_SAMPLES = 8 * attitude.BLOCK
-"""The fewest that the study takes: the harder case."""
-CLEAN_NOISE = (0.02, 0.05)
-"""Chosen: two of the middle levels of the accuracy suite."""
 DEFAULT_SAMPLES = 4_000_000
 """Samples of a cell of the accuracy suite."""
 SOUND_ROWS: dict[Check, int] = {"plain": 2000, "control": 200, "nees": 100}
@@ -39,76 +29,6 @@ SOUND_ROWS: dict[Check, int] = {"plain": 2000, "control": 200, "nees": 100}
 
 Rows = list[tuple[CellName, Row]]
 """Name of a cell and one of its rows."""
-
-Clean = Callable[[int], dict[str, Rows]]
-"""Rows of a clean run with a seed, by the name of what is counted."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rate:
-    """How often something happened, with a 95 % interval."""
-
-    name: str  # what was counted
-    # the stated rate: at most this for false alarms, at least this for power
-    nominal: float
-    # how often, out of how many
-    count: int
-    runs: int
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Wilson's interval of 95 %."""
-        rate = scipy.stats.binomtest(self.count, self.runs)
-        low, high = rate.proportion_ci(0.95, "wilson")
-        return float(low), float(high)
-
-
-def false_alarm_rates(clean: Clean, runs: dict[float, int], seed: int) -> list[Rate]:
-    """Judge clean runs on fresh seeds."""
-    counts: dict[tuple[float, str], int] = {}
-    with known_theory():
-        for number in range(max(runs.values())):
-            for name, rows in clean(seed + number).items():
-                for alpha, wanted in runs.items():
-                    alarm = number < wanted and overall(judge(rows, alpha)) != "pass"
-                    counts[alpha, name] = counts.get((alpha, name), 0) + alarm
-    return [
-        Rate(name=name, nominal=alpha, count=count, runs=runs[alpha])
-        for (alpha, name), count in sorted(counts.items(), key=lambda c: -c[0][0])
-    ]
-
-
-def attitude_rows(seed: int) -> dict[str, Rows]:
-    """Rows of the attitude study."""
-    rows = [r for noise in CLEAN_NOISE for r in _rows(noise, CLEAN_SAMPLES, seed)]
-    certain = [entry for entry in rows if entry[1].predictor == EXACT]
-    return {"attitude": rows, "attitude, exact": certain}
-
-
-def calibration_rows(seed: int) -> dict[str, Rows]:
-    """Rows of the studies calibration, ladder and coverage together."""
-    rows: Rows = []
-    for module, parameters in _calibration_cells():
-        study = module.__name__.rpartition(".")[2]
-        name = CellName(study, f"{study}({parameters})")
-        outcome = module.run(parameters, Streams(seed, cell_key(name.name)))
-        rows += [(name, row) for row in outcome.rows]
-    return {"calibration": rows}
-
-
-def _calibration_cells() -> list[tuple[Any, Any]]:
-    # as many trials as the smoke suite has, at its noise; short holds, few poses
-    return [
-        (
-            calibration,
-            calibration.Parameters(
-                poses=12, hold_time=0.02, noise_std=0.01, trials=1024
-            ),
-        ),
-        (ladder, ladder.Parameters(residual="squared", trials=1024)),
-        (ladder, ladder.Parameters(residual="adjusted", trials=1024)),
-        (coverage, coverage.Parameters(poses=20, trials=1024)),
-    ]
 
 
 def formula_faults() -> dict[str, tuple[float, Callable[..., Any]]]:
@@ -148,12 +68,6 @@ def powers(runs: int, seed: int) -> list[Rate]:
         Rate(name=name, nominal=0.99, count=count, runs=runs)
         for name, count in counts.items()
     ]
-
-
-def known_theory() -> AbstractContextManager[None]:
-    """Compute each prediction of the attitude study only once."""
-    once = cache(partial(attitude_moments, *attitude.random_geometry(3)))
-    return claimed(lambda _, *given, order: once(given[3], order=order))
 
 
 @contextmanager
