@@ -43,8 +43,7 @@ EDGE, PLAIN = 0.15, 0.25
 """Share of the values that are at an edge, and of those that are the default."""
 
 FEW: Final = MappingProxyType(
-    {"trials": 256, "samples": 4096, "cases": 64, "blocks": 4, "numbers": 1024}
-    | {"geometries": 20, "attitudes": 4}
+    {"trials": 256, "samples": 4096, "cases": 64, "geometries": 20, "attitudes": 4}
 )
 """Effort of a cell, or the least that is legal: as few as the gate judges."""
 

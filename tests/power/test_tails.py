@@ -134,7 +134,7 @@ def test_a_study_that_needs_no_setting_has_no_row_of_chance(study):
 def test_a_setting_is_drawn_from_what_a_study_declares(study):
     drawn = [setting(study, np.random.default_rng([k, 1])) for k in range(12)]
     assert {type(each) for each in drawn} == {STUDIES[study].parameters}
-    assert len({str(each) for each in drawn}) >= 4
+    assert len({str(each) for each in drawn}) > 1
 
 
 def test_two_runs_of_sampling_share_no_stream():

@@ -97,7 +97,7 @@ def test_damage_is_refused_or_changes_nothing(tiny_run, tmp_path, capsys, count)
         ("UPDATE rows SET cell = 99 WHERE cell = 1", "cell .* is not what"),
         ("UPDATE meta SET value = replace(value, 'tiny', 'tony')", "what it says"),
         ("DELETE FROM meta WHERE key = 'manifest'", "what it says of the run"),
-        ("UPDATE meta SET value = '99' WHERE key = 'schema'", "this program reads 3"),
+        ("UPDATE meta SET value = '99' WHERE key = 'schema'", "this program reads 4"),
         ("DROP TABLE rows", "not the store of a run: no such table"),
     ],
 )
