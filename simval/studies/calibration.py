@@ -48,6 +48,7 @@ from simval.theory.calibration import (
     calibration_expansion,
     calibration_moments,
 )
+from simval.theory.coverage import bias_square
 from simval.units import OF_A_CALIBRATION
 
 TITLE = "Calibration recovery: tumble, distort, average the holds, calibrate"
@@ -165,9 +166,11 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
 
     trials = trials_of(streams, parameters.trials, BLOCK, trial)
     sums, x = trials.sums("error"), trials["noise"]
-    rows = (*_moment_rows(sums, predicted), *_nees_row(sums, predicted))
     still = calibrate(clean, g=g)
     rounding = rounding_of(sensor, float(still.condition))
+    # a rest that is not quite at rest, as of a noise-free recovery
+    left = predicted.bias_remainder + rounding * (1.0 + rests.rest_force / g / ROUNDED)
+    rows = (*_moment_rows(sums, predicted, left), *_nees_row(sums, predicted, left))
     error = trials["error"] - (still.parameters - sensor.parameters)
     known = expanded(sensor, means, g, x, noise)
     return Outcome(
@@ -219,7 +222,9 @@ def _recovery(sensor: AccelerometerModel, rests: Rests) -> tuple[Row, ...]:
     return limit(stat.RECOVERY.each("TKB"), relative, most, stat.TRUTH, n=1)
 
 
-def _moment_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
+def _moment_rows(
+    sums: Sums, predicted: CalibrationMoments, left: Float[Array, "9"]
+) -> list[Row]:
     measured, n, names = moments_of(sums), sums.samples, predicted.names
     sd, expected = measured.sd, predicted.sd
     variance_error = np.diagonal(measured.covariance_error)
@@ -227,7 +232,7 @@ def _moment_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
     return [
         *plain(
             stat.BIAS.each(names, UNITS), measured.bias, measured.bias_error, n,
-            predicted.bias, stat.SECOND_ORDER, predicted.bias_remainder,
+            predicted.bias, stat.SECOND_ORDER, left,
         ),
         *plain(
             stat.SD.each(names, UNITS), sd, variance_error / (2 * sd), n,
@@ -241,12 +246,15 @@ def _moment_rows(sums: Sums, predicted: CalibrationMoments) -> list[Row]:
     ]  # fmt: skip
 
 
-def _nees_row(sums: Sums, predicted: CalibrationMoments) -> tuple[Row, ...]:
+def _nees_row(
+    sums: Sums, predicted: CalibrationMoments, left: Float[Array, "9"]
+) -> tuple[Row, ...]:
     weight = np.linalg.inv(predicted.covariance)
-    expected = 9.0 + float(predicted.bias @ weight @ predicted.bias)
-    left = expected * predicted.variance_remainder
+    shift, off = bias_square(predicted.bias, left, predicted.covariance)
+    expected = 9.0 + shift
+    off += expected * predicted.variance_remainder
     found = mean_square(sums, weight)
-    return nees(stat.NEES(), *found, sums.samples, expected, stat.FIRST_ORDER, left)
+    return nees(stat.NEES(), *found, sums.samples, expected, stat.FIRST_ORDER, off)
 
 
 def rounding_of(sensor: AccelerometerModel, condition: float) -> Float[Array, "9"]:
