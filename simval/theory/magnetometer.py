@@ -29,10 +29,16 @@ may be off by, relative to itself, and a bias by, in standard deviations,
 
 .. math:: 10\, k^4 u \tag{M9}, \qquad 10\, k^6 u^{3/2} \sqrt n. \tag{M10}
 
-The two steps see their worst combination as much worse as their own w is greater, so
-their variances may be off by (M9) with that k. The powers bound the growth; the factors
-are measured over random sensors and 10 to 100 random poses:
-`tests/theory/test_magnetometer_theory.py`.
+The two steps see less: with w and k their own, a variance may be off by (M9), and by no
+more than their second order, which is a part w of the first that the horizontal part of
+the field enlarges, makes of it,
+
+.. math:: 150\, w^2 / \cos^2(\mathrm{dip}), \tag{M11}
+
+relative to itself, which is less for few poses.
+
+The powers bound the growth; the factors are measured over random sensors and 10 to 100
+random poses: `tests/theory/test_magnetometer_theory.py`.
 
 All parameters together are as good as their best combination, which the noisier sensor
 may bend by more than it scatters. Their normalised square may be off by 4 b, b of (E4);
@@ -174,6 +180,7 @@ def equations_of(p: Problem) -> Estimating:
 
 VARIANCE_NEXT = 10.0  # of eq. (M9), measured
 BIAS_NEXT = 10.0  # of eq. (M10), measured
+RECIPE_NEXT = 150.0  # of eq. (M11), measured: 118 with 12 poses, below 32 with more
 SQUARE_NEXT = 4.0  # of eq. (E4), measured
 RANGE = 0.25  # of eq. (E4): the ellipsoid then holds 2 % less of the trials
 EVEN = 2.4  # w sqrt(n) / sigma of many poses, for any dip from 0 to 89 degrees
@@ -198,7 +205,7 @@ class MagnetometerMoments(ReadOnly):
     variance_remainder : float
         What a variance may be off by relative to itself, eq. (M9).
     recipe_remainder : float
-        The same of the two-step calibration.
+        The same of the two-step calibration, eqs. (M9), (M11).
     bent : float
         What the second order adds to the normalised square of all errors, eq. (E4).
     """
@@ -273,7 +280,6 @@ def magnetometer_moments(
         )
         raise GeometryError(msg)
     covariance = inverse_of(information)
-    recipe = _recipe(problem, estimate)
     to_dip = np.ones(PARAMETERS)
     to_dip[-1] = 1.0 / np.cos(np.arcsin(problem.theta[-1]))
     bias = estimate.bias.copy()
@@ -282,9 +288,12 @@ def magnetometer_moments(
     sd, count = np.sqrt(np.diagonal(covariance)), len(problem.y)
     noise = float(np.max(problem.sigma / problem.size))
     u, carry = (noise / np.cos(dip)) ** 2, _natural(problem)
-    k, of_recipe = (
-        max(1.0, np.sqrt(np.diagonal(carry @ C @ carry.T).max() * count) / noise / EVEN)
-        for C in (covariance, recipe)
+    recipe = _recipe(problem, estimate)
+    worst, of_recipe = (
+        float(np.max(np.diagonal(carry @ C @ carry.T))) for C in (covariance, recipe)
+    )
+    k, of_steps = (
+        max(1.0, (w2 * count) ** 0.5 / noise / EVEN) for w2 in (worst, of_recipe)
     )
     both = np.outer(to_dip, to_dip)
     return MagnetometerMoments(
@@ -297,7 +306,9 @@ def magnetometer_moments(
         recipe=recipe * both,
         bias_remainder=BIAS_NEXT * k**6 * u**1.5 * np.sqrt(count) * sd * to_dip,
         variance_remainder=VARIANCE_NEXT * k**4 * u,
-        recipe_remainder=VARIANCE_NEXT * of_recipe**4 * u,
+        recipe_remainder=min(
+            RECIPE_NEXT * of_recipe / np.cos(dip) ** 2, VARIANCE_NEXT * of_steps**4 * u
+        ),
         bent=estimate.bent,
     )
 
