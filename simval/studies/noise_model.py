@@ -51,9 +51,11 @@ from simval.studies.trials import (
     KEPT,
     Kept,
     correlation_row,
+    share_error,
     trials_of,
 )
 from simval.theory.coloured_noise import noise_bound, sampled_allan_law
+from simval.theory.coverage import interval_coverage
 
 TITLE = "Noise model: are N, B and K at the bound, and do their intervals hold?"
 SECTION = None
@@ -227,10 +229,13 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
                LAGS + SECOND * (theory.share[long] - 1.0)),
     )  # fmt: skip
     if parameters.estimate == "intervals":
-        spread = np.sqrt(RATE_OF_INTERVALS * (1.0 - RATE_OF_INTERVALS) / n)
+        # samples are no averages, as strong flicker shows: what twice that bias takes
+        inside, _ = interval_coverage(
+            RATE_OF_INTERVALS, 2.0 * theory.bias, np.zeros(3), 0.0
+        )
         rows += plain(
-            stat.COVERAGE.each(KINDS), value[last:], spread, n,
-            RATE_OF_INTERVALS, stat.NORMAL, COVERED,
+            stat.COVERAGE.each(KINDS), value[last:], share_error(RATE_OF_INTERVALS, n),
+            n, RATE_OF_INTERVALS, stat.NORMAL, COVERED + RATE_OF_INTERVALS - inside,
         )  # fmt: skip
     if linear:
         rows += _mean_rows(variances - theory.law @ theory.truth, theory)
