@@ -161,7 +161,13 @@ OTHER_SELECTION_RATE = _share(
     "other_selection_rate", "share of other frames selected", better=None
 )
 STEP = _size("step", "step of the answer across a border", unit="rad", better=None)
-LENGTH_RATIO = _ratio("length_ratio", "mean of the true over the estimated |q̄|")
+LENGTH_OFF = Family(
+    "length_off",
+    "mean of the true over the estimated |q̄|, less 1",
+    margin=0.02,
+    scale="sample",
+    better="prediction",
+)
 RMS_RATIO = _size("rms_ratio", "predicted RMS error over the q-method's")
 SIMULATED_RMS_RATIO = _size(
     "simulated_rms_ratio", "simulated RMS error over the q-method's"

@@ -50,6 +50,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simval.arrays import Array
+from simval.montecarlo import taylor
 from simval.results import Row
 from simval.shapes import Float
 
@@ -194,6 +195,18 @@ def linearized(errors: Callable[[Array], Array], x: Float[Array, "t d"]) -> Expa
         second=np.zeros_like(first),
         covariance=slope.T @ slope,
         mean_second=np.zeros(slope.shape[1]),
+    )
+
+
+def curved(errors: Callable[[Array], Array], x: Float[Array, "t d"]) -> Expanded:
+    """First and second order of ``errors(x)`` by central differences, of few noises."""
+    polynomial = taylor(lambda each: errors(each.T).T, x.shape[1])
+    first = x @ polynomial.slope.T
+    return Expanded(
+        first=first,
+        second=polynomial(x.T).T - polynomial.value.T - first,
+        covariance=polynomial.slope @ polynomial.slope.T,
+        mean_second=0.5 * np.trace(polynomial.bend, axis1=1, axis2=2),
     )
 
 

@@ -91,7 +91,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from simval.arrays import Array
+from simval.arrays import Array, Scalars
 from simval.geometry import cross, cross_matrix
 from simval.moments import Moments
 from simval.shapes import Float, Shaped
@@ -229,6 +229,14 @@ def second_order_bias(
     """Mean of q - qhat where x has none, source eq. (52)."""
     half_trace = 0.5 * _trace(normalization_matrix(q) @ P)
     return np.matvec(P, q) + half_trace[..., None] * q
+
+
+def second_order_length(
+    q: Float[Array, "... 4"], P: Float[Array, "... 4 4"]
+) -> Float[Scalars, "..."]:
+    """Mean of |q|/|q - x| less 1 where x has no mean, source eq. (51)."""
+    half_trace: Scalars = -0.5 * _trace(normalization_matrix(q) @ P)
+    return half_trace
 
 
 def second_order_covariance(

@@ -5,9 +5,9 @@ from functools import partial
 
 import numpy as np
 
-from power.fault import Fault, result, then
+from power.fault import Fault, result, then, times
 from simval.streams import Streams
-from simval.studies import attitude, attitude_order
+from simval.studies import attitude, attitude_order, attitude_singular
 from simval.theory.attitude import attitude_moments
 
 CONJUGATE = np.array([[-1.0], [-1.0], [-1.0], [1.0]])
@@ -107,6 +107,17 @@ ORDER = (
 )
 
 
+singular = partial(Fault, "smoke attitude_singular", "formula", attitude_singular)
+SINGULAR = (
+    singular("second_order_length", "1 in place of eq. (51)", times(0.0)),
+    singular(
+        "multiplicative_moments", "ten times the vector part of eq. (53)",
+        result(bias=lambda m: m.bias * [10.0, 10.0, 10.0, 1.0]),
+    ),
+    singular("direct_covariance", "covariance of Table 1 + 0.1 %", times(1.001)),
+)  # fmt: skip
+
+
 class ChangedNormals(np.random.Generator):
     """A generator whose normals are changed on their way."""
 
@@ -149,4 +160,4 @@ NOISE = (
     ),
 )
 
-FAULTS = (*ESTIMATOR, *FORMULA, *ORDER, *NOISE)
+FAULTS = (*ESTIMATOR, *FORMULA, *ORDER, *SINGULAR, *NOISE)

@@ -12,6 +12,7 @@ from simval.studies import ladder
 from simval.studies.response import (
     Expanded,
     beside,
+    curved,
     linearized,
     reduced_mean,
     reduced_share,
@@ -50,7 +51,7 @@ def expanded(x, wrong=0.0):
 
 
 def reductions(x, wrong):
-    known, e = expanded(x, wrong), errors(x)
+    known, found, e = expanded(x, wrong), curved(errors, x), errors(x)
     pairs = np.stack([e, errors(-x)])
     return {
         "mean": known.mean(e),
@@ -59,6 +60,8 @@ def reductions(x, wrong):
         "mirrored mean": known.mirrored_mean(pairs),
         "mirrored sd": known.mirrored_sd(pairs),
         "linear": linearized(errors, x).mean(e),
+        "curved": found.mean(e),
+        "curved square": found.weighted_square(e, np.eye(2)),
     }
 
 
@@ -72,6 +75,7 @@ def test_whatever_the_expansion_the_moments_are_right_and_their_errors_honest(wr
     mean, sd, square = moments()
     truth = {"mean": mean, "sd": sd, "square": square, "linear": mean}
     truth |= {"mirrored mean": mean, "mirrored sd": sd}
+    truth |= {"curved": mean, "curved square": square}
     rng, runs = np.random.default_rng(19), 400
     beyond = {name: np.zeros(np.shape(truth[name])) for name in truth}
     total = {name: np.zeros(np.shape(truth[name])) for name in truth}
@@ -81,7 +85,7 @@ def test_whatever_the_expansion_the_moments_are_right_and_their_errors_honest(wr
             score = (value - truth[name]) / error
             beyond[name] += np.abs(score) > 1.96
             total[name] += score
-    # 11 entries in 2 tests, two sides: 1e-4 together
+    # 14 entries in 2 tests, two sides: 1.2e-4 together
     low, high = stats.binom.ppf(2e-6, runs, 0.05), stats.binom.isf(2e-6, runs, 0.08)
     assert high < runs * 0.19  # power: errors two thirds of the true ones give 19 %
     for name in truth:
