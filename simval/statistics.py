@@ -115,7 +115,9 @@ COVARIANCE_OFF = _size(
     "covariance_off", "greatest error of a covariance, in deviations"
 )
 BIAS_OFF = _size("bias_off", "greatest error of a bias, in deviations")
-MEAN_ERROR = _offset("mean_error", "mean error over its deviation")
+MEAN_RATIO = Family(  # of squares that are estimated without asking for their sign
+    "mean_ratio", "mean estimate over the truth", margin=0.02, better="prediction"
+)
 STATED_VARIANCE = _ratio(
     "stated_variance", "stated variance over the predicted one", margin=0.02
 )

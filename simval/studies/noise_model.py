@@ -77,7 +77,7 @@ TIMES = 120.0  # correlation times of Markov noise in a signal: 30 s in an hour
 KNEE = 45.0  # of its driving noise over white noise, times its correlation time
 STRONG = 2.0 * WHITE  # a walk that every signal of the default length shows
 SELDOM = 1e-6  # chance that right choices exceed a limit, a thousandth of a run's
-FEWER = 25  # trials to a signal whose components are chosen, which takes 20 ms
+FEWER = 12  # trials to a signal whose components are chosen, which takes 20 ms
 FEW = 64
 """Rows of white noise whose quadratic forms are written out."""
 
@@ -99,7 +99,7 @@ class Parameters(StudyParameters):
     )
     trials: int = ranged(
         1200,
-        "Signals; rounded up to whole blocks of 24; of choices a 25th of each.",
+        "Signals; rounded up to whole blocks of 24; of choices a 12th of each kind.",
         256,
     )
 
@@ -247,9 +247,9 @@ def _chosen(parameters: Parameters, streams: Streams) -> Outcome:
     """Shares of signals that are misjudged: of a Markov bias, of flicker and a walk.
 
     An interval runs over all sets of components that are not told apart, so it misses
-    at its rate or more seldom. The Markov bias is long enough to be told from a walk; a
-    walk has no correlation time, no ramp and no sine. Flicker is not the bias: its
-    interval holds 0.
+    at its rate or more seldom, of either kind of signal: they are counted together. The
+    Markov bias is long enough to be told from a walk; a walk has no correlation time,
+    no ramp and no sine. Flicker is not the bias: its interval holds 0.
     """
     n = parameters.trials // FEWER
     seconds = parameters.rows / RATE / TIMES
@@ -268,37 +268,38 @@ def _chosen(parameters: Parameters, streams: Streams) -> Outcome:
     ]
     axes = noise_of(np.hstack(draws), RATE)
     # N is left out: over the shortest averages samples are not as averages are
+    truths = ({"B": 0.0, "K": driving, "T": seconds}, {"B": WHITE, "K": STRONG})
     wrong: dict[str, list[bool]] = {}
-    for name, truth, some in (
-        ("Markov", {"B": 0.0, "K": driving, "T": seconds}, axes[: len(axes) // 2]),
-        ("walk", {"B": WHITE, "K": STRONG}, axes[len(axes) // 2 :]),
-    ):
-        for axis in some:
-            found = {c.kind: c for c in axis.coefficients}
-            for kind, value in truth.items():
-                held = kind in found and found[kind].low <= value <= found[kind].high
-                wrong.setdefault(f"{kind} of {name}", []).append(not held)
-            seen = {kind for kind, c in found.items() if c.value is not None}
-            right = "T" in seen if name == "Markov" else not seen & {"T", "R", "A"}
-            wrong.setdefault(f"kind of {name}", []).append(not right)
-    count = len(axes) // 2
+    for place, axis in enumerate(axes):
+        truth = truths[2 * place // len(axes)]
+        found = {c.kind: c for c in axis.coefficients}
+        for kind, value in truth.items():
+            held = kind in found and found[kind].low <= value <= found[kind].high
+            wrong.setdefault(kind, []).append(not held)
+        seen = {kind for kind, c in found.items() if c.value is not None}
+        right = "T" in seen if "T" in truth else not seen & {"T", "R", "A"}
+        wrong.setdefault("components", []).append(not right)
     # the least count that so many signals reach with a smaller probability
     chance = 1.0 - SELDOM / len(wrong)
-    most = np.ceil(scipy.special.bdtrik(chance, count, 1.0 - RATE_OF_INTERVALS))
-    shares = np.mean(list(wrong.values()), axis=1)
-    rows = limit(
-        stat.MISJUDGED.each(wrong), shares, most / count, stat.BINOMIAL, n=count
-    )
+    rows: tuple[Row, ...] = ()
+    for name, each in wrong.items():
+        count = len(each)
+        most = np.ceil(scipy.special.bdtrik(chance, count, 1.0 - RATE_OF_INTERVALS))
+        rows += limit(
+            stat.MISJUDGED(name), np.mean(each), most / count, stat.BINOMIAL, n=count
+        )
     return Outcome(rows=rows)
 
 
 def _mean_rows(misfits: Float[Array, "n m"], theory: Theory) -> tuple[Row, ...]:
-    """Mean error of the squares of N, B and K by weights that are known."""
-    n = len(misfits)
-    mean = np.mean(misfits @ theory.weights.T / np.sqrt(theory.predicted), axis=0)
-    statistics = stat.MEAN_ERROR.each(f"{k}^2" for k in KINDS)
-    error = np.sqrt(theory.grown / n)
-    return plain(statistics, mean, error, n, theory.bias, stat.LEAST_SQUARES, LAGS)
+    """Mean of the squares of N, B and K over the truth, by weights that are known."""
+    n, sd = len(misfits), np.sqrt(theory.predicted) / theory.truth
+    mean = 1.0 + np.mean(misfits @ theory.weights.T / theory.truth, axis=0)
+    return plain(
+        stat.MEAN_RATIO.each(f"{k}^2" for k in KINDS), mean,
+        sd * np.sqrt(theory.grown / n), n, 1.0 + sd * theory.bias,
+        stat.LEAST_SQUARES, sd * LAGS,
+    )  # fmt: skip
 
 
 def _white_row() -> tuple[Row, ...]:

@@ -11,6 +11,7 @@ from simval.imu.calibrate.gyroscope import path_statistics
 from simval.imu.calibrate.magnetometer.calibration import Scaled
 from simval.imu.calibrate.magnetometer.result import DIP
 from simval.imu.calibrate.minimization import Leverage
+from simval.imu.noise import evidence
 from simval.imu.sensor import (
     AccelerometerModel,
     GyroscopeModel,
@@ -312,6 +313,11 @@ NOISE = (
         "noise", "formula", noise_model, "allan_covariance",
         "(V4) of half the averages",  # of `simval.imu.noise.allan`
         times(2.0),
+    ),
+    Fault(
+        "choices", "estimator", evidence, "_likely",
+        "components that a signal does not tell apart left out",
+        lambda original, sets, *more: [min(sets, key=sets.get)],
     ),
 )  # fmt: skip
 

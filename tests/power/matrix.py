@@ -64,6 +64,7 @@ SUITES: dict[str, dict[str, Any]] = {
         "gyroscope": {"poses": 14, "trials": 512, "angle_random_walk": [0.01, 1e-3]}
     },
     "noise": {"noise_model": {"estimate": "known weights", "rows": 4096}},
+    "choices": {"noise_model": {"estimate": "chosen", "rows": 4096}},
     "scene": {"scene": {"scene": "gimbal", "poses": 20}},
     # fast, too: there coning counts; and told wrongly, which theory predicts
     "filter": {

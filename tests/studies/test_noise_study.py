@@ -132,29 +132,31 @@ def test_a_squared_misfit_spreads_as_that_of_a_chi_square_variable():
 
 @pytest.mark.ci
 def test_strong_flicker_is_judged_by_the_law_of_samples():
-    """At B = 2 N the mean error of N^2 is a quarter of its deviation, and not 0."""
+    """At B = 2 N the mean of N^2 is a quarter of its deviation above the truth."""
     cell = {"rows": 4096, "trials": 600, "flicker": 2.0, "walk": 1.0}
     rows = outcome("noise_model", estimate="known weights", **cell).rows
     sampled = {str(row.statistic): row for row in rows if row.check == "plain"}
     limit = stats.norm.isf(1e-3 / (2 * len(sampled)))
     assert max(excess(row) for row in sampled.values()) < limit
-    mean = sampled["mean_error[N^2]"]
-    assert mean.value > limit * mean.standard_error
+    mean = sampled["mean_ratio[N^2]"]
+    assert mean.value - 1.0 > limit * mean.standard_error
 
 
 @pytest.mark.ci
 def test_what_is_chosen_is_right_and_without_markov_noise_it_is_not(monkeypatch):
     """Limits by the binomial law; a walk in place of each Markov bias exceeds them."""
     rows = outcome("noise_model", estimate="chosen", trials=600).rows
-    assert len(rows) == 7
-    assert all(row.value <= row.prediction < 0.5 for row in rows)
-    most = round(24 * rows[0].prediction)
-    beyond = stats.binom.sf([most, most - 1], 24, 0.05)
-    assert beyond[0] <= 1e-6 / 7 < beyond[1]
+    # of each interval and of the choice, in signals of both kinds; T is of one alone
+    assert [row.n for row in rows] == [96, 96, 48, 96]
+    for row in rows:
+        assert row.value <= row.prediction
+        most = round(row.n * row.prediction)
+        beyond = stats.binom.sf([most, most - 1], row.n, 0.05)
+        assert beyond[0] <= 1e-6 / 4 < beyond[1]
     monkeypatch.setattr(evidence, "SHORTEST", 1e9)
     rows = outcome("noise_model", estimate="chosen", trials=624).rows
     bad = {str(row.statistic) for row in rows if row.value > row.prediction}
-    assert "misjudged[kind of Markov]" in bad
+    assert "misjudged[components]" in bad
 
 
 def test_samples_of_flicker_are_those_of_its_spectrum():
