@@ -27,6 +27,18 @@ sample's own spread :math:`s \sqrt n`, whichever is greater; else it is inconclu
 That depends on the number of samples and hardly on the measured values: the standard
 error decides only if a cell has just about as many samples as are needed.
 
+Beyond its remainder :math:`\delta` a row sees :math:`\Delta`, so the smallest relative
+change of its prediction P that it fails, its **power**, is
+
+.. math:: (\Delta + \delta)/|P|,  \tag{V3}
+
+with probability 0.99 where P is right now; :math:`\Delta = 0` without chance. What
+predicts nothing has no relative change: a prediction of 0 (or of rounding, `NOTHING`)
+is taken by one sample's own spread, and without chance, as a limit, by 1 in the unit of
+the row. A row of a power above 1 would pass a prediction of twice the size or of none.
+It is **wide**: judged, since what is far off is seen, but no check, unless a control
+row of the same statistic and theory stands beside it that sees more.
+
 The normalised squared errors of the cells of one study are also pooled, weighted by
 their samples, into one more row: it shows a common error in scale first.
 
@@ -37,7 +49,7 @@ inconclusive; it never passes.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from math import isnan, sqrt
+from math import inf, isnan, sqrt
 from typing import Literal
 
 import numpy as np
@@ -49,7 +61,7 @@ from simval.arrays import Array
 from simval.change import holm
 from simval.results import MAX_REMAINDER, CellName, Row, nees
 from simval.shapes import Bool, Float, Int, Shaped
-from simval.statistics import POOLED_NEES
+from simval.statistics import POOLED_NEES, Statistic
 
 Answer = Literal["pass", "fail", "inconclusive"]
 WORST_FIRST: tuple[Answer, ...] = ("fail", "inconclusive", "pass")
@@ -96,6 +108,10 @@ own standard deviation adds 3 % to its RMS."""
 POWER = 0.99
 """Probability of finding a discrepancy of the practical margin, eq. (V2). Chosen."""
 
+NOTHING = 1e-9
+"""Of one sample's own spread: a smaller prediction is 0. To see it takes 1e18 samples,
+and rounding, 1e-12 of the spread at most, must not decide what counts as a check."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
@@ -113,6 +129,9 @@ class Verdict:
     # practical margin that it must not exceed
     detectable: float = float("nan")
     margin: float = float("nan")
+    # smallest relative change of the prediction that it fails, eq. (V3); NaN if unsound
+    power: float = float("nan")
+    wide: bool = False  # it passes, but allows more than it predicts: no check
 
     @property
     def samples_needed(self) -> float:
@@ -152,11 +171,29 @@ def worst(answers: Iterable[Answer]) -> Answer:
 
 
 def overall(verdicts: Iterable[Verdict]) -> Answer:
-    """One answer for all: the worst of them; nothing judged is inconclusive."""
-    answers = {verdict.answer for verdict in verdicts}
+    """One answer for all: the worst of them; no check at all is inconclusive."""
+    answers = {verdict.answer for verdict in verdicts if not verdict.wide}
     if "fail" in answers:
         return "fail"
     return "pass" if answers == {"pass"} else "inconclusive"
+
+
+def powers_by_study(verdicts: Iterable[Verdict]) -> dict[str, float]:
+    """Median power of each study's checks, a quantity by the row that sees most.
+
+    Without those whose power is in a unit of their own: limits, differences.
+    """
+    sharpest: dict[tuple[CellName, Statistic, str], float] = {}
+    for each in verdicts:
+        row = each.row
+        relative = row.check in WEIGHTS or (row.check == "exact" and row.prediction)
+        if relative and each.power == each.power and not each.wide:
+            key = _quantity(each.cell, row)
+            sharpest[key] = min(each.power, sharpest.get(key, inf))
+    studies: dict[str, list[float]] = {}
+    for (cell, *_), power in sharpest.items():
+        studies.setdefault(cell.study, []).append(power)
+    return {study: float(np.median(found)) for study, found in studies.items()}
 
 
 Mask = Bool[NDArray[np.bool_], " n"]
@@ -179,10 +216,27 @@ class _Columns:
         return np.isin(self.check, list(WEIGHTS))
 
     @property
+    def spread(self) -> Float[Array, " n"]:
+        """One sample's own spread; 0 without chance."""
+        return self.standard_error * np.sqrt(self.n)
+
+    @property
     def sizes(self) -> Float[Array, " n"]:
         """Predicted value or one sample's own spread, whichever is greater."""
-        spread = self.standard_error * np.sqrt(self.n)
-        return np.maximum(np.abs(self.prediction), spread)
+        return np.maximum(np.abs(self.prediction), self.spread)
+
+    @property
+    def predicts(self) -> Mask:
+        """True where there is a prediction of which a change is relative."""
+        some = np.abs(self.prediction) > NOTHING * self.spread
+        return (self.check != "limit") & some
+
+    def power(self, detectable: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Eq. (V3), of what is seen beyond the remainder."""
+        allowed = np.where(self.check == "limit", self.prediction, self.remainder)
+        unit = np.where(self.sampled, self.spread, 1.0)
+        scale = np.where(self.predicts, np.abs(self.prediction), unit)
+        return (allowed + np.where(self.sampled, detectable, 0.0)) / scale
 
     @property
     def p_values(self) -> Float[Array, " n"]:
@@ -235,27 +289,11 @@ def judge(
     In the order of the rows, without those of check ``record``; last what is pooled
     over a study.
     """
-    members = [pair for pair in rows if pair[1].check != "record"]
-    members += list(_pooled(members))
+    members = _members(rows)
     columns = _columns([row for _, row in members])
     obstacle, sampled = columns.obstacles, columns.sampled
     sound, limited = obstacle == 0, columns.check == "limit"
-    # of too few samples nothing is said but how many are needed
-    counted = sound | (obstacle == TOO_FEW)
-    p = np.where(sound & sampled, columns.p_values, np.nan)
-    limit = np.where(limited, columns.prediction, columns.remainder)
-    limit[~sound | sampled] = np.nan
-    detectable = np.full(len(members), np.nan)
-    families = [name for name in WEIGHTS if (counted & (columns.check == name)).any()]
-    whole = sum(WEIGHTS[name] for name in families)
-    for name in families:
-        own = counted & (columns.check == name)
-        share = alpha * WEIGHTS[name] / whole
-        limit[own] = holm(np.where(sound, p, 1.0)[own], share)
-        tail = share / int(own.sum()) / 2.0
-        quantile = -scipy.special.stdtrit(freedom(columns.n[own]), tail)
-        needed = quantile + float(scipy.special.ndtri(POWER))
-        detectable[own] = needed * columns.standard_error[own]
+    p, limit, detectable = _tested(columns, alpha)
     good = np.where(
         limited,
         columns.value <= columns.prediction,
@@ -265,8 +303,11 @@ def judge(
     failed = sound & np.where(sampled, ~(p > limit), ~good)
     unclear = ~sound | (~failed & sampled & ~(detectable <= margin))
     answers = np.select([failed, unclear], WORST_FIRST[:2], WORST_FIRST[2]).tolist()
-    margin[~counted | ~sampled] = np.nan
-    limit[~sound & sampled] = np.nan
+    margin[np.isnan(detectable)] = np.nan
+    power = np.where(sound, columns.power(detectable), np.nan)
+    above = sound & columns.predicts & (power > 1.0)
+    sharp = sound & (columns.check == "control") & ~above
+    beside = {_quantity(*members[i]) for i in np.flatnonzero(sharp)}
     return tuple(
         Verdict(
             cell=cell,
@@ -281,9 +322,58 @@ def judge(
             else "",
             detectable=float(detectable[i]),
             margin=float(margin[i]),
+            power=float(power[i]),
+            wide=bool(above[i])
+            and answers[i] == "pass"
+            and _quantity(cell, row) not in beside,
         )
         for i, (cell, row) in enumerate(members)
     )
+
+
+def _quantity(cell: CellName, row: Row) -> tuple[CellName, Statistic, str]:
+    """What a plain and a control row of a cell have in common."""
+    return cell, row.statistic.control, row.predictor
+
+
+def _members(rows: Iterable[tuple[CellName, Row]]) -> list[tuple[CellName, Row]]:
+    """The rows that are judged, and last what is pooled over a study."""
+    members = [pair for pair in rows if pair[1].check != "record"]
+    return [*members, *_pooled(members)]
+
+
+def _tested(columns: _Columns, alpha: float) -> tuple[Array, Array, Array]:
+    """Of each row eq. (V1), the limit of it or of the difference, and eq. (V2)."""
+    obstacle, sampled = columns.obstacles, columns.sampled
+    sound = obstacle == 0
+    # of too few samples nothing is said but how many are needed
+    counted = sound | (obstacle == TOO_FEW)
+    p = np.where(sound & sampled, columns.p_values, np.nan)
+    limit = np.where(columns.check == "limit", columns.prediction, columns.remainder)
+    limit[~sound | sampled] = np.nan
+    detectable = np.full(len(p), np.nan)
+    families = [name for name in WEIGHTS if (counted & (columns.check == name)).any()]
+    whole = sum(WEIGHTS[name] for name in families)
+    for name in families:
+        own = counted & (columns.check == name)
+        share = alpha * WEIGHTS[name] / whole
+        limit[own] = holm(np.where(sound, p, 1.0)[own], share)
+        tail = share / int(own.sum()) / 2.0
+        quantile = -scipy.special.stdtrit(freedom(columns.n[own]), tail)
+        needed = quantile + float(scipy.special.ndtri(POWER))
+        detectable[own] = needed * columns.standard_error[own]
+    limit[~sound & sampled] = np.nan
+    return p, limit, detectable
+
+
+@np.errstate(all="ignore")  # what is no number has an obstacle
+def powers(rows: Iterable[tuple[CellName, Row]]) -> list[float]:
+    """Power of each row of a run, eq. (V3), at `ALPHA`; NaN where it is not judged."""
+    every = list(rows)
+    columns = _columns([row for _, row in _members(every)])
+    power = columns.power(_tested(columns, ALPHA)[2])
+    found = iter(np.where(columns.obstacles == 0, power, np.nan).tolist())
+    return [float("nan") if row.check == "record" else next(found) for _, row in every]
 
 
 def _reason(row: Row, p: float, limit: float, detectable: float) -> str:

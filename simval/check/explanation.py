@@ -105,9 +105,9 @@ def advice_on(finding: Finding) -> str:
 
 
 ANSWERS: Final[Mapping[str, str]] = MappingProxyType(
-    {"pass": "ok", "fail": "FAIL", "inconclusive": "unclear", "": "-"}
+    {"fail": "FAIL", "inconclusive": "unclear", "pass": "ok", "wide": "wide", "": "-"}
 )
-"""How an answer is called in the table; what is not judged has none."""
+"""How an answer is called in the table, from worst; what is not judged has none."""
 
 SHOWN: Final[Mapping[str, str]] = MappingProxyType(
     {"more": "least", "prediction": "farthest"}
@@ -240,7 +240,9 @@ def _lines(cell: CellResult, judged: Sequence[Finding]) -> dict[str, Line]:
     """Each family of a cell by its title, in the order of its rows."""
     name = one_line(cell.name)
     answers = {
-        (f.statistic, f.against): f.answer for f in judged if f.cell.name == name
+        (f.statistic, f.against): "wide" if f.wide else f.answer
+        for f in judged
+        if f.cell.name == name
     }
     families: dict[Family, list[Row]] = {}
     for row in cell.rows:
@@ -256,8 +258,7 @@ def _lines(cell: CellResult, judged: Sequence[Finding]) -> dict[str, Line]:
             in answers
         ]
         farthest = max(rows, key=_badness)
-        worst = next((word for word in ANSWERS if word in known and word != "pass"), "")
-        answer = worst or ("pass" if known else "")
+        answer = next((word for word in ANSWERS if word in known), "")
         value = _figure(farthest.shown, farthest.standard_error)
         lines[_title(family, rows)] = Line(value, answer)
     return lines
@@ -375,7 +376,8 @@ def _document_of(
         key = (one_line(cell.name), one_line(str(row.statistic)))
         judged = answers.get((*key, one_line(row.predictor)))
         numbers = {name: _number(value) for name, value in row.tidy.items()}
-        rows.append(numbers | {"answer": judged.answer if judged else None})
+        found = {name: getattr(judged, name, None) for name in ("answer", "power")}
+        rows.append(numbers | found)
     return {
         "cell": cell.name,
         "parameters": dict(cell.parameters),

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
     from simval.judge import GateResult
     from simval.sweep.run import Run
-    from simval.verdict import Answer
 
 
 def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -282,12 +281,13 @@ def _counts(result: GateResult) -> Table:
     from simval.judge import findings
 
     table = Table(title="verdicts")
-    for heading in ("study", "tier", "check", "pass", "fail", "inconclusive"):
+    answers = ("pass", "fail", "inconclusive", "wide")
+    for heading in ("study", "tier", "check", *answers):
         table.add_column(heading)
-    groups: dict[tuple[str, str, str], Counter[Answer]] = {}
+    groups: dict[tuple[str, str, str], Counter[str]] = {}
     for f in findings(result):
-        groups.setdefault((f.study, f.tier, f.check), Counter())[f.answer] += 1
-    for key, answers in sorted(groups.items()):
-        numbers = (answers[a] for a in ("pass", "fail", "inconclusive"))
-        table.add_row(*key, *(str(n) for n in numbers))
+        own = groups.setdefault((f.study, f.tier, f.check), Counter())
+        own["wide" if f.wide else f.answer] += 1
+    for key, counts in sorted(groups.items()):
+        table.add_row(*key, *(str(counts[each]) for each in answers))
     return table

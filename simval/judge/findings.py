@@ -60,6 +60,9 @@ class Finding:
     seen: float | None = None
     allowed: float | None = None  # remainder, limit or margin
     sigmas: float | None = None  # None where the value is deterministic
+    # against theory: the smallest relative change of the prediction that fails
+    power: float | None = None
+    wide: bool = False  # it passes, but allows more than it predicts: no check
     kind: str = ""  # the statistic in words, without which axis or level
     step: Step | None = None  # how its value changed from the baseline's
     more: float | None = None  # times as many samples would do, where they are too few
@@ -135,12 +138,7 @@ def _incomplete(result: GateResult) -> Iterator[Finding]:
     if result.never_run:
         gaps.append(("pending", CellName(""), result.never_run))
     if not result.counts:
-        why = (
-            "every check is outside theory's range"
-            if result.outside
-            else "nothing measured never passes"
-        )
-        gaps.append(("gap", CellName(""), f"no row was judged: {why}"))
+        gaps.append(("gap", CellName(""), f"no row {_no_check(result)}"))
     if result.first:
         gaps.append(("first", CellName(""), result.first))
     for check, name, reason in gaps:
@@ -152,6 +150,15 @@ def _incomplete(result: GateResult) -> Iterator[Finding]:
             reason=one_line(reason),
             run=result.folder,
         )
+
+
+def _no_check(result: GateResult) -> str:
+    """Why none of a run's rows is a check."""
+    if result.wide:
+        return "is a check: each allows more than it predicts; take more trials"
+    if result.outside:
+        return "was judged: every check is outside theory's range"
+    return "was judged: nothing measured never passes"
 
 
 def _of_theory(verdict: Verdict, run: str) -> Finding:
@@ -168,6 +175,8 @@ def _of_theory(verdict: Verdict, run: str) -> Finding:
         seen=_number(row.value),
         allowed=_number(row.remainder if sampled else verdict.limit),
         sigmas=_number(verdict.sigmas) if sampled else None,
+        power=_number(verdict.power),
+        wide=verdict.wide,
         reason=verdict.reason,
         run=run,
         kind=one_line(kind_of(row.statistic)),
@@ -223,7 +232,7 @@ class Group:
     """Findings of one kind that did not pass, the farthest off first."""
 
     findings: tuple[Finding, ...]
-    of: int  # findings of this kind, passes included
+    of: int  # findings of this kind, passes included, but no wide ones
     cells: int  # cells that have one of this kind, passes included
 
     @property
@@ -316,7 +325,7 @@ def groups(result: GateResult) -> tuple[Group, ...]:
     for each in entries:
         if each.answer != "pass":
             members.setdefault((*_kind(each), *_way(each)), []).append(each)
-    of = Counter(_kind(each) for each in entries)
+    of = Counter(_kind(each) for each in entries if not each.wide)
     names: dict[tuple[str, ...], set[str]] = {}
     for each in entries:
         names.setdefault(_kind(each), set()).add(each.cell.name)

@@ -22,7 +22,7 @@ from simval.judge.steps import Move, Step
 from simval.judge.trend import WAYS, Trend
 from simval.sweep.run import Run
 from simval.text import one_line
-from simval.verdict import Answer
+from simval.verdict import Answer, powers_by_study
 
 SHOWN = 40
 """Findings written one by one in the summary; the others are counted."""
@@ -55,6 +55,10 @@ class Entry(BaseModel):
     seen: float | None = Field(description="Value in the run.")
     allowed: float | None = Field(description="Remainder, limit or margin.")
     sigmas: float | None = Field(description="Distance in standard errors.")
+    power: float | None = Field(
+        description="Smallest relative change of the prediction that would fail."
+    )
+    wide: bool = Field(description="Allows more than it predicts, so is no check.")
     reason: str = Field(description="Why it did not pass; empty for a pass.")
     command: str = Field(description="Computes the cell again.")
 
@@ -69,8 +73,14 @@ class Document(BaseModel):
     headline: str = Field(description="Why that is the answer, in one line.")
     exit_code: int = Field(description="What the command returned.")
     alpha: float = Field(description="False-alarm rate of everything together.")
-    counts: dict[Answer, int] = Field(description="Findings by verdict.")
+    counts: dict[Answer, int] = Field(
+        description="Findings by verdict, without those that are wide."
+    )
     outside: int = Field(description="Checks outside theory's range, not judged.")
+    wide: int = Field(description="Findings that pass, but are wide.")
+    power: dict[str, float] = Field(
+        description="Median power of each study's checks against theory."
+    )
     environment: list[str] = Field(description="Differences from the baseline's.")
     notes: list[str] = Field(description="What else a reader should know.")
     findings: list[Entry] = Field(description="Failures first.")
@@ -87,6 +97,8 @@ def to_json(result: GateResult, exit_code: int) -> str:
         alpha=result.alpha,
         counts=counts(entries),
         outside=len(result.outside),
+        wide=result.wide,
+        power=powers_by_study(result.verdicts),
         environment=[one_line(line) for line in result.environment],
         notes=[one_line(line) for line in result.notes],
         findings=[
@@ -101,8 +113,8 @@ def to_json(result: GateResult, exit_code: int) -> str:
 
 
 def counts(entries: tuple[Finding, ...]) -> dict[Answer, int]:
-    """Count findings by verdict."""
-    answers = [f.answer for f in entries]
+    """Count findings by verdict, without those that are wide."""
+    answers = [f.answer for f in entries if not f.wide]
     return {word: answers.count(word) for word in get_args(Answer)}
 
 
@@ -135,6 +147,9 @@ def to_junit(result: GateResult) -> str:
                     case, tag, type=_kind(f), message=_xml(f.reason)
                 )
                 detail.text = _xml("\n".join(details(f)))
+            if f.wide:
+                why = "too wide: it allows more than it predicts"
+                ElementTree.SubElement(case, "skipped", message=why)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
@@ -145,7 +160,7 @@ def _counted(entries: tuple[Finding, ...]) -> dict[str, str]:
         "tests": str(len(entries)),
         "failures": str(number["fail"]),
         "errors": str(number["inconclusive"]),
-        "skipped": "0",
+        "skipped": str(sum(f.wide for f in entries)),
     }
 
 

@@ -85,8 +85,13 @@ class GateResult:
 
     @property
     def counts(self) -> Counter[Answer]:
-        """Verdicts against theory by answer."""
-        return Counter(v.answer for v in self.verdicts)
+        """Checks against theory by answer: verdicts without the wide ones."""
+        return Counter(v.answer for v in self.verdicts if not v.wide)
+
+    @property
+    def wide(self) -> int:
+        """Number of rows that agree, but allow more than they predict."""
+        return sum(v.wide for v in self.verdicts)
 
     @property
     def _crashed(self) -> bool:
@@ -224,6 +229,7 @@ def headline(result: GateResult) -> str:
         else "",
         "there was no baseline to compare with" if result.first else "",
         _judged(theory, "check", "against theory") or "nothing was judged",
+        _uncounted(result.wide),
         f"{len(result.outside):,} outside theory's range, not judged"
         if result.outside
         else "",
@@ -260,6 +266,12 @@ def _judged(answers: Counter[Answer], what: str, beside: str) -> str:
     if unclear:
         ends.append(f"{unclear:,} {'was' if unclear == 1 else 'were'} inconclusive")
     return f"of {_count(total, what)} {beside}, {' and '.join(ends)}"
+
+
+def _uncounted(wide: int) -> str:
+    """Number of rows that agree, but are no checks."""
+    are = "is" if wide == 1 else "are"
+    return f"{_count(wide, 'row')} {are} too wide to count" if wide else ""
 
 
 def _count(number: int, what: str) -> str:

@@ -32,6 +32,7 @@ from simval.judge import Comparison, GateResult, Step
 from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
 from simval.judge.findings import rounded_up
 from simval.report.curves import simultaneous
+from simval.report.findings import EXACTLY, percent
 from simval.report.formatting import begun, measured, rounded, spelled
 from simval.report.section import Against, Context, home
 from simval.results import CellName
@@ -50,7 +51,14 @@ from simval.statistics import (
     Statistic,
 )
 from simval.sweep import Run
-from simval.verdict import WORST_FIRST, Answer, Verdict, worst
+from simval.verdict import (
+    WORST_FIRST,
+    Answer,
+    Verdict,
+    overall,
+    powers_by_study,
+    worst,
+)
 
 # ---- lines and blocks
 
@@ -134,8 +142,9 @@ SIZES = {RMS: 1.0, SD: 1.0, RMS_OVER_BOUND: 1.0, BUDGET: 1.0} | dict.fromkeys(
 NOTE_ON_THEORY = (
     "“On average”: mean deviation of measured from predicted sizes of errors (standard "
     "deviations; half of that of a variance), weighted by the number of trials, and "
-    "its standard error; one value may be farther off. Each check by itself is in the "
-    "table of checks."
+    "its standard error; one value may be farther off. “See”: the smallest relative "
+    "change of its prediction that a check fails. Each check by itself is in the table "
+    "of checks."
 )
 
 
@@ -161,7 +170,7 @@ def as_theory_says(context: Context) -> Block:
     missing = _missing(context)
     return Block(
         title="As theory says",
-        answer=worst(v.answer for v in verdicts) if verdicts else "inconclusive",
+        answer=overall(verdicts),
         headline=_headline(context.judged, whole=not missing),
         lines=missing + sorted(lines, key=lambda line: WORST_FIRST.index(line.answer)),
         note=f"{_farthest(verdicts)}{NOTE_ON_THEORY}",
@@ -172,6 +181,7 @@ def as_theory_says(context: Context) -> Block:
 def _headline(judged: GateResult, *, whole: bool) -> str:
     answers, far = judged.counts, len(judged.outside)
     more = f"; {far:,} more outside theory's range" if far else ""
+    more += f"; {judged.wide:,} too wide to count" if judged.wide else ""
     if not answers:
         return f"Nothing was judged{more}"
     failed, unclear = answers["fail"], answers["inconclusive"]
@@ -214,7 +224,8 @@ def _missing(context: Context) -> list[Line]:
 def _study_line(study: str, verdicts: Sequence[Verdict]) -> Line:
     failing = [v for v in verdicts if v.answer == "fail"]
     unclear = sum(v.answer == "inconclusive" for v in verdicts)
-    checks = f"{len(verdicts):,} check{'s' if len(verdicts) > 1 else ''}"
+    counted = sum(not v.wide for v in verdicts)
+    checks = f"{counted:,} check{'' if counted == 1 else 's'}"
     said = []
     if failing:  # the one that fails by most, and by how much
         far = max(failing, key=lambda v: abs(v.sigmas) if v.sigmas == v.sigmas else inf)
@@ -227,13 +238,19 @@ def _study_line(study: str, verdicts: Sequence[Verdict]) -> Line:
     if found is not None and not failing and abs(found.value) + found.error < 1.0:
         said.append(found.said)
     if not failing and not unclear:
-        said.append(checks)
+        said += [checks, *map(_power_words, powers_by_study(verdicts).values())]
     return Line(
         what=begun(spelled(study)),
         said="; ".join(said),
         link="disagreements" if failing else home(study),
         answer=worst(v.answer for v in verdicts),
     )
+
+
+def _power_words(median: float) -> str:
+    """Median power of a study's checks, in words."""
+    change = f"a change of {percent(median)}" if median > EXACTLY else "any change"
+    return f"half see {change}"
 
 
 def deviation(study: str, verdicts: Sequence[Verdict]) -> Deviation | None:

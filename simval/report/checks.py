@@ -1,7 +1,7 @@
 """Every check against theory: counts by family, each check, figures of failing ones."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from simval.change import EFFORT
 from simval.figures import Figure
 from simval.judge.findings import reproduce
+from simval.judge.gate import GateResult
 from simval.report.curves import (
     PREFERRED,
     Measured,
@@ -29,7 +30,7 @@ from simval.results import CellName, Row
 from simval.statistics import Statistic
 from simval.sweep import Run
 from simval.sweep.run import CellResult
-from simval.verdict import WORST_FIRST, Answer, Verdict
+from simval.verdict import WORST_FIRST, Verdict
 
 # ---- figures of failing checks
 
@@ -165,22 +166,24 @@ def checks_section(context: Context) -> Section | None:
         open=bool(verdicts) and verdicts[0].answer != "pass",
         alpha=context.alpha,
         linked=linked,
-        found=_counted(context.judged.counts),
+        found=_counted(context.judged),
     )
 
 
-def _counted(counts: Mapping[Answer, int]) -> str:
+def _counted(judged: GateResult) -> str:
     """Numbers of checks by result."""
-    told = [f"{counts[word]:,} {word}" for word in WORST_FIRST if counts.get(word)]
+    counts = Counter(map(_answer, judged.verdicts))
+    order = (*WORST_FIRST, "wide")
+    told = [f"{counts[word]:,} {word}" for word in order if counts[word]]
     return f"{', '.join(told)}." if told else ""
 
 
 def _families(context: Context) -> Table:
-    groups: dict[tuple[str, str, str], Counter[Answer]] = {}
+    groups: dict[tuple[str, str, str], Counter[str]] = {}
     for v in context.judged.verdicts:
         key = (v.cell.study, v.row.predictor, str(v.row.check))
-        groups.setdefault(key, Counter())[v.answer] += 1
-    answers: tuple[Answer, ...] = ("pass", "fail", "inconclusive")
+        groups.setdefault(key, Counter())[_answer(v)] += 1
+    answers = ("pass", "fail", "inconclusive", "wide")
     return Table(
         name="families",
         caption="Answers of each family of checks",
@@ -189,10 +192,14 @@ def _families(context: Context) -> Table:
             *(Column(answer, "number") for answer in answers),
         ),
         rows=[
-            (*key, *map(own.get, answers, (0, 0, 0)))
+            (*key, *(own[each] for each in answers))
             for key, own in sorted(groups.items())
         ],
     )
+
+
+def _answer(verdict: Verdict) -> str:
+    return "wide" if verdict.wide else verdict.answer
 
 
 def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) -> Table:
@@ -202,7 +209,7 @@ def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) ->
         return found.get(v.cell, (None, None, spelled(str(v.cell))))[i]
 
     fields: dict[Column, Callable[[Verdict], Any]] = {
-        Column("verdict", "answer", choice=True): lambda v: v.answer,
+        Column("verdict", "answer", choice=True): _answer,
         Column("study", choice=True): lambda v: spelled(v.cell.study),
         Column("statistic"): lambda v: str(v.row.statistic),
         Column("against", choice=True): lambda v: v.row.predictor,
@@ -219,6 +226,7 @@ def _each(context: Context, verdicts: list[Verdict], figures: dict[Key, str]) ->
         ),
         Column("p", "number", 2): lambda v: v.p_value,
         Column("limit", "number", 2): lambda v: v.limit if v.limit == v.limit else None,
+        Column("power", "number", 2): lambda v: v.power if v.power == v.power else None,
         Column("n", "number", 12): lambda v: v.row.n,
         Column("figure", "figure"): lambda v: (
             figures.get(key_of(v)) if v.answer == "fail" else None

@@ -412,7 +412,9 @@ def summary_section(context: Context) -> Section | None:
         ),
         answer=context.judged.answer,
         headline=headline(context.judged),
-        sampled=sum(v.p_value is not None for v in context.judged.verdicts),
+        sampled=sum(
+            v.p_value is not None and not v.wide for v in context.judged.verdicts
+        ),
         part=part.said if part else "",
         judged=context.judged.counts.total(),
         alpha=context.alpha,

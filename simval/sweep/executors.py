@@ -229,11 +229,12 @@ def ending_of(cell: Cell, rows: Sequence[Row], alpha: float) -> Ending:
     does of this cell alone: what is inconclusive here is so there.
     """
     members = [(CellName(cell.study, cell.name), row) for row in rows]
-    verdicts = judge(members, alpha)
-    if not verdicts:
+    if overall(judge(members, alpha)) == "fail":
+        return "fail"
+    answers = {v.answer for v in judge(members, ALPHA) if not v.wide}
+    if not answers:
         return "stored"
-    failed = overall(verdicts) == "fail"
-    return "fail" if failed else overall(judge(members, ALPHA))
+    return "inconclusive" if "inconclusive" in answers else "pass"
 
 
 def failed(position: int, cell: Cell, error: str, seconds: float = 0.0) -> Done:

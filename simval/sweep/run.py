@@ -21,11 +21,12 @@ from simval.arguments import file_path
 from simval.errors import InputError
 from simval.extras import refuse_without
 from simval.notebooks import ShownRun
-from simval.results import COLUMNS, NUMBERS, Row
+from simval.results import COLUMNS, NUMBERS
 from simval.studies.study import canonical
 from simval.sweep import store
 from simval.sweep.cells import CellResult
 from simval.text import nearest
+from simval.verdict import powers
 from simval.vocabulary import RUNS
 
 __all__ = [
@@ -170,28 +171,23 @@ def write_table(database: sqlite3.Connection, path: Path) -> None:
         TextIOWrapper(content, encoding="utf-8", newline="") as file,
     ):
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["cell", "study", "seed", *keys, *COLUMNS])
-        for cell in store.read_cells(database, "cell"):
-            values = [_exact(cell.parameters.get(key)) for key in keys]
+        writer.writerow(["cell", "study", "seed", *keys, *COLUMNS, "power"])
+        cells = list(store.read_cells(database, "cell"))
+        power = iter(_powers(cells))
+        for cell in cells:
+            values = [cell.parameters.get(key) for key in keys]
             head = [cell.name, cell.study, cell.seed, *values]
-            lines = sorted(map(_line, cell.rows), key=lambda line: line[:2])
-            writer.writerows([*head, *line] for line in lines)
+            lines = [[*row.tidy.values(), next(power)] for row in cell.rows]
+            for line in sorted(lines, key=lambda line: line[:2]):
+                writer.writerow(map(_exact, [*head, *line]))
 
 
-def _line(row: Row) -> list[Any]:
-    """The columns of a row; what was not measured is an empty field."""
-    numbers = (row.value, row.standard_error, row.n, row.prediction, row.remainder)
-    return [
-        str(row.statistic),
-        row.predictor,
-        *("" if number is None or number != number else number for number in numbers),
-        row.unit,
-        row.check,
-        row.outside,
-    ]
+def _powers(cells: Iterable[CellResult]) -> list[float]:
+    return powers((cell.named, row) for cell in cells for row in cell.rows)
 
 
 def _exact(value: Any) -> Any:
+    """What was not measured is an empty field."""
     if value is None or value != value:
         return ""
     return repr(value) if isinstance(value, float) else value
@@ -215,9 +211,11 @@ def data_frame(cells: Iterable[CellResult]) -> Any:
     columns: dict[str, list[Any]] = {
         "statistic": [str(row.statistic) for row in rows],
         **{name: [getattr(row, name) for row in rows] for name in COLUMNS[1:]},
+        "power": _powers(done),
     }
     counts = [len(cell.rows) for cell in done]
-    kinds = {"seed": "int64", "n": "int64", **dict.fromkeys(NUMBERS, "float64")}
+    kinds = {"seed": "int64", "n": "int64", "power": "float64"}
+    kinds |= dict.fromkeys(NUMBERS, "float64")
     repeated = {
         name: pd.Series(values, dtype=kinds.get(name) or _dtype(values))
         .repeat(counts)

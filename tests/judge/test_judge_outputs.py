@@ -44,6 +44,7 @@ def rows(shift=0.0, scale=1.0):
     return [
         row("bias[x]", 0.1 + shift, prediction=0.1, **SAMPLED),
         row("bias[y]", 0.0, prediction=0.0, **SAMPLED),
+        row("bias[z]", 0.01, prediction=0.01, **SAMPLED),  # 6 times that would pass
         row("rms[K]", 0.5 * scale, prediction=0.5, **SAMPLED),
         row("rms[S_yx]", 0.25 * scale, prediction=0.25, **SAMPLED),
         row("recovery", 1e-12, prediction=1e-9, check="limit"),

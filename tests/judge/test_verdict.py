@@ -18,8 +18,17 @@ from rows_by_name import row
 from scipy import optimize, stats
 
 from simval.results import CellName
-from simval.statistics import NEES
-from simval.verdict import POWER, PRACTICAL, freedom, judge, overall, p_values
+from simval.statistics import BIAS, NEES
+from simval.verdict import (
+    POWER,
+    PRACTICAL,
+    freedom,
+    judge,
+    overall,
+    p_values,
+    powers,
+    powers_by_study,
+)
 
 NAME = CellName("study", "cell")
 SAMPLED = {"standard_error": 1.0, "n": 1000, "predictor": "exact", "check": "plain"}
@@ -278,6 +287,129 @@ def test_a_pass_means_that_a_discrepancy_would_have_been_seen():
     assert found >= stats.binom.isf(1 - 1e-4, runs, POWER)
     # what is seen to be wrong fails, however few the samples
     assert judged(changed(value=9.0, n=300))[0].answer == "fail"
+
+
+@pytest.mark.parametrize(
+    ("predicted", "remainder", "check"),
+    [(100.0, 5.0, "plain"), (-100.0, 0.0, "control"), (4.0, 2.0, "nees")],
+)
+def test_the_power_is_the_relative_change_that_99_of_100_runs_fail(
+    predicted, remainder, check
+):
+    rng, runs = np.random.default_rng(20_264), 500
+    values = changed(
+        value=predicted, prediction=predicted, remainder=remainder, check=check
+    )
+    (verdict,) = judged(values)
+    scatter = predicted + rng.standard_normal(runs)
+
+    def failing(off):  # of right values, a prediction that is off: alone at 1e-3
+        rows = [replace(values, value=v, prediction=predicted + off) for v in scatter]
+        return int(np.sum(p_values(rows) <= 1e-3))
+
+    enough = stats.binom.ppf(1e-4, runs, POWER)
+    off = abs(predicted) * verdict.power
+    assert min(failing(off), failing(-off)) >= enough
+    # less by a fifth of what is seen beyond the remainder is found more seldom
+    assert failing(off - 0.2 * verdict.detectable) < enough
+
+
+@pytest.mark.parametrize(
+    ("check", "predicted", "remainder", "power"),
+    [
+        ("exact", 4.0, 0.1, 0.025),
+        ("exact", -4.0, 0.1, 0.025),
+        ("exact", 0.0, 0.1, 0.1),  # in the unit of the row
+        ("limit", 0.3, 0.0, 0.3),
+        ("limit", 0.0, 0.0, 0.0),
+    ],
+)
+def test_the_power_of_a_row_without_chance(check, predicted, remainder, power):
+    given = changed(
+        value=predicted, prediction=predicted, remainder=remainder, check=check,
+        standard_error=0.0,
+    )  # fmt: skip
+    (verdict,) = judged(given)
+    assert verdict.power == pytest.approx(power, rel=4 * EPS)
+    unit = abs(predicted) if check == "exact" and predicted else 1.0
+    for share, answer in ((1.0 - OFF, "pass"), (1.0 + OFF, "fail")):
+        reached = share * verdict.power * unit
+        if check == "exact":
+            reached += predicted
+        if power:
+            assert judged(replace(given, value=reached))[0].answer == answer
+
+
+def test_a_prediction_of_nothing_is_taken_by_a_sample_s_own_spread():
+    # 1000 samples and an error of 1: a spread of sqrt(1000)
+    spread = sqrt(1000.0)
+    for predicted in (0.0, 0.9e-9 * spread, -0.9e-9 * spread):
+        (verdict,) = judged(changed(value=0.0, prediction=predicted, remainder=3.0))
+        seen = (verdict.detectable + 3.0) / spread
+        assert verdict.power == pytest.approx(seen, rel=4 * EPS)
+        assert not verdict.wide
+    (verdict,) = judged(changed(value=0.0, prediction=1.1e-9 * spread))
+    assert verdict.power > 1e8
+    assert verdict.wide
+
+
+def test_a_row_that_allows_more_than_it_predicts_is_no_check():
+    (seen,) = judged(changed(value=100.0, prediction=100.0))
+    edge = seen.detectable
+    narrow, broad = (
+        changed(value=p, prediction=p) for p in (edge * (1 + OFF), edge * (1 - OFF))
+    )
+    assert [judged(each)[0].wide for each in (narrow, broad)] == [False, True]
+    # nothing but such rows: nothing was shown
+    assert overall(judged(broad)) == "inconclusive"
+    assert overall(judged(broad, seen.row)) == "pass"
+    # what is far off fails all the same, and then counts
+    (off,) = judged(replace(broad, value=20.0))
+    assert (off.answer, off.wide) == ("fail", False)
+
+
+def test_a_wide_row_counts_beside_a_control_row_that_sees_more():
+    wide = changed(value=1.0, prediction=1.0)
+    sharp = {"check": "control", "standard_error": 0.01, "statistic": wide.statistic}
+    beside = replace(wide, **sharp)
+    for other, counts in (
+        (beside, True),
+        (replace(beside, statistic=wide.statistic.control), True),
+        (replace(beside, standard_error=1.0), False),  # which is wide itself
+        (replace(beside, n=255), False),  # which cannot be judged
+        (replace(beside, check="plain"), False),
+        (replace(beside, statistic=NEES()), False),
+        (replace(beside, predictor="order 2"), False),
+    ):
+        assert judged(wide, other)[0].wide is not counts
+    elsewhere = judge([(NAME, wide), (CellName("study", "another"), beside)])
+    assert elsewhere[0].wide
+
+
+def test_a_study_s_power_is_the_median_over_its_quantities():
+    def rows(*predictions, **fields):
+        return [
+            changed(value=p, prediction=p, statistic=stat_, **fields)
+            for p, stat_ in zip(predictions, BIAS.each("xyz"), strict=True)
+        ]
+
+    plain = rows(1.0, 100.0, 400.0)
+    # beside the first, which is wide alone, stands a sharper row of the same
+    sharp = replace(plain[0], check="control", standard_error=0.001)
+    for some, median in (
+        ([*plain, sharp], 0.25),  # the third's of three quantities
+        (plain, (1.0 + 0.25) / 2.0),  # of two
+    ):
+        other = changed(value=0.0, remainder=9.0, standard_error=0.0, check="exact")
+        least = changed(value=0.0, prediction=9.0, check="limit")
+        # what states its power in a unit of its own is no part of it
+        verdicts = judged(*some, other, least, changed(check="record"))
+        (of_second,) = (v.power for v in verdicts if v.row is plain[1])
+        found = powers_by_study(verdicts)
+        assert found == {"study": pytest.approx(median * of_second, rel=1e-12)}
+    assert powers([(NAME, GOOD), (NAME, changed(check="record"))])[0] == (
+        judged(GOOD)[0].power
+    )
 
 
 def squares(ratios, predicted=3.0, error=0.01, **values):

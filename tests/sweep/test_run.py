@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from stores import edited, rewritten
 
 from simval.errors import InputError
+from simval.judge import judge_run
 from simval.results import COLUMNS, plain
 from simval.statistics import BIAS
 from simval.studies.study import canonical
@@ -46,6 +47,12 @@ def test_a_table_holds_what_the_csv_holds(form, simval, tiny_run, tmp_path):
     def key(line):
         return line["cell"], line["statistic"], line["predictor"]
 
+    judged = {
+        (v.cell.name, str(v.row.statistic), v.row.predictor): repr(v.power)
+        for v in judge_run(load_run(tiny_run)).verdicts
+    }
+    assert {row["power"] for row in rows if row["check"] == "record"} == {""}
+    assert all(row["power"] == judged.get(key(row), "") for row in rows)
     found = {key(line): line for line in lines}
     assert len(found) == len(lines) == len(rows) > 100
     for row in rows:
@@ -93,7 +100,7 @@ def test_any_parameters_become_columns(several):
     # of a cell that is not finished there is nothing
     frame = data_frame([*cells, cell(9, {"ignored": 1}, "pending")])
     keys = sorted({key for parameters in several for key in parameters})
-    assert list(frame.columns) == ["cell", "study", "seed", *keys, *COLUMNS]
+    assert list(frame.columns) == ["cell", "study", "seed", *keys, *COLUMNS, "power"]
     lines = frame.to_dict("records")
     for number, parameters in enumerate(several):
         for line in lines[3 * number : 3 * number + 3]:
