@@ -242,8 +242,9 @@ class Setting:
 
     def exact_square(self, frame: str) -> float:
         """Exact mean square of a fixed frame."""
-        # a qbar of 0 has no sign; the square is even and smooth in it
-        geometry = self.turned(frame, max(self.share, 1e-3 * self.sigma))
+        # a qbar of 0 has no sign; the square of its frame is even and smooth in it
+        least = 1e-3 * self.sigma if frame == "plain" else 0.0
+        geometry = self.turned(frame, max(self.share, least))
         bias, C = exact_moments(geometry, noise_covariances(self.sigma))
         second = C + np.outer(bias, bias)
         return 4.0 * float(np.trace(second) - geometry.q @ second @ geometry.q)
