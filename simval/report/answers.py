@@ -32,7 +32,7 @@ from simval.judge import Comparison, GateResult, Step
 from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
 from simval.judge.findings import rounded_up
 from simval.report.curves import simultaneous
-from simval.report.findings import EXACTLY, percent
+from simval.report.findings import percent
 from simval.report.formatting import begun, measured, rounded, spelled
 from simval.report.section import Against, Context, home
 from simval.results import CellName
@@ -51,6 +51,7 @@ from simval.statistics import (
     Statistic,
 )
 from simval.sweep import Run
+from simval.text import ROUNDING
 from simval.verdict import (
     WORST_FIRST,
     Answer,
@@ -249,7 +250,7 @@ def _study_line(study: str, verdicts: Sequence[Verdict]) -> Line:
 
 def _power_words(median: float) -> str:
     """Median power of a study's checks, in words."""
-    change = f"a change of {percent(median)}" if median > EXACTLY else "any change"
+    change = f"a change of {percent(median)}" if median > ROUNDING else "any change"
     return f"half see {change}"
 
 
