@@ -61,7 +61,8 @@ FLOOR = 8.0 * ROUNDING
 """Differences below it are not fitted."""
 
 NEXT, AFTER, MOST_BENT = 2.0, 1e-3, 0.3
-"""Of the square of b sigma^2 in a slope, 1.2 times which was the most seen; of the term
+"""Of the square of b sigma^2 in a slope, 1.2 times which was the most seen, and b is
+here the ratio of the sizes of the two terms, which is no less (`_bent`); of the term
 after it, the fourth power of the highest level, 3e-6, hundreds of times; and the b
 sigma^2 where (O1) ends."""
 
@@ -100,14 +101,44 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     truth = random_geometry(parameters.geometry, MIN_NORM)
     shape = noise_shapes(parameters.noise, parameters.geometry, truth, each=True)
     *_, second, norm = np.sort(np.abs(column_norms(*truth))).tolist()
-    rows = [*unjudged(stat.NORM(), norm), *_slopes(truth, norm, shape, None)]
+    bent = _bent(truth, norm * LEVELS, shape)
+    rows = [*unjudged(stat.NORM(), norm), *_slopes(truth, norm, shape, None, bent)]
     if norm - second >= LEAD * norm:
-        rows += _slopes(truth, norm, shape, COMBINED)
+        rows += _slopes(truth, norm, shape, COMBINED, bent)
     return Outcome(rows=tuple(rows))
 
 
+def _bent(
+    truth: Truth, levels: Float[Array, " n"], shape: Float[Array, "4 3 3"]
+) -> dict[tuple[int | str, str], float]:
+    """The next term over the first that is left out, at the highest level.
+
+    From the truth alone, whose powers of the variance go through its levels: a wrong
+    formula must not say of itself where theory ends. The source's first term is its
+    distance from the complete order.
+    """
+    noises = levels[:, None, None, None] ** 2 * shape
+    truths = [_truth(truth, noise, None) for noise in noises]
+    powers = (levels[:, None] / levels[-1]) ** (2.0 * np.arange(1, len(levels) + 1))
+    whole, source = (attitude_moments(*truth, noises[-1], o) for o in (4, "4-paper"))
+    found: dict[tuple[int | str, str], float] = {}
+    for part in FAMILIES:
+        every = np.array([getattr(each, part).ravel() for each in truths])
+        _, second, third, fourth, *_ = np.linalg.norm(
+            np.linalg.solve(powers, every), axis=1
+        )
+        apart = np.linalg.norm(getattr(whole, part) - getattr(source, part))
+        found |= {(2, part): third / second, (4, part): fourth / third}
+        found[("4-paper", part)] = third / max(apart, np.finfo(float).tiny)
+    return found
+
+
 def _slopes(
-    truth: Truth, norm: float, shape: Float[Array, "4 3 3"], frame: Frame | None
+    truth: Truth,
+    norm: float,
+    shape: Float[Array, "4 3 3"],
+    frame: Frame | None,
+    bent: dict[tuple[int | str, str], float],
 ) -> Iterator[Row]:
     """Rows of the greatest column, or of all combined: three levels suffice there."""
     levels = norm * LEVELS[:: 2 if frame else 1]
@@ -122,7 +153,7 @@ def _slopes(
         for part, (order_of, error_of) in FAMILIES.items():
             off = getattr(found, part) - [getattr(each, part) for each in truths]
             gap = np.linalg.norm(off.reshape(len(levels), -1), axis=1)
-            value, left, why = slope_of(levels, gap, norm)
+            value, left, why = slope_of(levels, gap, norm, bent[order, part])
             rows = exact(order_of(*of), value, slope, label, left)
             yield from beyond(rows, why)
             statistics = [error_of(*of, f"{level:.4g}") for level in levels]
@@ -130,7 +161,7 @@ def _slopes(
 
 
 def slope_of(
-    levels: Float[Array, " n"], gap: Float[Array, " n"], norm: float
+    levels: Float[Array, " n"], gap: Float[Array, " n"], norm: float, bent: float
 ) -> tuple[float, float, str]:
     """Slope by (O1), what it may be off by, and why it says nothing, if it does not."""
     fitted = gap > FLOOR / norm
@@ -144,13 +175,13 @@ def slope_of(
     x, y = levels[fitted], gap[fitted]
     squares = (x / x[-1]) ** 2
     fit = np.linalg.pinv(np.stack([np.ones(len(x)), np.log(x), squares], axis=1))
-    _, value, bent = (fit @ np.log(y)).tolist()
+    value = float(fit[1] @ np.log(y))
     left = NEXT * bent**2 + AFTER + float(np.abs(fit[1]) @ (ROUNDING / norm / y))
     why = (
-        f"the next term is {abs(bent):.2g} of the first that is left out; a slope is "
+        f"the next term is {bent:.2g} of the first that is left out; a slope is "
         f"told up to {MOST_BENT:g}"
     )
-    return value, left, why if not abs(bent) <= MOST_BENT else ""
+    return value, left, why if not bent <= MOST_BENT else ""
 
 
 def _truth(truth: Truth, noise: Float[Array, "4 3 3"], frame: Frame | None) -> Moments:
