@@ -93,6 +93,9 @@ NEES = _ratio("nees", "normalised squared error", margin=0.02)
 POOLED_NEES = _ratio("nees, pooled", "normalised squared error, pooled", margin=0.02)
 COVERAGE = _share("coverage", "coverage of the stated intervals", better="prediction")
 MISJUDGED = _share("misjudged", "share of signals that are misjudged")
+CHANCE_OF_ERRORS = _size(
+    "chance_of_errors", "mean -ln of the chance of errors as far, by the stated bars"
+)
 COVERAGE_NORMAL = _share(
     "coverage_normal", "coverage of 1.96 standard deviations", better="prediction"
 )

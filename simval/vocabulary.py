@@ -57,6 +57,7 @@ STUDIES: Final = (
     "noise_model",
     "detector",
     "end_to_end",
+    "whole_log",
     "estimator",
     "calibrator",
     "filter",
