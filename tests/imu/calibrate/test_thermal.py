@@ -16,7 +16,7 @@ from written import written
 
 from simval.cli import run
 from simval.errors import RefusedError
-from simval.imu.calibrate import calibrate
+from simval.imu.calibrate import calibrate, thermal
 from simval.imu.calibrate.comparison import compare_calibrations
 from simval.imu.calibrate.files import load_calibration, load_thermal
 from simval.imu.calibrate.gyroscope.evidence import Rests, bias_terms
@@ -513,3 +513,33 @@ def test_a_joint_fit_does_not_tell_what_the_temperature_hides():
     assert (together / alone)[[0, 1, 3]].min() > 0.5
     squares = np.diagonal(whole.gyroscope.covariance)[:9]
     np.testing.assert_array_equal(np.sqrt(squares), together)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_shifts_are_a_root_of_what_the_terms_leave_in_readings(seed):
+    # independent: the law (TH1) by complex steps of the coefficients
+    rng = np.random.default_rng(seed)
+    terms = thermal.TERMS
+    A = 1e-3 * rng.standard_normal((12, 12)) * np.exp(rng.normal(size=(12, 1)))
+    values, centre = 1e-3 * rng.standard_normal((4, 3)), rng.standard_normal(3)
+    own = thermal.Thermal(
+        reference=25.0, low=15.0, high=35.0, terms=terms, coefficients=values,
+        covariance=A @ A.T, centre=centre, dof=9,
+    )  # fmt: skip
+    readings = 10.0 * rng.standard_normal((6, 3))
+    powers = own.powers(rng.uniform(15.0, 35.0, 6))
+
+    def compensated(coefficients):
+        bias, scale = (coefficients.reshape(4, 3)[k::2] for k in (0, 1))
+        away = readings - centre - powers @ bias
+        return (centre + (1.0 + powers @ scale) * away).ravel()
+
+    step = 1e-30
+    slopes = np.array(
+        [compensated(values.ravel() + 1j * step * e).imag / step for e in np.eye(12)]
+    )
+    known = slopes.T @ A @ A.T @ slopes
+    moved = own.shifts(readings, powers).reshape(12, -1)
+    # two dozen products of numbers below the greatest variance, eigenvalues to as many
+    atol = 1e3 * np.finfo(float).eps * np.abs(known).max()
+    np.testing.assert_allclose(moved.T @ moved, known, rtol=0, atol=atol)
