@@ -93,7 +93,7 @@ class Parameters(StudyParameters):
     """One cell: the rests of a log, and how many logs."""
 
     poses: int = ranged(20, "Rests, spread evenly over the sphere.", 20, 60)
-    trials: int = ranged(40, "Logs, half of them with effects.", 10, 10_000)
+    trials: int = ranged(40, "Logs, half of them with effects.", 6, 10_000)
 
     def cost(self) -> Cost:
         """Cost of a cell: 0.2 s for a log of twenty rests."""
