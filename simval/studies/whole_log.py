@@ -96,8 +96,8 @@ class Parameters(StudyParameters):
     trials: int = ranged(40, "Logs, half of them with effects.", 6, 10_000)
 
     def cost(self) -> Cost:
-        """Cost of a cell: 0.2 s for a log of twenty rests."""
-        return Cost(0.3 + (0.1 + 0.005 * self.poses) * self.trials, 32)
+        """Cost of a cell: 0.3 s for a log of twenty rests."""
+        return Cost(0.3 + (0.1 + 0.01 * self.poses) * self.trials, 32)
 
 
 class Sensors:

@@ -41,6 +41,7 @@ TAIL_RUNS = {
     "attitude_geometries": 20,
     "attitude_map": 20,
     "scene": 10,
+    "whole_log": 10,
 }
 """Runs of each study on random settings. Chosen: some minutes each."""
 TAIL_SEED = 11_000_000

@@ -48,6 +48,9 @@ FEW: Final = MappingProxyType(
 )
 """Effort of a cell, or the least that is legal: as few as the gate judges."""
 
+LIMITED: Final = MappingProxyType({"whole_log": 6})
+"""Studies that hold fewer trials to limits, and how many."""
+
 SECONDS: Final = 3.0
 """Most that a cell says it costs."""
 
@@ -122,7 +125,8 @@ def values_of(study: str, rng: np.random.Generator) -> dict[str, Any]:
         if name == "time_limit":
             continue
         if choices is None and name in FEW:
-            values[name] = int(min(max(FEW[name], limits(info)[0]), limits(info)[1]))
+            few = LIMITED.get(study, FEW[name])
+            values[name] = int(min(max(few, limits(info)[0]), limits(info)[1]))
             continue
         if choices is None and kind < EDGE:
             choices = edges(info)
