@@ -21,7 +21,6 @@ from simval.plugins.names import located, portable
 from simval.results import CellName, Row
 from simval.statistics import (
     AT_AN_INSTANT,
-    CUBATURE,
     DIAGNOSES,
     FAILURES,
     Family,
@@ -87,17 +86,9 @@ _OF: Final[Mapping[str, Mapping[str, str]]] = MappingProxyType(
     }
 )
 
-UNSETTLED: Final = (
-    "cubature of the function does not settle at this noise: it jumps, or is far from "
-    "smooth"
-)
-"""Of a remainder that is too great to judge by: it is cubature's own error."""
-
 
 def advice_on(finding: Finding) -> str:
     """Advice on a failure; empty where its reason says it."""
-    if finding.answer == "inconclusive" and finding.against == CUBATURE:
-        return UNSETTLED if "a remainder of" in finding.reason else ""
     if finding.answer != "fail" or not finding.statistic:
         return ""
     family = finding.statistic.partition("[")[0]

@@ -13,7 +13,7 @@ import re
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
@@ -22,13 +22,13 @@ from typing import Any, Final
 import numpy as np
 
 from simval.errors import CrashedPluginError, InputError, PluginError
-from simval.judge import GateResult, judge_run, read_baseline, write_baseline
+from simval.judge import Gap, GateResult, judge_run, read_baseline, write_baseline
 from simval.plugins import Calibrator, Estimator, Filter
 from simval.plugins.loading import Meant, meant
 from simval.plugins.names import COMMAND, located, portable
 from simval.plugins.protocol import declarations
 from simval.results import Row
-from simval.statistics import BELOW_BOUND, CRAMER_RAO
+from simval.statistics import BELOW_BOUND, CRAMER_RAO, CUBATURE
 from simval.studies import STUDIES
 from simval.studies.plugin import outcome
 from simval.studies.study import Cell
@@ -243,8 +243,23 @@ def check_plugin(
     return Checked(
         plugins=tuple(plugins),
         cells=tuple(run.cells),
-        result=judge_run(run, None, alpha),
+        result=_judged(run, None, alpha),
     )
+
+
+UNSETTLED: Final = (
+    "cubature of the function does not settle at this noise: it jumps, or is far from "
+    "smooth"
+)
+"""Why a row by cubature is outside the range: what it leaves out is the function's."""
+
+
+def _judged(run: Run, baseline: Mapping[str, Any] | None, alpha: float) -> GateResult:
+    """Judge as the gate does, but what cubature cannot tell was not measured."""
+    result = judge_run(run, baseline, alpha)
+    unsettled = [pair for pair in result.outside if pair[1].predictor == CUBATURE]
+    gaps = [Gap(cell=cell, reason=UNSETTLED) for cell in dict(unsettled)]
+    return replace(result, gaps=(*result.gaps, *gaps))
 
 
 NUMPYS_OWN: Final[Mapping[str, Any]] = MappingProxyType(
@@ -311,11 +326,11 @@ def check_function(
     cells = tuple(_measured(i, cell, plugin) for i, cell in enumerate(suite.cells))
     found = {} if baseline is None else manifest(suite)
     run = Run(folder=Path("check"), cells=cells, manifest=found, timing={})
-    result = judge_run(run, None, alpha)
+    result = _judged(run, None, alpha)
     if baseline is not None:
         if update_baseline and result.exit_code == 0:
             write_baseline(Path(baseline), run, update_baseline)
-        result = judge_run(run, read_baseline(Path(baseline)), alpha)
+        result = _judged(run, read_baseline(Path(baseline)), alpha)
     return Checked(
         plugins=(held,),
         cells=cells,

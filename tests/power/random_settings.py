@@ -32,7 +32,6 @@ WITHOUT_CHANCE: Final[Mapping[str, str]] = MappingProxyType(
         "attitude_geometries": "draws nothing: its geometries are numbered",
         "attitude_map": "draws nothing: its geometries are numbered",
         "solvers": "draws one set of readings, on which all methods must agree",
-        "whole_log": "holds its few logs to limits; its noise is that of others",
     }
 )
 """Studies without a judged row that has a standard error, each with the reason."""

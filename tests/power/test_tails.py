@@ -111,7 +111,6 @@ SMALL = {
     "scene": {"poses": 9},
     "attitude_geometries": {"geometries": 20},
     "attitude_map": {"geometries": 5},
-    "whole_log": {"trials": 6},
 }
 
 
