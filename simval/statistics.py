@@ -422,6 +422,7 @@ INDEPENDENT = "independence"
 BINOMIAL = "binomial"
 RESPONSE = "its own response"
 ENUMERATED = "all samples"
+INTEGRATOR = "what its steps leave out"
 KNOWN_SCENE = "known scene"
 NINE_PARAMETERS = "Cramer-Rao, nine parameters"
 

@@ -11,8 +11,10 @@ without noise.
 The laws are of first order. The next one is of the size of the second-order bias, below
 a hundredth of a standard deviation at the default noise and in proportion to it
 (`simval.theory.gyroscope`), and of what the bound's moves of 40 segments leave out
-(`PIECES`). Beside little noise stands what the rotations leave out by themselves
-(`FOURTH`): it is allowed as a bias. The generalised fit takes nothing of the gyroscope
+(`PIECES`). Beside little noise stands what the rotations leave out by themselves: the
+scheme of means, written out once more here, against the true turn of each chunk. The
+error of M that this makes is the one that is expected without noise, and it is allowed
+as a bias. The generalised fit takes nothing of the gyroscope
 for the accelerometer: it misses the bound by a part (`ONE_BY_ONE`) of what that would
 take off the accelerometer's variances.
 """
@@ -56,13 +58,11 @@ BLOCK = 8  # trials; part of the promise of equal bits
 FINE = 100
 """Segments of a move beside which a stated covariance is held, extrapolated with half
 as many."""
-SECOND, FOURTH, SEGMENTS = 0.14, 0.025, 3e-5
+SECOND, SEGMENTS = 0.14, 3e-5
 """Of the turn in a reading, which the greatest rate makes: its square times the first
-is what a stated covariance leaves out, in deviations, its fourth power times the second
-what the rotations do, relative; and what the segments leave out of the former. Of poses
-from 12 to 40, moves of 1.5 to 10 s and 1 to 10 rows to a reading the factors were 0.025
-to 0.07 and 0.004 to 0.0123; of the turn's fourth order, of averages with their coning,
-only these can be derived: `tests/studies/test_calibration_studies.py`."""
+is what a stated covariance leaves out, in deviations: the factor was 0.025 to 0.07 of
+poses from 12 to 40, moves of 1.5 to 10 s and 1 to 10 rows to a reading; and what the
+segments leave out of it."""
 ROUNDED = 1e-11
 """Of a rotation: thousands of rows of 1e-16 each, by the condition of the poses."""
 RELATIVE = 5e-3
@@ -137,7 +137,8 @@ class Tumble:
         self.gyroscope = GyroscopeModel(M=np.eye(3) + np.array(off), B=bias)
         self.accelerometer = true_sensor(0.0)
         rng = np.random.default_rng(0)  # draws nothing
-        self.rates = self.gyroscope.distort(average_rates(run, every), rng)
+        self.body = average_rates(run, every)
+        self.rates = self.gyroscope.distort(self.body, rng)
         self.steps = average_rates(run) if steps is None else steps  # of 500 Hz
         # of a reading at the greatest rate, rad
         self.turn = float(np.linalg.norm(self.steps, axis=1).max()) * every / ROWS
@@ -186,10 +187,32 @@ class Tumble:
             "rates": (rows - self.rates) / each,
         }
 
-    def clean(self) -> GyroscopeFit:
-        """The calibration without noise."""
-        poses, rates = (np.ascontiguousarray(x)[None] for x in (self.poses, self.rates))
-        return self.fitted(poses, rates)
+    def clean(self, rates: Any = None) -> GyroscopeFit:
+        """The calibration without noise, of these rates."""
+        both = self.poses, self.rates if rates is None else rates
+        return self.fitted(*(np.ascontiguousarray(x)[None] for x in both))
+
+    def by_scheme(self, clean: GyroscopeFit) -> Float[Array, "3 3"]:
+        """Error of M by what the scheme leaves out of the turn of a chunk.
+
+        Added to the readings that makes the scheme turn as the truth does, up to the
+        next order: the square of a reading's turn times as much (0.08 of it was seen).
+        """
+        h, w = self.every / ROWS, self.body
+        rise = 0.5 * (np.roll(w, -1, axis=0) - np.roll(w, 1, axis=0))
+        turn, cross = h * w, h * h / 12.0 * np.cross(w, rise)
+        lost = np.zeros_like(w)
+        for a, b in zip(*self._ends(), strict=True):
+            one = np.arange(a, b, CHUNK) + 1  # of two steps, the last perhaps of one
+            end = np.minimum(one + 1, b)
+            more = (end > one)[:, None]
+            second = turn[end] + cross[end] + 0.5 * np.cross(turn[one], turn[end])
+            whole = turn[one] + cross[one] + more * second
+            left = (self._turns(one - 1, end) - whole) / (1.0 + more)
+            lost[end] = left
+            lost[one] = left
+        rates = self.rates + np.linalg.solve(self.gyroscope.M, lost.T / h).T
+        return (clean.M - self.clean(rates).M)[0]
 
     def fitted(
         self, poses: Float[Array, "t n 3"], rows: Float[Array, "t r 3"]
@@ -232,18 +255,22 @@ class Tumble:
 
     def _path(self, pieces: int) -> MovePath:
         # from the attitudes, from ten rows before the end of a rest to ten of the next
-        rotation = scipy.spatial.transform.Rotation
-        inner = np.minimum(10, np.diff(self.rests)[:, 0] // 3)
-        first = self.rests[:-1, 1] - 1 - inner[:-1]
-        last = self.rests[1:, 0] + inner[1:]
         turns, seconds = [], []
-        for a, b in zip(first, last, strict=True):
+        for a, b in zip(*self._ends(), strict=True):
             nodes = np.round(np.linspace(a, b, pieces + 1)).astype(int)
-            # the package's world to sensor is what SciPy reads as sensor to world
-            attitude = rotation.from_quat(np.array(self.attitude[nodes]))
-            turns.append((attitude[:-1].inv() * attitude[1:]).as_rotvec())
+            turns.append(self._turns(nodes[:-1], nodes[1:]))
             seconds.append(np.diff(self.time[nodes]))
         return MovePath(turns=np.array(turns), seconds=np.array(seconds))
+
+    def _ends(self) -> tuple[Any, Any]:
+        inner = np.minimum(10, np.diff(self.rests)[:, 0] // 3)
+        return self.rests[:-1, 1] - 1 - inner[:-1], self.rests[1:, 0] + inner[1:]
+
+    def _turns(self, start: Any, end: Any) -> Float[Array, "n 3"]:
+        # the package's world to sensor is what SciPy reads as sensor to world
+        rotation = scipy.spatial.transform.Rotation
+        before, after = (rotation.from_quat(self.attitude[k]) for k in (start, end))
+        return np.asarray((before.inv() * after).as_rotvec())
 
 
 def _rests(run: Trajectory, every: int) -> Any:
@@ -269,11 +296,13 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     bound = np.diagonal(data.bound())[:free]
     clean = data.clean()
     off = float(np.abs(clean.M[0] - data.gyroscope.M).max())
-    most = ROUNDED + FOURTH * data.turn**4
+    scheme = data.by_scheme(clean)
+    most = float(np.abs(scheme).max())
+    left = ROUNDED + data.turn**2 * most
     return Outcome(
         rows=(
-            *_judged(trials, bound, data),
-            *limit(stat.RECOVERY("M"), off, most, stat.ROUNDING),
+            *_judged(trials, bound, data, scheme),
+            *exact(stat.RECOVERY("M"), off, most, stat.INTEGRATOR, left),
             *limit(stat.REST_FORCE(), data.off, data.rest_force, stat.SCENE_BOUND),
             *drawn_rows(trials.noise),
             *_stated_row(clean, data),
@@ -283,7 +312,12 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     )
 
 
-def _judged(trials: Trials, bound: Float[Array, " p"], data: Tumble) -> tuple[Row, ...]:
+def _judged(
+    trials: Trials,
+    bound: Float[Array, " p"],
+    data: Tumble,
+    scheme: Float[Array, "3 3"],
+) -> tuple[Row, ...]:
     error, C = trials["error"], trials["covariance"]
     n, p = error.shape
     sd = np.sqrt(np.diagonal(C, axis1=1, axis2=2))
@@ -291,7 +325,7 @@ def _judged(trials: Trials, bound: Float[Array, " p"], data: Tumble) -> tuple[Ro
     stated = C.mean(axis=0)
     small = SMALL_BIAS * max(1.0, data.parameters.angle_random_walk / USUAL)
     left = small * np.sqrt(np.diagonal(stated))
-    left[:9] += FOURTH * data.turn**4  # of M, by what the rotations leave out
+    left[:9] += np.abs(scheme).ravel()  # what the rotations leave out
     within, may = interval_coverage(
         LEVEL, np.zeros(p), left / np.sqrt(np.diagonal(stated)), RELATIVE / 2.0
     )
