@@ -386,6 +386,7 @@ class Statistic:
 # predictors: the theory that a value is compared with
 EXACT = "exact"
 ORDER_2 = "order 2"
+FIRST_POWER = "order 2, of its own power"
 ORDER_4_SOURCE = "order 4, source"
 ORDER_4 = "order 4, complete"
 ORDER_2_PRINTED = "eq. (63), as printed"

@@ -30,7 +30,8 @@ is that beyond t less or plus :math:`m + \tfrac12 v |t - \mu|`, to first order i
 
 Second and fourth order of the least squares' covariance are set against cubature of
 degree 7 besides, without chance. How much either may leave out is said by the powers of
-the noise in that truth, and not by the distance of a formula from it.
+the noise in that truth, and not by the distance of a formula from it. The first of them
+is what the second order must be.
 """
 
 from collections.abc import Iterator
@@ -507,6 +508,12 @@ def _order_rows(setting: Setting) -> Iterator[Row]:
         yield from unjudged(stat.LEFT_OUT(name), second, predictor=stat.ORDER_2)
         beyond_first = float(np.linalg.norm(terms[1][own] + terms[2][own])) / size
         third = float(np.linalg.norm(terms[2][own])) / size
+        # the second order is the first power of the variance, and no more
+        first = float(np.linalg.norm(moments[0].covariance - terms[0][own])) / size
+        yield from exact(
+            stat.LEFT_OUT(name), first, 0.0, stat.FIRST_POWER,
+            third + NEXT_ROUNDING / LEVELS[-1],
+        )  # fmt: skip
         left = NEXT * third + NEXT_ROUNDING
         rows = exact(stat.LEFT_OUT(name), fourth, 0.0, stat.ORDER_4, left)
         out = (

@@ -7,7 +7,7 @@ import numpy as np
 
 from power.fault import Fault, result, then, times
 from simval.streams import Streams
-from simval.studies import attitude, attitude_order, attitude_singular
+from simval.studies import attitude, attitude_order, attitude_singular, attitude_vectors
 from simval.theory.attitude import attitude_moments
 
 CONJUGATE = np.array([[-1.0], [-1.0], [-1.0], [1.0]])
@@ -90,11 +90,11 @@ FORMULA = (
 def off(changed_order, change):
     """The covariance of an order changed by (itself, that of second order)."""
 
-    def broken(original, q, r1, r2, noise, order=2, frame=None):
-        moments = original(q, r1, r2, noise, order, frame)
-        if order != changed_order:
+    def broken(original, *given):
+        moments = original(*given)
+        if (*given, 2)[:5][-1] != changed_order:
             return moments
-        lower = original(q, r1, r2, noise, 2, frame).covariance
+        lower = original(*given[:4], 2, *given[5:]).covariance
         return replace(moments, covariance=change(moments.covariance, lower))
 
     return broken
@@ -104,6 +104,12 @@ order = partial(Fault, "order", "formula", attitude_order, "attitude_moments")
 ORDER = (
     order("second-order covariance 0.1 % off", off(2, lambda C, _: 1.001 * C)),
     order("fourth-order term 1 % off", off(4, lambda C, low: C + 0.01 * (C - low))),
+)
+vectors = partial(Fault, "vectors", "formula", attitude_vectors, "wahba_moments")
+VECTORS = (
+    vectors("second order of vectors 0.1 % off", off(2, lambda C, _: 1.001 * C)),
+    vectors("fourth order of vectors 0.1 % off", off(4, lambda C, _: 1.001 * C)),
+    vectors("its term 10 % off", off(4, lambda C, low: C + 0.1 * (C - low))),
 )
 
 
@@ -160,4 +166,4 @@ NOISE = (
     ),
 )
 
-FAULTS = (*ESTIMATOR, *FORMULA, *ORDER, *SINGULAR, *NOISE)
+FAULTS = (*ESTIMATOR, *FORMULA, *ORDER, *SINGULAR, *VECTORS, *NOISE)

@@ -78,6 +78,7 @@ SUITES: dict[str, dict[str, Any]] = {
         }
     },
     "order": {"attitude_order": {"geometry": 3, "noise": "isotropic"}},
+    "vectors": {"attitude_vectors": {"noise_std": 0.01}},
     **smoke_parts(),
 }
 
