@@ -78,7 +78,12 @@ def noise(x):
         )  # fmt: skip
 
     log = Made(how="", start=0, stop=9, left_out={})
-    sensors = {"accelerometer": ([axis() for _ in "xyz"], Made(how="", si_per_raw=1.0))}
+    sensors = {
+        "accelerometer": (
+            [axis() for _ in "xyz"],
+            Made(how="", si_per_raw=1.0, said=()),
+        )
+    }
     return noise_described(log, sensors)
 
 

@@ -78,9 +78,10 @@ def test_no_less_is_stated_over_the_horizon_and_no_smaller_walk_does(parts, powe
     square = equivalent_walk(slow[::10], white[::10], times[::10])
     for share, kept in ((1.0, True), (0.98, False)):
         stated = white + share * square * times / 3.0
-        # 10 steps are a factor of 1.026 of t, and s/t changes by no more
+        # 10 steps are a factor of 1.026 of t, and s/t changes by no more; the last term
+        # of (V14) is greatest where it is flat, and falls by 4e-4 at most in half a step
         more = (white + slow) / stated - 1.0
-        inside = more <= (EXCESS if kept else EXCESS - 0.01)
+        inside = more <= (EXCESS + 4e-4 if kept else EXCESS - 0.01)
         covered = (more <= 0.027)[(slow >= white) | (times == times[-1])]
         assert (inside.all() and covered.all()) or not kept
         if not kept:  # it is the least: one of the three bounds is met by less than 2 %
