@@ -79,7 +79,7 @@ def test_no_less_is_stated_over_the_horizon_and_no_smaller_walk_does(parts, powe
     for share, kept in ((1.0, True), (0.98, False)):
         stated = white + share * square * times / 3.0
         # 10 steps are a factor of 1.026 of t, and s/t changes by no more; the last term
-        # of (V14) is greatest where it is flat, and falls by 4e-4 at most in half a step
+        # of (V14) is greatest where it is flat: half a step is 4e-4 of it at most
         more = (white + slow) / stated - 1.0
         inside = more <= (EXCESS + 4e-4 if kept else EXCESS - 0.01)
         covered = (more <= 0.027)[(slow >= white) | (times == times[-1])]
