@@ -2,12 +2,14 @@
 
 The trials of a cell are shared between the seeds: together they are as many as in one
 run, so what one trial in as many would refuse is met. Every other seed has a tenth more
-noise than the suite.
+noise than the suite. A standard error from few trials scatters more than a run's, so it
+is not the greatest that is asked for room, but what one run in a thousand exceeds.
 """
 
 from collections import defaultdict
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from power.random_settings import compute, limits
 
@@ -45,6 +47,18 @@ def room_of(verdict):
     return most / off if off > 0.0 else float("inf")
 
 
+def widest(rows, times):
+    """A row with the standard error that one run in a thousand exceeds."""
+    errors = np.array([row.standard_error for row in rows]) / times**0.5
+    # of either noise: a run has as many times more trials, and scatters less by so much
+    most = max(
+        own.mean() + 3.1 * own.std(ddof=1) / times**0.5
+        for own in (errors[::2], errors[1::2])
+        if len(own) > 1
+    )
+    return replace(rows[0], standard_error=float(most), n=int(rows[0].n * times))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("suite", sorted(builtin_suites()))
 def test_every_cell_of_a_shipped_suite_answers_for_any_seed(suite):
@@ -52,12 +66,13 @@ def test_every_cell_of_a_shipped_suite_answers_for_any_seed(suite):
     assert all(
         type(c.parameters) is STUDIES[c.study].parameters for c in cells.values()
     )
-    worst = defaultdict(dict)  # of each row: its greatest spread, or its least room
+    found, more = defaultdict(dict), {}
     for seed in range(9000, 9000 + SEEDS):
         for key, cell in cells.items():
             own, times = cut(cell, seed)
             rows = compute(own.study, own.parameters, own.streams).rows  # none refused
             name = CellName(cell.study, key)
+            more[name] = times
             failed = [
                 v
                 for v in judge([(name, row) for row in rows], 1e-6 / len(cells))
@@ -67,30 +82,24 @@ def test_every_cell_of_a_shipped_suite_answers_for_any_seed(suite):
                 (seed, key, str(v.row.statistic), v.reason) for v in failed
             ]
             for row in rows:
-                known = worst[name].setdefault(row.key, [])
-                if row.check in WEIGHTS:  # as if all trials were there
-                    error = row.standard_error / times**0.5
-                    row = replace(
-                        row,
-                        value=row.prediction,
-                        standard_error=error,
-                        n=int(row.n * times),
-                    )
-                known.append(row)
+                if row.check in WEIGHTS:
+                    row = replace(row, value=row.prediction)
+                found[name].setdefault(row.key, []).append(row)
     # the rows with the greatest spread together, as in a run of all of them
     members = [
-        (name, max(rows, key=lambda row: row.standard_error))
-        for name, kinds in worst.items()
+        (name, widest(rows, more[name]))
+        for name, kinds in found.items()
         for rows in kinds.values()
+        if rows[0].check in WEIGHTS and len(rows) > 2
     ]
     short = [
         (str(v.cell), str(v.row.statistic), v.answer, room_of(v))
         for v in judge(members)
-        if v.row.check in WEIGHTS and not room_of(v) >= ROOM
+        if not room_of(v) >= ROOM
     ]
     assert not short, "\n".join(map(str, short))
     # and what changes from seed to seed keeps off its limit
-    for name, kinds in worst.items():
+    for name, kinds in found.items():
         for rows in kinds.values():
             if (
                 rows[0].check in ("limit", "exact")
