@@ -58,7 +58,9 @@ once in 10^8 cells."""
 OVER = 0.02
 """Of a root mean square over what theory says."""
 RELATIVE = 0.01
-"""Of a NEES or NIS: what is of second order in the errors, see docs/filters.md."""
+"""Of a NEES or NIS beside eq. (F15), which is of readings: what a step leaves out."""
+GROWS = 3.0
+"""Of a normalised square, by eq. (F15)'s square of the second order."""
 MOST: Final = 0.8
 """Of what trials share, from which one form is the cause."""
 SHARED: Final = 0.5
@@ -143,7 +145,10 @@ class Answers:
 
 
 def error_rows(
-    answers: Answers, bound: Float[Array, "i 3 3"], judged: bool
+    answers: Answers,
+    bound: Float[Array, "i 3 3"],
+    judged: bool,
+    left: Array | float = 0.0,
 ) -> tuple[Row, ...]:
     """Errors against the bound, heading and inclination apart, in all and at instants.
 
@@ -154,7 +159,8 @@ def error_rows(
     heading, inclination = heading_and_inclination(estimate, truth)
     square = np.trace(bound, axis1=-2, axis2=-1)
     whole, least = float(np.sqrt(square.mean())), np.sqrt(square)
-    check = partial(plain, remainder=OVER * whole) if judged else unjudged
+    over = OVER + float(np.mean(left))
+    check = partial(plain, remainder=over * whole) if judged else unjudged
     rms, error, n = root_mean_square(angle)
     rows = [
         *check(stat.RMS(unit="rad"), rms, error, n, whole, stat.CRAMER_RAO),
@@ -200,31 +206,41 @@ def over_bound_rows(
     )
 
 
-def consistency_rows(answers: Answers, judged: bool) -> tuple[Row, ...]:
-    """NEES, NIS and the correlation of innovations, judged or only shown."""
+def consistency_rows(
+    answers: Answers, judged: bool, left: Array | float = 0.0
+) -> tuple[Row, ...]:
+    """NEES, NIS and the correlation of innovations, judged or only shown.
+
+    Of what the second order may add, `left`, a normalised square has `GROWS` times.
+    """
     rows: list[Row] = []
+    mean_left, most_left = GROWS * float(np.mean(left)), GROWS * float(np.max(left))
     for statistic, dimension, squares in answers.squares:
         mean, of = mean_of_trials(squares), (float(dimension), stat.CHI_SQUARE)
-        check = partial(nees, remainder=RELATIVE * dimension) if judged else unjudged
+        may = RELATIVE * dimension + mean_left
+        check = partial(nees, remainder=may) if judged else unjudged
         rows += check(statistic, *mean, *of)
         if judged and statistic.family == stat.NEES:
             worst = float(np.abs(instant_scores(squares, dimension)).max())
             name = statistic.entries[0] if statistic.entries else ATTITUDE
-            rows += limit(
-                stat.WORST_INSTANT(name), worst, WORST, stat.CHI_SQUARE, len(squares)
-            )
+            n = len(squares)
+            most = WORST + most_left * np.sqrt(n / (2.0 * dimension))
+            rows += limit(stat.WORST_INSTANT(name), worst, most, stat.CHI_SQUARE, n)
         if statistic == stat.NEES():
             rows += at_each_row(stat.NEES_AT, answers, squares, mean_of_trials)
     white, before = answers.innovations, answers.whitened(answers.late - 1)
     if white is not None and before is not None:
         pairs = mean_of_trials(pairs_of(white, before))
-        check = partial(plain, remainder=RELATIVE) if judged else unjudged
+        check = partial(plain, remainder=RELATIVE + mean_left) if judged else unjudged
         rows += check(stat.INNOVATION_PAIRS(), *pairs, 1.0, stat.WHITE)
     return tuple(rows)
 
 
 def predicted_rows(
-    answers: Answers, theory: FilterPrediction, judged: bool
+    answers: Answers,
+    theory: FilterPrediction,
+    judged: bool,
+    left: Array | float = 0.0,
 ) -> tuple[Row, ...]:
     """Errors of the reference filter against what theory says that they are.
 
@@ -236,11 +252,11 @@ def predicted_rows(
     for statistic, dimension, squares in answers.squares:
         known = theory.nis if statistic == stat.NIS() else theory.nees(dimension)
         measured.append((statistic, mean_of_trials(squares), float(known.mean())))
-    check = plain if judged else unjudged
+    check, over = plain if judged else unjudged, OVER + float(np.mean(left))
     rows: tuple[Row, ...] = ()
     for statistic, mean, expected in measured:
         rows += check(
-            statistic, *mean, expected, stat.CARRIED, remainder=OVER * expected
+            statistic, *mean, expected, stat.CARRIED, remainder=over * expected
         )
     return rows
 

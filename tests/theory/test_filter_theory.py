@@ -44,6 +44,34 @@ def test_blocks_are_the_plain_recursion(T):
     np.testing.assert_array_equal(found.kept, np.arange(T))
 
 
+def test_the_second_order_of_a_reading_beside_what_is_stated():
+    """(F15) of one row by hand, and of a bias that readings tell from the attitude."""
+    path, s, r = wobble(1), 0.05, 0.002
+    field = np.linalg.norm(UP) * np.array([1.0, 0.0, 0.0])
+    two = tuple(
+        VectorSensor(name=name, reference=v, std=r * float(np.linalg.norm(UP)))
+        for name, v in (("a", UP), ("m", field))
+    )
+    truth = replace(
+        model(), sensors=two, start=np.diag(np.repeat([s**2, 1e-20], 3)),
+        gyroscope_noise=1e-12, gyroscope_walk=0.0,
+    )  # fmt: skip
+    (found,) = filter_bound(path, truth).second_order
+    # the axis across both vectors is seen by both
+    by_hand = 1.5 * s**2 * np.sqrt(2.0 / r**2 + 1.0 / s**2)
+    assert found == pytest.approx(by_hand, rel=1e-9)
+    path, truth = wobble(30), model(bias=0.3)
+    bound = filter_bound(path, truth)
+    half = np.trace(bound.before[:, :3, :3], axis1=1, axis2=2) / 2.0
+    metric = np.linalg.inv(bound.covariance)[:, :3, :3]
+    expected = half * np.sqrt(np.linalg.eigvalsh(metric)[:, -1])
+    np.testing.assert_allclose(bound.second_order, expected, rtol=1e-6)
+    # power: the attitude's covariance alone says less
+    alone = np.linalg.inv(bound.covariance[:, :3, :3])
+    less = half * np.sqrt(np.linalg.eigvalsh(alone)[:, -1])
+    assert (less < 0.9 * expected).any()
+
+
 def test_parts_of_a_long_path_join(monkeypatch):
     path, truth = wobble(50), model(every=4)
     whole = filter_bound(path, truth, keep=7)
