@@ -46,8 +46,8 @@ from simval.studies.filter_errors import (
 from simval.studies.filter_prediction import (
     drawn_filter_rows,
     prediction,
-    second_order,
     response_rows,
+    second_order,
     stated_row,
     undisturbed,
 )
