@@ -188,6 +188,33 @@ def test_bias_by_evidence():
     assert "measured between rests" in said
 
 
+@pytest.mark.parametrize("count", [3, 4])
+def test_a_line_is_chosen_where_it_leaves_a_rotation_less(count):
+    # a walk in small steps: what is left of it is linear in them; K is 1
+    steps, rest = 500, 1e-3
+    times = np.arange(count) + 2.0  # s; rotations from rest to rest
+    ends = 2.0 + np.arange((count - 1) * steps + 1) / steps
+
+    def walked(at):
+        return (ends[1:] < at[:, None] + 0.5 / steps) / np.sqrt(steps)
+
+    at_rest, middles = walked(times), walked(times[:-1] + 0.5)
+    along = walked(ends[:-1]).reshape(count - 1, steps, -1).mean(axis=1)
+    chords = 0.5 * (at_rest[1:] + at_rest[:-1])
+    constant, line = (
+        np.mean(np.sum(each**2, axis=-1))
+        for each in (middles - at_rest.mean(axis=0), along - chords)
+    )
+    white = (constant - line) * rest / (0.5 - 1.0 / count)  # N^2 where both are equal
+    some = Rests(
+        rates=np.outer(times, np.ones(3)), times=times, seconds=np.full(count, rest),
+        rotation_seconds=np.ones(count - 1),
+    )  # fmt: skip
+    for share, kind in ((1.03, "constant"), (0.97, "line")):
+        N = np.sqrt(share * white) * np.array([1.2, 1.0, 0.748])  # mean of squares 1
+        assert choose_bias(some, N, 1.0)[0] == kind
+
+
 # whole logs
 
 
