@@ -16,12 +16,12 @@ from written import written
 
 from simval.cli import run
 from simval.errors import RefusedError
-from simval.imu.calibrate import calibrate, thermal
+from simval.imu.calibrate import calibrate, save_calibration, thermal
 from simval.imu.calibrate.comparison import compare_calibrations
 from simval.imu.calibrate.files import load_calibration, load_thermal
 from simval.imu.calibrate.gyroscope.evidence import Rests, bias_terms
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
-from simval.imu.calibrate.thermal import choose_thermal, thermal_problem
+from simval.imu.calibrate.thermal import Thermal, choose_thermal, thermal_problem
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
 from simval.imu.multiposition.description import judgements
 from simval.imu.sensor import forms
@@ -388,6 +388,43 @@ def test_two_files_are_compared_where_both_have_been(tmp_path):
     assert np.all(np.abs(moved.sensors[0].difference[6:] - 0.02) < 3.0 * U)
     with pytest.raises(RefusedError, match="ranges that have one in common"):
         compare_calibrations(first, file("dddd", 60.0, 80.0, 0.0))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_two_files_are_compared_at_one_temperature_that_both_have_seen(seed, tmp_path):
+    # told by the biases of a sensor of given slopes; half-way between the T_0 is outside
+    rng = np.random.default_rng([29, seed])
+    start, length = rng.permutation([0.0, 30.0]), rng.uniform(35.0, 50.0, 2)
+    ranges = np.stack([start, start + length], axis=1)
+    fit = calibrate(G * fibonacci_sphere(24) @ MATRIX.T + BIAS, G, noise_std=NOISE)
+    laws, slopes = [], rng.choice([-1.0, 1.0], (2, 3)) * rng.uniform(1e-3, 3e-3, (2, 3))
+    for k, (low, high) in enumerate(ranges):
+        end = (low, high)[seed // 3]  # T_0 of both is nearer to the same end
+        own = Thermal(
+            reference=end + 0.1 * (0.5 * (low + high) - end), low=low, high=high,
+            terms=(("bias", 1),), coefficients=slopes[k : k + 1],
+            covariance=np.diag(rng.uniform(1e-5, 1e-4, 3)) ** 2, centre=fit.B, dof=9,
+        )  # fmt: skip
+        laws.append(own)
+        path = tmp_path / f"{k}.json"
+        save_calibration(path, fit)
+        block = {"rests_degC": [low, high]}
+        # of one file in three only what it has seen is known
+        block |= (
+            {"sensors": {"accelerometer": own.as_object()}} if k or seed % 3 else {}
+        )
+        path.write_text(
+            json.dumps(json.loads(path.read_text()) | {"temperature": block})
+        )
+    (found,) = compare_calibrations(tmp_path / "0.json", tmp_path / "1.json").sensors
+    judged = list(zip((found.a, found.b), laws, strict=True))[0 if seed % 3 else 1 :]
+    at = np.array([own.reference + (x.bias - fit.B) / own.coefficients[0]
+                   for x, own in judged])  # fmt: skip
+    np.testing.assert_allclose(at, at[0, 0], rtol=0, atol=1e-8)
+    assert ranges[:, 0].max() - 1e-8 < at[0, 0] < ranges[:, 1].min() + 1e-8
+    for x, own in judged:
+        known = np.hypot(fit.sd[6:], (at[0, 0] - own.reference) * own.sd.ravel())
+        np.testing.assert_allclose(x.sd[6:], known, rtol=1e-9)
 
 
 def test_bars_that_a_temperature_may_spoil_are_not_called_honest():
