@@ -173,6 +173,31 @@ def test_sensitivity_is_seen_where_there_is_one():
     assert "in a plane" in flat.reason
 
 
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_bars_of_a_sensitivity_are_those_beside_the_terms_in_temperature(degree):
+    # independent: of the rests, weighted, less what 1 and the powers explain of the
+    # forces; the noise is far below what is stated, so the stated one is taken
+    rng = np.random.default_rng([31, degree])
+    some = rests(rng, sensitivity=SENSITIVITY)
+    seconds = rng.uniform(1.0, 4.0, 20)
+    powers = 1e-3 * FORCE[:, :1] + rng.uniform(-15.0, 15.0, (20, 1))
+    powers = powers ** np.arange(1, degree + 1)
+    rates = 0.01 * some.rates + FORCE @ SENSITIVITY.T * 0.99
+    rates += powers @ rng.normal(0.0, 1e-4, (degree, 3))
+    some = some._replace(rates=rates, seconds=seconds)
+    noise = N * np.array([1.0, 2.0, 5.0])
+    found = choose_sensitivity(some, FORCE, noise, 0.0, powers=powers)
+    root = np.sqrt(seconds)[:, None]
+    basis, _ = np.linalg.qr(root * np.column_stack([np.ones(20), powers]))
+    left = root * FORCE - basis @ (basis.T @ (root * FORCE))
+    V = np.linalg.inv(left.T @ left)
+    known = np.multiply.outer(noise, np.sqrt(np.diagonal(V)))
+    np.testing.assert_allclose(found.sd, known, rtol=1e-9)
+    np.testing.assert_allclose(found.shape[-3:, -3:], V, rtol=0, atol=1e-9 * V.max())
+    # 0.01 of the noise in these rates: nine within half a bar
+    assert np.all(np.abs(found.G - SENSITIVITY) < 0.5 * known)
+
+
 def test_bias_by_evidence():
     rng = np.random.default_rng(7)
     assert choose_bias(rests(rng), N, 0.0)[0] == "constant"

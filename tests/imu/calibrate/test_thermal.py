@@ -392,7 +392,7 @@ def test_two_files_are_compared_where_both_have_been(tmp_path):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_two_files_are_compared_at_one_temperature_that_both_have_seen(seed, tmp_path):
-    # told by the biases of a sensor of given slopes; half-way between the T_0 is outside
+    # told by the biases, of given slopes; half-way between the two T_0 is outside
     rng = np.random.default_rng([29, seed])
     start, length = rng.permutation([0.0, 30.0]), rng.uniform(35.0, 50.0, 2)
     ranges = np.stack([start, start + length], axis=1)
