@@ -18,6 +18,7 @@ from simval.cli import run
 from simval.errors import RefusedError
 from simval.imu.calibrate import calibrate, save_calibration, thermal
 from simval.imu.calibrate.comparison import compare_calibrations
+from simval.imu.calibrate.factors import of_both, widened
 from simval.imu.calibrate.files import load_calibration, load_thermal
 from simval.imu.calibrate.gyroscope.evidence import Rests, bias_terms
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
@@ -425,6 +426,25 @@ def test_two_files_are_compared_at_one_temperature_that_both_have_seen(seed, tmp
     for x, own in judged:
         known = np.hypot(fit.sd[6:], (at[0, 0] - own.reference) * own.sd.ravel())
         np.testing.assert_allclose(x.sd[6:], known, rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_fit_of_both_has_the_terms_of_each_in_its_covariance(seed):
+    # C + S C_b S^T of two sensors whose terms err apart, S known, the fit nearly linear
+    rng = np.random.default_rng([41, seed])
+    C = np.cov(rng.standard_normal((7, 30)))
+    roots = rng.standard_normal((2, 6, 4, 3)) * np.exp(rng.normal(size=(2, 6, 1, 1)))
+    S, start = rng.standard_normal((2, 7, 4, 3)), rng.standard_normal(7)
+
+    def refitted(moved):
+        by = np.einsum("sqna,sna->q", S, moved)
+        return start + by + 1e-9 * by**2
+
+    found = widened(C, refitted, of_both(*roots))
+    C_b = np.einsum("scna,scmb->snamb", roots, roots)
+    known = C + np.einsum("sqna,snamb,spmb->qp", S, C_b, S)
+    np.testing.assert_allclose(found, known, rtol=0, atol=1e-6 * np.abs(known).max())
+    np.testing.assert_array_equal(widened(C, refitted, of_both((), ())), C)
 
 
 def test_bars_that_a_temperature_may_spoil_are_not_called_honest():
