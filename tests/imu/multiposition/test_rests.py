@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from made_logs import G, Motion, far, log_of, noise, three
 from scipy.signal import lfilter
+from scipy.special import stdtrit
 from true_sensor import MODEL
 from tumbles import tumble
 from written import written
@@ -262,6 +263,40 @@ def test_false_alarms_and_power():
     # of 10 that turn at either end; of a short rest too little is left
     assert cut[0] == 0
     assert min(cut[1:]) > 2, cut
+
+
+@pytest.mark.parametrize("wide", [1, 30])
+@pytest.mark.parametrize("louder", [1.0, 10.0])
+def test_what_a_mean_may_be_by_chance_is_of_the_noise_of_its_rest(wide, louder):
+    # each half of a rest mirrors the other, so the medians are 0 and leave no scatter;
+    # the noise is a running mean of `wide` rows, that of a window's mean known
+    hz, count, rows = 100, 9, 2000
+    window = round(WINDOW * hz)
+    weights = np.convolve(np.full(wide, wide**-0.5), np.full(window, 1.0 / window))
+    start = np.arange(count) * (rows + 200)
+    rests = np.stack([start, start + rows], axis=1)
+    # of the eight that agree, in as many tries as there are blocks of 0.1 s
+    tail = FALSE_ALARM / (6.0 * count * rows / 10)
+    t, found = -stdtrit(6, tail), []
+    for k in range(count):
+        rng = np.random.default_rng([43, k])
+        half = rng.standard_normal((count, 3, rows // 2 + wide - 1))
+        half = np.apply_along_axis(
+            np.convolve, 2, half, np.full(wide, wide**-0.5), "valid"
+        )
+        still = np.moveaxis(np.concatenate([half, -half[..., ::-1]], axis=2), 1, 2)
+        still[k] *= louder
+        still[k, :, 0] += 300.0  # it turns
+        readings = np.zeros((start[-1] + rows, 3))
+        for (a, b), own in zip(rests, still, strict=True):
+            readings[a:b] = own
+        time = np.arange(len(readings)) / hz
+        (cut,) = still_parts(evened(time, readings), rests)[1]
+        assert cut.rest == tuple(rests[k])
+        assert cut.kept is None
+        found.append(cut.chance / (t * louder * np.linalg.norm(weights)))
+    # each within a tenth as 200 blocks tell it: 0.2 is six errors of their mean
+    assert abs(np.mean(found) - 1.0) < 0.2, np.round(found, 2)
 
 
 def test_a_gyroscope_without_noise_is_still():
