@@ -215,3 +215,12 @@ def test_axes_of_a_sensor_tell_more_together():
     for axes in (alone, together):
         assert sum(not held(axis, "K", 2e-5) for axis in axes) <= most
         assert not any(seen_in(axis) & {"R", "q", "T"} for axis in axes)
+
+
+@pytest.mark.ci
+def test_flicker_counts_in_the_walk_for_filters():
+    """5 000 s of flicker that is seen: its own equivalent is within the interval."""
+    for axis in noise_of(drawn({"B": 5e-4}, 0.0, 5000, 1.0, 3, 21), 1.0):
+        assert axis.slow is not None
+        walk = axis.slow.walk
+        assert walk.low < equivalent({"B": 5e-4}, 0.0, axis.slow.horizon) < walk.high
