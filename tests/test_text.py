@@ -74,7 +74,7 @@ def noise(x):
         found = Made(kind="N", value=value, low=value, high=2 * value, sd=next(x))
         return Made(
             coefficients=[found], rate_hz=100.0, seconds=np.ones(2), used=(0, 2),
-            chi2=next(x), dof=3, statements=(),
+            chi2=next(x), dof=3, statements=(), slow=None, given=(),
         )  # fmt: skip
 
     log = Made(how="", start=0, stop=9, left_out={})
