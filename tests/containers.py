@@ -7,6 +7,7 @@ magnetometer (the unit of the format), and returns the path of what it made.
 
 import gzip
 import struct
+from functools import partial
 
 import numpy as np
 import pyarrow
@@ -73,8 +74,12 @@ def matlab(path, us, *sensors):
     return path
 
 
-def ros(path, us, force, rate, field=None, *, plugin=None, stamped=True, packed=False):
-    """A bag by rosbags: of ROS 1 without a plugin for storage, stamps if any."""
+def ros(path, us, force, rate, field=None, *, plugin=None, stamped=True, packed=False,
+        late=(0,), order="little", frames=("imu_link",)):  # fmt: skip
+    """A bag by rosbags: of ROS 1 without a plugin for storage, stamps if any.
+
+    Messages are received so many ns late, and are of these frames, in turn.
+    """
     first = plugin is None
     store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
     kinds = store.types
@@ -82,7 +87,9 @@ def ros(path, us, force, rate, field=None, *, plugin=None, stamped=True, packed=
     writer = Writer1(path) if first else Writer2(path, version=9, storage_plugin=plugin)
     if packed:  # each message by itself
         writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
-    pack = store.serialize_ros1 if first else store.serialize_cdr
+    pack = store.serialize_ros1
+    if not first:
+        pack = partial(store.serialize_cdr, little_endian=order == "little")
     three = kinds["geometry_msgs/msg/Vector3"]
     none = np.zeros(9)
     topics = {"Imu": "/imu/data", "MagneticField": "/imu/mag"}
@@ -99,7 +106,7 @@ def ros(path, us, force, rate, field=None, *, plugin=None, stamped=True, packed=
             )
             sequence = {"seq": k} if first else {}
             header = kinds["std_msgs/msg/Header"](
-                stamp=stamp, frame_id="imu_link", **sequence
+                stamp=stamp, frame_id=frames[k % len(frames)], **sequence
             )
             turn = kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 0.0)
             parts = turn, np.array([-1.0, *none[1:]]), three(*rate[k].tolist()), none
@@ -108,7 +115,7 @@ def ros(path, us, force, rate, field=None, *, plugin=None, stamped=True, packed=
                 messages["MagneticField"] = (header, three(*field[k].tolist()), none)
             for name, parts in messages.items():
                 raw = pack(kinds[form(name)](*parts), form(name))
-                writer.write(added[name], t, raw)
+                writer.write(added[name], t + late[k % len(late)], raw)
     return path
 
 

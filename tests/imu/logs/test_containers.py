@@ -15,6 +15,7 @@ import pytest
 from containers import CHECKED, SINGLE, WRITERS, ros, ulog_of
 from places import ROOT
 from places import recording as recording_of
+from rosbags.rosbag2 import StoragePlugin
 from text_forms import FORMS
 
 from simval.errors import InputError
@@ -376,6 +377,18 @@ def test_a_bag_without_stamps_is_read_by_the_times_of_receipt(tmp_path):
     log = read_log(ros(tmp_path / "log", us, *sensors, stamped=False))
     np.testing.assert_array_equal(log.time, us / 1e6)
     assert "times of receipt" in dict(log.source)["readings"]
+
+
+@pytest.mark.parametrize("plugin", [None, *StoragePlugin])
+def test_a_bags_times_are_the_headers_and_not_those_of_receipt(plugin, tmp_path):
+    """Messages come up to 7 ms late, in their order, and the readings keep theirs."""
+    us, *sensors = recording("ros1", rows=40)
+    late = np.random.default_rng(38).integers(1, 7_000_000, 40).tolist()
+    log = read_log(ros(tmp_path / "log", us, *sensors, plugin=plugin, late=late))
+    np.testing.assert_array_equal(log.time, us / 1e6)
+    np.testing.assert_array_equal(log.accelerometer, sensors[0])
+    np.testing.assert_array_equal(log.magnetometer, sensors[2])
+    assert "stamps of the headers" in dict(log.source)["readings"]
 
 
 def test_old_names_of_ardupilots_sensors(tmp_path):
