@@ -391,6 +391,22 @@ def test_a_bags_times_are_the_headers_and_not_those_of_receipt(plugin, tmp_path)
     assert "stamps of the headers" in dict(log.source)["readings"]
 
 
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_a_bag_of_either_byte_order_and_any_frames_name_is_read(order, tmp_path):
+    """The doubles stand at multiples of eight behind names of each length."""
+    us, *sensors = recording("ros2_db3", rows=40)
+    frames = ["imu_links"[:k] for k in range(10)]
+    options = {"plugin": StoragePlugin.SQLITE3, "order": order, "frames": frames}
+    path = ros(tmp_path / "log", us, *sensors, **options)
+    with closing(sqlite3.connect(next(path.glob("*.db3")))) as database:
+        starts = {row[:4] for (row,) in database.execute("SELECT data FROM messages")}
+    assert starts == {b"\0\1\0\0" if order == "little" else bytes(4)}  # of CDR
+    log = read_log(path)
+    read = log.time, log.accelerometer, log.gyro, log.magnetometer
+    for own, written in zip(read, (us / 1e6, *sensors), strict=True):
+        np.testing.assert_array_equal(own, written)
+
+
 def test_old_names_of_ardupilots_sensors(tmp_path):
     rows = [
         "FMT, 1, 35, IMU2, Qffffff, TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ",
