@@ -302,6 +302,34 @@ def test_the_compiled_form_is_the_numpy_form(coning, some, lead):
         assert off <= 1e-12 * np.abs(wanted).max(initial=0.0), word
 
 
+@needs_it
+@pytest.mark.parametrize("shape", [(257, 2), (2, 257)])
+def test_many_rows_and_many_trials_are_taken_whole(shape):
+    """The first 99, 100, 101 and 257 of either are NumPy's, and so is what follows."""
+    rng = np.random.default_rng(6)
+    dt, (_, q) = rng.uniform(1e-3, 2e-2, shape[0]), filter_of(shape[1])
+    each = [readings(rng, shape[1]) for _ in dt]
+    y = [np.stack(column) for column in zip(*each, strict=True)]
+    more = readings(rng, shape[1])
+    wanted = in_numpy(Mekf(start=q, **TOLD), dt, y)
+    for count in (99, 100, 101, 257):
+        rows, trials = (slice(min(count, size)) for size in shape)
+        own, other = (Mekf(start=q[trials], **TOLD) for _ in range(2))
+        found = own.update_rows(dt[rows], *(each[rows, trials] for each in y))
+        in_numpy(other, dt[rows], [each[rows, trials] for each in y])
+        after = [
+            form(each, dt[:1], [reading[None, trials] for reading in more])
+            for form, each in ((in_c, own), (in_numpy, other))
+        ]
+        for word, value in wanted.items():
+            for ours, its in (
+                (found[word], value[rows, trials]),
+                (after[0][word], after[1][word]),
+            ):
+                assert ours.shape == its.shape
+                assert np.abs(ours - its).max() <= 1e-12 * np.abs(its).max(), word
+
+
 def unaligned(rows):
     held = np.zeros(1 + rows.nbytes, dtype=np.uint8)[1:].view(float)
     held = held.reshape(rows.shape)
