@@ -1,5 +1,7 @@
 """Columns that only look like an accelerometer's are asked for, never taken."""
 
+from datetime import UTC, datetime, timedelta, timezone
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -162,6 +164,29 @@ def test_dates_go_on_where_summer_time_begins_and_milliseconds_are_no_seconds(
             read_log(path)
     saved(path, 1.7e12 + 10 * TIME, FORCE, header="timestamp,ax,ay,az", form="{:.3f}")
     np.testing.assert_allclose(read_log(path).rate, 1e4, rtol=1e-2)
+
+
+def test_dates_are_instants_in_any_zones_and_no_zone_is_guessed(tmp_path):
+    """Zones change from row to row; where a row has none, the dates are refused."""
+    path, start = tmp_path / "log.csv", datetime(2026, 10, 25, 0, 59, 58, tzinfo=UTC)
+    zones = [timezone(timedelta(minutes=m)) for m in (60, 120, -210, 0, 345, -720)]
+    picked = np.random.default_rng(5).integers(0, 6, N)
+    dates = [
+        (start + timedelta(seconds=t)).astimezone(zones[k])
+        for t, k in zip(TIME[:, 0], picked, strict=True)
+    ]
+    bare = [date.replace(tzinfo=None) for date in dates]
+    for lost in ([], [0], [200], range(1, N)):
+        rows = ["time,ax,ay,az"]
+        for k, (x, y, z) in enumerate(FORCE):
+            date = bare[k] if k in lost else dates[k]
+            rows.append(f"{date.isoformat(' ', 'milliseconds')},{x},{y},{z}")
+        path.write_text("\n".join([*rows, ""]))
+        if lost:
+            with pytest.raises(InputError, match=r"is not a time.*state the rate"):
+                read_log(path)
+        else:
+            np.testing.assert_allclose(read_log(path).time, TIME[:, 0], atol=1e-9)
 
 
 def test_a_clock_is_no_axis(tmp_path):
