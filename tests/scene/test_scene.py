@@ -128,7 +128,7 @@ def test_the_same_bits_again():
         ("gimbal", {"site_offset": [0, 0]}, "`site_offset`"),
     ],
 )
-def test_bad_requests_are_refused(scene, setting, words):
+def test_bad_requests_are_refused(scene, setting, words, unchecked):
     with pytest.raises(InputError, match=words):
         simulate(scene, **setting)
 
