@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cells import of_family, outcome
+from imu_tk import imu_tk_residual
 from scipy import stats
 
 from simval.geometry import normalize
@@ -125,6 +126,26 @@ def test_a_source_s_step_is_that_of_its_derivatives():
         np.testing.assert_allclose(
             local.gradient[0], J.T @ residuals(theta), rtol=1e-12, atol=1e-13
         )
+
+
+def test_the_first_source_s_steps_are_damped_by_mu_times_the_identity():
+    """The first three, each from where the last ended; mu falls tenfold each time."""
+    readings = 0.1 + 1.3 * normalize(np.random.default_rng(6).standard_normal((20, 3)))
+    readings *= [0.8, 1.0, 1.1]  # unlike diagonals: mu I is not mu times the diagonal
+    source = solvers.SOURCES["triangular lm"]
+    path = solvers.source_way(source, solvers.G * readings)[0][:3]
+    at = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0])
+    for k, there in enumerate(path / np.repeat([1.0, solvers.G], [6, 3])):
+        tilted = (imu_tk_residual(at + h, readings, 1.0) for h in 1e-30j * np.eye(9))
+        J = np.stack([e.imag / 1e-30 for e in tilted], axis=1)
+        N, e = J.T @ J, imu_tk_residual(at, readings, 1.0)
+        if k == 0:
+            first = 1e-6 * np.trace(N) / 9.0
+        step = -np.linalg.solve(N + first / 10.0**k * np.eye(9), J.T @ e)
+        # rounding is 1e-14; the damping is 1e-6, 1e-7 and 1e-8 of a diagonal
+        np.testing.assert_allclose(there, at + step, rtol=0, atol=3e-13)
+        assert np.sum(e * e) > np.sum(imu_tk_residual(there, readings, 1.0) ** 2)
+        at = there
 
 
 def test_newton_is_quadratic_and_the_others_are_linear():
