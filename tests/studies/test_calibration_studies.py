@@ -148,6 +148,31 @@ def test_the_first_source_s_steps_are_damped_by_mu_times_the_identity():
         at = there
 
 
+@pytest.mark.parametrize("name", [solvers.FULL_STEPS, solvers.HALF_STEPS])
+def test_a_symmetric_source_stops_at_the_step_that_its_rule_says(name):
+    """Found again from the path: means of magnitudes below 1 count as 1, and a step
+    that no longer shrinks is rounding."""
+    source, start = solvers.SOURCES[name], np.zeros((1, 9))
+    start[0, [0, 3, 5]] = 1.0
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        # the scales' means are beyond 1, and no step raises the cost
+        readings = normalize(rng.standard_normal((24, 3))) / rng.uniform(1.4, 1.6, 3)
+        readings += 0.01 * rng.standard_normal((24, 3)) + 0.05
+        path, steps = solvers.source_way(source, solvers.G * readings)
+        p = path / np.repeat([1.0, solvers.G], [6, 3])
+        M = forms.matrix("triangular", p)
+        ways = forms.from_gram("symmetric", M.swapaxes(1, 2) @ M, p[:, 6:])
+        ways = np.concatenate([start, ways])
+        total = np.maximum(np.abs(ways[1:] + ways[:-1]), 2.0)
+        size = np.max(np.abs(2.0 * np.diff(ways, axis=0)) / total, axis=1)
+        met = size <= 1e-11
+        met[1:] |= (size[1:] <= 1e-7) & (size[1:] >= size[:-1])
+        assert np.abs(ways[-1]).max() > 1.4
+        assert list(np.flatnonzero(met) + 1) == [steps]
+        assert len(path) == steps < solvers.MOST_STEPS
+
+
 def test_newton_is_quadratic_and_the_others_are_linear():
     (ways,) = outcome("solvers", noise_std=1.0).artifacts.values()
     gauss, newton = ways["gauss-newton"], ways["newton"]
