@@ -112,6 +112,29 @@ def test_table_of_cases(case, axis, angle, r1, r2):
         assert attitude_error(q, found.q) < 40 * EPS
 
 
+def test_a_half_turn_is_about_its_axis():
+    """(u, 0) of b = 2 u (u r) - r: u anywhere, in the plane of r1 and r2, near one."""
+    r1, r2, free = np.random.default_rng(3).standard_normal((3, 60, 3))
+    r1, r2 = normalize(r1), normalize(r2)
+    sine = np.linalg.norm(np.cross(r1, r2), axis=1)
+    r1, r2, free = r1[sine > 0.3], r2[sine > 0.3], free[sine > 0.3]
+    weights = [(1, 0), (0, 1), (1, 1e-4), (1e-4, 1), (1, 0.4), (0.4, -1), (-1, 1)]
+    planes = [normalize(a * r1 + b * r2) for a, b in weights]
+    plain = [normalize(free), *(np.tile(e, (len(r1), 1)) for e in np.eye(3))]
+    for k, u in enumerate([*planes, *plain]):
+        b1, b2 = (2.0 * u * np.vecdot(u, r)[:, None] - r for r in (r1, r2))
+        half_turn = np.append(u, np.zeros((len(u), 1)), axis=1)
+        found = [two_vector_quaternion(b1, b2, r1, r2, f) for f in ("best", "combined")]
+        found.append(sequential_quaternion(b1, b2, r1, r2).q)
+        found.append(case_quaternion(b1, b2, r1, r2))
+        if k < len(planes):
+            found.append(singular_solution(b1, b2, r1, r2).q)
+        for q in found:
+            # to either sign; rounding over the sine, and over the longer difference
+            sign = np.sign(np.vecdot(q, half_turn))[:, None]
+            np.testing.assert_allclose(sign * q, half_turn, rtol=0, atol=100 * EPS)
+
+
 @pytest.mark.parametrize(("share", "case"), [(0.099, Case.D), (0.101, Case.REGULAR)])
 @pytest.mark.parametrize("sine", [1.0, 0.3])
 def test_the_tolerance_is_a_share_of_the_lengths(share, case, sine):
