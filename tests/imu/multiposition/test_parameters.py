@@ -6,6 +6,7 @@ module `simval.imu.multiposition.parameters` for the files and their commits.
 
 import json
 import re
+from itertools import chain
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from made_logs import of_scene
 from places import recording
 
 from simval.imu.logs import read_log
+from simval.imu.multiposition import parameters
 from simval.imu.multiposition.noise import log_noise
 from simval.imu.sensor import NoiseModel
 from simval.poses import fibonacci_sphere
@@ -154,6 +156,26 @@ def test_kalibr_and_openvins_and_ros_hold_what_correct_applies(made):
     np.testing.assert_allclose(raw[:, 0] @ SM.T - held["bias"], force, atol=1e-11)
     for name in data["ros_imu"]:
         np.testing.assert_array_equal(held[name], data["ros_imu"][name])
+
+
+def test_a_number_in_yaml_is_read_as_that_number_by_either_version():
+    """As 1e-05 is a word in YAML 1.1, 0o17 one number or another, 12:30 a time."""
+    rng = np.random.default_rng(7)
+    powers = [float(f"{sign}1e{k}") for k in range(-25, 26) for sign in ("", "-")]
+    whole = [0.0, -0.0, 17.0, 1000.0, 123045.0, 2.0**53, 5e-324, 0.5, 1.0 / 3.0]
+    values = np.array([*powers, *whole, *rng.standard_normal(12)])
+    values = values[: len(values) // 3 * 3]
+    held = {"row": values, "rows": values.reshape(-1, 3), "one": values[4]}
+    held["table"] = {f"n{k}": x for k, x in enumerate(values)}
+    text = "\n".join(parameters._yaml(held))
+    newer = pytest.importorskip("ruamel.yaml").YAML(typ="safe", pure=True)
+    for found in (yaml.safe_load(text), newer.load(text)):
+        named = [*found["table"].values()]
+        read = [*found["row"], *chain(*found["rows"]), *named, found["one"]]
+        assert {type(each) for each in read} == {float}
+        expected = np.concatenate([values, values, values, values[4:5]])
+        np.testing.assert_array_equal(read, expected)
+        np.testing.assert_array_equal(np.signbit(read), np.signbit(expected))
 
 
 @pytest.mark.ci
