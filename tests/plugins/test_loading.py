@@ -661,11 +661,13 @@ SHELF = """
 ERRATIC = """
 from dataclasses import replace
 from itertools import count
-import mine
+from pathlib import Path
+from runpy import run_path
 
+mine = run_path(str(Path(__file__).with_name("mine.py")))
 poses = count(40)
-drive = lambda model: mine.scene.drive(model, poses=next(poses))
-erratic = replace(mine.scene, name="erratic", drive=drive)
+drive = lambda model: mine["scene"].drive(model, poses=next(poses))
+erratic = replace(mine["scene"], name="erratic", drive=drive)
 """
 
 

@@ -321,7 +321,7 @@ def _slow(
         D |= _deviances(family, variances, asked)
         asked, known = [], sorted([*known, *new], key=lambda each: each.rows)
         curves = [[D[make(each)] for each in known] for make in makers[:2]]
-        times = _between(known, np.array(curves))
+        times = _between(known, np.array(curves)) if known else times
         if not len(times):
             break
     sets = {each: D[each] for each in map(beside, [*alone, *known])}
@@ -329,7 +329,7 @@ def _slow(
         return sets, np.inf
     one = min(D[bare(each)] for each in [*alone, *known])
     two = {beside(WALK, each): D[bare(WALK, each)] for each in known}
-    least = min(two.values())
+    least = min(two.values(), default=np.inf)
     if least < one - NEEDED:
         # flicker is beside them, as in all other sets. Markov noise of a long time
         # beside a walk that is likely alone says nothing

@@ -16,6 +16,7 @@ sensor's own readings. Where every reading stands in the same number of rows, to
 the sensor's own readings and its own rate are known; else they are not.
 """
 
+import math
 from collections.abc import Set
 from dataclasses import replace
 from functools import partial
@@ -123,7 +124,7 @@ def noise_of(
         )
         raise InputError(msg)
     together = signals.shape[2] if signals.ndim == 3 else 1
-    signals = signals.reshape(len(signals), -1)
+    signals = signals.reshape(len(signals), math.prod(signals.shape[1:]))
     rate_hz = positive_number("rate_hz", rate_hz, "Hz")
     kinds = KINDS if switch("increments", increments) else KINDS[:3]
     told = switch("intervals", intervals)
