@@ -80,6 +80,7 @@ from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.attitude import random_geometry
 from simval.studies.estimator_errors import (
+    EPS,
     MeanAndCovariance,
     claim_off,
     claim_rows,
@@ -244,9 +245,9 @@ class Attitudes(Problem[Estimator, float, Trials]):
         if self.claims:
             half = self.cubature(noise / 2.0, DEGREE)
             off, at_half, other = map(claim_off, (fine, half, coarse))
-            spread = fine[1][:3, :3]
+            spread, grown = fine[1][:3, :3], self.scatter * max(rounding, EPS)
             rows += claim_rows(
-                plugin.claim, measured, off, at_half, abs(off - other), spread
+                plugin.claim, measured, off, at_half, abs(off - other), spread, grown
             )
         if least > WIDE**2:
             rows = [replace(r, check="record") if r.standard_error else r for r in rows]
@@ -394,6 +395,12 @@ class Attitudes(Problem[Estimator, float, Trials]):
         """Sum of the sizes of the weights of cubature: what rounding grows by."""
         _, weights = smolyak_hermite(3 * len(self.noise.noisy), DEGREE)
         return float(np.abs(weights).sum())
+
+    @property
+    def scatter(self) -> float:
+        """Two deviations of a mean of node times rounding, of a deviation of one."""
+        points, weights = smolyak_hermite(3 * len(self.noise.noisy), DEGREE)
+        return 2.0 * float(np.linalg.norm(weights[:, None] * points))
 
     def series(self, noise_std: float, order: Literal[2, 4]) -> Moments:
         """Mean and covariance of the rotation error by power series."""

@@ -214,12 +214,16 @@ def claim_rows(
     half: float,
     unresolved: float,
     covariance: Float[Array, "3 3"],
+    rounding: float,
 ) -> tuple[Row, ...]:
     """Mean normalised square, and whether the claimed order is true.
 
     The claim is `off` by cubature, as far as that resolves, and by `half` at half the
-    noise; the covariance is that of the errors.
+    noise; the covariance is that of the errors, `rounding` what cubature makes of that
+    of its estimates, rad, times their deviations: twice that over 3 is in the claim.
     """
+    least, *_, greatest = np.linalg.eigvalsh(covariance).tolist()
+    rounded = 2.0 / 3.0 * rounding / np.sqrt(least)
     if isinstance(claim, str):
         statistics, values, allowed = [stat.CLAIM_OFF()], [abs(off)], 0.0
         most, predictor = np.array([2.0 * unresolved]), stat.CUBATURE_ERROR
@@ -229,10 +233,12 @@ def claim_rows(
             [abs(half), abs(off)],
         )
         allowed, predictor = 6.0 * abs(off), stat.order(claim)
-        following = NEXT * float(np.linalg.eigvalsh(covariance)[-1])
+        following = NEXT * greatest
         full = 2.0 ** (claim + 0.5) * abs(half) + following ** (claim / 2.0 + 1.0)
         most = np.array([abs(off) / 2.0 ** (claim - 0.5), full])
-    most = np.maximum(most, RESOLVED)
+    most = np.maximum(
+        most, np.maximum(RESOLVED, [2.0 * rounded, rounded][-len(most) :])
+    )
     return nees(
         stat.NEES(), measured.bias[3], measured.bias_error[3], measured.samples,
         3.0, stat.claim_of(claim), allowed,
