@@ -35,6 +35,15 @@ itself by,
 
 The powers bound the growth; the two factors are measured, over random sensors and 12 to
 200 even or random poses: `tests/theory/test_calibration_theory.py`.
+
+A weight is itself a function of a reading. With :math:`G = M^T M`, its q is
+:math:`|Gy|^2` up to a constant, and noise changes it, relative to itself, by a square
+of the order
+
+.. math:: v_i = \sigma_i^2 \|G\|_F^2 / 3 |G (y_i - B)|^2, \tag{K5}
+
+u for equal scales, and far more where a pose lies along the axis of a small one.
+`sampson` and `weighted` have the greatest of u and :math:`v_i` in place of u.
 """
 
 from dataclasses import dataclass
@@ -162,6 +171,10 @@ def calibration_moments(
     equations = _equations(model, u, g, sigma, residual, form)
     scale = np.linalg.norm(model.matrix, axis=1)
     noise = float((sigma.max() * scale.max() / g) ** 2)
+    if residual in _WEIGHTS:  # eq. (K5)
+        square = np.sum((model.matrix.T @ model.matrix) ** 2) / 3.0
+        own = square * (sigma / g) ** 2 / np.sum((u @ model.matrix) ** 2, axis=1)
+        noise = max(noise, float(own.max()))
     worse = max(1.0, found.condition / EVEN)
     return CalibrationMoments(
         names=forms.names(form),

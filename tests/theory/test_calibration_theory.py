@@ -146,6 +146,28 @@ def test_what_the_next_order_may_be(seed, draws, pairs, least):
     assert np.all(covered(seed, draws, pairs) > least)
 
 
+@pytest.mark.ci
+@pytest.mark.parametrize("residual", ["sampson", "weighted"])
+def test_noise_that_turns_the_weights_over_is_allowed_for(residual):
+    """Eq. (K5): along the axis of a scale of 0.01 the others' noise is the weight."""
+    sensor = AccelerometerModel(T=np.eye(3), K=[0.01, 1.0, 1.99], B=np.zeros(3))
+    directions, sigma, pairs = fibonacci_sphere(952), 0.08, 400
+    rng = np.random.default_rng(0)
+    clean = sensor.distort(G * directions, rng)
+    noise = sigma * rng.standard_normal((pairs, 952, 3))
+    readings = np.concatenate([clean + noise, clean - noise])
+    fit = calibrate(readings, G, residual=residual, noise_std=sigma, covariance=False)
+    errors = np.mean(np.split(fit.parameters - sensor.parameters, 2), axis=0)
+    predicted = calibration_moments(sensor, directions, G, sigma, residual)
+    off = np.abs(errors.mean(axis=0) - predicted.bias)[6]
+    error = errors.std(axis=0)[6] / np.sqrt(pairs)
+    # power: 6 standard errors beyond what the greatest scale alone would allow
+    alone = calibration_moments(sensor, directions, G, sigma, "squared").bias_remainder
+    assert off > alone[6] + 5 * error
+    assert off < predicted.bias_remainder[6]
+    assert predicted.variance_remainder > 1.0
+
+
 def test_bias_grows_as_the_square_and_sd_as_sigma():
     small = calibration_moments(MODEL, fibonacci_sphere(20), G, 0.001)
     large = calibration_moments(MODEL, fibonacci_sphere(20), G, 0.1)
