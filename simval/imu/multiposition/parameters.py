@@ -297,13 +297,13 @@ def _magnetometer(pilot: Autopilot, size: float, whole: Any, notes: _Notes) -> _
 # files in YAML
 
 
-def _yaml(values: dict[str, Any], left: str = "") -> Iterator[str]:
+def yaml_lines(values: dict[str, Any], left: str = "") -> Iterator[str]:
     """Lines of a table: tables in it, words, numbers, a row or rows of these."""
     for name, value in values.items():
         rows: Iterable[str] = ()
         text = ""
         if isinstance(value, dict):
-            rows = _yaml(value, f"{left}  ")
+            rows = yaml_lines(value, f"{left}  ")
         elif np.ndim(value) == 2:
             rows = (f"{left}- {_flow(row)}" for row in value)
         else:
@@ -362,7 +362,7 @@ def _chain(name: str, log: Log, whole: Any, notes: _Notes) -> list[str]:
     if any(_size(whole, sensor, unit) != 1.0 for sensor, unit in SI.items()):
         words = "not all in m/s^2 and rad/s, which the project reads: the matrices are "
         notes.say("readings", f"{words}for messages in the units of the log")
-    return list(_yaml({"imu0": imu}))
+    return list(yaml_lines({"imu0": imu}))
 
 
 def _topic(log: Log) -> str:
@@ -412,7 +412,7 @@ def _ros(name: str, log: Log, whole: Any, notes: _Notes) -> list[str]:
         words = "not carried; imu_filter_madgwick's mag_bias is its hard iron alone, "
         notes.say("magnetometer", f"{words}{_triple(compass.b)} in the log's unit")
     held = {"SM": fit.matrix.ravel(), "bias": fit.matrix @ fit.B}
-    return list(_yaml(held | message_covariances(log, whole)))
+    return list(yaml_lines(held | message_covariances(log, whole)))
 
 
 def _warm(sensor: str, whole: Any) -> tuple[float, str]:

@@ -167,7 +167,7 @@ def test_a_number_in_yaml_is_read_as_that_number_by_either_version():
     values = values[: len(values) // 3 * 3]
     held = {"row": values, "rows": values.reshape(-1, 3), "one": values[4]}
     held["table"] = {f"n{k}": x for k, x in enumerate(values)}
-    text = "\n".join(parameters._yaml(held))
+    text = "\n".join(parameters.yaml_lines(held))
     newer = pytest.importorskip("ruamel.yaml").YAML(typ="safe", pure=True)
     for found in (yaml.safe_load(text), newer.load(text)):
         named = [*found["table"].values()]

@@ -298,7 +298,7 @@ def test_a_value_is_within_its_interval():
 
 @pytest.mark.ci
 def test_ends_of_a_correlation_time_are_where_the_likely_times_end():
-    """By fits of every 32nd of an octave, to a tenth of one."""
+    """By fits of every 32nd of an octave, to half of what is between the tried ones."""
     rows = signals(3, 3, rows=20_000, markov_raw_per_sqrt_s=4e-3, markov_s=3.0)
     counts = averaging_counts(len(rows))[::3]
     family, V = Family(counts, len(rows), "NBK"), allan_variance(rows, counts).T
@@ -307,4 +307,6 @@ def test_ends_of_a_correlation_time_are_where_the_likely_times_end():
     D = np.array([fitted(family.problem(V, each)).deviance for each in sets])
     for told, own in zip(of(noise_of(rows, RATE), "T"), D.T, strict=True):
         ends = times[own < own.min() + LIKELY][[0, -1]]
-        assert np.all(np.abs(np.log2(ends / [told.low, told.high])) < 0.1)
+        inside = np.log2(ends / [told.low, told.high]) * [1.0, -1.0]
+        # half a place too wide at most; of what is likely next to nothing is left out
+        assert np.all((inside > -0.03) & (inside < 0.06))

@@ -220,7 +220,13 @@ def test_axes_of_a_sensor_tell_more_together():
 @pytest.mark.ci
 def test_flicker_counts_in_the_walk_for_filters():
     """5 000 s of flicker that is seen: its own equivalent is within the interval."""
-    for axis in noise_of(drawn({"B": 5e-4}, 0.0, 5000, 1.0, 3, 21), 1.0):
-        assert axis.slow is not None
-        walk = axis.slow.walk
-        assert walk.low < equivalent({"B": 5e-4}, 0.0, axis.slow.horizon) < walk.high
+    seeds, rate = range(21, 24), 4.0
+    axes = [
+        axis
+        for seed in seeds
+        for axis in noise_of(drawn({"B": 5e-4}, 0.0, 20_000, rate, 3, seed), rate)
+    ]
+    true = equivalent({"B": 5e-4}, 0.0, axes[0].slow.horizon)
+    outside = sum(not axis.slow.walk.low < true < axis.slow.walk.high for axis in axes)
+    # intervals of 95 %: a false alarm in a thousand seeds at most
+    assert outside <= stats.binom.isf(1e-3, len(axes), 0.05)
