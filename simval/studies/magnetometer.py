@@ -276,6 +276,8 @@ def _over_bound(
     """Mean square errors over the bound, of the fit and of the two steps."""
     bound, left = np.diagonal(predicted.covariance), predicted.variance_remainder
     squares, square_bias = seen["error"] ** 2 / bound, predicted.bias**2 / bound
+    off = predicted.bias_remainder
+    of_bias = (2.0 * np.abs(predicted.bias) + off) * off / bound
 
     def sharper(known: Expanded, error: Array, part: slice, over: Array) -> Reduced:
         weight = np.diag(1.0 / over[part]) / len(over[part])
@@ -285,8 +287,9 @@ def _over_bound(
         mean = mean_of(squares[:, part].mean(axis=1))
         expected = 1.0 + square_bias[part].mean()
         rows = plain(
-            stat.VARIANCE_OVER_BOUND(name), *mean, expected, stat.CRAMER_RAO, left
-        )
+            stat.VARIANCE_OVER_BOUND(name), *mean, expected, stat.CRAMER_RAO,
+            left + of_bias[part].mean(),
+        )  # fmt: skip
         yield rows, sharper(fit, seen["error"], part, bound)
     # the two steps' bias is of second order as well, and not predicted: its variance is
     usual, bound = seen["recipe"], bound[9:]

@@ -143,6 +143,9 @@ def units_of(
             unit = unit or written_unit(log, sensor)
             scale = _judged(sensor, unit, given_, known[sensor], seen)
         else:
+            if np.all(np.mod(getattr(log, sensor), 1.0) == 0.0):
+                # counts, of which 1024 a g are nearly mg, 0.15 uT each nearly mgauss
+                seen = seen._replace(low=0.0)
             scale = _shown(sensor, seen, None if sensor != "accelerometer" else means)
         axes, words = _axes(sensor, seen, hemisphere)
         found[sensor] = scale._replace(axes=axes, said=scale.said + words)

@@ -44,6 +44,10 @@ _BESIDE: Final = 10  # frequencies to either side of a line
 _BAND: Final = 3.0  # of the level: their mean, which noise exceeds in one line of 1000
 _CLOSE: Final = 2.0  # of (V13): from one correlation time to the next about the best
 ROUNDS: Final = 6  # of times between those before
+SURE: Final = 12.0
+"""Of (V13): what flicker and a walk must gain over white noise for slow noise to be
+plain where neither is seen alone: one signal without any in a thousand, by half of
+chi-square of one and a quarter of that of two."""
 NEEDED: Final = Z**2  # of (V13): what each of a walk and Markov noise must gain
 
 WALK: Final = Component("K")
@@ -104,7 +108,9 @@ class Chosen(NamedTuple):
     frequency_sd: float = 0.0
     """Of a sine, cycles a row."""
     slow: bool = False
-    """Whether there is more than white noise and a sine."""
+    """Whether there may be more than white noise and a sine."""
+    sure: bool = False
+    """Whether there is."""
     flicker: bool = False
     """Whether nothing without flicker is likely."""
     by_axes: bool = False
@@ -168,6 +174,8 @@ def weighed(
     found = fitted(problem)
     if slow is None:
         slow = bool(is_slow(problem, plain, found)[0])
+    white = family.problem(variances, tuple(c for c in plain if c.kind not in "BK"))
+    gain = fitted(white.part(*used)).deviance - found.deviance
     sets, bare = _slow(few, some, extra, both) if slow else ({plain: 0.0}, np.inf)
     tried = sets
     sets = {each: D for each, D in sets.items() if kinds_of(each) not in refused}
@@ -191,6 +199,7 @@ def weighed(
         most_time=most_time,
         frequency_sd=line.frequency_sd,
         slow=slow,
+        sure=bool(gain[0] > SURE),
         flicker=bare - min(sets.values()) > LIKELY,
         tried={} if extra else tried,
         by_axes=bool(refused),

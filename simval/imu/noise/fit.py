@@ -455,14 +455,15 @@ def _slow_noise(
     rows: int,
 ) -> SlowNoise | None:
     # None of white noise, or where even the stated set has no slow noise
-    if chosen.components not in walks:
+    seen = tuple(c.kind for c in made if c.value is not None and c.kind in "BKqTR")
+    if chosen.components not in walks or not (seen or chosen.sure):
         return None
     square = walks[chosen.components][0]
     lows, highs = zip(*(ends_of_it for _, *ends_of_it in walks.values()), strict=True)
     ends_of_it = min(lows), max(highs)
     spread = (ends_of_it[1] - ends_of_it[0]) / (2.0 * Z)
     return SlowNoise(
-        seen=tuple(c.kind for c in made if c.value is not None and c.kind in "BKqTR"),
+        seen=seen,
         likely=tuple(dict.fromkeys(kinds_of(each) for each in chosen.likely)),
         by_axes=chosen.by_axes,
         walk=_root("K", (square, *ends_of_it), spread, unit, rate_hz, seen=True),

@@ -291,8 +291,8 @@ class Start:
 
     def of_nis(self, reads: Collection[str]) -> float:
         """Relative sd of NIS, by how well the noises that a filter reads are known."""
-        parts = [2.0 * sd if name in reads else 0.0 for name, sd in self.known.items()]
-        return float(np.hypot.reduce(parts)) / len(parts)
+        parts = [2.0 * sd for name, sd in self.known.items() if name in reads]
+        return float(np.hypot.reduce([0.0, *parts])) / max(len(parts), 1)
 
 
 def start_of(

@@ -82,6 +82,23 @@ def test_every_unit_is_as_good_as_its_header(sensor):
         assert units_of(named, {sensor: other})[sensor].kind == "contradicted"
 
 
+COUNTS = {  # SI units in a count that are nearly a unit
+    "accelerometer": [G0 / 1024.0, G0 / 1365.0],
+    "gyro": [DEGREE / 16.4],
+    "magnetometer": [0.1e-6],
+}
+
+
+@pytest.mark.parametrize("sensor", OF_A_LOG)
+def test_counts_are_no_unit(sensor):
+    log = sound(table, 0, 0.3)
+    for count in COUNTS[sensor]:
+        rows = np.round(getattr(log, sensor) / count)
+        counts = replace(log, columns=(), **{sensor: rows})
+        assert units_of(counts)[sensor].unit == ""
+        assert units_of(replace(counts, **{sensor: rows + 0.25}))[sensor].unit != ""
+
+
 def test_a_hemisphere_tells_a_mirrored_magnetometer():
     log = sound(table, 5, 0.2)
     mirrored = changed(log, "magnetometer", MIRROR)
