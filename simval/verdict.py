@@ -48,8 +48,8 @@ inconclusive; it never passes.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from math import inf, isnan, sqrt
+from dataclasses import dataclass, replace
+from math import ceil, inf, isnan, sqrt
 from typing import Literal
 
 import numpy as np
@@ -309,7 +309,7 @@ def judge(
     sharp = sound & (columns.check == "control") & ~above
     beside = {_quantity(*members[i]) for i in np.flatnonzero(sharp)}
     return tuple(
-        Verdict(
+        _counted(Verdict(
             cell=cell,
             row=row,
             answer=answers[i],
@@ -326,9 +326,17 @@ def judge(
             wide=bool(above[i])
             and answers[i] == "pass"
             and _quantity(cell, row) not in beside,
-        )
+        ))
         for i, (cell, row) in enumerate(members)
-    )
+    )  # fmt: skip
+
+
+def _counted(verdict: Verdict) -> Verdict:
+    # with the samples that would do, if there are too few
+    if isnan(more := verdict.more):
+        return verdict
+    needed = f"about {ceil(verdict.row.n * more)} samples are needed"
+    return replace(verdict, reason=f"{verdict.reason}; {needed}")
 
 
 def _quantity(cell: CellName, row: Row) -> tuple[CellName, Statistic, str]:
@@ -396,8 +404,7 @@ def _reason(row: Row, p: float, limit: float, detectable: float) -> str:
     least = PRACTICAL * max(abs(row.prediction), row.standard_error * sqrt(row.n))
     return (
         f"{row.n} samples would show no discrepancy below {detectable:.3g}, and "
-        f"{least:.3g} must not go unseen; about "
-        f"{int(np.ceil(row.n * (detectable / least) ** 2))} samples are needed"
+        f"{least:.3g} must not go unseen"
     )
 
 

@@ -157,7 +157,7 @@ def command(
         write(file, text)
         notes += ["", *(f"{name:17s} {note}" for note in left)]
     if page is not None:
-        write_page(page, log, whole)
+        write_page(page, log, whole, row_lines(evidence))
     if as_json:
         click.echo(json.dumps(written, allow_nan=False))
         say(notes, err=True)
@@ -185,8 +185,8 @@ def listed(words: str) -> list[str]:
     return [] if words == "none" else [word.strip() for word in words.split(",")]
 
 
-def write_page(path: Path, log: Log, whole: ImuCalibration) -> None:
-    """Write the page of a calibration."""
+def write_page(path: Path, log: Log, whole: ImuCalibration, said: list[str]) -> None:
+    """Write the page of a calibration, with more that is said of the log."""
     from simval.report import render_calibration  # starts the drawing
 
-    write(path, render_calibration(log, whole, command_again()))
+    write(path, render_calibration(log, whole, command_again(), said))

@@ -168,7 +168,7 @@ def command(
     )
     head = [*log.described(), *found.described(), *row_lines(found.evidence)]
     head += start.described
-    head += alignment_lines(alignment, recorded, found)
+    head += alignment_lines(alignment, recorded)
     head += _offered(path, instance) if recorded is None else []
     say([] if as_json else head)
     more = None
@@ -318,7 +318,7 @@ def run_on_log(
         output=replace(output, kept=output.kept + given_rows(found, start).start),
         six=None if filter.magnetometer else start,
         thinned=stride > 1,
-        told=start.of_nis(filter.reads),
+        told=start.of_nis(filter.reads, 1 + filter.magnetometer),
         motion=start.motion,
     )
 

@@ -263,6 +263,12 @@ def with_rows(log: "Log", kind: GyroRows, delay_ms: float) -> "Log":
     """A log whose gyroscope's rows are as stated; before, until they are found."""
     from simval.imu.logs import Rows
 
+    if log.gyro is None and (kind != "found" or delay_ms):
+        msg = (
+            f"{log.path} has no gyroscope, of whose rows `--gyro-rows` and "
+            "`--gyro-delay` are; leave them out, or name its columns (--columns)"
+        )
+        raise InputError(msg)
     known = "before" if kind == "found" else kind
     return replace(log, gyro_rows=Rows(kind=known, delay=1e-3 * delay_ms))
 

@@ -74,7 +74,9 @@ MEANING = (
 )
 
 
-def render_calibration(log: Log, whole: ImuCalibration, command: str = "") -> str:
+def render_calibration(
+    log: Log, whole: ImuCalibration, command: str = "", said: Sequence[str] = ()
+) -> str:
     """Render the calibration of a log as one HTML page.
 
     Parameters
@@ -85,16 +87,20 @@ def render_calibration(log: Log, whole: ImuCalibration, command: str = "") -> st
         As from `simval.imu.multiposition.calibrate_sensors`.
     command : str
         The command that makes the page again; empty leaves it out.
+    said : sequence of str
+        Lines about the log, such as what the gyroscope's rows are taken as.
 
     Returns
     -------
     str
         The page; the same log and options give the same bytes.
     """
-    return render_log(calibration_page(log, whole, command))
+    return render_log(calibration_page(log, whole, command, said))
 
 
-def calibration_page(log: Log, whole: ImuCalibration, command: str = "") -> LogPage:
+def calibration_page(
+    log: Log, whole: ImuCalibration, command: str = "", said: Sequence[str] = ()
+) -> LogPage:
     """State the answers, figures and tables of a calibration."""
     fit, result = whole.accelerometer, whole.log
     bound = bound_sd(result)
@@ -122,7 +128,7 @@ def calibration_page(log: Log, whole: ImuCalibration, command: str = "") -> LogP
             *(section for section in others if section is not None),
             made([_signals(log, result)]).under("signals", "Static intervals"),
         ),
-        said=(*log.described(), *said_of(whole.units.values())),
+        said=(*log.described(), *said, *said_of(whole.units.values())),
         command=command,
     )
 

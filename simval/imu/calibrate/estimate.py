@@ -178,10 +178,11 @@ def _values(names: tuple[str, ...], values: Array, sd: Array) -> list[str]:
 def rate_unit(M: Float[Array, "3 3"]) -> tuple[float | None, str]:
     """Unit of a gyroscope's readings by their scale, rad/s, and what there is to say.
 
-    None of counts.
+    None of counts, which come near the others.
     """
     scale = float(np.cbrt(abs(np.linalg.det(M))))
-    for name, size in OF_A_LOG["gyro"].items():
+    for name in ("rad/s", "deg/s"):
+        size = OF_A_LOG["gyro"][name]
         if 1.0 / NEAR < scale / size < NEAR:
             return size, f"are in {name} by their scale, {scale:.5g}"
     return None, f"are counts of {scale:.4g} rad/s"

@@ -70,7 +70,10 @@ def parsed(path: str) -> tuple[list[Stream], str, list[tuple[str, str]]]:
         for key, count in sorted(_stated(reader, known).items())
         if count > len(rows.get(key, ()))
     ]
-    stamps = {key: np.array([row[:2] for row in own]) for key, own in rows.items()}
+    stamps = {  # a damaged time of receipt may be anything, which is no number
+        key: np.array([row[:2] for row in own], dtype=np.int64)
+        for key, own in rows.items()
+    }
     ordered = all(np.all(np.diff(each[:, 1]) > 0) for each in stamps.values())
     clock = "stamps of the headers"
     if not ordered:

@@ -74,7 +74,8 @@ class Rows:
         object.__setattr__(self, "delay", delay)
 
     def __str__(self) -> str:
-        late = f", {1e3 * self.delay:g} ms late" if self.delay else ""
+        side = "late" if self.delay > 0.0 else "early"
+        late = f", {1e3 * abs(self.delay):g} ms {side}" if self.delay else ""
         return f"{WORDS[self.kind]}{late}"
 
     @property

@@ -38,9 +38,7 @@ WORLDS = {
 }
 
 
-def alignment_lines(
-    alignment: Alignment | None, recorded: Truth | None, found: Signals
-) -> list[str]:
+def alignment_lines(alignment: Alignment | None, recorded: Truth | None) -> list[str]:
     """The truth and what lies between it and the log, each with a 95 % interval."""
     if alignment is None or recorded is None:
         return []

@@ -264,7 +264,7 @@ def with_gyro_unit(found: Signals, raw_per_si: float | None) -> Signals:
     for unit, size in OF_A_LOG["gyro"].items():
         if abs(raw_per_si * size - 1.0) <= NEAR:
             words = f"{unit}, as the truth says ({raw_per_si:.5g} to a rad/s)"
-            return replace(found, gyro=found.gyro * size, gyro_unit=words)
+            return replace(found, gyro=found.gyro / raw_per_si, gyro_unit=words)
     msg = (
         f"by the truth {raw_per_si:.6g} units of the gyroscope are a rad/s, which is "
         f"no unit; give --gyro-unit {1.0 / raw_per_si:.6g} for raw counts, or "
@@ -289,10 +289,13 @@ class Start:
     known: Mapping[str, float]  # relative sd of noises told, by their names
     motion: float  # m/s^2, of real acceleration while moving; 0 where the noise has it
 
-    def of_nis(self, reads: Collection[str]) -> float:
-        """Relative sd of NIS, by how well the noises that a filter reads are known."""
+    def of_nis(self, reads: Collection[str], sensors: int) -> float:
+        """Relative sd of NIS, by how well the noises that a filter reads are known.
+
+        Of so many `sensors` with innovations.
+        """
         parts = [2.0 * sd for name, sd in self.known.items() if name in reads]
-        return float(np.hypot.reduce([0.0, *parts])) / max(len(parts), 1)
+        return float(np.hypot.reduce([0.0, *parts])) / sensors
 
 
 def start_of(

@@ -199,7 +199,8 @@ def taken_world(
         f"the truth's world is none of {', '.join(FRAMES)}: the nearest is "
         f"{np.degrees(np.linalg.norm(shown.off)):.0f} degrees off by what the log's "
         "sensors show; state it (--truth-world), or turn the truth to the log's own "
-        f"{by} (--truth-world estimated){to}"
+        f"{by} (--truth-world estimated){to}. A gyroscope whose rows are late by more "
+        "than a step or two looks so too (--gyro-rows, --gyro-delay)"
     )
     raise RefusedError(msg)
 

@@ -34,8 +34,8 @@ MINIMUM = 100  # samples
 FLOOR_QUANTILE = 0.1
 """Of the windowed variances: the noise floor of the log. The log needs rests in more of
 its windows than that, and a share of few windows would be a chance minimum. Any from
-0.01 to 0.2 leaves the rests as they are (`test_the_noise_floor_decides_little`,
-test_rests.py); 0.5 loses those of a log that rests a fifth of its time."""
+0.01 to 0.2 leaves the rests as they are; 0.5 loses those of a log that rests a fifth of
+its time."""
 
 FLOOR_MULTIPLE = 3.0
 """Floors above which a window has moved. Windows of white noise vary by 8 % at 101

@@ -202,13 +202,14 @@ def test_slow_noise_of_an_unknown_kind_has_a_walk_for_filters():
     assert [axis.slow for axis in white] == [None] * 3
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_white_noise_has_no_slow_noise():
     """One signal in a thousand by the stated rate, and one test in a thousand more."""
     rows = np.random.default_rng(5).standard_normal((2000, 600))
     assert sum(axis.slow is not None for axis in noise_of(rows, 100.0)) <= 4
 
 
+@pytest.mark.slow
 def test_axes_of_a_sensor_tell_more_together():
     """A walk on three axes: flicker with a ramp follows on one, not on all of them."""
     rows = drawn({"K": 2e-5}, 0.0, 50_000, 10.0, 24, 11)

@@ -121,15 +121,15 @@ def test_how_well_the_scatter_at_rest_is_known():
         start = start_of(still)
         known = start.known["accelerometer_noise"]
         found.append([start.told.accelerometer_noise / 0.02, known])
-        assert start.of_nis(("accelerometer_noise",)) == pytest.approx(2.0 * known)
-        assert start.of_nis(()) == 0.0
+        assert start.of_nis(("accelerometer_noise",), 1) == pytest.approx(2.0 * known)
+        assert start.of_nis((), 1) == 0.0
         if seed == 0:  # of a sensor that a filter does not read nothing is in its NIS
             field = 1e-7 * rng.standard_normal((500, 3)) + [2e-5, 0.0, -4e-5]
             nine = start_of(replace(still, field=field, field_unit="T"))
-            assert nine.of_nis(("accelerometer_noise",)) == 2.0 * known
+            assert nine.of_nis(("accelerometer_noise",), 1) == 2.0 * known
         given = start_of(still, accelerometer_noise=0.5)
         assert given.told.accelerometer_noise == 0.5
-        assert given.of_nis(("accelerometer_noise",)) == 0.0
+        assert given.of_nis(("accelerometer_noise",), 1) == 0.0
     scatter, known = np.std(np.array(found)[:, 0]), np.mean(np.array(found)[:, 1])
     white = 1.0 / np.sqrt(2 * 1500)
     # the sd of 40 to 11 % of itself, its estimate by 24 blocks to 15 % / sqrt(40)
