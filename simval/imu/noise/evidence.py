@@ -185,10 +185,16 @@ def weighed(
     if slow and (alone or least - _deviances(few, some, [walk])[walk] > EVIDENCE):
         sets |= _slow(few, some, (*extra, RAMP), False)[0]
     likely = _likely(sets, plain, walk)
-    if likely[0] != plain:
-        found = fitted(family.problem(variances, likely[0]).part(*used))
-    if not found.holds[0]:
+    by_plain = found
+    for each in likely:  # the best by few of the lengths may miss the others
+        found = by_plain
+        if each != plain:
+            found = fitted(family.problem(variances, each).part(*used))
+        if found.holds[0]:
+            break
+    else:
         return None
+    likely = [each, *(other for other in likely if other != each)]
     least_time, most_time = _times_left(sets, likely)
     return Chosen(
         used,
