@@ -6,6 +6,7 @@ are the directions of the rests and, where the machine can draw, a picture.
 
 from collections.abc import Mapping
 from contextlib import suppress
+from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -16,8 +17,8 @@ from simval.arrays import Array
 from simval.errors import GeometryError, InputError
 from simval.figures import Figure
 from simval.geometry import attitude_matrix, compose, conjugate
-from simval.poses import observability
-from simval.results import Outcome, Row, exact, limit, unjudged
+from simval.poses import PARAMETERS, observability
+from simval.results import Outcome, Row, beyond, exact, limit, unjudged
 from simval.scene import Trajectory
 from simval.scene.physics import roll_out
 from simval.scene.pictures import drawn
@@ -33,6 +34,10 @@ ROUNDING = 1e-12
 
 LAG_ROUNDING = 1e-9
 """Steps; quaternions of turns of 1e-6 rad keep nine digits of the turn."""
+
+
+CHANCE = 1e-6
+"""That a die shows too few faces by itself, up to which its rank is judged."""
 
 
 class Parameters(StudyParameters):
@@ -55,6 +60,8 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     rollout = roll_out(plan.physics.model, [plan.script], positions=True)
     trajectory = checked_trajectory(plan, rollout)
     rows = judged_rows(trajectory)
+    if parameters.scene == "die":
+        rows = tuple(chain(*(_by_chance(row, parameters.poses) for row in rows)))
     directions = trajectory.hold_means() / trajectory.g
     name = f"{parameters.scene}-{parameters.poses}"
     time = trajectory.time
@@ -66,6 +73,28 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         picture = drawn(plan, [float(instants[0])], ".png", rollout=rollout)
         artifacts[f"scene-{name}.png"] = picture
     return Outcome(rows=rows, artifacts=artifacts)
+
+
+def few_faces(throws: int, least: int = PARAMETERS, faces: int = 14) -> float:
+    """Chance that throws of a fair die show fewer than so many of its faces."""
+    seen = np.arange(faces + 1)
+    share = np.where(seen == 0, 1.0, 0.0)
+    for _ in range(throws):
+        again, new = share * seen / faces, share * (faces - seen) / faces
+        share = again + np.concatenate([[0.0], new[:-1]])
+    return float(share[:least].sum())
+
+
+def _by_chance(row: Row, throws: int) -> tuple[Row, ...]:
+    # the rank of so few throws is no promise
+    chance = few_faces(throws)
+    if row.statistic != stat.RANK() or chance < CHANCE:
+        return (row,)
+    why = (
+        f"{throws} throws of a die show fewer than {PARAMETERS} of its faces with a "
+        f"chance of {chance:.2g}, and {CHANCE:g} is accepted"
+    )
+    return beyond([row], why)
 
 
 def judged_rows(trajectory: Trajectory) -> tuple[Row, ...]:

@@ -1,7 +1,10 @@
 """The detector scored against true rest, and the error budget from end to end."""
 
+from math import comb
+
 import numpy as np
 import pytest
+from cells import rows_of
 
 from simval.errors import SimvalError
 from simval.geometry import attitude_error, compose, conjugate, normalize
@@ -18,6 +21,7 @@ from simval.studies.detector import (
     squares_of,
     thinned,
 )
+from simval.studies.scene import few_faces
 from simval.sweep import load_run
 from simval.theory.magnetometer import magnetometer_moments
 from simval.theory.propagation import PARTS, UP, calibration_parts, carrier
@@ -229,3 +233,20 @@ def test_what_the_linear_budget_leaves_out():
         squares.append((np.mean(nees[0]) - np.mean(nees[1])) / 3.0)
     assert abs(np.mean(extra) / np.mean(linear)) / 2.0 < end_to_end.NEXT_ORDER * size**2
     assert abs(np.mean(squares)) < end_to_end.NEXT_ORDER * size**2
+
+
+@pytest.mark.parametrize("throws", [9, 22, 40])
+def test_faces_of_a_die_by_counting(throws):
+    """Sets of k faces, less what misses some of them (inclusion and exclusion)."""
+    few = sum(
+        comb(14, k) * sum((-1) ** j * comb(k, j) * (k - j) ** throws for j in range(k))
+        for k in range(1, 9)
+    )
+    assert few_faces(throws) == pytest.approx(few / 14**throws, rel=1e-9)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(("poses", "check"), [(12, "record"), (40, "exact")])
+def test_the_rank_of_a_few_throws_is_no_promise(poses, check):
+    rank = rows_of("scene", 1, scene="die", poses=poses)["rank"]
+    assert (rank.check, bool(rank.outside)) == (check, check == "record")
