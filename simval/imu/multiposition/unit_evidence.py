@@ -100,6 +100,8 @@ def seen_of(
     if log.magnetometer is not None:
         field = half_seconds(log.magnetometer, log.rate).mean(axis=1)
         up = (up - centre) / radii if known else up
+        if _spread(_distinct(up[still])) >= _TURNED:  # a mean in motion is shorter
+            up, field = up[still], field[still]
         good = (_lengths(up) > 0.0) & (_lengths(field) > 0.0)
         up, field = up[good], field[good]
         turned = _spread(_distinct(up)) >= _TURNED

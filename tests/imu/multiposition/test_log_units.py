@@ -82,10 +82,10 @@ def test_every_unit_is_as_good_as_its_header(sensor):
         assert units_of(named, {sensor: other})[sensor].kind == "contradicted"
 
 
-COUNTS = {  # SI units in a count that are nearly a unit
+COUNTS = {  # of the units of the logs, each nearly a unit
     "accelerometer": [G0 / 1024.0, G0 / 1365.0],
     "gyro": [DEGREE / 16.4],
-    "magnetometer": [0.1e-6],
+    "magnetometer": [0.1],
 }
 
 
