@@ -140,8 +140,8 @@ def _slopes(
     frame: Frame | None,
     bent: dict[tuple[int | str, str], float],
 ) -> Iterator[Row]:
-    """Rows of the greatest column, or of all combined: three levels suffice there."""
-    levels = norm * LEVELS[:: 2 if frame else 1]
+    """Rows of the greatest column, or of all combined: the three upper levels there."""
+    levels = norm * LEVELS[2 if frame else 0 :]
     noises = levels[:, None, None, None] ** 2 * shape
     truths = [_truth(truth, noise, frame) for noise in noises]
     of = () if frame is None else (frame,)
