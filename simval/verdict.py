@@ -333,7 +333,7 @@ def judge(
 
 def _counted(verdict: Verdict) -> Verdict:
     # with the samples that would do, if there are too few
-    if isnan(more := verdict.more):
+    if isnan(more := verdict.more) or verdict.row.n < MIN_SAMPLES:
         return verdict
     needed = f"about {ceil(verdict.row.n * more)} samples are needed"
     return replace(verdict, reason=f"{verdict.reason}; {needed}")

@@ -548,6 +548,8 @@ class Faulty(Mekf):
         found = self.held[0]
         return {k: found[k] for k in found if k not in fault.get("without", ())}
 
+    _taken = Mekf._in_numpy  # whose parts the faults change
+
     def _step(self, h, rate):
         super()._step(h, rate + 2.0 * self.b if "bias sign" in self.fault else rate)
 
