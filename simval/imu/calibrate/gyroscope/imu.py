@@ -22,12 +22,14 @@ from simval.imu.calibrate.gyroscope.calibration import (
 )
 from simval.imu.calibrate.gyroscope.evidence import (
     CHANCE,
+    MOVES,
     BiasTerms,
     Rests,
     Sensitivity,
     bias_terms,
     choose_bias,
     choose_sensitivity,
+    rest_motion,
     walk_of,
 )
 from simval.imu.calibrate.gyroscope.noise import (
@@ -148,6 +150,7 @@ def calibrate_imu(
     estimator: Weighting = "joint",
     scheme: Scheme = "averages",
     margin: int = 10,
+    means: bool | None = None,
     chunk: int = 1,
     full_scale: float | None = None,
     start: Any = None,
@@ -187,6 +190,9 @@ def calibrate_imu(
         As in `calibrate_gyroscope`.
     scheme, margin, chunk, full_scale : optional
         As in `inter_rest_rotations`.
+    means : bool, optional
+        Whether rotations go between the mean attitudes of the rests, as in
+        `inter_rest_rotations`; by the angles within the rests if not given.
     start : optional
         As in `calibrate_gyroscope`.
     temperature : array_like, optional
@@ -246,10 +252,18 @@ def calibrate_imu(
     if bias != "auto" and bias != chosen:
         chosen, said = bias, f"bias: {bias}, as asked; by evidence {said}"
     scatter, _ = walk_of(rests, np.ones((len(at), 1)))
+    chance = rest_motion(time, gyroscope, at, rests, walk, drift)
+    moves = chance < MOVES if means is None else switch("means", means)
+    how["means"] = moves
+    moved = moves and (
+        "rotations go from the mean attitude of a rest to that of the next: in rests "
+        f"that are still the gyroscope reads as here in {chance_words(chance, 2)} of "
+        f"logs ({MOVES:g} allowed)"
+    )
     force = acc.sensor().correct(rows) if found.kept else None
     more, known = _taken_out(time, warm, force, found, rests, chosen)
     gain = scale_terms(time, gyroscope, at, forces, warm, how, more.get("offset", 0.0))
-    if more or gain.thermal is not None:
+    if more or moves or gain.thermal is not None:
         rates_of = gyroscope if gain.thermal is None else gain.rows
         inter_rest = inter_rest_rotations(time, rates_of, intervals, **how, **more)
     reduced = ImuReadings(
@@ -271,7 +285,11 @@ def calibrate_imu(
     return ImuFit(
         accelerometer=acc,
         gyroscope=fit,
-        reasons=(said, found.reason, *(x for x in (warm.reason, gain.reason) if x)),
+        reasons=(
+            said,
+            found.reason,
+            *(x for x in (moved, warm.reason, gain.reason) if x),
+        ),
         thermal=gain.thermal or warm.thermal,
         G=found.G,
         G_sd=found.sd,
