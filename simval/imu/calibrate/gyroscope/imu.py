@@ -150,9 +150,9 @@ def calibrate_imu(
     estimator: Weighting = "joint",
     scheme: Scheme = "averages",
     margin: int = 10,
-    means: bool | None = None,
     chunk: int = 1,
     full_scale: float | None = None,
+    means: bool | None = None,
     start: Any = None,
     temperature: Any = None,
 ) -> ImuFit:
