@@ -288,9 +288,9 @@ def along_gravity(
     r"""Noise of the accelerometer's means along gravity, which their norms feel.
 
     It is that of `noise`, and where that is white each rest's own if they differ. But a
-    hand trembles. Where the means of eighths of the rests have chance against it, a
-    mean of n rows of the variance :math:`s^2` along gravity has :math:`s^2 q/n`, with
-    :math:`q = 2 q_4 - q_8` by quarters and eighths:
+    hand trembles. Where it does, or the means of eighths of the rests have chance
+    against it, a mean of n rows of the variance :math:`s^2` along gravity has
+    :math:`s^2 q/n`, with :math:`q = 2 q_4 - q_8` by quarters and eighths:
     rows that undo each other, as the accelerations of a lever arm, leave the means of
     k parts of a rest a scatter as k + 1, and that of the whole 1. What rounding leaves
     where noise does not blur its steps h, :math:`h^2/12\, e^{-4\pi^2\sigma^2/h^2}`,
@@ -318,7 +318,7 @@ def along_gravity(
     for pieces in _PARTS:
         parts, dof = _scatter(turned, np.maximum(counts // pieces, 1))
         square, free = dof[seen] @ (parts[seen, 0] / own[seen]), dof[seen].sum()
-        ratios.append((square / free, float(chi_square_chance(square, free))))
+        ratios.append((square / max(free, 1.0), chi_square_chance(square, free)))
     (quarters, _), (eighths, p) = ratios
     known, alone = noise.std**2, noise.source == "white"
     step = np.array([rounding_step(axis) for axis in np.concatenate(rests).T])
@@ -326,8 +326,8 @@ def along_gravity(
     blurs = np.maximum(blurs - step**2 / SHARE, 0.0) / np.maximum(step**2, 1e-300)
     left = up**2 @ (step**2 / SHARE * np.exp(-4.0 * np.pi**2 * blurs))
     noise = replace(noise, trembled=lost[:, None] * x)
-    asked = alone or trembles or eighths > np.max(known * counts) / pooled[0]
-    if asked and 2.0 * min(p, 1.0 - p) < BEYOND:
+    beyond = alone or eighths * pooled[0] > np.max(known * counts)
+    if trembles or (beyond and 2.0 * min(p, 1.0 - p) < BEYOND):
         q = max(2.0 * quarters - eighths, eighths / 9.0)
         words = (
             f"by the means of parts of the rests, which leave {np.sqrt(q):.3g} times "
