@@ -132,8 +132,8 @@ MOVES: Final = 1e-3
 def rest_motion(
     time: Any, rates: Any, intervals: Any, rests: Rests, walk: Float[Array, "3"],
     drift: float,
-) -> float:  # fmt: skip
-    r"""Chance that still rests leave as much in their mean readings and slopes.
+) -> tuple[float, float]:  # fmt: skip
+    r"""Chance that still rests leave as much in mean readings and slopes; in slopes.
 
     The slopes :math:`\int (2s - 1)\, n\, dt` have the variance :math:`N^2 T_r/3`, and
     the means scatter by N and K about the bias.
@@ -146,8 +146,9 @@ def rest_motion(
     weights = 2.0 * step * ramps(len(y), intervals)
     slopes = np.array([weights[a:b] @ (y[a:b] - y[a:b].mean(0)) for a, b in intervals])
     slopes = slopes / N
-    square = (mean**2).sum() + 3.0 * (slopes**2 / rests.seconds[:, None]).sum()
-    return float(scipy.special.chdtrc(mean.size + slopes.size - 3, square))
+    within = 3.0 * (slopes**2 / rests.seconds[:, None]).sum()
+    both = scipy.special.chdtrc(mean.size + slopes.size - 3, (mean**2).sum() + within)
+    return float(both), float(scipy.special.chdtrc(slopes.size, within))
 
 
 def choose_sensitivity(

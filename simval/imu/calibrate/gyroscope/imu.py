@@ -249,11 +249,17 @@ def calibrate_imu(
     rates = rests.rates - forces @ found.G.T - warm.at_rest @ warm.coefficients
     rests = rests._replace(rates=rates)
     chosen, drift, said = choose_bias(rests, walk, bias_random_walk)
+    chance, within = rest_motion(time, gyroscope, at, rests, walk, drift)
+    moves = chance < MOVES if means is None else switch("means", means)
     if bias != "auto" and bias != chosen:
         chosen, said = bias, f"bias: {bias}, as asked; by evidence {said}"
+    elif bias != chosen == "line" and moves and within < MOVES:
+        # what a hand turns is no bias
+        chosen, said = (
+            "constant",
+            f"bias: constant, rests move; were they still, {said}",
+        )
     scatter, _ = walk_of(rests, np.ones((len(at), 1)))
-    chance = rest_motion(time, gyroscope, at, rests, walk, drift)
-    moves = chance < MOVES if means is None else switch("means", means)
     how["means"] = moves
     moved = moves and (
         "rotations go from the mean attitude of a rest to that of the next: in rests "
