@@ -45,7 +45,7 @@ from simval.imu.logs import Log
 from simval.imu.multiposition.description import log_lines, sensor_lines
 from simval.imu.multiposition.faults import explained, for_a_log, require_sound
 from simval.imu.multiposition.log_units import Scale, said_of, units_of
-from simval.imu.multiposition.noise import PoseNoise, pose_noise
+from simval.imu.multiposition.noise import PoseNoise, along_gravity, pose_noise
 from simval.imu.multiposition.ranges import (
     require_alive,
     require_one_unit,
@@ -192,6 +192,13 @@ def calibrate_log(
         else:
             assert refusal is not None  # there is a best level
             raise refusal
+        pose = along_gravity(log, intervals, pose, fit)
+        log = steadied(log, intervals, pose)
+        poses = interval_means(log.accelerometer, intervals)
+        fit = _by_noise(
+            fit, poses, pose, stated, model=model, method=method, residual=residual,
+            loss=loss, full_scale=full_scale,
+        )  # fmt: skip
         std = None if np.any(pose.std == 0.0) else pose.std
         white = None if np.any(pose.white == 0.0) else pose.white
         warm, further = _rest_terms(log, intervals, poses, fit, std, loss), None
@@ -230,6 +237,37 @@ def calibrate_log(
         raise explained(log, g, rest, error) from error
     require_sound(case)
     return result
+
+
+def _by_noise(
+    fit: FitResult,
+    poses: Float[Array, "m 3"],
+    pose: PoseNoise,
+    stated: Float[Array, " m"] | None,
+    **how: Any,
+) -> FitResult:
+    # again where the means have changed, or weighed where the noise of rests differs;
+    # the residuals say how large it is
+    weighs = pose.uneven and how["residual"] == "squared" and how["loss"] == "linear"
+    if not weighs or stated is not None or not fit.dof > 0:
+        if not np.any(pose.trembled):
+            return fit
+        return calibrate(poses, fit.g, noise_std=stated, **how).require_converged()
+    how["residual"] = "weighted"
+    fit = calibrate(poses, fit.g, noise_std=pose.std, **how).require_converged()
+    P = fit.covariance * fit.chi2_per_dof
+    return replace(fit, covariance=P, covariance_kind="type A")
+
+
+def steadied(log: Log, intervals: Intervals, pose: PoseNoise) -> Log:
+    """A log whose rests have the means that they would have without trembling."""
+    if not np.any(pose.trembled):
+        return log
+    rows = log.accelerometer.copy()
+    lost = np.broadcast_to(pose.trembled, (len(intervals), 3))
+    for (a, b), each in zip(intervals, lost, strict=True):
+        rows[a:b] += each
+    return replace(log, accelerometer=rows)
 
 
 def at_reference(log: Log, **terms: Thermal | None) -> Log:
@@ -389,6 +427,7 @@ def calibrate_sensors(
     fits: dict[str, Any] = {}
     left_out: dict[str, str] = {}
     recorded = log
+    log = steadied(log, result.intervals, result.pose_noise)
     log = at_reference(log, accelerometer=result.warm.thermal)
     for name, samples, calibrated in kinds:
         if asked is not None and name not in asked:

@@ -1,19 +1,29 @@
 """Noise of a log: of single readings, and of the means of its rests."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+import scipy
 
 from simval.arrays import Array, ReadOnly, frozen, positive_number
 from simval.errors import InputError, RefusedError
+from simval.geometry import normalize
+from simval.imu.calibrate import FitResult
+from simval.imu.calibrate.goodness_of_fit import BEYOND, chi_square_chance
+from simval.imu.calibrate.gyroscope.residuals import across
 from simval.imu.logs import Log
 from simval.imu.multiposition.rests import find_rests
 from simval.imu.noise import AxisNoise, NoiseFile, load_noise, noise_of
-from simval.imu.noise.fit import noise_of_readings, rows_to_a_reading
+from simval.imu.noise.fit import (
+    SHARE,
+    noise_of_readings,
+    rounding_step,
+    rows_to_a_reading,
+)
 from simval.imu.noise.model import LEAST_ROWS
 from simval.imu.sensor import AccelerometerModel
 from simval.imu.statics import WINDOWS, Intervals, interval_counts, interval_means
@@ -185,11 +195,17 @@ class PoseNoise(ReadOnly):
     Attributes
     ----------
     std : Array
-        Standard deviation of each axis of the mean of each rest, raw units, (m,).
+        Standard deviation of each axis of the mean of each rest, raw units, (m,); of an
+        accelerometer that along gravity.
     white : Array
-        The same if white noise were all there is, raw units, (m,).
+        The same if white noise were all there is, raw units, (m,); the same along all
+        axes and in all rests.
+    trembled : Array
+        What a trembling direction takes from the mean of each rest, raw units, (m, 3).
+    uneven : bool
+        Whether rests differ in their noise by more than chance, and rows say how.
     source : str
-        ``white``, ``log`` (the log's longest rest) or ``file``.
+        ``white``, ``log`` (the log's longest rest), ``rests`` (all) or ``file``.
     words : str
         Where it comes from.
     """
@@ -198,6 +214,8 @@ class PoseNoise(ReadOnly):
     white: Float[Array, " m"]
     source: str
     words: str
+    trembled: Float[Array, "m 3"] | float = 0.0
+    uneven: bool = False
 
 
 def white_noise(
@@ -257,6 +275,92 @@ def pose_noise(
     where = {"file": "the noise file", "log": "the log's longest rest"}[source]
     words = f"the Allan variance at each rest's length, of {where}"
     return PoseNoise(std=std, white=white, source=source, words=words)
+
+
+_PARTS = (4, 8)  # of a rest, whose means show what is slower than its rows
+_UNLIKE = 2.0  # times the variance along gravity; axes may differ in their noise
+_SHORT = 0.1  # s; in less a lever arm shakes the readings, which is no direction
+
+
+def along_gravity(
+    log: Log, intervals: Intervals, noise: PoseNoise, fit: FitResult
+) -> PoseNoise:
+    r"""Noise of the accelerometer's means along gravity, which their norms feel.
+
+    It is that of `noise`, and where that is white each rest's own if they differ. But a
+    hand trembles. Where it does, or the means of eighths of the rests have chance
+    against it, a mean of n rows of the variance :math:`s^2` along gravity has
+    :math:`s^2 q/n`, with :math:`q = 2 q_4 - q_8` by quarters and eighths:
+    rows that undo each other, as the accelerations of a lever arm, leave the means of
+    k parts of a rest a scatter as k + 1, and that of the whole 1. What rounding leaves
+    where noise does not blur its steps h, :math:`h^2/12\, e^{-4\pi^2\sigma^2/h^2}`,
+    comes on top. A direction that trembles with the variances :math:`v_1, v_2` across
+    shortens a mean by :math:`(v_1 + v_2 - 2 v_u)/2|y|^2`, which is told where it is
+    beyond chance.
+    """
+    samples, counts = log.accelerometer, interval_counts(intervals)
+    x = interval_means(samples, intervals) - fit.B
+    up = normalize(x @ fit.matrix.T @ fit.matrix)
+    axes = np.concatenate([up[:, None], across(up[None])[0]], axis=1)
+    rests = [samples[a:b] for a, b in intervals]
+    turned = [rows @ R.T for rows, R in zip(rests, axes, strict=True)]
+    white, _ = _scatter(turned, np.ones_like(counts))
+    if np.any(noise.std == 0.0):
+        return noise
+    own, pooled = white[:, 0], np.average(white, axis=0, weights=counts - 1)
+    block = max(1, round(_SHORT * log.rate))
+    short, dof = _scatter(turned, np.full(len(counts), block))
+    v, *beside = dof @ short
+    F = float(np.mean(beside)) / v / _UNLIKE if v > 0.0 else 0.0
+    trembles = scipy.special.fdtrc(2.0 * dof.sum(), dof.sum(), F) < BEYOND
+    lost = short @ [-2.0, 1.0, 1.0] / (2.0 * block * np.vecdot(x, x)) * trembles
+    seen, ratios = own > 0.0, []
+    for pieces in _PARTS:
+        parts, dof = _scatter(turned, np.maximum(counts // pieces, 1))
+        square, free = dof[seen] @ (parts[seen, 0] / own[seen]), dof[seen].sum()
+        ratios.append((square / max(free, 1.0), chi_square_chance(square, free)))
+    (quarters, _), (eighths, p) = ratios
+    known, alone = noise.std**2, noise.source == "white"
+    step = np.array([rounding_step(axis) for axis in np.concatenate(rests).T])
+    blurs = np.average([rows.var(axis=0) for rows in rests], axis=0, weights=counts)
+    blurs = np.maximum(blurs - step**2 / SHARE, 0.0) / np.maximum(step**2, 1e-300)
+    left = up**2 @ (step**2 / SHARE * np.exp(-4.0 * np.pi**2 * blurs))
+    noise = replace(noise, trembled=lost[:, None] * x)
+    beyond = alone or eighths * pooled[0] > np.max(known * counts)
+    if trembles or (beyond and 2.0 * min(p, 1.0 - p) < BEYOND):
+        q = max(2.0 * quarters - eighths, eighths / 9.0)
+        words = (
+            f"by the means of parts of the rests, which leave {np.sqrt(q):.3g} times "
+            "the noise that their rows would have if it were white"
+        )
+        std = np.sqrt(pooled[0] * q / counts + left)
+        return replace(noise, std=std, source="rests", words=words)
+    uneven = alone and bool(np.all(own > 0.0)) and _differ(own, counts - 1.0)
+    known = known * (own / pooled.mean() if uneven else 1.0)
+    std = np.sqrt(known + left)
+    return replace(noise, std=std, uneven=uneven)
+
+
+def _differ(variances: Float[Array, " m"], dof: Float[Array, " m"]) -> bool:
+    # beyond chance, by the test of Bartlett (1937)
+    total, few = dof.sum(), len(dof) - 1
+    mean = np.log(np.average(variances, weights=dof))
+    square = total * mean - dof @ np.log(variances)
+    square /= 1.0 + ((1.0 / dof).sum() - 1.0 / total) / (3.0 * few)
+    return chi_square_chance(float(square), few) < BEYOND
+
+
+def _scatter(
+    rests: list[Array], block: Any
+) -> tuple[Float[Array, "m 3"], Float[Array, " m"]]:
+    # of each rest the variance of rows by means over blocks of them, and its freedom
+    variances, dof = [], []
+    for rows, size in zip(rests, block, strict=True):
+        n = len(rows) // size
+        parts = rows[: n * size].reshape(n, size, 3).mean(axis=1)
+        variances.append(size * parts.var(axis=0, ddof=1))
+        dof.append(n - 1.0)
+    return np.array(variances), np.array(dof)
 
 
 def _require_this_unit(

@@ -48,6 +48,7 @@ class Case:
     bias: str = "constant"
     drift: float = 0.0
     margin: int = MARGIN
+    means: bool = False  # whether rotations go between the means of rests
 
     @property
     def truth(self):
@@ -123,7 +124,10 @@ class Case:
 
     def inter_rest(self, rates):
         """Moves of the gyroscope's rows; of a line between rests it is taken out."""
-        how = {"margin": self.margin, "chunk": 8 if self.bias == "line" else 1}
+        how = {
+            "margin": self.margin, "means": self.means,
+            "chunk": 8 if self.means or self.bias == "line" else 1,
+        }  # fmt: skip
         inter_rest = inter_rest_rotations(TIME, rates, RESTS, **how)
         if self.bias != "line":
             return inter_rest
@@ -154,6 +158,12 @@ CASES = {
     "gyroscope, symmetric": Case(("poses", "rates"), "symmetric"),
     "nine axes": Case(("poses", "rates", "fields")),
     "nine axes, upper": Case(("poses", "rates", "fields"), "upper"),
+}
+MEANS = {
+    f"gyroscope between means, {bias}": Case(
+        ("poses", "rates"), estimator="generalised", bias=bias, means=True
+    )
+    for bias in ("constant", "line")
 }
 WALKING = {
     "gyroscope that walks": Case(

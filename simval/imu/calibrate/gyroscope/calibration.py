@@ -460,7 +460,7 @@ def drift(problem: Problem, found: Solution, noise: NoiseFactors) -> Drift:
     assert isinstance(turns, InterRest)
     inter_rest, own, white = turns.inter_rest, here.whole[0], here.white[0]
     M = turns.split(found.theta[:, A:])[0][0]
-    middle = inter_rest.times[:, 0] + 0.5 * inter_rest.seconds
+    middle = inter_rest.middles
     # what is no residual of a rotation tells none
     time = np.full(len(white), middle.mean())
     time[: len(own)] = np.repeat(middle, 2)

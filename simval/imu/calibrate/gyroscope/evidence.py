@@ -25,6 +25,7 @@ import scipy
 
 from simval.arrays import Array, ReadOnly, physical_array
 from simval.imu.calibrate.gyroscope.noise import Bias, walk_covariance
+from simval.imu.calibrate.gyroscope.path_statistics import ramps
 from simval.imu.calibrate.rest_temperatures import LEAST_LEFT, RestTemperatures
 from simval.imu.calibrate.thermal import Thermal
 from simval.shapes import Float
@@ -122,6 +123,32 @@ def _left_out(rests: Rests) -> tuple[float, float]:
     off = (y - others)[1:-1], y[1:-1] - lines
     constant, line = (float(np.sqrt((each**2).mean())) for each in off)
     return constant, line
+
+
+MOVES: Final = 1e-3
+"""Chance that rests in which nothing turns are taken for moving."""
+
+
+def rest_motion(
+    time: Any, rates: Any, intervals: Any, rests: Rests, walk: Float[Array, "3"],
+    drift: float,
+) -> tuple[float, float]:  # fmt: skip
+    r"""Chance that still rests leave as much in mean readings and slopes; in slopes.
+
+    The slopes :math:`\int (2s - 1)\, n\, dt` have the variance :math:`N^2 T_r/3`, and
+    the means scatter by N and K about the bias.
+    """
+    step, y = np.diff(time, prepend=2 * time[0] - time[1]), np.asarray(rates)
+    N = np.maximum(walk, np.finfo(float).tiny)
+    white, _ = _whitening(rests, np.ones((len(rests.times), 1)), N, drift)
+    X, mean = white.sum(axis=1, keepdims=True), white @ rests.rates / N
+    mean = mean - X @ np.linalg.lstsq(X, mean)[0]
+    weights = 2.0 * step * ramps(len(y), intervals)
+    slopes = np.array([weights[a:b] @ (y[a:b] - y[a:b].mean(0)) for a, b in intervals])
+    slopes = slopes / N
+    within = 3.0 * (slopes**2 / rests.seconds[:, None]).sum()
+    both = scipy.special.chdtrc(mean.size + slopes.size - 3, (mean**2).sum() + within)
+    return float(both), float(scipy.special.chdtrc(slopes.size, within))
 
 
 def choose_sensitivity(

@@ -22,12 +22,14 @@ from simval.imu.calibrate.gyroscope.calibration import (
 )
 from simval.imu.calibrate.gyroscope.evidence import (
     CHANCE,
+    MOVES,
     BiasTerms,
     Rests,
     Sensitivity,
     bias_terms,
     choose_bias,
     choose_sensitivity,
+    rest_motion,
     walk_of,
 )
 from simval.imu.calibrate.gyroscope.noise import (
@@ -150,6 +152,7 @@ def calibrate_imu(
     margin: int = 10,
     chunk: int = 1,
     full_scale: float | None = None,
+    means: bool | None = None,
     start: Any = None,
     temperature: Any = None,
 ) -> ImuFit:
@@ -187,6 +190,9 @@ def calibrate_imu(
         As in `calibrate_gyroscope`.
     scheme, margin, chunk, full_scale : optional
         As in `inter_rest_rotations`.
+    means : bool, optional
+        Whether rotations go between the mean attitudes of the rests, as in
+        `inter_rest_rotations`; by the angles within the rests if not given.
     start : optional
         As in `calibrate_gyroscope`.
     temperature : array_like, optional
@@ -243,13 +249,27 @@ def calibrate_imu(
     rates = rests.rates - forces @ found.G.T - warm.at_rest @ warm.coefficients
     rests = rests._replace(rates=rates)
     chosen, drift, said = choose_bias(rests, walk, bias_random_walk)
+    chance, within = rest_motion(time, gyroscope, at, rests, walk, drift)
+    moves = chance < MOVES if means is None else switch("means", means)
     if bias != "auto" and bias != chosen:
         chosen, said = bias, f"bias: {bias}, as asked; by evidence {said}"
+    elif bias != chosen == "line" and moves and within < MOVES:
+        # what a hand turns is no bias
+        chosen, said = (
+            "constant",
+            f"bias: constant, rests move; were they still, {said}",
+        )
     scatter, _ = walk_of(rests, np.ones((len(at), 1)))
+    how["means"] = moves
+    moved = moves and (
+        "rotations go from the mean attitude of a rest to that of the next: in rests "
+        f"that are still the gyroscope reads as here in {chance_words(chance, 2)} of "
+        f"logs ({MOVES:g} allowed)"
+    )
     force = acc.sensor().correct(rows) if found.kept else None
     more, known = _taken_out(time, warm, force, found, rests, chosen)
     gain = scale_terms(time, gyroscope, at, forces, warm, how, more.get("offset", 0.0))
-    if more or gain.thermal is not None:
+    if more or moves or gain.thermal is not None:
         rates_of = gyroscope if gain.thermal is None else gain.rows
         inter_rest = inter_rest_rotations(time, rates_of, intervals, **how, **more)
     reduced = ImuReadings(
@@ -271,7 +291,11 @@ def calibrate_imu(
     return ImuFit(
         accelerometer=acc,
         gyroscope=fit,
-        reasons=(said, found.reason, *(x for x in (warm.reason, gain.reason) if x)),
+        reasons=(
+            said,
+            found.reason,
+            *(x for x in (moved, warm.reason, gain.reason) if x),
+        ),
         thermal=gain.thermal or warm.thermal,
         G=found.G,
         G_sd=found.sd,

@@ -28,15 +28,25 @@ middle and b the slope times h, :math:`S = h\bar y`, :math:`A = h^2 a \times b/1
   where the rate's curvature jumps, as at the ends of a minimum-jerk move;
 - ``linear``: rows are of one instant, with straight lines between. Order 2. That is
   what a Runge-Kutta step on samples integrates (IMU-TK, INSLIB), of whatever order.
+
+**Between mean attitudes.** An accelerometer's pose is the mean over a rest. Where the
+sensor moves in it, so little that its rotations commute, it turns from its mean
+attitude to its end, and from its start to its mean attitude, by
+
+.. math:: \phi_e = \int s\, \omega\, dt, \quad \phi_s = \int (1 - s)\, \omega\, dt,
+   \quad s = 0 \ldots 1 \text{ over the rest}: \tag{N12}
+
+the rows of a rest enter the rotation after it with their steps of time times s and the
+one before it with 1 - s; row j of n with s = j/n, which is the mean of n rows exactly.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simval.arguments import choice, whole_number
+from simval.arguments import choice, switch, whole_number
 from simval.arrays import Array, ReadOnly, finite_array, physical_array, positive_number
 from simval.errors import InputError, RefusedError, SaturatedError
 from simval.shapes import Float
@@ -171,6 +181,9 @@ class InterRestRotations(ReadOnly):
         Time of each rotation, s, (k,).
     chunk : int
         Steps of the clock that were merged into one.
+    means : bool
+        Whether rotations go from the mean attitude of a rest to that of the next, eq.
+        (N12): the first and the last chunk of each are ramps over a whole rest.
     force : Array
         Integral of the specific force over each chunk, m/s, (k, 3, j), and before it
         of the powers of the temperature; empty unless what they do has been taken out.
@@ -188,8 +201,15 @@ class InterRestRotations(ReadOnly):
     white: Float[Array, "t 3"]
     seconds: Float[Array, " k"]
     chunk: int
+    means: bool
     force: Float[Array, "k q f"]
     force_noise: Float[Array, "c c"]
+
+    @property
+    def middles(self) -> Float[Array, " k"]:
+        """Middle of each rotation, s."""
+        begin = self.times[:, 0] - 0.5 * self.statistics[0, :, 9, 0]
+        return np.asarray(begin + 0.5 * self.seconds)
 
 
 def inter_rest_rotations(
@@ -199,6 +219,7 @@ def inter_rest_rotations(
     *,
     scheme: Scheme = "averages",
     margin: int = 10,
+    means: bool = False,
     chunk: int = 1,
     full_scale: float | None = None,
     offset: Any = None,
@@ -220,6 +241,9 @@ def inter_rest_rotations(
     margin : int, default 10
         Rows by which a rotation reaches into the rests at its ends, so that a delay
         between the sensors costs nothing; a third of a shorter rest at most.
+    means : bool, default False
+        Whether a rotation goes from the mean attitude of a rest to that of the next,
+        eq. (N12), for rests in which the sensor moves; `margin` is not used then.
     chunk : {1, 2, 4, 8}
         Steps that are merged into one. The third order of what a chunk turns is left
         out: 1e-5 rad of a rotation of one second at 100 Hz and chunks of 2.
@@ -249,7 +273,7 @@ def inter_rest_rotations(
     """
     scheme = choice("scheme", scheme, SCHEMES)
     chunk = choice("chunk", chunk, (1, 2, 4, 8))
-    margin = whole_number("margin", margin, 0)
+    margin = 0 if switch("means", means) else whole_number("margin", margin, 0)
     y = physical_array("rates", rates, (None, 3))
     y = y[None] if y.ndim == 2 else y
     raw = y
@@ -265,39 +289,79 @@ def inter_rest_rotations(
         _require_in_range(raw, first, last, full_scale)
     lo, hi = rows[:, 0] + inner, rows[:, 1] - inner
     lo[0], hi[-1] = rows[0, 0], rows[-1, 1]  # nothing moves before the first rest
-    means, white = _rest_means(y, step, lo, hi)
-    centre = means.mean(axis=1)
+    levels, white = _rest_means(y, step, lo, hi)
+    centre = levels.mean(axis=1)
     y = _refilled(y, step) if scheme == "averages" else y
-    statistics = path_statistics(y, step, first, last, scheme, chunk, centre)
+    parts = [Part(step, first, last, chunk)]
+    if means:
+        parts = [_ramp(step, rows[:-1], 0), *parts, _ramp(step, rows[1:], 1)]
+    several = [
+        path_statistics(y, own, a, b, scheme, merge, centre)
+        for own, a, b, merge in parts
+    ]
+    statistics = np.concatenate(several, axis=-1)
     spent = statistics[0, :, 9]
+    seconds, begin = t[last] - t[first], t[first]
+    if means:
+        seconds, begin = spent.sum(axis=1), begin - spent[:, 0]
     return InterRestRotations(
         statistics=statistics,
         centre=centre,
-        rest_rates=means,
+        rest_rates=levels,
         rest_seconds=(hi - lo) * float(np.median(step)),
         rest_times=0.5 * (t[lo] + t[hi - 1]),
-        times=t[first][:, None] + np.cumsum(spent, axis=1) - 0.5 * spent,
+        times=begin[:, None] + np.cumsum(spent, axis=1) - 0.5 * spent,
         white=white,
-        seconds=t[last] - t[first],
+        seconds=seconds,
         chunk=chunk,
-        **_forces(force, force_noise, step, first, last, statistics.shape[-1], chunk),
+        means=means,
+        **_forces(force, force_noise, parts),
     )
 
 
-def _forces(
-    force: Any, noise: Any, step: Array, first: Any, last: Any, chunks: int, chunk: int
-) -> dict[str, Array]:
+class Part(NamedTuple):
+    """A stretch of each rotation, from the time of a row to that of another."""
+
+    step: Float[Array, " n"]  # time before each row that counts, s
+    first: NDArray[np.intp]
+    last: NDArray[np.intp]
+    chunk: int  # rows that are merged into one
+
+
+def _ramp(step: Array, rests: NDArray[np.intp], end: int) -> Part:
+    # (N12) over whole rests: to the end of each from its mean attitude, or to that from
+    # its start
+    weights = ramps(len(step), rests)
+    return Part(
+        step * (1.0 - weights if end else weights), rests[:, 0], rests[:, 1] - 1,
+        1 << int(np.diff(rests).max()).bit_length(),
+    )  # fmt: skip
+
+
+def ramps(count: int, rests: NDArray[np.intp]) -> Float[Array, " n"]:
+    """The s of eq. (N12) of each row in a rest: 0 at its start, and 1 after its end."""
+    weights = np.zeros(count)
+    for a, b in rests:
+        weights[a:b] = np.arange(b - a) / (b - a)
+    return weights
+
+
+def _forces(force: Any, noise: Any, parts: list[Part]) -> dict[str, Array]:
     # integrals of the specific force over the chunks
+    count = len(parts[0].first)
     if force is None:
-        return {"force": np.zeros((len(first), 3, 0)), "force_noise": np.zeros((4, 4))}
-    rows = physical_array("force", force, (len(step), None))
+        return {"force": np.zeros((count, 3, 0)), "force_noise": np.zeros((4, 4))}
+    rows = physical_array("force", force, (len(parts[0].step), None))
     size = rows.shape[1]
     shape = physical_array("force_noise", noise, (size + 1, size + 1))
-    made = np.zeros((len(first), size, chunks * chunk))
-    for k, (a, b) in enumerate(zip(first, last, strict=True)):
-        made[k, :, : b - a] = (rows[a + 1 : b + 1] * step[a + 1 : b + 1, None]).T
-    summed = made.reshape(len(first), size, chunks, chunk).sum(axis=-1)
-    return {"force": summed, "force_noise": shape}
+    summed = []
+    for step, first, last, chunk in parts:
+        chunks = -(-int((last - first).max()) // chunk)
+        made = np.zeros((count, size, chunks * chunk))
+        for k, (a, b) in enumerate(zip(first, last, strict=True)):
+            made[k, :, : b - a] = (rows[a + 1 : b + 1] * step[a + 1 : b + 1, None]).T
+        summed.append(made.reshape(count, size, chunks, chunk).sum(axis=-1))
+    return {"force": np.concatenate(summed, axis=-1), "force_noise": shape}
 
 
 def _checked(time: Array, y: Array, intervals: Any) -> Any:

@@ -230,14 +230,18 @@ def covariance(
     """Covariance by the gyroscope of the residuals, and of as many rows of the bias."""
     t, k, a, _ = rows.by_angle.shape
     count = k * a
-    angle, shared = angle_covariance(rows.rotations, noise), list[Array]()
+    chunks = slice(1, -1) if inter_rest.means else slice(None)
+    angle = angle_covariance(rows.rotations, noise, chunks)
+    shared, bias = list[Array](), np.zeros((ends, ends))
     if noise.clock_jitter > 0.0:
         angle += jitter_covariance(rows.rotations, inter_rest, noise)
     if noise.bias == "line":
         angle += bridge_covariance(rows.rotations, inter_rest, noise)
-        shared.append(line_noise(rows, inter_rest, noise))
     elif noise.bias_random_walk > 0.0:
         shared.append(walk_noise(rows, inter_rest, noise))
+    if inter_rest.means or noise.bias == "line":
+        shared.append(rest_noise(rows, inter_rest, noise, ends))
+        bias = shared[-1][:, count:] @ np.swapaxes(shared[-1][:, count:], -1, -2)
     if noise.bias == "known":
         shared.append(rows.by_gyroscope[..., 9:] * noise.bias_std)
     if inter_rest.force.size:
@@ -247,20 +251,19 @@ def covariance(
     own[:, each, :, each] = np.moveaxis(blocks, 1, 0)
     V = np.zeros((t, count + ends, count + ends))
     V[:, :count, :count] = own.reshape(t, count, count)
-    last = np.arange(count, count + ends)
-    V[:, last, last] = noise.bias_std[:ends] ** 2
+    V[:, count:, count:] = np.diag(noise.bias_std[:ends] ** 2) - bias
     for L in shared:
         V[:, : L.shape[1], : L.shape[1]] += L @ np.swapaxes(L, -1, -2)
     return V
 
 
 def angle_covariance(
-    moved: Rotations, noise: GyroscopeNoise
+    moved: Rotations, noise: GyroscopeNoise, chunks: slice
 ) -> Float[Array, "t k 3 3"]:
     """Covariance of theta by white noise, the integral of N^2 D M (D M)'."""
     t, k = moved.D.shape[:2]
-    shared = moved.statistics[:1, :, 9:]  # one clock
-    squares = (moved.D * shared) @ np.swapaxes(moved.D, -1, -2)
+    shared, D = moved.statistics[:1, :, 9:, chunks], moved.D[..., chunks]  # one clock
+    squares = (D * shared) @ np.swapaxes(D, -1, -2)
     MN = moved.M * noise.angle_random_walk
     by = (MN @ np.swapaxes(MN, -1, -2)).reshape(t, 1, 9, 1)
     pairs = squares.reshape(t, k, 3, 3, 3, 3).swapaxes(3, 4).reshape(t, k, 9, 9)
@@ -275,8 +278,7 @@ def walk_noise(
     A rotation is off by its mean, whose variance is that in the middle less T/6.
     """
     t, k = inter_rest.statistics.shape[:2]
-    middle = inter_rest.times[:, 0] + 0.5 * inter_rest.seconds
-    walked = walk_covariance(middle, noise.weights, inter_rest.rest_times)
+    walked = walk_covariance(inter_rest.middles, noise.weights, inter_rest.rest_times)
     walked -= np.diag(inter_rest.seconds / 6.0)
     # a walk that has been seen at fewer times than rotations leaves roots of zero
     values, vectors = np.linalg.eigh(walked)
@@ -285,18 +287,42 @@ def walk_noise(
     return (by_bias * root[:, None, :, None]).reshape(t, rows.e.shape[1], -1)
 
 
-def line_noise(
-    rows: Linearised, inter_rest: InterRestRotations, noise: GyroscopeNoise
+def rest_noise(
+    rows: Linearised, inter_rest: InterRestRotations, noise: GyroscopeNoise, ends: int
 ) -> Float[Array, "t r m"]:
-    """Residuals by the white noise of each rest's mean, through lines between rests."""
-    start, end = inter_rest.rest_times[:-1, None], inter_rest.rest_times[1:, None]
-    along = (inter_rest.times - start) / (end - start)
-    std = noise.angle_random_walk / np.sqrt(inter_rest.rest_seconds)[:, None, None]
-    before, after = (
-        rows.by_angle @ rows.rotations.by_line(weights) * std[rests]
-        for weights, rests in ((1.0 - along, slice(None, -1)), (along, slice(1, None)))
-    )
-    return _at_rests(before, after).reshape(*rows.e.shape, -1)
+    r"""Residuals, and as many rows of the bias, by the white noise within each rest.
+
+    Two unit noises of an axis say all: that of the mean reading, of
+    :math:`N/\sqrt{T_r}`, and that of its slope, :math:`\int (2s - 1) n\, dt` of
+    :math:`N \sqrt{T_r/3}`. A ramp of eq. (N12) has half of each, and the two ramps of
+    one rest the slope with opposite signs, which leaves them :math:`N^2 T_r/3` each
+    and :math:`N^2 T_r/6` together. A line between rests goes through their means.
+    """
+    N, T = noise.angle_random_walk, inter_rest.rest_seconds[:, None, None]
+    t, r = rows.e.shape
+    moved, std, both = rows.rotations, N / np.sqrt(T), list[Array]()
+    before, after = np.zeros((2, *rows.by_angle.shape))
+    if noise.bias == "line":
+        start, end = inter_rest.rest_times[:-1, None], inter_rest.rest_times[1:, None]
+        along = (inter_rest.times - start) / (end - start)
+        before, after = (
+            rows.by_angle @ moved.by_line(weights) * std[rests]
+            for weights, rests in (
+                (1.0 - along, slice(None, -1)),
+                (along, slice(1, None)),
+            )
+        )
+    if inter_rest.means:
+        ramp = 0.5 * np.sqrt(T) * N
+        by = rows.by_angle[:, :, None] @ np.moveaxis(
+            moved.by_rate()[..., (0, -1), :], 3, 2
+        )
+        start, end = by[:, :, 0] * ramp[:-1], by[:, :, 1] * ramp[1:]
+        before, after = before + start, after + end
+        both.append(_at_rests(start, -end, ends) / np.sqrt(3.0))
+    mean = _at_rests(before, after, ends)
+    mean[:, r:] = -np.eye(3)[:ends, None] * (noise.weights[:, None] * std[:, 0])
+    return np.concatenate([x.reshape(t, r + ends, -1) for x in (mean, *both)], axis=2)
 
 
 def bridge_covariance(
