@@ -30,8 +30,10 @@ from simval.imu.statics import (
     Cut,
     Intervals,
     Rest,
+    Step,
     evened,
     interval_means,
+    single_levels,
     still_parts,
 )
 from simval.poses import PARAMETERS
@@ -46,6 +48,7 @@ class Level(NamedTuple):
 
     multiplier: float  # of the variance of the initial rest
     intervals: Intervals
+    steps: tuple[str, ...]  # rests that held several levels, in words
     cuts: tuple[str, ...]  # rests in which the gyroscope turns, in words
     enough: bool  # are still; else these are the rests of the accelerometer alone
 
@@ -92,23 +95,44 @@ def find_rests(log: Log, rest: float | None, least: int = PARAMETERS) -> Detecti
             continue
         every = [(m, even.intervals(spread, m * initial.variance)) for m in MULTIPLIERS]
         usable = [(m, intervals) for m, intervals in every if len(intervals) >= least]
-        if usable:
-            levels = (_level(log, window, least, *at) for at in _plateau(usable))
-            return Detection(even.block, initial, next(levels), levels)
+        judged = ((m, *single_levels(even, own)) for m, own in _plateau(usable))
+        levels = (
+            _level(log, window, least, *at) for at in judged if len(at[1]) >= least
+        )
+        if best := next(levels, None):
+            return Detection(even.block, initial, best, levels)
         refusal = refusal or _too_few(max(len(intervals) for _, intervals in every))
     assert refusal is not None  # there is a window
     raise refusal
 
 
 def _level(
-    log: Log, window: float, least: int, multiplier: float, intervals: Intervals
+    log: Log,
+    window: float,
+    least: int,
+    multiplier: float,
+    intervals: Intervals,
+    steps: list[Step],
 ) -> Level:
+    said = tuple(_step_words(log, step) for step in steps)
     if log.gyro is None:
-        return Level(multiplier, intervals, (), enough=True)
+        return Level(multiplier, intervals, said, (), enough=True)
     kept, cuts = still_parts(evened(log.time, log.gyro, window), intervals)
     enough = len(kept) >= least
     words = tuple(_cut_words(log, cut, used=enough) for cut in cuts)
-    return Level(multiplier, kept if enough else intervals, words, enough=enough)
+    return Level(multiplier, kept if enough else intervals, said, words, enough=enough)
+
+
+def _step_words(log: Log, step: Step) -> str:
+    def span(rows: tuple[int, int]) -> str:
+        return f"{log.time[rows[0]]:.2f} s to {log.time[rows[1] - 1]:.2f} s"
+
+    used = " and ".join(map(span, step.levels))
+    return (
+        f"rest from {span(step.rest)} {'cut' if used else 'left out'}: the sensor "
+        f"moved in it, by {np.degrees(step.angle):.2g} degrees at once; "
+        f"{f'{used} is used' if used else 'no part of it is still for long enough'}"
+    )
 
 
 def _cut_words(log: Log, cut: Cut, *, used: bool) -> str:
@@ -128,7 +152,7 @@ def _cut_words(log: Log, cut: Cut, *, used: bool) -> str:
 def _plateau(usable: list[tuple[float, Intervals]]) -> list[tuple[float, Intervals]]:
     # a rest that a single threshold sees is a rest cut in two, or a slow motion
     counts = [len(intervals) for _, intervals in usable]
-    agreed = max(counts, key=lambda count: (counts.count(count), count))
+    agreed = max(counts, key=lambda count: (counts.count(count), count), default=0)
     level = [entry for entry in usable if len(entry[1]) == agreed]
     middle = (len(level) - 1) / 2
     order = sorted(range(len(level)), key=lambda k: abs(k - middle))
