@@ -36,11 +36,17 @@ from simval.imu.statics import (
     single_levels,
     still_parts,
 )
+from simval.imu.statics.detector import EvenLog
 from simval.poses import PARAMETERS
 from simval.shapes import Float
 
 AXES = "xyz"
 MULTIPLIERS = tuple(map(float, range(2, 11)))  # those that IMU-TK tries
+# A window finds a rest that lasts a shortest interval longer than itself. Where half of
+# those it finds last less than twice that, it may miss many, and the shorter one is
+# taken if it finds so many times as many.
+TWICE = 2.0
+MISSED = 1.1
 
 
 class Level(NamedTuple):
@@ -78,32 +84,53 @@ def find_rests(log: Log, rest: float | None, least: int = PARAMETERS) -> Detecti
     Notes
     -----
     A short window is trusted only where the rest is white noise: in half a second a
-    slow motion looks still, too.
+    slow motion looks still, too. It is asked where the long one finds too few, and
+    where those that it finds are so short that it may have missed as many.
     """
     count = None if rest is None else log.rows_within(rest)
+    found: Detection | None = None
     refusal: RefusedError | None = None
     for window in WINDOWS:
+        short = window < WINDOWS[0]
         even = evened(log.time, log.accelerometer, window)
-        spread = even.spread()
         try:
-            initial = even.initial_rest(count, spread)
-            limit = WHITE if refusal else 1.0 + SLOWEST_NOISE * even.rate
-            if initial.found or refusal:
-                _require_noise(log, initial, even.wander(initial, spread), limit)
+            detection = _detection(log, even, window, count, least, white=short)
         except RefusedError as error:
             refusal = refusal or error
             continue
-        every = [(m, even.intervals(spread, m * initial.variance)) for m in MULTIPLIERS]
-        usable = [(m, intervals) for m, intervals in every if len(intervals) >= least]
-        judged = ((m, *single_levels(even, own)) for m, own in _plateau(usable))
-        levels = (
-            _level(log, window, least, *at) for at in judged if len(at[1]) >= least
-        )
-        if best := next(levels, None):
-            return Detection(even.block, initial, best, levels)
-        refusal = refusal or _too_few(max(len(intervals) for _, intervals in every))
-    assert refusal is not None  # there is a window
-    raise refusal
+        rests = detection.best.intervals
+        if found is None or len(rests) > MISSED * len(found.best.intervals):
+            found = detection
+        if np.median(np.ptp(even.tick[rests], axis=1)) > TWICE * even.minimum:
+            break
+    if found is None:
+        assert refusal is not None  # there is a window
+        raise refusal
+    return found
+
+
+def _detection(
+    log: Log,
+    even: EvenLog,
+    window: float,
+    count: int | None,
+    least: int,
+    *,
+    white: bool,
+) -> Detection:
+    spread = even.spread()
+    initial = even.initial_rest(count, spread)
+    if initial.found or white:
+        limit = WHITE if white else 1.0 + SLOWEST_NOISE * even.rate
+        _require_noise(log, initial, even.wander(initial, spread), limit)
+    every = [(m, even.intervals(spread, m * initial.variance)) for m in MULTIPLIERS]
+    usable = [(m, intervals) for m, intervals in every if len(intervals) >= least]
+    judged = ((m, *single_levels(even, own)) for m, own in _plateau(usable))
+    levels = (_level(log, window, least, *at) for at in judged if len(at[1]) >= least)
+    best = next(levels, None)
+    if best is None:
+        raise _too_few(max(len(intervals) for _, intervals in every))
+    return Detection(even.block, initial, best, levels)
 
 
 def _level(
