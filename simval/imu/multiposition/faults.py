@@ -373,13 +373,14 @@ def flipped(case: Case) -> str | None:
 
 def changed(case: Case) -> str | None:
     """A time from which the rests lie on another ellipsoid."""
-    means, first = case.positions
-    cut = find_break(means)
+    if np.isfinite(case.chi2) and not case.beyond_noise:
+        return None
+    cut = find_break(case.means)
     if cut is None or not (cut.chance <= _CHANCE and cut.drop >= _VANISHES):
         return None
     if _a_few_explain_it(case, cut.scatter):
         return None
-    earlier, later = case.span(first[cut.index] - 1), case.span(first[cut.index])
+    earlier, later = case.span(cut.index - 1), case.span(cut.index)
     return (
         f"the rests up to the one {earlier} and those since the one {later} do not lie "
         f"on one ellipsoid; the {cut.what} ones alone "
@@ -400,8 +401,7 @@ def stepped(case: Case) -> str | None:
     chi2, known = case.chi2, bool(np.isfinite(case.chi2))
     if known and not case.beyond_noise:
         return None
-    means, first = case.positions
-    step = find_step(means, _VANISHES)
+    step = find_step(case.means, _VANISHES)
     if step is None or step.drop < _VANISHES:
         return None
     healed = (
@@ -412,7 +412,7 @@ def stepped(case: Case) -> str | None:
         return None
     if _a_few_explain_it(case, step.scatter):
         return None
-    earlier, later = case.span(first[step.index] - 1), case.span(first[step.index])
+    earlier, later = case.span(step.index - 1), case.span(step.index)
     changed, advice = (
         ("changed", "cut the log there and calibrate one part, or record again")
         if step.chance <= BEYOND

@@ -210,7 +210,6 @@ def _too_few(most: int) -> RefusedError:
 # Of gravity. Holds by hand leave some 1e-3 (the recordings of test_recorded.py
 # 1e-4 to 2e-4); residuals above it are not those of gravity at rest.
 MISFIT = 0.02
-ONE_POSITION = 0.05  # of gravity, 3 degrees: rests closer than that add no direction
 
 
 class Case(NamedTuple):
@@ -248,22 +247,6 @@ class Case(NamedTuple):
     def span(self, rest: int) -> str:
         """Say when a rest was."""
         return self.rows(*self.intervals[rest])
-
-    @property
-    def positions(self) -> tuple[Float[Array, "k 3"], Intervals]:
-        """Mean of successive rests in one position, and the first of them.
-
-        A knock divides a rest in parts, which show one direction of gravity.
-        """
-        counts = np.ptp(self.intervals, axis=1)
-        reach = ONE_POSITION * np.sqrt(np.sum(np.var(self.means, axis=0)))
-        first = [0]
-        for k, mean in enumerate(self.means):
-            if np.linalg.norm(mean - self.means[first[-1]]) > reach:
-                first.append(k)
-        total = np.add.reduceat(self.means * counts[:, None], first, axis=0)
-        means = total / np.add.reduceat(counts, first)[:, None]
-        return means, np.array(first, dtype=np.intp)
 
     @property
     def whole(self) -> str:

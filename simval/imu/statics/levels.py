@@ -89,14 +89,15 @@ def single_levels(even: EvenLog, rests: Intervals) -> tuple[Intervals, list[Step
             for part, moves, own in zip(parts, moving, noise, strict=True)
         ]
 
-    found = cuts(1.0)
-    if not any(found):
-        return rests, []
-    levels = [
-        np.split(p, [k for k, _ in at]) for p, at in zip(parts, found, strict=True)
-    ]
-    each = np.repeat(noise, [len(own) for own in levels], axis=0)
-    found = cuts(colour(even, [level for own in levels for level in own], each))
+    found, before = cuts(1.0), len(even.samples)
+    # levels that are too short hide how slow the noise is, and show it as they join
+    while 0 < (count := sum(map(len, found))) < before:
+        before = count
+        levels = [
+            np.split(p, [k for k, _ in at]) for p, at in zip(parts, found, strict=True)
+        ]
+        each = np.repeat(noise, [len(own) for own in levels], axis=0)
+        found = cuts(colour(even, [level for own in levels for level in own], each))
     kept, steps = [], []
     for rest, (start, stop), at in zip(rests, ticks, found, strict=True):
         if not at:
@@ -109,7 +110,7 @@ def single_levels(even: EvenLog, rests: Intervals) -> tuple[Intervals, list[Step
         long = np.ptp(edges, axis=1) >= min(even.minimum, stop - start)
         rows = even.rows(edges[long])
         kept.extend(rows)
-        angle = max(size for _, size in at) / gravity
+        angle = float(max(size for _, size in at) / gravity)
         whole = (int(rest[0]), int(rest[1]))
         steps.append(Step(whole, tuple((int(a), int(b)) for a, b in rows), angle))
     return np.array(kept, dtype=np.intp).reshape(-1, 2), steps
