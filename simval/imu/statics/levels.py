@@ -38,7 +38,7 @@ SHORTEST = 0.25  # s; of a level
 LEAST = np.radians(0.4)  # of a step
 FEW = 6  # rests whose scatter is not yet gravity
 ONE_POSE = 60.0  # times the scatter of the rests, where it is not gravity: 1 degree
-_MEDIAN = 0.4549  # of the square of a normal variable
+MEDIAN = 0.4549  # of the square of a normal variable
 
 
 class Step(NamedTuple):
@@ -78,7 +78,14 @@ def single_levels(even: EvenLog, rests: Intervals) -> tuple[Intervals, list[Step
     if not any(moving):
         return rests, []
     block, reach = block_size(even), round(REACH * even.rate)
-    own = block_noise(even, parts)
+    own = np.array(
+        [
+            np.median(
+                (each - np.median(each, axis=0)) ** 2, axis=0
+            )  # without its slope
+            for each in block_differences(even, parts)
+        ]
+    ) / (2.0 * MEDIAN)
     noise = np.maximum(own, np.median(own, axis=0))
     tail = FALSE_ALARM / np.ptp(ticks, axis=1).sum()
     limit = block * float(scipy.special.chdtri(3, tail))
@@ -158,11 +165,9 @@ def block_size(even: EvenLog) -> int:
     return max(1, round(BLOCK * even.rate))
 
 
-def block_noise(even: EvenLog, parts: list[Array]) -> Float[Array, "m 3"]:
-    """Variance of the mean of a block of each part, as successive ones differ."""
-    means = [_block_means(part, block_size(even)) for part in parts]
-    square = [np.median(np.diff(own, axis=0) ** 2, axis=0) for own in means]
-    return np.array(square) / (2.0 * _MEDIAN)
+def block_differences(even: EvenLog, parts: list[Array]) -> list[Array]:
+    """Differences of the means of successive blocks of each part."""
+    return [np.diff(_block_means(part, block_size(even)), axis=0) for part in parts]
 
 
 def colour(even: EvenLog, parts: list[Array], noise: Float[Array, "m 3"]) -> float:

@@ -24,7 +24,13 @@ import scipy
 
 from simval.arrays import Array
 from simval.imu.statics.detector import EvenLog, Intervals, runs_of
-from simval.imu.statics.levels import block_noise, block_size, colour, ticks_of
+from simval.imu.statics.levels import (
+    MEDIAN,
+    block_differences,
+    block_size,
+    colour,
+    ticks_of,
+)
 from simval.shapes import Float
 
 FALSE_ALARM = 1e-3  # chance that a log whose rests are still loses a part of one
@@ -152,7 +158,8 @@ def _still(even: EvenLog, ticks: Intervals) -> _Still:
     parts = [even.samples[a:b] for a, b in ticks]
     level = np.array([np.median(part, axis=0) for part in parts])
     middle = ticks.mean(axis=1)
-    square = block_noise(even, parts)
+    steps = block_differences(even, parts)
+    square = np.array([np.median(own**2, axis=0) for own in steps]) / (2.0 * MEDIAN)
     noise = colour(even, parts, square) * np.maximum(square, np.median(square, axis=0))
     i, j = np.triu_indices(len(ticks), 1)
     slopes = (level[j] - level[i]) / (middle[j] - middle[i])[:, None]

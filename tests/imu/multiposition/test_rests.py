@@ -188,8 +188,8 @@ def held(seed, kind, step=0.0, slope=0.0):
     from end to end, degrees."""
     rng = np.random.default_rng([48, seed])
     hz, count = float(rng.choice([25.0, 50.0, 100.0, 200.0])), int(rng.integers(9, 30))
-    size = (rng.uniform(2.0, 4.0, count) * hz).astype(int)
-    size[0] = int(rng.uniform(5.0, 60.0) * hz)
+    size = 2 * (rng.uniform(1.0, 2.0, count) * hz).astype(int)  # two rows are a tick
+    size[0] = 2 * int(rng.uniform(2.5, 30.0) * hz)
     stop = np.cumsum(size)
     rests, n, some = np.stack([stop - size, stop], axis=1), int(stop[-1]), count // 2
     sigma = 10 ** rng.uniform(-2.5, -1.0 if kind == "table" else -1.5)
@@ -204,13 +204,15 @@ def held(seed, kind, step=0.0, slope=0.0):
         rough /= np.sqrt(np.maximum(np.arange(len(rough)), 1.0))[:, None]
         slow = np.fft.irfft(rough, n, axis=0)
         x += sigma * slow / slow.std()
+    # a hand trembles by 0.1 to 0.7 degrees, over 0.03 to 0.2 s
+    keep = np.exp(-1.0 / (hz * 10 ** rng.uniform(-1.5, -0.7)))
+    most = 0.1 * 7.0 ** rng.random()
     for k, (a, b) in enumerate(rests):
         tilt, share = np.zeros((b - a, 3)), np.linspace(0.0, 1.0, b - a)
-        if kind == "hand":  # 0.1 to 0.7 degrees, slower than 0.3 s or quicker
-            keep = np.exp(-1.0 / (hz * 10 ** rng.uniform(-1.5, -0.7)))
+        if kind == "hand":
             white = rng.standard_normal((int(hz) * 3 + b - a, 3))
             slow = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], white, axis=0)
-            tilt += rng.uniform(0.1, 0.7) * slow[-(b - a) :]
+            tilt += most * rng.uniform(0.5, 1.0) * slow[-(b - a) :]
         up = normalize(rng.standard_normal(3))
         axis = normalize(np.cross(up, rng.standard_normal(3)))
         if kind == "creep":
