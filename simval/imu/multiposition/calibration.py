@@ -83,7 +83,7 @@ class LogCalibration:
     intervals : Intervals
         Static intervals, samples start <= k < stop, (m, 2).
     steps : tuple of str
-        Rests in which the sensor moved: cut into its levels, or left out.
+        Rests that hold several levels: cut into these, or left out.
     cuts : tuple of str
         Rests of the accelerometer in which the gyroscope turns: cut, left out or, of
         too few, kept.

@@ -1,8 +1,9 @@
 """The rests of a log, found by times in seconds, at any rate.
 
-The accelerometer finds them; where the log has a gyroscope, what turns is cut off them
-or leaves them out (`simval.imu.statics.rotating_rests`). A magnetometer is not asked:
-a field that changes while the sensor lies still would cost the others a rest.
+The accelerometer finds them, and one that holds several levels is cut at its steps or
+left out (`simval.imu.statics.levels`); where the log has a gyroscope, what turns is cut
+off them or leaves them out (`simval.imu.statics.rotating_rests`). A magnetometer is not
+asked: a field that changes while the sensor lies still would cost the others a rest.
 
 The detector's threshold is a multiple of the variance of the initial rest. Each
 multiple gives its own intervals. Of the multiples that agree on the number of
@@ -54,7 +55,7 @@ class Level(NamedTuple):
 
     multiplier: float  # of the variance of the initial rest
     intervals: Intervals
-    steps: tuple[str, ...]  # rests that held several levels, in words
+    steps: tuple[str, ...]  # rests that hold several levels, in words
     cuts: tuple[str, ...]  # rests in which the gyroscope turns, in words
     enough: bool  # are still; else these are the rests of the accelerometer alone
 
@@ -154,11 +155,12 @@ def _step_words(log: Log, step: Step) -> str:
     def span(rows: tuple[int, int]) -> str:
         return f"{log.time[rows[0]]:.2f} s to {log.time[rows[1] - 1]:.2f} s"
 
-    used = " and ".join(map(span, step.levels))
+    kept = " and ".join(map(span, step.levels))
+    verb = "are" if len(step.levels) > 1 else "is"
     return (
-        f"rest from {span(step.rest)} {'cut' if used else 'left out'}: the sensor "
-        f"moved in it, by {np.degrees(step.angle):.2g} degrees at once; "
-        f"{f'{used} is used' if used else 'no part of it is still for long enough'}"
+        f"rest from {span(step.rest)} {'cut' if kept else 'left out'}: its readings "
+        f"shift as by a tilt of {np.degrees(step.angle):.2g} degrees; "
+        f"{f'{kept} {verb} kept' if kept else 'no level in it lasts long enough'}"
     )
 
 

@@ -2,7 +2,7 @@ r"""Rests judged by their own rows: a step, a slope or several levels cut a rest
 
 A window of the detector that holds two positions a few degrees apart may vary less than
 its threshold allows. Where one level ends and another begins, the means of up to
-`REACH` before and after differ, by the vector :math:`\Delta` with n and n' blocks of
+`REACH` before and after differ, by the vector :math:`\Delta`, with n and n' blocks of
 `BLOCK` in them. A rest is cut where
 
 .. math:: |\Delta| > \theta r + c\,\sqrt{\kappa q_\Delta^2 (1/n + 1/n')}, \quad
@@ -11,14 +11,15 @@ its threshold allows. Where one level ends and another begins, the means of up t
 is exceeded the most, and its parts again, until none is. Here r is gravity in the unit
 of the readings, by the scatter of the means of the rests, :math:`q_\Delta^2` the
 variance of the mean of a block along :math:`\Delta`, by differences of successive ones
-within the rest, :math:`\kappa \ge 1` how much more means of `WIDE` scatter within the
-parts (trembling hands, flicker), and N the number of rows in rests. By chance a log
-whose rests have one level loses a part of one in fewer than :math:`\alpha` of logs.
+within the rest less their median, and N the number of ticks in rests. Levels cut with
+:math:`\kappa = 1` show how much more means of `WIDE` scatter within them (a trembling
+hand, flicker); with that the rests are cut anew, until no cut goes. A log of rests of
+one level loses a part of one with a chance below :math:`\alpha`.
 
-What is below :math:`\theta` is left: a hand creeps by some tenths of a degree, which
-shortens the mean of a rest by :math:`\theta^2/8`, 1e-5 of gravity at most. A slope is a
-row of short levels, so that it leaves the rest out; a drift of less than :math:`\theta`
-in `REACH`, such as that of a sensor that warms up, is none.
+What is below :math:`\theta` is left: a hand creeps by some tenths of a degree, and a
+step of it shortens the mean of a rest by :math:`\theta^2/8`, 6e-6 of gravity.
+A slope is a row of short levels, which leaves the rest out; a drift of less than
+:math:`\theta` in `REACH`, such as that of a sensor that warms up, is none.
 """
 
 from typing import NamedTuple
@@ -36,8 +37,8 @@ WIDE = 0.5  # s; of the means that show how slow the noise is
 REACH = 2.0  # s; on either side of a step
 SHORTEST = 0.25  # s; of a level
 LEAST = np.radians(0.4)  # of a step
-FEW = 6  # rests whose scatter is not yet gravity
-ONE_POSE = 60.0  # times the scatter of the rests, where it is not gravity: 1 degree
+FEW = 6  # rests and more, whose means scatter by gravity
+ONE_POSE = 60.0  # times it: by a degree or so, if all are in one pose
 MEDIAN = 0.4549  # of the square of a normal variable
 
 

@@ -25,6 +25,7 @@ import scipy
 from simval.arrays import Array
 from simval.imu.statics.detector import EvenLog, Intervals, runs_of
 from simval.imu.statics.levels import (
+    FALSE_ALARM,
     MEDIAN,
     block_differences,
     block_size,
@@ -33,7 +34,6 @@ from simval.imu.statics.levels import (
 )
 from simval.shapes import Float
 
-FALSE_ALARM = 1e-3  # chance that a log whose rests are still loses a part of one
 WINDOW = 0.5  # s; of the means that are judged
 LEAST = 1e-4  # of the log's rates: a scale is not known to less, a simulated one has no
 # noise, and then a motion that ends smoothly would never end
@@ -158,8 +158,8 @@ def _still(even: EvenLog, ticks: Intervals) -> _Still:
     parts = [even.samples[a:b] for a, b in ticks]
     level = np.array([np.median(part, axis=0) for part in parts])
     middle = ticks.mean(axis=1)
-    steps = block_differences(even, parts)
-    square = np.array([np.median(own**2, axis=0) for own in steps]) / (2.0 * MEDIAN)
+    blocks = block_differences(even, parts)
+    square = np.array([np.median(own**2, axis=0) for own in blocks]) / (2.0 * MEDIAN)
     noise = colour(even, parts, square) * np.maximum(square, np.median(square, axis=0))
     i, j = np.triu_indices(len(ticks), 1)
     slopes = (level[j] - level[i]) / (middle[j] - middle[i])[:, None]

@@ -22,8 +22,8 @@ from simval.imu.multiposition.log_units import Scale
 from simval.imu.multiposition.rests import find_rests
 from simval.imu.recorded.settings import signals
 from simval.imu.statics import evened, single_levels, still_parts
-from simval.imu.statics.levels import LEAST
-from simval.imu.statics.rotating_rests import FALSE_ALARM, WINDOW
+from simval.imu.statics.levels import FALSE_ALARM, LEAST
+from simval.imu.statics.rotating_rests import WINDOW
 from simval.poses import fibonacci_sphere
 
 
