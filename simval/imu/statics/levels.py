@@ -22,6 +22,7 @@ A slope is a row of short levels, which leaves the rest out; a drift of less tha
 :math:`\theta` in `REACH`, such as that of a sensor that warms up, is none.
 """
 
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -79,14 +80,7 @@ def single_levels(even: EvenLog, rests: Intervals) -> tuple[Intervals, list[Step
     if not any(moving):
         return rests, []
     block, reach = block_size(even), round(REACH * even.rate)
-    own = np.array(
-        [
-            np.median(
-                (each - np.median(each, axis=0)) ** 2, axis=0
-            )  # without its slope
-            for each in block_differences(even, parts)
-        ]
-    ) / (2.0 * MEDIAN)
+    own = np.array([_noise(each) for each in block_differences(even, parts)])
     noise = np.maximum(own, np.median(own, axis=0))
     tail = FALSE_ALARM / np.ptp(ticks, axis=1).sum()
     limit = block * float(scipy.special.chdtri(3, tail))
@@ -101,27 +95,35 @@ def single_levels(even: EvenLog, rests: Intervals) -> tuple[Intervals, list[Step
     # levels that are too short hide how slow the noise is, and show it as they join
     while 0 < (count := sum(map(len, found))) < before:
         before = count
-        levels = [
-            np.split(p, [k for k, _ in at]) for p, at in zip(parts, found, strict=True)
-        ]
-        each = np.repeat(noise, [len(own) for own in levels], axis=0)
-        found = cuts(colour(even, [level for own in levels for level in own], each))
+        rows = [[row for row, _ in at] for at in found]
+        each = np.repeat(noise, [len(at) + 1 for at in rows], axis=0)
+        cut = [np.split(*own) for own in zip(parts, rows, strict=True)]
+        found = cuts(colour(even, list(chain(*cut)), each))
     kept, steps = [], []
-    for rest, (start, stop), at in zip(rests, ticks, found, strict=True):
-        if not at:
-            kept.append(rest)
-            continue
-        edges = np.array([0, *(row for row, _ in at), stop - start])
-        edges = start + np.stack([edges[:-1], edges[1:]], axis=1)
-        edges[1:, 0] += block
-        edges[:-1, 1] -= block
-        long = np.ptp(edges, axis=1) >= min(even.minimum, stop - start)
-        rows = even.rows(edges[long])
-        kept.extend(rows)
-        angle = float(max(size for _, size in at) / gravity)
-        whole = (int(rest[0]), int(rest[1]))
-        steps.append(Step(whole, tuple((int(a), int(b)) for a, b in rows), angle))
-    return np.array(kept, dtype=np.intp).reshape(-1, 2), steps
+    for rest, span, at in zip(rests, ticks, found, strict=True):
+        levels = even.rows(_long(even, block, span, [row for row, _ in at]))
+        kept.append(levels if at else rest[None])
+        if at:
+            angle = float(max(size for _, size in at) / gravity)
+            whole, *pieces = ((int(a), int(b)) for a, b in (rest, *levels))
+            steps.append(Step(whole, tuple(pieces), angle))
+    return np.concatenate(kept), steps
+
+
+def _long(even: EvenLog, margin: int, span: Intervals, at: list[int]) -> Intervals:
+    # levels of a rest that last long enough, without a margin on both sides of a step
+    edges = span[0] + np.array([0, *at, span[1] - span[0]])
+    levels = np.stack([edges[:-1], edges[1:]], axis=1)
+    levels[1:, 0] += margin
+    levels[:-1, 1] -= margin
+    kept: Intervals = levels[np.ptp(levels, axis=1) >= min(even.minimum, np.ptp(span))]
+    return kept
+
+
+def _noise(steps: Array) -> Array:
+    # variance of the mean of a block by such differences, without a slope
+    own = steps - np.median(steps, axis=0)
+    return np.asarray(np.median(own**2, axis=0) / (2.0 * MEDIAN))
 
 
 def _range(part: Array, size: int) -> float:
