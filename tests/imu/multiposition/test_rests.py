@@ -316,7 +316,7 @@ def knocked(seed):
     rng = np.random.default_rng([51, seed])
     faces = np.r_[np.eye(3), -np.eye(3)]
     up = np.r_[faces[2:3], rng.permutation(np.r_[faces, faces])]
-    up = normalize(up + 0.05 * rng.standard_normal(up.shape))
+    up = normalize(up + 0.1 * rng.standard_normal(up.shape))  # else they are too few
     motion = Motion(rng, up, (3.0, 4.0), (0.8, 1.5), 50.0)
     motion.push *= 0.0
     log = recorded(motion, float(rng.choice([22.0, 50.0, 100.0])), rng, sigma=0.04)
