@@ -82,6 +82,8 @@ class LogCalibration:
         Threshold of the detector over the variance of the rest.
     intervals : Intervals
         Static intervals, samples start <= k < stop, (m, 2).
+    steps : tuple of str
+        Rests that hold several levels: cut into these, or left out.
     cuts : tuple of str
         Rests of the accelerometer in which the gyroscope turns: cut, left out or, of
         too few, kept.
@@ -105,6 +107,7 @@ class LogCalibration:
     rest_seconds: float
     multiplier: float
     intervals: Intervals
+    steps: tuple[str, ...]
     cuts: tuple[str, ...]
     turns: bool
     predicted: Any
@@ -225,6 +228,7 @@ def calibrate_log(
             rest_seconds=float(log.time[initial.stop - 1] - log.time[initial.start]),
             multiplier=level.multiplier,
             intervals=intervals,
+            steps=level.steps,
             cuts=level.cuts,
             turns=not level.enough,
             predicted=None

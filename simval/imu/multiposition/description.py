@@ -236,7 +236,7 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
         f"initial rest      {result.rest_seconds:.2f} s ({how})",
         f"static intervals  {len(result.intervals)} "
         f"(threshold {result.multiplier:g} times the rest's variance)",
-        *(f"{'':18s}{cut}" for cut in result.cuts),
+        *(f"{'':18s}{cut}" for cut in (*result.steps, *result.cuts)),
         *temperature_lines(result, {} if whole is None else whole.thermal),
         status_line(fit),
         "",

@@ -373,6 +373,8 @@ def flipped(case: Case) -> str | None:
 
 def changed(case: Case) -> str | None:
     """A time from which the rests lie on another ellipsoid."""
+    if np.isfinite(case.chi2) and not case.beyond_noise:
+        return None
     cut = find_break(case.means)
     if cut is None or not (cut.chance <= _CHANCE and cut.drop >= _VANISHES):
         return None

@@ -1,8 +1,9 @@
 """The rests of a log, found by times in seconds, at any rate.
 
-The accelerometer finds them; where the log has a gyroscope, what turns is cut off them
-or leaves them out (`simval.imu.statics.rotating_rests`). A magnetometer is not asked:
-a field that changes while the sensor lies still would cost the others a rest.
+The accelerometer finds them, and one that holds several levels is cut at its steps or
+left out (`simval.imu.statics.levels`); where the log has a gyroscope, what turns is cut
+off them or leaves them out (`simval.imu.statics.rotating_rests`). A magnetometer is not
+asked: a field that changes while the sensor lies still would cost the others a rest.
 
 The detector's threshold is a multiple of the variance of the initial rest. Each
 multiple gives its own intervals. Of the multiples that agree on the number of
@@ -30,15 +31,23 @@ from simval.imu.statics import (
     Cut,
     Intervals,
     Rest,
+    Step,
     evened,
     interval_means,
+    single_levels,
     still_parts,
 )
+from simval.imu.statics.detector import EvenLog
 from simval.poses import PARAMETERS
 from simval.shapes import Float
 
 AXES = "xyz"
 MULTIPLIERS = tuple(map(float, range(2, 11)))  # those that IMU-TK tries
+# A window finds a rest that lasts a shortest interval longer than itself. Where half of
+# those it finds last less than twice that, it may miss many, and the shorter one is
+# taken if it finds so many times as many.
+TWICE = 2.0
+MISSED = 1.1
 
 
 class Level(NamedTuple):
@@ -46,6 +55,7 @@ class Level(NamedTuple):
 
     multiplier: float  # of the variance of the initial rest
     intervals: Intervals
+    steps: tuple[str, ...]  # rests that hold several levels, in words
     cuts: tuple[str, ...]  # rests in which the gyroscope turns, in words
     enough: bool  # are still; else these are the rests of the accelerometer alone
 
@@ -75,40 +85,83 @@ def find_rests(log: Log, rest: float | None, least: int = PARAMETERS) -> Detecti
     Notes
     -----
     A short window is trusted only where the rest is white noise: in half a second a
-    slow motion looks still, too.
+    slow motion looks still, too. It is asked where the long one finds too few, and
+    where those that it finds are so short that it may have missed as many.
     """
     count = None if rest is None else log.rows_within(rest)
+    found: Detection | None = None
     refusal: RefusedError | None = None
     for window in WINDOWS:
+        short = window < WINDOWS[0]
         even = evened(log.time, log.accelerometer, window)
-        spread = even.spread()
         try:
-            initial = even.initial_rest(count, spread)
-            limit = WHITE if refusal else 1.0 + SLOWEST_NOISE * even.rate
-            if initial.found or refusal:
-                _require_noise(log, initial, even.wander(initial, spread), limit)
+            detection = _detection(log, even, window, count, least, white=short)
         except RefusedError as error:
             refusal = refusal or error
             continue
-        every = [(m, even.intervals(spread, m * initial.variance)) for m in MULTIPLIERS]
-        usable = [(m, intervals) for m, intervals in every if len(intervals) >= least]
-        if usable:
-            levels = (_level(log, window, least, *at) for at in _plateau(usable))
-            return Detection(even.block, initial, next(levels), levels)
-        refusal = refusal or _too_few(max(len(intervals) for _, intervals in every))
-    assert refusal is not None  # there is a window
-    raise refusal
+        rests = detection.best.intervals
+        if found is None or len(rests) > MISSED * len(found.best.intervals):
+            found = detection
+        if np.median(np.ptp(even.tick[rests], axis=1)) > TWICE * even.minimum:
+            break
+    if found is None:
+        assert refusal is not None  # there is a window
+        raise refusal
+    return found
+
+
+def _detection(
+    log: Log,
+    even: EvenLog,
+    window: float,
+    count: int | None,
+    least: int,
+    *,
+    white: bool,
+) -> Detection:
+    spread = even.spread()
+    initial = even.initial_rest(count, spread)
+    if initial.found or white:
+        limit = WHITE if white else 1.0 + SLOWEST_NOISE * even.rate
+        _require_noise(log, initial, even.wander(initial, spread), limit)
+    every = [(m, even.intervals(spread, m * initial.variance)) for m in MULTIPLIERS]
+    usable = [(m, intervals) for m, intervals in every if len(intervals) >= least]
+    judged = ((m, *single_levels(even, own)) for m, own in _plateau(usable))
+    levels = (_level(log, window, least, *at) for at in judged if len(at[1]) >= least)
+    best = next(levels, None)
+    if best is None:
+        raise _too_few(max(len(intervals) for _, intervals in every))
+    return Detection(even.block, initial, best, levels)
 
 
 def _level(
-    log: Log, window: float, least: int, multiplier: float, intervals: Intervals
+    log: Log,
+    window: float,
+    least: int,
+    multiplier: float,
+    intervals: Intervals,
+    steps: list[Step],
 ) -> Level:
+    said = tuple(_step_words(log, step) for step in steps)
     if log.gyro is None:
-        return Level(multiplier, intervals, (), enough=True)
+        return Level(multiplier, intervals, said, (), enough=True)
     kept, cuts = still_parts(evened(log.time, log.gyro, window), intervals)
     enough = len(kept) >= least
     words = tuple(_cut_words(log, cut, used=enough) for cut in cuts)
-    return Level(multiplier, kept if enough else intervals, words, enough=enough)
+    return Level(multiplier, kept if enough else intervals, said, words, enough=enough)
+
+
+def _step_words(log: Log, step: Step) -> str:
+    def span(rows: tuple[int, int]) -> str:
+        return f"{log.time[rows[0]]:.2f} s to {log.time[rows[1] - 1]:.2f} s"
+
+    kept = " and ".join(map(span, step.levels))
+    verb = "are" if len(step.levels) > 1 else "is"
+    return (
+        f"rest from {span(step.rest)} {'cut' if kept else 'left out'}: its readings "
+        f"shift as by a tilt of {np.degrees(step.angle):.2g} degrees; "
+        f"{f'{kept} {verb} kept' if kept else 'no level in it lasts long enough'}"
+    )
 
 
 def _cut_words(log: Log, cut: Cut, *, used: bool) -> str:
@@ -128,7 +181,7 @@ def _cut_words(log: Log, cut: Cut, *, used: bool) -> str:
 def _plateau(usable: list[tuple[float, Intervals]]) -> list[tuple[float, Intervals]]:
     # a rest that a single threshold sees is a rest cut in two, or a slow motion
     counts = [len(intervals) for _, intervals in usable]
-    agreed = max(counts, key=lambda count: (counts.count(count), count))
+    agreed = max(counts, key=lambda count: (counts.count(count), count), default=0)
     level = [entry for entry in usable if len(entry[1]) == agreed]
     middle = (len(level) - 1) / 2
     order = sorted(range(len(level)), key=lambda k: abs(k - middle))

@@ -27,6 +27,7 @@ from simval.imu.statics.detector import (
     intervals_below,
     variance_magnitude,
 )
+from simval.imu.statics.levels import Step, single_levels
 from simval.imu.statics.rotating_rests import Cut, still_parts
 
 __all__ = [
@@ -36,11 +37,13 @@ __all__ = [
     "Cut",
     "Intervals",
     "Rest",
+    "Step",
     "evened",
     "initial_rest",
     "interval_counts",
     "interval_means",
     "intervals_below",
+    "single_levels",
     "still_parts",
     "variance_magnitude",
 ]

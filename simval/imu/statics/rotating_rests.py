@@ -8,7 +8,7 @@ gyroscope's readings over `WINDOW` is its bias and noise,
 
 with :math:`\beta` the line through the medians of the rests (Theil 1950, Sen 1968), S
 their scatter about it, :math:`q^2/m` what the noise of a rest leaves in a mean of m
-blocks of `BLOCK`, by the differences of successive ones, and :math:`\kappa \ge 1` how
+blocks of 0.1 s, by the differences of successive ones, and :math:`\kappa \ge 1` how
 much more the means of a typical rest scatter: trembling hands. N is the number of
 blocks, so that a log of still rests has an alarm with a chance of about
 :math:`\alpha`. A bias that walks leaves more at a distance from the other rests: d is
@@ -24,14 +24,19 @@ import scipy
 
 from simval.arrays import Array
 from simval.imu.statics.detector import EvenLog, Intervals, runs_of
+from simval.imu.statics.levels import (
+    FALSE_ALARM,
+    MEDIAN,
+    block_differences,
+    block_size,
+    colour,
+    ticks_of,
+)
 from simval.shapes import Float
 
-FALSE_ALARM = 1e-3  # chance that a log whose rests are still loses a part of one
 WINDOW = 0.5  # s; of the means that are judged
-BLOCK = 0.1  # s; slower than the band of a gyroscope, faster than a hand turns
 LEAST = 1e-4  # of the log's rates: a scale is not known to less, a simulated one has no
 # noise, and then a motion that ends smoothly would never end
-_MEDIAN = 0.4549  # of the square of a normal variable
 
 
 class Cut(NamedTuple):
@@ -81,7 +86,7 @@ def still_parts(even: EvenLog, rests: Intervals) -> tuple[Intervals, list[Cut]]:
     tuple of Intervals and list of Cut
         Rows in which it is still, and each rest that was cut or left out.
     """
-    ticks = np.stack([even.tick[rests[:, 0]], even.tick[rests[:, 1] - 1] + 1], axis=1)
+    ticks = ticks_of(even, rests)
     if len(ticks) < 4:
         return rests, []
     still = _still(even, ticks)
@@ -100,10 +105,6 @@ def still_parts(even: EvenLog, rests: Intervals) -> tuple[Intervals, list[Cut]]:
     return np.array(kept, dtype=np.intp).reshape(-1, 2), cuts
 
 
-def _block(even: EvenLog) -> int:
-    return max(1, round(BLOCK * even.rate))
-
-
 def _means(samples: Array, size: int) -> Array:
     # of all windows of so many ticks
     total = np.cumsum(np.pad(samples, ((1, 0), (0, 0))), axis=0)
@@ -120,7 +121,7 @@ def _part(
     samples = even.samples[start:stop]
     centre = np.arange(start + half, stop - half) + 0.5
     away = _away(ticks, k, centre)
-    block = _block(even)
+    block = block_size(even)
     tries = max(1, int(np.ptp(ticks, axis=1).sum()) // block)
     off = np.abs(still.off(_means(samples, size), centre))
     limit = still.limit(still.noise[k] * block / size, tries, away)
@@ -157,13 +158,15 @@ def _still(even: EvenLog, ticks: Intervals) -> _Still:
     parts = [even.samples[a:b] for a, b in ticks]
     level = np.array([np.median(part, axis=0) for part in parts])
     middle = ticks.mean(axis=1)
-    noise = _noise(even, parts)
+    blocks = block_differences(even, parts)
+    square = np.array([np.median(own**2, axis=0) for own in blocks]) / (2.0 * MEDIAN)
+    noise = colour(even, parts, square) * np.maximum(square, np.median(square, axis=0))
     i, j = np.triu_indices(len(ticks), 1)
     slopes = (level[j] - level[i]) / (middle[j] - middle[i])[:, None]
     slope = np.median(slopes, axis=0)
     start = np.median(level - middle[:, None] * slope, axis=0)
     off = level - start - middle[:, None] * slope
-    own = noise * _block(even) / np.ptp(ticks, axis=1)[:, None]
+    own = noise * block_size(even) / np.ptp(ticks, axis=1)[:, None]
     steps = np.abs(np.diff(even.samples, axis=0))
     coarse = np.min(np.where(steps > 0.0, steps, np.inf), axis=0)
     coarse = np.where(np.isfinite(coarse), coarse, 1.0) ** 2 / 12.0
@@ -187,21 +190,3 @@ def _still(even: EvenLog, ticks: Intervals) -> _Still:
         if not over[closest] <= 1.0:
             return found
         chosen.append(closest)
-
-
-def _noise(even: EvenLog, parts: list[Array]) -> Float[Array, "m 3"]:
-    # variance of the mean of a block of each rest, as the means of windows ask
-    block = _block(even)
-    size = round(WINDOW * even.rate / block)
-    own, ratio = [], []
-    for part in parts:
-        count = max(1, len(part) // block)
-        means = part[: count * block].reshape(count, -1, 3).mean(axis=1)
-        square = np.median(np.diff(means, axis=0) ** 2, axis=0) / (2.0 * _MEDIAN)
-        own.append(square)
-        wide = means[: count // size * size].reshape(-1, size, 3).mean(axis=1)
-        if len(wide) > 1 and (square > 0.0).all():
-            ratio.append(np.mean(wide.var(axis=0, ddof=1) / (square / size)))
-    coloured = max(1.0, float(np.median(ratio))) if ratio else 1.0
-    typical = np.median(own, axis=0)
-    return coloured * np.maximum(own, typical)
