@@ -14,6 +14,7 @@ import numpy as np
 from simval.arrays import Array
 from simval.imu.explain.explanation import (
     BIAS,
+    GAIN,
     LENGTH,
     ROWS,
     SCALE,
@@ -119,14 +120,23 @@ def effects(rests: RestMeans) -> Iterator[Explanation]:
     for power, (k, a) in product((2.0, 3.0), enumerate(AXES)):
         course = radius * (y[:, k] / radius) ** power
         yield from _courses(rests, "curvature", course, [singles[k]], BEND, size=power)
-    for k in range(n):
-        columns = np.zeros((n, ROWS, 1))
-        columns[k, LENGTH] = 1.0
-        yield explanation(rests, "rest off", rests=(k,), columns=columns, sd=OFF)
+    yield from (off(rests, (k,)) for k in range(n))
     up = y / np.maximum(np.linalg.norm(y, axis=1, keepdims=True), np.finfo(float).tiny)
     for (k, a), times in product(enumerate(AXES), NOISES):
         noise = np.hypot(1.0, times * up[:, k])
         yield explanation(rests, "noise", a, size=times, noise=noise)
+
+
+def plain(rests: RestMeans) -> Explanation:
+    """Nothing but the ellipsoid."""
+    return explanation(rests, "noise", size=1.0)
+
+
+def off(rests: RestMeans, some: tuple[int, ...]) -> Explanation:
+    """Some rests that are off, each by its own distance."""
+    columns = np.zeros((len(rests.readings), ROWS, len(some)))
+    columns[some, LENGTH, range(len(some))] = 1.0
+    return explanation(rests, "rest off", rests=some, columns=columns, sd=OFF)
 
 
 def _times(time: Array) -> Iterator[tuple[float, Array]]:
@@ -156,8 +166,8 @@ def _courses(
     size: float = np.nan,
 ) -> Iterator[Explanation]:
     # a bias or a scale that follows a course, of each set of axes
-    row = SCALE if kind.startswith("scale") else BIAS
-    for axes, basis in which:
+    first = (SCALE, GAIN) if kind.startswith("scale") else (BIAS,)
+    for (axes, basis), row in product(which, first):
         columns = np.zeros((len(course), ROWS, basis.shape[1]))
         columns[:, row : row + 3] = course[:, None, None] * basis
         yield explanation(rests, kind, axes, since, size, columns=columns, sd=sd)

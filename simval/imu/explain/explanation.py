@@ -22,8 +22,10 @@ from simval.arrays import Array, ReadOnly, physical_array
 from simval.errors import InputError
 from simval.shapes import Float
 
-BIAS, SCALE, LENGTH = 0, 3, 6  # first row of each in the columns of an explanation
-ROWS: Final = 7
+# first row of each in the columns of an explanation; a gain multiplies readings about
+# the counter's zero, a scale about the bias
+BIAS, SCALE, GAIN, LENGTH = 0, 3, 6, 9
+ROWS: Final = 10
 
 Kind = Literal[
     "sign", "exchange", "unit or range", "wrap", "bias step", "scale step",
@@ -231,9 +233,9 @@ class Explanation(ReadOnly):
         Times by which that multiplied their noise.
     noise : (n,) array
         Times by which the noise is larger than measured.
-    columns : (n, 7, m) array
+    columns : (n, 10, m) array
         Effect of each of m parameters on the rests: bias of x, y, z in the unit of the
-        readings; scale of x, y, z; length, of gravity.
+        readings; scale of x, y, z about the bias; about zero; length, of gravity.
     sd : (m,) array
         Prior standard deviations of the parameters.
     beside : Explanation or None
@@ -247,7 +249,7 @@ class Explanation(ReadOnly):
     readings: Float[Array, "n 3"]
     unit: Float[Array, " n"]
     noise: Float[Array, " n"]
-    columns: Float[Array, "n 7 m"]
+    columns: Float[Array, "n 10 m"]
     sd: Float[Array, " m"]
     beside: "Explanation | None" = None
 

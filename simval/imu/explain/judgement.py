@@ -20,15 +20,16 @@ otherwise those that make it up cannot be told apart.
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from math import comb
 from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy
 
 from simval.arrays import Array
-from simval.imu.explain.catalogue import effects, explanation, explanations
+from simval.imu.explain.catalogue import effects, explanations, off, plain
 from simval.imu.explain.explanation import Explanation, RestMeans
-from simval.imu.explain.likelihood import Fit, along, fits
+from simval.imu.explain.likelihood import Fit, along, farthest, fits
 from simval.shapes import Float
 
 CHANCE = 1e-3  # of a misfit, by chance: what is asked at all
@@ -136,12 +137,13 @@ def judge(rests: RestMeans, extra: Sequence[Explanation] = ()) -> Judgement:
         Sound, or what is wrong.
     """
     noise = along(rests)
-    plain = explanation(rests, "noise")
-    null = fits([plain], rests, noise)[0]
+    null = fits([plain(rests)], rests, noise)[0]
     judgement = Judgement(null.chance(rests.freedom), null.misfit)
     if judgement.answer == "sound":
         return judgement
-    entries = _entries([*explanations(rests), *extra], rests, noise, null)
+    sets = [k for k in farthest(rests, noise, null) if len(k) > 1]
+    tried = [*explanations(rests), *(off(rests, k) for k in sets), *extra]
+    entries = _entries(tried, rests, noise, null)
     last = entries
     for _ in range(1, MOST):
         if max(last, key=_weight).fit.chance(rests.freedom) >= CHANCE:
@@ -172,15 +174,20 @@ def _entries(
     null: Fit,
     lead: _Entry | None = None,
 ) -> list[_Entry]:
-    # a lead's columns stand before those of what is tried in its readings
-    count = Counter(e.kind for e in tried)
+    # a lead's columns stand before those of what is tried in its readings; sets of
+    # rests count all that could be drawn, those not fitted with nothing
+    families = [(e.kind, len(e.rests) * (e.kind == "rest off")) for e in tried]
+    count = Counter(families)
+    for kind, several in count:
+        if several:
+            count[kind, several] = comb(len(noise), several)
     prior = -np.log(len(count))
     joint, start = list(tried), null.theta
     if lead is not None:
         prior += lead.prior + np.log(MORE)
         joint, start = [lead.explanation.also(e) for e in tried], lead.fit.theta
     every = fits(joint, rests, noise, start)
-    priors = [float(prior - np.log(count[e.kind])) for e in tried]
+    priors = [float(prior - np.log(count[family])) for family in families]
     return [
         _Entry(e, fit, p, p + fit.log - null.log)
         for e, fit, p in zip(joint, every, priors, strict=True)
@@ -192,14 +199,12 @@ def _weight(entry: _Entry) -> float:
 
 
 def _leaders(entries: Sequence[_Entry]) -> list[_Entry]:
-    # the best of each kind, of rests the best few, since several of them hide another;
-    # more noise beside another thing explains anything
+    # the best of each kind and axes; more noise beside another thing explains anything
     best: dict[object, _Entry] = {}
     for entry in sorted(entries, key=_weight):
-        kinds = entry.explanation.kinds
-        if "noise" not in kinds:
-            rests = entry.explanation.rests if kinds == {"rest off"} else ()
-            best[kinds, rests] = entry
+        cause = _cause(entry.explanation)
+        if not any(kind == "noise" for kind, _ in cause):
+            best[cause] = entry
     return sorted(best.values(), key=_weight, reverse=True)[:LEADS]
 
 
@@ -209,12 +214,15 @@ def _beside(lead: _Entry, rests: RestMeans, noise: Array, null: Fit) -> list[_En
     return _entries(tried, undone, noise, null, lead)
 
 
+def _cause(explanation: Explanation) -> frozenset[tuple[str, str]]:
+    # whatever the place in time
+    return frozenset((part.kind, part.axes) for part in explanation.parts)
+
+
 def _findings(entries: Sequence[_Entry], share: Array) -> tuple[Finding, ...]:
-    # by kinds and axes, whatever the place in time
     alike: dict[object, list[tuple[float, _Entry]]] = {}
     for entry, part in zip(entries, share, strict=True):
-        parts = entry.explanation.parts
-        cause = frozenset((part.kind, part.axes) for part in parts)
+        cause = _cause(entry.explanation)
         alike.setdefault(cause, []).append((float(part), entry))
     found = []
     for each in alike.values():

@@ -4,10 +4,10 @@ The noise of a rest that is felt is that along the vector. With b the bias and A
 upper triangle of an ellipsoid, rest i is off along the ray from b by
 
 .. math:: e_i = \frac{1}{s_i \varphi}\Bigl(|x_i| - \frac{|x_i|}{|A x_i|} - \ell_i\Bigr),
-   \quad x_i = (1 + c_i) \circ (y_i - b) - d_i,  \tag{J1}
+   \quad x_i = y_i - b + c_i \circ (y_i - b) + g_i \circ y_i - d_i,  \tag{J1}
 
-y the readings with the change of the explanation undone, d, c and :math:`\ell` what its
-columns do to bias, scale and length, s the noise of the mean along the vector, as
+y the readings with the change of the explanation undone, d, c, g and :math:`\ell` what
+its columns do to bias, scale, gain and length, s the noise of the mean along the vector, as
 measured, times what undoing multiplied it by. The readings of each explanation are
 taken in units of their own root mean square, and the noise with them, or shrinking a
 part of a log to a point would fit best. The factor :math:`\varphi` is common and of
@@ -30,8 +30,15 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array
-from simval.imu.explain.catalogue import radius_of
-from simval.imu.explain.explanation import BIAS, LENGTH, SCALE, Explanation, RestMeans
+from simval.imu.explain.catalogue import plain, radius_of
+from simval.imu.explain.explanation import (
+    BIAS,
+    GAIN,
+    LENGTH,
+    SCALE,
+    Explanation,
+    RestMeans,
+)
 from simval.shapes import Float
 
 NU = 2.0  # of the belief in the measured noise: rests scatter up to ten times it
@@ -40,6 +47,9 @@ AXES_SD, COMMON_SD, SHEAR_SD, BIAS_SD = 0.3, 3.0, 0.17, 1.0
 LEAST = 1e-6  # of gravity: noise of a mean below it is a converter's silence
 _STEPS = 40  # of Levenberg-Marquardt
 _SETTLED = 1e-4  # of a log likelihood
+_SEVERAL = 3  # rests that may be off at once
+_EXTENDED = 40  # sets of rests that are tried with one more
+_SETS = 5  # of each size that are fitted
 _AT_ONCE = 512  # explanations: some ten megabytes
 _NINE = 9
 _UPPER = np.triu_indices(3)
@@ -154,11 +164,39 @@ def _fits(
     ]
 
 
+def farthest(
+    rests: RestMeans, noise: Float[Array, " n"], fit: Fit
+) -> list[tuple[int, ...]]:
+    """Sets of up to three rests that lower the squares of a plain fit most.
+
+    By the algebra of its linear form: freeing the set S takes
+    :math:`e_S^T (I - H)_{SS}^{-1} e_S` off them.
+    """
+    e, J = _rows(_problem([plain(rests)], rests, noise), fit.theta[None])
+    e, J, n = e[0], J[0], len(noise)
+    w = (NU + n) / (NU + e @ e)
+    P = _prior(1, np.empty((1, 0)))[0] / w
+    room = np.eye(n) - J @ np.linalg.solve(J.T @ J + P, J.T)
+    room[np.diag_indices(n)] += LEAST  # where a rest fixes a parameter alone
+    found: list[tuple[int, ...]] = []
+    best: list[tuple[int, ...]] = [()]
+    for size in range(1, min(_SEVERAL, int(fit.free) - 1) + 1):
+        sets = sorted({tuple(sorted({*some, k})) for some in best for k in range(n)})
+        rows = np.array([some for some in sets if len(some) == size])
+        own = room[rows[:, :, None], rows[:, None, :]]
+        off = e[rows][..., None]
+        lower = (np.swapaxes(off, 1, 2) @ np.linalg.solve(own, off))[:, 0, 0]
+        order = np.argsort(-lower)[: _EXTENDED if size < _SEVERAL else _SETS]
+        best = [tuple(map(int, rows[k])) for k in order]
+        found += best[:_SETS]
+    return found
+
+
 class _Problem(NamedTuple):
     # h explanations side by side, in units of their own radius
     z: Float[Array, "h n 3"]
     s: Float[Array, "h n"]
-    columns: Float[Array, "h n 7 m"]
+    columns: Float[Array, "h n 10 m"]
 
     def at(self, some: Array) -> "_Problem":
         return _Problem(*(part[some] for part in self))
@@ -194,8 +232,8 @@ def _rows(problem: _Problem, theta: Float[Array, "h p"]) -> tuple[Array, Array]:
     A[:, *_UPPER] = theta[:, :6]
     effect = (columns @ theta[:, None, _NINE:, None])[..., 0]
     centred = z - theta[:, None, 6:_NINE]
-    stretch = 1.0 + effect[..., SCALE:LENGTH]
-    x = stretch * centred - effect[..., BIAS:SCALE]
+    scale, gain = effect[..., SCALE:GAIN], effect[..., GAIN:LENGTH]
+    x = (1.0 + scale) * centred + gain * z - effect[..., BIAS:SCALE]
     v = x @ np.swapaxes(A, 1, 2)
     length = np.maximum(np.sqrt(np.vecdot(v, v)), 1e-9)
     far = np.maximum(np.sqrt(np.vecdot(x, x)), 1e-9)
@@ -204,9 +242,10 @@ def _rows(problem: _Problem, theta: Float[Array, "h p"]) -> tuple[Array, Array]:
     slope = (far / length**2)[..., None]
     by_x = slope * (unit @ A) + ((1.0 - 1.0 / length) / far)[..., None] * x
     by_A = slope * unit[..., _UPPER[0]] * x[..., _UPPER[1]]
-    by_effect = np.concatenate([-by_x, by_x * centred, np.full_like(slope, -1.0)], -1)
+    by_length = np.full_like(slope, -1.0)
+    by_effect = np.concatenate([-by_x, by_x * centred, by_x * z, by_length], axis=-1)
     by_columns = (by_effect[:, :, None, :] @ columns)[:, :, 0]
-    J = np.concatenate([by_A, -by_x * stretch, by_columns], axis=-1)
+    J = np.concatenate([by_A, -by_x * (1.0 + scale), by_columns], axis=-1)
     return e, J / s[..., None]
 
 
