@@ -3,8 +3,8 @@ r"""How well an explanation fits: one marginal likelihood, at any rank.
 The noise of a rest that is felt is that along the vector. With b the bias and A the
 upper triangle of an ellipsoid, rest i is off along the ray from b by
 
-.. math:: e_i = \frac{1}{s_i \varphi}\Bigl(|x_i| - \frac{|x_i|}{|A x_i|} - \ell_i\Bigr),
-   \quad x_i = y_i - b + c_i \circ (y_i - b) + g_i \circ y_i - d_i,  \tag{J1}
+.. math:: e_i = \frac{1}{s_i \varphi}\Bigl(|r_i| - \frac{|r_i|}{|A x_i|} - \ell_i\Bigr),
+   \quad r_i = \frac{x_i}{1 + c_i + g_i}, \quad x_i = y_i - b + c_i \circ (y_i - b) + g_i \circ y_i - d_i,  \tag{J1}
 
 y the readings with the change of the explanation undone, d, c, g and :math:`\ell` what
 its columns do to bias, scale, gain and length, s the noise of the mean along the vector, as
@@ -51,6 +51,7 @@ _SEVERAL = 3  # rests that may be off at once
 _EXTENDED = 40  # sets of rests that are tried with one more
 _SETS = 5  # of each size that are fitted
 _AT_ONCE = 512  # explanations: some ten megabytes
+_POINT = 1e-3  # of a scale: a part that has shrunk to it is far off all the same
 _NINE = 9
 _UPPER = np.triu_indices(3)
 _DIAGONAL = [0, 3, 5]
@@ -234,16 +235,20 @@ def _rows(problem: _Problem, theta: Float[Array, "h p"]) -> tuple[Array, Array]:
     centred = z - theta[:, None, 6:_NINE]
     scale, gain = effect[..., SCALE:GAIN], effect[..., GAIN:LENGTH]
     x = (1.0 + scale) * centred + gain * z - effect[..., BIAS:SCALE]
+    stretch = 1.0 + scale + gain
+    stretch = np.where(np.abs(stretch) < _POINT, _POINT, stretch)
+    ray = x / stretch  # from the centre to the reading, in the unit of the readings
     v = x @ np.swapaxes(A, 1, 2)
     length = np.maximum(np.sqrt(np.vecdot(v, v)), 1e-9)
-    far = np.maximum(np.sqrt(np.vecdot(x, x)), 1e-9)
+    far = np.maximum(np.sqrt(np.vecdot(ray, ray)), 1e-9)
     e = (far - far / length - effect[..., LENGTH]) / s
     unit = v / length[..., None]
     slope = (far / length**2)[..., None]
-    by_x = slope * (unit @ A) + ((1.0 - 1.0 / length) / far)[..., None] * x
+    by_ray = ((1.0 - 1.0 / length) / far)[..., None] * ray / stretch
+    by_x = slope * (unit @ A) + by_ray
     by_A = slope * unit[..., _UPPER[0]] * x[..., _UPPER[1]]
-    by_length = np.full_like(slope, -1.0)
-    by_effect = np.concatenate([-by_x, by_x * centred, by_x * z, by_length], axis=-1)
+    each = [-by_x, by_x * centred - by_ray * ray, by_x * z - by_ray * ray]
+    by_effect = np.concatenate([*each, np.full_like(slope, -1.0)], axis=-1)
     by_columns = (by_effect[:, :, None, :] @ columns)[:, :, 0]
     J = np.concatenate([by_A, -by_x * (1.0 + scale), by_columns], axis=-1)
     return e, J / s[..., None]
