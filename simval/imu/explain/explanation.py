@@ -14,11 +14,11 @@ fields.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from simval.arrays import Array, ReadOnly, physical_array
+from simval.arrays import Array, ReadOnly, physical_array, shaped_array
 from simval.errors import InputError
 from simval.shapes import Float
 
@@ -26,6 +26,9 @@ from simval.shapes import Float
 # the counter's zero, a scale about the bias
 BIAS, SCALE, GAIN, LENGTH = 0, 3, 6, 9
 ROWS: Final = 10
+
+LEAST_FREEDOM: Final = 5.0  # below, Wallace's transformation is off by 1 %
+_ROUNDING: Final = 1e-9  # of a covariance
 
 Kind = Literal[
     "sign", "exchange", "unit or range", "wrap", "bias step", "scale step",
@@ -168,7 +171,7 @@ class RestMeans(ReadOnly):
         temperature : (n,) array, optional
             Temperature of each rest.
         freedom : float or (n,) array, optional
-            Degrees of freedom of each covariance, above 4.
+            Degrees of freedom of each covariance, 5 or more.
         zero : float or (3,) array, optional
             Reading about which a sign turns.
 
@@ -183,34 +186,47 @@ class RestMeans(ReadOnly):
             If a shape does not fit, a value is not finite, a variance is negative, or
             the times fall.
         """
-        y = physical_array("readings", readings, (None, 3))
+        y = _whole("readings", readings, (None, 3))
         n = len(y)
-        cov = physical_array("covariance", covariance, (n, 3, 3))
-        at = physical_array("time", time, (n,))
-        warm = None
-        if temperature is not None:
-            warm = physical_array("temperature", temperature, (n,))
-        degrees = np.broadcast_to(np.asarray(freedom, dtype=float), (n,))
-        about = np.broadcast_to(physical_array("zero", zero, ()), (3,))
-        if y.ndim != 2 or n == 0:
-            msg = f"`readings` has shape {y.shape}; give one row of three for each rest"
+        spread = _whole("covariance", covariance, (n, 3, 3))
+        at = _whole("time", time, (n,))
+        warm = None if temperature is None else _whole("temperature", temperature, (n,))
+        degrees = np.broadcast_to(shaped_array("freedom", freedom, ()), (n,))
+        if n == 0:
+            msg = "`readings` has no rows; give the mean reading of each rest"
             raise InputError(msg)
         if np.any(np.diff(at) < 0.0):
             msg = "`time` falls; give the rests in the order in which they were recorded"
             raise InputError(msg)
-        if not np.all(np.linalg.eigvalsh(cov) >= -1e-9 * np.abs(cov).max(initial=0.0)):
-            msg = "`covariance` has a negative variance; give the covariance of each mean"
-            raise InputError(msg)
-        if not np.all(degrees > 4.0):
+        least = np.linalg.eigvalsh(spread).min()
+        if not least >= -_ROUNDING * np.abs(spread).max():
             msg = (
-                f"`freedom` is {np.min(degrees):g}; a noise measured with 4 degrees of "
-                "freedom or fewer judges nothing, so pool the noise of several rests"
+                f"`covariance` has a negative variance ({least:g}); give the covariance "
+                "of each mean"
+            )
+            raise InputError(msg)
+        if not np.all(degrees >= LEAST_FREEDOM):
+            msg = (
+                f"`freedom` is {np.min(degrees):g}; a noise that is measured with fewer "
+                f"than {LEAST_FREEDOM:g} degrees of freedom judges nothing, so pool that "
+                "of several rests"
             )
             raise InputError(msg)
         return cls(
-            readings=y, covariance=cov, time=at, temperature=warm,
-            freedom=degrees, zero=about,
+            readings=y, covariance=spread, time=at, temperature=warm, freedom=degrees,
+            zero=np.broadcast_to(physical_array("zero", zero, ()), (3,)),
         )  # fmt: skip
+
+
+def _whole(name: str, value: Any, shape: tuple[int | None, ...]) -> Array:
+    array = physical_array(name, value, shape)
+    if array.ndim != len(shape):
+        msg = (
+            f"`{name}` has {array.ndim} axes, and {len(shape)} are required; judge one "
+            "log at a time"
+        )
+        raise InputError(msg)
+    return array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -17,10 +17,12 @@ unknown size, known to be near 1 with :math:`\nu` degrees of freedom, which inte
    - \tfrac12 |\theta - \theta_0|_P^2 - \tfrac12 \ln\frac{\det(w J^TJ + P)}{\det P},
    \quad w = \frac{\nu + n}{\nu + \sum e_i^2},  \tag{J2}
 
-up to a constant common to all, by Laplace's method in the parameters :math:`\theta`,
-whose weak priors P (axes within 30 % of a common size that is free, 10 degrees, a bias
+up to a constant common to all, by Laplace's method in the parameters :math:`\theta`;
+of the k that the readings fix it takes a Student's law for a normal one, so that
+:math:`\tfrac k2 \ln a + \ln\Gamma(a - k/2)`, :math:`a = (\nu + n)/2`, is added, exact
+where they are linear. The weak priors P (axes within 30 % of a common size that is free, 10 degrees, a bias
 of 1 g) are rows like any others: a fit exists for one rest as for a hundred, and the
-determinant counts what is free. The prior of the columns is spread over `DECADES`.
+determinant counts what is free. That of the columns is spread over `DECADES`.
 """
 
 from collections.abc import Sequence
@@ -28,6 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.imu.explain.catalogue import plain, radius_of
@@ -39,7 +42,7 @@ from simval.imu.explain.explanation import (
     Explanation,
     RestMeans,
 )
-from simval.shapes import Float
+from simval.shapes import Float, Int
 
 NU = 2.0  # of the belief in the measured noise: rests scatter up to ten times it
 DECADES = (1.0, 0.1, 0.01)  # of the prior sizes: what is seen of an effect has no size
@@ -199,7 +202,7 @@ class _Problem(NamedTuple):
     s: Float[Array, "h n"]
     columns: Float[Array, "h n 10 m"]
 
-    def at(self, some: Array) -> "_Problem":
+    def at(self, some: Int[NDArray[np.intp], " k"]) -> "_Problem":
         return _Problem(*(part[some] for part in self))
 
 
@@ -294,4 +297,6 @@ def _settled(
     H = w[:, None, None] * JJ + prior
     known = np.trace(np.linalg.solve(JJ + prior, JJ), axis1=1, axis2=2)
     log = -value - 0.5 * (np.linalg.slogdet(H)[1] - np.linalg.slogdet(prior)[1])
+    a = 0.5 * (NU + n)
+    log += 0.5 * known * np.log(a) + scipy.special.gammaln(a - 0.5 * known)
     return log, squares, known, theta
