@@ -28,7 +28,13 @@ AXES = "xyz"
 # prior standard deviations, the greatest of three decades, of gravity or of a scale:
 # what a shock or a minute of warming does to a bad part
 STEP, DRIFT, BEND, OFF = 0.2, 0.1, 0.1, 0.2
-WARMING = (0.03, 0.1, 0.3)  # time constants of a part that warms up, of the log
+WARMING = (
+    0.025,
+    0.05,
+    0.1,
+    0.2,
+    0.4,
+)  # time constants of a part that warms up, of the log
 NOISES = (3.0, 10.0, 30.0, 100.0)  # of an axis, times the measured
 FACTORS = (2.0, 4.0, 8.0, 16.0, 9.80665, 1000.0 / 9.80665)  # of ranges and units
 SIDE = 2  # rests on either side of a step: one alone is a rest that is off
@@ -75,7 +81,7 @@ def laps(rests: RestMeans) -> Iterator[Explanation]:
     """Readings above a gap that belong below all others, on one axis or several."""
     y, gaps = rests.readings, []
     for a in range(3):
-        order, span = np.argsort(y[:, a]), np.ptp(y[:, a])
+        order, span = np.argsort(y[:, a]), float(np.ptp(y[:, a]))
         wide = np.flatnonzero(np.diff(y[order, a]) > _GAP * span) + 1
         gaps.append([None, *((order[k:], _LAP * span) for k in wide)])
     for choice in product(*gaps):
@@ -117,7 +123,7 @@ def effects(rests: RestMeans) -> Iterator[Explanation]:
             rests, "bias in temperature", course, biases, DRIFT * radius
         )
         yield from _courses(rests, "scale in temperature", course, scales, DRIFT)
-    for power, (k, a) in product((2.0, 3.0), enumerate(AXES)):
+    for power, k in product((2.0, 3.0), range(3)):
         course = radius * (y[:, k] / radius) ** power
         yield from _courses(rests, "curvature", course, [singles[k]], BEND, size=power)
     yield from (off(rests, (k,)) for k in range(n))

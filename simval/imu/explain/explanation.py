@@ -11,7 +11,7 @@ off), or more noise than was measured. Its sentence and its remedy are made from
 fields.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Final, Literal, NamedTuple
@@ -63,7 +63,7 @@ ACCOUNTS: Final[Mapping[Kind, _Account]] = MappingProxyType({
         "bring all rows to one unit and range, or " + _CUT,
     ),
     "wrap": _Account(
-        "restore", "{axes} wraps around a range of {size:.4g}",
+        "restore", "the counter of {axes} wraps around a range of {size:.4g}",
         "read the counts as signed or unsigned, as the sensor writes them",
     ),
     "bias step": _Account("cut", "the bias of {axes} changed {when}", _CUT),
@@ -89,7 +89,7 @@ ACCOUNTS: Final[Mapping[Kind, _Account]] = MappingProxyType({
         "check the range of the sensor: three scales do not describe it",
     ),
     "rest off": _Account(
-        "leave out", "the rest {when} does not fit the others", "leave it out",
+        "leave out", "gravity {when} is not that of the other rests", "leave {it} out",
     ),
     "noise": _Account(
         "weigh", "{axes} is about {size:g} times as noisy as in the rows",
@@ -196,20 +196,22 @@ class RestMeans(ReadOnly):
             msg = "`readings` has no rows; give the mean reading of each rest"
             raise InputError(msg)
         if np.any(np.diff(at) < 0.0):
-            msg = "`time` falls; give the rests in the order in which they were recorded"
+            msg = (
+                "`time` falls; give the rests in the order in which they were recorded"
+            )
             raise InputError(msg)
         least = np.linalg.eigvalsh(spread).min()
         if not least >= -_ROUNDING * np.abs(spread).max():
             msg = (
-                f"`covariance` has a negative variance ({least:g}); give the covariance "
-                "of each mean"
+                f"`covariance` has a negative variance ({least:g}); give the "
+                "covariance of each mean"
             )
             raise InputError(msg)
         if not np.all(degrees >= LEAST_FREEDOM):
             msg = (
-                f"`freedom` is {np.min(degrees):g}; a noise that is measured with fewer "
-                f"than {LEAST_FREEDOM:g} degrees of freedom judges nothing, so pool that "
-                "of several rests"
+                f"`freedom` is {np.min(degrees):g}; a noise that is measured with "
+                f"fewer than {LEAST_FREEDOM:g} degrees of freedom judges nothing, so "
+                "pool that of several rests"
             )
             raise InputError(msg)
         return cls(
@@ -287,7 +289,18 @@ class Explanation(ReadOnly):
         )
 
     def also(self, other: "Explanation") -> "Explanation":
-        """Put another thing beside this one, which was found in its readings."""
+        """Put another thing beside this one, which was found in its readings.
+
+        Parameters
+        ----------
+        other : Explanation
+            What was found in the readings of this one.
+
+        Returns
+        -------
+        Explanation
+            Both at the same time.
+        """
         return replace(
             other, beside=self, unit=self.unit * other.unit,
             noise=self.noise * other.noise, sd=np.concatenate([self.sd, other.sd]),
@@ -295,24 +308,43 @@ class Explanation(ReadOnly):
         )  # fmt: skip
 
     def sentence(self, time: Float[Array, " n"]) -> str:
-        """Say what is so."""
+        """Say what is so.
+
+        Parameters
+        ----------
+        time : (n,) array
+            Time of each rest, s.
+
+        Returns
+        -------
+        str
+            A clause for each part.
+        """
         return ", and ".join(
-            ACCOUNTS[p.kind].so.format(
-                axes=" and ".join(p.axes) or "all axes alike", when=p._when(time),
-                size=p.size,
+            ACCOUNTS[part.kind].so.format(
+                axes=_listed(part.axes) or "all axes alike", when=part._when(time),
+                size=part.size,
             )
-            for p in self.parts
+            for part in self.parts
         )  # fmt: skip
 
     @property
     def advice(self) -> str:
-        """Say what to do."""
-        return "; ".join(dict.fromkeys(ACCOUNTS[p.kind].do for p in self.parts))
+        """What to do, in words."""
+        several = "it" if len(self.rests) == 1 else "them"
+        each = (ACCOUNTS[part.kind].do.format(it=several) for part in self.parts)
+        return "; ".join(dict.fromkeys(each))
 
     def _when(self, time: Array) -> str:
         if not self.rests:
             return "over the log"
         if ACCOUNTS[self.kind].action == "leave out":
-            return "at " + ", ".join(f"{time[k]:.1f} s" for k in self.rests)
+            several = "rest" if len(self.rests) == 1 else "rests"
+            at = _listed([f"{time[k]:.1f} s" for k in self.rests])
+            return f"in the {several} at {at}"
         k = self.rests[0]
         return f"between the rests at {time[k - 1]:.1f} s and {time[k]:.1f} s"
+
+
+def _listed(items: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(items[:-1]), *items[-1:]]))

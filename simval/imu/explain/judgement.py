@@ -1,4 +1,4 @@
-r"""The one comparison: is something wrong with a log, and which explanation is it?
+r"""The one comparison: whether something is wrong with a log, and which it is.
 
 Nothing is asked unless the plain ellipsoid misfits by its measured noise, with a chance
 below `CHANCE`. Then every explanation j is held against it by its marginal likelihood

@@ -3,26 +3,28 @@ r"""How well an explanation fits: one marginal likelihood, at any rank.
 The noise of a rest that is felt is that along the vector. With b the bias and A the
 upper triangle of an ellipsoid, rest i is off along the ray from b by
 
-.. math:: e_i = \frac{1}{s_i \varphi}\Bigl(|r_i| - \frac{|r_i|}{|A x_i|} - \ell_i\Bigr),
-   \quad r_i = \frac{x_i}{1 + c_i + g_i}, \quad x_i = y_i - b + c_i \circ (y_i - b) + g_i \circ y_i - d_i,  \tag{J1}
+.. math:: e_i = \frac{1}{s_i}\Bigl(|r_i| - \frac{|r_i|}{|A x_i|} - \ell_i\Bigr), \quad
+   r_i = \frac{x_i}{1 + c_i + g_i}, \quad
+   x_i = (1 + c_i) \circ (y_i - b) + g_i \circ y_i - d_i,  \tag{J1}
 
 y the readings with the change of the explanation undone, d, c, g and :math:`\ell` what
-its columns do to bias, scale, gain and length, s the noise of the mean along the vector, as
-measured, times what undoing multiplied it by. The readings of each explanation are
-taken in units of their own root mean square, and the noise with them, or shrinking a
-part of a log to a point would fit best. The factor :math:`\varphi` is common and of
-unknown size, known to be near 1 with :math:`\nu` degrees of freedom, which integrates to
+its columns do to bias, scale, gain and length, s the noise of the mean along the
+vector, as measured, times what undoing multiplied it by. The readings of each
+explanation are taken in units of their own root mean square, and the noise with them,
+or shrinking a part of a log to a point would fit best. The noise is a common factor
+times s; that factor, near 1 by a belief of :math:`\nu` degrees of freedom, integrates
+to
 
-.. math:: \ln m = -\tfrac{\nu + n}{2} \ln\Bigl(1 + \frac{\sum e_i^2}{\nu}\Bigr)
-   - \tfrac12 |\theta - \theta_0|_P^2 - \tfrac12 \ln\frac{\det(w J^TJ + P)}{\det P},
-   \quad w = \frac{\nu + n}{\nu + \sum e_i^2},  \tag{J2}
+.. math:: \ln m = -a \ln\Bigl(1 + \frac{\sum e_i^2}{\nu}\Bigr)
+   - \tfrac12 |\theta - \theta_0|_P^2 - \tfrac12 \ln\frac{\det(w J^TJ + P)}{\det P}
+   + \tfrac k2 \ln a + \ln\Gamma(a - \tfrac k2), \quad a = \tfrac{\nu + n}{2}, \quad
+   w = \frac{2a}{\nu + \sum e_i^2},  \tag{J2}
 
-up to a constant common to all, by Laplace's method in the parameters :math:`\theta`;
-of the k that the readings fix it takes a Student's law for a normal one, so that
-:math:`\tfrac k2 \ln a + \ln\Gamma(a - k/2)`, :math:`a = (\nu + n)/2`, is added, exact
-where they are linear. The weak priors P (axes within 30 % of a common size that is free, 10 degrees, a bias
-of 1 g) are rows like any others: a fit exists for one rest as for a hundred, and the
-determinant counts what is free. That of the columns is spread over `DECADES`.
+up to a constant common to all, by Laplace's method in the parameters :math:`\theta`,
+with Student's law for the k of them that the readings fix: exact where these are
+linear. The weak priors P (axes within 30 % of a common size that is free, 10 degrees, a
+bias of 1 g) are rows like any others: a fit exists for one rest as for a hundred, and
+the determinant counts what is free. The prior of the columns is spread over `DECADES`.
 """
 
 from collections.abc import Sequence
@@ -91,10 +93,10 @@ class Fit(NamedTuple):
         return float(np.sqrt(self.squares.sum() / max(self.free, 0.05)))
 
     def chance(self, freedom: Float[Array, " n"]) -> float:
-        """Chance of residuals as great by the measured noise.
+        r"""Chance of residuals as great by the measured noise.
 
         A residual over a noise of d degrees of freedom is Student's; Wallace's
-        transformation, :math:`d \\ln(1 + e^2/d)` times a constant, makes it normal
+        transformation, :math:`d \ln(1 + e^2/d)` times a constant, makes it normal
         within 0.01 of a deviation from d = 5 on.
         """
         if self.free < 0.05:
@@ -153,7 +155,9 @@ def _fits(
     problem = _problem(tried, rests, noise)
     theta = np.tile([*np.eye(3)[_UPPER], *np.zeros(3 + m)], (h, 1))
     if start is not None:
-        theta[[np.array_equal(e.readings, rests.readings) for e in tried], : len(start)] = start
+        theta[
+            [np.array_equal(e.readings, rests.readings) for e in tried], : len(start)
+        ] = start
     sd, each = np.array([e.sd for e in tried]), []
     cost = np.log([e.noise for e in tried]).sum(axis=1)
     for decade in DECADES if m else DECADES[:1]:
@@ -206,9 +210,7 @@ class _Problem(NamedTuple):
         return _Problem(*(part[some] for part in self))
 
 
-def _problem(
-    tried: Sequence[Explanation], rests: RestMeans, noise: Array
-) -> _Problem:
+def _problem(tried: Sequence[Explanation], rests: RestMeans, noise: Array) -> _Problem:
     z = np.array([e.readings for e in tried]) - rests.zero
     radius = np.sqrt(np.mean(np.sum(z**2, axis=2), axis=1))
     unit = np.array([e.unit * e.noise for e in tried])

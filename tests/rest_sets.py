@@ -126,7 +126,9 @@ SOUND = {
         np.concatenate([np.repeat(FACES[:1], r.integers(4, 12), 0), _any(r, 10, 16)]),
         r, noise=0.03,
     ),
-    "coarse": lambda r: _sound(_any(r), r, noise=0.01, step=r.choice([0.02, 0.04, 0.08])),
+    "coarse": lambda r: _sound(
+        _any(r), r, noise=0.01, step=r.choice([0.02, 0.04, 0.08]),
+    ),
     "unequal": lambda r: _sound(_any(r), r, noise=0.01 * r.permutation([1, 3, 10])),
     "scatter": lambda r: _scattered(r, lambda n: 0.003 * r.normal(size=(n, 3))),
     "heavy": lambda r: _scattered(r, lambda n: 0.002 * r.standard_t(3, (n, 3))),
@@ -150,7 +152,9 @@ def _since(n, k, a=None):
 
 def _rising(n, a=None):
     each = np.zeros((n, 3))
-    each[:, slice(None) if a is None else a] = np.linspace(0.0, 1.0, n)[:, None if a is None else ...]
+    each[:, slice(None) if a is None else a] = np.linspace(0.0, 1.0, n)[
+        :, None if a is None else ...
+    ]
     return each
 
 
@@ -215,7 +219,8 @@ FAULTS = {
 FURTHER = {
     "warming": ("bias drift", (0.03, 0.1, 0.5), lambda L, s, k, a: {
         "bias": s * np.outer(np.exp(-np.arange(len(L.up)) / 3.0), np.eye(3)[a])}),
-    "bias in temperature": ("bias in temperature", (0.03, 0.1, 0.5), lambda L, s, k, a: {
+    "bias in temperature": ("bias in temperature", (0.03, 0.1, 0.5),
+        lambda L, s, k, a: {
         "bias": _warm(L, s, a)}),
     "scale in temperature": ("scale in temperature", (0.003, 0.01, 0.05),
         lambda L, s, k, a: {"scale": _warm(L, s, a)}),
@@ -225,18 +230,21 @@ FURTHER = {
 """Faults of the catalogue that the note did not count."""
 
 UNLISTED = {
-    "clipping": lambda L, s, a: {"warp": _axis(a, lambda y: np.minimum(y, (1 - s) * G))},
-    "hysteresis": lambda L, s, a: {"bias": s * G * np.sign(
-        np.diff(L.up, axis=0, prepend=L.up[:1])) * (np.arange(3) == a)},
-    "walking bias": lambda L, s, a: {
-        "bias": s * G * L.rng.normal(size=L.up.shape).cumsum(axis=0) / 4},
+    "clipping": ((0.01, 0.1), lambda L, s, a: {
+        "warp": _axis(a, lambda y: np.minimum(y, (1.0 - s) * G))}),
+    "hysteresis": ((0.001, 0.01), lambda L, s, a: {"bias": s * G * np.sign(
+        np.diff(L.up, axis=0, prepend=L.up[:1])) * (np.arange(3) == a)}),
+    "walking bias": ((0.001, 0.01), lambda L, s, a: {
+        "bias": s * G * L.rng.normal(size=L.up.shape).cumsum(axis=0) / 4}),
 }  # fmt: skip
-"""Faults that are in no catalogue, of a size relative to gravity."""
+"""Faults that are in no catalogue, at two sizes relative to gravity."""
 
 
 def log_of(rng, where="sphere"):
     """A log of 14 to 30 rests, few of them, or near the faces, for a fault."""
-    n = int(rng.integers(*{"sphere": (14, 31), "few": (10, 14), "faces": (12, 19)}[where]))
+    n = int(
+        rng.integers(*{"sphere": (14, 31), "few": (10, 14), "faces": (12, 19)}[where])
+    )
     return Log(near_faces(n, rng) if where == "faces" else directions(n, rng), rng)
 
 
