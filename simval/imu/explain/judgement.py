@@ -9,9 +9,10 @@ below `CHANCE`. Then every explanation j is held against it by its marginal like
 Where the plain one is right, the mean of each ratio is 1, so that of O is at most 1,
 and O exceeds R with a chance of at most 1/R (Markov), however many explanations there
 are and however alike: `REFUSED` and `REMARKED` are such R. The weights are equal among
-the kinds and, within a kind, among its explanations. What the leaders leave beyond the
-noise is asked once more, beside each of the best `LEADS`, up to `MOST` things at once,
-at a prior share of `MORE` for each further one.
+the kinds and, within a kind, among its explanations. Where the likeliest leaves more
+than the noise, and is likelier than what was there before, a second thing is tried
+beside each of the best `LEADS`, up to `MOST` at once, at a prior share of `MORE` for
+each further one.
 
 The posterior share of an explanation is its term of O. It is named alone at `NAMED`;
 otherwise those that make it up cannot be told apart.
@@ -144,13 +145,16 @@ def judge(rests: RestMeans, extra: Sequence[Explanation] = ()) -> Judgement:
     sets = [k for k in farthest(rests, noise, null) if len(k) > 1]
     tried = [*explanations(rests), *(off(rests, k) for k in sets), *extra]
     entries = _entries(tried, rests, noise, null)
-    last = entries
+    last, best = entries, 0.0
     for _ in range(1, MOST):
-        if max(last, key=_weight).fit.chance(rests.freedom) >= CHANCE:
+        lead = max(last, key=_weight)
+        if lead.weight <= best or lead.fit.chance(rests.freedom) >= CHANCE:
             break
-        leaders = _leaders(last)
+        best = lead.weight
         last = [
-            entry for lead in leaders for entry in _beside(lead, rests, noise, null)
+            entry
+            for lead in _leaders(last)
+            for entry in _beside(lead, rests, noise, null)
         ]
         entries = entries + last
     weight = np.array([entry.weight for entry in entries]) + np.log(1.0 - MORE)
