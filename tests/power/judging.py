@@ -22,11 +22,6 @@ def kinds_of(judgement: Judgement) -> frozenset[str]:
     return frozenset().union(*(f.explanation.kinds for f in judgement.candidates))
 
 
-def accused(judgement: Judgement) -> bool:
-    """Whether the sensor is refused; a rest that is off is no fault of it."""
-    return judgement.answer == "refusal" and kinds_of(judgement) != {"rest off"}
-
-
 def standing(judgement: Judgement, kind: str) -> str:
     """Named, partly named with others, misnamed or unnamed."""
     if judgement.answer != "refusal":
@@ -44,7 +39,7 @@ def sound(sets: int, seed: int = SEED) -> Iterator[tuple[str, Counter[str]]]:
         for k in range(sets):
             judgement = judge(make(np.random.default_rng([seed, k])))
             each[judgement.answer] += 1
-            each["accused"] += accused(judgement)
+            each["accused"] += judgement.accuses
             each["odds of 10"] += judgement.odds > np.log(10.0)
         yield family, each
 

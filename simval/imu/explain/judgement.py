@@ -37,6 +37,8 @@ CHANCE = 1e-3  # of a misfit, by chance: what is asked at all
 REFUSED, REMARKED = 1000.0, 100.0  # odds
 NAMED = 0.9  # of the posterior
 LEADS, MOST, MORE = 3, 3, 0.25
+INNOCENT = frozenset({"rest off", "noise"})
+"""Kinds that accuse no sensor."""
 
 Answer = Literal["sound", "unknown", "remark", "refusal"]
 
@@ -87,6 +89,12 @@ class Judgement(NamedTuple):
         if self.odds < np.log(REMARKED):
             return "unknown"
         return "remark" if self.odds < np.log(REFUSED) else "refusal"
+
+    @property
+    def accuses(self) -> bool:
+        """True if the sensor or its readings are refused, and no rest may be why."""
+        innocent = any(f.explanation.kinds <= INNOCENT for f in self.candidates)
+        return self.answer == "refusal" and not innocent
 
     @property
     def candidates(self) -> tuple[Finding, ...]:
@@ -186,10 +194,10 @@ def _entries(
         if several:
             count[kind, several] = comb(len(noise), several)
     prior = -np.log(len(count))
-    joint, start = list(tried), null.theta
+    joint, start = list(tried), null
     if lead is not None:
         prior += lead.prior + np.log(MORE)
-        joint, start = [lead.explanation.also(e) for e in tried], lead.fit.theta
+        joint, start = [lead.explanation.also(e) for e in tried], lead.fit
     every = fits(joint, rests, noise, start)
     priors = [float(prior - np.log(count[family])) for family in families]
     return [

@@ -52,6 +52,7 @@ AXES_SD, COMMON_SD, SHEAR_SD, BIAS_SD = 0.3, 3.0, 0.17, 1.0
 LEAST = 1e-6  # of gravity: noise of a mean below it is a converter's silence
 _STEPS = 40  # of Levenberg-Marquardt
 _SETTLED = 1e-4  # of a log likelihood
+_TRIED, _HOPELESS = 3, 20.0  # steps, after which one so far behind in it is given up
 _SEVERAL = 3  # rests that may be off at once
 _EXTENDED = 40  # sets of rests that are tried with one more
 _SETS = 5  # of each size that are fitted
@@ -75,12 +76,15 @@ class Fit(NamedTuple):
         Parameters that the readings fix, rather than their priors.
     theta : (9 + m,) array
         Ellipsoid in units of the readings' root mean square, and columns.
+    value : float
+        Less by the fit: (J2) without its determinant, negative.
     """
 
     log: float
     squares: Array
     known: float
     theta: Array
+    value: float
 
     @property
     def free(self) -> float:
@@ -130,12 +134,13 @@ def fits(
     tried: Sequence[Explanation],
     rests: RestMeans,
     noise: Float[Array, " n"],
-    start: Float[Array, " m"] | None = None,
+    start: Fit | None = None,
 ) -> list[Fit]:
     """Fit explanations, those with as many columns side by side.
 
-    A `start`, an ellipsoid and columns that stand before an explanation's own, is for
-    those that leave the readings as they are.
+    From a `start`, whose columns stand before an explanation's own, where these leave
+    the readings as they are; those that stay far worse than it are not fitted to the
+    end.
     """
     found: dict[int, Fit] = {}
     order = sorted(range(len(tried)), key=lambda k: len(tried[k].sd))
@@ -149,20 +154,21 @@ def fits(
 
 
 def _fits(
-    tried: Sequence[Explanation], rests: RestMeans, noise: Array, start: Array | None
+    tried: Sequence[Explanation], rests: RestMeans, noise: Array, start: Fit | None
 ) -> list[Fit]:
     h, m = len(tried), len(tried[0].sd)
     problem = _problem(tried, rests, noise)
     theta = np.tile([*np.eye(3)[_UPPER], *np.zeros(3 + m)], (h, 1))
     if start is not None:
-        theta[
-            [np.array_equal(e.readings, rests.readings) for e in tried], : len(start)
-        ] = start
+        same = [np.array_equal(e.readings, rests.readings) for e in tried]
+        theta[same, : len(start.theta)] = start.theta
     sd, each = np.array([e.sd for e in tried]), []
     cost = np.log([e.noise for e in tried]).sum(axis=1)
     for decade in DECADES if m else DECADES[:1]:
-        log, squares, known, theta = _settled(problem, _prior(h, decade * sd), theta)
-        each.append((log - cost, squares, known, theta))
+        bar = np.inf if start is None else start.value
+        found = _settled(problem, _prior(h, decade * sd), theta, bar)
+        each.append((found[0] - cost, *found[1:]))
+        theta = found[3]
     logs = np.array([log for log, *_ in each])
     total = scipy.special.logsumexp(logs, axis=0) - np.log(len(each))
     best = logs.argmax(axis=0)
@@ -260,8 +266,8 @@ def _rows(problem: _Problem, theta: Float[Array, "h p"]) -> tuple[Array, Array]:
 
 
 def _settled(
-    problem: _Problem, prior: Array, start: Array
-) -> tuple[Array, Array, Array, Array]:
+    problem: _Problem, prior: Array, start: Array, bar: float
+) -> tuple[Array, Array, Array, Array, Array]:
     # least of -(J2) without its determinant, by Levenberg-Marquardt; then (J2)
     n, (h, p) = problem.z.shape[1], start.shape
     centre = np.concatenate([np.eye(3)[_UPPER], np.zeros(p - 6)])
@@ -275,7 +281,7 @@ def _settled(
     theta, damping, alive = start.copy(), np.full(h, 1e-3), np.arange(h)
     e, J = _rows(problem, theta)
     value = value_of(e, theta, prior)
-    for _ in range(_STEPS):
+    for step in range(_STEPS):
         ea, Ja, P, at = e[alive], J[alive], prior[alive], theta[alive]
         w = ((NU + n) / (NU + np.vecdot(ea, ea)))[:, None]
         H = w[..., None] * (np.swapaxes(Ja, 1, 2) @ Ja) + P
@@ -291,6 +297,8 @@ def _settled(
         value[won] -= gain[better]
         damping[alive] *= np.where(better, 0.1, 10.0)
         alive = alive[(gain > _SETTLED) | (~better & (damping[alive] < 1e6))]
+        if step >= _TRIED:
+            alive = alive[value[alive] < min(bar, value.min()) + _HOPELESS]
         if not len(alive):
             break
     squares = e**2
@@ -301,4 +309,4 @@ def _settled(
     log = -value - 0.5 * (np.linalg.slogdet(H)[1] - np.linalg.slogdet(prior)[1])
     a = 0.5 * (NU + n)
     log += 0.5 * known * np.log(a) + scipy.special.gammaln(a - 0.5 * known)
-    return log, squares, known, theta
+    return log, squares, known, theta, value

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from power import judging as power
-from power.judging import accused, kinds_of, standing
+from power.judging import kinds_of, standing
 from rest_sets import (
     FAULTS,
     FURTHER,
@@ -42,7 +42,7 @@ SCATTERED = ("scatter", "heavy")  # beyond the noise of their rows: those cost a
 def test_a_sound_log_is_not_accused(family):
     # by Markov's bound at most 0.001 of them; two of 30 would be a chance of 4e-4
     each = [judge(SOUND[family](np.random.default_rng([48, k]))) for k in range(30)]
-    assert sum(map(accused, each)) <= 1
+    assert sum(j.accuses for j in each) <= 1
     # the gate alone: one in a thousand each, six of 30 by a noise 10 % understated
     assert sum(j.answer != "sound" for j in each) <= 2
 
@@ -51,7 +51,7 @@ def test_a_sound_log_is_not_accused(family):
 @pytest.mark.parametrize("family", SCATTERED)
 def test_holds_that_scatter_are_no_fault_of_the_sensor(family):
     each = [judge(SOUND[family](np.random.default_rng([48, k]))) for k in range(24)]
-    assert sum(map(accused, each)) <= 1
+    assert sum(j.accuses for j in each) <= 1
     assert sum(j.answer == "unknown" for j in each) >= 12  # and it is seen
 
 
