@@ -161,8 +161,8 @@ def judge(rests: RestMeans, extra: Sequence[Explanation] = ()) -> Judgement:
         best = lead.weight
         last = [
             entry
-            for lead in _leaders(last)
-            for entry in _beside(lead, rests, noise, null)
+            for leader in _leaders(last)
+            for entry in _beside(leader, rests, noise, null)
         ]
         entries = entries + last
     weight = np.array([entry.weight for entry in entries]) + np.log(1.0 - MORE)

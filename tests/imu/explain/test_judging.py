@@ -279,16 +279,17 @@ def test_of_3300_sound_logs_as_few_are_accused_as_stated():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("where", "sets", "least"),
-    # each four standard errors below what python -m power.judging prints
-    [("sphere", 40, (0.30, 0.85, 0.95)), ("few", 20, (0.2, 0.5, 0.7)),
-     ("faces", 20, (0.2, 0.5, 0.7))],
+    ("where", "sets", "least", "misnamed"),
+    # some four standard errors off what python -m power.judging prints; a dozen rests
+    # have one to four degrees of freedom
+    [("sphere", 40, (0.35, 0.85, 0.95), 0.01), ("few", 16, (0.15, 0.15, 0.3), 0.04),
+     ("faces", 16, (0.15, 0.15, 0.3), 0.04)],
 )  # fmt: skip
-def test_faults_are_named_and_not_misnamed(where, sets, least):
+def test_faults_are_named_and_not_misnamed(where, sets, least, misnamed):
     total = [Counter() for _ in least]
     for name, size, each in power.faults(sets, where):
         total[size] += each if name in FAULTS else Counter()
-    assert sum(each["misnamed"] for each in total) <= 0.01 * 36 * sets
+    assert sum(each["misnamed"] for each in total) <= misnamed * 36 * sets
     for share, each in zip(least, total, strict=True):
         assert each["named"] >= share * 12 * sets
 
@@ -297,4 +298,4 @@ def test_faults_are_named_and_not_misnamed(where, sets, least):
 def test_a_large_fault_that_is_in_no_list_is_seen():
     for name, size, each in power.unlisted(40):
         if size == UNLISTED[name][0][1]:
-            assert each["sound"] <= 4
+            assert each["sound"] <= 12  # a clip that no rest reaches is none
