@@ -20,6 +20,7 @@ from simval import geometry, montecarlo, poses, theory
 from simval.errors import InputError, SimvalError
 from simval.imu import attitude, sensor, statics
 from simval.imu.calibrate import calibrate, diagnose, load_calibration, save_calibration
+from simval.imu.explain import RestMeans
 from simval.imu.sensor import AccelerometerModel, Effects
 from simval.streams import Streams
 from simval.theory.coloured_noise import noise_bound
@@ -274,6 +275,10 @@ OTHERWISE = {
     theory.sufficient_order: {**PLACES, "tolerance": (0.01, "positive")},
     theory.plan: {"noise_std": (0.01, "positive")},
     theory.pose_noise: {},
+    RestMeans.of: {
+        "readings": (READINGS, "array"),
+        "covariance": (np.tile(1e-5 * np.eye(3), (14, 1, 1)), "array"),
+    },
     statics.variance_magnitude: {},
     statics.initial_rest: {"count": (200, "count")},
     statics.intervals_below: {"spread": (statics.variance_magnitude(LOG), None)},
