@@ -36,6 +36,9 @@ NEAR: Final = 0.1
 """Relative: scales of gyroscopes are within some per cent of their unit, and units are
 a factor of 57 apart."""
 
+NAMED: Final = 0.03
+"""Relative: by the truth, off a unit that is named; counts come near the smaller ones."""
+
 UNSTATED: Final = Scale(None, "")
 UNKNOWN: Final = "in the unit of its calibration or of the log"
 
@@ -262,9 +265,9 @@ def with_gyro_unit(found: Signals, raw_per_si: float | None) -> Signals:
         )
         raise InputError(msg)
     for unit, size in OF_A_LOG["gyro"].items():
-        if abs(raw_per_si * size - 1.0) <= NEAR:
+        if abs(raw_per_si * size - 1.0) <= NAMED:
             words = f"{unit}, as the truth says ({raw_per_si:.5g} to a rad/s)"
-            return replace(found, gyro=found.gyro / raw_per_si, gyro_unit=words)
+            return replace(found, gyro=found.gyro * size, gyro_unit=words)
     msg = (
         f"by the truth {raw_per_si:.6g} units of the gyroscope are a rad/s, which is "
         f"no unit; give --gyro-unit {1.0 / raw_per_si:.6g} for raw counts, or "
