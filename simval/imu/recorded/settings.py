@@ -37,7 +37,7 @@ NEAR: Final = 0.1
 a factor of 57 apart."""
 
 NAMED: Final = 0.03
-"""Relative: by the truth, off a unit that is named; counts come near the smaller ones."""
+"""Relative: off a unit that the truth names; counts come near the smaller ones."""
 
 UNSTATED: Final = Scale(None, "")
 UNKNOWN: Final = "in the unit of its calibration or of the log"
