@@ -173,6 +173,10 @@ def calibrate_log(
         If there is no rest, no threshold gives nine static intervals, none of the
         fits is a calibration, or the log shows a fault of the sensor or the logger.
     """
+    fitted = partial(
+        calibrate, g=g, model=model, method=method, residual=residual, loss=loss,
+        full_scale=full_scale,
+    )  # fmt: skip
     try:
         rests = find_rests(log, rest)
         refusal: RefusedError | None = None
@@ -185,10 +189,7 @@ def calibrate_log(
             few = len(poses) - PARAMETERS <= FEW and pose.source == "file"
             stated = pose.std if few or residual == "adjusted" else None
             try:
-                fit = calibrate(
-                    poses, g, model, method=method, residual=residual, loss=loss,
-                    full_scale=full_scale, noise_std=stated,
-                ).require_converged()  # fmt: skip
+                fit = fitted(poses, noise_std=stated).require_converged()
                 break
             except RefusedError as error:
                 refusal = error
@@ -196,12 +197,10 @@ def calibrate_log(
             assert refusal is not None  # there is a best level
             raise refusal
         pose = along_gravity(log, intervals, pose, fit)
-        log = steadied(log, intervals, pose)
-        poses = interval_means(log.accelerometer, intervals)
-        fit = _by_noise(
-            fit, poses, pose, stated, model=model, method=method, residual=residual,
-            loss=loss, full_scale=full_scale,
-        )  # fmt: skip
+        if np.any(pose.trembled):
+            log = steadied(log, intervals, pose)
+            poses = interval_means(log.accelerometer, intervals)
+            fit = fitted(poses, noise_std=stated).require_converged()
         std = None if np.any(pose.std == 0.0) else pose.std
         white = None if np.any(pose.white == 0.0) else pose.white
         warm, further = _rest_terms(log, intervals, poses, fit, std, loss), None
@@ -241,26 +240,6 @@ def calibrate_log(
         raise explained(log, g, rest, error) from error
     require_sound(case)
     return result
-
-
-def _by_noise(
-    fit: FitResult,
-    poses: Float[Array, "m 3"],
-    pose: PoseNoise,
-    stated: Float[Array, " m"] | None,
-    **how: Any,
-) -> FitResult:
-    # again where the means have changed, or weighed where the noise of rests differs;
-    # the residuals say how large it is
-    weighs = pose.uneven and how["residual"] == "squared" and how["loss"] == "linear"
-    if not weighs or stated is not None or not fit.dof > 0:
-        if not np.any(pose.trembled):
-            return fit
-        return calibrate(poses, fit.g, noise_std=stated, **how).require_converged()
-    how["residual"] = "weighted"
-    fit = calibrate(poses, fit.g, noise_std=pose.std, **how).require_converged()
-    P = fit.covariance * fit.chi2_per_dof
-    return replace(fit, covariance=P, covariance_kind="type A")
 
 
 def steadied(log: Log, intervals: Intervals, pose: PoseNoise) -> Log:

@@ -202,8 +202,6 @@ class PoseNoise(ReadOnly):
         axes and in all rests.
     trembled : Array
         What a trembling direction takes from the mean of each rest, raw units, (m, 3).
-    uneven : bool
-        Whether rests differ in their noise by more than chance, and rows say how.
     source : str
         ``white``, ``log`` (the log's longest rest), ``rests`` (all) or ``file``.
     words : str
@@ -215,7 +213,6 @@ class PoseNoise(ReadOnly):
     source: str
     words: str
     trembled: Float[Array, "m 3"] | float = 0.0
-    uneven: bool = False
 
 
 def white_noise(
@@ -287,16 +284,15 @@ def along_gravity(
 ) -> PoseNoise:
     r"""Noise of the accelerometer's means along gravity, which their norms feel.
 
-    It is that of `noise`, and where that is white each rest's own if they differ. But a
-    hand trembles. Where it does, or the means of eighths of the rests have chance
-    against it, a mean of n rows of the variance :math:`s^2` along gravity has
-    :math:`s^2 q/n`, with :math:`q = 2 q_4 - q_8` by quarters and eighths:
-    rows that undo each other, as the accelerations of a lever arm, leave the means of
-    k parts of a rest a scatter as k + 1, and that of the whole 1. What rounding leaves
-    where noise does not blur its steps h, :math:`h^2/12\, e^{-4\pi^2\sigma^2/h^2}`,
-    comes on top. A direction that trembles with the variances :math:`v_1, v_2` across
-    shortens a mean by :math:`(v_1 + v_2 - 2 v_u)/2|y|^2`, which is told where it is
-    beyond chance.
+    It is that of `noise`. But a hand trembles. Where it does, or the means of eighths
+    of the rests have chance against it, a mean of n rows of the variance :math:`s^2`
+    along gravity has :math:`s^2 q/n`, with :math:`q = 2 q_4 - q_8` by quarters and
+    eighths: rows that undo each other, as the accelerations of a lever arm, leave the
+    means of k parts of a rest a scatter as k + 1, and that of the whole 1. What
+    rounding leaves where noise does not blur its steps h,
+    :math:`h^2/12\, e^{-4\pi^2\sigma^2/h^2}`, comes on top. A direction that trembles
+    with the variances :math:`v_1, v_2` across shortens a mean by
+    :math:`(v_1 + v_2 - 2 v_u)/2|y|^2`, which is told where it is beyond chance.
     """
     samples, counts = log.accelerometer, interval_counts(intervals)
     x = interval_means(samples, intervals) - fit.B
@@ -335,19 +331,7 @@ def along_gravity(
         )
         std = np.sqrt(pooled[0] * q / counts + left)
         return replace(noise, std=std, source="rests", words=words)
-    uneven = alone and bool(np.all(own > 0.0)) and _differ(own, counts - 1.0)
-    known = known * (own / pooled.mean() if uneven else 1.0)
-    std = np.sqrt(known + left)
-    return replace(noise, std=std, uneven=uneven)
-
-
-def _differ(variances: Float[Array, " m"], dof: Float[Array, " m"]) -> bool:
-    # beyond chance, by the test of Bartlett (1937)
-    total, few = dof.sum(), len(dof) - 1
-    mean = np.log(np.average(variances, weights=dof))
-    square = total * mean - dof @ np.log(variances)
-    square /= 1.0 + ((1.0 / dof).sum() - 1.0 / total) / (3.0 * few)
-    return chi_square_chance(float(square), few) < BEYOND
+    return replace(noise, std=np.sqrt(known + left))
 
 
 def _scatter(

@@ -46,7 +46,7 @@ _CLOSE: Final = 2.0  # of (V13): from one correlation time to the next about the
 ROUNDS: Final = 6  # of times between those before
 SURE: Final = 16.0
 """Of (V13): what flicker and a walk must gain over white noise for slow noise to be
-plain where neither is seen alone. 12 gave it to 15 of 3000 signals of 2000 rows."""
+plain where neither is seen alone, as 9 of 3000 white signals of 2000 rows do."""
 NEEDED: Final = Z**2  # of (V13): what each of a walk and Markov noise must gain
 
 WALK: Final = Component("K")
