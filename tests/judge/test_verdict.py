@@ -162,6 +162,9 @@ def test_as_many_more_samples_as_are_asked_for_would_do(n, rows):
     few = judged_with(n)[0]
     assert few.answer == "inconclusive"
     assert few.more > 1.0
+    if n >= 256:  # in its words as well
+        (said,) = re.findall(r"about (\d+) samples are needed", few.reason)
+        assert int(said) == int(np.ceil(few.more * n))
     for times, answer in ((1.01, "pass"), (0.97, "inconclusive")):
         (verdict, *_) = judged_with(int(np.ceil(times * few.more * n)))
         assert verdict.answer == answer

@@ -79,6 +79,13 @@ def test_no_drawn_cell_of_a_cheap_study_fails(study):
     require_none_fails(study, range(CHEAP[study]))
 
 
+@pytest.mark.ci
+@pytest.mark.parametrize(("study", "seed"), [("ladder", 1057), ("magnetometer", 1162)])
+def test_what_once_failed(study, seed):
+    """Scales of 0.01 to 1.99 with `sampson`, and a dip of -85 degrees."""
+    assert require_none_fails(study, [seed]) == 1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("study", DRAWN)
 def test_no_drawn_cell_of_any_study_fails(study):

@@ -9,6 +9,7 @@ from places import recording
 from sound_motions import HEADER, MOTIONS, log_of, sound, table, tumble
 from written import written
 
+from simval.cli import run
 from simval.imu.logs import read_log
 from simval.imu.multiposition.log_units import units_of
 from simval.units import G0, OF_A_LOG
@@ -134,6 +135,41 @@ def test_odd_rows_are_no_crash(seed):
 
 
 # the commands
+
+
+@pytest.fixture(scope="module")
+def gimbal(tmp_path_factory):
+    """A log of the scene, in which the sensor moves more than it rests."""
+    path = tmp_path_factory.mktemp("gimbal") / "log.csv"
+    assert run(["scene", "gimbal", "--set", "poses=20", "--out", str(path)]) == 0
+    return path
+
+
+@pytest.mark.ci
+def test_what_moves_hides_no_axes_of_a_magnetometer(gimbal):
+    """Means in motion are shorter than the field, and lie on no ellipsoid."""
+    log = read_log(str(gimbal))
+    assert said(log) == []
+    for by, words in ((MIRROR, "z has the wrong sign"), (SWAP, "x and y are exch")):
+        (found,) = said(changed(log, "magnetometer", by))
+        assert words in found
+
+
+@pytest.mark.ci
+def test_what_a_gyroscopes_rows_are_is_on_the_page(half, simval, tmp_path):
+    page = tmp_path / "page.html"
+    _, out, _ = simval("calibrate", half, "--report", page)
+    (line,) = (line for line in out.splitlines() if line.startswith("gyroscope's rows"))
+    assert " ".join(line.split()[2:7]) in " ".join(page.read_text().split())
+    # and nothing is said of rows that are not there
+    force = written(
+        tmp_path / "force.csv",
+        "t,ax,ay,az",
+        sound(table, 0).time,
+        sound(table, 0).accelerometer,
+    )
+    code, _, error = simval("calibrate", force, "--gyro-rows", "instant")
+    assert (code, "has no gyroscope" in error) == (2, True)
 
 
 @pytest.fixture(scope="module")
