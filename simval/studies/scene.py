@@ -4,9 +4,8 @@ The simulation's own checks have passed before anything is measured here. Its ar
 are the directions of the rests and, where the machine can draw, a picture.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -35,7 +34,6 @@ ROUNDING = 1e-12
 LAG_ROUNDING = 1e-9
 """Steps; quaternions of turns of 1e-6 rad keep nine digits of the turn."""
 
-
 CHANCE = 1e-6
 """That a die shows too few faces by itself, up to which its rank is judged."""
 
@@ -61,7 +59,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     trajectory = checked_trajectory(plan, rollout)
     rows = judged_rows(trajectory)
     if parameters.scene == "die":
-        rows = tuple(chain(*(_by_chance(row, parameters.poses) for row in rows)))
+        rows = _by_chance(rows, parameters.poses)
     directions = trajectory.hold_means() / trajectory.g
     name = f"{parameters.scene}-{parameters.poses}"
     time = trajectory.time
@@ -85,16 +83,17 @@ def few_faces(throws: int, least: int = PARAMETERS, faces: int = 14) -> float:
     return float(share[:least].sum())
 
 
-def _by_chance(row: Row, throws: int) -> tuple[Row, ...]:
+def _by_chance(rows: Sequence[Row], throws: int) -> tuple[Row, ...]:
     # the rank of so few throws is no promise
-    chance = few_faces(throws)
-    if row.statistic != stat.RANK() or chance < CHANCE:
-        return (row,)
+    if (chance := few_faces(throws)) < CHANCE:
+        return tuple(rows)
     why = (
         f"{throws} throws of a die show fewer than {PARAMETERS} of its faces with a "
         f"chance of {chance:.2g}, and {CHANCE:g} is accepted"
     )
-    return beyond([row], why)
+    return tuple(
+        beyond([row], why)[0] if row.statistic == stat.RANK() else row for row in rows
+    )
 
 
 def judged_rows(trajectory: Trajectory) -> tuple[Row, ...]:

@@ -28,13 +28,8 @@ AXES = "xyz"
 # prior standard deviations, the greatest of three decades, of gravity or of a scale:
 # what a shock or a minute of warming does to a bad part
 STEP, DRIFT, BEND, OFF = 0.2, 0.1, 0.1, 0.2
-WARMING = (
-    0.025,
-    0.05,
-    0.1,
-    0.2,
-    0.4,
-)  # time constants of a part that warms up, of the log
+# time constants of a part that warms up, of the log
+WARMING = (0.025, 0.05, 0.1, 0.2, 0.4)
 NOISES = (3.0, 10.0, 30.0, 100.0)  # of an axis, times the measured
 FACTORS = (2.0, 4.0, 8.0, 16.0, 9.80665, 1000.0 / 9.80665)  # of ranges and units
 SIDE = 2  # rests on either side of a step: one alone is a rest that is off
