@@ -4,6 +4,7 @@ One process for each trial or for all, of a calibrator or an estimator; a filter
 line by line. Whatever a program does, there is no hang, and nothing is left behind.
 """
 
+import contextlib
 import gc
 import json
 import os
@@ -422,7 +423,12 @@ def children():
 
 
 def opened():
-    return len(list(Path("/proc/self/fd").iterdir()))
+    """What this process has open, a pipe by its own number."""
+    found = set()
+    for descriptor in Path("/proc/self/fd").iterdir():
+        with contextlib.suppress(OSError):  # the directory's own, closed again
+            found.add(os.readlink(descriptor))
+    return found
 
 
 def test_a_program_answers_as_a_filter_of_python(filtered):
@@ -451,7 +457,7 @@ def test_a_program_that_fails_is_told_why(filtered, mode):
     assert time.monotonic() - start < 20.0  # no hang
     gc.collect()
     assert set(children()) == before  # neither zombies nor what runs on
-    assert opened() == files
+    assert opened() <= files
 
 
 @pytest.mark.ci
