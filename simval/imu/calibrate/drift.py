@@ -1,6 +1,4 @@
-r"""Sensor changes during the recording: a drift, a step, or a break.
-
-**Scatter that follows the time of the poses: a bias or a gain that drifts.**
+r"""Scatter that follows the time of the poses: a bias or a gain that drifts.
 
 With the whitened residuals r of a fit and their derivative J by its parameters, a
 property c of the sensor that drifts as :math:`\sum_{j=1}^m \gamma_j P_j(\tau)`,
@@ -22,43 +20,15 @@ What the order of the poses hides is the factor
 
 by which an even drift (m = 1) must be greater to leave as much in the residuals as with
 the same poses in an order of chance.
-
-**A sensor whose biases or scales step to other values in the course of the poses.**
-
-From pose k on the readings are those of another sensor; undone,
-
-.. math:: u_i = z_i + [i \ge k]\,(d + s \circ (z_i - o)),  \tag{S1}
-
-they lie on the ellipsoid (E1) of the earlier ones; a scale multiplies about o, the
-zero of the counter if that is near the centre, or else the centre itself. Each of ten
-changes (one bias, three; one scale, all alike, three; all six) at each place is fitted
-by Gauss-Newton, in distances, and held against no change by
-
-.. math:: N\,P\{F_{m,\,n-9-m} > F\}, \tag{S2}
-
-N the number of changes and places tried, m of the parameters of the change: at most
-the chance that a clean series shows any such step. A part of its own needs nine poses
-and more (`find_break`), one bias a single degree of freedom.
 """
 
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-import scipy
-from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.imu.calibrate.goodness_of_fit import LEFT, Drop
-from simval.imu.calibrate.outliers import (
-    LEAST_SLOPE,
-    coefficients,
-    deletion_of,
-    scaled,
-    slope_of,
-)
-from simval.imu.calibrate.residuals import monomials, quadratic
-from simval.shapes import Float, Int
+from simval.shapes import Float
 
 DRIFT_FALSE_ALARM: Final = 1e-3
 """Chance that a sensor that does not drift is said to."""
@@ -178,186 +148,3 @@ def of_a_triad(
     columns = np.concatenate([normal, normal * x], axis=1).T
     names = [f"the {what} of {axis}" for what in ("bias", "gain") for axis in "xyz"]
     return {**dict(zip(names, columns, strict=True)), "the biases": normal}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Change:
-    """Change point of a series of poses, and the scatter that it explains."""
-
-    index: int  # first pose after the change
-    what: str  # what changed; of a break the part that stays on its ellipsoid
-    chance: float  # chance that the best change of a clean series is as good
-    drop: float  # scatter without a change over that with it
-    scatter: float  # scatter with the change, raw units
-    dof: int  # degrees of freedom that the change leaves
-
-    def order(self) -> tuple[float, float]:
-        """Sort key: the least likely by chance first, then what explains most."""
-        return self.chance, -self.drop
-
-
-def change(
-    index: int, what: str, rest: float, left: int,
-    *, before: float, dof: int, tried: int, scale: float,
-) -> Change:  # fmt: skip
-    """Judge a change that leaves the sum of squares `rest` with `left` freedoms.
-
-    The F test of the squares `before` with `dof`, times the number of changes tried.
-    """
-    chance = scipy.special.betainc(left / 2, (dof - left) / 2, min(rest / before, 1.0))
-    return Change(
-        index=index,
-        what=what,
-        chance=float(min(1.0, tried * chance)),
-        drop=float(np.sqrt(before / dof / (rest / left))),
-        scatter=float(np.sqrt(rest / left)) * scale,
-        dof=left,
-    )
-
-
-def find_break(poses: Float[Array, "n 3"]) -> Change | None:
-    """Find the cut that divides a series of poses best.
-
-    The longer part fits an ellipsoid and the shorter one, taken as outliers all
-    together, does not: (O1) with the number of cuts for the binomial.
-    """
-    z, scale, floor = scaled(poses)
-    count, dof = len(poses), len(poses) - 9
-    design = monomials(z)[:, :9]
-    even = np.full(count, 2.0)
-    deletion = deletion_of(design, even, floor)
-    cuts = [(k, "earlier", range(k, count)) for k in range(count - dof + LEFT, count)]
-    cuts += [(k, "later", range(k)) for k in range(1, dof - LEFT + 1)]
-    if not cuts or deletion.rank < 9:
-        return None
-    changes: list[Change] = []
-    for _ in range(2):  # the weights of the second round are those of the best cut
-        total = deletion.squares([])
-        changes += [
-            change(
-                index, longer, deletion.squares(list(out)), dof - len(out),
-                before=total, dof=dof, tried=len(cuts), scale=scale,
-            )
-            for index, longer, out in cuts
-        ]  # fmt: skip
-        best = min(changes, key=Change.order)
-        out = range(best.index, count) if best.what == "earlier" else range(best.index)
-        cut = coefficients(design, even, list(out))
-        deletion = deletion_of(design, slope_of(cut, z), floor)
-    return best
-
-
-_ITERATIONS = 6  # of Gauss-Newton; a step not yet settled lowers the sum less
-_MOST = (
-    64  # poses, some 0.5 s; of more the parts are judged by themselves (`find_break`)
-)
-_SIDE = 3  # poses on either side: fewer are outliers, not a step
-_LOST = 1e-9  # entries of a triangle below, relative, are not fixed by the poses
-# Of the readings' radius, and of a scale: what changes by more leaves several percent
-# of gravity, and freely a part shrinks to a point, which lies on any ellipsoid.
-_GREATEST = 0.5
-
-# what may change, as columns by (bias x, y, z, scale x, y, z)
-_UNIT = np.eye(6)
-CHANGES: dict[str, Array] = {
-    "biases and scales": _UNIT,  # first: it has all others
-    "the bias of x": _UNIT[:, [0]],
-    "the bias of y": _UNIT[:, [1]],
-    "the bias of z": _UNIT[:, [2]],
-    "the scale of x": _UNIT[:, [3]],
-    "the scale of y": _UNIT[:, [4]],
-    "the scale of z": _UNIT[:, [5]],
-    "the scale of all axes": _UNIT[:, 3:].sum(axis=1, keepdims=True),
-    "the biases": _UNIT[:, :3],
-    "the scales": _UNIT[:, 3:],
-}
-
-
-def find_step(poses: Float[Array, "n 3"], least_drop: float = 0.0) -> Change | None:
-    """Look for the step that explains a series of poses best, and so much at least.
-
-    All changes are parts of that of biases and scales: none explains more there.
-    """
-    z, scale, floor = scaled(poses)
-    count, dof = len(poses), len(poses) - 9
-    tried = {k: v for k, v in CHANGES.items() if dof - v.shape[1] >= LEFT}
-    sides = {what: max(_SIDE, v.shape[1] + 1) for what, v in tried.items()}
-    number = sum(max(count - 2 * side + 1, 0) for side in sides.values())
-    design = monomials(z)[:, :9]
-    if count > _MOST or deletion_of(design, np.full(count, 2.0), floor).rank < 9:
-        return None
-    slope = slope_of(coefficients(design, np.full(count, 2.0), []), z)
-    p = coefficients(design, slope, [])
-    total = deletion_of(design, slope, floor).squares([])
-    centre = -np.linalg.solve(2.0 * quadratic(p), p[6:])
-    zero = -poses.mean(axis=0) / scale
-    if np.linalg.norm(zero - centre) > _GREATEST:
-        zero = centre
-    best: list[Change] = []
-    hopeful = np.ones(count, dtype=bool)
-    for what, columns in tried.items():
-        places = np.arange(sides[what], count - sides[what] + 1)
-        places = places[hopeful[places]]
-        if len(places) == 0:
-            continue
-        sums = np.maximum(_squares(z, p, zero, places, columns), count * floor)
-        if columns is _UNIT:  # twice: an iteration that has not settled leaves more
-            hopeful[places] = sums * least_drop**2 <= 2.0 * total
-        at, left = int(np.argmin(sums)), dof - columns.shape[1]
-        best.append(
-            change(
-                int(places[at]), what, sums[at], left,
-                before=total, dof=dof, tried=number, scale=scale,
-            )
-        )  # fmt: skip
-    return min(best, key=Change.order, default=None)
-
-
-def _squares(
-    z: Float[Array, "n 3"],
-    start: Float[Array, "9"],
-    zero: Float[Array, "3"],
-    places: Int[NDArray[np.intp], " places"],
-    columns: Float[Array, "6 k"],
-) -> Float[Array, " places"]:
-    # least sum of squared distances with a step at each place
-    later = np.arange(len(z)) >= places[:, None]
-    moves = later[..., None] * np.concatenate([np.ones_like(z), z - zero], axis=-1)
-    p = np.tile(start, (len(places), 1))
-    change = np.zeros((len(places), columns.shape[1]))
-    least = np.full(len(places), np.inf)
-    for _ in range(_ITERATIONS):
-        full = (change @ columns.T)[:, None]
-        moved = moves * full
-        u = z + (moved[..., :3] + moved[..., 3:])
-        gradient = 2.0 * u @ quadratic(p) + p[:, None, 6:]
-        by_reading = gradient * (1.0 + later[..., None] * full[..., 3:])
-        slope = np.sqrt(np.vecdot(by_reading, by_reading))
-        slope = np.maximum(
-            slope, LEAST_SLOPE * np.median(slope, axis=-1, keepdims=True)
-        )
-        by_change = (np.tile(gradient, 2) * moves) @ columns
-        both = np.concatenate([monomials(u)[..., :9], by_change], axis=-1)
-        p, step, sums = _solved(both / slope[..., None], 1.0 / slope)
-        least = np.minimum(least, sums)
-        change = np.clip(change + step, -_GREATEST, _GREATEST)
-    return least
-
-
-def _solved(
-    both: Float[Array, "places n m"], y: Float[Array, "places n"]
-) -> tuple[Array, Array, Array]:
-    # the nine of the quadric alone, what the others step by beside them, and the sum
-    # of squares that the nine alone leave; infinite where the poses do not fix them all
-    # the triangle of both and y side by side: in its last column y along the others,
-    # and below the nine what these leave of it
-    both = np.concatenate([both, y[..., None]], axis=-1)
-    triangle = np.asarray(np.linalg.qr(both, mode="r"))
-    r, along = triangle[:, :-1, :-1], triangle[:, :-1, -1:]
-    size = np.abs(np.diagonal(r, axis1=-2, axis2=-1))
-    lost = size.min(axis=-1) <= _LOST * size.max(axis=-1)
-    r[lost] = np.eye(r.shape[-1])
-    p = np.linalg.solve(r[:, :9, :9], along[:, :9])[..., 0]
-    step = np.linalg.solve(r[:, 9:, 9:], along[:, 9:])[..., 0]
-    left = np.sum(triangle[:, 9:, -1] ** 2, axis=-1)
-    return p, step, np.where(lost, np.inf, left)

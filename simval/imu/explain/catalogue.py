@@ -84,19 +84,28 @@ def laps(rests: RestMeans) -> Iterator[Explanation]:
         if not chosen:
             continue
         lap = max(span for _, span in chosen.values())  # of one counter
-        columns = np.zeros((len(y), ROWS, 1))
+        turns = np.zeros_like(y)
         for a, (rows, _) in chosen.items():
-            columns[rows, BIAS + a] = 1.0
-        yield explanation(
-            rests, "wrap", "".join(AXES[a] for a in chosen), size=lap,
-            readings=y - lap * columns[:, :3, 0], columns=columns, sd=_LAP_SD * lap,
-        )  # fmt: skip
+            turns[rows, a] = 1.0
+        yield wrapped(rests, turns, lap)
+
+
+def wrapped(rests: RestMeans, turns: Float[Array, "n 3"], lap: float) -> Explanation:
+    """Readings that are so many laps of a counter too high, a lap known to 5 %."""
+    axes = "".join(a for a, moved in zip(AXES, turns.T, strict=True) if moved.any())
+    columns = np.zeros((len(turns), ROWS, 1))
+    columns[:, BIAS:SCALE, 0] = turns
+    return explanation(
+        rests, "wrap", axes, tuple(map(int, np.flatnonzero(turns.any(axis=1)))), lap,
+        readings=rests.readings - lap * turns,
+        columns=columns, sd=_LAP_SD * lap,
+    )  # fmt: skip
 
 
 def effects(rests: RestMeans) -> Iterator[Explanation]:
     """Steps, drifts, bends and noise of a sensor, and rests that are off."""
     y, n = rests.readings - rests.zero, len(rests.readings)
-    radius = radius_of(rests)
+    radius = radius_of(y)
     singles = [(a, np.eye(3)[:, [k]]) for k, a in enumerate(AXES)]
     alike, all_three = ("", np.ones((3, 1))), (AXES, np.eye(3))
     biases, scales = [*singles, all_three], [*singles, alike]
@@ -199,7 +208,6 @@ def explanation(
     )  # fmt: skip
 
 
-def radius_of(rests: RestMeans) -> float:
-    """Root mean square of the readings: gravity in their unit, more or less."""
-    y = rests.readings - rests.zero
-    return float(np.sqrt(np.mean(np.sum(y**2, axis=1)))) or 1.0
+def radius_of(z: Float[Array, "n 3"]) -> float:
+    """Root mean square of readings about a zero: gravity in their unit, about."""
+    return float(np.sqrt(np.mean(np.sum(z**2, axis=1)))) or 1.0

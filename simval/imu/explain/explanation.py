@@ -63,7 +63,7 @@ ACCOUNTS: Final[Mapping[Kind, _Account]] = MappingProxyType({
         "bring all rows to one unit and range, or " + _CUT,
     ),
     "wrap": _Account(
-        "restore", "the counter of {axes} wraps around a range of {size:.4g}",
+        "restore", "the counter of {axes} wraps around a range of {size:.6g} {when}",
         "read the counts as signed or unsigned, as the sensor writes them",
     ),
     "bias step": _Account("cut", "the bias of {axes} changed {when}", _CUT),
@@ -242,7 +242,8 @@ class Explanation(ReadOnly):
     axes : str
         Axes that it is about, of "xyz"; none where all change alike.
     rests : tuple of int
-        Rests since the change, or those that are off; none where it is the whole log.
+        Rests since the change, or those that it is about; none where it is the whole
+        log.
     size : float
         Factor, lap, power, time constant or times the noise; NaN where there is none.
     readings : (n, 3) array
@@ -343,6 +344,10 @@ class Explanation(ReadOnly):
             at = _listed([f"{time[k]:.1f} s" for k in self.rests])
             return f"in the {several} at {at}"
         k = self.rests[0]
+        if self.kind == "wrap":
+            return (
+                f"in {len(self.rests)} of the rests, first in that at {time[k]:.1f} s"
+            )
         return f"between the rests at {time[k - 1]:.1f} s and {time[k]:.1f} s"
 
 

@@ -30,7 +30,7 @@ import scipy
 from simval.arrays import Array
 from simval.imu.explain.catalogue import effects, explanations, off, plain
 from simval.imu.explain.explanation import Explanation, RestMeans
-from simval.imu.explain.likelihood import Fit, along, farthest, fits
+from simval.imu.explain.likelihood import Fit, along, farthest, fits, zero_of
 from simval.shapes import Float
 
 CHANCE = 1e-3  # of a misfit, by chance: what is asked at all
@@ -145,6 +145,7 @@ def judge(rests: RestMeans, extra: Sequence[Explanation] = ()) -> Judgement:
     Judgement
         Sound, or what is wrong.
     """
+    rests = replace(rests, zero=zero_of(rests, rests.readings))
     noise = along(rests)
     null = fits([plain(rests)], rests, noise)[0]
     judgement = Judgement(null.chance(rests.freedom), null.misfit)

@@ -58,6 +58,9 @@ _EXTENDED = 40  # sets of rests that are tried with one more
 _SETS = 5  # of each size that are fitted
 _AT_ONCE = 512  # explanations: some ten megabytes
 _POINT = 1e-3  # of a scale: a part that has shrunk to it is far off all the same
+_SPHERE = 0.3  # of the widest spread of readings, the least of those all over a sphere
+_SEEN = 10.0  # times the noise
+_FAR = 2.0  # of a sphere's radius
 _NINE = 9
 _UPPER = np.triu_indices(3)
 _DIAGONAL = [0, 3, 5]
@@ -113,7 +116,7 @@ class Fit(NamedTuple):
 
 def along(rests: RestMeans) -> Float[Array, " n"]:
     """Noise of each mean along the vector, in the unit of the readings."""
-    radius = radius_of(rests)
+    radius = radius_of(rests.readings - rests.zero)
     up = (rests.readings - rests.zero) / radius
     up = up - _centre(up)
     up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), LEAST)
@@ -128,6 +131,31 @@ def _centre(z: Float[Array, "n 3"]) -> Float[Array, "3"]:
     target = np.concatenate([np.sum(z**2, axis=1), np.zeros(4)])
     centre = np.linalg.lstsq(np.concatenate([rows, weak]), target, rcond=None)[0][:3]
     return centre if np.linalg.norm(centre) < 2.0 else np.zeros(3)
+
+
+def zero_of(rests: RestMeans, y: Float[Array, "n 3"]) -> Float[Array, "3"]:
+    """Zero of readings: the centre of those that are a sphere far from the given one.
+
+    Such are counts of a converter whose zero is not known.
+    """
+    mean = y.mean(axis=0)
+    spread = float(np.sqrt(np.mean(np.sum((y - mean) ** 2, axis=1))))
+    axes = np.linalg.eigvalsh(np.cov(y.T, bias=True))
+    least, most = np.sqrt(np.maximum(axes[[0, 2]], 0.0))
+    noise = np.sqrt(np.trace(rests.covariance, axis1=1, axis2=2).max())
+    all_over = least > max(_SPHERE * most, _SEEN * noise)
+    if not all_over or np.linalg.norm(mean - rests.zero) < _FAR * spread:
+        return rests.zero
+    return np.asarray(mean + spread * _centre((y - mean) / spread))
+
+
+def _sphere(z: Float[Array, "n 3"]) -> Float[Array, "9"]:
+    # the nearest one, as an ellipsoid
+    centre = _centre(z)
+    theta = np.zeros(_NINE)
+    theta[_DIAGONAL] = 1.0 / max(radius_of(z - centre), LEAST)
+    theta[6:] = centre
+    return theta
 
 
 def fits(
@@ -158,12 +186,12 @@ def _fits(
 ) -> list[Fit]:
     h, m = len(tried), len(tried[0].sd)
     problem = _problem(tried, rests, noise)
-    theta = np.tile([*np.eye(3)[_UPPER], *np.zeros(3 + m)], (h, 1))
+    theta = np.concatenate([problem.start, np.zeros((h, m))], axis=1)
     if start is not None:
         same = [np.array_equal(e.readings, rests.readings) for e in tried]
         theta[same, : len(start.theta)] = start.theta
     sd, each = np.array([e.sd for e in tried]), []
-    cost = np.log([e.noise for e in tried]).sum(axis=1)
+    cost = problem.cost + np.log([e.noise for e in tried]).sum(axis=1)
     for decade in DECADES if m else DECADES[:1]:
         bar = np.inf if start is None else start.value
         found = _settled(problem, _prior(h, decade * sd), theta, bar)
@@ -211,18 +239,43 @@ class _Problem(NamedTuple):
     z: Float[Array, "h n 3"]
     s: Float[Array, "h n"]
     columns: Float[Array, "h n 10 m"]
+    start: Float[Array, "h 9"]  # nearest sphere
+    cost: Float[Array, " h"]  # of a centre anywhere so far away
 
     def at(self, some: Int[NDArray[np.intp], " k"]) -> "_Problem":
         return _Problem(*(part[some] for part in self))
 
 
 def _problem(tried: Sequence[Explanation], rests: RestMeans, noise: Array) -> _Problem:
-    z = np.array([e.readings for e in tried]) - rests.zero
-    radius = np.sqrt(np.mean(np.sum(z**2, axis=2), axis=1))
+    # readings that are the same array have the same zero and start at the same sphere
+    own = {id(e.readings): _about_zero(rests, e.readings) for e in tried}
+    each = [own[id(e.readings)] for e in tried]
+    radius = np.array([one.radius for one in each])
     unit = np.array([e.unit * e.noise for e in tried])
     columns = np.array([e.columns for e in tried])
     columns[:, :, BIAS:SCALE] /= radius[:, None, None, None]
-    return _Problem(z / radius[:, None, None], noise * unit / radius[:, None], columns)
+    return _Problem(
+        z=np.array([one.z for one in each]), s=noise * unit / radius[:, None],
+        columns=columns, start=np.array([one.sphere for one in each]),
+        cost=np.array([one.cost for one in each]),
+    )  # fmt: skip
+
+
+class _AboutZero(NamedTuple):
+    # readings about their zero
+    z: Float[Array, "n 3"]  # in units of the radius
+    radius: float
+    sphere: Float[Array, "9"]  # nearest
+    cost: float  # of a zero that may be anywhere as far away
+
+
+def _about_zero(rests: RestMeans, y: Float[Array, "n 3"]) -> _AboutZero:
+    zero = zero_of(rests, y)
+    radius = radius_of(y - zero)
+    z, far = (y - zero) / radius, float(np.linalg.norm(zero - rests.zero))
+    return _AboutZero(
+        z, radius, _sphere(z), 3.0 * float(np.log(max(far / radius, 1.0)))
+    )
 
 
 def _prior(h: int, sd: Float[Array, "h m"]) -> Float[Array, "h p p"]:
@@ -239,7 +292,7 @@ def _prior(h: int, sd: Float[Array, "h m"]) -> Float[Array, "h p p"]:
 
 def _rows(problem: _Problem, theta: Float[Array, "h p"]) -> tuple[Array, Array]:
     # (J1) and its derivative
-    z, s, columns = problem
+    z, s, columns = problem[:3]
     A = np.zeros((len(z), 3, 3))
     A[:, *_UPPER] = theta[:, :6]
     effect = (columns @ theta[:, None, _NINE:, None])[..., 0]

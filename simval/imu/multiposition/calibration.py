@@ -33,7 +33,7 @@ from simval.imu.calibrate import (
     calibrate_magnetometer,
     calibrate_nine_axis,
 )
-from simval.imu.calibrate.diagnosis import Diagnosis, diagnose
+from simval.imu.calibrate.diagnosis import Diagnosis, diagnose, reduced_chi2
 from simval.imu.calibrate.evidence import FEW
 from simval.imu.calibrate.factors import of_both, widened
 from simval.imu.calibrate.gyroscope.imu import joined
@@ -42,6 +42,7 @@ from simval.imu.calibrate.magnetometer.calibration import Hemisphere
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
 from simval.imu.calibrate.thermal import Fit, Thermal, ThermalChoice, choose_thermal
 from simval.imu.logs import Log
+from simval.imu.multiposition.case import case_of
 from simval.imu.multiposition.description import log_lines, sensor_lines
 from simval.imu.multiposition.faults import explained, for_a_log, require_sound
 from simval.imu.multiposition.log_units import Scale, said_of, units_of
@@ -51,7 +52,7 @@ from simval.imu.multiposition.ranges import (
     require_one_unit,
     require_unsaturated,
 )
-from simval.imu.multiposition.rests import case_of, find_rests
+from simval.imu.multiposition.rests import find_rests
 from simval.imu.noise import NoiseFile
 from simval.imu.statics import Intervals, Rest, interval_means
 from simval.poses import PARAMETERS, observability
@@ -215,13 +216,13 @@ def calibrate_log(
                 log.accelerometer, log.time, intervals, warm.rests, warm.thermal
             )
             warm = warm._replace(within=within)
-        case = case_of(log, g, rest, intervals, fit, white)
+        case = case_of(log, g, rest, intervals, pose, fit)
         sensor, middle = fit.sensor(), log.time[intervals.sum(axis=1) // 2]
         forces, initial = sensor.correct(poses), rests.initial
         result = LogCalibration(
             fit=fit,
             diagnosis=diagnose(fit, poses, std, time=middle, further=further),
-            white_chi2_per_dof=case.chi2,
+            white_chi2_per_dof=reduced_chi2(fit, poses, white),
             pose_noise=pose,
             rest=initial,
             rest_seconds=float(log.time[initial.stop - 1] - log.time[initial.start]),

@@ -202,6 +202,9 @@ class PoseNoise(ReadOnly):
         axes and in all rests.
     trembled : Array
         What a trembling direction takes from the mean of each rest, raw units, (m, 3).
+    slow : Array
+        Times the variance that the rows of a rest would leave its mean if they were
+        white, (m,).
     source : str
         ``white``, ``log`` (the log's longest rest), ``rests`` (all) or ``file``.
     words : str
@@ -213,6 +216,7 @@ class PoseNoise(ReadOnly):
     source: str
     words: str
     trembled: Float[Array, "m 3"] | float = 0.0
+    slow: Float[Array, " m"] | float = 1.0
 
 
 def white_noise(
@@ -271,7 +275,8 @@ def pose_noise(
         return PoseNoise(std=white, white=white, source="white", words=words)
     where = {"file": "the noise file", "log": "the log's longest rest"}[source]
     words = f"the Allan variance at each rest's length, of {where}"
-    return PoseNoise(std=std, white=white, source=source, words=words)
+    slow = (std / np.where(white > 0.0, white, np.inf)) ** 2
+    return PoseNoise(std=std, white=white, source=source, words=words, slow=slow)
 
 
 _PARTS = (4, 8)  # of a rest, whose means show what is slower than its rows
@@ -317,10 +322,7 @@ def along_gravity(
         ratios.append((square / max(free, 1.0), chi_square_chance(square, free)))
     (quarters, _), (eighths, p) = ratios
     known, alone = noise.std**2, noise.source == "white"
-    step = np.array([rounding_step(axis) for axis in np.concatenate(rests).T])
-    blurs = np.average([rows.var(axis=0) for rows in rests], axis=0, weights=counts)
-    blurs = np.maximum(blurs - step**2 / SHARE, 0.0) / np.maximum(step**2, 1e-300)
-    left = up**2 @ (step**2 / SHARE * np.exp(-4.0 * np.pi**2 * blurs))
+    left = up**2 @ rounding_left(rests)
     noise = replace(noise, trembled=lost[:, None] * x)
     beyond = alone or eighths * pooled[0] > np.max(known * counts)
     if trembles or (beyond and 2.0 * min(p, 1.0 - p) < BEYOND):
@@ -330,8 +332,18 @@ def along_gravity(
             "the noise that their rows would have if it were white"
         )
         std = np.sqrt(pooled[0] * q / counts + left)
-        return replace(noise, std=std, source="rests", words=words)
+        slow = np.full(len(counts), q)
+        return replace(noise, std=std, source="rests", words=words, slow=slow)
     return replace(noise, std=np.sqrt(known + left))
+
+
+def rounding_left(rests: list[Array]) -> Float[Array, "3"]:
+    """Variance of a mean that rounding leaves, where noise does not blur its steps."""
+    counts = [len(rows) for rows in rests]
+    step = np.array([rounding_step(axis) for axis in np.concatenate(rests).T])
+    blurs = np.average([rows.var(axis=0) for rows in rests], axis=0, weights=counts)
+    blurs = np.maximum(blurs - step**2 / SHARE, 0.0) / np.maximum(step**2, 1e-300)
+    return np.asarray(step**2 / SHARE * np.exp(-4.0 * np.pi**2 * blurs))
 
 
 def _scatter(

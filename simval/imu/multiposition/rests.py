@@ -18,11 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simval.arrays import Array
 from simval.errors import RefusedError
-from simval.imu.calibrate import FitResult
-from simval.imu.calibrate.diagnosis import reduced_chi2
-from simval.imu.calibrate.goodness_of_fit import BEYOND, chi_square_chance
 from simval.imu.logs import Log
 from simval.imu.statics import (
     SLOWEST_NOISE,
@@ -33,13 +29,11 @@ from simval.imu.statics import (
     Rest,
     Step,
     evened,
-    interval_means,
     single_levels,
     still_parts,
 )
 from simval.imu.statics.detector import EvenLog
 from simval.poses import PARAMETERS
-from simval.shapes import Float
 
 AXES = "xyz"
 MULTIPLIERS = tuple(map(float, range(2, 11)))  # those that IMU-TK tries
@@ -206,87 +200,4 @@ def _too_few(most: int) -> RefusedError:
         f"{PARAMETERS} or more, each from a rest of two seconds or longer; hold the "
         "sensor still in more poses, or state the initial rest (--rest SECONDS) if it "
         "was found wrongly"
-    )
-
-
-# Of gravity. Holds by hand leave some 1e-3 (the recordings of test_recorded.py
-# 1e-4 to 2e-4); residuals above it are not those of gravity at rest.
-MISFIT = 0.02
-
-
-class Case(NamedTuple):
-    """The rests of a log, with the fit to them if there is one."""
-
-    log: Log
-    g: float
-    rest: float | None  # length of the initial rest as it was given, s
-    intervals: Intervals  # samples start <= k < stop of each rest
-    means: Float[Array, "m 3"]  # mean reading of each, raw units
-    noise: Float[Array, "3"]  # median over the rests of the standard deviation in each
-    # median share of readings equal to the one before, each axis; small where the
-    # noise is a step of the converter or more
-    same: Float[Array, "3"]
-    # share of rows equal to the one before that nine rests of ten stay below
-    same_rows: float
-    fit: FitResult | None
-    white: Float[Array, " m"] | None  # noise of each mean, if it is white
-    dof: int  # degrees of freedom of a fit to the rests
-    # chi-square per degree of freedom by white noise alone; NaN without a fit
-    chi2: float
-    beyond_noise: bool  # white noise exceeds it in under 1 of 1000 logs
-    misfit: float  # root mean square of residuals over gravity; infinite without a fit
-
-    def detect(self, part: Log, least: int) -> Intervals:
-        """Return the rests of a part of the log, at least so many."""
-        known = self.rest if part.time[0] == self.log.time[0] else None
-        return find_rests(part, known, least).best.intervals
-
-    def rows(self, start: int, stop: int) -> str:
-        """Say when rows were."""
-        time = self.log.time
-        return f"from {time[start]:.2f} s to {time[stop - 1]:.2f} s"
-
-    def span(self, rest: int) -> str:
-        """Say when a rest was."""
-        return self.rows(*self.intervals[rest])
-
-    @property
-    def whole(self) -> str:
-        """Say when the first rest began and the last one ended."""
-        return self.rows(self.intervals[0, 0], self.intervals[-1, 1])
-
-
-def case_of(
-    log: Log,
-    g: float,
-    rest: float | None,
-    intervals: Intervals,
-    fit: FitResult | None = None,
-    white: Float[Array, " m"] | None = None,
-) -> Case:
-    """Gather what the checks need."""
-    samples = log.accelerometer
-    parts = [samples[start:stop] for start, stop in intervals]
-    spread = np.array([part.std(axis=0) for part in parts]).reshape(-1, 3)
-    equal = [np.diff(part, axis=0) == 0.0 for part in parts]
-    same = np.array([part.mean(axis=0) for part in equal]).reshape(-1, 3)
-    rows = np.array([part.all(axis=1).mean() for part in equal])
-    dof = len(intervals) - PARAMETERS
-    means = interval_means(samples, intervals)
-    chi2 = np.nan if fit is None else reduced_chi2(fit, means, white)
-    return Case(
-        log=log,
-        g=g,
-        rest=rest,
-        intervals=intervals,
-        means=means,
-        noise=np.median(spread, axis=0) if parts else np.full(3, np.nan),
-        same=np.median(same, axis=0) if parts else np.ones(3),
-        same_rows=float(np.quantile(rows, 0.9)) if parts else 1.0,
-        fit=fit,
-        white=white,
-        dof=dof,
-        chi2=chi2,
-        beyond_noise=chi_square_chance(chi2 * dof, dof) < BEYOND,
-        misfit=np.inf if fit is None else float(fit.rms) / fit.g,
     )

@@ -1,4 +1,4 @@
-"""What is said of a fitted set: residuals, outliers, drifts, steps and the verdict.
+"""What is said of a fitted set: residuals, outliers, drifts and the verdict.
 
 A false alarm of a test of many sets is one in 1e4, by the binomial of the rate that
 the package states.
@@ -14,7 +14,7 @@ from simval.errors import InputError, SimvalError
 from simval.geometry import normalize
 from simval.imu.calibrate import calibrate, diagnose
 from simval.imu.calibrate.diagnosis import verdict
-from simval.imu.calibrate.drift import find_drift, find_step
+from simval.imu.calibrate.drift import find_drift
 from simval.imu.calibrate.goodness_of_fit import FALSE_ALARM
 from simval.imu.calibrate.outliers import find_outliers
 from simval.imu.sensor import AccelerometerModel
@@ -139,21 +139,17 @@ SETS = [
 
 
 @pytest.mark.parametrize(("sets", "count"), SETS)
-def test_clean_sets_have_no_outliers_and_no_step(sets, count):
+def test_clean_sets_have_no_outliers(sets, count):
     """1 % for any number of poses. The best of all pairs and triples of a clean set is
-    always good: without the binomial of (O1) one set of eight has an outlier. A step's
-    chance is a bound; without counting places and changes 14 of 20 have one."""
-    called, steps = 0, 0
+    always good: without the binomial of (O1) one set of eight has an outlier."""
+    called = 0
     for seed in range(sets):
         rng = np.random.default_rng([7, count, seed])
         sigma = 10 ** rng.uniform(-3.5, -1.6)
         y = reading((even, half)[seed % 2](rng, count), rng, sigma)
         for noise in (np.full(count, sigma), None):
             called += find_outliers(y, noise).flagged.any()
-        if 10 < count < 40:
-            steps += find_step(reading(even(rng, count), rng)).chance <= 0.05
     assert called <= 2 * stats.binom.isf(1e-4 / 12, sets, FALSE_ALARM)
-    assert steps <= stats.binom.isf(1e-4 / 5, sets, 0.05)
 
 
 @pytest.mark.parametrize(
@@ -199,52 +195,6 @@ def test_a_robust_loss_lets_go_of_outliers_and_names_no_other(loss):
         found = diagnose(fit, y, sigma)
         assert set(found.outliers) == {3, 17, 30}
         assert np.all(np.abs(found.standardized[[3, 17, 30]]) > 5.0)
-
-
-# breaks and steps
-
-
-@pytest.mark.parametrize("count", [13, 20])
-def test_a_step_is_found_where_it_is(count):
-    """0.5 m/s^2 in thirteen poses: one parameter, and three degrees of freedom left."""
-    rng = np.random.default_rng(67)
-    y = reading(even(rng, count), rng)
-    jumped = y.copy()
-    jumped[6:, 1] += 0.5
-    found = find_step(jumped)
-    assert (found.index, found.what, found.dof) == (6, "the bias of y", count - 10)
-    # 3e-5 with three degrees of freedom is the worst of these; 0.5 is 170 sigma
-    assert found.chance < 1e-3
-    assert found.drop > 20
-    # chi of ten degrees or fewer over its root: 2.5 has a chance below 1e-3 with three
-    assert found.scatter < 2.5 * SIGMA
-    for axes, what in (([2], "the scale of z"), ([0, 1, 2], "the scale of all axes")):
-        stepped = y.copy()
-        stepped[7:, axes] *= 1.03
-        if count > 15:
-            found = find_step(stepped)
-            assert (found.index, found.what) == (7, what)
-        # about the centre where the zero of the counter is far off
-        middle = 0.5 * (y.max(axis=0) + y.min(axis=0))
-        counts = (y - middle) * 400.0
-        counts[7:, axes] *= 1.03
-        assert find_step(counts + 32768.0).drop > 4.0
-    for few in (y[:11], np.tile(y[:3], (5, 1)), np.tile(y, (6, 1))[:65]):
-        assert find_step(few) is None
-
-
-@pytest.mark.parametrize("size", [0.02, 0.04, 0.08, 0.3])
-def test_a_step_that_explains_enough_is_found_among_fewer(size):
-    """Drops of 1.8 to 45; what explains less than the least may be none or another."""
-    rng = np.random.default_rng(int(1000 * size))
-    for k in range(6):
-        y = reading(even(rng, 20), rng)
-        y[5 + k :, k % 3] += size
-        whole, found = find_step(y), find_step(y, 4.0)
-        if whole.drop < 4.0:
-            assert found is None or found.drop < 4.0
-        else:
-            assert (found.index, found.what) == (whole.index, whole.what)
 
 
 # drifts

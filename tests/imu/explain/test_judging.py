@@ -94,6 +94,22 @@ def test_the_answer_is_that_of_the_same_log_written_otherwise(broken):
     )
 
 
+@pytest.mark.ci
+@pytest.mark.parametrize("fault", ["sign", "exchange", "bias step", "scale step"])
+def test_counts_may_have_any_zero(fault):
+    # the centre is 31 times gravity off; signs and places change of the counts
+    rng, named = np.random.default_rng([48, 8]), 0
+    undo = {"sign": np.diag([1.0, -1.0, 1.0]), "exchange": np.eye(3)[[1, 0, 2]]}
+    for _ in range(4):
+        rests, kind = faulty(FAULTS[fault], 2, rng)
+        if fault in undo:
+            rests = Log(directions(24, rng), rng).rests()
+        y, later = rests.readings + 300.0, np.arange(len(rests.time))[:, None] >= 12
+        y = np.where(later, y @ undo.get(fault, np.eye(3)), y)
+        named += kinds_of(judge(replace(rests, readings=y))) == {kind}
+    assert named >= 3
+
+
 @pytest.mark.parametrize("count", [1, 2, 3, 6, 9])
 @pytest.mark.parametrize("spread", [0.0, 1e-3, 1.0])
 def test_there_is_an_answer_for_any_poses(count, spread):

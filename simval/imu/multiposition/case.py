@@ -1,0 +1,154 @@
+"""The rests of a log as its checks see them, judged.
+
+What is wrong with their means is asked once (`simval.imu.explain`), with the noise that
+the rows of each rest show. A counter that wraps around is seen row by row, where the
+sensor moves: the readings without the laps go in as one more explanation.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.imu.calibrate import FitResult
+from simval.imu.explain import Judgement, RestMeans, judge
+from simval.imu.explain.catalogue import wrapped
+from simval.imu.explain.explanation import LEAST_FREEDOM
+from simval.imu.logs import Log
+from simval.imu.multiposition.noise import PoseNoise, rounding_left
+from simval.imu.multiposition.rests import find_rests
+from simval.imu.statics import Intervals, interval_counts, interval_means
+from simval.poses import PARAMETERS
+from simval.shapes import Float
+
+_JUMP = 0.5  # of an axis's span, from row to row: the counter has wrapped around
+_FEWEST = 1.1  # times the span: a power of two as close is the counter's range
+_WIDER = 1.05  # times the span seen, the range of another
+
+
+class Case(NamedTuple):
+    """The rests of a log, with the fit to them if there is one."""
+
+    log: Log
+    g: float
+    rest: float | None  # length of the initial rest as it was given, s
+    intervals: Intervals  # samples start <= k < stop of each rest
+    means: Float[Array, "m 3"]  # mean reading of each, raw units
+    noise: Float[Array, "3"]  # median over the rests of the standard deviation in each
+    # median share of readings equal to the one before, each axis; small where the
+    # noise is a step of the converter or more
+    same: Float[Array, "3"]
+    # share of rows equal to the one before that nine rests of ten stay below
+    same_rows: float
+    fit: FitResult | None
+    dof: int  # degrees of freedom of a fit to the rests
+    misfit: float  # root mean square of residuals over gravity; infinite without a fit
+    judgement: Judgement
+
+    def detect(self, part: Log, least: int) -> Intervals:
+        """Return the rests of a part of the log, at least so many."""
+        known = self.rest if part.time[0] == self.log.time[0] else None
+        return find_rests(part, known, least).best.intervals
+
+    def rows(self, start: int, stop: int) -> str:
+        """Say when rows were."""
+        time = self.log.time
+        return f"from {time[start]:.2f} s to {time[stop - 1]:.2f} s"
+
+    def span(self, rest: int) -> str:
+        """Say when a rest was."""
+        return self.rows(*self.intervals[rest])
+
+    @property
+    def whole(self) -> str:
+        """Say when the first rest began and the last one ended."""
+        return self.rows(self.intervals[0, 0], self.intervals[-1, 1])
+
+    @property
+    def middle(self) -> Float[Array, " m"]:
+        """Time of the middle of each rest, s."""
+        return self.log.time[self.intervals.sum(axis=1) // 2]
+
+
+def case_of(
+    log: Log,
+    g: float,
+    rest: float | None,
+    intervals: Intervals,
+    noise: PoseNoise | None = None,
+    fit: FitResult | None = None,
+) -> Case:
+    """Gather what the checks need; without `noise` there are no rests to judge."""
+    samples = log.accelerometer
+    parts = [samples[start:stop] for start, stop in intervals]
+    spread = np.array([part.std(axis=0) for part in parts]).reshape(-1, 3)
+    equal = [np.diff(part, axis=0) == 0.0 for part in parts]
+    same = np.array([part.mean(axis=0) for part in equal]).reshape(-1, 3)
+    rows = np.array([part.all(axis=1).mean() for part in equal])
+    judgement = Judgement(1.0, 0.0)
+    if noise is not None:
+        means = rest_means(log, intervals, noise)
+        turns, lap = laps_of(log)
+        own = np.array([turns[a:b].mean(axis=0) for a, b in intervals])
+        own = np.median(own, axis=0) - own
+        judgement = judge(means, [wrapped(means, own, lap)] if own.any() else [])
+    return Case(
+        log=log,
+        g=g,
+        rest=rest,
+        intervals=intervals,
+        means=interval_means(samples, intervals),
+        noise=np.median(spread, axis=0) if parts else np.full(3, np.nan),
+        same=np.median(same, axis=0) if parts else np.ones(3),
+        same_rows=float(np.quantile(rows, 0.9)) if parts else 1.0,
+        fit=fit,
+        dof=len(intervals) - PARAMETERS,
+        misfit=np.inf if fit is None else float(fit.rms) / fit.g,
+        judgement=judgement,
+    )
+
+
+def rest_means(log: Log, intervals: Intervals, noise: PoseNoise) -> RestMeans:
+    """Mean readings of the rests, each with the noise that its own rows show.
+
+    Times what is slower than they, and with what a coarse converter leaves.
+    """
+    samples, counts = log.accelerometer, interval_counts(intervals)
+    rests = [samples[a:b] for a, b in intervals]
+    own = np.array([np.cov(rows.T) for rows in rests])
+    left = rounding_left(rests)
+    size = (noise.slow / counts)[:, None, None]
+    warm = log.temperature
+    return RestMeans.of(
+        interval_means(samples, intervals),
+        own * size + np.diag(left),
+        log.time[intervals.sum(axis=1) // 2],
+        None if warm is None else np.array([warm[a:b].mean() for a, b in intervals]),
+        freedom=np.maximum(counts - 1.0, LEAST_FREEDOM),
+        zero=middle_of_counts(samples),
+    )
+
+
+def middle_of_counts(samples: Float[Array, "n 3"]) -> float:
+    """Reading about which a sign turns: the middle of the range of unsigned counts."""
+    if samples.min() < 0.0 or np.any(samples != np.round(samples)):
+        return 0.0
+    return float(2.0 ** (np.ceil(np.log2(float(samples.max()) + 1.0)) - 1.0))
+
+
+def laps_of(log: Log) -> tuple[Float[Array, "n 3"], float]:
+    """Laps of a counter that each reading lacks, by its jumps, and how long one is.
+
+    Of integers a power of two that is hardly more than what is seen; else a little over
+    it, since the ends of the range are seen to within one step of the motion.
+    """
+    samples = log.accelerometer
+    steps, span = np.diff(samples, axis=0), np.ptp(samples, axis=0)
+    jumps = np.abs(steps) > _JUMP * span
+    turns = np.concatenate([np.zeros((1, 3)), np.cumsum(-np.sign(steps) * jumps, 0)])
+    widest = float(np.max(span, where=jumps.any(axis=0), initial=0.0))
+    if np.all(samples == np.round(samples)):
+        power = float(2.0 ** np.ceil(np.log2(widest + 1.0)))
+        if power < _FEWEST * widest:
+            return turns, power
+    return turns, _WIDER * widest
