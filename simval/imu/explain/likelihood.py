@@ -146,7 +146,9 @@ def zero_of(rests: RestMeans, y: Float[Array, "n 3"]) -> Float[Array, "3"]:
     all_over = least > max(_SPHERE * most, _SEEN * noise)
     if not all_over or np.linalg.norm(mean - rests.zero) < _FAR * spread:
         return rests.zero
-    return np.asarray(mean + spread * _centre((y - mean) / spread))
+    centre = mean + spread * _centre((y - mean) / spread)
+    common = np.full(3, centre.mean())  # as of one converter
+    return common if np.abs(centre - common).max() < spread else centre
 
 
 def _sphere(z: Float[Array, "n 3"]) -> Float[Array, "9"]:
