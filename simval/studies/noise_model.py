@@ -91,10 +91,10 @@ class Parameters(StudyParameters):
         "the choice of components, of a Markov bias and of strong flicker and walk.",
     )
     rows: int = ranged(16_384, "Rows of a signal, at 100 Hz.", 4096, 1_000_000)
-    flicker: Annotated[float, Field(gt=0.0, le=10.0)] = Field(
+    flicker: Annotated[float, Field(ge=1e-6, le=10.0)] = Field(
         default=0.5, description="Flicker B over white noise N, root Hz."
     )
-    walk: Annotated[float, Field(gt=0.0, le=10.0)] = Field(
+    walk: Annotated[float, Field(ge=1e-6, le=10.0)] = Field(
         default=0.3, description="Random walk K over white noise N, Hz."
     )
     trials: int = ranged(
