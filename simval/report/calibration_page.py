@@ -10,7 +10,6 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.imu.calibrate import FitResult
-from simval.imu.calibrate.drift import Drift
 from simval.imu.calibrate.estimate import G_NAMES
 from simval.imu.logs import Log
 from simval.imu.multiposition import ImuCalibration, LogCalibration
@@ -341,7 +340,7 @@ def _residuals(result: LogCalibration) -> Drawing:
     return Drawing(
         name="residuals",
         asked="Does every pose belong to the same sensor?",
-        finding=farthest(diagnosis.standardized, diagnosis.outliers, diagnosis.drift),
+        finding=farthest(diagnosis.standardized, diagnosis.wrong),
         caption=(
             "How far each pose is from the ellipsoid of all of them, in standard "
             "deviations; of 100 sound poses 95 are between the lines."
@@ -360,18 +359,13 @@ def _residuals(result: LogCalibration) -> Drawing:
     )
 
 
-def farthest(
-    residuals: Float[Array, " n"], outliers: Sequence[int], drift: Drift
-) -> str:
+def farthest(residuals: Float[Array, " n"], wrong: str) -> str:
     """What the residuals say in one sentence."""
     known = np.abs(residuals[np.isfinite(residuals)])
     if not len(known):
         return "Nine poses fit exactly, so the residuals say nothing."
-    if outliers:
-        named = ", ".join(str(k) for k in outliers)
-        return f"Not static interval {named}, which is not on the others' ellipsoid."
-    if drift.seen:
-        return f"No: the residuals follow the time, as if {drift.what} drifted."
+    if wrong:
+        return f"No: {wrong}."
     return (
         f"Yes: the farthest of {len(known)} is {known.max():.1f} standard deviations "
         "off, no more than chance makes."

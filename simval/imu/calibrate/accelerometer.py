@@ -31,7 +31,7 @@ from simval.imu.calibrate.minimization import (
     normalized,
     pose_objective,
 )
-from simval.imu.calibrate.outliers import find_outliers
+from simval.imu.calibrate.outliers import belonging, judge_poses
 from simval.imu.calibrate.residuals import (
     LOSSES,
     READING,
@@ -188,7 +188,6 @@ def checked_time(time: Any, count: int) -> Float[Array, " n"]:
     return values
 
 
-_EXPLAINED = 4.0  # standard deviations; of 100 clean poses one in 160 sets has more
 _BLOCK = 1 << 15  # poses worked at once: 5 MB of monomials
 # By how much rounding may raise a cost, in eps by pose. Measured on 2700 fits of every
 # solver and four residuals: statuses and number of steps are the same from 16 to 4096;
@@ -333,18 +332,16 @@ def _suspects(
     # outliers without which the set would not be refused, and how far off they are
     if len(poses) <= PARAMETERS or not np.isfinite(poses).all():
         return []
-    outliers = find_outliers(poses, sigma)
-    off = np.abs(outliers.standardized)
-    keep = ~outliers.flagged
-    # what the stated noise explains is no outlier, however well the others agree
-    explained = sigma is not None and np.any(off[~keep] < _EXPLAINED)
-    if keep.all() or explained:
+    _, off = judge_poses(poses, sigma, np.arange(float(len(poses))))
+    keep = np.delete(np.arange(len(poses)), off)
+    if not off or len(keep) < PARAMETERS:
         return []
     std = None if sigma is None else sigma[None, keep]
     rest = _fit_block(poses[None, keep], std, options)
     if rest["code"][0] >= Code.NON_FINITE:
         return []
-    return [(int(k), float(off[k])) for k in np.flatnonzero(outliers.flagged)]
+    far = np.abs(belonging(poses, sigma, off).standardized)
+    return [(k, float(far[k])) for k in off]
 
 
 def _fit_block(

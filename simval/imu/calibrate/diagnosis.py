@@ -28,7 +28,6 @@ from simval.errors import InputError
 from simval.geometry import normalize
 from simval.imu.calibrate.accelerometer import checked_time, require_noise
 from simval.imu.calibrate.drift import (
-    DRIFT_FALSE_ALARM,
     HIDDEN,
     Drift,
     find_drift,
@@ -42,13 +41,13 @@ from simval.imu.calibrate.goodness_of_fit import (
     least_determined_of,
     overstated,
 )
-from simval.imu.calibrate.outliers import Outliers, find_outliers
+from simval.imu.calibrate.outliers import belonging, judge_poses
 from simval.imu.calibrate.residuals import WEIGHTED, noise_shares
 from simval.imu.calibrate.result import FitResult
+from simval.imu.explain import Judgement
 from simval.imu.sensor import forms
 from simval.poses import PARAMETERS, direction_jacobian
 from simval.shapes import Float
-from simval.text import chance_words
 
 # Of 1000 sets of 20 random directions all over the sphere 99 % lose at most 4.1, of
 # 24 3.1; of poses in one half of the sphere the best of 200 sets lost 7.3.
@@ -69,17 +68,26 @@ class Diagnosis(ReadOnly):
         Share of each pose in its own fit, 0 to 1, (n,); they add up to nine.
     standardized : Array
         Standardised residuals, (n,); NaN where leverage or freedom leaves none.
+    judgement : Judgement or None
+        What is wrong with the poses, `simval.imu.explain.judge`; None where no noise is
+        known to judge them by.
     outliers : tuple of int
-        Poses that are not on the ellipsoid of the others; any of a clean set with a
-        chance of 1 %, eq. (O1) of `goodness_of_fit`.
+        Poses that the likeliest cause leaves out, if it is a remark or a refusal;
+        without a noise those that are not on the ellipsoid of the others, which any of
+        a clean set is with a chance of 1 %, eq. (O1) of `goodness_of_fit`.
     chi2_per_dof : float
         Chi-square per degree of freedom; NaN without sigma or freedom.
     p_value : float
         Chance of a chi-square at least as high if sigma is right.
+    wrong : str
+        What is wrong with the poses and what to do; empty where nothing is.
     verdict : str
         What limits the calibration, in words.
-    drift : Drift
-        Whether the poses that belong follow their time.
+    hidden : float
+        Factor by which the order of the poses hides an even drift, (W2) of
+        `simval.imu.calibrate.drift`.
+    hides : str
+        What drifts unseen by that factor.
     least_determined : Combination
         The combination of parameters that the poses determine least.
     """
@@ -87,11 +95,14 @@ class Diagnosis(ReadOnly):
     distance: Float[Array, " n"]
     leverage: Float[Array, " n"]
     standardized: Float[Array, " n"]
+    judgement: Judgement | None
     outliers: tuple[int, ...]
     chi2_per_dof: float
     p_value: float
+    wrong: str
     verdict: str
-    drift: Drift
+    hidden: float
+    hides: str
     least_determined: Combination
 
 
@@ -102,6 +113,7 @@ def diagnose(
     *,
     time: Any = None,
     further: Any = None,
+    judgement: Judgement | None = None,
 ) -> Diagnosis:
     """Judge the residuals of one fit.
 
@@ -117,6 +129,8 @@ def diagnose(
         When each pose was taken, s, (n,); their order if not given.
     further : array_like, optional
         Derivatives of the distances by further parameters that were fitted, (n, k).
+    judgement : Judgement, optional
+        What is wrong with the poses, where it has been judged by more than `noise_std`.
 
     Returns
     -------
@@ -150,21 +164,38 @@ def diagnose(
     shares = noise_shares(fit.residual, sigma)
     if fit.covariance_kind == "known sigma" and shares is not None:
         weighted = weighted * np.sqrt(shares)[:, None]
-    rest = find_outliers(readings, sigma)
-    drift = _drift(fit, readings, distance, rows, sigma, clock, ~rest.flagged)
-    # outliers and a robust loss leave a chi-square of another law than that of the
+    if judgement is None:
+        judgement, off = judge_poses(readings, sigma, clock)
+    else:
+        off = list(judgement.off)
+    rest = belonging(readings, sigma, off)
+    drift = _drift(fit, readings, distance, rows, sigma, clock)
+    # what is wrong and a robust loss leave a chi-square of another law than that of the
     # least squares over the poses that belong
-    other = rest.flagged.any() or fit.loss != "linear"
-    judged = (rest.chi2 / rest.dof if rest.dof > 0 else np.nan) if other else chi2
+    named = bool(off) or (judgement is not None and judgement.names)
+    judged = chi2
+    if named and judgement is not None:
+        judged = judgement.findings[0].fit.misfit ** 2
+    elif fit.loss != "linear":
+        judged = rest.chi2 / rest.dof if rest.dof > 0 else np.nan
+    free, kept = max(rest.dof - more.shape[1], 0), np.delete(readings, off, axis=0)
+    wrong = (
+        off_words(off)
+        if judgement is None
+        else judgement.sentence(None if time is None else np.sort(clock))
+    )
     return Diagnosis(
         distance=distance,
         leverage=Deletion.of(weighted, distance).leverage(),
         standardized=rest.standardized,
-        outliers=tuple(int(k) for k in np.flatnonzero(rest.flagged)),
+        judgement=judgement,
+        outliers=tuple(off),
         chi2_per_dof=chi2,
         p_value=p_value,
-        verdict=_verdict(fit, readings, rest, judged, drift, more.shape[1]),
-        drift=drift,
+        wrong=wrong,
+        verdict=_verdict(fit, kept, named * wrong, judged, free, drift),
+        hidden=drift.hidden,
+        hides=drift.hides,
         least_determined=least_determined_of(nine / unit[:, None], fit.names),
     )
 
@@ -214,20 +245,16 @@ def distances(
 
 def _drift(
     fit: FitResult, readings: Array, distance: Array, rows: Array, sigma: Any,
-    time: Array, kept: Any,
+    time: Array,
 ) -> Drift:  # fmt: skip
-    # of the poses that belong: a bias moves a reading off the ellipsoid along its
-    # normal, a gain by the reading over that of the bias
+    # a bias moves a reading off the ellipsoid along its normal, a gain by the reading
+    # over that of the bias
     x, unit = readings - fit.B, np.ones(len(readings)) if sigma is None else sigma
     normal = normalize(x @ fit.matrix.T @ fit.matrix)
     return find_drift(
-        distance[kept],
-        rows[kept],
-        of_a_triad(normal[kept], x[kept]),
-        time[kept],
-        known=sigma is not None,
-        white=np.diag(1.0 / unit[kept]),
-    )
+        distance, rows, of_a_triad(normal, x), time, known=sigma is not None,
+        white=np.diag(1.0 / unit),
+    )  # fmt: skip
 
 
 def geometry_loss(directions: Float[Array, "n 3"]) -> float:
@@ -246,17 +273,15 @@ def geometry_loss(directions: Float[Array, "n 3"]) -> float:
 
 
 def verdict(
-    chi2_per_dof: float, dof: int, drift: Drift | None = None, *, first: bool = True
+    chi2_per_dof: float, dof: int, *, told: bool = True, first: bool = True
 ) -> str:
-    """Say what a chi-square per degree of freedom means, and a drift if one is seen."""
+    """Say what a chi-square per degree of freedom means; `told` if no drift hides."""
     if dof == 0:
         return "nine poses fit exactly: the residuals say nothing; add poses"
     if not np.isfinite(chi2_per_dof):
         return "not judged: the noise of a pose mean is not known"
     low, high = believed_range(dof) / dof
     factor = np.sqrt(chi2_per_dof)
-    drifts = drift is not None and drift.seen
-    told = drift is None or drift.excluded
     if chi2_per_dof > high:
         return (
             f"the poses are the limit, not the noise: residuals are {factor:.1f} times "
@@ -266,7 +291,7 @@ def verdict(
         )
     if chi2_per_dof < low:
         return overstated(factor)
-    said = "noise is the limit: " if first and not drifts else ""
+    said = "noise is the limit: " if first else ""
     said += "the residuals are what the noise explains"
     if dof < _BLIND_BELOW:
         said += (
@@ -276,54 +301,40 @@ def verdict(
     return said
 
 
-def drift_words(found: Drift) -> str:
-    """Say that the residuals follow the time, or whether they would show it."""
-    if found.seen:
-        return (
-            f"the sensor drifts: its residuals follow the time as if {found.what} "
-            f"changed by {found.span:.2g} over the poses (chance "
-            f"{chance_words(found.p_value, 1)}; one is called below "
-            f"{DRIFT_FALSE_ALARM:g}), and no error bar holds that; let it warm up and "
-            "record again, repeating the first poses at the end"
-        )
-    if not np.isfinite(found.p_value):
-        return "too few poses to tell a drift: record more"
-    said = (
-        f"none seen (chance {found.p_value:.2g}; one is called below "
-        f"{DRIFT_FALSE_ALARM:g})"
-    )
-    if found.hidden <= HIDDEN:
-        return said
-    factor = f"{found.hidden:.0f} times" if found.hidden < 1e6 else "far"
+def off_words(off: list[int]) -> str:
+    """Say which poses do not belong."""
+    if not off:
+        return ""
+    which = " and ".join(filter(None, [", ".join(map(str, off[:-1])), str(off[-1])]))
+    many = len(off) > 1
     return (
-        f"{said}; but the order of the poses hides one: if {found.hides} drifts "
-        f"evenly, it must be {factor} greater to be seen than with the same poses in "
-        "an order of chance; repeat the first poses at the end"
+        f"gravity in pose{'s' * many} {which} is not that of the others: look at the "
+        f"hold, leave {'them' if many else 'it'} out and calibrate again"
     )
+
+
+def order_words(hidden: float, hides: str) -> list[str]:
+    """Say what drift the order of the poses hides, if it hides one."""
+    if hidden <= HIDDEN:
+        return []
+    factor = f"{hidden:.0f} times" if hidden < 1e6 else "far"
+    return [
+        f"the order of the poses hides a drift: if {hides} drifts evenly, it must be "
+        f"{factor} greater to be seen than with the same poses in an order of chance; "
+        "repeat the first poses at the end"
+    ]
 
 
 def _verdict(
-    fit: FitResult, readings: Array, rest: Outliers, chi2: float, drift: Drift,
-    further: int,
-) -> str:  # fmt: skip
+    fit: FitResult, kept: Array, wrong: str, chi2: float, free: int, drift: Drift
+) -> str:
     # what limits a calibration, the gravest first
-    parts, named = [], np.flatnonzero(rest.flagged)
-    geometry = geometry_loss(normalize(fit.sensor().correct(readings[~rest.flagged])))
-    if named.size:
-        which = " and ".join(
-            f"pose {k} ({abs(rest.standardized[k]):.3g} standard deviations off)"
-            for k in named
-        )
-        what = "are outliers" if named.size > 1 else "is an outlier"
-        parts.append(
-            f"the poses are the limit: {which} {what}, not on the ellipsoid of the "
-            "other poses; look at the hold, leave it out and calibrate again"
-        )
-    if drift.seen:
-        parts.append(drift_words(drift))
+    parts = [wrong] if wrong else []
+    geometry = geometry_loss(normalize(fit.sensor().correct(kept)))
     wide = not geometry <= GEOMETRY_LIMIT
-    said = verdict(chi2, max(rest.dof - further, 0), drift, first=not (parts or wide))
-    scatter = f"without that, {said}" if named.size else said
+    told = drift.hidden <= HIDDEN
+    said = verdict(chi2, free, told=told, first=not (parts or wide))
+    scatter = f"without that, {said}" if wrong else said
     if wide:
         factor = f"{geometry:.0f} times" if geometry < 1e6 else "far beyond"
         loss = (

@@ -3,10 +3,10 @@ r"""Poses that do not lie on the ellipsoid of the others.
 An ellipsoid is linear in the nine coefficients of eq. (E1), :math:`D p = 1` with nine
 monomials of a reading a row, so leaving poses out is exact linear algebra, however far
 off they are: with the rows divided by the length s of :math:`\partial c/\partial y` at
-the ellipsoid of the poses that belong, residuals are distances, and the outliers are
-those of `goodness_of_fit`, (O1) and (O2).
+the ellipsoid of the poses that belong, residuals are distances.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from simval.imu.calibrate.goodness_of_fit import (
     chi_square_chance,
 )
 from simval.imu.calibrate.residuals import monomials, quadratic
+from simval.imu.explain import Judgement, RestMeans, judge
 from simval.shapes import Float
 
 LEAST_SLOPE = 0.2  # of the median: a pose near the centre would weigh without bound
@@ -62,12 +63,41 @@ def scaled(poses: Float[Array, "n 3"]) -> tuple[Float[Array, "n 3"], float, floa
     return offset / own, scale, floor
 
 
-class Outliers(NamedTuple):
-    """Poses that do not belong, and how far each pose is from the rest."""
+def judge_poses(
+    poses: Float[Array, "n 3"],
+    sigma: Float[Array, " n"] | None,
+    time: Float[Array, " n"],
+) -> tuple[Judgement | None, list[int]]:
+    """Judge what is wrong with some poses, and which of them are off.
 
-    flagged: Any  # bool: which poses are outliers, (n,)
-    # signed distance to the ellipsoid of the others, raw units
-    distance: Float[Array, " n"]
+    Of a noise that is not known nothing is asked but which poses are not on the
+    ellipsoid of the others, by these: (O1) and (O2) of `goodness_of_fit`.
+    """
+    if sigma is None:
+        return None, _outliers(poses)
+    order = np.argsort(time, kind="stable")
+    spread = sigma[order, None, None] ** 2 * np.eye(3)
+    found = judge(RestMeans.of(poses[order], spread, time[order]))
+    return found, sorted(int(order[k]) for k in found.off)
+
+
+def _outliers(poses: Float[Array, "n 3"]) -> list[int]:
+    z, _, floor = scaled(poses)
+    design = monomials(z)[:, :9]
+    chosen: list[int] = []
+    p = coefficients(design, np.full(len(z), 2.0), [])
+    for _ in range(_ROUNDS):
+        slope = slope_of(p, z)
+        p = coefficients(design, slope, chosen)
+        before, chosen = chosen, deletion_of(design, slope, floor).outliers(None)
+        if chosen == before:
+            break
+    return chosen
+
+
+class Belonging(NamedTuple):
+    """How each pose stands to the ellipsoid of those that belong."""
+
     # deletion residual of each pose in standard deviations; NaN where the poses that
     # belong leave no freedom
     standardized: Float[Array, " n"]
@@ -75,24 +105,19 @@ class Outliers(NamedTuple):
     dof: int  # degrees of freedom of the poses that belong
 
 
-def find_outliers(
-    poses: Float[Array, "n 3"], sigma: Float[Array, " n"] | None = None
-) -> Outliers:
-    """Name the poses that do not lie on the ellipsoid of the others."""
-    count = len(poses)
+def belonging(
+    poses: Float[Array, "n 3"], sigma: Float[Array, " n"] | None, off: Sequence[int]
+) -> Belonging:
+    """Compare each pose with the ellipsoid of the others that are not `off`."""
+    count, chosen = len(poses), list(off)
     z, scale, floor = scaled(poses)
     unit = np.ones(count) if sigma is None else sigma / scale
     known = None if sigma is None else float(np.sqrt(np.mean(unit * unit)))
     relative = unit / (1.0 if known is None else known)
     design = monomials(z)[:, :9]
-    chosen: list[int] = []
     p = coefficients(design, 2.0 * relative, [])
     for _ in range(_ROUNDS):
-        slope = slope_of(p, z) * relative
-        p = coefficients(design, slope, chosen)
-        before, chosen = chosen, deletion_of(design, slope, floor).outliers(known)
-        if chosen == before:
-            break
+        p = coefficients(design, slope_of(p, z) * relative, chosen)
     deletion = deletion_of(design, slope_of(p, z) * relative, floor)
     # distances from the ellipsoid of the poses that belong, each standardised by the
     # scatter of the others, or by a sigma that is believed; of a pose left out it is
@@ -115,10 +140,4 @@ def find_outliers(
     elif dof > 1:
         own = np.where(flagged, total / dof, (total - ratio**2) / (dof - 1))
         variance = np.maximum(own, deletion.floor)
-    return Outliers(
-        flagged=flagged,
-        distance=-residual * relative * scale,
-        standardized=-ratio / np.sqrt(variance),
-        chi2=float(chi2),
-        dof=dof,
-    )
+    return Belonging(-ratio / np.sqrt(variance), float(chi2), dof)

@@ -89,7 +89,8 @@ ACCOUNTS: Final[Mapping[Kind, _Account]] = MappingProxyType({
         "check the range of the sensor: three scales do not describe it",
     ),
     "rest off": _Account(
-        "leave out", "gravity {when} is not that of the other rests", "leave {it} out",
+        "leave out", "gravity {when} is not that of the others",
+        "look at the hold, leave {it} out and calibrate again",
     ),
     "noise": _Account(
         "weigh", "{axes} is about {size:g} times as noisy as in the rows",
@@ -308,13 +309,13 @@ class Explanation(ReadOnly):
             columns=np.concatenate([self.columns, other.columns], axis=-1),
         )  # fmt: skip
 
-    def sentence(self, time: Float[Array, " n"]) -> str:
+    def sentence(self, time: Float[Array, " n"] | None) -> str:
         """Say what is so.
 
         Parameters
         ----------
-        time : (n,) array
-            Time of each rest, s.
+        time : (n,) array or None
+            Time of each rest, s; None names them by their place, as poses.
 
         Returns
         -------
@@ -336,19 +337,18 @@ class Explanation(ReadOnly):
         each = (ACCOUNTS[part.kind].do.format(it=several) for part in self.parts)
         return "; ".join(dict.fromkeys(each))
 
-    def _when(self, time: Array) -> str:
+    def _when(self, time: Array | None) -> str:
         if not self.rests:
             return "over the log"
+        noun, places = "pose", [str(k) for k in range(len(self.readings))]
+        if time is not None:
+            noun, places = "the rest", [f"at {t:.1f} s" for t in time]
+        k, own = self.rests[0], [places[k] for k in self.rests]
         if ACCOUNTS[self.kind].action == "leave out":
-            several = "rest" if len(self.rests) == 1 else "rests"
-            at = _listed([f"{time[k]:.1f} s" for k in self.rests])
-            return f"in the {several} at {at}"
-        k = self.rests[0]
+            return f"in {noun}{'s' * (len(own) > 1)} {_listed(own)}"
         if self.kind == "wrap":
-            return (
-                f"in {len(self.rests)} of the rests, first in that at {time[k]:.1f} s"
-            )
-        return f"between the rests at {time[k - 1]:.1f} s and {time[k]:.1f} s"
+            return f"in {len(own)} of the rests, first in {noun} {own[0]}"
+        return f"between {noun}s {places[k - 1]} and {places[k]}"
 
 
 def _listed(items: Sequence[str]) -> str:

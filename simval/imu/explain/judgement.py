@@ -91,6 +91,11 @@ class Judgement(NamedTuple):
         return "remark" if self.odds < np.log(REFUSED) else "refusal"
 
     @property
+    def names(self) -> bool:
+        """True if a cause is named, as a remark or a refusal."""
+        return self.answer in ("remark", "refusal")
+
+    @property
     def accuses(self) -> bool:
         """True if the sensor or its readings are refused, and no rest may be why."""
         innocent = any(f.explanation.kinds <= INNOCENT for f in self.candidates)
@@ -102,13 +107,23 @@ class Judgement(NamedTuple):
         covered = np.cumsum([finding.share for finding in self.findings])
         return self.findings[: int(np.searchsorted(covered, NAMED)) + 1]
 
-    def sentence(self, time: Float[Array, " n"]) -> str:
+    @property
+    def off(self) -> tuple[int, ...]:
+        """Rests that the likeliest cause leaves out, of a remark or a refusal."""
+        if not self.names:
+            return ()
+        parts = self.findings[0].explanation.parts
+        return tuple(
+            sorted({k for p in parts if p.kind == "rest off" for k in p.rests})
+        )
+
+    def sentence(self, time: Float[Array, " n"] | None) -> str:
         """Say what is wrong and what to do.
 
         Parameters
         ----------
-        time : (n,) array
-            Time of each rest, s.
+        time : (n,) array or None
+            Time of each rest, s; None names them by their place, as poses.
 
         Returns
         -------
@@ -119,8 +134,8 @@ class Judgement(NamedTuple):
             return ""
         if self.answer == "unknown":
             return (
-                f"the rests scatter {self.misfit:.2g} times their noise and nothing "
-                "tried explains it: cause unknown, so error bars are widened to match"
+                f"the rests scatter {self.misfit:.2g} times their noise, and nothing "
+                "that was tried explains it: the cause is not known"
             )
         named = self.candidates
         so = " or ".join(f.explanation.sentence(time) for f in named)

@@ -221,7 +221,9 @@ def calibrate_log(
         forces, initial = sensor.correct(poses), rests.initial
         result = LogCalibration(
             fit=fit,
-            diagnosis=diagnose(fit, poses, std, time=middle, further=further),
+            diagnosis=diagnose(
+                fit, poses, std, time=middle, further=further, judgement=case.judgement
+            ),
             white_chi2_per_dof=reduced_chi2(fit, poses, white),
             pose_noise=pose,
             rest=initial,

@@ -16,8 +16,8 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.imu.calibrate import MagnetometerFit
-from simval.imu.calibrate.diagnosis import drift_words
-from simval.imu.calibrate.drift import DRIFT_FALSE_ALARM, Drift
+from simval.imu.calibrate.diagnosis import Diagnosis, order_words
+from simval.imu.calibrate.drift import DRIFT_FALSE_ALARM, HIDDEN, Drift
 from simval.imu.calibrate.estimate import (
     gyroscope_lines,
     magnetometer_lines,
@@ -39,6 +39,7 @@ from simval.imu.calibrate.magnetometer.findings import FALSE_ALARM as ONE_POSE
 from simval.imu.calibrate.magnetometer.result import OWN_NAMES
 from simval.imu.calibrate.rest_temperatures import LEAST_SPAN, Within
 from simval.imu.calibrate.thermal import Thermal
+from simval.imu.explain.judgement import CHANCE as CHANCE_OF_MISFIT
 from simval.imu.logs import Log
 from simval.imu.statics import Intervals
 from simval.shapes import Float
@@ -76,9 +77,8 @@ class Judgement(NamedTuple):
 def judgements(whole: Any) -> tuple[Judgement, ...]:
     """Judge the sensors of a log, the accelerometer first."""
     found = [
-        _outliers(whole.log),
-        _scatter(whole.log),
-        _drift("accelerometer", whole.log.diagnosis.drift),
+        _rests(whole.log),
+        _order(whole.log.diagnosis),
     ]
     if whole.log.warm.rests is not None:
         found += [_temperature(whole), _within(whole.log.warm.within)]
@@ -105,36 +105,31 @@ def honest(found: tuple[Judgement, ...]) -> tuple[bool | None, str]:
     return True, f"Yes: {said[0]}"
 
 
-def _outliers(log: Any) -> Judgement:
-    named = log.diagnosis.outliers
-    count = len(named)
-    return Judgement(
-        about="poses of the accelerometer",
-        holds=not named,
-        p_value=float("nan"),
-        level=BELIEVED,
-        words=f"{count} outlier{'s' * (count > 1)} among the poses"
-        if named
-        else "no pose is off the ellipsoid of the others",
-    )
-
-
-def _scatter(log: Any) -> Judgement:
-    found = log.diagnosis
-    p = found.p_value
+def _rests(log: Any) -> Judgement:
+    # a Type A error bar takes the scatter as it is, whatever the noise was said to be
+    found, answer = log.diagnosis, log.diagnosis.judgement.answer
+    by_scatter = log.fit.covariance_kind == "type A"
     seen = f"chi-square per degree of freedom {found.chi2_per_dof:.3g}"
-    words = f"the residuals are what the noise explains: {seen}"
-    if not np.isfinite(p):
-        words = "the noise of a pose, or a degree of freedom, is not there"
-    elif p < BELIEVED:
-        words = f"the residuals are greater than the noise: {seen}"
-    elif p > 1.0 - BELIEVED:
-        words = f"the residuals are smaller than the noise: {seen}"
-    return _by_chance(
-        "residuals of the accelerometer",
-        2.0 * min(p, 1.0 - p) if np.isfinite(p) else p,
-        2.0 * BELIEVED,
-        words,
+    holds = {"sound": True, "unknown": None if by_scatter else False}.get(answer, False)
+    words = found.wrong or f"the residuals are what the noise explains: {seen}"
+    if answer == "unknown" and by_scatter:
+        words += "; the error bars are as wide as that"
+    if answer == "sound" and found.p_value > 1.0 - BELIEVED:
+        holds, words = by_scatter, f"the residuals are smaller than the noise: {seen}"
+    if answer == "sound" and not np.isfinite(found.p_value):
+        holds, words = None, "the noise of a pose, or a degree of freedom, is not there"
+    p = found.judgement.chance
+    return Judgement("rests of the accelerometer", holds, p, CHANCE_OF_MISFIT, words)
+
+
+def _order(found: Diagnosis) -> Judgement:
+    hidden = order_words(found.hidden, found.hides)
+    return Judgement(
+        about="order of the poses",
+        holds=None if hidden else True,
+        p_value=float("nan"),
+        level=HIDDEN,
+        words=hidden[0] if hidden else "the order of the poses hides no drift",
     )
 
 
@@ -221,6 +216,7 @@ def _by_chance(about: str, p: float, level: float, words: str) -> Judgement:
 def log_lines(result: Any, whole: Any = None) -> list[str]:
     """Describe the result in lines of text, with the numbers of the fit of all."""
     diagnosis = result.diagnosis
+    hidden = order_words(diagnosis.hidden, diagnosis.hides)
     fit = result.fit if whole is None else whole.accelerometer
     joint = "" if whole is None else fit_of(whole)
     how = "found" if result.rest.found else "given"
@@ -252,7 +248,7 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
         _noise_line(noise),
         *by_white_lines,
         f"verdict           {diagnosis.verdict}",
-        f"drift             {drift_words(diagnosis.drift)}",
+        *(f"order             {words}" for words in hidden),
         f"least determined  {diagnosis.least_determined.sentence}",
         f"bound             least sd that {bounding} would allow with these "
         f"poses{', without rotations' * bool(joint)} (Cramer-Rao)",

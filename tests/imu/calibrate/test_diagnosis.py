@@ -16,7 +16,7 @@ from simval.imu.calibrate import calibrate, diagnose
 from simval.imu.calibrate.diagnosis import verdict
 from simval.imu.calibrate.drift import find_drift
 from simval.imu.calibrate.goodness_of_fit import FALSE_ALARM
-from simval.imu.calibrate.outliers import find_outliers
+from simval.imu.calibrate.outliers import judge_poses
 from simval.imu.sensor import AccelerometerModel
 from simval.poses import fibonacci_sphere, random_directions
 
@@ -98,7 +98,7 @@ def test_leverage_is_what_a_pose_pulls_its_own_fit_by(residual):
 )  # fmt: skip
 def test_standardised_residuals_are_standard(residual, noise, law):
     """Of 12 poses whatever their leverage; of unknown noise by Student's t."""
-    batch = poses(12, 150, seed=2)
+    batch = poses(12, 60 if noise is None else 150, seed=2)
     clean = MODEL.distort(G * fibonacci_sphere(12), np.random.default_rng(0))
     given = {}
     if residual == "weighted":
@@ -140,15 +140,17 @@ SETS = [
 
 @pytest.mark.parametrize(("sets", "count"), SETS)
 def test_clean_sets_have_no_outliers(sets, count):
-    """1 % for any number of poses. The best of all pairs and triples of a clean set is
-    always good: without the binomial of (O1) one set of eight has an outlier."""
+    """One set in a hundred, by Markov's bound, or where no noise is known by (O1). The
+    best of all pairs and triples of a clean set is always good: without the binomial
+    one set of eight has an outlier."""
     called = 0
     for seed in range(sets):
         rng = np.random.default_rng([7, count, seed])
         sigma = 10 ** rng.uniform(-3.5, -1.6)
         y = reading((even, half)[seed % 2](rng, count), rng, sigma)
         for noise in (np.full(count, sigma), None):
-            called += find_outliers(y, noise).flagged.any()
+            judged, off = judge_poses(y, noise, np.arange(float(count)))
+            called += bool(off) or (judged is not None and judged.names)
     assert called <= 2 * stats.binom.isf(1e-4 / 12, sets, FALSE_ALARM)
 
 
@@ -171,7 +173,7 @@ def test_outliers_are_named(count, bad, size, least, sets):
     exact = 0
     for seed in range(sets):
         y, which = spoiled([11, bad, seed], count, bad, size)
-        exact += set(np.flatnonzero(find_outliers(y).flagged)) == which
+        exact += set(judge_poses(y, None, np.arange(float(count)))[1]) == which
     assert exact >= least * sets
 
 
@@ -209,48 +211,33 @@ def drifting(order, size, rng):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("stated", [SIGMA, None])
-def test_a_drift_is_called_at_its_level(stated):
-    """Exact in white noise, with a Bonferroni factor of 21: 1 in 1000 at the most."""
-    p = []
-    for seed in range(75):
-        y = drifting("mixed", 0.0, np.random.default_rng([90, seed]))
-        p.append(diagnose(calibrate(y, G), y, stated).drift.p_value)
-    p = np.array(p)
-    assert np.count_nonzero(p < 0.1) <= stats.binom.isf(1e-4, len(p), 0.1)
-    assert np.all(p >= 1e-3 / 4)  # one seed of six has one below 1 in 1000
-    assert np.median(p) < 1.0 or np.mean(p == 1.0) < 0.9  # and yet it is no constant
-    # power: thirty times the noise over the log is seen, and named; where another axis
-    # follows the time by chance all three are (one in a hundred such residuals)
-    named = []
-    for seed in range(10):
-        y = drifting("mixed", 30.0, np.random.default_rng([91, seed]))
-        found = diagnose(calibrate(y, G), y, stated)
-        assert found.drift.seen
-        named.append(found.drift.what)
-        # least squares of the slope: six standard deviations
-        assert abs(found.drift.span / (30.0 * SIGMA) - 1.0) < 0.5
-        assert "drifts" in found.verdict
-        assert "noise is the limit" not in found.verdict
-    assert named.count("the bias of z") >= 9
+def test_a_drift_is_named_where_there_is_one():
+    """Thirty times the noise over the log; a clean set has none (1 in 100 at most)."""
+    found = []
+    for size, sets in ((0.0, 40), (30.0, 10)):
+        for seed in range(sets):
+            y = drifting("mixed", size, np.random.default_rng([91, seed]))
+            judged = diagnose(calibrate(y, G), y, SIGMA)
+            found.append(judged.judgement.answer != "sound")
+            if size and found[-1]:
+                assert "drift" in judged.wrong
+                assert "noise is the limit" not in judged.verdict
+    assert sum(found[:40]) <= stats.binom.isf(1e-4, 40, 0.01)
+    assert sum(found[40:]) >= 9
 
 
 def test_time_and_order_of_the_poses():
     """A drift of the bias of z along z itself is a scale and hardly a residual."""
     rng = np.random.default_rng(92)
     y = drifting("sphere", 30.0, rng)
-    hidden = diagnose(calibrate(y, G), y, SIGMA).drift
-    assert hidden.hidden > 20.0
-    assert not hidden.excluded
+    assert diagnose(calibrate(y, G), y, SIGMA).hidden > 20.0
     y = drifting("mixed", 30.0, rng)
     fit, back = calibrate(y, G), rng.permutation(24)
-    shown = diagnose(fit, y, SIGMA, time=np.arange(24.0)).drift
+    shown = diagnose(fit, y, SIGMA, time=np.arange(24.0))
     assert shown.hidden < 5.0
-    assert shown.seen
-    other = calibrate(y[back], G)
-    again = diagnose(other, y[back], SIGMA, time=1.0 * back).drift
-    assert again.p_value == pytest.approx(shown.p_value, rel=1e-6)
-    assert diagnose(other, y[back], SIGMA).drift.p_value > 1e-3
+    assert "bias of z drifts" in shown.wrong
+    again = diagnose(calibrate(y[back], G), y[back], SIGMA, time=1.0 * back)
+    assert again.wrong == shown.wrong
 
 
 def test_an_order_of_chance_hides_nothing():
@@ -310,13 +297,15 @@ FAMILIES = {
     "unknown": (even, 1.0, None, 0, "not judged: the noise"),
     "geometry": (half, 1.0, SIGMA, 0, "the geometry is the limit"),
     "geometry of unknown noise": (half, 1.0, None, 0, "the geometry is the limit"),
-    "outlier": (even, 1.0, SIGMA, 1, "outlier"),
-    "outliers": (even, 1.0, None, 3, "outliers"),
+    "outlier": (even, 1.0, SIGMA, 1, "not that of the others"),
+    "outliers": (even, 1.0, None, 3, "not that of the others"),
 }
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-@pytest.mark.parametrize("sets", [10, pytest.param(300, marks=MANY)])
+@pytest.mark.parametrize(
+    "sets", [pytest.param(10, marks=pytest.mark.ci), pytest.param(300, marks=MANY)]
+)
 def test_the_first_words_are_the_cause(family, sets):
     """The words of a set begin with the cause and name the poses that are off, or it is
     refused. 2 % of clean sets miss the 1 % of either tail, 1 % have an outlier, and 1 %
@@ -326,12 +315,13 @@ def test_the_first_words_are_the_cause(family, sets):
     for seed in range(sets):
         rng, words = np.random.default_rng([5, seed, len(family)]), cause
         y = reading(place(rng), rng, spread * SIGMA)
-        y[:bad] += normalize(rng.standard_normal((bad, 3)))
+        off = rng.choice(len(y), bad, replace=False)
+        y[off] += normalize(rng.standard_normal((bad, 3)))
         try:
             said = diagnose(calibrate(y, G), y, stated).verdict
         except SimvalError as error:
             said = str(error)
             words = "ellipsoid of the other" if bad else "add poses"
-        named = all(f"pose {k} " in said for k in range(bad))
+        named = all(re.search(rf"poses? .*\b{k}\b", said) for k in off)
         wrong += [] if words in said.split(";")[0] and named else [said]
     assert len(wrong) <= stats.binom.isf(1e-4 / len(FAMILIES), sets, 0.05), wrong[:3]

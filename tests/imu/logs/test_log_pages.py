@@ -62,7 +62,7 @@ WORDS = {
         "residual of each rotation",
         "Was the field the same in every pose?",
     ],
-    "outlier": ["and calibrate without it", "which is not on the others"],
+    "outlier": ["and calibrate without it", "is not that of the others"],
     "filtered": ["When is the filter mekf wrong?", "overconfident"],
     "blind": ["No truth, so errors are unknown", "Give the recorded attitudes"],
     "noise": ["°/√h", "µg/√Hz", "All 6 axes follow the components"],

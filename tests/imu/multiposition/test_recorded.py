@@ -265,7 +265,7 @@ def test_an_outlier_rest_is_named():
     log = other(log, rows)
     result = calibrate_log(log, g=G)
     assert result.diagnosis.outliers == (11,)
-    assert "the poses are the limit" in result.diagnosis.verdict
+    assert "gravity in the rest at 35.5 s is not that" in result.diagnosis.verdict
     assert "interval 11" in str(result)
     # the other sensors take the noise that these residuals show
     poses = interval_means(log.accelerometer, result.intervals)
