@@ -313,16 +313,16 @@ def off_words(off: list[int]) -> str:
     )
 
 
-def order_words(hidden: float, hides: str) -> list[str]:
+def order_words(hidden: float, hides: str) -> str:
     """Say what drift the order of the poses hides, if it hides one."""
     if hidden <= HIDDEN:
-        return []
+        return ""
     factor = f"{hidden:.0f} times" if hidden < 1e6 else "far"
-    return [
-        f"the order of the poses hides a drift: if {hides} drifts evenly, it must be "
-        f"{factor} greater to be seen than with the same poses in an order of chance; "
-        "repeat the first poses at the end"
-    ]
+    return (
+        f"it hides a drift: if {hides} drifts evenly, it must be {factor} greater to "
+        "be seen than with the same poses in an order of chance; repeat the first "
+        "poses at the end"
+    )
 
 
 def _verdict(

@@ -123,13 +123,14 @@ def _rests(log: Any) -> Judgement:
 
 
 def _order(found: Diagnosis) -> Judgement:
-    hidden = order_words(found.hidden, found.hides)
+    hides = found.hidden > HIDDEN
+    of = f" of {found.hides} of the accelerometer" if hides else ""
     return Judgement(
         about="order of the poses",
-        holds=None if hidden else True,
+        holds=None if hides else True,
         p_value=float("nan"),
         level=HIDDEN,
-        words=hidden[0] if hidden else "the order of the poses hides no drift",
+        words=f"the order of the poses hides {'a' if hides else 'no'} drift{of}",
     )
 
 
@@ -248,7 +249,7 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
         _noise_line(noise),
         *by_white_lines,
         f"verdict           {diagnosis.verdict}",
-        *(f"order             {words}" for words in hidden),
+        *([f"order of poses    {hidden}"] if hidden else []),
         f"least determined  {diagnosis.least_determined.sentence}",
         f"bound             least sd that {bounding} would allow with these "
         f"poses{', without rotations' * bool(joint)} (Cramer-Rao)",
