@@ -25,6 +25,7 @@ from simval.cli.options import (
     RowsOf,
     command_again,
     declared,
+    numbers,
     with_rows,
     write,
 )
@@ -72,6 +73,11 @@ def command(
         Path | None,
         "Measured noise of the sensors, a file made by `simval noise LOG --json`.",
     ] = None,
+    leave_out: Annotated[
+        str,
+        "Rests to leave out: times within them, s, with commas between, as printed.",
+        dict(metavar="SECONDS"),
+    ] = "",
     gyro_rows: RowsOf = "found",
     gyro_delay: GyroDelay = 0.0,
     full_scale: Annotated[
@@ -130,6 +136,7 @@ def command(
         rest=rest,
         full_scale=full_scale,
         noise=known,
+        leave_out=numbers("--leave-out", leave_out, "s, as 12.5,74"),
         predict=calibration_moments,
     )
     all_of = partial(

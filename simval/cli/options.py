@@ -9,6 +9,7 @@ A shell starts the program at each key, so only names of `simval.vocabulary` and
 folders are looked at. Where no name fits, the shell completes files by itself.
 """
 
+import math
 import os
 import shlex
 from collections.abc import Callable, Iterable
@@ -305,6 +306,18 @@ def refuse_if(wrong: bool, message: str) -> None:
 
 
 GIVEN = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
+
+
+def numbers(option: str, words: str, unit: str) -> list[float]:
+    """Numbers between commas; none of an empty word."""
+    try:
+        found = [float(each) for each in words.split(",")] if words else []
+    except ValueError:
+        found = [math.nan]
+    if not all(map(math.isfinite, found)):
+        msg = f"`{option}` is {words!r}; give numbers with commas between them, {unit}"
+        raise InputError(msg)
+    return found
 
 
 def command_again() -> str:

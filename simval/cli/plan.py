@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from simval.cli.options import AsJson, Gravity, declared, refuse_if, stated
+from simval.cli.options import AsJson, Gravity, declared, numbers, refuse_if, stated
 from simval.cli.terminal import say
 from simval.errors import InputError
 from simval.vocabulary import Model
@@ -188,14 +188,7 @@ def thermal_lines(
         "`--temperatures` plans for an ideal sensor; leave out `--sensor`, and give "
         "the noise in m/s^2",
     )
-    try:
-        degrees = [float(each) for each in temperatures.split(",")]
-    except ValueError:
-        msg = (
-            f"`--temperatures` is {temperatures!r}; give numbers with commas between "
-            "them, degC, as 10,25,40"
-        )
-        raise InputError(msg) from None
+    degrees = numbers("--temperatures", temperatures, "degC, as 10,25,40")
     count = max(len(directions), 20) if rests is None else rests
     found = plan_thermal(directions, degrees, noise_std, rests=count, g=g)
     if not as_json:

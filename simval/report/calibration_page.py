@@ -232,7 +232,7 @@ def _next(whole: ImuCalibration) -> Reply:
         if outliers
         else f"Add a pose along ({further})",
         lines=(
-            *(["Or use --loss cauchy, which trusts it less."] if outliers else []),
+            *([f"{result.diagnosis.wrong}."] if outliers else []),
             f"A further pose with the specific force along ({further}) in sensor axes "
             "would lower the total variance most; it is the diamond on the map below.",
             f"Noise of a pose: {result.pose_noise.words}.",

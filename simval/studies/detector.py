@@ -9,7 +9,8 @@ The normalised squared error of the nine parameters shows what that does to a
 calibration, once with every interval and once with the pure ones alone. Theory puts the
 mean of the latter over trials at 9: the noise in a mean does not depend on the variance
 by which its interval was chosen. Where no trial has enough pure intervals nothing is
-judged, and `UNJUDGED` trials are enough.
+judged, and `UNJUDGED` trials are enough. Still rows hold g within `STILL_FORCE` only:
+what that may add is the remainder of the row.
 
 **Known rests**: where a detector must put their edges is known of a signal without
 chance. At rest every axis alternates between its level and :math:`\pm a`, in between it
@@ -198,6 +199,11 @@ class Rests(NamedTuple):
 
     means: Float[Array, "m 3"]  # raw units
     counts: NDArray[np.intp]  # samples of each, (m,)
+    off: Float[Array, " m"]  # of the mean of the true force, from g, m/s^2
+
+    def moved(self, noise_std: float) -> float:
+        """What that may add to a normalised square."""
+        return float(np.sum(self.counts * (self.off / noise_std) ** 2))
 
 
 def squares_of(
@@ -244,7 +250,9 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         raw += quiet
         intervals, spread, threshold = detect(raw, *settings)
         found.append(intervals)
-        every.append(Rests(interval_means(raw, intervals), interval_counts(intervals)))
+        means, force = (interval_means(x, intervals) for x in (raw, truth.force))
+        off = np.linalg.norm(force, axis=1) - truth.g
+        every.append(Rests(means, interval_counts(intervals), off))
         if trial == 0:
             artifact = _artifact(truth, raw, intervals, spread, threshold)
         if trial + 1 == UNJUDGED:
@@ -253,8 +261,9 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
                 break
     own = _pure_ones(every, found, truth.still)
     squares = np.stack([squares_of(each, sensor, truth.g) for each in (every, own)])
+    moved = [each.moved(sensor.noise_std) for each in own]
     rows = (
-        *_rows(score(found, truth.still, truth.hold), squares.T),
+        *_rows(score(found, truth.still, truth.hold), squares.T, float(np.mean(moved))),
         *known_rest_rows(detect, interval_means, interval_counts, settings),
     )
     name = artifact_of(parameters.model_dump())
@@ -268,14 +277,15 @@ def _pure_ones(
     ends = np.cumsum([len(intervals) for intervals in found])[:-1]
     clean = np.split(pure(np.concatenate(found), still), ends)
     return [
-        Rests(rests.means[some], rests.counts[some])
+        Rests(rests.means[some], rests.counts[some], rests.off[some])
         for rests, some in zip(every, clean, strict=True)
     ]
 
 
 def _rows(
-    scores: dict[stat.Family, Float[Array, " n"]], squares: Float[Array, "n 2"]
-) -> Iterator[Row]:
+    scores: dict[stat.Family, Float[Array, " n"]], squares: Float[Array, "n 2"],
+    moved: float,
+) -> Iterator[Row]:  # fmt: skip
     for family, each in scores.items():
         yield from unjudged(family(), *mean_of(each))
     for name, values in zip(("all", "pure"), squares.T, strict=True):
@@ -283,7 +293,7 @@ def _rows(
         yield from unjudged(stat.FITTED(name), *mean_of(fitted.astype(float)))
         if name == "pure" and fitted.all():
             yield from nees(
-                stat.NEES(name), *mean_of(values[fitted]), 9.0, stat.CHI_SQUARE_9
+                stat.NEES(name), *mean_of(values[fitted]), 9.0, stat.CHI_SQUARE_9, moved
             )
         elif fitted.sum() >= 2:
             yield from unjudged(stat.NEES(name), *mean_of(values[fitted]))

@@ -57,6 +57,7 @@ SETTINGS = (6.0, 51, 15)  # the detector's multiplier, window and trim, in sampl
 CHANCE = 1.2
 """Of the detector's threshold: the variance of an initial rest of 500 samples is
 seldom so much greater."""
+ROUNDED = 10.0  # times the rounding of weights as far apart as those of two noises
 NEXT_ORDER = 30.0
 """Relative remainder of an RMS error and of the NEES, in squares of the greatest
 relative noise of a mean. Measured at a relative noise of 1e-3, above that of any suite:
@@ -299,11 +300,14 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     measured, predicted = map(np.ascontiguousarray, (measured, predicted))
     error = measured.std(axis=1, ddof=1) / np.sqrt(parameters.trials)
     expected = np.sqrt(np.mean(predicted, axis=1))
+    # weights as far apart as these squared lose digits of the lesser part
+    apart = max(mean_std[0] / g / mean_std[1], mean_std[1] / (mean_std[0] / g), 1.0)
+    lost = np.sqrt(ROUNDED * np.finfo(float).eps) * apart * expected[-1]
     return Outcome(
         rows=(
             *beyond(plain(
                 stat.BUDGET.each(PARTS), *root(measured.mean(axis=1), error),
-                parameters.trials, expected, stat.CARRIED, expected * remainder,
+                parameters.trials, expected, stat.CARRIED, expected * remainder + lost,
             ), why),
             *beyond(nees(
                 stat.NEES(), *square, 3.0, stat.CHI_SQUARE_3, 3.0 * remainder

@@ -227,7 +227,8 @@ class Judged:
             return
         for name, slope in WARM.items():
             own = found.thermal.get(name)
-            if own is not None and own.terms[:1] == LINE:
+            # of a square that chance has put beside it, the scatter left is too small
+            if own is not None and own.terms == LINE:
                 self.terms(name, own, slope)
         off = found.sensitivity - FORCE
         for row, sd in zip(off, found.sensitivity_sd, strict=True):
@@ -235,10 +236,9 @@ class Judged:
                 self.add("force", row, np.diag(sd**2), KNOWN)
 
     def terms(self, name: str, found: Thermal, slope: Array) -> None:
-        """Compare coefficients, one axis at a time."""
-        for axis, own in enumerate(slope):
-            off, sd = found.coefficients[:1, axis] - own, found.sd[:1, axis]
-            self.add(f"{name} in temperature", off, np.diag(sd**2), found.dof)
+        """Compare the coefficients of three axes, whose bars share one scatter."""
+        off, sd = found.coefficients[0] - slope, found.sd[0]
+        self.add(f"{name} in temperature", off, np.diag(sd**2), found.dof)
 
     def noise(self, log: Log) -> None:
         """Describe a log's noise."""

@@ -73,7 +73,7 @@ def test_what_is_still_is_the_simulations_own_rest():
 
 def test_a_fit_that_cannot_be_had_is_not_a_number():
     sensor = AccelerometerModel(T=np.eye(3), K=np.ones(3), B=np.zeros(3), noise_std=1.0)
-    none = Rests(np.zeros((0, 3)), np.zeros(0, int))
+    none = Rests(np.zeros((0, 3)), np.zeros(0, int), np.zeros(0))
     assert np.isnan(squares_of([none], sensor, 9.8)).all()
 
 

@@ -42,7 +42,7 @@ from simval.imu.calibrate.magnetometer.calibration import Hemisphere
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
 from simval.imu.calibrate.thermal import Fit, Thermal, ThermalChoice, choose_thermal
 from simval.imu.logs import Log
-from simval.imu.multiposition.case import case_of
+from simval.imu.multiposition.case import case_of, without
 from simval.imu.multiposition.description import log_lines, sensor_lines
 from simval.imu.multiposition.faults import explained, for_a_log, require_sound
 from simval.imu.multiposition.log_units import Scale, said_of, units_of
@@ -140,6 +140,7 @@ def calibrate_log(
     rest: float | None = None,
     full_scale: float | None = None,
     noise: NoiseFile | None = None,
+    leave_out: Sequence[float] = (),
     predict: Callable[..., Any] | None = None,
 ) -> LogCalibration:
     """Calibrate the accelerometer of a log.
@@ -159,6 +160,8 @@ def calibrate_log(
     noise : NoiseFile or None
         The sensor's noise, see `simval.imu.noise.load_noise`; None takes it from the
         log's longest rest, and white noise alone where that is too short.
+    leave_out : sequence of float
+        Times, s; a rest that has one of them is left out.
     predict : callable or None
         Theory of how well the sensor can be known from these rests, such as
         `simval.theory.calibration_moments`.
@@ -170,6 +173,8 @@ def calibrate_log(
 
     Raises
     ------
+    InputError
+        If a rest that is to be left out was not found.
     RefusedError
         If there is no rest, no threshold gives nine static intervals, none of the
         fits is a calibration, or the log shows a fault of the sensor or the logger.
@@ -182,7 +187,7 @@ def calibrate_log(
         rests = find_rests(log, rest)
         refusal: RefusedError | None = None
         for level in rests.plateau:
-            intervals = level.intervals
+            intervals = without(log, level.intervals, leave_out)
             require_unsaturated(log, intervals, full_scale)
             poses = interval_means(log.accelerometer, intervals)
             pose = pose_noise(log, intervals, block=rests.block, file=noise)
@@ -217,13 +222,15 @@ def calibrate_log(
             )
             warm = warm._replace(within=within)
         case = case_of(log, g, rest, intervals, pose, fit)
-        sensor, middle = fit.sensor(), log.time[intervals.sum(axis=1) // 2]
+        diagnosis = diagnose(
+            fit, poses, std, time=case.middle, further=further,
+            judgement=case.judgement,
+        )  # fmt: skip
+        sensor = fit.sensor()
         forces, initial = sensor.correct(poses), rests.initial
         result = LogCalibration(
             fit=fit,
-            diagnosis=diagnose(
-                fit, poses, std, time=middle, further=further, judgement=case.judgement
-            ),
+            diagnosis=replace(diagnosis, wrong=case.wrong),
             white_chi2_per_dof=reduced_chi2(fit, poses, white),
             pose_noise=pose,
             rest=initial,

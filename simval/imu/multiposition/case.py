@@ -5,11 +5,13 @@ the rows of each rest show. A counter that wraps around is seen row by row, wher
 sensor moves: the readings without the laps go in as one more explanation.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from simval.arrays import Array
+from simval.errors import InputError
 from simval.imu.calibrate import FitResult
 from simval.imu.explain import Judgement, RestMeans, judge
 from simval.imu.explain.catalogue import wrapped
@@ -65,9 +67,40 @@ class Case(NamedTuple):
         return self.rows(self.intervals[0, 0], self.intervals[-1, 1])
 
     @property
+    def wrong(self) -> str:
+        """Say what is wrong with the rests and what to do; empty where nothing is."""
+        words = self.judgement.sentence(self.middle)
+        off = ",".join(f"{self.middle[k]:.1f}" for k in self.judgement.off)
+        return f"{words} (--leave-out {off})" if off else words
+
+    @property
     def middle(self) -> Float[Array, " m"]:
         """Time of the middle of each rest, s."""
         return self.log.time[self.intervals.sum(axis=1) // 2]
+
+
+def without(log: Log, rests: Intervals, times: Sequence[float]) -> Intervals:
+    """The rests that none of these times, s, is in.
+
+    Raises
+    ------
+    InputError
+        If a time is in no rest.
+    """
+    first, last = log.time[rests[:, 0]], log.time[rests[:, 1] - 1]
+    kept = np.ones(len(rests), dtype=bool)
+    for time in times:
+        inside = (first <= time) & (time <= last)
+        if not inside.any():
+            k = int(np.argmin(np.maximum(first - time, time - last)))
+            msg = (
+                f"no rest was found at {time:g} s, which is to be left out; the "
+                f"nearest is from {first[k]:.2f} s to {last[k]:.2f} s; give a time "
+                "within the rest"
+            )
+            raise InputError(msg)
+        kept &= ~inside
+    return rests[kept]
 
 
 def case_of(

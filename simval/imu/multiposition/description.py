@@ -265,8 +265,7 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
         start, stop = result.intervals[pose]
         lines.append(
             f"outlier           interval {pose} (samples {start} to {stop - 1}): "
-            f"{diagnosis.standardized[pose]:.1f} standard deviations off; look at it, "
-            "or use --loss cauchy"
+            f"{diagnosis.standardized[pose]:.1f} standard deviations off"
         )
     return lines
 

@@ -301,10 +301,7 @@ def wrapped(case: Case) -> str | None:
 
 def judged(case: Case) -> str | None:
     """Something that is wrong with the rests, with odds that refuse them."""
-    judgement = case.judgement
-    if judgement.answer != "refusal":
-        return None
-    return judgement.sentence(case.middle)
+    return case.wrong if case.judgement.answer == "refusal" else None
 
 
 def accused(case: Case) -> str | None:

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from true_sensor import MODEL
 
-from simval.errors import RefusedError
+from simval.errors import InputError, RefusedError
 from simval.imu.calibrate import calibrate
 from simval.imu.calibrate.diagnosis import diagnose
 from simval.imu.logs import read_log
@@ -266,6 +266,12 @@ def test_an_outlier_rest_is_named():
     result = calibrate_log(log, g=G)
     assert result.diagnosis.outliers == (11,)
     assert "gravity in the rest at 35.5 s is not that" in result.diagnosis.verdict
+    assert result.diagnosis.wrong.endswith("(--leave-out 35.5)")
+    mended = calibrate_log(log, g=G, leave_out=[35.5])
+    assert mended.diagnosis.judgement.answer == "sound"
+    assert len(mended.intervals) == len(result.intervals) - 1
+    with pytest.raises(InputError, match="no rest was found at 33 s"):
+        calibrate_log(log, g=G, leave_out=[33.0])
     assert "interval 11" in str(result)
     # the other sensors take the noise that these residuals show
     poses = interval_means(log.accelerometer, result.intervals)
