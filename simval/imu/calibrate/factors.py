@@ -241,8 +241,8 @@ def judged(
         more = left.covariance(odds.variances) - left.covariance(left.variances)
         if np.abs(np.diagonal(more)).max() < _SAME:
             break
-        names = [(each.cause, each.kind) for each in left.rows.beside]
-        found = fit(found, dict(zip(names, odds.variances.tolist(), strict=True)))
+        kinds = [(each.cause, each.kind) for each in left.rows.beside]
+        found = fit(found, dict(zip(kinds, odds.variances.tolist(), strict=True)))
         left = Left(residuals(found), odds.variances)
     return found, NoiseFactors(
         sensors=left.sensors(),
