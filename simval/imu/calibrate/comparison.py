@@ -513,11 +513,14 @@ def _state(
     )
 
 
+_EVEN = 0.5  # posterior, from which residuals and not the user say a noise
+
+
 def _dof(block: dict[str, Any], sensor: str) -> float:
     """Degrees of freedom of the noise, if the residuals made it larger than stated."""
     residuals = instance("residuals", block.get("residuals", {}), dict)
     own = instance(sensor, residuals.get(sensor, {}), dict)
-    if not array(own, "factor", ()) > 1.0:
+    if not array(own, "share", ()) > _EVEN:
         return np.inf
     dof = positive_number("dof", own.get("dof"), "")
     return max(dof, 1.0) if dof < MANY else np.inf  # the nodes are for 1 and more

@@ -22,7 +22,7 @@ A sensor that is left out leaves its columns and its equations out; nothing else
 changes.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -31,6 +31,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 import numpy as np
 
 from simval.arrays import Array
+from simval.imu.calibrate.goodness_of_fit import Beside
 from simval.imu.calibrate.solver import Trials
 from simval.imu.sensor import forms
 from simval.shapes import Float
@@ -38,6 +39,10 @@ from simval.vocabulary import Model
 
 FIELD_NAMES = (*(f"M_{a}{b}" for a in "xyz" for b in "xyz"), "b_x", "b_y", "b_z", "dip")
 """Of a magnetometer's parameters: M row by row, b, and the dip."""
+
+
+Errors = Mapping[tuple[str, str], float]
+"""Variances of errors beside the stated noise, by cause and kind."""
 
 
 def _products(u: Array, v: Array) -> Array:
@@ -112,9 +117,10 @@ class Sensor:
         readings, std = self.readings[trials][:, rests], self.std[trials][:, rests]
         return replace(self, readings=readings, std=std)
 
-    def noisier(self, factor: float) -> Self:
-        """The same with so many times the noise."""
-        return replace(self, std=self.std * factor)
+    def beside(self, variances: Errors) -> Self:
+        """The same with so many times the variance of its noise beside it."""
+        more = variances[self.name, "noise"]
+        return replace(self, std=self.std * np.sqrt(1.0 + more))
 
     def _triad(self, matrix: Array, bias: Array, slopes: Any = None) -> Corrected:
         x = self.readings - bias[:, None]
@@ -230,8 +236,11 @@ class Turns(Protocol):
     def take(self, trials: Any) -> Self:
         """Select trials."""
 
-    def noisier(self, factor: float) -> Self:
-        """The same with so many times the noise."""
+    def errors(self, at: dict[str, Corrected], theta: Array) -> tuple[Beside, ...]:
+        """Errors that may stand beside its noise, of variance 1, in its rows."""
+
+    def beside(self, variances: Errors) -> Self:
+        """The same with such errors beside its noise."""
 
 
 class Between(NamedTuple):
@@ -305,12 +314,10 @@ class Problem:
             prior=None if self.prior is None else self.prior.take(trials),
         )
 
-    def noisier(self, *factors: float) -> "Problem":
-        """The same with so many times the noise of each sensor, and of the turns."""
-        own, last = factors[: len(self.sensors)], factors[len(self.sensors) :]
-        pairs = zip(self.sensors, own, strict=True)
-        sensors = tuple(each.noisier(factor) for each, factor in pairs)
-        turns = None if self.turns is None else self.turns.noisier(*last)
+    def beside(self, variances: Errors) -> "Problem":
+        """The same with errors of such variances beside the noise."""
+        sensors = tuple(each.beside(variances) for each in self.sensors)
+        turns = None if self.turns is None else self.turns.beside(variances)
         return replace(self, sensors=sensors, turns=turns)
 
     def corrected(self, theta: Float[Array, "t p"]) -> dict[str, Corrected]:

@@ -1,49 +1,98 @@
-r"""Noise factors of a joint fit: which sensors agree with their stated noise.
+r"""Noise of a joint fit beside what is stated: which source is to blame for a misfit.
 
-The rows of a joint fit are :math:`r = J\,\mathrm{d}\theta + \sum_s n_s`, each n_s the
-noise of one sensor, its source, of covariance :math:`\lambda_s V_s`; V_s is what was
-stated. With :math:`S = \sum_s \lambda_s V_s` and Z a basis of what J cannot explain,
-:math:`P = Z (Z^T S Z)^{-1} Z^T`, true factors give
+The rows of a joint fit are :math:`r = J\,\mathrm{d}\theta + n`. Beside the noise that
+is stated, of covariance V, each source may have errors of its own,
 
-.. math:: E\,r^T P V_s P r = \mathrm{tr}\,P V_s,\qquad
-   \mathrm{var}\,r^T P V_s P r = 2\,\mathrm{tr}\,P V_s P V_s,
+.. math:: \mathrm{cov}\,n = V + \sum_s \nu_s U_s, \tag{B1}
 
-and the factors of restricted maximum likelihood are those that make both sides equal
-(1 where that would be less): each is multiplied by the ratio until none changes. At the
-stated noise the sum over the sources is chi-square of all rows. That and each source's
-own part are tested first; where all are what chance leaves, nothing is done. Sources
-that chance explains given the factors of the others go back to 1, one by one.
+:math:`U_s` that of one of variance 1: of a sensor that is read at rest more of its own
+noise; of a gyroscope an angle by which each rotation is off, which a factor on a stated
+noise of zero would not reach, or a matrix that changes in the course of the log; of the
+hold what the body turns beside the rotations. With :math:`S(\nu)` the covariance (B1)
+of what J cannot explain, y, the likelihood is
+:math:`\ell = -\tfrac12(\ln\det S + y^T S^{-1} y)`, of slope and information in the
+logarithms of the standard deviations :math:`\phi_s = \tfrac12\ln\nu_s`
+
+.. math:: \ell_s = \nu_s (y^T S^{-1} U_s S^{-1} y - \mathrm{tr}\,S^{-1} U_s), \qquad
+   H_{st} = 2\,\nu_s \nu_t\,\mathrm{tr}\,S^{-1} U_s S^{-1} U_t.  \tag{B2}
+
+Nothing is asked unless chi-square of all rows, or of the directions of an error, is
+beyond the stated noise by chance below `CHANCE`. Then sets of errors are held against
+the stated noise by their marginal likelihoods (Laplace's method), each :math:`\phi`
+anywhere between `LEAST` and `MOST` times what doubles the variance of its rows, each
+error at odds of `MORE` beforehand. By Markov's bound the weighted mean of these ratios
+exceeds R by chance in at most 1/R of sound logs: odds and rule of naming are those of
+`simval.imu.explain.judgement`. The variances that are used are means over the sets, so
+no single rest flips the blame.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
+import scipy
 
 from simval.arrays import Array, ReadOnly
 from simval.errors import RefusedError
 from simval.imu.calibrate.goodness_of_fit import (
+    LEAST_FREEDOM,
     Combination,
+    Kind,
     Left,
     Residuals,
     SensorResiduals,
-    sum_chance,
+    freedom,
 )
+from simval.imu.explain.judgement import CHANCE, LEADS, NAMED, REFUSED, REMARKED
 from simval.shapes import Float
 
 F = TypeVar("F")
-CHANCE: Final = 1e-3
-"""Of a log whose noise is as stated: that any of its sensors is given more."""
-MOST_FACTOR: Final = 10.0
+MORE: Final = 0.2
+"""Odds of each error, before the log is seen, against none."""
+LEAST, MOST = 0.3, 1e4
+"""Standard deviations of an error, of one that doubles the variance of its rows."""
+WIDEST: Final = 10.0
 """Of the error bars of a sensor's own parameters. Beyond it the stated noise is less
 than a hundredth of the variance that is seen: what governs the result is in no model,
 and to the others the sensor tells less than a hundredth of what it was taken for, half
 a percent of their error bars. It is left out."""
-_STILL: Final = 1e-4  # of a factor, between steps of its search
-_MOST_STEPS: Final = 500
-_ROUNDS: Final = 8  # of factors and fit; three are usual
-_SAME: Final = 1e-2  # of a factor, between rounds: a hundredth of an error bar
+CHANGED: Final = 0.01
+"""Of a matrix in the course of the log: such a calibration knows no more of the sensor
+than its data sheet."""
+_STILL: Final = 1e-3  # of a logarithm, between steps of its search
+_MOST_STEPS: Final = 60
+_ROUNDS: Final = 8  # of odds and fit; three are usual
+_SAME: Final = 2e-2  # of a variance, between rounds: a hundredth of an error bar
+
+
+class SourceError(NamedTuple):
+    """What a joint fit says of an error beside the stated noise."""
+
+    cause: str  # sensor, or what else may be to blame
+    kind: Kind
+    blame: float  # posterior share of the cause, by whatever error
+    share: float  # of this error
+    size: float  # standard deviation that was taken, in the unit of its kind
+    widening: float  # by how much error bars of the cause have grown, their median
+
+    @property
+    def sentence(self) -> str:
+        """The error in words."""
+        if self.kind == "noise":
+            return (
+                f"noise of the {self.cause}: taken {np.hypot(1.0, self.size):.3g} "
+                "times as large as stated or measured"
+            )
+        if self.kind == "matrix":
+            return (
+                f"matrix of the {self.cause}: taken to change by "
+                f"{100.0 * self.size:.2g} % in the course of the log"
+            )
+        what = f"rotations of the {self.cause}: beside its noise they"
+        if self.cause == "hold":
+            what = "holds: by what the body turns in them unseen rotations"
+        return f"{what} are taken to be off by {np.degrees(self.size):.2g} degrees"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,12 +104,11 @@ class NoiseFactors(ReadOnly):
 
     # chi-square, rests and moves of each sensor; empty where none was judged
     sensors: tuple[SensorResiduals, ...]
-    # by how much the standard deviations of its noise exceed those stated; 1: borne
-    factor: Float[Array, " s"]
-    widening: Float[Array, " s"]  # the most that error bars of its own have grown by
-    # chance that noise as stated leaves as much, in all rows or in those of any sensor;
-    # below `CHANCE` a factor is asked for. NaN where none was judged
+    errors: tuple[SourceError, ...]  # beside the stated noise
+    # chance that noise as stated leaves as much, in all rows or in those of any error;
+    # below `CHANCE` more is asked for. NaN where none was judged
     p_value: float
+    odds: float  # of any error against none, natural logarithm
     least_determined: Combination | None  # what the fit tells worst
 
     @property
@@ -70,18 +118,36 @@ class NoiseFactors(ReadOnly):
 
     @property
     def borne(self) -> bool:
-        """Whether no sensor was given more than its stated noise."""
-        return not np.any(self.factor > 1.0)
+        """Whether no error was taken beside the stated noise."""
+        return not self.p_value < CHANCE
+
+    @property
+    def blamed(self) -> tuple[str, ...]:
+        """Causes of a misfit; none where that cannot be told."""
+        if self.borne or self.odds < np.log(REMARKED):
+            return ()
+        causes = (each.cause for each in self.errors if each.blame >= NAMED)
+        return tuple(dict.fromkeys(causes))
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What there is to say of each sensor whose noise is more than was stated."""
+        """What there is to say of errors beside the stated noise."""
+        if self.borne:
+            return ()
+        likely = [each for each in self.errors if each.share > 1.0 - NAMED]
+        likely.sort(key=lambda each: -each.share)
+        if not self.blamed:
+            told = self.odds >= np.log(REMARKED)
+            why = "which of these is why cannot be told" if told else "cause unknown"
+            taken = "".join(f"; {each.sentence}" for each in likely)
+            return (
+                f"{' and '.join(self.sources)} misfit beyond their noise, {why}, so "
+                f"error bars are widened to match{taken}",
+            )
         return tuple(
-            f"noise of the {each.name}: taken {factor:.3g} times as large as stated "
-            f"or measured, as its residuals ask; {each.item} {each.worst} is "
-            f"farthest off ({each.deviations[each.worst]:.3g} standard deviations)"
-            for each, factor in zip(self.sensors, self.factor, strict=True)
-            if factor > 1.0
+            "; or ".join(each.sentence for each in likely if each.cause == cause)
+            + ", as its residuals ask"
+            for cause in self.blamed
         )
 
     @property
@@ -99,115 +165,199 @@ class NoiseFactors(ReadOnly):
 
     @property
     def refusal(self) -> str:
-        """Why the fit is no calibration; empty where it is one."""
-        wide = np.flatnonzero((self.factor > 1.0) & ~(self.widening <= MOST_FACTOR))
-        if not wide.size:
+        """Why the fit is no calibration; empty where it is one.
+
+        An accelerometer's is not refused: its own fit has just such error bars.
+        """
+        if self.odds < np.log(REFUSED):
             return ""
-        s = max(wide, key=lambda each: float(self.widening[each]))
-        sensor = self.sensors[s]
-        return (
-            f"the residuals of the {sensor.name} ask for {self.factor[s]:.3g} "
-            f"times its noise as stated or measured, and for error bars "
-            f"{self.widening[s]:.3g} times as wide, {MOST_FACTOR:g} at most: it does "
-            "not follow the model of one calibration; look at "
-            f"{sensor.item} {sensor.worst}, which is farthest off, at a scale or a "
-            "bias that changes with time, at the range and the clock of the sensor, "
-            "and at that noise"
-        )
+        for sensor in self.sensors[1:]:
+            own = [each for each in self.errors if each.cause == sensor.name]
+            worst = max(own, key=lambda each: each.share)
+            beyond = (
+                f"{100.0 * CHANGED:g} % at most"
+                if worst.kind == "matrix"
+                else f"for error bars {worst.widening:.3g} times as wide, {WIDEST:g} "
+                "at most"
+            )
+            sound = (
+                worst.size <= CHANGED
+                if worst.kind == "matrix"
+                else worst.widening <= WIDEST
+            )
+            if sensor.name not in self.blamed or sound:
+                continue
+            return (
+                f"{worst.sentence}, as its residuals ask, {beyond}: it does not follow "
+                f"the model of one calibration; look at {sensor.item} {sensor.worst}, "
+                "which is farthest off, at a scale or a bias that changes with time, "
+                "at the range and the clock of the sensor, and at that noise"
+            )
+        return ""
 
     def as_object(self) -> dict[str, Any]:
         """Return what was found of each sensor, as JSON can hold it."""
-        numbers = zip(self.sensors, self.factor, self.widening, strict=True)
-        return {
-            each.name: each.as_object()
-            | {"factor": float(factor), "widening": float(wider)}
-            for each, factor, wider in numbers
-        }
+        found: dict[str, Any] = {each.name: each.as_object() for each in self.sensors}
+        for each in self.errors:
+            own = found.setdefault(each.cause, {})
+            own |= {"share": each.blame, "widening": each.widening}
+            own.setdefault("beside", {})[each.kind] = each.size
+        return found
 
 
 NOT_JUDGED: Final = NoiseFactors(
-    sensors=(), factor=np.ones(0), widening=np.ones(0), p_value=float("nan"),
-    least_determined=None,
-)  # fmt: skip
+    sensors=(), errors=(), p_value=float("nan"), odds=-np.inf, least_determined=None
+)
 
 
 def judged(
     found: F,
-    fit: Callable[[F, Float[Array, " s"]], F],
+    fit: Callable[[F, dict[tuple[str, str], float]], F],
     residuals: Callable[[F], Residuals],
 ) -> tuple[F, NoiseFactors]:
-    """Fit again with the noise that the residuals ask for, if they ask for more.
+    """Fit again with the errors that the residuals ask for, if they ask for any.
 
-    `fit` takes a fit, and the factors of its sources' standard deviations, to the fit
-    with those; `residuals` are the rows of a fit where it ended, their covariances with
-    the noise it was made with. Of the last fit it is said what its residuals say.
+    `fit` takes a fit, and the variance of each error beside the noise, to the fit with
+    those; `residuals` are the rows of a fit where it ended, as the stated noise weighs
+    them. Of the last fit it is said what its residuals say.
 
     Raises
     ------
     RefusedError
-        If rounding decides what noise they ask for.
+        If no noise that is anywhere near the stated one could leave them.
     """
     left = Left(residuals(found))
-    for _ in range(_ROUNDS):
-        asked = _asked(left)
-        if np.all(np.abs(np.log(asked / left.factor)) < _SAME):
+    chance, odds = left.p_value(), _Odds.none(left)
+    if not left.stated[:, 0].sum() <= MOST**2 * left.y.size:
+        names = ", ".join(each.name for each in left.sources)
+        msg = (
+            f"the noises of these sensors, {names}, differ from what the residuals "
+            f"show by more than {MOST:g} times, so rounding decides what these say; "
+            "state a noise that each of them can have"
+        )
+        raise RefusedError(msg)
+    for _ in range(_ROUNDS if chance < CHANCE else 0):
+        odds = _Odds.of(left)
+        more = left.covariance(odds.variances) - left.covariance(left.variances)
+        if np.abs(np.diagonal(more)).max() < _SAME:
             break
-        found = fit(found, asked)
-        left = Left(residuals(found), asked)
-    factor = left.factor
-    S = sum(f * f * V for f, V in zip(factor, left.parts, strict=True))
-    bars = [
-        np.linalg.inv(left.J.T @ np.linalg.solve(V, left.J)).diagonal()
-        for V in (S, sum(left.parts))
-    ]
-    wider = np.sqrt(bars[0] / bars[1])
+        kinds = [(each.cause, each.kind) for each in left.rows.beside]
+        found = fit(found, dict(zip(kinds, odds.variances.tolist(), strict=True)))
+        left = Left(residuals(found), odds.variances)
     return found, NoiseFactors(
         sensors=left.sensors(),
-        factor=factor,
-        widening=np.array([wider[s.parameters].max() for s in left.sources]),
-        p_value=left.p_value(),
+        errors=_errors(left, odds),
+        p_value=chance,
+        odds=odds.log,
         least_determined=left.combination(),
     )
 
 
-def _asked(left: Left) -> Float[Array, " s"]:
-    # factors of the standard deviations, 1 at the least
-    free = list(left.free)
-    if not free or left.p_value() >= CHANCE:
-        return np.ones(len(left.V))
-    while True:
-        factor = _balanced(left, free)
-        # chance that noise as stated of one leaves as much, the others as they are
-        chances = [
-            sum_chance(
-                left.moments(np.where(np.arange(len(factor)) == s, 1.0, factor))[s]
-            )
-            for s in free
-        ]
-        most = int(np.argmax(chances))
-        if len(free) == 1 or chances[most] < CHANCE / (len(left.V) + 1):
-            return factor
-        free.pop(most)
+def _errors(left: Left, odds: "_Odds") -> tuple[SourceError, ...]:
+    bars = [
+        np.linalg.inv(left.J.T @ np.linalg.solve(S, left.J)).diagonal()
+        for S in (np.eye(len(left.base)), left.base)
+    ]
+    wider = np.sqrt(bars[0] / bars[1])
+    own = {each.name: each.parameters for each in left.sources}
+    return tuple(
+        SourceError(
+            cause=each.cause,
+            kind=each.kind,
+            blame=odds.blame[each.cause],
+            share=float(share),
+            size=float(np.sqrt(variance) * each.size),
+            widening=float(np.median(wider[own.get(each.cause, slice(None))])),
+        )
+        for each, share, variance in zip(
+            left.rows.beside, odds.shares, left.variances, strict=True
+        )
+    )
 
 
-def _balanced(left: Left, free: list[int]) -> Float[Array, " s"]:
-    # factors of these sources by restricted maximum likelihood
-    factor = np.ones(len(left.V))
+class _Odds(NamedTuple):
+    # of errors against the stated noise
+    variances: Float[Array, " e"]  # means over the sets
+    shares: Float[Array, " e"]  # posterior, that there is any
+    blame: dict[str, float]  # the same of each cause
+    log: float  # of any against none
+
+    @classmethod
+    def none(cls, left: Left) -> "_Odds":
+        zero, causes = np.zeros(len(left.U)), [each.cause for each in left.rows.beside]
+        return cls(zero, zero, dict.fromkeys(causes, 0.0), -np.inf)
+
+    @classmethod
+    def of(cls, left: Left) -> "_Odds":
+        """Odds of sets of errors, those of one more beside the best of those before."""
+        zero = np.zeros(len(left.U))
+        told = [s for s, each in enumerate(left.asked) if freedom(each) > LEAST_FREEDOM]
+        every = {frozenset[int](): _Likely(_value(left, zero), zero)}
+        lead = list(every)
+        while lead:
+            best = max(every[some].log for some in lead)
+            new: dict[frozenset[int], _Likely] = {}
+            for some in lead:
+                for s in told:
+                    if s not in some and (more := some | {s}) not in new:
+                        new[more] = _likely(left, sorted(more), every[some].variances)
+            every |= new
+            lead = sorted(new, key=lambda some: -new[some].log)[:LEADS]
+            lead = [some for some in lead if new[some].log > best]
+        count = len(left.U)
+        holds = np.array([np.isin(range(count), list(some)) for some in every])
+        prior = np.log(MORE) * holds.sum(axis=1)
+        log = np.array([each.log for each in every.values()])
+        weight = np.exp(prior + log - scipy.special.logsumexp(prior + log))
+        causes = np.array([each.cause for each in left.rows.beside])
+        odds = scipy.special.logsumexp((prior + log)[1:]) - log[0]
+        return cls(
+            variances=weight @ np.array([each.variances for each in every.values()]),
+            shares=weight @ holds,
+            blame={
+                str(c): float(weight @ holds[:, causes == c].any(axis=1))
+                for c in causes
+            },
+            log=float(odds - np.log((1.0 + MORE) ** len(told) - 1.0)),
+        )
+
+
+class _Likely(NamedTuple):
+    log: float  # marginal likelihood
+    variances: Float[Array, " e"]  # the likeliest
+
+
+def _value(left: Left, variances: Array) -> float:
+    root = np.linalg.cholesky(left.covariance(variances))
+    z = np.linalg.solve(root, left.y)
+    return float(-np.log(root.diagonal()).sum() - 0.5 * z @ z)
+
+
+def _likely(left: Left, own: list[int], start: Array) -> _Likely:
+    # of some errors, by Fisher's scoring with (B2)
+    U = [left.U[s] for s in own]
+    _, mean, variance = left.asked[own].T
+    unit = 2.0 * mean / variance  # doubles the variance of the rows
+    phi = 0.5 * np.log(np.where(start[own] > 0.0, start[own], unit))
+    ends = 0.5 * np.log(unit) + np.log([[LEAST], [MOST]])
+    at, H = np.zeros(len(start)), np.eye(len(own))
     for _ in range(_MOST_STEPS):
-        last, found = factor.copy(), left.moments(factor)[free, :2]
-        if not np.all(found > 0.0):
-            names = ", ".join(each.name for each in left.sources)
-            msg = (
-                f"the noises of these sensors, {names}, differ by so much that "
-                "rounding decides what the residuals say; state a noise that each of "
-                "them can have"
-            )
-            raise RefusedError(msg)
-        ratio = np.sqrt(found[:, 0] / found[:, 1])
-        factor[free] = np.maximum(1.0, factor[free] * ratio)
-        if np.all(np.abs(np.log(factor / last)) < _STILL):
+        at[own] = nu = np.exp(2.0 * phi)
+        weight = np.linalg.inv(left.covariance(at))
+        q, A = weight @ left.y, np.array([weight @ each for each in U])
+        slope = nu * ([q @ each @ q for each in U] - np.trace(A, axis1=1, axis2=2))
+        H = 2.0 * np.outer(nu, nu) * np.einsum("sij,tji->st", A, A)
+        step = np.linalg.solve(H + 1e-9 * np.eye(len(own)), slope)
+        last, phi = phi, np.clip(phi + np.clip(step, -1.0, 1.0), *ends)
+        if np.abs(phi - last).max() < _STILL:
             break
-    return factor
+    # as likely without one of them, or nowhere within bounds
+    if np.any((phi <= ends[0]) | (phi >= ends[1])):
+        return _Likely(-np.inf, at)
+    spread = np.log(MOST / LEAST)
+    H = H / (2.0 * np.pi) + np.eye(len(own)) / spread**2  # 1 where it is flat
+    log = _value(left, at) - len(own) * np.log(spread) - 0.5 * np.linalg.slogdet(H)[1]
+    return _Likely(float(log), at)
 
 
 _SHARE = 0.1  # of a standard deviation, over which a fit is linear

@@ -14,9 +14,9 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import RefusedError
-from simval.imu.calibrate.equations import Local, Problem
+from simval.imu.calibrate.equations import Errors, Local, Problem
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
-from simval.imu.calibrate.goodness_of_fit import Residuals, Source
+from simval.imu.calibrate.goodness_of_fit import Beside, Residuals, Source
 from simval.shapes import Float
 
 TOLERANCE = 1e-8
@@ -30,8 +30,8 @@ _SHORT = 4  # further steps by a linearisation
 _FIRST_DAMPING, _LAST_DAMPING = 1e-4, 1e12  # of the diagonal
 
 
-def residuals(problem: Problem, here: Local) -> Residuals:
-    """Rows of the first trial, and whose noise is in them.
+def residuals(problem: Problem, here: Local, theta: Array) -> Residuals:
+    """Rows of the first trial, whose noise is in them, and what may be beside it.
 
     What is not noise of the sensors that are read at rest is that of the turns.
     """
@@ -44,29 +44,34 @@ def residuals(problem: Problem, here: Local) -> Residuals:
     else:
         noise = L
     noise = noise.reshape(rows, len(problem.sensors[0].readings[0]), -1)
-    sources = []
+    sources, beside = [], []
     for name, own in problem.noises.items():
         flat = noise[..., own].reshape(rows, -1)
-        sources.append(
-            Source(
-                name=name, covariance=flat @ flat.T, item="rest",
-                items=np.moveaxis(noise[..., own], 1, 0),
-                parameters=problem.columns[name],
-            )
+        source = Source(
+            name=name, covariance=flat @ flat.T, item="rest",
+            items=np.moveaxis(noise[..., own], 1, 0),
+            parameters=problem.columns[name],
         )  # fmt: skip
+        sources.append(source)
+        beside.append(Beside(name, "noise", source.covariance))
     if problem.turns is not None:
         name, (count, size) = problem.turns.name, problem.turns.item
-        moves = here.white[0][:, : count * size].reshape(rows, count, size)
+        white, at = here.white[0], problem.columns[name]
+        moves = white[:, : count * size].reshape(rows, count, size)
         sources.append(
             Source(
                 name=name, item="move", items=np.moveaxis(moves, 1, 0),
                 covariance=np.eye(rows) - sum(s.covariance for s in sources),
-                parameters=problem.columns[name],
+                parameters=at,
             )
         )  # fmt: skip
+        for error in problem.turns.errors(here.at, theta[:, at]):
+            by = white[:, : len(error.covariance)]
+            beside.append(error._replace(covariance=by @ error.covariance @ by.T))
     return Residuals(
-        r=here.rows[0], J=here.slopes[0], sources=tuple(sources), names=problem.names
-    )
+        r=here.rows[0], J=here.slopes[0], sources=tuple(sources), beside=tuple(beside),
+        names=problem.names,
+    )  # fmt: skip
 
 
 class Solution(NamedTuple):
@@ -172,13 +177,16 @@ def weighed(
 ) -> tuple[Problem, Solution, NoiseFactors]:
     """One trial by the noise that its residuals ask for, if more than stated."""
 
-    def fit(last: tuple[Problem, Solution], factor: Any) -> Any:
-        noisier = problem.noisier(*factor)
-        return noisier, minimize(noisier, last[1].theta, most)
+    def fit(last: tuple[Problem, Solution], variances: Errors) -> Any:
+        used = problem.beside(variances)
+        return used, minimize(used, last[1].theta, most)
 
-    (used, found), noise = judged(
-        (problem, stated), fit, lambda last: residuals(last[0], last[1].here)
-    )
+    def rows(last: tuple[Problem, Solution]) -> Residuals:
+        used, found = last
+        here = found.here if used is problem else problem.local(found.theta)
+        return residuals(problem, here, found.theta)
+
+    (used, found), noise = judged((problem, stated), fit, rows)
     if not found.converged[0]:  # residuals of no solution
         return problem, stated, NOT_JUDGED
     if noise.refusal:

@@ -36,8 +36,9 @@ explains the items that are left, the chi-square of the drop is asked too, and t
 share :math:`\alpha`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 import scipy
@@ -65,7 +66,13 @@ _SHARE = 5
 _NAMED = 0.3  # of the greatest part of a combination: what is named of it
 _MOST_NAMED = 4
 _RANK = 1e-7  # of the greatest singular value
-_LEAST_FREEDOM: Final = 1e-2  # of a source; below it its chi-square says nothing
+LEAST_FREEDOM: Final = 1e-2
+"""Of a source; below it its chi-square says nothing."""
+
+
+Kind = Literal["noise", "rotations", "matrix"]
+"""Of an error beside the noise that is stated: as much more of that noise, rad that
+each rotation is off, or a matrix that changes in the course of the log, relative."""
 
 
 class Source(NamedTuple):
@@ -78,12 +85,22 @@ class Source(NamedTuple):
     parameters: slice  # its own
 
 
+class Beside(NamedTuple):
+    """An error that may stand in the rows beside the noise that is stated."""
+
+    cause: str  # sensor, or what else may be to blame
+    kind: Kind
+    covariance: Float[Array, "r r"]  # of one of variance 1
+    size: float = 1.0  # of that, in the unit of its kind
+
+
 class Residuals(NamedTuple):
     """Rows of one fit where it ended, in any units, and whose noise they hold."""
 
     r: Float[Array, " r"]
     J: Float[Array, "r p"]
     sources: tuple[Source, ...]
+    beside: tuple[Beside, ...] = ()
     names: tuple[str, ...] = ()  # of the parameters
 
 
@@ -377,7 +394,7 @@ class SensorResiduals(ReadOnly):
     dof: float  # the mean of that, if the noise is as stated
     p_value: float  # of as much; NaN where too few degrees of freedom are left
     leverage: Float[Array, " n"]  # share of each rest or move in its own fit, 0 to 1
-    # of each from what all others say, in standard deviations of the stated noise
+    # of each from what all others say, in standard deviations of the noise of the fit
     deviations: Float[Array, " n"]
     # rests or moves that do not belong; any of a clean log with a chance of 1 %
     outliers: tuple[int, ...]
@@ -417,46 +434,51 @@ class SensorResiduals(ReadOnly):
 class Left:
     """What the parameters cannot explain of the rows, in units of the fit's noise.
 
-    The covariances of the rows are those of the fit, which exceed the stated ones of
-    each source by a factor of its standard deviations.
+    That is the stated one of each source, and errors beside it of such variances.
     """
 
-    def __init__(self, rows: Residuals, factor: Array | None = None) -> None:
+    def __init__(self, rows: Residuals, variances: Array | None = None) -> None:
         self.rows, self.sources = rows, rows.sources
-        count = len(rows.sources)
-        self.factor = np.ones(count) if factor is None else factor
-        parts = [s.covariance for s in rows.sources]
-        self.white = np.linalg.inv(np.linalg.cholesky(sum(parts)))
+        count = len(rows.beside)
+        self.variances = np.zeros(count) if variances is None else variances
+        stated = sum(s.covariance for s in rows.sources)
+        more = [each.covariance for each in rows.beside]
+        S = stated + sum(v * U for v, U in zip(self.variances, more, strict=True))
+        self.white = np.linalg.inv(np.linalg.cholesky(S))
+        self.base = self.white @ stated @ self.white.T
         J = self.white @ rows.J
         self.J = J / np.linalg.norm(J, axis=0)
-        self.parts = [
-            self.white @ V @ self.white.T / f**2
-            for V, f in zip(parts, self.factor, strict=True)
-        ]
         self.Z = np.linalg.qr(self.J, mode="complete")[0][:, J.shape[1] :]
         self.y = self.Z.T @ (self.white @ rows.r)
-        self.V = [self.Z.T @ part @ self.Z for part in self.parts]
-        self.stated = self.moments(np.ones(count))
-        self.free = [
-            s for s, mean in enumerate(self.stated[:, 1]) if mean > _LEAST_FREEDOM
-        ]
+        seen = self.Z.T @ self.white
+        self.V = [seen @ s.covariance @ seen.T for s in rows.sources]
+        self.U = [seen @ U @ seen.T for U in more]
+        none = np.zeros(count)
+        self.stated = self.moments(none, self.V)
+        self.asked = self.moments(none, self.U)
 
-    def moments(self, factor: Float[Array, " s"]) -> Float[Array, "s 3"]:
-        """Of each source: its part of chi-square at these, mean, and variance."""
-        S = sum(f * f * V for f, V in zip(factor, self.V, strict=True))
-        weight, values = np.asarray(np.linalg.inv(S)), []
-        q = weight @ self.y
-        for f, V in zip(factor, self.V, strict=True):
+    def covariance(self, variances: Float[Array, " e"]) -> Float[Array, "d d"]:
+        """Covariance of what is left, with errors of such variances."""
+        more = (v * U for v, U in zip(variances, self.U, strict=True))
+        return np.asarray(sum(self.V) + sum(more))
+
+    def moments(
+        self, variances: Float[Array, " e"], parts: Sequence[Array]
+    ) -> Float[Array, "s 3"]:
+        """Of some parts of that: their share of chi-square, its mean and variance."""
+        weight = np.asarray(np.linalg.inv(self.covariance(variances)))
+        q, values = weight @ self.y, []
+        for V in parts:
             A = weight @ V
-            squares = 2.0 * f**4 * np.sum(A * A.T)
-            values.append((f * f * (q @ V @ q), f * f * np.trace(A), squares))
-        return np.array(values)
+            values.append((q @ V @ q, np.trace(A), 2.0 * np.sum(A * A.T)))
+        return np.array(values).reshape(-1, 3)
 
     def p_value(self) -> float:
-        """Chance that noise as stated leaves as much, in all rows or of any source."""
-        value, rows = self.stated, self.y.size
-        every = [(value[:, 0].sum(), rows, 2.0 * rows), *value[self.free]]
-        return min(1.0, len(every) * min(map(sum_chance, every)))
+        """Chance that noise as stated leaves as much, in all rows or of any error."""
+        rows = self.y.size
+        every = [(self.stated[:, 0].sum(), rows, 2.0 * rows), *self.asked]
+        chances = [sum_chance(each) for each in every if freedom(each) > LEAST_FREEDOM]
+        return min(1.0, len(chances) * min(chances))
 
     def combination(self) -> Combination:
         """The combination of parameters that is least determined."""
@@ -485,15 +507,23 @@ class Left:
                 item=each.item,
                 chi_square=float(self.stated[s, 0]),
                 dof=float(self.stated[s, 1]),
-                p_value=sum_chance(self.stated[s]) if s in self.free else np.nan,
+                p_value=sum_chance(self.stated[s])
+                if self.stated[s, 1] > LEAST_FREEDOM
+                else np.nan,
                 leverage=leverage[a:b],
-                deviations=self.factor[s] * np.sqrt(drops[a:b]),
+                deviations=np.sqrt(drops[a:b]),
                 outliers=tuple(int(k - a) for k in outliers if a <= k < b),
             )
             for s, (each, a, b) in enumerate(
                 zip(self.sources, ends[:-1], ends[1:], strict=True)
             )
         )
+
+
+def freedom(value: Any) -> float:
+    """Degrees of freedom of a sum of squares of this mean and variance."""
+    _, mean, variance = value
+    return float(2.0 * mean**2 / variance) if variance > 0.0 else 0.0
 
 
 def sum_chance(value: Any) -> float:

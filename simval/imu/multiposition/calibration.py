@@ -121,13 +121,6 @@ class LogCalibration:
     def __str__(self) -> str:
         return "\n".join(log_lines(self))
 
-    @property
-    def pose_std(self) -> Float[Array, " m"]:
-        """Noise of each pose mean: what is known of it, or what the residuals show."""
-        excess = self.diagnosis.chi2_per_dof
-        grown = np.sqrt(excess) if excess > 1.0 else 1.0  # NaN is no excess
-        return np.asarray(self.pose_noise.std * grown)
-
 
 def calibrate_log(
     log: Log,
@@ -499,7 +492,7 @@ def _gyroscope(
     def joint(rows: Float[Array, "n 3"]) -> ImuFit:
         fit = calibrate_imu(
             log.time, log.accelerometer, rows, result.intervals, g=result.fit.g,
-            model=result.fit.model, pose_std=result.pose_std,
+            model=result.fit.model, pose_std=result.pose_noise.std,
             temperature=log.temperature, scheme=scheme,
         )  # fmt: skip
         require_one_unit(log, "gyroscope", fit.gyroscope.require_converged().M)
@@ -560,7 +553,7 @@ def _magnetometer(
     poses = interval_means(log.accelerometer, rests)
     fitted = partial(
         calibrate_magnetometer, g=result.fit.g, field=field,
-        accelerometer_std=result.pose_std, magnetometer_std=noise.std,
+        accelerometer_std=result.pose_noise.std, magnetometer_std=noise.std,
         hemisphere=hemisphere, model=result.fit.model,
         time=log.time[rests.sum(axis=1) // 2],
     )  # fmt: skip

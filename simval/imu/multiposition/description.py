@@ -26,7 +26,7 @@ from simval.imu.calibrate.estimate import (
     residual_line,
     status_line,
 )
-from simval.imu.calibrate.factors import CHANCE, NoiseFactors
+from simval.imu.calibrate.factors import NoiseFactors
 from simval.imu.calibrate.files import to_json
 from simval.imu.calibrate.goodness_of_fit import (
     BELIEVED,
@@ -39,7 +39,7 @@ from simval.imu.calibrate.magnetometer.findings import FALSE_ALARM as ONE_POSE
 from simval.imu.calibrate.magnetometer.result import OWN_NAMES
 from simval.imu.calibrate.rest_temperatures import LEAST_SPAN, Within
 from simval.imu.calibrate.thermal import Thermal
-from simval.imu.explain.judgement import CHANCE as CHANCE_OF_MISFIT
+from simval.imu.explain.judgement import CHANCE
 from simval.imu.logs import Log
 from simval.imu.statics import Intervals
 from simval.shapes import Float
@@ -119,7 +119,7 @@ def _rests(log: Any) -> Judgement:
     if answer == "sound" and not np.isfinite(found.p_value):
         holds, words = None, "the noise of a pose, or a degree of freedom, is not there"
     p = found.judgement.chance
-    return Judgement("rests of the accelerometer", holds, p, CHANCE_OF_MISFIT, words)
+    return Judgement("rests of the accelerometer", holds, p, CHANCE, words)
 
 
 def _order(found: Diagnosis) -> Judgement:

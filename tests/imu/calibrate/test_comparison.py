@@ -183,7 +183,7 @@ def test_three_sensors_are_compared_on_what_both_files_have(
     assert E_n[9] == pytest.approx(12.0 / (1.959964 * np.sqrt(2.0)), rel=1e-6)
     assert "gyroscope by B_x" in text
     # a noise that B's residuals made larger is known by their degrees of freedom
-    gyro["residuals"]["gyroscope"] |= {"factor": 2.0, "dof": 10.0}
+    gyro["residuals"]["gyroscope"] |= {"share": 0.9, "dof": 10.0}
     b.write_text(json.dumps(other))
     simval("compare", a, b, "--json", out)
     E_n = json.loads(out.read_text())["sensors"]["gyroscope"]["E_n"]

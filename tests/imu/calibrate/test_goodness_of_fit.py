@@ -4,8 +4,11 @@ A false alarm of a test of many sets is one in 1e4, by the binomial of the rate 
 package states.
 """
 
+from itertools import combinations, product
+
 import numpy as np
 import pytest
+import scipy
 from magnetometer_sets import FIELD, IRON_STD, squares
 from nine_axes import ACC, GYRO, MAG, TRUTH, drawn
 from scipy import stats
@@ -18,15 +21,17 @@ from simval.imu.calibrate import (
     calibrate_magnetometer,
     calibrate_nine_axis,
 )
-from simval.imu.calibrate.factors import CHANCE, judged
+from simval.imu.calibrate.factors import LEAST, MORE, MOST, judged
 from simval.imu.calibrate.goodness_of_fit import (
     FALSE_ALARM,
+    Beside,
     Deletion,
     Left,
     Residuals,
     Source,
     least_determined_of,
 )
+from simval.imu.explain.judgement import CHANCE
 
 
 def linear(rng, shift=None, size=0.0, factor=(1.0, 1.0, 1.0)):
@@ -42,25 +47,22 @@ def linear(rng, shift=None, size=0.0, factor=(1.0, 1.0, 1.0)):
         xi[shift] += size * np.array([0.6, -0.64, 0.48])
     J, r = rng.standard_normal((40, 8)), np.einsum("srim,sim->r", maps, xi)
 
-    def rows(asked):
-        sources = tuple(
-            Source(
-                name=name, covariance=f * f * np.einsum("rim,tim->rt", L, L),
-                item="rest", items=np.moveaxis(L, 1, 0), parameters=slice(0, 8),
-            )
-            for name, f, L in zip("abc", asked, maps, strict=True)
-        )  # fmt: skip
-        return Residuals(r=r, J=J, sources=sources, names=tuple("abcdefgh"))
-
-    return rows
-
-
-ONES = np.ones(3)
+    V = np.einsum("srim,stim->srt", maps, maps)
+    return Residuals(
+        r=r, J=J, names=tuple("abcdefgh"),
+        sources=tuple(
+            Source(name, V, np.moveaxis(L, 1, 0), "rest", slice(0, 8))
+            for name, V, L in zip("abc", V, maps, strict=True)
+        ),
+        beside=tuple(
+            Beside(name, "noise", V) for name, V in zip("abc", V, strict=True)
+        ),
+    )  # fmt: skip
 
 
-def asked_for(rng, factor=ONES):
-    """Factors that are found in a linear problem of three sources."""
-    return judged(ONES, lambda _, found: found, linear(rng, factor=factor))[1]
+def asked_for(rows):
+    """What is found in a linear problem, which its noise leaves as it is."""
+    return judged(rows, lambda _, more: rows, lambda _: rows)[1]
 
 
 def named(told):
@@ -71,12 +73,12 @@ def named(told):
 def test_outliers_of_any_rows_at_their_level_and_power():
     """Correlated rows, items of three unknowns that share rows with each other."""
     rng, sets = np.random.default_rng(8), 150
-    called = sum(bool(named(Left(linear(rng)(ONES)).sensors())) for _ in range(sets))
+    called = sum(bool(named(Left(linear(rng)).sensors())) for _ in range(sets))
     assert called <= stats.binom.isf(1e-4, sets, FALSE_ALARM)
     exact = 0
     for k in range(30):
         shift = (k % 3, k % 6)
-        exact += named(Left(linear(rng, shift, 25.0)(ONES)).sensors()) == [shift]
+        exact += named(Left(linear(rng, shift, 25.0)).sensors()) == [shift]
     assert exact >= 24
 
 
@@ -131,9 +133,10 @@ def test_as_many_rows_as_may_leave_are_found_together(count):
 def test_chances_are_those_of_chi_squares():
     """Of one sensor, and of three whose rows together are the least likely."""
     rng = np.random.default_rng(6)
-    rows = linear(rng)(ONES)
+    rows = linear(rng)
     one = rows._replace(
-        sources=(rows.sources[0]._replace(covariance=4.0 * np.eye(40)),)
+        sources=(rows.sources[0]._replace(covariance=4.0 * np.eye(40)),),
+        beside=(Beside("a", "noise", 4.0 * np.eye(40)),),
     )
     squares = Deletion.of(one.J, one.r / 2.0).squares([])
     expected = stats.chi2.sf(squares, 32)
@@ -166,9 +169,10 @@ def test_the_least_determined_combination_is_named():
 
 @pytest.mark.ci
 def test_noise_as_stated_is_asked_for_more_no_oftener_than_stated():
-    """The chance that is told is at least that, whatever the correlations of rows."""
+    """The chance that is told is at least that, whatever the correlations of rows; and
+    odds of R, of any log that is asked, are as Markov's bound has them."""
     rng, count = np.random.default_rng(5), 400
-    told = [asked_for(rng) for _ in range(count)]
+    told = [asked_for(linear(rng)) for _ in range(count)]
     for level in (CHANCE, 0.02, 0.2):
         seen = np.count_nonzero([each.p_value < level for each in told])
         assert seen <= stats.binom.isf(1e-5, count, level)
@@ -176,19 +180,58 @@ def test_noise_as_stated_is_asked_for_more_no_oftener_than_stated():
     seen = np.count_nonzero([each.p_value < 0.2 for each in told])
     assert seen >= stats.binom.ppf(1e-3, count, 1.0 - 0.95**3)
     assert all(each.borne == (each.p_value >= CHANCE) for each in told)
+    assert not any(each.blamed for each in told)
 
 
 @pytest.mark.parametrize("blamed", [0, 1, 2])
 def test_a_factor_is_that_of_the_noise(blamed):
-    """Four times the noise of one source: blamed, and by how much."""
-    rng, factors = np.random.default_rng(6 + blamed), []
+    """Four times the noise of one source: blamed, no other, and by how much."""
+    rng, found = np.random.default_rng(6 + blamed), []
     for _ in range(25):
-        told = asked_for(rng, np.where(np.arange(3) == blamed, 4.0, 1.0))
+        told = asked_for(linear(rng, factor=np.where(np.arange(3) == blamed, 4.0, 1.0)))
         assert told.p_value < CHANCE
-        factors.append(told.factor)
-    found = np.array(factors)
-    assert 3.4 < np.median(found[:, blamed]) < 4.6  # 4 +- 0.2 by 25 of 10 freedoms
-    assert np.count_nonzero(np.delete(found, blamed, axis=1) > 1.0) <= 2
+        assert set(told.blamed) <= {"abc"[blamed]}
+        found.append((told.errors[blamed].size, bool(told.blamed)))
+    size, named = np.mean(found, axis=0)
+    assert 3.4 < np.hypot(1.0, size) < 4.6  # 4 +- 0.2 by 25 of 10 freedoms
+    assert named > 0.8
+
+
+@pytest.mark.parametrize("factor", [(1.0, 3.5, 1.0), (3.0, 1.0, 3.0), (2.5, 1.0, 1.0)])
+def test_odds_are_those_of_an_integral(factor):
+    """Of one and two errors by quadrature over the density of contrasts (three at once
+    are hundreds of times rarer here), each by its share before the rows are seen."""
+    rng = np.random.default_rng(2)
+    rows = linear(rng, factor=factor)
+    while not (told := asked_for(rows)).p_value < CHANCE:
+        rows = linear(rng, factor=factor)
+    Z = scipy.linalg.null_space(rows.J.T)
+    y, V = Z.T @ rows.r, np.array([Z.T @ each.covariance @ Z for each in rows.beside])
+    base = np.linalg.solve(V.sum(axis=0), V)
+    unit = np.trace(base, axis1=1, axis2=2) / np.einsum("sij,sji->s", base, base)
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    ends = np.log([LEAST, MOST])
+    more = np.exp(2.0 * (ends.mean() + np.ptp(ends) / 2.0 * nodes))
+
+    def density(more):
+        S = V.sum(axis=0) + np.einsum("ks,sij->kij", more, V)
+        left = np.einsum("i,kij,j->k", y, np.linalg.inv(S), y)
+        return -0.5 * (np.linalg.slogdet(S)[1] + left)
+
+    none, sets = density(np.zeros((1, 3))), {}
+    for k in (1, 2):
+        at = np.array(list(product(range(len(nodes)), repeat=k)))
+        for some in map(list, combinations(range(3), k)):
+            given = np.zeros((len(at), 3))
+            given[:, some] = more[at] * unit[some]
+            likely = np.exp(density(given) - none) @ np.prod(weights[at] / 2.0, axis=1)
+            sets[tuple(some)] = likely * MORE**k
+    before = sum(MORE ** len(some) for some in sets)
+    whole = sum(sets.values())
+    assert abs(told.odds - np.log(whole / before)) < 0.5
+    for s, each in enumerate(told.errors):
+        share = sum(v for some, v in sets.items() if s in some) / (1.0 + whole)
+        assert abs(each.share - share) < 0.1
 
 
 # recordings with a fault in one sensor

@@ -334,6 +334,112 @@ def test_bad_input_is_refused_in_words():
             calibrate_imu(*good, g=G, **{name: bad})
 
 
+# who is to blame where both sensors disagree: twenty rests of 3 s
+
+_TWENTY = np.random.default_rng(20)
+CLOCK, TURNED, HELD, SEEN = rolled(
+    [(_TWENTY.standard_normal(3), _TWENTY.uniform(1.0, 2.5)) for _ in range(19)],
+    hold=300, move=150, h=H, first=800,
+)  # fmt: skip
+HALF = CLOCK[-1] / 2.0 < CLOCK
+BETWEEN = np.ones(len(CLOCK), dtype=bool)
+for _a, _b in HELD:
+    BETWEEN[_a:_b] = False
+OBLIQUE = np.array([0.6, -0.64, 0.48])
+
+
+def recorded(fault, rng):
+    """Rows of both sensors, one of which, or the hold, is not what it should be."""
+    held, rate = SEEN, TURNED.copy()
+    if fault == "hold":  # settles after the gyroscope has seen the turn
+        held = held * Rotation.from_rotvec(
+            np.radians(0.1) * rng.standard_normal((20, 3))
+        )
+    poses = ACCELEROMETER.distort(G * held.inv().apply(FIRST_UP), ZERO)
+    if fault == "accelerometer":
+        poses = poses + 0.02 * rng.standard_normal(poses.shape)
+    rest = np.searchsorted(HELD[:, 1], np.arange(len(CLOCK)), side="right")
+    rows = poses[np.minimum(rest, 19)] + 0.02 * rng.standard_normal(rate.shape)
+    if fault == "gain":
+        rate[HALF] *= 1.03
+    if fault == "axes":
+        turn = Rotation.from_rotvec(np.radians(2.0) * OBLIQUE)
+        rate[HALF] = turn.apply(rate[HALF])
+    sensor = replace(GYROSCOPE, B=np.zeros(3)) if fault == "dead band" else GYROSCOPE
+    times = np.where(BETWEEN, {"moves": 8.0, "wild moves": 60.0}.get(fault, 1.0), 1.0)
+    std = times * WALK / np.sqrt(H)
+    read = sensor.distort(rate, ZERO) + std[:, None] * rng.standard_normal(rate.shape)
+    if fault == "dead band":
+        read[np.abs(read) < np.radians(0.8)] = 0.0
+    return rows, read
+
+
+def both(rows, read, intervals=HELD):
+    """Fit of the accelerometer alone, of both, and who is blamed; the second is None
+    where the gyroscope is refused."""
+    poses = np.array([rows[a:b].mean(axis=0) for a, b in intervals])
+    std = 0.02 / np.sqrt(np.diff(intervals)[:, 0])
+    own = calibrate(poses, G, residual="weighted", noise_std=std)
+    try:
+        fit = calibrate_imu(CLOCK, rows, read, intervals, g=G, pose_std=std)
+    except RefusedError as refusal:
+        named = {"gyroscope" if "of the gyroscope" in str(refusal) else "another"}
+        return own, None, named
+    return own, fit, set(fit.gyroscope.noise.blamed)
+
+
+BLAMED = {  # and the least share of logs in which that is told
+    "none": (set(), 1.0), "dead band": ({"gyroscope"}, 0.7),
+    "moves": ({"gyroscope"}, 0.7), "wild moves": ({"gyroscope"}, 0.7),
+    "gain": ({"gyroscope"}, 1.0), "axes": ({"gyroscope"}, 1.0),
+    "hold": ({"hold"}, 0.3), "accelerometer": ({"accelerometer"}, 0.7),
+}  # fmt: skip
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("fault", BLAMED)
+def test_a_sensor_is_not_blamed_for_what_another_did(fault):
+    """The accelerometer keeps its bars and values: beside a firmware that zeroes what
+    is slow, its bars were six times as wide. A gyroscope may look like a hold."""
+    (cause, share), logs, total = BLAMED[fault], 8, []
+    named = refused = 0
+    for seed in range(logs):
+        rows, read = recorded(fault, np.random.default_rng([3, seed]))
+        own, fit, blamed = both(rows, read)
+        assert blamed <= (cause | {"hold"} if cause else cause)
+        named += blamed == cause
+        refused += fit is None
+        if fit is None or fault == "accelerometer":
+            continue
+        if fault == "gain":  # the bars are of the matrix at any time
+            for true in (M, M / 1.03):
+                off = (fit.gyroscope.M - true).ravel() / fit.gyroscope.sd[:9]
+                assert np.abs(off).max() < 4.5
+        force = fit.accelerometer
+        ratio = force.sd / own.sd
+        assert np.all((ratio > 0.5) & (ratio < 1.1))
+        # an estimate that is better by so much moves by as much
+        gain = np.sqrt(np.maximum(own.sd**2 - force.sd**2, 0.0)) + 0.1 * own.sd
+        assert np.all(np.abs(force.parameters - own.parameters) < 4.5 * gain)
+        off = force.parameters - ACCELEROMETER.parameters
+        total.append(squares(off, force.covariance))
+    assert named >= share * logs
+    if total:
+        low, high = stats.chi2.ppf([5e-5, 1.0 - 5e-5], 9 * len(total))
+        assert low < sum(total) < high
+    if fault == "wild moves":
+        assert refused >= 0.7 * logs
+
+
+@pytest.mark.ci
+def test_the_blame_does_not_hang_on_one_rest():
+    rows, read = recorded("dead band", np.random.default_rng(4))
+    for out in range(20):
+        own, fit, blamed = both(rows, read, np.delete(HELD, out, axis=0))
+        assert blamed == {"gyroscope"}
+        assert fit is None or np.all(fit.accelerometer.sd < 1.02 * own.sd)
+
+
 # noise as sensors have it: forty poses, moves of two seconds at 100 Hz
 
 

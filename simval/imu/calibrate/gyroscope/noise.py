@@ -33,6 +33,7 @@ class GyroscopeNoise(NamedTuple):
     bias_value: Float[Array, "t 3"]  # from the rests, less the centre
     bias_std: Float[Array, "3"]
     weights: Float[Array, " n"]  # of the rests in that value
+    rest_seconds: Float[Array, " n"]
 
     @property
     def free(self) -> int:
@@ -43,14 +44,21 @@ class GyroscopeNoise(NamedTuple):
         """That of some trials."""
         return self._replace(bias_value=self.bias_value[trials])
 
-    def noisier(self, factor: float) -> Self:
-        """The same with so many times the noise."""
+    def beside(self, variance: float) -> Self:
+        """The same with white noise of so much more, N^2, beside it."""
+        w, T = self.weights, self.rest_seconds
         return self._replace(
-            angle_random_walk=self.angle_random_walk * factor,
-            bias_random_walk=self.bias_random_walk * factor,
-            clock_jitter=self.clock_jitter * factor,
-            bias_std=self.bias_std * factor,
+            angle_random_walk=np.sqrt(self.angle_random_walk**2 + variance),
+            bias_std=np.sqrt(self.bias_std**2 + variance * np.sum(w * w / T)),
         )
+
+    @property
+    def none(self) -> Self:
+        """No noise."""
+        return self._replace(
+            angle_random_walk=np.zeros(3), bias_random_walk=0.0, clock_jitter=0.0,
+            bias_std=np.zeros(3),
+        )  # fmt: skip
 
 
 def checked_pose_std(
@@ -131,6 +139,7 @@ def noise_of(
     return GyroscopeNoise(
         angle_random_walk=N, bias_random_walk=K, clock_jitter=jitter,
         bias="known" if known else bias, bias_value=value, bias_std=std, weights=w,
+        rest_seconds=seconds,
     )  # fmt: skip
 
 

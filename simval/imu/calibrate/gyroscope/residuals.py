@@ -22,14 +22,16 @@ and the white noise of the two rests. Time stamps with the standard deviation
 bias that is held, or walks, or a sensitivity that was taken out, is shared by all.
 """
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 
 from simval.arrays import Array
-from simval.imu.calibrate.equations import Between, Corrected
+from simval.imu.calibrate.equations import Between, Corrected, Errors
+from simval.imu.calibrate.goodness_of_fit import Beside
 from simval.imu.calibrate.gyroscope.noise import GyroscopeNoise, walk_covariance
 from simval.imu.calibrate.gyroscope.path_statistics import InterRestRotations, taken
 from simval.imu.calibrate.gyroscope.result import NAMES
@@ -39,6 +41,9 @@ from simval.imu.calibrate.gyroscope.rotation import (
     rotations,
 )
 from simval.shapes import Float
+
+HOLD: Final = "hold"
+"""Name of the error of the direction in which a body rests."""
 
 
 def across(u: Float[Array, "t k 3"]) -> Float[Array, "t k 2 3"]:
@@ -88,6 +93,10 @@ class InterRest:
     inter_rest: InterRestRotations
     noise: GyroscopeNoise
     each: int  # residuals of a rotation
+    # beside the noise: of what the body turns between the mean of a rest and the
+    # rotations that the gyroscope shows, about any axis, rad^2; and of M, relative
+    hold: float = 0.0
+    change: float = 0.0
 
     name: ClassVar[str] = "gyroscope"
 
@@ -118,9 +127,33 @@ class InterRest:
         inter_rest, noise = taken(self.inter_rest, trials), self.noise.take(trials)
         return replace(self, inter_rest=inter_rest, noise=noise)
 
-    def noisier(self, factor: float) -> Self:
-        """The same with so many times the noise."""
-        return replace(self, noise=self.noise.noisier(factor))
+    def errors(self, at: dict[str, Corrected], theta: Array) -> tuple[Beside, ...]:
+        """Errors that may stand beside its noise, of variance 1, in its rows."""
+        none = replace(self, noise=self.noise.none, hold=0.0, change=0.0)
+        w, E = self._compared(at), self._axes(at)
+        made, _ = self._linearised(w, E, theta)
+        V = [
+            each._noise(made, w, E)[0]
+            for each in (
+                replace(none, hold=1.0),
+                replace(none, noise=none.noise.beside(1.0)),
+                replace(none, change=1.0),
+            )
+        ]
+        turned = math.prod(self.item)
+        hold, white = (float(np.sqrt(np.diagonal(v)[:turned].mean())) for v in V[:2])
+        return (
+            Beside(HOLD, "rotations", V[0], hold),
+            Beside(self.name, "rotations", V[1], white),
+            Beside(self.name, "matrix", V[2]),
+        )
+
+    def beside(self, variances: Errors) -> Self:
+        """The same with such errors beside its noise."""
+        return replace(
+            self, noise=self.noise.beside(variances[self.name, "rotations"]),
+            hold=variances[HOLD, "rotations"], change=variances[self.name, "matrix"],
+        )  # fmt: skip
 
     def split(self, theta: Array) -> tuple[Float[Array, "t 3 3"], Float[Array, "t 3"]]:
         """M, and B less the centre of the readings."""
@@ -130,16 +163,9 @@ class InterRest:
     def rows(self, at: dict[str, Corrected], theta: Array) -> Between:
         """Linearised residuals, eq. (N6), and of the bias over the rate."""
         w, E = self._compared(at), self._axes(at)
-        M, B = self.split(theta)
-        moved = rotations(self.inter_rest.statistics, M, B)
-        EC = E @ np.swapaxes(moved.C, -1, -2)
-        by_angle = np.cross(EC, w[:, :-1])
-        t, k, a, _ = E.shape
-        e = (np.vecdot(EC, w[:, :-1]) - np.vecdot(E, w[:, 1:])).reshape(t, k * a)
-        whole = (by_angle @ moved.slopes).reshape(t, k * a, 12)
-        made = Linearised(e=e, rotations=moved, by_angle=by_angle, by_gyroscope=whole)
-        ends = 3 if self.size == 12 else 0
-        V = covariance(made, self.inter_rest, self.noise, ends)
+        made, EC = self._linearised(w, E, theta)
+        V, whole, (t, k, a, _) = self._noise(made, w, E), made.by_gyroscope, E.shape
+        e, ends = made.e, V.shape[1] - k * a
         own = np.zeros((t, k * a + ends, self.size))
         own[:, : k * a] = whole[..., : self.size]
         by = {}
@@ -156,10 +182,37 @@ class InterRest:
             by[name] = _pulled(at[name], first, last, ends)
         if ends:
             own[:, -3:, 9:] = np.eye(3) / self.rate[:, None]
-            e = np.concatenate([e, (B - self.noise.bias_value) / self.rate], axis=1)
+            off = self.split(theta)[1] - self.noise.bias_value
+            e = np.concatenate([e, off / self.rate], axis=1)
+        return Between(r=e, own=own, by=by, V=V, axes=E, whole=whole)
+
+    def _linearised(
+        self, w: Array, E: Array, theta: Array
+    ) -> tuple[Linearised, Float[Array, "t k a 3"]]:
+        # and the axes of the end, turned to the start
+        moved = rotations(self.inter_rest.statistics, *self.split(theta))
+        EC = E @ np.swapaxes(moved.C, -1, -2)
+        by_angle = np.cross(EC, w[:, :-1])
+        t, k, a, _ = E.shape
+        e = (np.vecdot(EC, w[:, :-1]) - np.vecdot(E, w[:, 1:])).reshape(t, k * a)
+        whole = (by_angle @ moved.slopes).reshape(t, k * a, 12)
+        return Linearised(e, moved, by_angle, whole), EC
+
+    def _noise(self, made: Linearised, w: Array, E: Array) -> Float[Array, "t r r"]:
+        # covariance of the rows by the noise, and by errors beside it
+        ends = 3 if self.size == 12 else 0
+        V, (t, k, a, _) = covariance(made, self.inter_rest, self.noise, ends), E.shape
+        if self.hold > 0.0:
+            L = _at_rests(-made.by_angle, np.cross(E, w[:, 1:]), ends)
+            L = L.reshape(t, k * a + ends, -1)
+            V += self.hold * (L @ np.swapaxes(L, -1, -2))
+        if self.change > 0.0:
+            L = change_noise(made, self.inter_rest)
+            V[:, : k * a, : k * a] += self.change * (L @ np.swapaxes(L, -1, -2))
+        if ends:
             V[:, -3:] /= self.rate[:, None]
             V[:, :, -3:] /= self.rate[:, None]
-        return Between(r=e, own=own, by=by, V=V, axes=E, whole=whole)
+        return V
 
     def values(
         self, at: dict[str, Corrected], theta: Array, here: Array
@@ -285,6 +338,22 @@ def walk_noise(
     root = noise.bias_random_walk * vectors * np.sqrt(np.maximum(values, 0.0))
     by_bias = rows.by_gyroscope[..., 9:].reshape(t, k, -1, 1, 3)
     return (by_bias * root[:, None, :, None]).reshape(t, rows.e.shape[1], -1)
+
+
+def change_noise(rows: Linearised, inter_rest: InterRestRotations) -> Array:
+    """Residuals by an M that is another at each time, (t, r, m).
+
+    Each entry, relative to the scale of M, has the variance 1 at any time and the
+    correlation 1 - |dt|/T over T, from the first rotation to the last: it walks.
+    """
+    t, k = inter_rest.statistics.shape[:2]
+    time = inter_rest.middles
+    away = np.abs(time[:, None] - time) / max(np.ptp(time), inter_rest.seconds[0])
+    values, vectors = np.linalg.eigh(1.0 - away)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    size = np.cbrt(np.abs(np.linalg.det(rows.rotations.M)))[:, None, None]
+    by_M = (rows.by_gyroscope[..., :9] * size).reshape(t, k, -1, 1, 9)
+    return (by_M * root[:, None, :, None]).reshape(t, rows.e.shape[1], -1)
 
 
 def rest_noise(

@@ -15,10 +15,17 @@ from simval.arguments import choice, instance, whole_number
 from simval.arrays import Array, noise_levels, positive_number
 from simval.errors import GeometryError, InputError, RefusedError
 from simval.imu.calibrate.accelerometer import checked_time, require_noise
-from simval.imu.calibrate.equations import Accelerometer, Magnetometer, Prior, Problem
+from simval.imu.calibrate.equations import (
+    Accelerometer,
+    Errors,
+    Magnetometer,
+    Prior,
+    Problem,
+)
 from simval.imu.calibrate.evidence import repeated_poses, repeated_words
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
 from simval.imu.calibrate.gauss_newton import residuals
+from simval.imu.calibrate.goodness_of_fit import Residuals
 from simval.imu.calibrate.magnetometer.evidence import (
     STATUS_NAMES,
     Code,
@@ -381,9 +388,14 @@ def _weighed(block: _Block, options: Options) -> tuple[_Block, NoiseFactors]:
     # one set by the noise that its residuals ask for, where it is more than stated
     problem = block.scaled.problem
 
-    def fit(_: _Block, factor: Any) -> _Block:
-        return _fit(block.scaled._replace(problem=problem.noisier(*factor)), options)
+    def fit(_: _Block, variances: Errors) -> _Block:
+        return _fit(block.scaled._replace(problem=problem.beside(variances)), options)
+
+    def rows(last: _Block) -> Residuals:
+        theta = last.fitted.theta
+        here = last.fitted.here if last is block else problem.local(theta)
+        return residuals(problem, here, theta)
 
     if block.numbers["code"][0] != Code.CONVERGED or options.known is not None:
         return block, NOT_JUDGED
-    return judged(block, fit, lambda last: residuals(problem, last.fitted.here))
+    return judged(block, fit, rows)
