@@ -44,7 +44,7 @@ class ArrayTable(ReadOnly):
 
     def rows(self, taken: Bool[np.ndarray, " n"]) -> "ArrayTable":
         """Table of some of its rows."""
-        return replace(self, values=self.values[taken])
+        return self if np.all(taken) else replace(self, values=self.values[taken])
 
     def where(self, row: int) -> str:
         """Say where a row stands in the file."""

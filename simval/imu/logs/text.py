@@ -132,9 +132,13 @@ class Dialect:
         ]
 
     def values(
-        self, lines: list[Line], places: list[int] | None = None
+        self,
+        lines: list[Line],
+        places: list[int] | None = None,
+        *,
+        holes: bool = False,
     ) -> Float[Array, "n columns"]:
-        """Numbers of all columns, or of those at some places.
+        """Numbers of all columns, or of those at some places, NaN for empty fields.
 
         Raises
         ------
@@ -143,11 +147,20 @@ class Dialect:
         """
         rows = map(itemgetter(1), lines)
         plain = (row.replace(",", ".") for row in rows) if self.comma else rows
-        if self.trailing:
+        if holes and self.mark is not None:
+            plain = map(self._filled, plain)
+        elif self.trailing:
             plain = map(methodcaller("rstrip", f" {self.mark}"), plain)
         return np.loadtxt(
             plain, delimiter=self.mark, ndmin=2, comments=None, usecols=places
         )
+
+    def _filled(self, row: str) -> str:
+        # a row with NaN for what is empty
+        mark = self.mark or " "
+        none, filled = 2 * mark, f"{mark}nan{mark}"
+        row = row.replace(none, filled).replace(none, filled)
+        return "nan" * row.startswith(mark) + row + "nan" * row.endswith(mark)
 
 
 # in this order where a file can be read in two ways: `1,2` is two numbers, not one
@@ -176,13 +189,16 @@ def dialect_of(lines: list[Line]) -> Dialect:
     width = widths.most_common(1)[0][0] if widths else 0
     if best.mark is None:
         return replace(best, width=width, most=width)
-    ends = [line for _, line in lines if line.count(best.mark) == width - 1]
-    empty = min((_empty_at_the_end(line, best.mark) for line in ends), default=0)
+    few = _empty_at_the_end(sample, best.mark, width)
+    empty = few and _empty_at_the_end([line for _, line in lines], best.mark, width)
     return replace(best, width=width - empty, most=width)
 
 
-def _empty_at_the_end(line: str, mark: str) -> int:
-    return line[len(line.rstrip(f" {mark}")) :].count(mark)
+def _empty_at_the_end(lines: list[str], mark: str, width: int) -> int:
+    # fields at the end that are empty in each row
+    rows = (line for line in lines if line.count(mark) == width - 1)
+    ends = (row[len(row.rstrip(f" {mark}")) :].count(mark) for row in rows)
+    return min(ends, default=0)
 
 
 # white space outside of brackets, which hold a unit: a whole file in one line is quick
@@ -414,8 +430,9 @@ class TextTable:
         if self.values is not None:
             return self.values[:, places]
         dialect = self.dialect
-        with suppress(ValueError):
-            return dialect.values(self.lines, places)
+        for holes in (False, True):
+            with suppress(ValueError):
+                return dialect.values(self.lines, places, holes=holes)
         values = np.full((len(self.lines), len(places)), np.nan)
         for row, (_, line) in enumerate(self.lines):
             fields = dialect.fields(line)
@@ -454,6 +471,8 @@ class TextTable:
 
     def rows(self, taken: Bool[np.ndarray, " n"]) -> "TextTable":
         """Table of some of its rows."""
+        if np.all(taken):
+            return self
         values = None if self.values is None else self.values[taken]
         lines = list(compress(self.lines, taken))
         restarts = tuple(int(np.sum(taken[:row])) for row in self.restarts)
