@@ -267,3 +267,14 @@ def test_the_example_of_names_has_no_counter_for_an_axis(tmp_path, case):
     line = str(e.value).split("--columns ")[1].split()[0].strip(",;.")
     read = read_log(path, columns=line, rate=100.0)
     np.testing.assert_allclose(read.accelerometer, FORCE, rtol=0, atol=1e-6)
+
+
+def test_a_steady_rate_is_not_gravity_beside_a_ride_that_is_never_at_one_g(tmp_path):
+    """A turntable on a ride: 1.3 to 2.5 g, and a rate of 0.6 rad/s."""
+    length = 9.8 * (1.9 + 0.6 * np.sin(3.0 * TIME))
+    force = length * [0.1, 0.2, 0.97] + 0.02 * RNG.standard_normal((N, 3))
+    rate = [0.5, 0.1, 0.3] + 0.002 * RNG.standard_normal((N, 3))
+    for parts in ((rate, force), (force, rate)):
+        path = saved(tmp_path / "log.csv", TIME, *parts)
+        with pytest.raises(InputError, match="t,wx,wy,wz,ax,ay,az"):
+            read_log(path)

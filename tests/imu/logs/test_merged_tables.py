@@ -143,3 +143,28 @@ def test_columns_are_counted_with_and_without_those_that_are_empty(tmp_path):
     for columns in ("-,-,ax,ay,az", "-,ax,ay,az"):
         log = read_log(path, rate=100.0, columns=columns)
         np.testing.assert_array_equal(log.accelerometer, FORCE)
+
+
+@pytest.mark.parametrize("every", [2, 3, 4])
+def test_sensors_in_any_step_of_the_rows_are_seen(tmp_path, every):
+    """Decimal commas stand in each second, third or fourth row alone."""
+    body = [f"{10 * k};" + "NA;NA;NA" * (k % every > 0) for k in range(128)]
+    body = [
+        each if k % every else each + ";".join(f"{x},5" for x in range(k, k + 3))
+        for k, each in enumerate(body)
+    ]
+    (tmp_path / "log.csv").write_text("\n".join(["t [ms];ax;ay;az", *body, ""]))
+    force = read_log(tmp_path / "log.csv").accelerometer
+    np.testing.assert_array_equal(force[:, 0], np.arange(0, 128, every) + 0.5)
+
+
+def test_a_rate_tells_the_unit_of_a_clock_of_rows_between(tmp_path):
+    header = ["t", "ax", "ay", "az", "wx", "wy", "wz"]
+    body = []
+    for k in range(N):
+        body += [[20 * k, *FORCE[k], *[""] * 3], [20 * k + 7, *[""] * 3, *GYRO[k]]]
+    path = rows_of(tmp_path / "log.csv", header, *body)
+    log = read_log(path, rate=50.0)
+    np.testing.assert_allclose(np.diff(log.time), 0.02, rtol=1e-9)
+    np.testing.assert_array_equal(log.accelerometer, FORCE)
+    np.testing.assert_array_equal(log.gyro, GYRO)

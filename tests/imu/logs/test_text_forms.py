@@ -281,6 +281,13 @@ REFUSED = {  # what is spoilt so that no word mends it
     "other labels": (lines(*OTHER), AT_100, "line 21"),
     "a counter of 16 bits": (
         table(["time_us", *NAMES], US % 2**16, SIX), {}, "must increase"),
+    "one that begins again so soon that a pause is not seen": (
+        table(["time_us", *NAMES], (65_000 + US // 100) % 2**16, SIX), {},
+        "must increase"),
+    "a field lost before a separator": (
+        lines(*[f"{each}," for each in PLAIN[:20]], f"{PLAIN[20].partition(',')[2]},,",
+              *[f"{each}," for each in PLAIN[21:]])[:-1].replace(",,", ","), {},
+        "line 21: 7 columns, but the rows from line 2 on have 8"),
     "YAML of ros2 topic echo": (YAML, {}, "with --csv"),
     "UTF-16 without its mark": ("\0".join(lines(*PLAIN)), {}, "not a text file"),
 }  # fmt: skip
