@@ -23,6 +23,11 @@ ACCELEROMETERS = [  # names of x, y, z; each is used with any of the units
      "field.linear_acceleration.z"),
     ("a_RS_S_x", "a_RS_S_y", "a_RS_S_z"),
     ("gFx", "gFy", "gFz"),
+    ("GForceX", "GForceY", "GForceZ"),
+    ("Acceleration (x)", "Acceleration (y)", "Acceleration (z)"),
+    ("acceleration_x_gs", "acceleration_y_gs", "acceleration_z_gs"),
+    ("Low Noise Accelerometer X", "Low Noise Accelerometer Y",
+     "Low Noise Accelerometer Z"),
     ("accelerometerAccelerationX", "accelerometerAccelerationY",
      "accelerometerAccelerationZ"),
     ("TotalAcceleration_x", "TotalAcceleration_y", "TotalAcceleration_z"),
@@ -37,6 +42,12 @@ GYROS = [
     ("gyro_x [rad/s]", "gyro_y [rad/s]", "gyro_z [rad/s]"),
     ("Gyroscope x (°/s)", "Gyroscope y (°/s)", "Gyroscope z (°/s)"),
     ("angular_velocity.x", "angular_velocity.y", "angular_velocity.z"),
+    (
+        "angular_rate_x_deg_per_s",
+        "angular_rate_y_deg_per_s",
+        "angular_rate_z_deg_per_s",
+    ),
+    ("Gyroscope (X) [°/s]", "Gyroscope (Y) [°/s]", "Gyroscope (Z) [°/s]"),
 ]
 OTHERS = [  # never the accelerometer's
     ("mx", "my", "mz"),
@@ -53,7 +64,15 @@ OTHERS = [  # never the accelerometer's
     ("Roll", "Pitch", "Yaw"),
     ("qx", "qy", "qz"),
 ]
-SINGLES = ["temperature", "Temp [°C]", "seq", "PacketCounter", "pressure (hPa)", "rest"]
+SINGLES = [
+    "temperature",
+    "barometer [kPa]",
+    "Temp [°C]",
+    "seq",
+    "PacketCounter",
+    "pressure (hPa)",
+    "rest",
+]
 CLOCKS = [  # name, seconds in a unit of it
     ("t", 1.0), ("time", 1.0), ("Time (s)", 1.0), ("timestamp [s]", 1.0),
     ("seconds_elapsed", 1.0), ("time_ms", 1e-3), ("t [ms]", 1e-3), ("millis", 1e-3),

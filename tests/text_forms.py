@@ -260,6 +260,106 @@ def ulog2csv(path, us, force, rate, field):
     })  # fmt: skip
 
 
-SIX = (echo, rostopic, combined, plotter, monitor, bare_monitor, objects, euroc, tum_vi)
-NINE = (sensorlog, android, iphone, phyphox, ulog2csv)
+def lines(*rows, mark=","):
+    """Text of rows of fields."""
+    return "".join(mark.join(map(str, row)) + "\n" for row in rows)
+
+
+def axes_of(*words):
+    return [f"{word}_{a}" for word in words for a in "XYZ"]
+
+
+def mt_manager(path, us, force, rate, field):
+    """Export of Xsens MT Manager 4: the clocks of an MTw are empty fields."""
+    clocks = ["SampleTimeFine", "Year", "Month", "Day", "Second"]
+    above = ["// Start Time: Unknown", f"// Update Rate: {1e6 / np.diff(us)[0]}Hz",
+             "// Filter Profile: human (46.1)"]  # fmt: skip
+    rows = numbers(force, rate, field)
+    header = ["PacketCounter", *clocks, *axes_of("Mag", "Acc", "Gyr")]
+    body = ([f"{k + 400:05d}", *[""] * 5, *row] for k, row in enumerate(rows))
+    text = "\n".join([*above, lines(header, *body, mark="\t")])
+    return saved(path.with_suffix(".txt"), text)
+
+
+def mt_manager_2022(path, us, force, rate, field):
+    """As `mt_manager`, version 2022: NaN and a separator at the end of the header."""
+    text = mt_manager(path, us, force, rate, field).read_text()
+    text = text.replace("\t\t\t\t\t\t", "\tNaN\tNaN\tNaN\tNaN\tNaN\t")
+    return saved(path.with_suffix(".txt"), text.replace("Gyr_Z", "Gyr_Z\t"))
+
+
+def movella_dot(path, us, force, rate, field):
+    """Export of the Movella DOT app: microseconds, a separator behind each row."""
+    above = ["DeviceTag:,Xsens DOT", "OutputRate:,100Hz", "FilterProfile:,General", ""]
+    header = [
+        "PacketCounter",
+        "SampleTimeFine",
+        *axes_of("Acc", "Gyr", "Mag"),
+        "Status",
+    ]
+    body = zip(range(1, len(us) + 1), 192_856_375 + us, strict=True)
+    rows = zip(body, numbers(force, rate), field.tolist(), strict=True)
+    text = lines(header, *([*a, *b, *c, 0, ""] for a, b, c in rows))
+    return saved(path.with_suffix(".csv"), "\n".join([*above, text]))
+
+
+def moveo(path, us, force, rate, field):
+    """Export of APDM Moveo Explorer: a row of units, one of them of no axis."""
+    above = lines(["Test Name:", "Poses", *[""] * 10], ["Sample Rate:", 100, "Hz"])
+    names = [f"Lumbar/{s}/{a}" for s in ("Acceleration", "Angular Velocity",
+             "Magnetic Field") for a in "XYZ"]  # fmt: skip
+    units = ["s", *["m/s^2"] * 3, *["rad/s"] * 3, *["uT"] * 3, "kPa"]
+    rows = np.column_stack([us / 1e6, force, rate, field, 101.3 + 0 * us]).tolist()
+    text = lines(["Time", *names, "Lumbar/Barometer"], units, *rows)
+    return saved(path.with_suffix(".csv"), above + text)
+
+
+def sensor_connect(path, us, force, rate, field):
+    """Export of MicroStrain SensorConnect: each sensor in its own rows, US dates."""
+    start = np.datetime64("2026-01-30T23:59:59.9", "us")
+    dates = [str(start + np.timedelta64(t, "us")) for t in us.tolist()]
+    stamps = [f"{d[5:7]}/{d[8:10]}/{d[:4]} {d[11:]}" for d in dates]
+    names = [f"inertial-6251.118903:scaled{s}{a}" for s in ("Accel", "Gyro", "Mag")
+             for a in "XYZ"]  # fmt: skip
+    parts = force.tolist(), rate.tolist(), field.tolist()
+    rows = []
+    for stamp, a, w, m in zip(stamps, *parts, strict=True):
+        none = [""] * 3
+        rows += [[stamp, *a, *none, *none], [stamp, *none, *w, *none],
+                 [stamp, *none, *none, *m]]  # fmt: skip
+    return saved(path.with_suffix(".csv"), lines(["Time", *names], *rows))
+
+
+def consensys(path, us, force, rate, field):
+    """Export of Shimmer Consensys: device, name, form and unit, a tab behind each."""
+    names = [f"{s} {a}" for s in ("Low Noise Accelerometer", "Gyroscope",
+             "Magnetometer") for a in "XYZ"]  # fmt: skip
+    units = ["mSecs", *["m/(sec^2)*"] * 3, *["deg/sec*"] * 3, *["local*"] * 3]
+    head = [["Shimmer_5E6C"] * 10, ["Timestamp", *names], ["CAL"] * 10, units]
+    rows = np.column_stack([us / 1e3, force, rate, field]).tolist()
+    text = lines(*([*row, ""] for row in (*head, *rows)), mark="\t")
+    return saved(path.with_suffix(".csv"), text)
+
+
+def r_table(path, us, force, rate, field):
+    """https://stat.ethz.ch/R-manual/R-devel/library/utils/html/write.table.html."""
+    header = [f'"{name}"' for name in ("t", *NAMES)]
+    rows = numbers(force, rate, us / 1e6)
+    body = ([f'"{k}"', *row] for k, row in enumerate(rows, start=1))
+    return saved(path.with_suffix(".txt"), lines(header, *body, mark=" "))
+
+
+def date_and_time(path, us, force, rate, field):
+    """Two columns of clock, as many data loggers have, with 12 hours and a word."""
+    texts = [f"11:59:{58 + t / 1e6:09.6f} AM" for t in us.tolist()]
+    names = [f"{s} ({a})" for s in ("Acceleration", "Angular velocity") for a in "xyz"]
+    rows = zip(texts, numbers(force, rate), strict=True)
+    text = lines(["Date", "Time", *names], *(["1/30/2026", t, *row] for t, row in rows))
+    return saved(path.with_suffix(".csv"), text)
+
+
+SIX = (echo, rostopic, combined, plotter, monitor, bare_monitor, objects, euroc, tum_vi,
+       r_table, date_and_time)  # fmt: skip
+NINE = (sensorlog, android, iphone, phyphox, ulog2csv, mt_manager, mt_manager_2022,
+        movella_dot, moveo, sensor_connect, consensys)  # fmt: skip
 FORMS = {writer.__name__: writer for writer in (*SIX, *NINE)}

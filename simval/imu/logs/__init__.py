@@ -8,22 +8,25 @@ Other files, folders and archives are those of `simval.imu.logs.readers`.
 The header says which columns are taken (by the rules of `simval.imu.logs.names`); where
 it does not, the user is asked, and nothing is guessed. Without a header the number of
 columns decides: 3 are ``ax ay az``, 4 ``t ax ay az``, 6 ``ax ay az wx wy wz`` and 7
-``t`` and those six. A magnetometer's are taken by their names alone, ``mx my mz``;
-where one is read more slowly and leaves holes, it is left out, and that is said. So is
-a temperature (`simval.imu.logs.temperature`), which becomes degrees Celsius.
+``t`` and those six, where of six only the first three can be gravity. A magnetometer's
+are taken by their names alone, ``mx my mz``. A temperature
+(`simval.imu.logs.temperature`) becomes degrees Celsius.
+
+An empty field is a cell without a reading: each sensor is read in its own rows, and
+these are joined by `simval.imu.logs.joining`. A column without any number is none.
 
 Time becomes seconds by the unit that the header or the caller states
-(`simval.imu.logs.clock`). A log without a clock relies on the caller's rate: everything
-in seconds is as right as that. The readings keep the unit of the file (raw
-counts or SI), because a calibration absorbs it.
+(`simval.imu.logs.clock`). A log without a clock relies on the rate that its file or the
+caller states: everything in seconds is as right as that. The readings keep the unit of
+the file (raw counts or SI), because a calibration absorbs it.
 
 Rows may be missing where a clock says when, up to 5 s of them at once: what needs each
 row refuses them itself. A log with a longer hole, a repeated time, or a value that is
-not a number in a column that is taken, is refused with the file and the line. What is
+not finite in a row where the sensor has a reading, is refused with its line. What is
 mended is said: padding, a first or last line that is cut off, a row that stands twice,
-a header that stands again where the clock goes on, midnight, and a counter of 32 bits
-that begins again. Recorded attitudes (`simval.imu.logs.truth`) may be missing in any
-row.
+a header that stands again where the clock goes on, midnight, and a counter of 16 or 32
+bits that begins again. Recorded attitudes (`simval.imu.logs.truth`) may be missing in
+any row.
 """
 
 from simval.imu.logs.columns import Column

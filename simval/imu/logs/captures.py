@@ -38,8 +38,9 @@ LOST: Final = ("A message was lost!!!", "total count change:", "total count: ")
 
 
 def sampled(lines: list[Line]) -> list[Line]:
-    """Some of the lines, evenly spread."""
-    picked = np.unique(np.linspace(0, len(lines) - 1, SAMPLE).astype(int))
+    """Some of the lines, spread evenly but in no step that sensors may have, too."""
+    golden = np.arange(SAMPLE) * 0.6180339887498949 % 1.0
+    picked = np.unique((golden * len(lines)).astype(int))
     return [lines[k] for k in picked] if lines else []
 
 

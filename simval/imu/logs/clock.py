@@ -6,7 +6,8 @@ times are dates of this century and the rate fits too, or if the caller's rate f
 """
 
 import re
-from datetime import datetime
+from contextlib import suppress
+from datetime import datetime, timedelta
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from simval.imu.logs.columns import Column
 from simval.imu.logs.joining import SLOWEST
 from simval.imu.logs.names import SECONDS
 from simval.imu.logs.text import Table
-from simval.shapes import Bool, Float
+from simval.shapes import Bool, Float, Int
 
 GAP = 5.0  # s; beyond it a recording was stopped and begun again
 RATE_AGREEMENT = 0.1  # relative; beyond it time column and stated rate contradict
@@ -29,57 +30,85 @@ _UNITS = {
     "nanoseconds": 1e-9,
 }
 _TICKS = (*_UNITS.values(), 1e-4)  # Xsens's SampleTimeFine counts 0.1 ms
-_ISO = re.compile(
-    r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?)"
-    r"(Z| ?[+-]\d\d:?\d\d)?"
+_FINE = 1428  # ticks a row: more are microseconds (120 Hz at most), or below 7 Hz
+_DATE = r"(?P<date>\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4})"
+_WRITTEN = re.compile(
+    rf"(?:{_DATE}(?:T|,? ))?(?P<hour>[01]?\d|2[0-3]):(?P<minute>[0-5]\d)"
+    r"(?::(?P<second>[0-5]\d|60)(?:[.,:](?P<fraction>\d+))?)?"
+    r" ?(?P<half>[apAP][mM])?(?P<zone>Z| ?[+-]\d\d:?\d\d)?"
 )
-_OF_DAY = re.compile(r"(\d\d?):(\d\d):(\d\d(?:\.\d+)?)")
+_ORDERS = ((0, 1, 2), (2, 0, 1), (2, 1, 0))
+"""Places of year, month and day, as in 2024-01-31, 1/31/2024 and 31.1.2024."""
 DAY, HOUR = 86400.0, 3600.0  # s
-WRAP = 2.0**32  # ticks; then a counter of 32 bits begins again
+_NS, _START = 10**9, datetime(1970, 1, 1)
+BITS = (16, 32)  # of counters that begin again
 
 
 def read_clock(
-    table: Table, column: Column | None, rate: float | None
+    table: Table,
+    column: Column | None,
+    rate: float | None,
+    rows: Bool[np.ndarray, " n"] | None = None,
 ) -> tuple[Float[Array, " n"], float, float, tuple[tuple[str, str], ...]]:
-    """Times of a log's rows, their rate, the unit of the clock, and what to say."""
-    parts = table.restarts
+    """Times of a log's rows, their rate, the unit of the clock, and what to say.
+
+    Order, rate and unit are judged by some of the rows where not all have readings.
+    """
+    some = np.ones(len(table), bool) if rows is None else rows
+    time, second, said = None, 0.0, list[tuple[str, str]]()
     if column is not None:
-        time, second, said = times_of(table, column, rate)
-        if time is not None:
-            rate = _checked_rate(table, time, rate)
-            for row in parts:
-                words = "the header stands again above it, and the clock goes on"
-                said.append(("mended", f"{table.where(row)}: {words}"))
-            return time, rate, second, tuple(said)
-    if parts:
+        time, second, said = times_of(table, column, rate, some)
+    if time is None:
+        rate, how = _stated_rate(table, rate)
+        time = np.arange(len(table)) / rate
+    else:
+        rate, how = _checked_rate(table.rows(some), time[some], rate), "by the clock"
+        for row in table.restarts:
+            words = "the header stands again above it, and the clock goes on"
+            said.append(("mended", f"{table.where(row)}: {words}"))
+    if table.rate:
+        name, stated = table.rate
+        usual = 1.0 / float(np.median(np.diff(time[some])))
+        if not how:
+            said.append(("rate", f"{rate:.6g} Hz, by {name!r} in the file"))
+        elif not (_agree(rate, stated) or _agree(usual, stated)):
+            against = f"but {stated:.6g} Hz by {name!r} in the file"
+            said.append(("rate", f"{rate:.6g} Hz {how}, {against}"))
+    return time, rate, second, tuple(said)
+
+
+def _stated_rate(table: Table, rate: float | None) -> tuple[float, str]:
+    # of a log without a clock, and by whom; empty for the file
+    if table.restarts:
         msg = (
-            f"{table.where(parts[0])}: the header stands again above it, so the logger "
-            "was started again, and no clock says how long it stood still; split the "
-            "file there"
+            f"{table.where(table.restarts[0])}: the header stands again above it, so "
+            "the logger was started again, and no clock says how long it stood still; "
+            "split the file there"
         )
         raise InputError(msg)
-    said = []
-    if rate is None and column is None and table.rate:
-        name, rate = table.rate
-        said.append(("rate", f"{rate:.6g} Hz, by {name!r} in the file"))
-    if rate is None:
-        why = "no time column and no rate given"
-        if table.names is not None:
-            why += " (none of the header's names is known as a clock's)"
-        msg = (
-            f"{table.path}: {why}; state the sampling rate in Hz (--rate), or name the "
-            "time column `t` (--columns)"
-        )
-        raise InputError(msg)
-    return np.arange(len(table)) / rate, rate, 0.0, tuple(said)
+    if rate is not None:
+        return rate, "as given"
+    if table.rate:
+        return table.rate[1], ""
+    why = "no time column and no rate given"
+    if table.names is not None:
+        why += " (none of the header's names is known as a clock's)"
+    msg = (
+        f"{table.path}: {why}; state the sampling rate in Hz (--rate), or name the "
+        "time column `t` (--columns)"
+    )
+    raise InputError(msg)
 
 
 def times_of(
-    table: Table, column: Column, rate: float | None
+    table: Table,
+    column: Column,
+    rate: float | None,
+    rows: Bool[np.ndarray, " n"],
 ) -> tuple[Float[Array, " n"] | None, float, list[tuple[str, str]]]:
     """Times in seconds, the unit of the clock, and what was done to it.
 
-    None for a clock in words where the caller states the rate.
+    None for a clock in words where the caller or the file states the rate.
     """
     if not table.is_text(column.place):
         places = [column.place] if column.fine is None else [column.place, column.fine]
@@ -90,30 +119,19 @@ def times_of(
             (whole == np.floor(whole)) & (fine >= 0.0) & (fine < 1e9)
         ):
             return np.asarray(whole - whole[0] + 1e-9 * fine), 1.0, []
-        second = _second(table, column, whole, rate)
-        fallen = np.diff(whole, prepend=whole[:1])
-        wraps = (fallen < 0.0) & ((fallen + WRAP) * second <= GAP)
-        wraps &= (fallen > -WRAP) & (whole >= 0.0) & (np.max(whole) < WRAP)
-        time = np.asarray((whole + WRAP * np.cumsum(wraps)) * second)
-        words = "the counter of 32 bits begins again here, and the clock is continued"
-        return time, second, _said(table, wraps, words)
+        second = _second(table, column, whole[rows], rate)
+        time, said = _continued(table, whole, second)
+        return time, second, said
     texts = table.texts(column.place)
-    dates = [_ISO.fullmatch(text) for text in texts]
-    days = [_OF_DAY.fullmatch(text) for text in texts]
-    if all(dates):
-        dated = _dated([date for date in dates if date])
-        if dated is not None:
-            return dated, 1.0, []
-    elif all(days):
-        parts = np.array(
-            [[float(part) for part in day.groups()] for day in days if day]
-        )
-        time = parts @ [3600.0, 60.0, 1.0]
+    if (stamps := _instants(texts)) is not None:
+        if re.match(_DATE, texts[0]):
+            return np.asarray((stamps - stamps[0]) / _NS), 1.0, []
+        time = stamps / _NS
         midnights = np.diff(time, prepend=time[:1]) < GAP - DAY
         words = "midnight, and the clock is continued"
         said = _said(table, midnights, words)
         return np.asarray(time + DAY * np.cumsum(midnights)), 1.0, said
-    if rate is not None:
+    if rate is not None or table.rate:
         return None, 0.0, []
     msg = (
         f"{table.where(0)}, column {column.place + 1}: {texts[0][:40]!r} is not a time "
@@ -123,22 +141,75 @@ def times_of(
     raise InputError(msg)
 
 
-def _dated(dates: list[re.Match[str]]) -> Float[Array, " n"] | None:
-    # seconds since the first date; None if one is impossible, or not all have a zone
-    zones = [date[2] for date in dates]
+def _continued(
+    table: Table, ticks: Float[Array, " n"], second: float
+) -> tuple[Float[Array, " n"], list[tuple[str, str]]]:
+    # seconds of a counter that may begin again; a pause as long as its period must not
+    # look like none, and one that is set back seldom like one that begins again
+    fallen = np.diff(ticks, prepend=ticks[:1])
+    for bits in BITS:
+        period = 2.0**bits
+        most = min(GAP, 0.01 * period * second)
+        wraps = (fallen < 0.0) & ((fallen + period) * second <= most)
+        whole = ticks.min() >= 0.0 and ticks.max() < period
+        if whole and wraps.any() and period * second > GAP / 2.0:
+            words = f"the counter of {bits} bits begins again here, and the clock is"
+            said = _said(table, wraps, f"{words} continued")
+            return np.asarray((ticks + period * np.cumsum(wraps)) * second), said
+    return np.asarray(ticks * second), []
+
+
+def _instants(texts: list[str]) -> Int[np.ndarray, " n"] | None:
+    # nanoseconds of dates, or of a day; None if one is impossible, some have no date,
+    # or not all a zone
+    matches = [match for text in texts if (match := _WRITTEN.fullmatch(text))]
+    zones, dates, seconds = (
+        {match[part] or "" for match in matches} for part in ("zone", "date", "second")
+    )
+    unclear = "" in zones and len(zones) > 1  # or minutes and seconds, or hours
+    unclear |= "" in dates and "" in seconds
+    days = _days(dates)
+    if len(matches) < len(texts) or days is None or unclear:
+        return None
+    stamps = np.empty(len(texts), np.int64)
     try:
-        stamps = np.array([date[1] for date in dates], "datetime64[ns]")
-        ahead = {
-            zone: datetime.strptime(zone.strip(), "%z").utcoffset()
-            for zone in set(zones) - {None}
-        }
+        ahead = {zone: _ahead(zone) for zone in zones}
+        for row, match in enumerate(matches):
+            hour, minute, second = (
+                int(match[part] or 0) for part in ("hour", "minute", "second")
+            )
+            if match["half"]:
+                hour = hour % 12 + 12 * (match["half"] in ("pm", "PM"))
+            whole = 3600 * hour + 60 * minute + second - ahead[match["zone"] or ""]
+            fraction = int((match["fraction"] or "")[:9].ljust(9, "0"))
+            stamps[row] = (86400 * days[match["date"] or ""] + whole) * _NS + fraction
     except ValueError:
         return None
-    if np.isnat(stamps).any() or not (len(set(zones)) == 1 or all(zones)):
-        return None
-    if len(set(zones)) > 1:  # summer time begins or ends
-        stamps = stamps - np.array([ahead[zone] for zone in zones], "m8[m]")
-    return np.asarray((stamps - stamps[0]) / np.timedelta64(1, "s"))
+    return stamps
+
+
+def _ahead(zone: str) -> int:
+    # seconds that a zone is ahead
+    instant = datetime.strptime(zone.strip() or "Z", "%z")
+    return (instant.utcoffset() or timedelta()) // timedelta(seconds=1)
+
+
+def _days(dates: set[str]) -> dict[str, int] | None:
+    # days since 1970 of each date, none where none has one; of two orders of month and
+    # day the possible one, and else that in which they are closer together
+    if dates <= {""}:
+        return {"": 0}
+    parts = {date: re.split("[-/.]", date) for date in dates}
+    found = []
+    for y, m, d in _ORDERS:
+        with suppress(ValueError):
+            found.append({
+                date: (datetime(int(part[y]), int(part[m]), int(part[d])) - _START).days
+                for date, part in parts.items() if date
+            })  # fmt: skip
+    return min(
+        found, key=lambda days: max(days.values()) - min(days.values()), default=None
+    )
 
 
 def _said(
@@ -154,7 +225,7 @@ def require_finite(table: Table, values: Float[Array, "n k"]) -> None:
     bad = ~np.isfinite(values).all(axis=1)
     if bad.any():
         msg = (
-            f"{table.where(int(np.argmax(bad)))}: a value is not finite "
+            f"{table.where(int(np.argmax(bad)))}: a value is missing or not finite "
             f"({np.count_nonzero(bad)} such row(s) in all); every value must be a "
             "finite number, so cut or repair those rows"
         )
@@ -187,22 +258,32 @@ def require_increasing(table: Table, time: Float[Array, " n"], advice: str) -> N
 def _second(
     table: Table, column: Column, time: Float[Array, " n"], rate: float | None
 ) -> float:
-    # seconds in one unit of the clock
+    # seconds in one unit of the clock; sizes are powers of ten, so that one can fit
     if column.unit:
         return SECONDS[column.unit]
     median = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     if not median > 0.0:
         return 1.0  # refused as times that do not increase
-    if rate is not None:
-        fitting = [u for u in _TICKS if _agree(1.0 / (median * u), rate)]
-        return fitting[0] if len(fitting) == 1 else 1.0
+    fine = re.sub("[ _]", "", column.name).lower() == "sampletimefine"
+    stated = table.rate[1] if rate is None and table.rate else rate
+    if stated is not None:
+        sizes = _UNITS.values() if rate is None and not fine else _TICKS
+        fitting = [size for size in sizes if _agree(1.0 / (median * size), stated)]
+        if fitting or rate is not None:
+            return fitting[0] if fitting else 1.0
+    if fine:
+        return 1e-6 if median > _FINE else 1e-4
     if SLOWEST <= 1.0 / median <= FASTEST and time[0] <= _EPOCH[1]:
         return 1.0  # unless it is later than any date
-    for size in _UNITS.values():
-        dated = _EPOCH[0] <= time[0] * size and time[-1] * size <= _EPOCH[1]
-        if dated and SLOWEST <= 1.0 / (median * size) <= FASTEST:
-            return size
-    raise InputError(_unknown_unit(table, column, median))
+    dated = [
+        size
+        for size in _UNITS.values()
+        if _EPOCH[0] <= time[0] * size and time[-1] * size <= _EPOCH[1]
+        if SLOWEST <= 1.0 / (median * size) <= FASTEST
+    ]
+    if not dated:
+        raise InputError(_unknown_unit(table, column, median))
+    return dated[0]
 
 
 def _agree(measured: float, stated: float) -> bool:

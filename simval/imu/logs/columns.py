@@ -1,9 +1,11 @@
 """Role of each column of a log: by the caller, the header or the number of columns."""
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from operator import ne
 from pathlib import PurePath
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,6 +35,7 @@ ROLES: dict[Kind, tuple[str, ...]] = {
 SKIP = "-"
 LAYOUTS = {3: NAMES[1:4], 4: NAMES[:4], 6: NAMES[1:7], 7: NAMES[:7]}
 _BESIDE: dict[Kind, str] = {"gyro": "gyroscope", "mag": "magnetometer"}
+SENSORS: dict[Kind, str] = {"force": "accelerometer", **_BESIDE}
 Triple = tuple[int, int, int]
 _OTHER_FILES = re.compile(
     r"gyr|mag|gravity|linear|user|orient|euler|rotation|quat|^position\b|trajector"
@@ -42,6 +45,11 @@ _OTHER_FILES = re.compile(
 _POSE = re.compile(r"(q|quat|v|vel)[ _.]?[wxyz0-3]|roll|pitch|yaw", re.I)
 _FREE = ("bare", "force", "temperature", "other")  # kinds that may be misnamed
 G_UNIT = 3.0  # between a length in g at rest, 1, and in m/s^2, 9.8
+BLOCK = 20  # rows of which a mean is taken, so that a motor's vibration counts less
+_AT_REST, _IN_MOTION = (0.9, 1.1), (0.8, 1.3)  # usual specific force, in g
+_AS_GRAVITY = "gravity, by a length that is steady or that of g in some unit"
+_UNITS_OF_G = (1e3, 981.0, *(2.0**k for k in range(11, 16)))
+"""A g in mg, gal and the counts of most sensors; a gyroscope's zero is below them."""
 PX4 = frozenset({"timestamp_sample", "gyro_rad[0]", "accelerometer_m_s2[0]"})
 """Names of PX4's logs, whose ``timestamp`` is in microseconds since boot."""
 _FIELDS = ((0.2, 0.7), (20.0, 70.0))  # of the earth in gauss and uT, with a margin
@@ -56,6 +64,9 @@ _FREE_FILES = re.compile(
 )
 _DEVICE_MOTION = frozenset({"gravityX", "rotationRateX", "accelerationX"})
 _APPLE = re.compile(r"accelerometerAcceleration[XYZ]\(G\)")  # of SensorLog, iOS only
+START = 200  # rows that show whether a clock runs
+_OWN = frozenset({"header", "sample", "sensor", "device", "imu"})
+"""Words of a clock of the sensor, beside one of the program that wrote the log."""
 _SHOWN = 12  # names of a header that a message lists
 WIDEST = 60  # columns for which a message writes a whole `--columns`
 
@@ -100,66 +111,160 @@ def chosen(
         raise InputError(msg)
     if columns is not None:
         return _given(table, columns)
+    if table.refused:
+        raise InputError(table.refused)
     if table.names is not None:
         return _by_header(table, sensor)
-    if table.width in LAYOUTS:
-        roles = LAYOUTS[table.width]
-        if why := _doubt(table, roles):
-            msg = (
-                f"{table.path} has no names for its {table.width} columns; {why}. Name "
-                f"them in their order: --columns {','.join(roles)} if they are these"
-            )
-            raise InputError(msg)
-        return tuple(Column(role=role, place=k) for k, role in enumerate(roles))
-    msg = (
-        f"{table.path} has {table.width} column{'s' * (table.width > 1)} and no names "
-        "for them; 3 (ax ay az), "
-        "4 (t ax ay az), 6 (with wx wy wz) or 7 (both) are understood, so name them: "
-        f"--columns {template(table.width)}, - for one to ignore"
-    )
-    raise InputError(msg)
+    places = _filled(table)
+    if len(places) not in LAYOUTS:
+        msg = (
+            f"{table.path} has {len(places)} column{'s' * (len(places) > 1)} and no "
+            "names for them; 3 (ax ay az), "
+            "4 (t ax ay az), 6 (with wx wy wz) or 7 (both) are understood, so name "
+            f"them: {_examples(table, places)}, - for one to ignore"
+        )
+        raise InputError(msg)
+    roles = LAYOUTS[len(places)]
+    if doubt := _doubt(table, places, roles):
+        why, examples = doubt
+        msg = (
+            f"{table.path} has no names for its {len(places)} columns; {why}. Name "
+            f"them in their order: {examples} if they are these"
+        )
+        raise InputError(msg)
+    return tuple(Column(role=x, place=k) for x, k in zip(roles, places, strict=True))
 
 
-def _doubt(table: Table, roles: tuple[str, ...]) -> str:
-    # why columns without names are not what their number says
+def _filled(table: Table) -> list[int]:
+    # places of the columns that have a reading in some row
+    return [k for k in range(table.width) if k not in table.empty]
+
+
+def _doubt(
+    table: Table, places: list[int], roles: tuple[str, ...]
+) -> tuple[str, str] | None:
+    # why columns without names are not what their number says, and what they may be
+    named = dict(zip(places, roles, strict=True))
+    plain = f"--columns {template(table.width, named)}"
     file = PurePath(table.path).name
     if _OTHER_SENSOR.search(file) or _FREE_FILES.fullmatch(PurePath(file).stem):
-        return f"by the name of the file, {file}, they are not an accelerometer's"
+        why = f"by the name of the file, {file}, they are not an accelerometer's"
+        return why, plain
     if isinstance(table, TextTable) and _are_halves(table):
-        return (
+        why = (
             "each second one may be the decimals of the one before it (are decimal "
             "commas and separating commas mixed?)"
         )
+        return why, plain
     timeless = roles[0] != "t" and len(table) > ROWS
-    if timeless and np.all(np.diff(table.numbers([0])[:, 0]) > 0.0):
-        return "the first increases in every row, as a clock does"
-    if roles[-1] != "wz":
-        return ""
-    values = table.numbers([roles.index(name) for name in (*NAMES[1:4], *NAMES[4:7])])
-    if not np.isfinite(values).all():
-        return ""
+    if timeless and np.all(np.diff(table.numbers(places[:1])[:, 0]) > 0.0):
+        why = "the first increases in every row, as a clock does"
+        return why, _examples(table, places)
+    return _other_sensor(table, places, roles) if roles[-1] == "wz" else None
+
+
+def _other_sensor(
+    table: Table, places: list[int], roles: tuple[str, ...]
+) -> tuple[str, str] | None:
+    # why the first three of six may not be the accelerometer's, or the last three not
+    # the gyroscope's: which can be gravity, and which read a field
+    values = table.numbers(places[-6:])
+    values = values[np.isfinite(values).all(axis=1)]
+    if len(values) < BLOCK:
+        return None
     force, rate = np.hsplit(values, 2)
-    first, second = (np.linalg.norm(each, axis=1) for each in (force, rate))
-    low, usual, high = np.percentile(second, [5, 50, 95])
-    steady = 0.8 * usual < low and high < 1.25 * usual
-    moving = np.percentile(first, 95) > 3.0 * np.percentile(first, 5)
-    still = abs(usual / G0 - 1.0) < 0.05 and np.median(first) < G_UNIT
-    if steady and (moving or still):
-        return (
-            "the last three have a length as steady as gravity's and the three before "
-            "them have not, so the gyroscope's may come first: then it is "
-            f"{','.join((*roles[:-6], *NAMES[4:7], *NAMES[1:4]))}"
+    first, second = _gravity(force), _gravity(rate)
+    if _is_first(second, first):
+        why = f"the last three rather than the first can be {_AS_GRAVITY}"
+        return f"{why}, so the gyroscope's may come first", _examples(table, places)
+    field = first.known and not first.turned  # is still
+    field &= any(least < second.usual < most for least, most in _FIELDS)
+    steady = second.steady and (second.turned or field)
+    if first.can and (steady or _is_bound_to_poses(force, rate)):
+        why = (
+            "the last three may be a magnetometer's, for they read a field in each pose"
         )
-    turned = np.linalg.norm(rate.sum(axis=0)) < 0.98 * second.sum()
-    units = any(abs(np.median(first) / unit - 1.0) < 0.05 for unit in (1.0, G0))
-    units &= bool(np.linalg.norm(force.sum(axis=0)) > 0.98 * first.sum())  # is still
-    field = units and any(least < usual < most for least, most in _FIELDS)
-    if (turned or field) if steady else _is_bound_to_poses(force, rate):
-        return (
-            "the last three may be a magnetometer's, for they read a field in each "
-            f"pose: then it is {','.join((*roles[:-3], *NAMES[7:10]))}"
-        )
-    return ""
+        field_roles = dict(zip(places, (*roles[:-3], *ROLES["mag"]), strict=True))
+        return why, f"--columns {template(table.width, field_roles)}"
+    if not _is_first(first, second):
+        which = "both threes" if first.can and second.can else "neither three surely"
+        return f"{which} can be {_AS_GRAVITY}", _examples(table, places, 2)
+    return None
+
+
+class _Gravity(NamedTuple):
+    # of a triple's means over some rows: whether these can be gravity
+    usual: float = 0.0  # length
+    steady: bool = False  # in length
+    loose: bool = False  # never thrice as long
+    turned: bool = False
+    known: bool = False  # as long as gravity in a unit that is known
+
+    @property
+    def can(self) -> bool:
+        return self.steady or (self.loose and self.known)
+
+
+def _gravity(values: Float[Array, "n 3"]) -> _Gravity:
+    rows = BLOCK if len(values) >= 5 * BLOCK else 1
+    blocks = values[: len(values) // rows * rows].reshape(-1, rows, 3).mean(axis=1)
+    lengths = np.linalg.norm(blocks, axis=1)
+    low, usual, high = np.percentile(lengths, [5, 50, 95])
+    least, most = _AT_REST if high < 1.1 * low else _IN_MOTION
+    known = any(least < usual / unit < most for unit in (1.0, G0))
+    known |= any(abs(usual / unit - 1.0) < 0.05 for unit in _UNITS_OF_G)
+    return _Gravity(
+        usual=float(usual),
+        steady=bool(0.8 * usual < low and high < 1.25 * usual),
+        loose=bool(high < 3.0 * low),
+        turned=bool(np.linalg.norm(blocks.sum(axis=0)) < 0.98 * lengths.sum()),
+        known=known,
+    )
+
+
+def _is_first(own: _Gravity, other: _Gravity) -> bool:
+    # whether the one is gravity and not the other
+    if own.can and other.can:
+        more = own.known - other.known, own.turned - other.turned
+        return min(more) >= 0 and max(more) > 0
+    return own.can and (own.known or not other.loose)
+
+
+def _examples(
+    table: Table, places: list[int], most: int = 1, clock: Sequence[int] = ()
+) -> str:
+    """Names for `--columns` by the readings, the likeliest first.
+
+    A clock grows from row to row, and a counter by one; three columns beside each other
+    read gravity, and of six the others are the gyroscope's.
+    """
+    numbers = [k for k in places if not table.is_text(k)]
+    columns = dict(zip(numbers, table.numbers(numbers).T, strict=True))
+    steps = {k: np.diff(column) for k, column in columns.items()}
+    growing = [k for k in numbers if len(table) > ROWS and np.all(steps[k] > 0.0)]
+    running = [k for k in growing if np.any(steps[k] != 1.0)][-1:]
+    clocks = clock or [k for k in places if k not in numbers][:1] or running
+    if len(table) <= ROWS and not clocks:
+        clocks = growing = numbers[: len(numbers) > 3]
+    free = [k for k in numbers if k not in growing]
+    threes = [
+        free[k : k + 3] for k in range(0, len(free) - 2, 3 if len(free) == 6 else 1)
+    ]
+
+    def likely(three: list[int]) -> tuple[bool, bool, bool]:
+        values = np.column_stack([columns[k] for k in three])
+        values = values[np.isfinite(values).all(axis=1)]
+        own = _gravity(values) if len(values) else _Gravity()
+        return own.can, own.known, own.turned
+
+    lines = []
+    for three in sorted(threes, key=likely, reverse=True)[:most]:
+        others = [k for k in free if k not in three] if len(free) == 6 else []
+        order = [*clocks, *three, *others]
+        names = [*["t"] * len(clocks), *NAMES[1:]]
+        taken = dict(zip(order, names, strict=False))
+        lines.append(f"--columns {template(table.width, taken)}")
+    return " or ".join(lines) or f"--columns {template(table.width)}"
 
 
 def _is_bound_to_poses(force: Array, rate: Array) -> bool:
@@ -202,7 +307,7 @@ def _are_halves(table: TextTable) -> bool:
     )
 
 
-def template(width: int, taken: dict[int, str] | None = None) -> str:
+def template(width: int, taken: Mapping[int, str] | None = None) -> str:
     """Names for `--columns`, with a hyphen where none is taken."""
     if width > WIDEST:
         return f"... ({width} names)"
@@ -216,6 +321,11 @@ def given(
     """Role and unit that the caller gives to each column; none if one is not known."""
     listed = columns.split(",") if isinstance(columns, str) else columns
     names = [str(name).strip() for name in listed]
+    if len(names) == len(filled := _filled(table)):
+        names = [
+            dict(zip(filled, names, strict=True)).get(k, SKIP)
+            for k in range(table.width)
+        ]
     if len(names) != table.width:
         msg = (
             f"{table.path} has {table.width} columns, `{option}` names {len(names)} "
@@ -366,31 +476,35 @@ def sign_of(table: Table, force: Float[Array, "n 3"]) -> list[tuple[str, str]]:
 def clock_of(table: Table) -> Column | None:
     """Return the clock that a header names.
 
-    Numbers come before text, a plain name before a longer one, the accelerometer's
-    before another sensor's, a unit before none.
+    One that runs from row to row comes before a date or a whole second, numbers before
+    text, the sensor's own before that of what received it, the accelerometer's before
+    another's, a plain name before a longer one, a unit before none.
     """
     names, channels = table.names or (), channels_of(table)
+    clocks = {place: own for place, own in enumerate(channels) if own.kind == "time"}
+    fine = {place: _nanoseconds(channels, own) for place, own in clocks.items()}
     order = {
         place: (
+            place in fine.values(),
+            fine[place] is None and not _runs(table, place),
             table.is_text(place),
+            "acc" not in own.stem and _OWN.isdisjoint(own.stem.split()),
             not own.plain,
-            "acc" not in own.stem,
             not own.unit,
         )
-        for place, own in enumerate(channels)
-        if own.kind == "time"
+        for place, own in clocks.items()
     }
     if not order:
         return None
     place = min(order, key=order.__getitem__)
     unit = channels[place].unit or ("us" if PX4.intersection(names) else "")
-    return Column(
-        role="t",
-        place=place,
-        name=names[place],
-        unit=unit,
-        fine=_nanoseconds(channels, channels[place]),
-    )
+    return Column(role="t", place=place, name=names[place], unit=unit, fine=fine[place])
+
+
+def _runs(table: Table, place: int) -> bool:
+    # whether most of the first rows have another time than the row before
+    texts = table.rows(np.arange(len(table)) < START).texts(place)
+    return 2 * sum(map(ne, texts, texts[1:])) >= len(texts) - 1
 
 
 def _nanoseconds(channels: list[Channel], clock: Channel) -> int | None:
@@ -498,19 +612,20 @@ def _question(table: Table, why: str, candidates: list[Triple]) -> InputError:
     names, channels = table.names or (), channels_of(table)
     clock = clock_of(table)
     start = {} if clock is None else {clock.place: "t"}
-    numbers = [k for k in range(table.width) if k not in start and not table.is_text(k)]
+    numbers = [k for k in _filled(table) if k not in start and not table.is_text(k)]
     free = [k for k in numbers if channels[k].kind in _FREE]
     form = "one of" if len(candidates) > 1 else "for example"
     if not candidates and len(free) < 3:  # all are known, as something else
         form, free = "but only if the names are wrong", numbers
-    fitting = [*map(list, candidates[:3])] or [free[:3]] * (len(free) >= 3)
     lines = [
         template(table.width, start | dict(zip(each, ROLES["force"], strict=True)))
-        for each in fitting
+        for each in candidates[:3]
     ]
-    say = " or ".join(f"--columns {line}" for line in lines) or "--columns"
+    say = " or ".join(f"--columns {line}" for line in lines)
+    say = say or _examples(table, free, clock=[*start])
+    shown = listed(map(repr, filter(None, names)), _SHOWN)
     return InputError(
         f"{table.path}: which columns are the accelerometer's x, y and z? The header "
-        f"has {listed(map(repr, names), _SHOWN)}; {why}. Name each column in its order,"
-        f" {form} {say} ({', '.join(NAMES)}, - for one to ignore)"
+        f"has {shown}; {why}. Name each column in its order, {form} {say} "
+        f"({', '.join(NAMES)}, - for one to ignore)"
     )

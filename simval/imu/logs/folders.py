@@ -144,7 +144,7 @@ def _stream(
         said += sign_of(table, values)
         warm = temperatures(table)
         if len(warm) == 1:
-            columns["acc temperature [degC]"] = table.numbers(warm, holes=True)[:, 0]
+            columns["acc temperature [degC]"] = table.numbers(warm)[:, 0]
     said += [*table.source, *mended]
     return Stream(name=stem, time=time, columns=columns, group=group, words=name)
 

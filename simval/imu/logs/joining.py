@@ -100,7 +100,8 @@ def candidates(
     """
     found: dict[str, Callable[[], ArrayTable]] = {}
     quick = [each for each in streams if each.step <= 1.0 / SLOWEST]
-    forces = [each for each in quick or streams if each.has("force")]
+    forces = [each for each in quick if each.has("force")]
+    forces = forces or [each for each in streams if each.has("force")]
     if not forces:
         msg = (
             f"{path} holds no readings of an accelerometer in a form that is known; it "
@@ -116,7 +117,7 @@ def candidates(
     slow = [
         ("left out", f"{each.name}: fewer than {SLOWEST:g} readings a second")
         for each in streams
-        if each.has("mag") and each not in quick
+        if each not in (*quick, *forces)
     ]
     for own in forces:
         choices = [

@@ -11,12 +11,14 @@ from simval.errors import InputError
 from simval.imu.logs.clock import read_clock, require_finite
 from simval.imu.logs.columns import (
     ROLES,
+    SENSORS,
     TEMPERATURE,
     Column,
     chosen,
     several,
     sign_of,
 )
+from simval.imu.logs.joining import Stream, candidates
 from simval.imu.logs.names import Kind
 from simval.imu.logs.readers import read_table
 from simval.imu.logs.rows import BEFORE, Rows
@@ -142,11 +144,12 @@ def read_log(
     path : path-like
         File or folder, see the module for their forms.
     rate : float or None
-        Rows per second, Hz. Needed where the file has no clock; beside one it must
-        agree with it within 10 %, and may tell its unit.
+        Rows per second, Hz. Needed where the file has no clock and states no rate;
+        beside a clock it must agree with it within 10 %, and may tell its unit.
     columns : str or sequence of str or None
         What each column is: names out of ``t ax ay az wx wy wz mx my mz temp`` or
-        ``-`` for a column to ignore, e.g. ``"-,ax,ay,az"``; ``t[ms]``, ``t[us]``,
+        ``-`` for a column to ignore, e.g. ``"-,ax,ay,az"``, of all columns or of those
+        with a reading; ``t[ms]``, ``t[us]``,
         ``t[ns]`` for a clock that is not in seconds, ``temp[K]``, ``temp[degF]``,
         ``temp[raw/340+36.53]`` for a temperature not in degrees Celsius. None takes
         the file's header where it has one, else the number of columns.
@@ -183,17 +186,23 @@ def read_log(
         except InputError as error:
             if columns is not None:
                 raise
-            picked = tuple(each for each in picked if each is not warm)
             unclear += (f"the temperature: {error}",)
-    try:
-        readings = _readings(table, picked)
-    except InputError as error:
-        least = tuple(each for each in picked if each.role not in ROLES["mag"])
-        if columns is not None or len(least) == len(picked):
-            raise
-        readings, picked = _readings(table, least), least  # one read slowly has holes
-        unclear += (f"the magnetometer: {error}",)
-    time, rate, second, said = read_clock(table, clock, rate)
+    readings, damaged = _readable(table, picked, asked=columns is not None)
+    unclear += damaged
+    there = {kind: ~np.isnan(each[:, 0]) for kind, each in readings.items()}
+    rows = min((there[kind] for kind in ("force", "gyro") if kind in there), key=np.sum)
+    time, rate, second, said = read_clock(table, clock, rate, rows)
+    if not np.all([*there.values()]):
+        every, (time, rate, readings, words) = (
+            time,
+            _own_rows(str(path), time, readings),
+        )
+        source += words
+        if temperature is not None:
+            temperature = np.interp(time, every, temperature)
+    taken = {role for kind in readings for role in ROLES[kind]}
+    taken |= {"t"} if second else set()
+    taken |= {TEMPERATURE} if temperature is not None else set()
     return Log(
         path=str(path),
         time=time,
@@ -201,7 +210,7 @@ def read_log(
         gyro=readings.get("gyro"),
         magnetometer=readings.get("mag"),
         rate=rate,
-        columns=tuple(each for each in picked if each.role != "t" or second),
+        columns=tuple(each for each in picked if each.role in taken),
         second=second or 1.0,
         unclear=unclear,
         temperature=temperature,
@@ -209,17 +218,51 @@ def read_log(
     )
 
 
+def _readable(
+    table: Table, picked: tuple[Column, ...], *, asked: bool
+) -> tuple[dict[Kind, Float[Array, "n 3"]], tuple[str, ...]]:
+    # readings without a magnetometer's that are damaged and not asked for, and why
+    try:
+        return _readings(table, picked), ()
+    except InputError as error:
+        least = tuple(each for each in picked if each.role not in ROLES["mag"])
+        if asked or len(least) == len(picked):
+            raise
+        return _readings(table, least), (f"the magnetometer: {error}",)
+
+
 def _readings(
     table: Table, picked: tuple[Column, ...]
 ) -> dict[Kind, Float[Array, "n 3"]]:
-    # the numbers of each sensor, in one pass over the rows
+    # the numbers of each sensor, in one pass over the rows; NaN where a row has none
     places = {each.role: each.place for each in picked}
     own = {kind: roles for kind, roles in ROLES.items() if places.keys() >= {*roles}}
     values = table.numbers([places[role] for roles in own.values() for role in roles])
-    require_finite(table, values)
     # an axis after the other in memory: sums over the rows are ten times as quick
-    parts = map(np.asfortranarray, np.hsplit(values, len(own)))
+    parts = [*map(np.asfortranarray, np.hsplit(values, len(own)))]
+    for each in parts:
+        there = np.asarray(~np.isnan(each).all(axis=1))
+        require_finite(table.rows(there), each[there])
     return dict(zip(own, parts, strict=True))
+
+
+def _own_rows(
+    path: str, time: Float[Array, " m"], readings: dict[Kind, Float[Array, "m 3"]]
+) -> tuple[Float[Array, " n"], float, dict[Kind, Array], tuple[tuple[str, str], ...]]:
+    # time, rate and readings of sensors that have rows of their own, joined, and words
+    streams = []
+    for kind, each in readings.items():
+        there = ~np.isnan(each[:, 0])
+        axes = dict(zip(ROLES[kind], each[there].T, strict=True))
+        words = f"each sensor has rows of its own, of {len(time)} in all"
+        streams.append(
+            Stream(name=SENSORS[kind], time=time[there], columns=axes, words=words)
+        )
+    merged = candidates(path, streams, "")[SENSORS["force"]]()
+    names = merged.names or ()
+    time, rate, *_ = read_clock(merged, Column(role="t", place=0, unit="s"), None)
+    columns = (Column(role=role, place=k) for k, role in enumerate(names))
+    return time, rate, _readings(merged, tuple(columns)), merged.source
 
 
 def _of(role: str, columns: tuple[Column, ...]) -> Column | None:

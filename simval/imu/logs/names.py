@@ -29,7 +29,7 @@ def _spelt(units: Mapping[str, str]) -> dict[str, str]:
 _WORDS: dict[Kind, frozenset[str]] = {
     "force": _listed(
         "acc accel acce accl accelero accelerometer accelerometers acceleration "
-        "accelerations specific gf"
+        "accelerations specific gf gforce"
     ),
     "gyro": _listed(
         "gyr gyro gyros gyroscope gyroscopes omega angvel angular rotation rotrate"
@@ -78,12 +78,12 @@ _SECONDS = {
 SECONDS = {word: size for size, words in _SECONDS.items() for word in words.split()}
 UNITS: dict[Kind, dict[str, str]] = {
     "force": _spelt({
-        "m/s^2": "ms2 mss ms-2 mps2 mpss", "g": "g gs gee", "mg": "mg", "ug": "ug μg",
-        "": "cms2 mms2 fts2 gal",
+        "m/s^2": "ms2 mss ms-2 mps2 mpss mssquared", "g": "g gs gee", "mg": "mg",
+        "ug": "ug μg", "": "cms2 mms2 fts2 gal",
     }),
     "gyro": _spelt({
-        "rad/s": "rads rads-1 radsec radps", "mrad/s": "mrads", "mdps": "mdps",
-        "deg/s": "degs degs-1 degsec °s °s-1 °sec °ps dps", "rpm": "rpm", "": "rps",
+        "rad/s": "rads rads-1 radps", "mrad/s": "mrads", "mdps": "mdps",
+        "deg/s": "degs degs-1 °s °s-1 °ps dps", "rpm": "rpm", "": "rps",
     }),
     "mag": _spelt({
         "T": "t", "mT": "mt", "uT": "ut μt", "nT": "nt", "gauss": "gauss g gs",
@@ -105,7 +105,7 @@ DEGREES = {  # of one unit in kelvin, and its zero in degrees Celsius
 _ANY_UNIT = _listed(
     "raw count counts cnt cnts lsb adc digit digits bit bits int16 au mv v uncal cal"
 )
-_STRANGE_UNIT = _listed("° deg rad degree degrees c °c degc k f °f pa hpa mbar %")
+_STRANGE_UNIT = _listed("° deg rad c °c degc k f °f pa hpa mbar %")
 _FUSED = re.compile(
     r"(?P<word>acce?l?|accelerometer|acceleration|gyro?|gyroscope|magn?|magnetometer"
     r"|gf|a|w|g|m|b|q)"
@@ -117,7 +117,11 @@ _SENSOR_WORDS = "|".join(
 )
 _NUMBERED = re.compile(rf"^({_SENSOR_WORDS})(\d+)$")  # acc2 of acc2_x
 _BRACKETS = re.compile(r"[\[({]([^\[\](){}]*)[\])}]")
+_SPELT_OUT = re.compile(r"(deg)rees?|(rad)ians?|(s)ec(?:ond)?s?|(m)et(?:er|re)s?|per")
+"""Words of a unit, as short as in the tables: ``meters_per_second2`` is ``ms2``."""
 _CAPITALS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+_INDICES = ("0", "1", "2", "3", "x", "y", "z")  # in brackets
+_G_FORCE = re.compile(r"\bg(?:[ _-]?force|F)[ _-]?", re.I)
 _ROS = re.compile(r"((?:.*[./])?linear_acceleration[./])([xyz])(?: \[(.*)\])?")
 
 
@@ -179,16 +183,17 @@ def channel(name: str) -> Channel:
     if ros := _ROS.fullmatch(name.strip()):  # as in sensor_msgs/Imu: with gravity
         return Channel("force", ros[2], _compact(ros[3] or ""), ros[1])
     inside = [text.strip() for text in _BRACKETS.findall(name)]
-    index = next((text for text in inside if text in ("0", "1", "2", "3")), "")
+    index = next((text for text in inside if text.lower() in _INDICES), "")
     units = [_compact(text) for text in inside if text != index]
-    base = _CAPITALS.sub("_", _BRACKETS.sub(" ", name).replace("gF", "gf"))
+    base = _G_FORCE.sub("gf", _BRACKETS.sub(" ", name))
+    base = _CAPITALS.sub("_", base)
     words = [word for word in re.split(r"[^a-z0-9μ°]+", base.lower()) if word]
     words = [part for word in words for part in _NUMBERED.sub(r"\1 \2", word).split()]
     axis, words, tail = _axis(words)
     if not axis and index:
-        axis = index
+        axis = index.lower()
     unit = next((each for each in units if each), "")
-    tail_unit = "".join(tail)
+    tail_unit = _compact("".join(tail))
     if not unit and (tail_unit in _ANY_UNIT or _kinds_of(tail_unit)):
         unit, tail = tail_unit, []
     words += tail
@@ -199,7 +204,8 @@ def channel(name: str) -> Channel:
 
 
 def _compact(unit: str) -> str:
-    return re.sub(r"[^a-z0-9°μ%-]", "", unit.lower())
+    plain = re.sub(r"[^a-z0-9°μ%-]", "", unit.lower())
+    return _SPELT_OUT.sub(lambda match: "".join(match.groups("")), plain)
 
 
 def _axis(words: list[str]) -> tuple[str, list[str], list[str]]:
@@ -219,7 +225,7 @@ def _axis(words: list[str]) -> tuple[str, list[str], list[str]]:
 
 
 def _kind(words: list[str]) -> Kind:
-    named = set(words)
+    named = set(words) - ({"noise"} if "low" in words else set())  # a low-noise sensor
     kinds = {kind for kind, known in _WORDS.items() if named & known}
     if named & _WITHOUT_GRAVITY and "gyro" not in kinds:
         return "no gravity"
@@ -255,7 +261,7 @@ def _temperature(words: list[str], unit: str) -> Channel | None:
     at = next((k for k, word in enumerate(words) if word in _TEMPERATURE), None)
     if at is None or set(words) & _NO_TEMPERATURE:
         return None
-    behind = "".join(words[at + 1 :])
+    behind = _compact("".join(words[at + 1 :]))
     unit = unit or (behind if behind in DEGREES else "")
     return Channel("temperature", "", unit, " ".join(words))
 

@@ -1,9 +1,11 @@
 """Tables of numbers that are already parsed, as most readers return them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from simval.arrays import Array, ReadOnly
-from simval.shapes import Float
+from simval.shapes import Bool, Float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -16,6 +18,8 @@ class ArrayTable(ReadOnly):
     source: tuple[tuple[str, str], ...] = ()  # label and words: what was taken
     restarts: tuple[int, ...] = ()  # none: its rows are of one recording
     rate: tuple[str, float] | None = None  # name and Hz, where the file states it
+    refused: str = ""  # nothing: its names are those of its columns
+    empty: frozenset[int] = frozenset()  # none: it has no columns without readings
 
     @property
     def width(self) -> int:
@@ -26,9 +30,7 @@ class ArrayTable(ReadOnly):
         """Return the number of rows."""
         return len(self.values)
 
-    def numbers(
-        self, places: list[int], *, holes: bool = False
-    ) -> Float[Array, "n columns"]:
+    def numbers(self, places: list[int]) -> Float[Array, "n columns"]:
         """Return the columns at these places, NaN where there is none."""
         return self.values[:, places]
 
@@ -39,6 +41,10 @@ class ArrayTable(ReadOnly):
     def distinct(self, place: int) -> "ArrayTable":
         """Return the table itself: its rows are what was recorded."""
         return self
+
+    def rows(self, taken: Bool[np.ndarray, " n"]) -> "ArrayTable":
+        """Table of some of its rows."""
+        return self if np.all(taken) else replace(self, values=self.values[taken])
 
     def where(self, row: int) -> str:
         """Say where a row stands in the file."""

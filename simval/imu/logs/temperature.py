@@ -46,7 +46,7 @@ def read_temperature(
     table: Table, column: Column
 ) -> tuple[Float[Array, " n"], tuple[tuple[str, str], ...]]:
     """Return the temperature of each row, degrees Celsius, and what was mended."""
-    values = table.numbers([column.place], holes=True)[:, 0]
+    values = table.numbers([column.place])[:, 0]
     rows = np.arange(len(values))
     there = np.flatnonzero(np.isfinite(values))
     hole = int(np.diff(there, prepend=-1, append=len(rows)).max()) - 1

@@ -11,7 +11,8 @@ from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import compress
-from operator import eq, itemgetter
+from operator import eq, itemgetter, methodcaller
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,10 +28,10 @@ from simval.imu.logs.captures import (
     sampled,
     unlabelled,
 )
-from simval.imu.logs.names import channel, is_known, is_unit
+from simval.imu.logs.names import channel, is_known, is_unit, listed
 from simval.imu.logs.source import Source
 from simval.imu.logs.tables import ArrayTable
-from simval.shapes import Float
+from simval.shapes import Bool, Float
 
 _PLAIN = b"\t\n\r\f\v\x1a\0" + bytes(range(32, 256))  # 1a ends a file of DOS
 _PARTS = re.compile(r'"?[+-]?(\d*)[.,]?(\d*)(?:[eE][+-]?(\d*))?"?')
@@ -38,6 +39,9 @@ _PARTS = re.compile(r'"?[+-]?(\d*)[.,]?(\d*)(?:[eE][+-]?(\d*))?"?')
 _LAST = 1000  # rows by which the last one is judged
 _PADDING = re.compile("\0+")
 _MISSING = frozenset({"", "na", "n/a", "null", "none", "-"})
+_NOTHING = _MISSING | {"nan"}
+_SHOWN = 12  # names that a line lists
+_WIDEST = 60  # columns among which a name that is missing is looked for
 Said = tuple[tuple[str, str], ...]
 
 
@@ -84,7 +88,13 @@ class Dialect:
 
     mark: str | None  # separator; None is white space
     comma: bool  # whether the decimal mark is a comma
-    width: int = 0  # fields of a row
+    width: int = 0  # fields of a row, without empty ones at the end of every row
+    most: int = 0  # with these
+
+    @property
+    def trailing(self) -> bool:
+        """Whether empty fields stand at the end of every row."""
+        return self.most > self.width
 
     def fields(self, line: str) -> list[str]:
         """Fields of a line, without quotes and blanks around them."""
@@ -94,7 +104,10 @@ class Dialect:
                 fields = next(csv.reader([line], delimiter=self.mark), fields)
             except csv.Error:  # a field of more than 128 KiB: split as it stands
                 return fields
-        return [field.strip().strip("\"'").strip() for field in fields]
+        fields = [field.strip().strip("\"'").strip() for field in fields]
+        while len(fields) > self.width > 0 and not fields[-1]:
+            fields.pop()
+        return fields
 
     def is_number(self, field: str) -> bool:
         """Return whether a field is a number, NaN and infinity among them."""
@@ -104,14 +117,28 @@ class Dialect:
             field = field.replace(",", ".", 1)
         return is_number(field)
 
-    def numbers(self, line: str) -> list[bool]:
-        """Return which fields of a line are numbers."""
-        return [self.is_number(field) for field in self.fields(line)]
+    def value(self, field: str) -> float:
+        """Number in a field; NaN for what is missing or none."""
+        there = self.is_number(field)
+        return (
+            float(field.replace(",", ".") if self.comma else field) if there else np.nan
+        )
+
+    def numbers(self, line: str) -> list[bool | None]:
+        """Return which fields of a line are numbers; None for what is missing."""
+        return [
+            None if field.lower() in _MISSING else self.is_number(field)
+            for field in self.fields(line)
+        ]
 
     def values(
-        self, lines: list[Line], places: list[int] | None = None
+        self,
+        lines: list[Line],
+        places: list[int] | None = None,
+        *,
+        holes: bool = False,
     ) -> Float[Array, "n columns"]:
-        """Numbers of all columns, or of those at some places.
+        """Numbers of all columns, or of those at some places, NaN for empty fields.
 
         Raises
         ------
@@ -120,9 +147,20 @@ class Dialect:
         """
         rows = map(itemgetter(1), lines)
         plain = (row.replace(",", ".") for row in rows) if self.comma else rows
+        if holes and self.mark is not None:
+            plain = map(self._filled, plain)
+        elif self.trailing:
+            plain = map(methodcaller("rstrip", f" {self.mark}"), plain)
         return np.loadtxt(
             plain, delimiter=self.mark, ndmin=2, comments=None, usecols=places
         )
+
+    def _filled(self, row: str) -> str:
+        # a row with NaN for what is empty
+        mark = self.mark or " "
+        none, filled = 2 * mark, f"{mark}nan{mark}"
+        row = row.replace(none, filled).replace(none, filled)
+        return "nan" * row.startswith(mark) + row + "nan" * row.endswith(mark)
 
 
 # in this order where a file can be read in two ways: `1,2` is two numbers, not one
@@ -134,18 +172,33 @@ DIALECTS = (
 
 
 def dialect_of(lines: list[Line]) -> Dialect:
-    """Return the dialect that reads the greatest share of the fields as numbers."""
+    """Return the dialect that reads the greatest share of what is there as numbers.
+
+    An empty field counts neither for nor against it.
+    """
     sample = [line for _, line in sampled(lines)]
 
     def share(dialect: Dialect) -> float:
         rows = map(dialect.numbers, sample)
-        return float(np.mean([sum(numbers) / len(numbers) for numbers in rows]))
+        there = ([each for each in row if each is not None] for row in rows)
+        return float(np.mean([sum(each) / max(len(each), 1) for each in there]))
 
     best = max(DIALECTS, key=share)
     rows = [numbers for numbers in map(best.numbers, sample) if any(numbers)]
     widths = Counter(map(len, rows))
     width = widths.most_common(1)[0][0] if widths else 0
-    return Dialect(best.mark, best.comma, width)
+    if best.mark is None:
+        return replace(best, width=width, most=width)
+    few = _empty_at_the_end(sample, best.mark, width)
+    empty = few and _empty_at_the_end([line for _, line in lines], best.mark, width)
+    return replace(best, width=width - empty, most=width)
+
+
+def _empty_at_the_end(lines: list[str], mark: str, width: int) -> int:
+    # fields at the end that are empty in each row
+    rows = (line for line in lines if line.count(mark) == width - 1)
+    ends = (row[len(row.rstrip(f" {mark}")) :].count(mark) for row in rows)
+    return min(ends, default=0)
 
 
 # white space outside of brackets, which hold a unit: a whole file in one line is quick
@@ -173,40 +226,152 @@ def is_names(fields: list[str]) -> bool:
     return sum(each.axis != "" and each.kind != "other" for each in channels) >= 3
 
 
+class Header(NamedTuple):
+    """Names of the columns, and what else stands above the rows."""
+
+    names: tuple[str, ...] | None
+    rest: list[Line]  # neither names nor remarks
+    said: Said = ()
+    refused: str = ""  # why names that are there cannot be the columns'
+    rate: tuple[str, float] | None = None  # name and Hz, where a line states it
+
+
 def header_of(
-    path: str, dialect: Dialect, above: list[Line]
-) -> tuple[tuple[str, ...] | None, list[Line]]:
-    """Find the names of the columns among the lines above the rows."""
-    others: list[Line] = []
-    names: tuple[str, ...] | None = None
-    units: list[str] = []
-    for number, line in reversed(above):
-        remark = _is_remark(line)
-        bare = line.lstrip().lstrip("#%/").strip() if remark else line
-        if names is None and not (remark and _is_sentence(dialect, bare)):
-            fields = _fitting(dialect, bare)
-            alone = any(fields) and all(is_unit(each) for each in fields if each)
-            if not others and not units and alone:
-                units = fields
-                continue
-            if fields and (not others or is_names(fields)):
-                pairs = zip(fields, units or [""] * len(fields), strict=True)
-                names = tuple(
-                    f"{name} [{unit.strip('[]() ')}]" if unit else name
-                    for name, unit in pairs
-                )
-                continue
-            if is_names(header_names(bare)):
-                msg = (
-                    f"{path}, line {number}: the header has "
-                    f"{len(header_names(bare))} names, but a row has {dialect.width} "
-                    "fields; give one name to each column (are decimal commas and "
-                    "separating commas mixed?), or name them with --columns"
-                )
-                raise InputError(msg)
-        if not remark:
-            others.append((number, line))
-    return names, others[::-1]
+    path: str, dialect: Dialect, above: list[Line], rows: list[Line]
+) -> Header:
+    """Find the names of the columns, and their units, among the lines above the rows.
+
+    The names are the lowest line that names axes, else the one above the rows; a line
+    of units below it is known by the columns that are axes.
+    """
+    bare = {
+        number: line.lstrip().lstrip("#%/").strip() if _is_remark(line) else line
+        for number, line in above
+    }
+    words = {number for number, line in above if not _is_remark(line)}
+    fitting = {
+        number: fields
+        for number, line in reversed(bare.items())
+        if number in words or not _is_sentence(dialect, line)
+        if (fields := _fitting(dialect, line))
+    }
+    named = (number for number, fields in fitting.items() if is_names(fields))
+    plain = (
+        number
+        for number, fields in fitting.items()
+        if not all(is_unit(each) for each in fields if each)
+        and all(below in fitting for below in words if below > number)
+    )
+    header = next(named, None) or next(plain, None)
+    rest = [(number, line) for number, line in above if number in words]
+    if header is None:
+        return _misfit(path, dialect, bare, rest, rows)
+    names = fitting[header]
+    axes = [k for k, name in enumerate(names) if channel(name).axis]
+    for number, fields in fitting.items():
+        own = [fields[k] for k in axes or range(len(names)) if fields[k]]
+        if number > header and 2 * sum(map(is_unit, own)) > len(own):
+            units = (re.sub(r"[][()*]", "", each) for each in fields)
+            pairs = zip(names, units, strict=True)
+            names = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
+            break
+    while len(names) > dialect.width and not names[-1]:
+        names.pop()
+    below = [entry for entry in rest if entry[0] < header or entry[0] not in fitting]
+    return Header(tuple(names), below)
+
+
+def _misfit(
+    path: str,
+    dialect: Dialect,
+    bare: dict[int, str],
+    rest: list[Line],
+    rows: list[Line],
+) -> Header:
+    # names of another number than the columns: matched if one is missing, or refused
+    for number, line in reversed(bare.items()):
+        others = [entry for entry in rest if entry[0] != number]
+        fields = header_names(line, dialect.mark)
+        if len(fields) == dialect.width - 1 < _WIDEST:
+            names = _matched(dialect, fields, rows)
+            if names is not None:
+                said = f"line {number} has {len(fields)} names for {dialect.width} "
+                said += f"columns, taken as {', '.join(map(repr, names))}"
+                return Header(names, others, (("names", said),))
+        if is_names(fields := header_names(line)):
+            msg = (
+                f"{path}, line {number}: the header has {len(fields)} names, but a row "
+                f"has {dialect.width} fields; give one name to each (are decimal "
+                "commas and separating commas mixed?), or name them with --columns"
+            )
+            return Header(None, others, refused=msg)
+    return Header(None, rest)
+
+
+def _matched(
+    dialect: Dialect, fields: list[str], rows: list[Line]
+) -> tuple[str, ...] | None:
+    """Names of which one is missing, where one way alone agrees with the readings.
+
+    A column may have none, as the first in what R writes, or a separator may be
+    missing between two names that are known. No axis grows from row to row, and a
+    clock does; of a counter and a clock the counter is without a name.
+    """
+    few = [each for each in sampled(rows) if _count(dialect, each[1]) == dialect.most]
+    values = [[*map(dialect.value, dialect.fields(line))] for _, line in few]
+    steps = np.diff(np.reshape(values, (len(few), dialect.width)), axis=0)
+    growing = np.all(steps > 0.0, axis=0)
+    counting = np.all(steps == np.diff([number for number, _ in few])[:, None], axis=0)
+    ways = [[*fields[:k], "", *fields[k:]] for k in range(len(fields) + 1)]
+    for k, name in enumerate(fields):
+        for at in range(1, len(name)):
+            two = [name[:at], name[at:]]
+            if all(channel(each).kind != "other" for each in two):
+                ways.append([*fields[:k], *two, *fields[k + 1 :]])
+    agreeing: dict[tuple[object, ...], tuple[str, ...]] = {}
+    for way in ways:
+        known = [channel(name) for name in way]
+        clocks = [each.kind == "time" for each in known]
+        axes = [each.axis != "" for each in known]
+        counter = np.any(counting[clocks]) and np.any(growing & ~counting)
+        right = np.all(growing[clocks]) and not np.any(growing[axes])
+        if is_names(way) and right and not counter:
+            meaning = tuple((each.kind, each.axis, each.unit) for each in known)
+            agreeing[meaning] = tuple(map(str.strip, way))
+    return next(iter(agreeing.values())) if len(agreeing) == 1 else None
+
+
+_RATE = re.compile(
+    r"\W*(?P<whose>[a-z ]*?)(?P<name>(?:(?P<long>update|sampl[a-z]*|data|output"
+    r"|logg[a-z]*|record[a-z]*|acquisition|imu|sensor)[ _-]*)?"
+    r"(?:rate|frequency|freq|fs|odr))"
+    r"[ _]*[([]?(?P<hz>hz)?[])]?[\s:=,;|]+(?P<rate>\d+(?:\.\d+)?)\s*(?P<unit>[a-z/%]*)"
+    r"(?P<next>[,;|\t]\s*(?:hz|hertz)\b)?.*",
+    re.I,
+)
+_HERTZ = ("hz", "hertz", "sps", "samples/s", "samples/sec", "samples/second")
+_NOT_THE_LOGS = re.compile(
+    r"gyr|mag|gps|gnss|baro|temp|cam|video|audio|heart|baud", re.I
+)
+
+
+def rate_of(above: list[Line]) -> tuple[str, float] | None:
+    """Return the rate that the lines above the rows state, in Hz, and its name.
+
+    ``Update Rate: 100.0Hz``, ``Sample Rate:,128,Hz``, ``data_rate = 50 Hz``; nothing
+    where two differ, or where it is another sensor's.
+    """
+    found: dict[float, str] = {}
+    for _, line in above:
+        match = _RATE.fullmatch(line.strip())
+        if match is None or _NOT_THE_LOGS.search(match["whose"]):
+            continue
+        unit = match["unit"].lower()
+        hertz = unit in _HERTZ or match["hz"] or match["next"]
+        if hertz or (not unit and (match["long"] or match["name"].lower() == "fs")):
+            found[float(match["rate"])] = match["name"]
+    rates = [(name, rate) for rate, name in found.items() if rate > 0.0]
+    return rates[0] if len(rates) == 1 else None
 
 
 def _is_sentence(dialect: Dialect, remark: str) -> bool:
@@ -217,13 +382,15 @@ def _is_sentence(dialect: Dialect, remark: str) -> bool:
 
 
 def _fitting(dialect: Dialect, line: str) -> list[str]:
-    # the line's names if there are as many as columns and none is a number
+    # the line's names, also of columns that are empty in every row, if there are as
+    # many as columns and none is a number
     for mark in (dialect.mark, "", None):
         fields = header_names(line, mark)
-        if fields[-1:] == [""] and len(fields) == dialect.width + 1:
-            fields = fields[:-1]
-        if len(fields) == dialect.width and not any(map(dialect.is_number, fields)):
-            return fields
+        while len(fields) > dialect.width and not fields[-1]:
+            fields.pop()
+        right = dialect.width <= len(fields) <= dialect.most
+        if right and not any(map(dialect.is_number, fields)):
+            return fields + [""] * (dialect.most - len(fields))
     return []
 
 
@@ -241,11 +408,13 @@ class TextTable:
     dialect: Dialect  # how its fields are written
     lines: list[Line]  # line number, from 1, and text of each row
     source: Said = ()  # label and words: what was taken
+    refused: str = ""  # why the names that stand above the rows are not its header
+    empty: frozenset[int] = frozenset()  # places where no row has a number or a word
     # rows from which on a header that stands again parts the log from what is above
     restarts: tuple[int, ...] = ()
     # of all rows, where every field is a number
     values: Float[Array, "n columns"] | None = None
-    rate: None = None  # a text states none
+    rate: tuple[str, float] | None = None  # name and Hz, where the file states it
 
     @property
     def width(self) -> int:
@@ -256,23 +425,22 @@ class TextTable:
         """Return the number of rows."""
         return len(self.lines)
 
-    def numbers(
-        self, places: list[int], *, holes: bool = False
-    ) -> Float[Array, "n columns"]:
-        """Return the columns at these places; NaN, if there may be holes, in one."""
+    def numbers(self, places: list[int]) -> Float[Array, "n columns"]:
+        """Return the columns at these places, NaN where there is none."""
         if self.values is not None:
             return self.values[:, places]
         dialect = self.dialect
-        with suppress(ValueError):
-            return dialect.values(self.lines, places)
+        for holes in (False, True):
+            with suppress(ValueError):
+                return dialect.values(self.lines, places, holes=holes)
         values = np.full((len(self.lines), len(places)), np.nan)
         for row, (_, line) in enumerate(self.lines):
             fields = dialect.fields(line)
             for k, place in enumerate(places):
                 field = fields[place]
                 if dialect.is_number(field):
-                    values[row, k] = field.replace(",", ".") if dialect.comma else field
-                elif not (holes and field.lower() in _MISSING):
+                    values[row, k] = dialect.value(field)
+                elif field.lower() not in _MISSING:
                     msg = (
                         f"{self.where(row)}, column {place + 1}: {field[:40]!r} is not "
                         "a number; remove the line, or leave that column out "
@@ -293,9 +461,7 @@ class TextTable:
         twice = [False, *map(eq, lines, lines[1:])]
         if not any(twice) or self.restarts:
             return self
-        first = [not again for again in twice]
-        values = None if self.values is None else self.values[first]
-        once = replace(self, lines=list(compress(self.lines, first)), values=values)
+        once = self.rows(~np.array(twice))
         clock = once.texts(place)
         if any(map(eq, clock, clock[1:])):
             return self
@@ -303,13 +469,23 @@ class TextTable:
         words += f"{self.lines[twice.index(True)][0]}, are taken once"
         return replace(once, source=(*self.source, ("mended", words)))
 
+    def rows(self, taken: Bool[np.ndarray, " n"]) -> "TextTable":
+        """Table of some of its rows."""
+        if np.all(taken):
+            return self
+        values = None if self.values is None else self.values[taken]
+        lines = list(compress(self.lines, taken))
+        restarts = tuple(int(np.sum(taken[:row])) for row in self.restarts)
+        return replace(self, lines=lines, values=values, restarts=restarts)
+
     def where(self, row: int) -> str:
         """Say where a row stands in the file."""
         return f"{self.path}, line {self.lines[row][0]}"
 
     def is_text(self, place: int) -> bool:
-        """Return whether the first row has no number there."""
-        return not self.dialect.numbers(self.lines[0][1])[place]
+        """Return whether what stands there is no number."""
+        rows = (self.dialect.numbers(line)[place] for _, line in sampled(self.lines))
+        return next((not each for each in rows if each is not None), False)
 
 
 Table = ArrayTable | TextTable
@@ -345,18 +521,24 @@ def read(source: Source) -> TextTable:
         raise InputError(msg)
     start = every.index(lines[first])
     above = every[:start]
-    names, rest = header_of(path, dialect, above)
+    header = header_of(path, dialect, above, lines[first:])
+    header = header._replace(rate=rate_of(above))
+    names = header.names
+    if names is not None:  # of columns at the end without a reading, too
+        dialect = replace(dialect, width=len(names))
     if labels is None and names is None and is_echo(dialect.fields(lines[first][1])):
         labels = ECHOED
-    body = _Body(path, dialect, names or labels, list(said))
+    body = _Body(path, dialect, header, names or labels, [*said, *header.said])
     body.rows = lines[first:]
     body.part(above, every[start:])
     body.end(whole=text.endswith(("\n", "\r")))
     with suppress(ValueError):
         body.values = dialect.values(body.rows)
+        more = dialect.width - body.values.shape[1]
+        body.values = np.pad(body.values, ((0, 0), (0, more)), constant_values=np.nan)
     if names is None and labels is None and body.values is None:
         body.find_header()
-    _require_width(body, body.begun(rest))
+    _require_width(body, body.begun(header.rest))
     return body.table(times)
 
 
@@ -370,6 +552,7 @@ class _Body:
 
     path: str
     dialect: Dialect
+    header: Header
     names: tuple[str, ...] | None
     said: list[tuple[str, str]]
     rows: list[Line] = field(default_factory=list)
@@ -403,10 +586,8 @@ class _Body:
     def find_header(self) -> None:
         """Leave out rows above a header, a tenth of those below it at most."""
         for k, (number, line) in enumerate(self.rows):
-            if self.dialect.is_number(line.rsplit(self.dialect.mark, 1)[-1]):
-                continue
             fields = self.dialect.fields(line)
-            if not is_names(fields):
+            if any(map(self.dialect.is_number, fields)) or not is_names(fields):
                 continue
             below = self.rows[k + 1 :]
             if 10 * k > len(below) or len(fields) != self.dialect.width:
@@ -442,13 +623,18 @@ class _Body:
         if whole or len(self.rows) < 3:
             return
         rows = self.rows[-_LAST:]
-        texts = [line.rsplit(self.dialect.mark, 1)[-1].strip() for _, line in rows]
+        *above, last = [self.dialect.fields(line)[-1] for _, line in rows]
+        texts = [*filter(None, above), last]
         parts = [
             match.groups("") for text in texts if (match := _PARTS.fullmatch(text))
         ]
         number = self.dialect.is_number
-        cut = number(texts[-2]) and not number(texts[-1])
-        if not cut and _PARTS.fullmatch(texts[-1]) and len(parts) > 1:
+        cut = number(above[-1]) and not number(last)
+        # where a separator stands behind each row, one without it is cut
+        cut |= self.dialect.trailing and not rows[-1][1].strip().endswith(
+            self.dialect.mark or " "
+        )
+        if not cut and last and _PARTS.fullmatch(last) and len(parts) > 1:
             digits = np.array(
                 [(len(b), len((a + b).lstrip("0")), len(c)) for a, b, c in parts]
             )
@@ -477,6 +663,7 @@ class _Body:
         """Return the table, with times of day before its rows where they have some."""
         rows, names, dialect = self.rows, self.names, self.dialect
         values = self.values
+        empty = self._empty()
         timed = bool(times) and all(number in times for number, _ in rows)
         if timed and (names is not None or dialect.width in (3, 6)):
             mark = " " if dialect.mark is None else dialect.mark
@@ -484,29 +671,57 @@ class _Body:
             values = None
             dialect = replace(dialect, width=dialect.width + 1)
             names = None if names is None else ("time of arrival", *names)
+            empty = {place + 1 for place in empty}
         elif times and not timed:
             words = "not each line has a time of day, and none is taken"
             self.said.append(("left out", words))
+        if names is not None and empty:
+            lost = listed((repr(names[k]) for k in sorted(empty) if names[k]), _SHOWN)
+            if lost:
+                self.said.append(("left out", f"{lost}: without any number"))
+            names = tuple("" if k in empty else name for k, name in enumerate(names))
         return TextTable(
             path=self.path,
             names=names,
             dialect=dialect,
             lines=rows,
             source=tuple(self.said),
+            refused=self.header.refused,
+            empty=frozenset(empty),
+            rate=self.header.rate,
             restarts=tuple(row for row in self.restarts if row < len(rows)),
             values=values,
         )
 
+    def _empty(self) -> set[int]:
+        # places where nothing is written but NaN
+        if self.values is not None:
+            return {*np.flatnonzero(np.isnan(self.values).all(axis=0)).tolist()}
+        empty = set(range(self.dialect.width))
+        for _, line in self.rows:
+            if not empty:
+                break
+            fields = self.dialect.fields(line)
+            empty -= {k for k in empty if fields[k].lower() not in _NOTHING}
+        return empty
+
 
 def _first_row(dialect: Dialect, lines: list[Line]) -> int | None:
-    # the first line of the usual width with numbers where most of the last lines have
+    # the first line of the usual width with more numbers than words in the columns
+    # where most of the last lines have numbers
     last = [dialect.numbers(line) for _, line in lines[-64:]]
     whole = [numbers for numbers in last if len(numbers) == dialect.width]
-    usual = np.mean(whole, axis=0) > 0.5 if whole else np.zeros(dialect.width, bool)
+    numeric = [
+        k
+        for k, each in enumerate(zip(*whole, strict=True))
+        if each.count(True) > each.count(False)
+    ]
     for k, (_, line) in enumerate(lines):
-        numbers = np.array(dialect.numbers(line))
-        if len(numbers) == dialect.width and 2 * np.sum(numbers & usual) > usual.sum():
-            return k
+        numbers = dialect.numbers(line)
+        if len(numbers) == dialect.width:
+            own = [numbers[place] for place in numeric]
+            if own.count(True) > own.count(False):
+                return k
     return None
 
 
@@ -531,10 +746,13 @@ def _no_row(path: str, lines: list[Line]) -> str:
 
 
 def _count(dialect: Dialect, line: str) -> int:
-    if '"' in line:
-        return len(dialect.fields(line))
-    mark = dialect.mark
-    return len(line.split()) if mark is None else line.count(mark) + 1
+    # fields of a line, without empty ones behind as many as a row has
+    if dialect.mark is None:
+        return len(line.split())
+    count = line.count(dialect.mark) + 1
+    if '"' in line or count > dialect.most > 0:
+        return len(replace(dialect, width=dialect.most).fields(line))
+    return count
 
 
 def _require_width(body: _Body, above: list[Line]) -> None:
@@ -546,12 +764,12 @@ def _require_width(body: _Body, above: list[Line]) -> None:
         if all(numbers) or (len(numbers) == dialect.width and numbers[0]):
             broken.append((number, len(numbers)))
     for number, line in body.rows if body.values is None else ():
-        if (count := _count(dialect, line)) != dialect.width:
+        if (count := _count(dialect, line)) != dialect.most:
             broken.append((number, count))
     for number, count in broken:
         msg = (
             f"{body.path}, line {number}: {count} columns, but the rows from line "
-            f"{first} on have {dialect.width}; every row must have the same columns, "
+            f"{first} on have {dialect.most}; every row must have the same columns, "
             "so repair or remove that line, or mark it as a remark (#)"
         )
         raise InputError(msg)

@@ -106,11 +106,10 @@ def read_truth(
     places, scalar, column = (
         _by_names(table, stem) if columns is None else _given(table, columns)
     )
-    components = _unit(table, table.numbers(places, holes=True))
+    components = _unit(table, table.numbers(places))
+    if clock is not None and len(clock) != len(table):  # of rows of its own
+        clock = None
     time = _times(table, column, rate) if clock is None else clock
-    if len(time) != len(components):
-        msg = f"{path} has {len(components)} rows and its log {len(time)}; give one log"
-        raise InputError(msg)
     names = table.names or tuple(f"column {k + 1}" for k in range(table.width))
     return Truth(
         path=table.path,
@@ -225,7 +224,8 @@ def _unit(table: Table, components: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
 
 
 def _times(table: Table, column: Column | None, rate: float | None) -> Array:
-    time = None if column is None else times_of(table, column, rate)[0]
+    every = np.ones(len(table), bool)
+    time = None if column is None else times_of(table, column, rate, every)[0]
     if time is None:
         if rate is None:
             msg = (

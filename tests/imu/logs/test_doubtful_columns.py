@@ -1,5 +1,6 @@
 """Columns that only look like an accelerometer's are asked for, never taken."""
 
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta, timezone
 
 import numpy as np
@@ -193,3 +194,87 @@ def test_a_clock_is_no_axis(tmp_path):
     path = saved(tmp_path / "log.csv", TIME, FORCE, GYRO[:, :2])
     with pytest.raises(InputError, match="as a clock does"):
         read_log(path, rate=100.0)
+
+
+def flying(seed, units=(1.0, 1.0)):
+    """Force and rate of what flies: vibration, pushes, a rate that is not zero."""
+    rng, n = np.random.default_rng([50, seed]), 2000
+
+    def smooth(rows):
+        noise = ndimage.gaussian_filter1d(rng.normal(size=(n, 3)), rows, axis=0)
+        return noise / noise.std(axis=0)
+
+    to_body = Rotation.from_rotvec(0.2 * smooth(80) + np.pi * rng.normal(size=3)).inv()
+    push, turn = rng.uniform(0.3, 2.0) * smooth(80), rng.uniform(0.1, 0.8) * smooth(60)
+    force = to_body.apply(push + np.array([0.0, 0.0, 9.81]))
+    force += rng.uniform(0.3, 2.5) * rng.normal(size=(n, 3))
+    rate = (
+        turn + rng.uniform(0.02, 0.2) * rng.normal(size=(n, 3)) + rng.normal(size=3) / 5
+    )
+    return force * units[0], rate * units[1]
+
+
+IN_UNITS = {
+    "m/s^2, rad/s": (1.0, 1.0),
+    "m/s^2, deg/s": (1.0, 57.3),
+    "g, rad/s": (1 / 9.81, 1.0),
+    "counts": (2048 / 9.81, 16.4 * 57.3),
+    "unknown": (1000.0, 1000.0),
+}
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("units", IN_UNITS.values(), ids=IN_UNITS)
+def test_a_gyroscope_that_comes_first_in_flight_is_never_read_as_gravity(
+    tmp_path, units
+):
+    """Of 20 flights; sound ones are read where the unit is one of gravity's."""
+    time = np.arange(2000)[:, None] / 200
+    sound = 0
+    for seed in range(20):
+        force, rate = flying(seed, units)
+        path = saved(tmp_path / "log.csv", time, rate, force)
+        with pytest.raises(InputError, match="t,wx,wy,wz,ax,ay,az") as caught:
+            read_log(path)
+        named = [
+            each.rstrip(",.;") for each in str(caught.value).split() if "wx" in each
+        ]
+        assert set(named) <= {"t,wx,wy,wz,ax,ay,az", "t,ax,ay,az,wx,wy,wz"}
+        read = read_log(path, columns="t,wx,wy,wz,ax,ay,az")
+        np.testing.assert_allclose(read.accelerometer, force, rtol=0, atol=1e-6)
+        with suppress(InputError):
+            sound += read_log(saved(path, time, force, rate)).gyro is not None
+    assert sound >= (19 if units[0] <= 1.0 else 0)
+
+
+COUNTER = np.arange(N)[:, None]
+LABELLED = {  # header, columns beside those of the force, and what is proposed
+    "no names": ("", (COUNTER, TIME), "-,t,ax,ay,az"),
+    "names": ("Record,Time,One,Two,Three", (COUNTER, TIME), "-,t,ax,ay,az"),
+    "a counter alone": ("Record,Flag,One,Two,Three", (COUNTER, 0 * TIME), ",ax,ay,az"),
+    "six and a counter": ("", (COUNTER, TIME, GYRO), "-,t,wx,wy,wz,ax,ay,az"),
+}
+
+
+@pytest.mark.parametrize("case", LABELLED.values(), ids=LABELLED)
+def test_the_example_of_names_has_no_counter_for_an_axis(tmp_path, case):
+    header, columns, proposed = case
+    path = saved(tmp_path / "log.csv", *columns, FORCE, header=header)
+    with pytest.raises(
+        InputError, match=f"--columns [-,]*{proposed.lstrip('-,')}"
+    ) as e:
+        read_log(path)
+    line = str(e.value).split("--columns ")[1].split()[0].strip(",;.")
+    read = read_log(path, columns=line, rate=100.0)
+    np.testing.assert_allclose(read.accelerometer, FORCE, rtol=0, atol=1e-6)
+
+
+def test_a_steady_rate_is_not_gravity_beside_a_ride_that_is_never_at_one_g(tmp_path):
+    """A turntable on a ride: 1.3 to 2.5 g, and a rate of 0.6 rad/s."""
+    length = 9.8 * (1.9 + 0.6 * np.sin(3.0 * TIME))
+    force = length * [0.1, 0.2, 0.97] + 0.02 * RNG.standard_normal((N, 3))
+    rate = [0.5, 0.1, 0.3] + 0.002 * RNG.standard_normal((N, 3))
+    for parts in ((rate, force), (force, rate)):
+        path = saved(tmp_path / "log.csv", TIME, *parts)
+        with pytest.raises(InputError, match="t,wx,wy,wz,ax,ay,az"):
+            read_log(path)

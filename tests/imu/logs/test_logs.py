@@ -84,7 +84,7 @@ def replaced(row, text):
 REFUSED = [  # what a file holds, how it is read, and what is said
     ("", {}, "is empty"),
     ("t ax ay az\n", {}, "a header but no row"),
-    (replaced(4, "0.04 1 nan 3"), {}, "line 5: a value is not finite"),
+    (replaced(4, "0.04 1 nan 3"), {}, "line 5: a value is missing or not finite"),
     (replaced(4, "0.04 1 two 3"), {}, "line 5, column 3: 'two' is not a number"),
     ("# remark\n\n" + replaced(4, "0.04 1 two 3"), {}, "line 7, column 3"),
     (replaced(4, "0.04 1 2"), {}, "line 5: 3 columns, but the rows from line 1"),
@@ -95,7 +95,7 @@ REFUSED = [  # what a file holds, how it is read, and what is said
     ("1 2 3\n4 5 6\n", {}, "no time column and no rate"),
     ("1 2 3 4 5\n1 2 3 4 5\n", {}, "has 5 columns"),
     ("0 1 2 3\n", {}, "has one row"),
-    ("1,2,3,\n1,2,3,\n", {}, "line 1, column 4"),
+    ("1,2,3,\n1,2,3,\n", {}, "no time column and no rate"),
     *(("1 2 3\n4 5 6\n", {"rate": rate}, "`rate`")
       for rate in (0.0, float("nan"), "fast")),
     *((replaced(0, NUMBERS[0]), {"columns": names}, "`columns`")
@@ -224,22 +224,6 @@ def test_a_magnetometer_is_taken_by_its_names(tmp_path, capsys):
 
 def rows_of(path):
     return np.loadtxt(path, delimiter=",", skiprows=1, encoding="latin-1")
-
-
-def test_a_slow_magnetometer_is_left_out_and_that_is_said(tmp_path):
-    path, rows = write_named(tmp_path, "t,ax,ay,az,mx,my,mz", 7)
-    lines = path.read_text().split("\n")
-    for hole in ("nan", ""):
-        fields = lines[5].split(",")
-        lines[5] = ",".join([*fields[:4], hole, *fields[5:]])
-        path.write_text("\n".join(lines))
-        log = read_log(path)
-        assert log.magnetometer is None
-        np.testing.assert_array_equal(log.accelerometer, rows[:, 1:4])
-        assert "left out          the magnetometer: " in "\n".join(log.described())
-        assert ", line 6" in log.unclear[0]
-        with pytest.raises(InputError):  # but not where it is asked for
-            read_log(path, columns="t,ax,ay,az,mx,my,mz")
 
 
 def test_two_sensors_of_a_kind_are_left_out_and_that_is_said(tmp_path):

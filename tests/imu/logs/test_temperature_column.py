@@ -69,7 +69,7 @@ def test_what_is_no_temperature_is_left_out_and_refused_if_asked_for(
     log = read_log(path)
     assert log.temperature is None
     np.testing.assert_array_equal(log.accelerometer, FORCE)
-    assert any("temperature" in line for line in log.unclear)
+    assert any("temperature" in line for line in log.described())
     unit = name.partition("[")[2].rstrip("]") or ("raw" if "raw" in name else "degC")
     with pytest.raises(InputError):
         read_log(path, columns=f"t,ax,ay,az,temp[{unit}]")

@@ -28,7 +28,8 @@ from simval.imu.recorded.alignment import prepared
 N = 60
 RNG = np.random.default_rng(37)
 US = 10_000 * np.arange(N)
-FORCE, GYRO, MAG = (RNG.normal(size=(N, 3)) * scale for scale in (9, 1, 40))
+FORCE, GYRO, MAG = (RNG.normal(size=(N, 3)) * scale for scale in (1, 1, 40))
+FORCE += [0.0, 0.0, 9.8]
 SIX = np.column_stack([FORCE, GYRO]).tolist()
 NAMES = ["ax", "ay", "az", "gx", "gy", "gz"]
 MIDNIGHT = ("plotter", "monitor", "bare_monitor")
@@ -206,13 +207,20 @@ def test_what_is_mended_is_said(tmp_path, case):
     assert log.described()[0].startswith("mended            ")
 
 
-@pytest.mark.parametrize(("unit", "tick"), [("us", 1e-6), ("ms", 1e-3)])
-def test_a_counter_of_32_bits_is_continued(tmp_path, unit, tick):
-    ticks = (2**32 - 200 + np.rint(0.01 * np.arange(N) / tick).astype(int)) % 2**32
-    path = saved(tmp_path / "log.csv", table([f"time_{unit}", *NAMES], ticks, SIX))
-    log = read_log(path)
+COUNTERS = [("us", 1e-6, 32), ("ms", 1e-3, 32), ("ms", 1e-3, 16)]
+
+
+@pytest.mark.parametrize(("unit", "tick", "bits"), COUNTERS)
+def test_a_counter_of_few_bits_is_continued(tmp_path, unit, tick, bits):
+    ticks = 2**bits - 200 + np.rint(0.01 * np.arange(N) / tick).astype(int)
+    path = tmp_path / "log.csv"
+    log = read_log(saved(path, table([f"time_{unit}", *NAMES], ticks % 2**bits, SIX)))
     np.testing.assert_allclose(np.diff(log.time), 0.01, rtol=1e-6)
-    assert "begins again" in log.described()[0]
+    assert f"the counter of {bits} bits begins again" in log.described()[0]
+    # set back to zero long before its end it did not begin again
+    ticks = np.where(np.arange(N) < 30, ticks // 2, ticks - ticks[30])
+    with pytest.raises(InputError, match="must increase"):
+        read_log(saved(path, table([f"time_{unit}", *NAMES], ticks, SIX)))
 
 
 PRINTED = {  # how numbers are written, and the scale of these
@@ -273,6 +281,13 @@ REFUSED = {  # what is spoilt so that no word mends it
     "other labels": (lines(*OTHER), AT_100, "line 21"),
     "a counter of 16 bits": (
         table(["time_us", *NAMES], US % 2**16, SIX), {}, "must increase"),
+    "one that begins again so soon that a pause is not seen": (
+        table(["time_us", *NAMES], (65_000 + US // 100) % 2**16, SIX), {},
+        "must increase"),
+    "a field lost before a separator": (
+        lines(*[f"{each}," for each in PLAIN[:20]], f"{PLAIN[20].partition(',')[2]},,",
+              *[f"{each}," for each in PLAIN[21:]])[:-1].replace(",,", ","), {},
+        "line 21: 7 columns, but the rows from line 2 on have 8"),
     "YAML of ros2 topic echo": (YAML, {}, "with --csv"),
     "UTF-16 without its mark": ("\0".join(lines(*PLAIN)), {}, "not a text file"),
 }  # fmt: skip
