@@ -8,6 +8,7 @@ is not the greatest that is asked for room, but what one run in a thousand excee
 
 from collections import defaultdict
 from dataclasses import replace
+from math import ceil
 
 import numpy as np
 import pytest
@@ -56,7 +57,9 @@ def widest(rows, times):
         for own in (errors[::2], errors[1::2])
         if len(own) > 1
     )
-    return replace(rows[0], standard_error=float(most), n=int(rows[0].n * times))
+    # upwards: a standard error that is a floor is one by the number of samples
+    count = ceil(rows[0].n * times)
+    return replace(rows[0], standard_error=float(most), n=count)
 
 
 @pytest.mark.slow
