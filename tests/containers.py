@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 import pyarrow
 import pyarrow.parquet
+import pytest
 import scipy.io
 from pyulog import ULog
 from rosbags.rosbag1 import Writer as Writer1
@@ -71,6 +72,40 @@ def matlab(path, us, *sensors):
     path = path.with_suffix(".mat")
     named = dict(zip(("imu_acc", "imu_gyr", "imu_mag"), sensors, strict=False))
     scipy.io.savemat(path, named | {"t_s": us[:, None] / 1e6}, do_compression=True)
+    return path
+
+
+def hdf5(path, us, *sensors):
+    """As BROAD's second form: datasets by the sensors' names, with checksums."""
+    h5py = pytest.importorskip("h5py", reason="the extra `logs` is not installed")
+    path = path.with_suffix(".hdf5")
+    with h5py.File(path, "w") as file:
+        file["t_s"] = us / 1e6
+        for name, values in zip(
+            ("imu_acc", "imu_gyr", "imu_mag"), sensors, strict=False
+        ):
+            file.create_dataset(name, data=values, fletcher32=True, compression="gzip")
+    return path
+
+
+def matlab73(path, us, *sensors):
+    """https://www.mathworks.com/help/matlab/import_export/mat-file-versions.html.
+
+    A block of text before HDF5, a structure as a group, all arrays turned, and words
+    as numbers with the attribute of their class.
+    """
+    h5py = pytest.importorskip("h5py", reason="the extra `logs` is not installed")
+    path = path.with_suffix(".mat")
+    with h5py.File(path, "w", userblock_size=512) as file:
+        named = dict(zip(("acc", "gyr", "mag"), sensors, strict=False))
+        for name, values in {"t_s": us[:, None] / 1e6, **named}.items():
+            file[f"imu/{name}"] = np.ascontiguousarray(values.T)
+        file["imu/note"] = np.full((1, len(us)), 97, np.uint16)
+        file["imu/note"].attrs["MATLAB_class"] = np.bytes_("char")
+        file["#refs#/a"] = np.zeros((3, len(us)))
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, HDF5 schema 1.00 ."
+    with path.open("r+b") as raw:
+        raw.write(head.ljust(512))
     return path
 
 
@@ -230,11 +265,24 @@ def dataflash(path, us, *sensors):
 WRITERS = {  # by the name of the container: what writes it
     each.__name__: each
     for each in (
-        *(csv, csv_gz, npy, npz, parquet, matlab, ros1, ros2_folder, ros2_db3, mcap),
+        *(
+            csv,
+            csv_gz,
+            npy,
+            npz,
+            parquet,
+            matlab,
+            hdf5,
+            matlab73,
+            ros1,
+            ros2_folder,
+            ros2_db3,
+            mcap,
+        ),
         *(mcap_zstd, ulog, dataflash, dataflash_text),
     )
 }
 SINGLE = {"ulog", "dataflash", "dataflash_text"}
 """Formats of single precision."""
-CHECKED = {"csv_gz", "npz", "matlab", "mcap_zstd"}
+CHECKED = {"csv_gz", "npz", "matlab", "hdf5", "mcap_zstd"}
 """Formats with a checksum of the readings: a changed byte is seen."""

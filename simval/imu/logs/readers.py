@@ -51,8 +51,6 @@ UNREAD = {  # first bytes: what a file is that no reader takes, and what to do
     b"\x28\xb5\x2f\xfd": "compressed by zstd; unpack it first (unzstd)",
     b"7z\xbc\xaf": "a 7-zip archive; unpack it first",
     b"\xd0\xcf\x11\xe0": "an old spreadsheet (.xls); save it as CSV",
-    b"\x89HDF": "HDF5 (also MATLAB 7.3); save it as text, or in MATLAB with -v7",
-    b"MATLAB 7.3": "a MATLAB 7.3 file; save it with -v7, or as text",
     b"%PDF": "a PDF; export the log as rows of numbers",
 }
 PACKED: Final[dict[bytes, Callable[[], Any]]] = {

@@ -1,4 +1,7 @@
-"""Files of named arrays: MATLAB's (format 4 and 5), NumPy's (.npy, .npz), Parquet's."""
+"""Files of named arrays: MATLAB's, NumPy's (.npy, .npz), Parquet's and HDF5's.
+
+MATLAB's format 7.3 is HDF5 with a structure as a group, and its arrays turned.
+"""
 
 import os
 import zipfile
@@ -22,17 +25,20 @@ RATES: Final = ("fs", "samplingrate", "samplerate", "samplingfrequency", "sample
 without signs."""
 _INDEX: Final = "__index_level_"  # of pandas, without a name
 _NUMPY, _ZIP, _PARQUET = b"\x93NUMPY", b"PK", b"PAR1"
+_HDF, _MATLAB = b"\x89HDF\r\n\x1a\n", b"MATLAB 7.3"
 _KINDS: Final = {
     _NUMPY: "a NumPy file",
     _ZIP: "a NumPy file",
     _PARQUET: "a Parquet file",
+    _HDF: "an HDF5 file",
+    _MATLAB: "a MATLAB 7.3 file",
     b"": "a MATLAB file",
 }
 
 
 def sniff(source: Source) -> bool:
-    """Return whether a file is MATLAB's, NumPy's or Parquet's."""
-    if source.start.startswith((b"MATLAB 5.0", _NUMPY, _PARQUET)):
+    """Return whether a file is MATLAB's, NumPy's, Parquet's or HDF5's."""
+    if source.start.startswith((b"MATLAB 5.0", _MATLAB, _HDF, _NUMPY, _PARQUET)):
         return True
     end = source.path.lower()
     if source.start.startswith(_ZIP):
@@ -106,12 +112,13 @@ def _table(
 
 
 def _rate(force: str, rates: dict[str, float]) -> tuple[str, float] | None:
-    # of several that differ, that of the accelerometer's own structure
-    stem = force.rpartition(".")[0]
-    own = {
-        name: rate for name, rate in rates.items() if name.rpartition(".")[0] == stem
-    }
-    for each in (own, rates):
+    # of several that differ, that of the accelerometer's own structure, or of the one
+    # that this is in
+    stems = [force]
+    while stems[-1]:
+        stems.append(stems[-1].rpartition(".")[0])
+    own = [{n: x for n, x in rates.items() if n.rpartition(".")[0] == s} for s in stems]
+    for each in (*own, rates):
         if len(set(each.values())) == 1:
             return next(iter(each.items()))
     return None
@@ -141,6 +148,8 @@ def _loaded(path: str, start: bytes) -> dict[str, Any]:
             name: column.to_numpy()
             for name, column in zip(table.column_names, table.columns, strict=True)
         }
+    if start.startswith((_HDF, _MATLAB)):
+        return _datasets(path)
     if start.startswith(_ZIP):
         with zipfile.ZipFile(path) as archive:
             size = sum(each.file_size for each in archive.infolist())
@@ -153,6 +162,31 @@ def _loaded(path: str, start: bytes) -> dict[str, Any]:
     import scipy.io
 
     return dict(scipy.io.loadmat(path))
+
+
+def _datasets(path: str) -> dict[str, Any]:
+    # arrays and attributes of an HDF5 file, with dots between the names of its groups
+    import h5py
+
+    found: dict[str, Any] = {}
+    sizes: list[int] = []
+
+    def take(name: str, item: Any) -> None:
+        stem = name.replace("/", ".")
+        if stem.startswith("#"):  # what MATLAB's cells refer to
+            return
+        for key, value in item.attrs.items():
+            found[f"{stem}.{key}".lstrip(".")] = np.asarray(value)
+        words = item.attrs.get("MATLAB_class", b"") in (b"char", b"cell")
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "iufbV" and not words:
+            sizes.append(item.nbytes)
+            require_moderate("it", sum(sizes), os.path.getsize(path))
+            found[stem] = np.asarray(item[()])
+
+    with h5py.File(path) as file:
+        take("", file)
+        file.visititems(take)
+    return found
 
 
 def _leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:

@@ -456,7 +456,12 @@ def test_an_array_that_would_take_all_memory_is_refused(tmp_path):
 @pytest.mark.ci
 @pytest.mark.parametrize(
     ("name", "package"),
-    [("ros1", "rosbags"), ("ulog", "pyulog"), ("parquet", "pyarrow")],
+    [
+        ("ros1", "rosbags"),
+        ("ulog", "pyulog"),
+        ("parquet", "pyarrow"),
+        ("hdf5", "h5py"),
+    ],
 )
 def test_a_package_that_is_not_there_is_named(name, package, tmp_path, monkeypatch):
     path = made(tmp_path / "log", name, *recording(name))

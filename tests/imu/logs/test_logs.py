@@ -107,7 +107,7 @@ REFUSED = [  # what a file holds, how it is read, and what is said
     (gzip.compress(b"1,2,3\n" * 10**6), {}, "100 times its size"),
     (b"\x1f\x8b" + bytes(99), {}, "cannot be unpacked"),
     (b"PK\x03\x04rest", {}, "cannot be unpacked"),
-    (b"MATLAB 7.3 MAT-file", {}, "with -v7"),
+    (b"MATLAB 7.3 MAT-file", {}, "a MATLAB 7.3 file"),
     (b"1" * 10**6, {"rate": 100.0}, "1 column and no names"),
     ((b'"' + b"1" * 200_000 + b'",2,3\n') * 3, {"rate": 100.0}, "columns"),
     (b"t,ax,ay,az\n" + b"0,0,9,81,0,1,2,3\n" * 2, {}, "4 names, but"),

@@ -90,3 +90,23 @@ def test_an_index_of_pandas_and_a_duration_are_clocks(tmp_path):
     pyarrow.parquet.write_table(pyarrow.table(axes | counter), path)
     with pytest.raises(InputError, match="--rate"):
         read_log(path)
+
+
+def test_an_attribute_is_a_rate_and_a_compound_dataset_a_table(tmp_path):
+    """In HDF5, as h5py writes them; a table beside one of another rate is told."""
+    h5py = pytest.importorskip("h5py", reason="the extra `logs` is not installed")
+    path = tmp_path / "log.h5"
+    fields = [f"{sensor}{axis}" for sensor in ("acc_", "gyr_") for axis in "xyz"]
+    rows = np.zeros(N, [(name, "<f8") for name in fields])
+    for name, values in zip(fields, np.hstack([FORCE, GYRO]).T, strict=True):
+        rows[name] = values
+    with h5py.File(path, "w") as file:
+        file["imu/rows"] = rows
+        file["imu"].attrs["sampling_rate"] = 100.0
+        file["gps/fix"] = np.zeros((N // 10, 3))
+        file["gps"].attrs["sampling_rate"] = 10.0
+        file["picture"] = h5py.ExternalLink("/etc/hostname", "/")
+    log = read_log(path)
+    np.testing.assert_array_equal(log.accelerometer, FORCE)
+    np.testing.assert_array_equal(log.gyro, GYRO)
+    assert log.rate == 100.0
