@@ -390,8 +390,8 @@ class SensorResiduals(ReadOnly):
 
     name: str
     item: str  # what it was read in, rest or move
-    chi_square: float  # its part, by the noise that is stated
-    dof: float  # the mean of that, if the noise is as stated
+    chi_square: float  # its part, by the noise of the fit
+    dof: float  # the mean of that, if the noise is as it was taken
     p_value: float  # of as much; NaN where too few degrees of freedom are left
     leverage: Float[Array, " n"]  # share of each rest or move in its own fit, 0 to 1
     # of each from what all others say, in standard deviations of the noise of the fit
@@ -501,21 +501,25 @@ class Left:
         seen = deletion.count * chance < FALSE_ALARM or self.p_value() < BELIEVED
         outliers = np.array(deletion.outliers(1.0) if seen else [], dtype=int)
         ends = np.cumsum([0, *(len(each) for each in items)])
+        errors = list(zip(self.rows.beside, self.variances, self.U, strict=True))
+        taken = [
+            V + sum(v * U for error, v, U in errors if error.cause == each.name)
+            for each, V in zip(self.sources, self.V, strict=True)
+        ]
+        values = self.moments(self.variances, taken)
         return tuple(
             SensorResiduals(
                 name=each.name,
                 item=each.item,
-                chi_square=float(self.stated[s, 0]),
-                dof=float(self.stated[s, 1]),
-                p_value=sum_chance(self.stated[s])
-                if self.stated[s, 1] > LEAST_FREEDOM
-                else np.nan,
+                chi_square=float(value[0]),
+                dof=float(value[1]),
+                p_value=sum_chance(value) if value[1] > LEAST_FREEDOM else np.nan,
                 leverage=leverage[a:b],
                 deviations=np.sqrt(drops[a:b]),
                 outliers=tuple(int(k - a) for k in outliers if a <= k < b),
             )
-            for s, (each, a, b) in enumerate(
-                zip(self.sources, ends[:-1], ends[1:], strict=True)
+            for each, value, a, b in zip(
+                self.sources, values, ends[:-1], ends[1:], strict=True
             )
         )
 

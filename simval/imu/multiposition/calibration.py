@@ -1,9 +1,9 @@
 """Calibration of a log: the accelerometer first, then the other sensors.
 
 The rests that the accelerometer shows are the poses of all. Accelerometer and gyroscope
-are fitted together, and so are accelerometer and magnetometer; both fits take the noise
-of a pose mean that the residuals show, where that is more than is known of it. Where
-there are all three, one fit of all begins with these two. Where the log has a
+are fitted together, and so are accelerometer and magnetometer; where they misfit, each
+fit says who is to blame (`simval.imu.calibrate.factors`). Where there are all three,
+one fit of all begins with these two. Where the log has a
 temperature, each sensor's terms in it are chosen first (`simval.imu.calibrate.thermal`)
 and taken out of the rows; in the fits of several sensors their uncertainty is noise of
 each pose. A sensor that cannot be

@@ -415,6 +415,8 @@ def test_a_sensor_is_not_blamed_for_what_another_did(fault):
             for true in (M, M / 1.03):
                 off = (fit.gyroscope.M - true).ravel() / fit.gyroscope.sd[:9]
                 assert np.abs(off).max() < 4.5
+        told = {each.name: each.p_value for each in fit.gyroscope.noise.sensors}
+        assert told["accelerometer"] > 1e-4  # nor does its line accuse it
         force = fit.accelerometer
         ratio = force.sd / own.sd
         assert np.all((ratio > 0.5) & (ratio < 1.1))

@@ -6,7 +6,7 @@ from html import unescape
 
 import numpy as np
 import pytest
-from made_logs import SENSORS, log_of, of_scene
+from made_logs import SENSORS, log_of, of_scene, three
 
 from simval.errors import (
     InputError,
@@ -249,3 +249,16 @@ def test_the_kind_of_its_rows_sets_how_a_gyroscope_is_integrated():
     right = [off[kind, kind] for kind in ("before", "instant", "after")]
     assert max(right) < 1.5 * min(right)
     assert off["instant", "before"] > 5.0 * max(right)
+
+
+@pytest.mark.ci
+def test_a_misfit_of_the_accelerometer_is_named_beside_the_gyroscope():
+    """Its noise is as known, not as its residuals show: or nobody would be to blame."""
+    log = replace(three(8, turning=False).log, magnetometer=None)
+    rows, rng = log.accelerometer.copy(), np.random.default_rng(3)
+    for a, b in calibrate_log(log).intervals:
+        rows[a:b] += 0.02 * rng.standard_normal(3)
+    moved = replace(log, accelerometer=rows)
+    found = calibrate_sensors(moved, calibrate_log(moved))
+    assert found.gyroscope.noise.blamed == ("accelerometer",)
+    assert found.left_out == {}
