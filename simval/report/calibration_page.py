@@ -14,11 +14,11 @@ from simval.imu.calibrate.estimate import G_NAMES
 from simval.imu.logs import Log
 from simval.imu.multiposition import ImuCalibration, LogCalibration
 from simval.imu.multiposition.description import (
-    Judgement,
+    Condition,
     bound_sd,
+    conditions,
     fit_of,
     honest,
-    judgements,
     poses_alike,
     steady,
     temperature_lines,
@@ -199,7 +199,7 @@ def _how_good(whole: ImuCalibration, bound: Float[Array, "9"]) -> Reply:
 
 
 def _honest(whole: ImuCalibration) -> Reply:
-    found = judgements(whole)
+    found = conditions(whole)
     holds, said = honest(found)
     answers: dict[bool | None, Answer] = {
         True: "pass", False: "fail", None: "inconclusive",
@@ -216,7 +216,7 @@ def _honest(whole: ImuCalibration) -> Reply:
     )
 
 
-def _chance(each: Judgement) -> str:
+def _chance(each: Condition) -> str:
     if not np.isfinite(each.p_value):
         return ""
     return f" (chance {chance_words(each.p_value)}; no below {each.level:g})"

@@ -1,7 +1,7 @@
 r"""A log's calibration as text and as JSON, with its verdict.
 
-**Judgements.** Every sentence that says yes or no of the error bars, in the terminal,
-in files and on the page, is a `Judgement`: no where the chance of what is seen is below
+**Conditions.** Every sentence that says yes or no of the error bars, in the terminal,
+in files and on the page, is a `Condition`: no where the chance of what is seen is below
 the level of its test.
 
 **ROS** (``sensor_msgs/Imu``) has the noise of single readings in SI units and the axes
@@ -45,7 +45,7 @@ from simval.imu.statics import Intervals
 from simval.shapes import Float
 
 
-class Judgement(NamedTuple):
+class Condition(NamedTuple):
     """One question about the error bars, and the answer of its test.
 
     Attributes
@@ -74,7 +74,7 @@ class Judgement(NamedTuple):
         return self._asdict() | {"p_value": self.p_value if known else None}
 
 
-def judgements(whole: Any) -> tuple[Judgement, ...]:
+def conditions(whole: Any) -> tuple[Condition, ...]:
     """Judge the sensors of a log, the accelerometer first."""
     found = [
         _rests(whole.log),
@@ -95,7 +95,7 @@ def judgements(whole: Any) -> tuple[Judgement, ...]:
     return tuple(found)
 
 
-def honest(found: tuple[Judgement, ...]) -> tuple[bool | None, str]:
+def honest(found: tuple[Condition, ...]) -> tuple[bool | None, str]:
     """Say whether the error bars are honest, with the gravest answer."""
     for answer, begin in ((False, "No: "), (None, "Not told: ")):
         said = [each.words for each in found if each.holds is answer]
@@ -105,7 +105,7 @@ def honest(found: tuple[Judgement, ...]) -> tuple[bool | None, str]:
     return True, f"Yes: {said[0]}"
 
 
-def _rests(log: Any) -> Judgement:
+def _rests(log: Any) -> Condition:
     # a Type A error bar takes the scatter as it is, whatever the noise was said to be
     found, answer = log.diagnosis, log.diagnosis.judgement.answer
     by_scatter = log.fit.covariance_kind == "type A"
@@ -119,13 +119,13 @@ def _rests(log: Any) -> Judgement:
     if answer == "sound" and not np.isfinite(found.p_value):
         holds, words = None, "the noise of a pose, or a degree of freedom, is not there"
     p = found.judgement.chance
-    return Judgement("rests of the accelerometer", holds, p, CHANCE, words)
+    return Condition("rests of the accelerometer", holds, p, CHANCE, words)
 
 
-def _order(found: Diagnosis) -> Judgement:
+def _order(found: Diagnosis) -> Condition:
     hides = found.hidden > HIDDEN
     of = f" of {found.hides} of the accelerometer" if hides else ""
-    return Judgement(
+    return Condition(
         about="order of the poses",
         holds=None if hides else True,
         p_value=float("nan"),
@@ -134,7 +134,7 @@ def _order(found: Diagnosis) -> Judgement:
     )
 
 
-def _drift(name: str, found: Drift) -> Judgement:
+def _drift(name: str, found: Drift) -> Condition:
     hidden = not (found.seen or found.excluded)
     words = f"the residuals of the {name} do not follow the time"
     if found.seen:
@@ -147,13 +147,13 @@ def _drift(name: str, found: Drift) -> Judgement:
     return told._replace(holds=None) if hidden else told
 
 
-def _temperature(whole: Any) -> Judgement:
+def _temperature(whole: Any) -> Condition:
     # whether its effect is in the bars: tested, and not the same as a drift in time
     warm, words = whole.log.warm, "the temperature has no effect that is left out"
     untold = warm.rests.confounded if whole.thermal else ""
     if not warm.tested and warm.rests.span >= LEAST_SPAN:
         untold = untold or warm.reason
-    return Judgement(
+    return Condition(
         about="temperature of the rests",
         holds=None if untold else True,
         p_value=float("nan"),
@@ -162,14 +162,14 @@ def _temperature(whole: Any) -> Judgement:
     )
 
 
-def _within(found: Within) -> Judgement:
+def _within(found: Within) -> Condition:
     about = "drift within the rests"
     told = _by_chance(about, found.chance, DRIFT_FALSE_ALARM, found.words)
     # none is judged where the temperature hardly changes within a rest
     return told if np.isfinite(found.chance) else told._replace(holds=True)
 
 
-def _joint(noise: NoiseFactors) -> Judgement:
+def _joint(noise: NoiseFactors) -> Condition:
     names = " and ".join(noise.sources)
     return _by_chance(
         f"joint fit of {names}",
@@ -179,14 +179,14 @@ def _joint(noise: NoiseFactors) -> Judgement:
     )
 
 
-def _rows(fit: Any) -> Judgement:
+def _rows(fit: Any) -> Condition:
     # of a fit whose sensors were not judged one by one
     p = chi_square_chance(float(fit.chi2_per_dof) * fit.dof, fit.dof)
     words = f"chi-square per degree of freedom {float(fit.chi2_per_dof):.3g}"
     return _by_chance("moves of the gyroscope", p, BEYOND, words)
 
 
-def poses_alike(fit: Any) -> Judgement:
+def poses_alike(fit: Any) -> Condition:
     """Judge whether the field is the same in every pose, as far as noise tells."""
     p = chi_square_chance(float(fit.chi_square), fit.dof)
     mean = f"chi-square {np.nanmean(fit.pose_chi_square):.2g} a pose, of about 3"
@@ -200,7 +200,7 @@ def poses_alike(fit: Any) -> Judgement:
     return told._replace(holds=False) if fit.disturbed else told
 
 
-def steady(fit: Any) -> Judgement:
+def steady(fit: Any) -> Condition:
     """Judge whether the strength of the field changes with time."""
     p = float(fit.steady_p_value)
     words = "the strength of the field varies with time" if p < ONE_POSE else ""
@@ -209,9 +209,9 @@ def steady(fit: Any) -> Judgement:
     )
 
 
-def _by_chance(about: str, p: float, level: float, words: str) -> Judgement:
+def _by_chance(about: str, p: float, level: float, words: str) -> Condition:
     holds = bool(p >= level) if np.isfinite(p) else None
-    return Judgement(about=about, holds=holds, p_value=p, level=level, words=words)
+    return Condition(about=about, holds=holds, p_value=p, level=level, words=words)
 
 
 def log_lines(result: Any, whole: Any = None) -> list[str]:
@@ -336,7 +336,7 @@ def sensor_lines(whole: Any) -> list[str]:
         lines += [f"{'':18s}{each}" for each in whole.thermal_reasons[1:]]
     for name, why in whole.left_out.items():
         lines += ["", f"left out          the {name}: {why}"]
-    _, said = honest(judgements(whole))
+    _, said = honest(conditions(whole))
     return [*lines, "", f"honest bars       {said}"]
 
 
@@ -409,7 +409,7 @@ def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
         }
     if whole.together is not None:
         values["together"] = whole.together.as_object()
-    values["judgements"] = [each.as_object() for each in judgements(whole)]
+    values["judgements"] = [each.as_object() for each in conditions(whole)]
     values["ros_imu"] = message_covariances(log, whole)
     return values
 

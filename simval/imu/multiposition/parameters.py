@@ -43,8 +43,8 @@ from simval.arrays import Array
 from simval.errors import InputError, RefusedError
 from simval.imu.logs import Log
 from simval.imu.multiposition.description import (
+    conditions,
     honest,
-    judgements,
     message_covariances,
 )
 from simval.imu.multiposition.noise import log_noise
@@ -463,7 +463,7 @@ def parameters_of(name: str, log: Log, whole: Any) -> tuple[str, tuple[str, ...]
     form = whole.accelerometer.model
     comments = [
         f"Calibration of {Path(log.path).name}, axes of the {form} form",
-        f"honest bars: {honest(judgements(whole))[1]}",
+        f"honest bars: {honest(conditions(whole))[1]}",
         *notes,
     ]
     head = [*first, *(f"# {one_line(each)}" for each in comments)]

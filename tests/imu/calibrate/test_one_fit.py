@@ -16,7 +16,7 @@ from simval.imu.calibrate import load_calibration
 from simval.imu.calibrate.estimate import G_NAMES
 from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
-from simval.imu.multiposition.description import honest, judgements
+from simval.imu.multiposition.description import conditions, honest
 from simval.imu.sensor import forms
 from simval.theory import calibration_moments
 
@@ -143,7 +143,7 @@ def check_corrected(path, log, data, fit):
 
 def check_sentences(whole):
     """Each answer is that of its test, and the page and the file say no other."""
-    found = judgements(whole)
+    found = conditions(whole)
     for each in found:
         if np.isfinite(each.p_value) and each.holds is not None:
             assert each.holds == (each.p_value >= each.level), each

@@ -24,7 +24,7 @@ from simval.imu.calibrate.gyroscope.evidence import Rests, bias_terms
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
 from simval.imu.calibrate.thermal import Thermal, choose_thermal, thermal_problem
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
-from simval.imu.multiposition.description import judgements
+from simval.imu.multiposition.description import conditions
 from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
 
@@ -459,7 +459,7 @@ def test_bars_that_a_temperature_may_spoil_are_not_called_honest():
     assert robust.warm.thermal is None
     for each, word in ((result, "rises with time"), (robust, "not modelled")):
         whole = calibrate_sensors(ramp, each, sensors=[])
-        found = {j.about: j for j in judgements(whole)}["temperature of the rests"]
+        found = {j.about: j for j in conditions(whole)}["temperature of the rests"]
         assert found.holds is None
         assert word in found.words
         assert "honest bars       Yes" not in str(whole)
