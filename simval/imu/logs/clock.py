@@ -113,7 +113,7 @@ def times_of(
     if not table.is_text(column.place):
         places = [column.place] if column.fine is None else [column.place, column.fine]
         ticks = np.array(table.numbers(places))
-        require_finite(table, ticks)
+        require_finite(table.rows(rows), ticks[rows])
         whole, fine = ticks[:, 0], ticks[:, -1]
         if len(places) == 2 and np.all(
             (whole == np.floor(whole)) & (fine >= 0.0) & (fine < 1e9)

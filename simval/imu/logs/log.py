@@ -14,17 +14,19 @@ from simval.imu.logs.columns import (
     SENSORS,
     TEMPERATURE,
     Column,
+    channels_of,
     chosen,
+    clock_between,
     several,
     sign_of,
 )
 from simval.imu.logs.joining import Stream, candidates
-from simval.imu.logs.names import Kind
+from simval.imu.logs.names import SECONDS, Kind
 from simval.imu.logs.readers import read_table
 from simval.imu.logs.rows import BEFORE, Rows
 from simval.imu.logs.temperature import read_temperature
 from simval.imu.logs.text import Table
-from simval.shapes import Float
+from simval.shapes import Bool, Float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -193,13 +195,19 @@ def read_log(
     rows = min((there[kind] for kind in ("force", "gyro") if kind in there), key=np.sum)
     time, rate, second, said = read_clock(table, clock, rate, rows)
     if not np.all([*there.values()]):
-        every, (time, rate, readings, words) = (
+        stamps = {kind: time[rows] for kind, rows in there.items()}
+        stamps |= _own_stamps(table, picked, there, second)
+        words = f"each sensor has rows of its own, of {len(time)} in all"
+        every, (time, rate, readings, joined) = (
             time,
-            _own_rows(str(path), time, readings),
+            _joined(
+                str(path), stamps, {k: x[there[k]] for k, x in readings.items()}, words
+            ),
         )
-        source += words
+        source += joined
         if temperature is not None:
-            temperature = np.interp(time, every, temperature)
+            order = np.argsort(every)[: np.count_nonzero(np.isfinite(every))]
+            temperature = np.interp(time, every[order], temperature[order])
     taken = {role for kind in readings for role in ROLES[kind]}
     taken |= {"t"} if second else set()
     taken |= {TEMPERATURE} if temperature is not None else set()
@@ -221,14 +229,25 @@ def read_log(
 def _readable(
     table: Table, picked: tuple[Column, ...], *, asked: bool
 ) -> tuple[dict[Kind, Float[Array, "n 3"]], tuple[str, ...]]:
-    # readings without a magnetometer's that are damaged and not asked for, and why
+    # readings without those of a sensor that has none, or of a magnetometer that are
+    # damaged and not asked for, and why
+    why: tuple[str, ...] = ()
     try:
-        return _readings(table, picked), ()
+        found = _readings(table, picked)
     except InputError as error:
         least = tuple(each for each in picked if each.role not in ROLES["mag"])
         if asked or len(least) == len(picked):
             raise
-        return _readings(table, least), (f"the magnetometer: {error}",)
+        found, why = _readings(table, least), (f"the magnetometer: {error}",)
+    none = [kind for kind, each in found.items() if np.isnan(each).all()]
+    why += tuple(f"the {SENSORS[kind]}: no row has a reading" for kind in none)
+    if "force" in none:
+        msg = (
+            f"{table.path}: no row has a reading of the accelerometer; name other "
+            "columns (--columns)"
+        )
+        raise InputError(msg)
+    return {kind: each for kind, each in found.items() if kind not in none}, why
 
 
 def _readings(
@@ -246,22 +265,46 @@ def _readings(
     return dict(zip(own, parts, strict=True))
 
 
-def _own_rows(
-    path: str, time: Float[Array, " m"], readings: dict[Kind, Float[Array, "m 3"]]
+def _own_stamps(
+    table: Table,
+    picked: tuple[Column, ...],
+    there: dict[Kind, Bool[np.ndarray, " n"]],
+    second: float,
+) -> dict[Kind, Float[Array, " m"]]:
+    # stamps of sensors that stand side by side, each behind a clock of its own
+    places = {each.role: each.place for each in picked}
+    taken = [places[role] for kind in there for role in ROLES[kind]]
+    found = {}
+    for kind, rows in there.items():
+        first = min(places[role] for role in ROLES[kind])
+        clock = clock_between(table, first, taken)
+        if clock is not None:
+            unit = channels_of(table)[clock].unit
+            ticks = table.rows(rows).numbers([clock])
+            require_finite(table.rows(rows), ticks)
+            found[kind] = ticks[:, 0] * (SECONDS[unit] if unit else second)
+    return found
+
+
+def _joined(
+    path: str,
+    stamps: dict[Kind, Float[Array, " _"]],
+    readings: dict[Kind, Float[Array, "_ 3"]],
+    words: str,
 ) -> tuple[Float[Array, " n"], float, dict[Kind, Array], tuple[tuple[str, str], ...]]:
     # time, rate and readings of sensors that have rows of their own, joined, and words
-    streams = []
-    for kind, each in readings.items():
-        there = ~np.isnan(each[:, 0])
-        axes = dict(zip(ROLES[kind], each[there].T, strict=True))
-        words = f"each sensor has rows of its own, of {len(time)} in all"
-        streams.append(
-            Stream(name=SENSORS[kind], time=time[there], columns=axes, words=words)
+    streams = [
+        Stream(
+            name=SENSORS[kind],
+            time=stamps[kind],
+            columns=dict(zip(ROLES[kind], each.T, strict=True)),
+            words=words,
         )
+        for kind, each in readings.items()
+    ]
     merged = candidates(path, streams, "")[SENSORS["force"]]()
-    names = merged.names or ()
     time, rate, *_ = read_clock(merged, Column(role="t", place=0, unit="s"), None)
-    columns = (Column(role=role, place=k) for k, role in enumerate(names))
+    columns = (Column(role=x, place=k) for k, x in enumerate(merged.names or ()))
     return time, rate, _readings(merged, tuple(columns)), merged.source
 
 

@@ -168,3 +168,44 @@ def test_a_rate_tells_the_unit_of_a_clock_of_rows_between(tmp_path):
     np.testing.assert_allclose(np.diff(log.time), 0.02, rtol=1e-9)
     np.testing.assert_array_equal(log.accelerometer, FORCE)
     np.testing.assert_array_equal(log.gyro, GYRO)
+
+
+@pytest.mark.parametrize("names", [("t_acc", "t_gyr"), ("Time [s]", "Time.1 [ms]")])
+@pytest.mark.parametrize("slower", [True, False])
+def test_sensors_side_by_side_have_the_clocks_before_them(tmp_path, names, slower):
+    """The shorter one's cells are empty from its end on."""
+    steps = (0.02, 0.01) if slower else (0.01, 0.02)
+    counts = (N // 2, N) if slower else (N, N // 2)
+    scale = 1000 if "ms" in names[1] else 1
+    acc, gyr = ([round(k * step, 2) for k in range(N)] for step in steps)
+    header = [names[0], "ax", "ay", "az", names[1], "gx", "gy", "gz"]
+    body = []
+    for k in range(N):
+        first = [acc[k], *FORCE[k]] if k < counts[0] else [""] * 4
+        second = [gyr[k] * scale, *GYRO[k]] if k < counts[1] else [""] * 4
+        body.append([*first, *second])
+    log = read_log(rows_of(tmp_path / "log.csv", header, *body))
+    every = np.arange(0, N, 2)
+    force = FORCE[: N // 2] if slower else np.array(FORCE)[every]
+    gyro = np.array(GYRO)[every] if slower else GYRO[: N // 2]
+    np.testing.assert_array_equal(log.accelerometer, force)
+    np.testing.assert_array_equal(log.gyro, gyro)
+    np.testing.assert_allclose(np.diff(log.time), 0.02, rtol=1e-9)
+
+
+def test_a_sensor_without_a_reading_is_said_and_an_accelerometer_refused(tmp_path):
+    path = tmp_path / "log.npz"
+    nothing, warm = np.full((N, 3), np.nan), 20 + np.arange(N) / 10
+    np.savez(path, acc=FORCE, gyr=nothing, mag=MAG, temp=warm, fs=100.0)
+    log = read_log(path)
+    assert log.gyro is None
+    assert "left out          the gyroscope: no row has" in "\n".join(log.described())
+    np.testing.assert_array_equal(log.magnetometer, MAG)
+    np.savez(path, acc=nothing, gyr=GYRO, fs=100.0)
+    with pytest.raises(InputError, match="no row has a reading of the accelerometer"):
+        read_log(path)
+    slow = np.where(np.arange(N)[:, None] % 2, np.nan, MAG)
+    np.savez(path, acc=FORCE, mag=slow, temp=warm, fs=100.0)
+    log = read_log(path)
+    np.testing.assert_array_equal(log.temperature, warm)
+    np.testing.assert_array_equal(log.magnetometer[::2], MAG[::2])
