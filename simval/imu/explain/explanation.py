@@ -49,6 +49,9 @@ class _Account(NamedTuple):
 
 
 _CUT = "cut the log there and calibrate one part"
+_BY_TEMPERATURE = (
+    "calibrate with the temperature and a linear loss, by rests at more temperatures"
+)
 ACCOUNTS: Final[Mapping[Kind, _Account]] = MappingProxyType({
     "sign": _Account(
         "restore", "the sign of {axes} changed {when}",
@@ -78,11 +81,11 @@ ACCOUNTS: Final[Mapping[Kind, _Account]] = MappingProxyType({
     ),
     "bias in temperature": _Account(
         "estimate", "the bias of {axes} follows the temperature",
-        "calibrate with the temperature",
+        _BY_TEMPERATURE,
     ),
     "scale in temperature": _Account(
         "estimate", "the scale of {axes} follows the temperature",
-        "calibrate with the temperature",
+        _BY_TEMPERATURE,
     ),
     "curvature": _Account(
         "estimate", "{axes} is not linear (power {size:g})",
