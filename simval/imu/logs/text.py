@@ -292,6 +292,7 @@ def _misfit(
     for number, line in reversed(bare.items()):
         others = [entry for entry in rest if entry[0] != number]
         fields = header_names(line, dialect.mark)
+        fields = fields[: -1 if not fields[-1] else None]
         if len(fields) == dialect.width - 1 < _WIDEST:
             names = _matched(dialect, fields, rows)
             if names is not None:
@@ -299,8 +300,9 @@ def _misfit(
                 said += f"columns, taken as {', '.join(map(repr, names))}"
                 return Header(names, others, (("names", said),))
         if is_names(fields := header_names(line)):
+            count = len(fields) - (not fields[-1])
             msg = (
-                f"{path}, line {number}: the header has {len(fields)} names, but a row "
+                f"{path}, line {number}: the header has {count} names, but a row "
                 f"has {dialect.width} fields; give one name to each (are decimal "
                 "commas and separating commas mixed?), or name them with --columns"
             )
@@ -386,9 +388,11 @@ def _fitting(dialect: Dialect, line: str) -> list[str]:
     # many as columns and none is a number
     for mark in (dialect.mark, "", None):
         fields = header_names(line, mark)
+        # one that ends with a separator, as the rows do, has as many as they
+        short = not fields[-1] and len(fields) < dialect.most
         while len(fields) > dialect.width and not fields[-1]:
             fields.pop()
-        right = dialect.width <= len(fields) <= dialect.most
+        right = dialect.width <= len(fields) <= dialect.most and not short
         if right and not any(map(dialect.is_number, fields)):
             return fields + [""] * (dialect.most - len(fields))
     return []

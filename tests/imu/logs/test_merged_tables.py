@@ -209,3 +209,16 @@ def test_a_sensor_without_a_reading_is_said_and_an_accelerometer_refused(tmp_pat
     log = read_log(path)
     np.testing.assert_array_equal(log.temperature, warm)
     np.testing.assert_array_equal(log.magnetometer[::2], MAG[::2])
+
+
+@pytest.mark.parametrize("end", ["", ","])
+def test_a_name_that_is_lost_shifts_no_other(tmp_path, end):
+    """Also where a separator stands behind each line, which would fill the header."""
+    names = ["t", "ax", "ay", "az", "wx", "wy", "wz", "temp"]
+    rows = [[k / 100, *FORCE[k], *GYRO[k], 20.5] for k in range(N)]
+    for lost in names[1:]:
+        header = [name for name in names if name != lost]
+        lines = [",".join(map(str, row)) + end for row in (header, *rows)]
+        (tmp_path / "log.csv").write_text("\n".join([*lines, ""]))
+        with pytest.raises(InputError, match=r"the header has 7 names"):
+            read_log(tmp_path / "log.csv")
