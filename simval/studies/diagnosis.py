@@ -93,15 +93,15 @@ class Parameters(StudyParameters):
     """One cell: what the logs have, and how many there are."""
 
     logs: Literal[
-        "sound", "changed readings", "biases", "scales", "holds", "two at once",
-        "in no catalogue",
+        "sound", "of known noise", "changed readings", "biases", "scales", "holds",
+        "two at once", "in no catalogue",
     ] = Field(
         default="sound", description="Logs without a fault, or with which."
     )  # fmt: skip
     trials: int = ranged(
         1,
         "Logs of each fault at each size; of sound ones 16 times as many of each kind, "
-        "where these do not scatter.",
+        "where these do not scatter, and of known noise 512 times.",
         1,
         10_000,
     )
@@ -111,7 +111,9 @@ class Parameters(StudyParameters):
         if self.logs == "sound":
             sound, scattered = len(SOUND) * SOUND_LOGS, 0.2 * len(SCATTERED)
             each = 2e-3 * sound + scattered
-            return Cost(2e-3 * UNIFORM + each * self.trials, 2 * len(SOUND) + 5)
+            return Cost(each * self.trials, 2 * len(SOUND) + 4)
+        if self.logs == "of known noise":
+            return Cost(2e-3 * UNIFORM * self.trials, 1)
         faults = len(GROUPS[self.logs])
         each = 0.3 if self.logs == "two at once" else 0.18
         rows = faults * (5 * len(SIZES) + 2 + len(SAID)) + len(SIZES)
@@ -153,6 +155,9 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Judge the logs of one cell."""
     if parameters.logs == "sound":
         return Outcome(rows=(*_sound_rows(parameters.trials, streams),))
+    if parameters.logs == "of known noise":
+        n = UNIFORM * parameters.trials
+        return Outcome(rows=_known_rows(n, streams.block(0)))
     return Outcome(rows=(*_fault_rows(parameters, streams),))
 
 
@@ -207,11 +212,12 @@ def _sound_rows(trials: int, streams: Streams) -> Iterator[Row]:
     odds = [j.odds > np.log(ODDS) for name in SCATTERED for j in found[name]]
     bound = partial(by_markov, 1.0 / ODDS)
     yield from _held(stat.ODDS_ABOVE(f"{ODDS:g}"), odds, bound, stat.MARKOV)
-    rng = streams.block(len(found))
-    chances = [judge(_of_known_noise(rng)).chance for _ in range(UNIFORM)]
-    error = (12.0 * UNIFORM) ** -0.5  # of the uniform law
-    mean = float(np.mean(chances))
-    yield from plain(stat.MEAN_CHANCE(), mean, error, UNIFORM, 0.5, stat.EXACT)
+
+
+def _known_rows(n: int, rng: Random) -> tuple[Row, ...]:
+    mean = float(np.mean([judge(_of_known_noise(rng)).chance for _ in range(n)]))
+    error = (12.0 * n) ** -0.5  # of the uniform law
+    return plain(stat.MEAN_CHANCE(), mean, error, n, 0.5, stat.EXACT)
 
 
 def _of_known_noise(rng: Random) -> RestMeans:

@@ -79,7 +79,7 @@ SUITES: dict[str, dict[str, Any]] = {
     },
     "order": {"attitude_order": {"geometry": 3, "noise": "isotropic"}},
     "vectors": {"attitude_vectors": {"noise_std": 0.01}},
-    "sound logs": {"diagnosis": {"trials": 6}},
+    "sound logs": {"diagnosis": {"logs": ["sound", "of known noise"], "trials": 6}},
     "faults": {"diagnosis": {"logs": ["changed readings", "biases"], "trials": 2}},
     **smoke_parts(),
 }

@@ -52,7 +52,7 @@ poses = 12
 multiplier = [3.0, 6.0]
 trials = 2
 [diagnosis]
-logs = "holds"
+logs = ["holds", "of known noise"]
 """
 
 
