@@ -146,7 +146,8 @@ MISSED: Final[Mapping[str, tuple[int, int, int, int]]] = MappingProxyType({
     "hysteresis": (11, 3, 0, 0),
     "walking bias": (5, 0, 0, 0),
 })  # fmt: skip
-"""Missed of `COUNTED` at each size, and misnamed of all, by the fault."""
+"""Missed of `COUNTED` at each size, and misnamed of all, by the fault: counted when the
+engine took noise along the reading, so of hands too many."""
 ASKED: Final = (7, 5200)
 """Sound logs of all kinds together that misfit, of so many: 1.3 +- 0.5 of 1000."""
 
