@@ -8,10 +8,10 @@ from power.fault import Fault, replaced, then
 from simval.imu.explain import catalogue, judgement, likelihood
 
 
-def across(original, rests):
+def across(original, rests, fit=None):
     # that across the vector, of which there are two directions
     total = np.trace(rests.covariance, axis1=1, axis2=2)
-    return np.sqrt((total - original(rests) ** 2) / 2.0)
+    return np.sqrt((total - original(rests, fit) ** 2) / 2.0)
 
 
 def heavier(entries):
