@@ -297,6 +297,21 @@ IMPURE = _size("impure", "intervals with a moving row")
 OUTSIDE = _size("outside", "intervals outside every rest")
 FITTED = _share("fitted", "share of trials with a fit", better="more")
 
+ACCUSED = _share("accused", "share of sound logs that are accused")
+ASKED = _share("asked", "share of sound logs that misfit")
+ODDS_ABOVE = _share("odds_above", "share of scattered logs with odds above this")
+MEAN_CHANCE = _share(
+    "mean_chance", "mean chance of the residuals of sound logs", better="prediction"
+)
+MISSED = _share("missed", "share of faults missed")
+MISNAMED = _share("misnamed", "share of faults misnamed")
+MISSED_AT = _share("missed_at", "missed", along=True)
+NAMED_AT = _share("named_at", "named", better="more", along=True)
+PARTLY_NAMED_AT = _share("partly_named_at", "partly named", better=None, along=True)
+UNNAMED_AT = _share("unnamed_at", "unnamed", along=True)
+MISNAMED_AT = _share("misnamed_at", "misnamed", along=True)
+SAID = _share("said", "share of logs of which this is said", better=None)
+
 REST_FORCE = _size("rest_force", "worst residual force at rest", unit="m/s²")
 REST_RATE = _size("rest_rate", "worst rate at rest", unit="rad/s")
 RANK = _size("rank", "rank of the poses", better="more")
@@ -425,6 +440,8 @@ RESPONSE = "its own response"
 ENUMERATED = "all samples"
 INTEGRATOR = "what its steps leave out"
 KNOWN_SCENE = "known scene"
+MARKOV = "Markov's bound"
+COUNTED = "as counted once"
 NINE_PARAMETERS = "Cramer-Rao, nine parameters"
 
 

@@ -58,6 +58,7 @@ STUDIES: Final = (
     "detector",
     "end_to_end",
     "whole_log",
+    "diagnosis",
     "estimator",
     "calibrator",
     "filter",

@@ -76,6 +76,7 @@ IMPORTANCE = (
     "gyroscope",
     "end_to_end",
     "detector",
+    "diagnosis",
     "coverage",
     "noise_model",
     "attitude_vectors",

@@ -72,6 +72,7 @@ GROUPS: Mapping[str, Mapping[str, Entry]] = {
     "Scenes and more": {
         "scene": Entry("Scenes", pictures.scene_section),
         "statics": Entry("Static intervals"),
+        "diagnosis": Entry("What is wrong with a log"),
         "convergence": Entry("Convergence of the solvers"),
         "other": Entry("Further studies", study_sections.other_section),
     },

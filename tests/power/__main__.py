@@ -42,6 +42,7 @@ TAIL_RUNS = {
     "attitude_map": 20,
     "scene": 10,
     "whole_log": 10,
+    "diagnosis": 30,
 }
 """Runs of each study on random settings. Chosen: some minutes each."""
 TAIL_SEED = 11_000_000

@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from power import attitude, calibration, filters, machinery, small
+from power import attitude, calibration, diagnosis, filters, machinery, small
 from power.fault import Fault, replaced
 from simval.errors import InputError
 from simval.judge import GateResult, findings, judge_run, read_baseline, write_baseline
@@ -79,6 +79,8 @@ SUITES: dict[str, dict[str, Any]] = {
     },
     "order": {"attitude_order": {"geometry": 3, "noise": "isotropic"}},
     "vectors": {"attitude_vectors": {"noise_std": 0.01}},
+    "sound logs": {"diagnosis": {"logs": ["sound", "of known noise"], "trials": 6}},
+    "faults": {"diagnosis": {"logs": ["changed readings", "biases"], "trials": 2}},
     **smoke_parts(),
 }
 
@@ -106,7 +108,7 @@ def faults() -> tuple[Fault, ...]:
     """Every fault, in the order of the flow."""
     return tuple(
         fault
-        for module in (calibration, filters, attitude, machinery, small)
+        for module in (calibration, filters, attitude, machinery, small, diagnosis)
         for fault in module.FAULTS
     )
 

@@ -51,6 +51,8 @@ poses = 12
 [detector]
 multiplier = [3.0, 6.0]
 trials = 2
+[diagnosis]
+logs = ["holds", "of known noise"]
 """
 
 

@@ -71,6 +71,7 @@ SMALL = {  # study, parameters, and how many of its rows are judged
     "fitted": ("noise_model", NOISE | {"estimate": "fitted"}, 27, CI),
     "intervals": ("noise_model", NOISE | {"estimate": "intervals"}, 30, SLOW),
     "detector": ("detector", {"trials": 60}, 5, CI),
+    "faults": ("diagnosis", {"logs": "changed readings"}, 6, CI),
     **{
         wrong: ("filter", FILTER | {"scenario": f"gimbal slow, {wrong}"}, rows, mark)
         for wrong, rows, mark in (

@@ -161,7 +161,8 @@ def judge(rests: RestMeans, extra: Sequence[Explanation] = ()) -> Judgement:
         Sound, or what is wrong.
     """
     rests = replace(rests, zero=zero_of(rests, rests.readings))
-    noise = along(rests)
+    first = fits([plain(rests)], rests, along(rests))[0]
+    noise = along(rests, first)
     null = fits([plain(rests)], rests, noise)[0]
     judgement = Judgement(null.chance(rests.freedom), null.misfit)
     if judgement.answer == "sound":
