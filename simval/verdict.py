@@ -40,7 +40,8 @@ It is **wide**: judged, since what is far off is seen, but no check, unless a co
 row of the same statistic and theory stands beside it that sees more.
 
 The normalised squared errors of the cells of one study are also pooled, weighted by
-their samples, into one more row: it shows a common error in scale first.
+their samples, into one more row: it shows a common error in scale first. Those of one
+cell are of the same samples, and may move as one: their standard errors add up.
 
 Deterministic rows (exact, limit) are compared with their bound and cost no false
 alarms. A row that was not measured, or not measured well enough, is
@@ -412,22 +413,26 @@ def _pooled(
     members: Iterable[tuple[CellName, Row]],
 ) -> Iterator[tuple[CellName, Row]]:
     """Mean of each study's normalised squared errors, relative to the prediction."""
-    pools: dict[tuple[str, str], list[Row]] = {}
+    pools: dict[tuple[str, str], list[tuple[CellName, Row]]] = {}
     for cell, row in members:
         if row.check == "nees" and row.prediction:
-            pools.setdefault((cell.study, row.predictor), []).append(row)
-    for (study, predictor), rows in pools.items():
-        every = _columns(rows)
-        own = _columns([rows[i] for i in np.flatnonzero(every.obstacles == 0)])
+            pools.setdefault((cell.study, row.predictor), []).append((cell, row))
+    for (study, predictor), pairs in pools.items():
+        every = _columns([row for _, row in pairs])
+        sound = [pairs[i] for i in np.flatnonzero(every.obstacles == 0)]
+        own = _columns([row for _, row in sound])
         if len(own.value) < 2:
             continue
         # weighted by the numbers of samples, which do not depend on the values
         n = own.n.astype(float)
         weights = n / n.sum() / own.prediction
+        errors: dict[CellName, float] = {}
+        for (cell, _), error in zip(sound, weights * own.standard_error, strict=True):
+            errors[cell] = errors.get(cell, 0.0) + abs(error)
         (row,) = nees(
             POOLED_NEES(),
             float(weights @ own.value),
-            float(np.linalg.norm(weights * own.standard_error)),
+            float(np.linalg.norm([*errors.values()])),
             int(n.sum()),
             1.0,
             predictor,

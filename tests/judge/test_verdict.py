@@ -415,6 +415,11 @@ def test_a_study_s_power_is_the_median_over_its_quantities():
     )
 
 
+def apart(*rows, alpha=1e-3):
+    """Rows of as many cells of one study."""
+    return judge([(CellName("study", str(k)), r) for k, r in enumerate(rows)], alpha)
+
+
 def squares(ratios, predicted=3.0, error=0.01, **values):
     """Normalised squared errors, relative to what is predicted."""
     return [
@@ -429,7 +434,7 @@ def squares(ratios, predicted=3.0, error=0.01, **values):
 
 def test_pooled_nees_sees_what_no_cell_does():
     # 2.5 standard errors in each of five cells, 5.6 in their mean
-    verdicts = judged(*squares([0.025] * 5))
+    verdicts = apart(*squares([0.025] * 5))
     assert [v.answer for v in verdicts] == ["pass"] * 5 + ["fail"]
     pooled = verdicts[-1]
     assert (pooled.cell, pooled.row.n) == (CellName("study"), 20_000)
@@ -448,7 +453,7 @@ def test_the_pool_adds_values_errors_remainders_and_samples():
         *squares([0.01], 3.0, n=1000, remainder=0.006),
         *squares([-0.01], 9.0, n=3000, remainder=0.054),
     )
-    pooled = judged(*cells)[-1].row
+    pooled = apart(*cells)[-1].row
     assert (pooled.n, pooled.prediction) == (4000, 1.0)
     # sums of two products
     found = (pooled.value, pooled.standard_error, pooled.remainder)
@@ -456,11 +461,19 @@ def test_the_pool_adds_values_errors_remainders_and_samples():
     assert found == pytest.approx(expected, rel=8 * EPS)
 
 
+def test_rows_of_one_cell_are_not_pooled_as_if_each_were_new():
+    # four estimators of the same samples, 2.5 standard errors off together
+    rows = squares([0.025] * 4)
+    verdicts = judged(*rows)
+    assert [v.answer for v in verdicts] == ["pass"] * 5
+    assert verdicts[-1].sigmas == pytest.approx(2.5, rel=100 * EPS, abs=0)
+
+
 @pytest.mark.ci
 def test_false_alarm_rate_with_the_pool_is_at_most_the_stated_one():
     rng, runs, alpha = np.random.default_rng(20_263), 1000, 0.05
     alarms = sum(
-        overall(judged(*squares(0.01 * rng.standard_normal(5)), alpha=alpha)) == "fail"
+        overall(apart(*squares(0.01 * rng.standard_normal(5)), alpha=alpha)) == "fail"
         for _ in range(runs)
     )
     assert 0 < alarms <= stats.binom.isf(1e-4, runs, alpha)
