@@ -97,6 +97,9 @@ def command(
         ),
     ] = (),
     as_json: AsJson = False,
+    verbose: Annotated[
+        bool, "Print also what was tried on rests that misfit, with its odds."
+    ] = False,
 ) -> None:
     """Calibrate the accelerometer of a LOG, and its gyroscope and magnetometer.
 
@@ -157,6 +160,10 @@ def command(
     if out is not None:
         write_json(out, written)
     notes = []
+    judgement = result.diagnosis.judgement
+    if verbose and judgement is not None:
+        middle = log.time[result.intervals.sum(axis=1) // 2]
+        notes += ["", *judgement.runners_up(middle)]
     for name, file in to:
         from simval.imu.multiposition.parameters import parameters_of
 

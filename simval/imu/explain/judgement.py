@@ -32,11 +32,13 @@ from simval.imu.explain.catalogue import effects, explanations, off, plain
 from simval.imu.explain.explanation import Explanation, RestMeans
 from simval.imu.explain.likelihood import Fit, along, farthest, fits, zero_of
 from simval.shapes import Float
+from simval.text import chance_words
 
 CHANCE = 1e-3  # of a misfit, by chance: what is asked at all
 REFUSED, REMARKED = 1000.0, 100.0  # odds
 NAMED = 0.9  # of the posterior
 LEADS, MOST, MORE = 3, 3, 0.25
+LISTED = 4  # of what was tried, the likeliest
 INNOCENT = frozenset({"rest off", "noise"})
 """Kinds that accuse no sensor."""
 
@@ -142,6 +144,33 @@ class Judgement(NamedTuple):
         apart = " (these cannot be told apart)" if len(named) > 1 else ""
         do = "; or ".join(dict.fromkeys(f.explanation.advice for f in named))
         return f"{so}{apart}: {do}"
+
+    def runners_up(self, time: Float[Array, " n"] | None) -> list[str]:
+        """List what was tried, the likeliest first, with its odds against nothing.
+
+        Parameters
+        ----------
+        time : (n,) array or None
+            Time of each rest, s; None names them by their place, as poses.
+
+        Returns
+        -------
+        list of str
+            Lines: one of the misfit, and one of each cause.
+        """
+        misfit = (
+            f"the rests scatter {self.misfit:.2g} times their noise (chance "
+            f"{chance_words(self.chance)})"
+        )
+        if not self.findings:
+            return [f"{misfit}: nothing was tried"]
+        lines = [f"{misfit}; odds of what was tried against nothing, and its share:"]
+        for found in self.findings[:LISTED]:
+            odds = self.odds + np.log(max(found.share, np.finfo(float).tiny))
+            tens = f"10^{odds / np.log(10.0):.1f}"
+            so = found.explanation.sentence(time)
+            lines.append(f"  {tens:>9s}  {100.0 * found.share:5.1f} %  {so}")
+        return lines
 
 
 def judge(rests: RestMeans, extra: Sequence[Explanation] = ()) -> Judgement:

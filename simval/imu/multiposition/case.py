@@ -74,6 +74,11 @@ class Case(NamedTuple):
         return f"{words} (--leave-out {off})" if off else words
 
     @property
+    def tried(self) -> str:
+        """List what was tried for that, with its odds, in lines."""
+        return "\n".join(self.judgement.runners_up(self.middle))
+
+    @property
     def middle(self) -> Float[Array, " m"]:
         """Time of the middle of each rest, s."""
         return self.log.time[self.intervals.sum(axis=1) // 2]

@@ -65,12 +65,11 @@ def require_sound(case: Case) -> None:
     Raises
     ------
     RefusedError
-        That names the axis, the time and the remedy.
+        That names the axis, the time and the remedy; what was tried is a note of it.
     """
     words = _first(case, SIGNS)
     if words:
-        msg = f"{case.log.path}: {words}"
-        raise RefusedError(msg)
+        raise _refusal(case, words)
 
 
 def explained(
@@ -85,7 +84,7 @@ def explained(
         causes = CAUSES_OF_SATURATION  # what it has spoilt is no fault by itself
     words = _first(case, causes)
     if words:
-        return RefusedError(f"{log.path}: {words}")
+        return _refusal(case, words)
     if isinstance(refusal, ConvergenceError):
         return ConvergenceError(
             f"{log.path}: the fit to {len(case.means)} rests did not converge: they "
@@ -106,6 +105,13 @@ def _rests(log: Log, rest: float | None) -> Intervals:
         except SimvalError:
             continue
     return np.empty((0, 2), dtype=np.intp)
+
+
+def _refusal(case: Case, words: str) -> RefusedError:
+    refusal = RefusedError(f"{case.log.path}: {words}")
+    if case.judgement.answer != "sound":
+        refusal.add_note(case.tried)
+    return refusal
 
 
 def _first(case: Case, checks: Checks) -> str | None:

@@ -75,6 +75,24 @@ def test_a_fault_is_refused_and_named(name):
     assert named >= 1
 
 
+@pytest.mark.ci
+def test_the_runners_up_are_listed_where_asked_for(simval, tmp_path):
+    """One sentence without, and with it what else was tried, less likely each."""
+    rec = recording("sign_flip", 1)
+    path = tmp_path / "log.csv"
+    rows = np.column_stack([rec.log.time, rec.samples])
+    np.savetxt(path, rows, delimiter=",", header="t [s],ax,ay,az", comments="")
+    code, out, err = simval("calibrate", path)
+    assert (code, out, err.count("\n")) == (3, "", 1)
+    code, out, more = simval("calibrate", path, "--verbose")
+    assert (code, out, more[: len(err)]) == (3, "", err)
+    odds = [float(tens) for tens in re.findall(r"10\^(-?[\d.]+) ", more)]
+    assert len(odds) == 4
+    assert odds == sorted(odds, reverse=True)
+    assert odds[0] > 15.0 > odds[1]  # 10^22.8 was seen, and 10^3.3
+    assert re.search(r"100.0 %  the sign of y changed", more)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAULTS)
 def test_no_bad_log_is_accepted_with_a_wrong_answer(name):
