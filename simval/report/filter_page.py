@@ -10,7 +10,7 @@ from simval.arrays import Array
 from simval.imu.logs import Log
 from simval.imu.recorded import Evaluation
 from simval.imu.recorded.description import FREE, bound_lines, published_lines
-from simval.imu.recorded.errors import ALPHA, WINDOW, Consistency, Rms
+from simval.imu.recorded.errors import ALPHA, WINDOW, NormalisedSquare, Rms
 from simval.imu.recorded.evaluation import (
     FilterRun,
     WithTruth,
@@ -179,11 +179,11 @@ def _drift(each: Evaluation) -> float:
     return float(np.degrees(each.at_rest.drift) * 60.0)
 
 
-def _nees(each: Evaluation) -> Consistency | None:
+def _nees(each: Evaluation) -> NormalisedSquare | None:
     return None if each.truth is None else each.truth.nees
 
 
-def _judged(each: Evaluation) -> list[tuple[str, Consistency]]:
+def _judged(each: Evaluation) -> list[tuple[str, NormalisedSquare]]:
     """What is judged of a covariance; where heading is free its drift apart."""
     if (nees := _nees(each)) is None:
         return []
@@ -194,7 +194,7 @@ def _judged(each: Evaluation) -> list[tuple[str, Consistency]]:
     return found
 
 
-def _worst(each: Evaluation) -> Consistency | None:
+def _worst(each: Evaluation) -> NormalisedSquare | None:
     """What advice is on: a drift only where a verdict on it speaks against it."""
     found = [one for _, one in _judged(each)]
     against = [one for one in found if one.verdict.endswith("confident")]
@@ -245,7 +245,7 @@ def _why_not(each: Evaluation) -> str:
     return "it states no covariance" if each.truth else "no truth to judge it by"
 
 
-def _words(nees: Consistency) -> str:
+def _words(nees: NormalisedSquare) -> str:
     if np.isnan(nees.mean):
         return f"{nees.verdict}, too little to judge"
     ratio = np.sqrt(nees.mean / nees.expected)
@@ -297,7 +297,7 @@ def _rows_advice(rows: RowEvidence) -> tuple[str, str]:
     )
 
 
-def _advice(run: FilterRun, nees: Consistency) -> tuple[str, str]:
+def _advice(run: FilterRun, nees: NormalisedSquare) -> tuple[str, str]:
     """Advice on a filter, in short and in a sentence."""
     name = run.name
     if nees.verdict == "overconfident":

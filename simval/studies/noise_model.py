@@ -40,7 +40,7 @@ from simval.imu.noise import (
     covariance_forms,
     noise_of,
 )
-from simval.imu.noise.least_squares import RIDGE, Problem, ends, fitted
+from simval.imu.noise.least_squares import RIDGE, AllanProblem, ends, fitted
 from simval.imu.sensor import NoiseModel
 from simval.results import Outcome, Row, exact, limit, plain
 from simval.shapes import Float
@@ -155,7 +155,7 @@ class Theory:
         if estimate == "known weights":
             square = (self.weights @ misfits[..., None])[..., 0] ** 2
         else:
-            problem = Problem(variances, self.law, self.forms)
+            problem = AllanProblem(variances, self.law, self.forms)
             found = fitted(problem)
             square = (found.free - self.truth) ** 2
             if estimate == "intervals":

@@ -337,7 +337,7 @@ class Problem:
             for each in sensor.equations(w, theta[:, columns[sensor.name]])
         ]
 
-    def local(self, theta: Float[Array, "t p"]) -> "Local":
+    def local(self, theta: Float[Array, "t p"]) -> "Linearised":
         """The whitened rows and their derivatives."""
         at = self.corrected(theta)
         c, J, L = self.rests(at, theta)
@@ -360,12 +360,14 @@ class Problem:
         if self.prior is not None:
             slopes = np.concatenate([slopes, self.prior.root], axis=1)
         rows = self._whitened(c, theta, white)
-        return Local(
+        return Linearised(
             at=at, rows=rows, slopes=slopes, L=L, white=white, axes=axes, own=own,
             whole=whole,
         )  # fmt: skip
 
-    def values(self, theta: Float[Array, "t p"], here: "Local") -> Float[Array, "t r"]:
+    def values(
+        self, theta: Float[Array, "t p"], here: "Linearised"
+    ) -> Float[Array, "t r"]:
         """The rows at other parameters, by the weights of a linearisation."""
         at = self.corrected(theta)
         c = self._stacked(self.equations(at, theta), len(theta))
@@ -445,7 +447,7 @@ def _slices(sizes: dict[str, int]) -> dict[str, slice]:
     return dict(zip(sizes, map(slice, ends[:-1], ends[1:]), strict=True))
 
 
-class Local(NamedTuple):
+class Linearised(NamedTuple):
     """The whitened rows at some parameters: of the turns, the rests and the prior."""
 
     at: dict[str, Corrected]

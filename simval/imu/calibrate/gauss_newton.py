@@ -14,9 +14,9 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import RefusedError
-from simval.imu.calibrate.equations import Errors, Local, Problem
+from simval.imu.calibrate.equations import Errors, Linearised, Problem
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
-from simval.imu.calibrate.goodness_of_fit import Beside, Residuals, Source
+from simval.imu.calibrate.goodness_of_fit import Beside, NoiseSource, Residuals
 from simval.shapes import Float
 
 TOLERANCE = 1e-8
@@ -30,7 +30,7 @@ _SHORT = 4  # further steps by a linearisation
 _FIRST_DAMPING, _LAST_DAMPING = 1e-4, 1e12  # of the diagonal
 
 
-def residuals(problem: Problem, here: Local, theta: Array) -> Residuals:
+def residuals(problem: Problem, here: Linearised, theta: Array) -> Residuals:
     """Rows of the first trial, whose noise is in them, and what may be beside it.
 
     What is not noise of the sensors that are read at rest is that of the turns.
@@ -47,7 +47,7 @@ def residuals(problem: Problem, here: Local, theta: Array) -> Residuals:
     sources, beside = [], []
     for name, own in problem.noises.items():
         flat = noise[..., own].reshape(rows, -1)
-        source = Source(
+        source = NoiseSource(
             name=name, covariance=flat @ flat.T, item="rest",
             items=np.moveaxis(noise[..., own], 1, 0),
             parameters=problem.columns[name],
@@ -59,7 +59,7 @@ def residuals(problem: Problem, here: Local, theta: Array) -> Residuals:
         white, at = here.white[0], problem.columns[name]
         moves = white[:, : count * size].reshape(rows, count, size)
         sources.append(
-            Source(
+            NoiseSource(
                 name=name, item="move", items=np.moveaxis(moves, 1, 0),
                 covariance=np.eye(rows) - sum(s.covariance for s in sources),
                 parameters=at,
@@ -74,17 +74,17 @@ def residuals(problem: Problem, here: Local, theta: Array) -> Residuals:
     )  # fmt: skip
 
 
-class Solution(NamedTuple):
+class JointSolution(NamedTuple):
     """End point of the iteration of each trial."""
 
     theta: Float[Array, "t p"]
     iterations: Any  # steps tried, (t,)
     converged: Any  # bool, (t,)
     step: Float[Array, " t"]  # the last, in standard deviations
-    here: Local  # the last linearisation, and the rows after its step
+    here: Linearised  # the last linearisation, and the rows after its step
 
 
-def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> Solution:
+def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> JointSolution:
     r"""Solve the equations of each trial from its own start; of one that is NaN, none.
 
     Weights and slopes of a linearisation are those of its own place, so each one
@@ -137,16 +137,21 @@ def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> Solutio
             ends.append((others, here.ended(slice(None), here.rows)))
         joined = {k: np.concatenate([end[k] for _, end in ends]) for k in ends[-1][1]}
         order = np.argsort(np.concatenate([trials for trials, _ in ends]))
-        here = Local(
+        here = Linearised(
             at=problem.corrected(theta), **{k: v[order] for k, v in joined.items()}
         )
-    return Solution(
+    return JointSolution(
         theta=theta, iterations=iterations, converged=converged, step=last, here=here
     )
 
 
 def _settled(
-    part: Problem, here: Local, theta: Array, rows: Array, moved: Array, better: Any
+    part: Problem,
+    here: Linearised,
+    theta: Array,
+    rows: Array,
+    moved: Array,
+    better: Any,
 ) -> tuple[Float[Array, "t p"], Float[Array, " t"], Float[Array, "t r"]]:
     # further steps by the same linearisation while they shrink; where, the last, and
     # the rows before it
@@ -173,15 +178,15 @@ def _rounding(change: Float[Array, "t r"], white: Array) -> Any:
 
 
 def weighed(
-    problem: Problem, stated: Solution, most: int
-) -> tuple[Problem, Solution, NoiseFactors]:
+    problem: Problem, stated: JointSolution, most: int
+) -> tuple[Problem, JointSolution, NoiseFactors]:
     """One trial by the noise that its residuals ask for, if more than stated."""
 
-    def fit(last: tuple[Problem, Solution], variances: Errors) -> Any:
+    def fit(last: tuple[Problem, JointSolution], variances: Errors) -> Any:
         used = problem.beside(variances)
         return used, minimize(used, last[1].theta, most)
 
-    def rows(last: tuple[Problem, Solution]) -> Residuals:
+    def rows(last: tuple[Problem, JointSolution]) -> Residuals:
         used, found = last
         here = found.here if used is problem else problem.local(found.theta)
         return residuals(problem, here, found.theta)

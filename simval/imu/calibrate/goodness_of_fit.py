@@ -75,7 +75,7 @@ Kind = Literal["noise", "rotations", "matrix"]
 each rotation is off, or a matrix that changes in the course of the log, relative."""
 
 
-class Source(NamedTuple):
+class NoiseSource(NamedTuple):
     """A sensor whose noise is in the rows of a fit."""
 
     name: str
@@ -99,7 +99,7 @@ class Residuals(NamedTuple):
 
     r: Float[Array, " r"]
     J: Float[Array, "r p"]
-    sources: tuple[Source, ...]
+    sources: tuple[NoiseSource, ...]
     beside: tuple[Beside, ...] = ()
     names: tuple[str, ...] = ()  # of the parameters
 

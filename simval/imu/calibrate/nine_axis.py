@@ -32,12 +32,12 @@ from simval.errors import InputError
 from simval.imu.calibrate.equations import Problem
 from simval.imu.calibrate.estimate import NORMAL_95, Estimate, nine_axis_lines
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors
-from simval.imu.calibrate.gauss_newton import Solution, minimize, weighed
+from simval.imu.calibrate.gauss_newton import JointSolution, minimize, weighed
 from simval.imu.calibrate.gyroscope.noise import checked_pose_std, noise_of
 from simval.imu.calibrate.gyroscope.path_statistics import InterRestRotations
 from simval.imu.calibrate.gyroscope.residuals import InterRest
 from simval.imu.calibrate.gyroscope.result import NAMES, GyroscopeFit
-from simval.imu.calibrate.magnetometer.calibration import Options, Scaled, scale
+from simval.imu.calibrate.magnetometer.calibration import CompassOptions, Scaled, scale
 from simval.imu.calibrate.magnetometer.evidence import natural_sd
 from simval.imu.calibrate.magnetometer.result import (
     ACCELEROMETER,
@@ -147,7 +147,9 @@ _ORDER = np.r_[0:9, 22:34, 9:22]
 """Accelerometer, gyroscope, magnetometer; the fit has the gyroscope last."""
 
 
-def _numbers(problem: Problem, found: Solution, scaled: Scaled) -> dict[str, Array]:
+def _numbers(
+    problem: Problem, found: JointSolution, scaled: Scaled
+) -> dict[str, Array]:
     # of the fit of each trial, in their own units
     turns, theta, t, here = problem.turns, found.theta, len(found.theta), found.here
     assert isinstance(turns, InterRest)
@@ -289,7 +291,7 @@ def calibrate_nine_axis(
         inter_rest, bias=gyroscope.bias, angle_random_walk=angle_random_walk,
         bias_random_walk=bias_random_walk, known_bias=known_bias, bias_std=bias_std,
     )  # fmt: skip
-    options = Options(
+    options = CompassOptions(
         g=magnetometer.g, field=magnetometer.field, model=magnetometer.model,
         hemisphere="unstated", max_iterations=1, known=None,
     )  # fmt: skip

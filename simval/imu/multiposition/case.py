@@ -28,7 +28,7 @@ _FEWEST = 1.1  # times the span: a power of two as close is the counter's range
 _WIDER = 1.05  # times the span seen, the range of another
 
 
-class Case(NamedTuple):
+class JudgedRests(NamedTuple):
     """The rests of a log, with the fit to them if there is one."""
 
     log: Log
@@ -115,7 +115,7 @@ def case_of(
     intervals: Intervals,
     noise: PoseNoise | None = None,
     fit: FitResult | None = None,
-) -> Case:
+) -> JudgedRests:
     """Gather what the checks need; without `noise` there are no rests to judge."""
     samples = log.accelerometer
     parts = [samples[start:stop] for start, stop in intervals]
@@ -130,7 +130,7 @@ def case_of(
         own = np.array([turns[a:b].mean(axis=0) for a, b in intervals])
         own = np.median(own, axis=0) - own
         judgement = judge(means, [wrapped(means, own, lap)] if own.any() else [])
-    return Case(
+    return JudgedRests(
         log=log,
         g=g,
         rest=rest,

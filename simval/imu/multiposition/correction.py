@@ -17,7 +17,7 @@ from simval.imu.logs import Log
 from simval.imu.multiposition.log_units import said_of, units_of
 
 
-class Corrected(NamedTuple):
+class CorrectedLog(NamedTuple):
     """A corrected log, and by what."""
 
     log: Log  # m/s^2, rad/s, the calibration's unit; what is not in it as it was
@@ -32,7 +32,7 @@ def corrected(
     temperature: float | None = None,
     extrapolate: bool = False,
     checked: bool = True,
-) -> Corrected:
+) -> CorrectedLog:
     """Correct all sensors of a log.
 
     The temperature of the sensor in all rows, degrees Celsius, stands for the log's
@@ -73,4 +73,4 @@ def corrected(
         field = magnetometer.correct(field)
         sensors.append("magnetometer")
     changed = replace(log, accelerometer=force, gyro=rate, magnetometer=field)
-    return Corrected(changed, tuple(sensors), said)
+    return CorrectedLog(changed, tuple(sensors), said)

@@ -24,7 +24,7 @@ from simval.imu.calibrate.evidence import REPEATS, STATE_NOISE
 from simval.imu.calibrate.goodness_of_fit import LEFT
 from simval.imu.calibrate.gyroscope.result import START
 from simval.imu.logs import Log
-from simval.imu.multiposition.case import Case, case_of, laps_of
+from simval.imu.multiposition.case import JudgedRests, case_of, laps_of
 from simval.imu.multiposition.noise import pose_noise
 from simval.imu.multiposition.rests import AXES, find_rests
 from simval.imu.statics import Intervals, interval_means
@@ -56,10 +56,10 @@ _FAR_UNIT = 2.0  # of that spread, off from it
 _OTHER_UNIT = 0.3  # of gravity, off from it: readings in motion average to 5 %
 _RARELY = 0.05  # chance that a scatter beyond the limit leaves as little as is seen
 _TELLING = LEFT + 1  # degrees of freedom: one for the least step, and two to tell it by
-Checks = tuple[Callable[[Case], str | None], ...]
+Checks = tuple[Callable[[JudgedRests], str | None], ...]
 
 
-def require_sound(case: Case) -> None:
+def require_sound(case: JudgedRests) -> None:
     """Refuse a calibration whose log shows a fault.
 
     Raises
@@ -107,14 +107,14 @@ def _rests(log: Log, rest: float | None) -> Intervals:
     return np.empty((0, 2), dtype=np.intp)
 
 
-def _refusal(case: Case, words: str) -> RefusedError:
+def _refusal(case: JudgedRests, words: str) -> RefusedError:
     refusal = RefusedError(f"{case.log.path}: {words}")
     if case.judgement.answer != "sound":
         refusal.add_note(case.tried)
     return refusal
 
 
-def _first(case: Case, checks: Checks) -> str | None:
+def _first(case: JudgedRests, checks: Checks) -> str | None:
     # one after the other, since each costs time
     return next((words for check in checks if (words := check(case))), None)
 
@@ -131,7 +131,7 @@ def for_a_log(words: str) -> str:
     return words
 
 
-def constant_axis(case: Case) -> str | None:
+def constant_axis(case: JudgedRests) -> str | None:
     """An axis that shows one value in the whole log."""
     samples = case.log.accelerometer
     still = np.ptp(samples, axis=0) == 0.0
@@ -145,7 +145,7 @@ def constant_axis(case: Case) -> str | None:
     )
 
 
-def zero_rows(case: Case) -> str | None:
+def zero_rows(case: JudgedRests) -> str | None:
     """Rows of three zeros, which stand for lost data."""
     zero = np.all(case.log.accelerometer == 0.0, axis=1)
     for index, (start, stop) in enumerate(case.intervals):
@@ -158,7 +158,7 @@ def zero_rows(case: Case) -> str | None:
     return None
 
 
-def frozen(case: Case) -> str | None:
+def frozen(case: JudgedRests) -> str | None:
     """A rest in which an axis repeats one value although it is noisy elsewhere."""
     samples = case.log.accelerometer
     # at the ends of the range it is saturated, see `simval.imu.multiposition.ranges`
@@ -182,7 +182,7 @@ def frozen(case: Case) -> str | None:
     return None
 
 
-def spikes(case: Case) -> str | None:
+def spikes(case: JudgedRests) -> str | None:
     """Single rows far off, often enough to shift the means of the case."""
     samples = case.log.accelerometer
     radius = np.sqrt(np.sum(np.var(case.means, axis=0)))
@@ -208,7 +208,7 @@ def spikes(case: Case) -> str | None:
     )
 
 
-def repeated(case: Case) -> str | None:
+def repeated(case: JudgedRests) -> str | None:
     """A stretch of rows that is an earlier one again, bit for bit."""
     samples = case.log.accelerometer
     if case.same_rows >= 1.0:
@@ -246,7 +246,7 @@ def repeated(case: Case) -> str | None:
     )
 
 
-def flat_axis(case: Case) -> str | None:
+def flat_axis(case: JudgedRests) -> str | None:
     """An axis that does not take part, or repeats another."""
     centred = case.means - case.means.mean(axis=0)
     spread = np.sqrt(np.mean(centred**2, axis=0))
@@ -283,7 +283,7 @@ def flat_axis(case: Case) -> str | None:
     return None
 
 
-def stuck(case: Case) -> str | None:
+def stuck(case: JudgedRests) -> str | None:
     """An axis that shows one value while the others move, in rests that misfit."""
     if case.judgement.answer == "sound":
         return None
@@ -299,23 +299,23 @@ def stuck(case: Case) -> str | None:
     return None
 
 
-def wrapped(case: Case) -> str | None:
+def wrapped(case: JudgedRests) -> str | None:
     """A counter that leaves at one end of its range and returns at the other."""
     causes = [found.explanation.kinds for found in case.judgement.candidates]
     return judged(case) if causes and all(c == {"wrap"} for c in causes) else None
 
 
-def judged(case: Case) -> str | None:
+def judged(case: JudgedRests) -> str | None:
     """Something that is wrong with the rests, with odds that refuse them."""
     return case.wrong if case.judgement.answer == "refusal" else None
 
 
-def accused(case: Case) -> str | None:
+def accused(case: JudgedRests) -> str | None:
     """The same, where it is the sensor or its readings, and no rest by itself."""
     return judged(case) if case.judgement.accuses else None
 
 
-def other_unit(case: Case) -> str | None:
+def other_unit(case: JudgedRests) -> str | None:
     """A long stretch whose rests were left out because they read another gravity."""
     log = case.log
     if len(case.means) < _SEVERAL:
@@ -346,7 +346,7 @@ def other_unit(case: Case) -> str | None:
     return None
 
 
-def _gravity(inside: Float[Array, "m 3"], case: Case) -> float:
+def _gravity(inside: Float[Array, "m 3"], case: JudgedRests) -> float:
     # of some rests over that of the others
     if case.fit is not None:
         force = case.fit.sensor().correct(inside)
@@ -355,7 +355,7 @@ def _gravity(inside: Float[Array, "m 3"], case: Case) -> float:
     return float(max(radii[0], np.finfo(float).tiny) / radii[1])
 
 
-def undecided(case: Case) -> str | None:
+def undecided(case: JudgedRests) -> str | None:
     """Residuals beyond the noise, of too few rests to name what they show."""
     if case.dof >= _TELLING or case.judgement.answer == "sound":
         return None
@@ -367,7 +367,7 @@ def undecided(case: Case) -> str | None:
     )
 
 
-def no_gravity(case: Case) -> str | None:
+def no_gravity(case: JudgedRests) -> str | None:
     """Residuals that are too large, or may come from a scatter that is."""
     assert case.fit is not None
     misfit = possible = case.misfit

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from simval.arrays import Array
 from simval.imu.noise.allan import PER_OCTAVE, Forms
 from simval.imu.noise.components import Component
-from simval.imu.noise.least_squares import Problem, Squares, Z, ends, fitted
+from simval.imu.noise.least_squares import AllanProblem, Squares, Z, ends, fitted
 from simval.imu.noise.model import SlowNoise
 from simval.shapes import Bool, Float, Int
 
@@ -70,17 +70,19 @@ class Family:
         self._some: dict[tuple[int, ...], Family] = {}
         self._forms = Forms(counts, rows)
 
-    def problem(self, variances: Float[Array, "s m"], *sets: Components) -> Problem:
+    def problem(
+        self, variances: Float[Array, "s m"], *sets: Components
+    ) -> AllanProblem:
         """Least squares problem of a set of components, or of another each signal."""
         law = np.array([[each.law(self.counts) for each in some] for some in sets])
         forms = np.array(
             [[[self._forms[a, b] for b in some] for a in some] for some in sets]
         )
-        made = Problem(
+        made = AllanProblem(
             variances, np.moveaxis(law, 1, 2), np.moveaxis(forms, (1, 2), (3, 4))
         )
         if len(sets) == 1:
-            return Problem(variances, made.law[0], made.forms[0])
+            return AllanProblem(variances, made.law[0], made.forms[0])
         return made
 
     def of(self, places: NDArray[np.intp]) -> "Family":
@@ -281,7 +283,7 @@ def _times_left(
 
 
 def is_slow(
-    problem: Problem, components: Components, found: Squares
+    problem: AllanProblem, components: Components, found: Squares
 ) -> Bool[Array, " s"]:
     """Whether each signal shows flicker or a walk, or needs it beside white noise."""
     slow = np.array([each.kind in "BK" for each in components])

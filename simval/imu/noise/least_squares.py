@@ -46,7 +46,7 @@ FAR: Final = 3.0  # standard deviations, as the least of all lengths is taken
 Z: Final = 1.959963984540054  # of 95 %, both ends together
 
 
-class Problem(NamedTuple):
+class AllanProblem(NamedTuple):
     """Allan variances of signals of the same length, and what theory says of them.
 
     Theory is of the same components for all signals, or of others for each.
@@ -59,19 +59,21 @@ class Problem(NamedTuple):
         None  # of the forms of each signal, if not in turn
     )
 
-    def of(self, signals: NDArray[np.intp]) -> "Problem":
+    def of(self, signals: NDArray[np.intp]) -> "AllanProblem":
         """Take some of the signals, each as often as it is named."""
         if self.law.ndim == 2:
-            return Problem(self.variances[signals], self.law, self.forms)
+            return AllanProblem(self.variances[signals], self.law, self.forms)
         places = signals if self.places is None else self.places[signals]
-        return Problem(self.variances[signals], self.law[signals], self.forms, places)
+        return AllanProblem(
+            self.variances[signals], self.law[signals], self.forms, places
+        )
 
-    def part(self, first: int, last: int) -> "Problem":
+    def part(self, first: int, last: int) -> "AllanProblem":
         """Take some of the lengths."""
         some = slice(first, last)
         forms = self.forms[..., some, some, :, :]
         law = self.law[..., some, :]
-        return Problem(self.variances[:, some], law, forms, self.places)
+        return AllanProblem(self.variances[:, some], law, forms, self.places)
 
     def covariance(self, squares: Float[Array, "s k"]) -> Float[Array, "s m m"]:
         """Covariance (V4) of each signal with these squares."""
@@ -108,7 +110,7 @@ class _Whitened(NamedTuple):
     target: Float[Array, "s r"]  # the variances
 
 
-def fitted(problem: Problem) -> Squares:
+def fitted(problem: AllanProblem) -> Squares:
     """Fit the squares of the coefficients of each signal."""
     # variances of the variances, up to a factor: longer averages are fewer
     roughly = problem.variances**2 / problem.law[..., 0]
@@ -137,7 +139,7 @@ def fitted(problem: Problem) -> Squares:
 
 
 def ends(
-    problem: Problem, found: Squares, sides: tuple[float, ...] = (-Z, Z)
+    problem: AllanProblem, found: Squares, sides: tuple[float, ...] = (-Z, Z)
 ) -> tuple[Float[Array, "s k"], ...]:
     """Lower and upper ends (V6) of the 95 % intervals of each signal, or one of them.
 
@@ -174,7 +176,7 @@ def ends(
     return tuple(np.moveaxis(end.reshape(size), -1, 0))
 
 
-def greatest(problem: Problem) -> Float[Array, "s k"]:
+def greatest(problem: AllanProblem) -> Float[Array, "s k"]:
     """Squares that alone would exceed the Allan variances of each signal.
 
     At some length by `FAR` standard deviations of what the square alone would scatter
@@ -189,7 +191,7 @@ def greatest(problem: Problem) -> Float[Array, "s k"]:
 
 
 def _whitened(
-    problem: Problem, covariance: Float[Array, "s m m"]
+    problem: AllanProblem, covariance: Float[Array, "s m m"]
 ) -> tuple[_Whitened, Float[Array, " s"]]:
     # and the logarithm of the covariance's determinant
     least = LEAST_VARIANCE * problem.variances**2  # a ramp alone scatters by nothing

@@ -31,7 +31,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.imu.noise.components import Component
-from simval.imu.noise.least_squares import Problem, Squares, ends, fitted, greatest
+from simval.imu.noise.least_squares import AllanProblem, Squares, ends, fitted, greatest
 from simval.shapes import Float
 
 EXCESS: Final = 0.5 * (np.sqrt(2.0) - 1.0)
@@ -51,7 +51,7 @@ def equivalent_walk(
 
 
 def walks_of(
-    problem: Problem,
+    problem: AllanProblem,
     found: Squares,
     sets: Sequence[tuple[Component, ...]],
     span: tuple[float, float],
@@ -76,7 +76,7 @@ def walks_of(
         law, forms = law[some], forms[some]
     both = shape[:, None, None]
     forms = np.swapaxes(both, 3, 4) @ forms @ both
-    sized = Problem(problem.variances[some], law @ shape, forms)
+    sized = AllanProblem(problem.variances[some], law @ shape, forms)
     low, high = (each[:, 1] for each in ends(sized, fitted(sized)))
     high = np.minimum(high, greatest(sized)[:, 1])
     size = np.stack([np.ones(len(some)), np.minimum(low, 1.0), np.maximum(high, 1.0)])

@@ -10,7 +10,7 @@ from simval.imu.logs import Log, Truth
 from simval.imu.multiposition.description import log_object
 from simval.imu.recorded import Alignment, Evaluation
 from simval.imu.recorded.alignment import polar
-from simval.imu.recorded.errors import Consistency, Measured, Rms
+from simval.imu.recorded.errors import Measured, NormalisedSquare, Rms
 from simval.imu.recorded.evaluation import norths, turned_words
 from simval.imu.recorded.published import SOURCE
 from simval.imu.recorded.rows import FEWEST, MOST_LEFT, WINDOW, RowCentre, RowEvidence
@@ -267,7 +267,7 @@ def _covariances(done: list[Evaluation]) -> list[str]:
     return [title, *columns(rows, -10, 10, -21, -14, 8, -1)]
 
 
-def _interval(each: Consistency) -> str:
+def _interval(each: NormalisedSquare) -> str:
     return "-" if np.isnan(each.low) else interval_words(each.low, each.high, 3)
 
 
@@ -391,13 +391,13 @@ def evaluation_object(each: Evaluation) -> dict[str, Any]:
     return found
 
 
-def _consistency(each: Consistency | None) -> dict[str, Any] | None:
+def _consistency(each: NormalisedSquare | None) -> dict[str, Any] | None:
     if each is None:
         return None
     return _plain(each)
 
 
-def _plain(each: Consistency | RowCentre) -> dict[str, Any]:
+def _plain(each: NormalisedSquare | RowCentre) -> dict[str, Any]:
     return {name: plain(value) for name, value in asdict(each).items()}
 
 

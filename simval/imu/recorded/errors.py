@@ -236,7 +236,7 @@ Verdict = Literal[
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Consistency:
+class NormalisedSquare:
     """A mean normalised square, what it should be, and a verdict."""
 
     mean: float
@@ -259,7 +259,7 @@ def normalised(
 
 def judged(
     values: Float[Array, " k"], expected: float, told: float = 0.0
-) -> Consistency:
+) -> NormalisedSquare:
     """Judge the mean of correlated squares.
 
     Overconfident is a mean above what it should be: errors beyond the covariance. That
@@ -267,7 +267,7 @@ def judged(
     """
     values = values[np.isfinite(values)]
     if len(values) < 10 * COUNTS[-1]:
-        return Consistency(
+        return NormalisedSquare(
             mean=float(values.mean()) if len(values) else np.nan,
             expected=expected,
             low=np.nan,
@@ -288,7 +288,7 @@ def judged(
         verdict = "overconfident"
     elif high < expected:
         verdict = "underconfident"
-    return Consistency(
+    return NormalisedSquare(
         mean=mean,
         expected=expected,
         low=low,
@@ -299,7 +299,7 @@ def judged(
     )
 
 
-def judged_once(values: Float[Array, " k"]) -> Consistency:
+def judged_once(values: Float[Array, " k"]) -> NormalisedSquare:
     """Judge the mean of squares that are of one error, as of a drift that only grows.
 
     However they are correlated, it is taken for one square: chi-square of 1 degree of
@@ -314,7 +314,7 @@ def judged_once(values: Float[Array, " k"]) -> Consistency:
         verdict = "overconfident"
     elif high < 1.0:
         verdict = "underconfident"
-    return Consistency(
+    return NormalisedSquare(
         mean=mean,
         expected=1.0,
         low=low,

@@ -14,8 +14,8 @@ from simval.imu.filters.signals import FilterInput, FilterOutput
 from simval.imu.recorded.alignment import Alignment
 from simval.imu.recorded.errors import (
     ALPHA,
-    Consistency,
     Errors,
+    NormalisedSquare,
     Rms,
     convergence,
     differ,
@@ -133,10 +133,10 @@ class WithTruth:
         ``inclination``).
     settled : float
         Seconds until it has converged; NaN if it has not.
-    nees : Consistency or None
+    nees : NormalisedSquare or None
         Of the attitude, 3 expected, or of the inclination, 2 expected, where heading
         is free; None without a covariance.
-    drift : Consistency or None
+    drift : NormalisedSquare or None
         Of a free heading since the first row with truth, 1 expected.
     squares : Array or None
         The squared error over covariance of each row that it is of, (k,).
@@ -155,8 +155,8 @@ class WithTruth:
     bound: Bound | None
     rms: dict[str, dict[str, Rms]]
     settled: float
-    nees: Consistency | None
-    drift: Consistency | None
+    nees: NormalisedSquare | None
+    drift: NormalisedSquare | None
     squares: Float[Array, " k"] | None
     band: Float[Array, "k 3"] | None
     turned: tuple[float, float]
@@ -164,7 +164,7 @@ class WithTruth:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Step:
+class Stage:
     """RMS errors of one filter by one set of definitions."""
 
     words: str  # what is changed against the step before
@@ -183,13 +183,13 @@ class Evaluation:
         None without a truth.
     at_rest : AtRest
         What needs none.
-    nis : Consistency or None
+    nis : NormalisedSquare or None
         Of the innovations; None without them.
     white : Array or None
         Correlation of each whitened innovation with the next.
     microseconds : float
         Median time of a row.
-    published : tuple of Step
+    published : tuple of Stage
         Its errors by a benchmark's definitions, and then by ours.
     rows : RowEvidence or None
         What the gyroscope's rows were taken as; where the log contradicts that,
@@ -199,10 +199,10 @@ class Evaluation:
     run: FilterRun
     truth: WithTruth | None
     at_rest: AtRest
-    nis: Consistency | None
+    nis: NormalisedSquare | None
     white: Float[Array, " m"] | None
     microseconds: float
-    published: tuple[Step, ...] = ()
+    published: tuple[Stage, ...] = ()
     rows: RowEvidence | None = None
 
 
@@ -248,7 +248,7 @@ def evaluate(
     )
 
 
-def _unjudged(each: Consistency | None) -> Consistency | None:
+def _unjudged(each: NormalisedSquare | None) -> NormalisedSquare | None:
     # where rows are not what they are taken as, a covariance is not to blame
     return None if each is None else replace(each, verdict="not judged: rows")
 
@@ -488,7 +488,7 @@ def _settled(run: FilterRun, found: Signals, truth: WithTruth | None) -> float:
     return max(since, settled) if np.isfinite(settled) else np.inf
 
 
-def _innovations(run: FilterRun) -> tuple[Consistency | None, Array | None]:
+def _innovations(run: FilterRun) -> tuple[NormalisedSquare | None, Array | None]:
     innovation, covariance = run.output.innovation, run.output.innovation_covariance
     if innovation is None or covariance is None:
         return None, None

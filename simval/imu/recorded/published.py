@@ -29,7 +29,7 @@ from simval.imu.logs.readers import read_table
 from simval.imu.recorded.alignment import Alignment
 from simval.imu.recorded.attitudes import composed, meant, of_matrix
 from simval.imu.recorded.errors import errors_of, table
-from simval.imu.recorded.evaluation import FilterRun, Step, resting
+from simval.imu.recorded.evaluation import FilterRun, Stage, resting
 from simval.imu.recorded.settings import Signals, Start, two_vectors
 from simval.imu.recorded.world import World
 from simval.shapes import Bool
@@ -103,7 +103,7 @@ def steps(
     recorded: Truth,
     alignment: Alignment,
     movement: Bool[np.ndarray, " n"],
-) -> Iterator[Step]:
+) -> Iterator[Stage]:
     """From the published definitions to ours, one change at a time.
 
     Parameters
@@ -123,7 +123,7 @@ def steps(
 
     Yields
     ------
-    Step
+    Stage
         Errors after each change.
 
     Raises
@@ -149,4 +149,4 @@ def steps(
         errors = errors_of(
             found.time[at], truth[at], run.output.attitude[0][there], resting(found)[at]
         )
-        yield Step(words=words, rms=table(errors)["all"])
+        yield Stage(words=words, rms=table(errors)["all"])

@@ -27,8 +27,8 @@ from simval.imu.calibrate.goodness_of_fit import (
     Beside,
     Deletion,
     Left,
+    NoiseSource,
     Residuals,
-    Source,
     least_determined_of,
 )
 from simval.imu.explain.judgement import CHANCE
@@ -51,7 +51,7 @@ def linear(rng, shift=None, size=0.0, factor=(1.0, 1.0, 1.0)):
     return Residuals(
         r=r, J=J, names=tuple("abcdefgh"),
         sources=tuple(
-            Source(name, V, np.moveaxis(L, 1, 0), "rest", slice(0, 8))
+            NoiseSource(name, V, np.moveaxis(L, 1, 0), "rest", slice(0, 8))
             for name, V, L in zip("abc", V, maps, strict=True)
         ),
         beside=tuple(

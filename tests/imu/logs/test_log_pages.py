@@ -15,7 +15,7 @@ from every_page import log_commands
 from simval.cli import run
 from simval.cli.options import command_again
 from simval.imu.calibrate import calibrate
-from simval.imu.recorded.errors import Consistency, Rms, judged_once
+from simval.imu.recorded.errors import NormalisedSquare, Rms, judged_once
 from simval.imu.sensor import AccelerometerModel, forms
 from simval.poses import fibonacci_sphere
 from simval.report.calibration_page import KINDS, kinds_of, readable
@@ -93,7 +93,7 @@ def test_a_page_has_the_numbers_of_the_terminal(pages, name):
 
 def filtered(name, verdict=None, mean=3.0, rms=0.01, drift=None):
     """What a filter's measured errors and stated covariance are."""
-    nees = verdict and Consistency(
+    nees = verdict and NormalisedSquare(
         mean=mean,
         expected=3.0,
         low=mean / 2,

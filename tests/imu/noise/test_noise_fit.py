@@ -12,7 +12,7 @@ from simval.imu.noise import (
     covariance_forms,
 )
 from simval.imu.noise.fit import noise_of, rounding_step
-from simval.imu.noise.least_squares import Problem, ends, fitted
+from simval.imu.noise.least_squares import AllanProblem, ends, fitted
 from simval.imu.sensor import NoiseModel
 from simval.streams import cell_key, stream
 from simval.theory.coloured_noise import noise_bound
@@ -33,7 +33,7 @@ def fits(signals):
     counts = averaging_counts(len(signals))
     law = allan_law(counts)[:, :3]
     forms = covariance_forms(counts, len(signals))[..., :3, :3]
-    problem = Problem(allan_variance(signals, counts).T, law, forms)
+    problem = AllanProblem(allan_variance(signals, counts).T, law, forms)
     found = fitted(problem)
     return found, ends(problem, found)
 

@@ -24,7 +24,7 @@ from simval.geometry import normalize
 from simval.imu.calibrate.drift import Drift, find_drift
 from simval.imu.calibrate.equations import Accelerometer, HeldAccelerometer, Problem
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors
-from simval.imu.calibrate.gauss_newton import Solution, minimize, weighed
+from simval.imu.calibrate.gauss_newton import JointSolution, minimize, weighed
 from simval.imu.calibrate.gyroscope.noise import (
     Bias,
     Weighting,
@@ -244,7 +244,7 @@ def calibrate_gyroscope(
 
 
 def _numbers(
-    problem: Problem, solution: Solution, theta: Array, dof: int
+    problem: Problem, solution: JointSolution, theta: Array, dof: int
 ) -> dict[str, Array]:
     # of the fit of each trial, theta the accelerometer's where that was held
     turns, here, sensor = problem.turns, solution.here, problem.sensors[0]
@@ -454,7 +454,7 @@ def influence(
     return -np.linalg.solve(R, flat) / np.swapaxes(size, -1, -2)
 
 
-def drift(problem: Problem, found: Solution, noise: NoiseFactors) -> Drift:
+def drift(problem: Problem, found: JointSolution, noise: NoiseFactors) -> Drift:
     """Test for a drift of the gyroscope's bias or gain in one joint fit."""
     turns, here = problem.turns, found.here
     assert isinstance(turns, InterRest)

@@ -28,7 +28,7 @@ from simval.imu.calibrate.gauss_newton import residuals
 from simval.imu.calibrate.goodness_of_fit import Residuals
 from simval.imu.calibrate.magnetometer.evidence import (
     STATUS_NAMES,
-    Code,
+    CompassCode,
     Fitted,
     judge,
     refuse,
@@ -59,7 +59,7 @@ HEMISPHERES = get_args(Hemisphere)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Options:
+class CompassOptions:
     """Options of the fit; checked when made."""
 
     g: float  # gravity, m/s^2
@@ -170,7 +170,10 @@ class Scaled(NamedTuple):
 
 
 def scale(
-    batch: tuple[Array, ...], noise: tuple[Array, Array], rows: slice, options: Options
+    batch: tuple[Array, ...],
+    noise: tuple[Array, Array],
+    rows: slice,
+    options: CompassOptions,
 ) -> Scaled:
     """Move both sensors' readings to their middle and scale them to unit size.
 
@@ -211,7 +214,9 @@ def scale(
     )
 
 
-def _prior(options: Options, rows: slice, sizes: Array, shifts: Array) -> Prior | None:
+def _prior(
+    options: CompassOptions, rows: slice, sizes: Array, shifts: Array
+) -> Prior | None:
     if options.known is None:
         return None
     parameters, covariance = options.known.parameters, options.known.covariance
@@ -297,7 +302,7 @@ def calibrate_magnetometer(
     bars are by what they show (`simval.imu.calibrate.factors`), except beside a `known`
     accelerometer; chi-squares and findings are by what is stated.
     """
-    options = Options(
+    options = CompassOptions(
         g=g, field=field, model=model, hemisphere=hemisphere,
         max_iterations=max_iterations, known=known,
     )  # fmt: skip
@@ -334,7 +339,7 @@ def calibrate_magnetometer(
         used, factors = _weighed(stated, options)
         for name in ("parameters", "covariance", "half_width", "code"):
             numbers[name] = used.numbers[name]
-        if numbers["code"][0] > Code.MAX_ITERATIONS:
+        if numbers["code"][0] > CompassCode.MAX_ITERATIONS:
             refuse(int(numbers["code"][0]), named, stated.fitted)
         values = stated.numbers["parameters"][0]
         iron = np.linalg.norm(values[MATRIX].reshape(3, 3) @ values[IRON])
@@ -360,7 +365,7 @@ class _Block(NamedTuple):
     numbers: dict[str, Any]
 
 
-def _fit(scaled: Scaled, options: Options) -> _Block:
+def _fit(scaled: Scaled, options: CompassOptions) -> _Block:
     solution, sure = solve(scaled.problem, options.max_iterations)
     theta, stated = solution.theta, options.hemisphere != "unstated"
     if stated:  # the start took det M > 0
@@ -369,8 +374,10 @@ def _fit(scaled: Scaled, options: Options) -> _Block:
     here = None if stated else solution.here
     fitted = Fitted.of(scaled.problem, theta, solution.converged, here)
     code = judge(fitted, options.hemisphere)
-    code = np.where(sure | (code > Code.MAX_ITERATIONS), code, Code.AMBIGUOUS)
-    code = np.where(scaled.finite, code, Code.NON_FINITE)
+    code = np.where(
+        sure | (code > CompassCode.MAX_ITERATIONS), code, CompassCode.AMBIGUOUS
+    )
+    code = np.where(scaled.finite, code, CompassCode.NON_FINITE)
     parameters, covariance = scaled.physical(theta, fitted.covariance)
     numbers = {
         "parameters": parameters,
@@ -379,12 +386,12 @@ def _fit(scaled: Scaled, options: Options) -> _Block:
         "half_width": fitted.half_width.copy(),
     }
     for value in numbers.values():
-        value[code > Code.MAX_ITERATIONS] = np.nan
+        value[code > CompassCode.MAX_ITERATIONS] = np.nan
     numbers |= {"code": code, "iterations": solution.iterations}
     return _Block(scaled=scaled, fitted=fitted, numbers=numbers)
 
 
-def _weighed(block: _Block, options: Options) -> tuple[_Block, NoiseFactors]:
+def _weighed(block: _Block, options: CompassOptions) -> tuple[_Block, NoiseFactors]:
     # one set by the noise that its residuals ask for, where it is more than stated
     problem = block.scaled.problem
 
@@ -396,6 +403,6 @@ def _weighed(block: _Block, options: Options) -> tuple[_Block, NoiseFactors]:
         here = last.fitted.here if last is block else problem.local(theta)
         return residuals(problem, here, theta)
 
-    if block.numbers["code"][0] != Code.CONVERGED or options.known is not None:
+    if block.numbers["code"][0] != CompassCode.CONVERGED or options.known is not None:
         return block, NOT_JUDGED
     return judged(block, fit, rows)

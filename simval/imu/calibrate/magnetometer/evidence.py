@@ -15,7 +15,7 @@ from simval.errors import GeometryError, RefusedError
 from simval.imu.calibrate.equations import (
     Accelerometer,
     Corrected,
-    Local,
+    Linearised,
     Magnetometer,
     Problem,
 )
@@ -39,7 +39,7 @@ _LEAST_PIVOT = 1e-14  # squared sine of a column on the others; rounding leaves 
 _TAIL = 1e-3  # of the chi-square, beyond which the scatter seen widens the bars judged
 
 
-class Code:
+class CompassCode:
     """Status of a trial: where its words stand in `STATUS_NAMES`."""
 
     CONVERGED, MAX_ITERATIONS, NON_FINITE, RANK, VERTICAL, WIDE = range(6)
@@ -65,7 +65,7 @@ class Fitted(NamedTuple):
 
     problem: Problem
     theta: Float[Array, "t 22"]
-    here: Local
+    here: Linearised
     covariance: Float[Array, "t 22 22"]  # NaN where the rank is below 22
     natural: Float[Array, "t 25"]  # error bars in natural sizes
     half_width: Float[Array, " t"]  # the greatest of a 95 % interval, natural
@@ -78,7 +78,7 @@ class Fitted(NamedTuple):
         problem: Problem,
         theta: Array,
         converged: Any = True,
-        here: Local | None = None,
+        here: Linearised | None = None,
     ) -> "Fitted":
         """Work out covariance and evidence at solutions, linearised unless given."""
         with np.errstate(all="ignore"):  # hopeless trials are NaN
@@ -158,13 +158,13 @@ def judge(fit: Fitted, hemisphere: str) -> Any:
         weak = ~(np.abs(sine) > _SDS * sd)
     near = np.abs(sine) < 1.0 + LEAST_COSINE  # beyond, the poses fit no field at all
     wide = ~(fit.half_width <= WIDEST)
-    code = np.where(fit.converged, Code.CONVERGED, Code.MAX_ITERATIONS)
+    code = np.where(fit.converged, CompassCode.CONVERGED, CompassCode.MAX_ITERATIONS)
     if hemisphere != "unstated":
-        code = np.where(weak, Code.HEMISPHERE, code)
-    code = np.where(wide, Code.WIDE, code)
+        code = np.where(weak, CompassCode.HEMISPHERE, code)
+    code = np.where(wide, CompassCode.WIDE, code)
     steep = ~(cosine > LEAST_COSINE)
-    code = np.where(vertical & ~wide | steep & near, Code.VERTICAL, code)
-    return np.where(~fit.full_rank & ~(steep & near), Code.RANK, code)
+    code = np.where(vertical & ~wide | steep & near, CompassCode.VERTICAL, code)
+    return np.where(~fit.full_rank & ~(steep & near), CompassCode.RANK, code)
 
 
 _LEVEL = np.radians(15.0)  # decides the words of a message only
@@ -201,14 +201,14 @@ def refuse(code: int, poses: dict[str, Float[Array, "n 3"]], fit: Fitted) -> Non
     body, field = poses["accelerometer"], poses["magnetometer"]
     half_width, sine = float(fit.half_width[0]), float(fit.theta[0, DIP])
     noise = max(float(each.std.max()) for each in fit.problem.sensors)
-    if code == Code.HEMISPHERE:
+    if code == CompassCode.HEMISPHERE:
         msg = (
             f"the dip is {_degrees(sine)} degrees, too near 0 for its error bars to "
             "tell the hemisphere; leave `hemisphere` out: the axes of the magnetometer "
             "are then taken as right-handed (det M > 0)"
         )
         raise RefusedError(msg)
-    if code == Code.AMBIGUOUS:
+    if code == CompassCode.AMBIGUOUS:
         msg = (
             f"two different calibrations fit the {len(body)} poses alike; so few poses "
             "do not tell which is right: add poses, twelve or more are always enough "
@@ -217,7 +217,7 @@ def refuse(code: int, poses: dict[str, Float[Array, "n 3"]], fit: Fitted) -> Non
         raise GeometryError(msg)
     said = _geometry_words(body, field)
     wide = not half_width <= WIDEST
-    if code == Code.VERTICAL and not wide and not said:
+    if code == CompassCode.VERTICAL and not wide and not said:
         msg = (
             f"the field is along the vertical (dip {_degrees(sine)} degrees): it does "
             "not tell a heading, and the three equations of a pose are only two; "
@@ -229,7 +229,7 @@ def refuse(code: int, poses: dict[str, Float[Array, "n 3"]], fit: Fitted) -> Non
     rank = nominal_rank(body, field, noise)
     if rank < PARAMETERS and not said:
         said = "the poses are too few or too much alike for their noise; "
-    if code == Code.VERTICAL:
+    if code == CompassCode.VERTICAL:
         said += (
             f"the dip comes out as {_degrees(sine)} degrees, and a field along the "
             "vertical tells no heading; "

@@ -41,7 +41,7 @@ from simval.arrays import Array
 from simval.errors import GeometryError, InputError
 from simval.imu.calibrate.accelerometer import pose_means
 from simval.imu.calibrate.equations import Prior, Problem, solved
-from simval.imu.calibrate.gauss_newton import Solution, minimize
+from simval.imu.calibrate.gauss_newton import JointSolution, minimize
 from simval.imu.calibrate.magnetometer.result import (
     ACCELEROMETER,
     DIP,
@@ -196,7 +196,7 @@ _SIZES = (-0.5, -0.2, 0.2, 0.5)  # of a jump, in scaled units
 _SAME = 1e-3  # of the parameters in scaled units: two ends of the same answer
 
 
-def solve(problem: Problem, most: int) -> tuple[Solution, Any]:
+def solve(problem: Problem, most: int) -> tuple[JointSolution, Any]:
     """Solution of each trial, and whether no other fits as well, (t,) of bool."""
     with np.errstate(all="ignore"):  # a hopeless trial has NaN, and is refused
         if problem.accelerometer.readings.shape[1] >= ENOUGH:
@@ -285,7 +285,7 @@ def _distinct(turns: Float[Array, "k t 3 3"], order: Any) -> list[Any]:
     return picks
 
 
-def _best(problem: Problem, found: list[Solution]) -> tuple[Solution, Any]:
+def _best(problem: Problem, found: list[JointSolution]) -> tuple[JointSolution, Any]:
     costs = np.array([each.here.chi_square for each in found])
     ended = np.array([each.converged for each in found]) & np.isfinite(costs)
     costs = np.where(ended, costs, np.inf)
@@ -301,7 +301,7 @@ def _best(problem: Problem, found: list[Solution]) -> tuple[Solution, Any]:
     with np.errstate(invalid="ignore"):
         left = np.linalg.det(theta[:, MATRIX].reshape(-1, 3, 3)) < 0.0
     upright = np.where(left[:, None], mirrored, theta)
-    return Solution(
+    return JointSolution(
         theta=upright,
         here=problem.local(upright),
         iterations=sum(each.iterations for each in found),
