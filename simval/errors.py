@@ -23,6 +23,8 @@ class RefusedError(SimvalError):
     """Readable data from which an honest answer cannot be given."""
 
     exit_code = 3
+    tried = ""
+    """What was tried to explain it, in lines, for who asks."""
 
 
 class GeometryError(RefusedError):

@@ -105,8 +105,8 @@ def run(arguments: Sequence[str]) -> int:
         click.echo("interrupted", err=True)
         return 130
     except SimvalError as error:
-        notes = getattr(error, "__notes__", ()) if "--verbose" in arguments else ()
-        say("\n".join([f"error: {error}", *notes]).splitlines(), err=True)
+        tried = getattr(error, "tried", "") if "--verbose" in arguments else ""
+        say([*f"error: {error}".splitlines(), *tried.splitlines()], err=True)
         return error.exit_code
     except SystemExit as end:  # click completed a word
         return 0 if COMPLETE in os.environ and end.code == 0 else 2

@@ -65,7 +65,7 @@ def require_sound(case: JudgedRests) -> None:
     Raises
     ------
     RefusedError
-        That names the axis, the time and the remedy; what was tried is a note of it.
+        That names the axis, the time and the remedy; with what was `tried`.
     """
     words = _first(case, SIGNS)
     if words:
@@ -110,7 +110,7 @@ def _rests(log: Log, rest: float | None) -> Intervals:
 def _refusal(case: JudgedRests, words: str) -> RefusedError:
     refusal = RefusedError(f"{case.log.path}: {words}")
     if case.judgement.answer != "sound":
-        refusal.add_note(case.tried)
+        refusal.tried = case.tried
     return refusal
 
 
