@@ -13,6 +13,7 @@ import click
 from simval.cli.options import (
     AsJson,
     Columns,
+    From,
     Gravity,
     GyroDelay,
     Instance,
@@ -23,6 +24,7 @@ from simval.cli.options import (
     Rate,
     Rest,
     RowsOf,
+    Until,
     command_again,
     declared,
     numbers,
@@ -50,6 +52,8 @@ def command(
     rest: Rest = None,
     columns: Columns = None,
     instance: Instance = None,
+    start: From = None,
+    stop: Until = None,
     method: Annotated[Method, "Solver of the least-squares fit."] = "lm",
     residual: Annotated[Residual, "Residual whose squares are minimised."] = "squared",
     loss: Annotated[
@@ -124,7 +128,8 @@ def command(
     from simval.imu.recorded.description import row_lines, rows_object
     from simval.theory import calibration_moments
 
-    log = with_rows(read_log(path, rate, columns, instance), gyro_rows, gyro_delay)
+    log = read_log(path, rate, columns, instance, start=start, stop=stop)
+    log = with_rows(log, gyro_rows, gyro_delay)
     known = None if noise is None else load_noise(noise)
     result = calibrate_log(
         log,

@@ -10,10 +10,12 @@ import click
 
 from simval.cli.options import (
     Columns,
+    From,
     Instance,
     LogPath,
     OutFile,
     Rate,
+    Until,
     declared,
     refuse_if,
 )
@@ -27,6 +29,8 @@ def command(
     rate: Rate = None,
     columns: Columns = None,
     instance: Instance = None,
+    start: From = None,
+    stop: Until = None,
     unchecked: Annotated[bool, "Write the force even if it is implausible."] = False,
     temperature: Annotated[
         float | None,
@@ -57,7 +61,7 @@ def command(
     from simval.imu.logs.temperature import COLDEST, WARMEST
     from simval.imu.multiposition.correction import corrected
 
-    log = read_log(path, rate, columns, instance)
+    log = read_log(path, rate, columns, instance, start=start, stop=stop)
     refuse_if(
         temperature is not None and log.temperature is not None,
         "`--temperature` is for a log without a temperature, and this one has a column "

@@ -11,12 +11,14 @@ import click
 from simval.cli.options import (
     AsJson,
     Columns,
+    From,
     Instance,
     LogPath,
     OutFile,
     Page,
     Rate,
     Rest,
+    Until,
     command_again,
     declared,
     unit_words,
@@ -38,6 +40,8 @@ def command(
     rest: Rest = None,
     columns: Columns = None,
     instance: Instance = None,
+    start: From = None,
+    stop: Until = None,
     accelerometer_unit: Annotated[
         str | None, unit_words("accelerometer"), dict(metavar="UNIT")
     ] = None,
@@ -68,7 +72,7 @@ def command(
     from simval.imu.multiposition.noise_description import as_object, described
 
     _require_drawable(figure)
-    log = read_log(path, rate, columns, instance)
+    log = read_log(path, rate, columns, instance, start=start, stop=stop)
     found = log_noise(log, rest, increments=increments)
     _require_present("gyro", gyro_unit, log.gyro, path)
     _require_present("magnetometer", magnetometer_unit, log.magnetometer, path)

@@ -228,6 +228,17 @@ Instance = Annotated[
     "The topic, table or sensor of LOG to read, where it has more than one.",
     dict(metavar="NAME"),
 ]
+From = Annotated[
+    str | None,
+    "Read LOG from this time on: seconds as the command prints them, or a time of day "
+    "as the log writes it.",
+    dict(name="--from", metavar="TIME"),
+]
+Until = Annotated[
+    str | None,
+    "Read LOG until this time.",
+    dict(name="--until", metavar="TIME"),
+]
 Rest = Annotated[
     Positive | None,
     "State that the first SECONDS are a rest.  [default: found in the log]",

@@ -1,14 +1,16 @@
 """A log and the function that reads one, see `simval.imu.logs`."""
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
+from typing import Any
 
 import numpy as np
 
 from simval.arrays import Array, ReadOnly, positive_number
 from simval.errors import InputError
-from simval.imu.logs.clock import read_clock, require_finite
+from simval.imu.logs.clock import GAP, read_clock, require_finite
 from simval.imu.logs.columns import (
     ROLES,
     SENSORS,
@@ -22,6 +24,7 @@ from simval.imu.logs.columns import (
 )
 from simval.imu.logs.joining import Stream, candidates
 from simval.imu.logs.names import SECONDS, Kind
+from simval.imu.logs.parts import Edge, Part
 from simval.imu.logs.readers import read_table
 from simval.imu.logs.rows import BEFORE, Rows
 from simval.imu.logs.temperature import read_temperature
@@ -59,6 +62,8 @@ class Log(ReadOnly):
         Label and words: what was taken of the file, joined or mended.
     gyro_rows : Rows
         What a row of the gyroscope is of, which no file says.
+    of_file : Array or None
+        Which rows of the file these are, True or False, where not all.
     """
 
     path: str
@@ -73,6 +78,7 @@ class Log(ReadOnly):
     temperature: Float[Array, " n"] | None = None
     source: tuple[tuple[str, str], ...] = ()
     gyro_rows: Rows = BEFORE
+    of_file: Bool[np.ndarray, " _"] | None = None
 
     def rows_within(self, seconds: float) -> int:
         """Number of rows in the first seconds of the log.
@@ -90,6 +96,51 @@ class Log(ReadOnly):
         seconds = positive_number("seconds", seconds, "s")
         end = self.time[0] + seconds
         return int(np.searchsorted(self.time, end, side="right"))
+
+    def parts(self, most: float = GAP) -> list[slice]:
+        """Rows between its holes.
+
+        Parameters
+        ----------
+        most : float
+            Time between two rows that is no hole, s.
+
+        Returns
+        -------
+        list of slice
+            In order of time; one for a whole log.
+        """
+        ends = np.flatnonzero(np.diff(self.time) > most) + 1
+        edges = [0, *ends.tolist(), len(self.time)]
+        return [slice(a, b) for a, b in itertools.pairwise(edges)]
+
+    def within(self, rows: slice, why: str) -> "Log":
+        """Take some of its rows.
+
+        Parameters
+        ----------
+        rows : slice
+            Rows that are kept.
+        why : str
+            Which these are, for people.
+
+        Returns
+        -------
+        Log
+            The same log with these alone, and words on them.
+        """
+        time = self.time[rows]
+        whole = f"{self.time[0]:.2f} s to {self.time[-1]:.2f} s"
+        words = f"{time[0]:.2f} s to {time[-1]:.2f} s, {why}, of {whole}"
+        every = np.ones(len(self.time), bool) if self.of_file is None else self.of_file
+        kept = np.isin(np.arange(len(every)), np.flatnonzero(every)[rows])
+        own: dict[str, Any] = {
+            name: None if x is None else x[rows]
+            for name in ("accelerometer", "gyro", "magnetometer", "temperature")
+            for x in (getattr(self, name),)
+        }
+        source = (*self.source, ("part", words))
+        return replace(self, time=time, source=source, of_file=kept, **own)
 
     def described(self) -> list[str]:
         """Say which columns were taken, what was left out, and how the clock runs.
@@ -138,6 +189,9 @@ def read_log(
     rate: float | None = None,
     columns: str | Sequence[str] | None = None,
     instance: str | None = None,
+    *,
+    start: Edge = None,
+    stop: Edge = None,
 ) -> Log:
     """Read a log of an accelerometer's rows, with a gyroscope's and a magnetometer's.
 
@@ -157,6 +211,10 @@ def read_log(
         the file's header where it has one, else the number of columns.
     instance : str or None
         Name of the topic, table or sensor to read, where the file has more than one.
+    start, stop : float or str or None
+        First and last time of the part to read: seconds of the log's clock, as `time`
+        of the whole log has them, or a time of day in the log's own form. What is
+        outside is not judged; None reads from the beginning or to the end.
 
     Returns
     -------
@@ -168,8 +226,8 @@ def read_log(
     InputError
         If the file is missing, empty, of no known form, ragged, or damaged, has a value
         that is not a finite number in a column that is needed, has times that do not
-        increase or leave a gap of 5 s or have no unit, or if it is not clear which
-        columns are the accelerometer's, what the rate is, or which sensor is meant.
+        increase or have no unit, or if it is not clear which columns are the
+        accelerometer's, what the rate is, or which sensor is meant.
     """
     if rate is not None:
         rate = positive_number("rate", rate, "Hz")
@@ -179,6 +237,8 @@ def read_log(
     clock = _of("t", picked)
     if clock is not None:
         table = table.distinct(clock.place)
+    part, apart = Part(start=start, stop=stop), _own_clocks(table, picked)
+    table, early, of_file = _first_cut(table, clock, rate, None if apart else part)
     unclear = several(table, picked) if columns is None else ()
     temperature, source = None, table.source
     if warm := _of(TEMPERATURE, picked):
@@ -194,16 +254,18 @@ def read_log(
     there = {kind: ~np.isnan(each[:, 0]) for kind, each in readings.items()}
     rows = min((there[kind] for kind in ("force", "gyro") if kind in there), key=np.sum)
     time, rate, second, said = read_clock(table, clock, rate, rows)
-    if not np.all([*there.values()]):
+    time = time + early
+    if (part and apart) or not np.all([*there.values()]):
         stamps = {kind: time[rows] for kind, rows in there.items()}
-        stamps |= _own_stamps(table, picked, there, second)
+        stamps |= _own_stamps(table, apart, there, second)
         words = f"each sensor has rows of its own, of {len(time)} in all"
-        every, (time, rate, readings, joined) = (
-            time,
-            _joined(
-                str(path), stamps, {k: x[there[k]] for k, x in readings.items()}, words
-            ),
+        of_file = None
+        merged = _merged(
+            str(path), stamps, {k: x[there[k]] for k, x in readings.items()}, words
         )
+        every, (time, rate, readings, joined) = (
+            time, _joined(merged, part if apart else Part())
+        )  # fmt: skip
         source += joined
         if temperature is not None:
             order = np.argsort(every)[: np.count_nonzero(np.isfinite(every))]
@@ -223,7 +285,19 @@ def read_log(
         unclear=unclear,
         temperature=temperature,
         source=(*source, *sign_of(table, readings["force"]), *said),
+        of_file=of_file,
     )
+
+
+def _first_cut(
+    table: Table, clock: Column | None, rate: float | None, part: Part | None
+) -> tuple[Table, float, Bool[np.ndarray, " n"] | None]:
+    # its part, what times of that alone are early by, and which rows of the file it is
+    if not part:
+        return table, 0.0, None
+    taken, early, said = part.of(table, clock, rate)
+    kept = table.rows(taken)
+    return replace(kept, source=(*kept.source, *said)), early, taken
 
 
 def _readable(
@@ -265,34 +339,43 @@ def _readings(
     return dict(zip(own, parts, strict=True))
 
 
-def _own_stamps(
-    table: Table,
-    picked: tuple[Column, ...],
-    there: dict[Kind, Bool[np.ndarray, " n"]],
-    second: float,
-) -> dict[Kind, Float[Array, " m"]]:
-    # stamps of sensors that stand side by side, each behind a clock of its own
+def _own_clocks(table: Table, picked: tuple[Column, ...]) -> dict[Kind, int]:
+    # clocks of sensors that stand side by side, each behind one of its own
     places = {each.role: each.place for each in picked}
-    taken = [places[role] for kind in there for role in ROLES[kind]]
+    kinds = [kind for kind, roles in ROLES.items() if places.keys() >= {*roles}]
+    taken = [places[role] for kind in kinds for role in ROLES[kind]]
     found = {}
-    for kind, rows in there.items():
+    for kind in kinds:
         first = min(places[role] for role in ROLES[kind])
         clock = clock_between(table, first, taken)
-        if clock is not None:
-            unit = channels_of(table)[clock].unit
-            ticks = table.rows(rows).numbers([clock])
-            require_finite(table.rows(rows), ticks)
-            found[kind] = ticks[:, 0] * (SECONDS[unit] if unit else second)
+        if clock is not None and clock != places.get("t"):
+            found[kind] = clock
     return found
 
 
-def _joined(
+def _own_stamps(
+    table: Table,
+    clocks: dict[Kind, int],
+    there: dict[Kind, Bool[np.ndarray, " n"]],
+    second: float,
+) -> dict[Kind, Float[Array, " m"]]:
+    # stamps by these clocks, of rows in which there are readings
+    found = {}
+    for kind in there.keys() & clocks.keys():
+        rows, unit = table.rows(there[kind]), channels_of(table)[clocks[kind]].unit
+        ticks = rows.numbers([clocks[kind]])
+        require_finite(rows, ticks)
+        found[kind] = ticks[:, 0] * (SECONDS[unit] if unit else second)
+    return found
+
+
+def _merged(
     path: str,
     stamps: dict[Kind, Float[Array, " _"]],
     readings: dict[Kind, Float[Array, "_ 3"]],
     words: str,
-) -> tuple[Float[Array, " n"], float, dict[Kind, Array], tuple[tuple[str, str], ...]]:
-    # time, rate and readings of sensors that have rows of their own, joined, and words
+) -> Table:
+    # a table of sensors that have rows of their own
     streams = [
         Stream(
             name=SENSORS[kind],
@@ -302,10 +385,21 @@ def _joined(
         )
         for kind, each in readings.items()
     ]
-    merged = candidates(path, streams, "")[SENSORS["force"]]()
-    time, rate, *_ = read_clock(merged, Column(role="t", place=0, unit="s"), None)
+    return candidates(path, streams, "")[SENSORS["force"]]()
+
+
+def _joined(
+    merged: Table, part: Part
+) -> tuple[Float[Array, " n"], float, dict[Kind, Array], tuple[tuple[str, str], ...]]:
+    # time, rate and readings of a part of such a table, and words
+    clock = Column(role="t", place=0, unit="s")
+    cut: tuple[tuple[str, str], ...] = ()
+    if part:
+        taken, _, cut = part.of(merged, clock, None)
+        merged = merged.rows(taken)
+    time, rate, *_ = read_clock(merged, clock, None)
     columns = (Column(role=x, place=k) for k, x in enumerate(merged.names or ()))
-    return time, rate, _readings(merged, tuple(columns)), merged.source
+    return time, rate, _readings(merged, tuple(columns)), (*merged.source, *cut)
 
 
 def _of(role: str, columns: tuple[Column, ...]) -> Column | None:

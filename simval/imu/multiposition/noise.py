@@ -175,9 +175,9 @@ def require_even(log: Log, start: int, stop: int) -> None:
             f"{log.path}: between {log.time[start]:.2f} s and {log.time[stop - 1]:.2f} "
             f"s {100.0 * share:.2g} % of the rows are missing (steps of {median:.4g} s "
             f"and up to {steps.max():.4g} s), at most {100.0 * MISSING:g} % may be: "
-            "averages over rows would not be averages over time; record without "
-            "losses, or if rows only were stamped late, mark the clock - (--columns) "
-            "and state the rate (--rate HZ)"
+            "averages over rows would not be averages over time; read a part without "
+            "losses (--from, --until), or if rows only were stamped late, mark the "
+            "clock - (--columns) and state the rate (--rate HZ)"
         )
         raise RefusedError(msg)
 
