@@ -105,7 +105,8 @@ def run(arguments: Sequence[str]) -> int:
         click.echo("interrupted", err=True)
         return 130
     except SimvalError as error:
-        say(f"error: {error}".splitlines(), err=True)
+        taken = getattr(error, "__notes__", ())
+        say([*taken, *f"error: {error}".splitlines()], err=True)
         return error.exit_code
     except SystemExit as end:  # click completed a word
         return 0 if COMPLETE in os.environ and end.code == 0 else 2

@@ -28,6 +28,7 @@ from simval.cli.options import (
     command_again,
     declared,
     numbers,
+    refusing,
     with_rows,
     write,
 )
@@ -79,8 +80,9 @@ def command(
     ] = None,
     leave_out: Annotated[
         str,
-        "Rests to leave out: times within them, s, with commas between, as printed.",
-        dict(metavar="SECONDS"),
+        "Rests to leave out, with commas between: their numbers as printed (7,11), or "
+        "times within them, s, with a point (74.0).",
+        dict(metavar="RESTS"),
     ] = "",
     gyro_rows: RowsOf = "found",
     gyro_delay: GyroDelay = 0.0,
@@ -129,33 +131,43 @@ def command(
     from simval.theory import calibration_moments
 
     log = read_log(path, rate, columns, instance, start=start, stop=stop)
-    log = with_rows(log, gyro_rows, gyro_delay)
-    known = None if noise is None else load_noise(noise)
-    result = calibrate_log(
-        log,
-        g=g,
-        model=model,
-        method=method,
-        residual=residual,
-        loss=loss,
-        rest=rest,
-        full_scale=full_scale,
-        noise=known,
-        leave_out=numbers("--leave-out", leave_out, "s, as 12.5,74"),
-        predict=calibration_moments,
-    )
-    all_of = partial(
-        calibrate_sensors,
-        sensors=None if sensors is None else listed(sensors),
-        hemisphere=hemisphere,
-        field=field,
-        noise=known,
-    )
-    whole = all_of(log, result)
-    evidence = rows_of(log, whole, find=gyro_rows == "found")
-    if evidence is not None and evidence.rows != log.gyro_rows:
-        log = replace(log, gyro_rows=evidence.rows)
+    with refusing(log):
+        log = with_rows(log, gyro_rows, gyro_delay)
+        known = None if noise is None else load_noise(noise)
+        result = calibrate_log(
+            log,
+            g=g,
+            model=model,
+            method=method,
+            residual=residual,
+            loss=loss,
+            rest=rest,
+            full_scale=full_scale,
+            noise=known,
+            leave_out=[
+                each if "." in word else int(each)
+                for word, each in zip(
+                    leave_out.split(","),
+                    numbers(
+                        "--leave-out", leave_out, "of rests, as 7,11, or s, as 74.0"
+                    ),
+                    strict=False,
+                )
+            ],
+            predict=calibration_moments,
+        )
+        all_of = partial(
+            calibrate_sensors,
+            sensors=None if sensors is None else listed(sensors),
+            hemisphere=hemisphere,
+            field=field,
+            noise=known,
+        )
         whole = all_of(log, result)
+        evidence = rows_of(log, whole, find=gyro_rows == "found")
+        if evidence is not None and evidence.rows != log.gyro_rows:
+            log = replace(log, gyro_rows=evidence.rows)
+            whole = all_of(log, result)
     if out is not None or as_json:
         written = as_object(whole) | sensors_object(whole, log) | log_object(log)
         written["gyro_rows"] = rows_object(evidence)
@@ -174,7 +186,8 @@ def command(
         click.echo(json.dumps(written, allow_nan=False))
         say(notes, err=True)
         return
-    say([*log.described(), *row_lines(evidence), *str(whole).splitlines(), *notes])
+    said = [*log.described(), *row_lines(evidence), *str(whole).splitlines()]
+    say([*said, log.unit_line(), *notes])
 
 
 def rows_of(log: Log, whole: ImuCalibration, *, find: bool) -> RowEvidence | None:

@@ -18,6 +18,7 @@ from simval.cli.options import (
     Until,
     declared,
     refuse_if,
+    refusing,
 )
 from simval.errors import InputError
 
@@ -62,23 +63,24 @@ def command(
     from simval.imu.multiposition.correction import corrected
 
     log = read_log(path, rate, columns, instance, start=start, stop=stop)
-    refuse_if(
-        temperature is not None and log.temperature is not None,
-        "`--temperature` is for a log without a temperature, and this one has a column "
-        "of it; leave the option out, or mark the column - (--columns)",
-    )
-    refuse_if(
-        temperature is not None and not COLDEST < temperature < WARMEST,
-        f"`--temperature` is {temperature}; a sensor is read between {COLDEST:g} and "
-        f"{WARMEST:g} degC",
-    )
-    log, sensors, outside = corrected(
-        log,
-        calibration,
-        temperature=temperature,
-        extrapolate=extrapolate,
-        checked=not unchecked,
-    )
+    with refusing(log):
+        refuse_if(
+            temperature is not None and log.temperature is not None,
+            "`--temperature` is for a log without a temperature, and this one has a "
+            "column of it; leave the option out, or mark the column - (--columns)",
+        )
+        refuse_if(
+            temperature is not None and not COLDEST < temperature < WARMEST,
+            f"`--temperature` is {temperature}; a sensor is read between {COLDEST:g} "
+            f"and {WARMEST:g} degC",
+        )
+        log, sensors, outside = corrected(
+            log,
+            calibration,
+            temperature=temperature,
+            extrapolate=extrapolate,
+            checked=not unchecked,
+        )
     parts, names, raw = [log.time[:, None], log.accelerometer], "t,ax,ay,az", []
     others = (("gyroscope", log.gyro), ("magnetometer", log.magnetometer))
     for (name, own), axes in zip(others, (",wx,wy,wz", ",mx,my,mz"), strict=True):
@@ -102,7 +104,7 @@ def command(
         msg = f"cannot write {out}: {error.strerror}; choose another file"
         raise InputError(msg) from None
     sys.stdout.flush()  # the rows first where both outputs are one
-    for line in [*log.described(), *outside]:
+    for line in [*log.described(), log.unit_line(), *outside]:
         click.echo(line, err=True)
     for name in raw:
         said = f"unchanged         the {name}: the calibration has none"

@@ -26,6 +26,7 @@ from simval.cli.options import (
     command_again,
     declared,
     refuse_if,
+    refusing,
     unit_words,
     with_rows,
     write,
@@ -159,18 +160,25 @@ def command(
 
     filters = filters_of(plugins)
     log = read_log(path, rate, columns, instance, start=start, stop=stop)
-    log = with_rows(longest_part(log), gyro_rows, gyro_delay)
-    recorded = truth_of(log, truth, truth_columns, truth_rate, instance)
-    units = accelerometer_unit, gyro_unit
-    found, alignment = prepared(
-        log, recorded, calibration, units, truth_world, find_rows=gyro_rows == "found"
-    )
-    begin = start_of(
-        found,
-        None if noise is None else load_noise(noise),
-        str(noise),
-        accelerometer_noise=accelerometer_noise,
-    )
+    log = longest_part(log)
+    with refusing(log):
+        log = with_rows(log, gyro_rows, gyro_delay)
+        recorded = truth_of(log, truth, truth_columns, truth_rate, instance)
+        units = accelerometer_unit, gyro_unit
+        found, alignment = prepared(
+            log,
+            recorded,
+            calibration,
+            units,
+            truth_world,
+            find_rows=gyro_rows == "found",
+        )
+        begin = start_of(
+            found,
+            None if noise is None else load_noise(noise),
+            str(noise),
+            accelerometer_noise=accelerometer_noise,
+        )
     head = [*log.described(), *found.described(), *row_lines(found.evidence)]
     head += begin.described
     head += alignment_lines(alignment, recorded)

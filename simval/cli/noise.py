@@ -21,6 +21,7 @@ from simval.cli.options import (
     Until,
     command_again,
     declared,
+    refusing,
     unit_words,
     write,
 )
@@ -73,9 +74,10 @@ def command(
 
     _require_drawable(figure)
     log = read_log(path, rate, columns, instance, start=start, stop=stop)
-    found = log_noise(log, rest, increments=increments)
-    _require_present("gyro", gyro_unit, log.gyro, path)
-    _require_present("magnetometer", magnetometer_unit, log.magnetometer, path)
+    with refusing(log):
+        found = log_noise(log, rest, increments=increments)
+        _require_present("gyro", gyro_unit, log.gyro, path)
+        _require_present("magnetometer", magnetometer_unit, log.magnetometer, path)
     given = {
         "accelerometer": accelerometer_unit,
         "gyro": gyro_unit,

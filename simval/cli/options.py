@@ -13,6 +13,7 @@ import math
 import os
 import shlex
 from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from inspect import Parameter, signature
 from pathlib import Path
@@ -32,7 +33,7 @@ from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
 from simval.cli.outputs import Command, Input, Output, require_free
-from simval.errors import InputError
+from simval.errors import InputError, noting
 from simval.text import as_whole, read_whole, shown
 from simval.units import OF_A_LOG
 from simval.vocabulary import RUNS, SCENES, STUDIES, GyroRows, builtin_suites
@@ -269,6 +270,11 @@ Alpha = Annotated[
     "False-alarm rate of all checks together.",
     dict(metavar="RATE"),
 ]
+
+
+def refusing(log: "Log") -> AbstractContextManager[None]:
+    """Within it an error says what had been taken of the log, too."""
+    return noting(lambda: [*log.described(), log.unit_line()])
 
 
 def with_rows(log: "Log", kind: GyroRows, delay_ms: float) -> "Log":

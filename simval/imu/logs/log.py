@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from simval.arrays import Array, ReadOnly, positive_number
-from simval.errors import InputError
+from simval.errors import InputError, noting
 from simval.imu.logs.clock import GAP, read_clock, require_finite
 from simval.imu.logs.columns import (
     ROLES,
@@ -23,7 +23,7 @@ from simval.imu.logs.columns import (
     sign_of,
 )
 from simval.imu.logs.joining import Stream, candidates
-from simval.imu.logs.names import SECONDS, Kind
+from simval.imu.logs.names import SECONDS, UNITS, Kind, channel
 from simval.imu.logs.parts import Edge, Part
 from simval.imu.logs.readers import read_table
 from simval.imu.logs.rows import BEFORE, Rows
@@ -150,21 +150,50 @@ class Log(ReadOnly):
         list of str
             Lines.
         """
-        aside = ("t", TEMPERATURE)
-        taken = ", ".join(str(each) for each in self.columns if each.role not in aside)
         clock = _of("t", self.columns)
         seconds = float(self.time[-1] - self.time[0])
         source = "no clock, the rate as given" if clock is None else str(clock)
         if clock is not None and self.second != 1.0:
             source += f", in units of {self.second:g} s"
         return [
-            *(f"{label:<18}{words}" for label, words in self.source),
-            f"columns           {taken}",
+            *_source_lines(self.source),
+            _columns_line(self.columns),
             *(f"left out          {each}" for each in self.unclear),
             f"clock             {source}: {len(self.time)} rows in {seconds:.2f} s, "
             f"{self.rate:.6g} Hz{self._lost()}",
             *self._temperature(),
         ]
+
+    def unit(self, kind: Kind) -> str:
+        """Return the unit that the header states for a sensor, or nothing.
+
+        Parameters
+        ----------
+        kind : {"force", "gyro", "mag"}
+            Quantity of the sensor.
+
+        Returns
+        -------
+        str
+            As `simval.units` has it.
+        """
+        own = _of(ROLES[kind][0], self.columns)
+        return UNITS[kind].get(channel(own.name).unit, "") if own and own.name else ""
+
+    def unit_line(self) -> str:
+        """Say which unit the header states for each sensor.
+
+        Returns
+        -------
+        str
+            One line.
+        """
+        known = [
+            f"{name} {self.unit(kind) or 'not stated'}"
+            for kind, name in SENSORS.items()
+            if _of(ROLES[kind][0], self.columns)
+        ]
+        return f"units             by the header: {', '.join(known)}"
 
     def _temperature(self) -> list[str]:
         column = _of(TEMPERATURE, self.columns)
@@ -234,22 +263,38 @@ def read_log(
     table = read_table(str(path), instance)
     named = any(label == "instance" for label, _ in table.source)
     picked = chosen(table, columns, None if named else instance)
+    with noting(lambda: [*_source_lines(table.source), _columns_line(picked)]):
+        log = _taken(
+            table, picked, rate, Part(start=start, stop=stop), asked=columns is not None
+        )
+    return log if log.path == str(path) else replace(log, path=str(path))
+
+
+def _taken(
+    table: Table,
+    picked: tuple[Column, ...],
+    rate: float | None,
+    part: Part,
+    *,
+    asked: bool,
+) -> Log:
+    # the log of these columns; whether they were asked for
     clock = _of("t", picked)
     if clock is not None:
         table = table.distinct(clock.place)
-    part, apart = Part(start=start, stop=stop), _own_clocks(table, picked)
+    apart = _own_clocks(table, picked)
     table, early, of_file = _first_cut(table, clock, rate, None if apart else part)
-    unclear = several(table, picked) if columns is None else ()
+    unclear = () if asked else several(table, picked)
     temperature, source = None, table.source
     if warm := _of(TEMPERATURE, picked):
         try:
             temperature, mended = read_temperature(table, warm)
             source += mended
         except InputError as error:
-            if columns is not None:
+            if asked:
                 raise
             unclear += (f"the temperature: {error}",)
-    readings, damaged = _readable(table, picked, asked=columns is not None)
+    readings, damaged = _readable(table, picked, asked=asked)
     unclear += damaged
     there = {kind: ~np.isnan(each[:, 0]) for kind, each in readings.items()}
     rows = min((there[kind] for kind in ("force", "gyro") if kind in there), key=np.sum)
@@ -261,7 +306,7 @@ def read_log(
         words = f"each sensor has rows of its own, of {len(time)} in all"
         of_file = None
         merged = _merged(
-            str(path), stamps, {k: x[there[k]] for k, x in readings.items()}, words
+            table.path, stamps, {k: x[there[k]] for k, x in readings.items()}, words
         )
         every, (time, rate, readings, joined) = (
             time, _joined(merged, part if apart else Part())
@@ -274,7 +319,7 @@ def read_log(
     taken |= {"t"} if second else set()
     taken |= {TEMPERATURE} if temperature is not None else set()
     return Log(
-        path=str(path),
+        path=table.path,
         time=time,
         accelerometer=readings["force"],
         gyro=readings.get("gyro"),
@@ -400,6 +445,16 @@ def _joined(
     time, rate, *_ = read_clock(merged, clock, None)
     columns = (Column(role=x, place=k) for k, x in enumerate(merged.names or ()))
     return time, rate, _readings(merged, tuple(columns)), (*merged.source, *cut)
+
+
+def _source_lines(source: tuple[tuple[str, str], ...]) -> list[str]:
+    return [f"{label:<18}{words}" for label, words in source]
+
+
+def _columns_line(columns: tuple[Column, ...]) -> str:
+    aside = ("t", TEMPERATURE)
+    taken = ", ".join(str(each) for each in columns if each.role not in aside)
+    return f"columns           {taken}"
 
 
 def _of(role: str, columns: tuple[Column, ...]) -> Column | None:
