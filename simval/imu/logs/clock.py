@@ -186,6 +186,8 @@ def instants_of(known: list[str], word: str) -> tuple[float, bool] | None:
     if first is None or own is None or (own["date"] and not first["date"]):
         return None
     full = word.strip() if own["zone"] else f"{word.strip()}{first['zone'] or ''}"
+    if not own["second"]:
+        full = f"{full[: own.end('minute')]}:00{full[own.end('minute') :]}"
     if first["date"] and not own["date"]:
         full = f"{first['date']} {full}"
     stamps = _instants([*known, full])

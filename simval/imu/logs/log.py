@@ -22,7 +22,7 @@ from simval.imu.logs.columns import (
     several,
     sign_of,
 )
-from simval.imu.logs.joining import Stream, candidates
+from simval.imu.logs.joining import Stream, candidates, joined
 from simval.imu.logs.names import SECONDS, UNITS, Kind, channel
 from simval.imu.logs.parts import Edge, Part
 from simval.imu.logs.readers import read_table
@@ -43,7 +43,8 @@ class Log(ReadOnly):
     time : Array
         Seconds, (n,), strictly increasing; made from the rate where the file has none.
     accelerometer : Array
-        Raw readings in sensor axes, (n, 3), raw counts or m/s^2.
+        Raw readings in sensor axes, (n, 3), raw counts or m/s^2; NaN in a log of
+        another sensor alone.
     gyro : Array or None
         Raw angular rate in sensor axes, (n, 3), raw counts or rad/s.
     magnetometer : Array or None
@@ -96,6 +97,11 @@ class Log(ReadOnly):
         seconds = positive_number("seconds", seconds, "s")
         end = self.time[0] + seconds
         return int(np.searchsorted(self.time, end, side="right"))
+
+    @property
+    def has_force(self) -> bool:
+        """Whether there is an accelerometer, and not another sensor alone."""
+        return not np.isnan(self.accelerometer[0, 0])
 
     def parts(self, most: float = GAP) -> list[slice]:
         """Rows between its holes.
@@ -221,6 +227,7 @@ def read_log(
     *,
     start: Edge = None,
     stop: Edge = None,
+    alone: bool = False,
 ) -> Log:
     """Read a log of an accelerometer's rows, with a gyroscope's and a magnetometer's.
 
@@ -244,6 +251,8 @@ def read_log(
         First and last time of the part to read: seconds of the log's clock, as `time`
         of the whole log has them, or a time of day in the log's own form. What is
         outside is not judged; None reads from the beginning or to the end.
+    alone : bool
+        Whether a log of another sensor without an accelerometer is read, too.
 
     Returns
     -------
@@ -262,7 +271,7 @@ def read_log(
         rate = positive_number("rate", rate, "Hz")
     table = read_table(str(path), instance)
     named = any(label == "instance" for label, _ in table.source)
-    picked = chosen(table, columns, None if named else instance)
+    picked = chosen(table, columns, None if named else instance, alone=alone)
     with noting(lambda: [*_source_lines(table.source), _columns_line(picked)]):
         log = _taken(
             table, picked, rate, Part(start=start, stop=stop), asked=columns is not None
@@ -297,7 +306,8 @@ def _taken(
     readings, damaged = _readable(table, picked, asked=asked)
     unclear += damaged
     there = {kind: ~np.isnan(each[:, 0]) for kind, each in readings.items()}
-    rows = min((there[kind] for kind in ("force", "gyro") if kind in there), key=np.sum)
+    inertial = [kind for kind in ("force", "gyro") if kind in there]
+    rows = min((there[kind] for kind in inertial or there), key=np.sum)
     time, rate, second, said = read_clock(table, clock, rate, rows)
     time = time + early
     if (part and apart) or not np.all([*there.values()]):
@@ -308,20 +318,21 @@ def _taken(
         merged = _merged(
             table.path, stamps, {k: x[there[k]] for k, x in readings.items()}, words
         )
-        every, (time, rate, readings, joined) = (
+        every, (time, rate, readings, merging) = (
             time, _joined(merged, part if apart else Part())
         )  # fmt: skip
-        source += joined
+        source += merging
         if temperature is not None:
             order = np.argsort(every)[: np.count_nonzero(np.isfinite(every))]
             temperature = np.interp(time, every[order], temperature[order])
+    sign = sign_of(table, readings["force"]) if "force" in readings else []
     taken = {role for kind in readings for role in ROLES[kind]}
     taken |= {"t"} if second else set()
     taken |= {TEMPERATURE} if temperature is not None else set()
     return Log(
         path=table.path,
         time=time,
-        accelerometer=readings["force"],
+        accelerometer=readings.get("force", np.full((len(time), 3), np.nan)),
         gyro=readings.get("gyro"),
         magnetometer=readings.get("mag"),
         rate=rate,
@@ -329,7 +340,7 @@ def _taken(
         second=second or 1.0,
         unclear=unclear,
         temperature=temperature,
-        source=(*source, *sign_of(table, readings["force"]), *said),
+        source=(*source, *sign, *said),
         of_file=of_file,
     )
 
@@ -360,9 +371,9 @@ def _readable(
         found, why = _readings(table, least), (f"the magnetometer: {error}",)
     none = [kind for kind, each in found.items() if np.isnan(each).all()]
     why += tuple(f"the {SENSORS[kind]}: no row has a reading" for kind in none)
-    if "force" in none:
+    if "force" in none or len(none) == len(found):
         msg = (
-            f"{table.path}: no row has a reading of the accelerometer; name other "
+            f"{table.path}: no row has a reading of the {SENSORS[none[0]]}; name other "
             "columns (--columns)"
         )
         raise InputError(msg)
@@ -430,6 +441,8 @@ def _merged(
         )
         for kind, each in readings.items()
     ]
+    if "force" not in readings:
+        return joined(path, streams, [("readings", words)])
     return candidates(path, streams, "")[SENSORS["force"]]()
 
 

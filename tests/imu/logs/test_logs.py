@@ -361,7 +361,9 @@ def test_a_hole_is_said_and_beyond_five_seconds_no_part_of_the_rate(tmp_path, ga
     whole = gap <= GAP
     assert log.rate == pytest.approx((CLOCK_ROWS - 1) / np.ptp(log.time) if whole
                                      else 1.0 / step, rel=1e-9)  # fmt: skip
-    assert [*map(len, log.parts())] == [CLOCK_ROWS] if whole else [20, 20]
+    assert [x.stop - x.start for x in log.parts()] == (
+        [CLOCK_ROWS] if whole else [20, 20]
+    )
 
 
 def test_lost_rows_do_not_contradict_a_stated_rate(tmp_path):
