@@ -28,7 +28,9 @@ from simval.cli.options import (
     command_again,
     declared,
     numbers,
+    refuse_if,
     refusing,
+    stated,
     with_rows,
     write,
 )
@@ -37,8 +39,11 @@ from simval.cli.terminal import say
 from simval.vocabulary import TARGETS, Loss, Method, Model, Residual
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from simval.imu.logs import Log
     from simval.imu.multiposition import ImuCalibration
+    from simval.imu.multiposition.means import MeansCalibration
     from simval.imu.recorded.rows import RowEvidence
 
 
@@ -84,6 +89,11 @@ def command(
         "times within them, s, with a point (74.0).",
         dict(metavar="RESTS"),
     ] = "",
+    means: Annotated[
+        bool,
+        "Each row is the mean reading of a pose: LOG is a table of means, and has no "
+        "rests to be found.",
+    ] = False,
     gyro_rows: RowsOf = "found",
     gyro_delay: GyroDelay = 0.0,
     full_scale: Annotated[
@@ -118,20 +128,37 @@ def command(
     from simval.cli.late import postpone
 
     postpone()
+    from simval.imu.calibrate import calibrate
     from simval.imu.calibrate.files import write_json
     from simval.imu.logs import read_log
+    from simval.imu.logs.log import require_no_means
     from simval.imu.multiposition import calibrate_log, calibrate_sensors
     from simval.imu.multiposition.description import (
         as_object,
         log_object,
         sensors_object,
     )
+    from simval.imu.multiposition.means import calibrate_means
     from simval.imu.noise import load_noise
     from simval.imu.recorded.description import row_lines, rows_object
     from simval.theory import calibration_moments
 
-    log = read_log(path, rate, columns, instance, start=start, stop=stop)
+    out_of = rests_of(leave_out)
+    log = read_log(
+        path, rate, columns, instance, start=start, stop=stop, alone=means, means=means
+    )
+    if means:
+        fitted = partial(
+            calibrate, model=model, method=method, residual=residual, loss=loss,
+            full_scale=full_scale,
+        )  # fmt: skip
+        table_of_means(
+            log, partial(calibrate_means, log, fitted, g=g, field=field,
+            leave_out=out_of), out, as_json=as_json,
+        )  # fmt: skip
+        return
     with refusing(log):
+        require_no_means(log.path, log.accelerometer)
         log = with_rows(log, gyro_rows, gyro_delay)
         known = None if noise is None else load_noise(noise)
         result = calibrate_log(
@@ -144,16 +171,7 @@ def command(
             rest=rest,
             full_scale=full_scale,
             noise=known,
-            leave_out=[
-                each if "." in word else int(each)
-                for word, each in zip(
-                    leave_out.split(","),
-                    numbers(
-                        "--leave-out", leave_out, "of rests, as 7,11, or s, as 74.0"
-                    ),
-                    strict=False,
-                )
-            ],
+            leave_out=out_of,
             predict=calibration_moments,
         )
         all_of = partial(
@@ -188,6 +206,53 @@ def command(
         return
     said = [*log.described(), *row_lines(evidence), *str(whole).splitlines()]
     say([*said, log.unit_line(), *notes])
+
+
+def rests_of(words: str) -> list[float]:
+    """Numbers of rests, whole ones, and times within them, with a point."""
+    values = numbers("--leave-out", words, "of rests, as 7,11, or s, as 74.0")
+    written = words.split(",")
+    return [
+        each if "." in word else int(each)
+        for word, each in zip(written, values, strict=False)
+    ]
+
+
+def table_of_means(
+    log: Log,
+    calibrated: Callable[[], MeansCalibration],
+    out: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Calibrate a table of means, and print and write what was found."""
+    from simval.imu.calibrate.files import write_json
+
+    with refusing(log):
+        refuse_rests()
+        table = calibrated()
+        refuse_if(
+            out is not None and table.sensor != "accelerometer",
+            "`--out` is for a calibration that `simval correct` can apply, and without "
+            "an accelerometer there is none; take the numbers (--json)",
+        )
+    if out is not None:
+        write_json(out, table.as_object(log))
+    if as_json:
+        click.echo(json.dumps(table.as_object(log), allow_nan=False))
+    else:
+        say([*log.described()[:-1], *table.lines(), log.unit_line()])
+
+
+def refuse_rests() -> None:
+    """Refuse options that are for rests, beside a table of means."""
+    for name in ("rest", "noise", "sensors", "gyro_rows", "gyro_delay", "page", "to"):
+        option = {"page": "--report"}.get(name, f"--{name.replace('_', '-')}")
+        refuse_if(
+            stated(name),
+            f"`{option}` is for a log with rests, and `--means` states that each row "
+            "is a mean; leave one of the two out",
+        )
 
 
 def rows_of(log: Log, whole: ImuCalibration, *, find: bool) -> RowEvidence | None:

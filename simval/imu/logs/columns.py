@@ -53,6 +53,8 @@ _UNITS_OF_G = (1e3, 981.0, *(2.0**k for k in range(11, 16)))
 PX4 = frozenset({"timestamp_sample", "gyro_rad[0]", "accelerometer_m_s2[0]"})
 """Names of PX4's logs, whose ``timestamp`` is in microseconds since boot."""
 _FIELDS = ((0.2, 0.7), (20.0, 70.0))  # of the earth in gauss and uT, with a margin
+_LEAST_POSES = 6
+_TURNED = 0.97  # cosine of 14 degrees, from one row to the next
 ROWS = 20  # readings that do not increase each time but by chance, 1 in 20!
 _PADDED = re.compile(r"0\d+")
 _OTHER_SENSOR = re.compile(  # as a word of a file's name, without an accelerometer's
@@ -272,6 +274,16 @@ def _examples(
         taken = dict(zip(order, names, strict=False))
         lines.append(f"--columns {template(table.width, taken)}")
     return " or ".join(lines) or f"--columns {template(table.width)}"
+
+
+def are_means(force: Float[Array, "n 3"]) -> bool:
+    """Return whether readings look like means of poses: gravity, elsewhere in each."""
+    size = np.linalg.norm(force, axis=1)
+    if len(size) < _LEAST_POSES or not np.all(size > 0.5 * np.median(size)):
+        return False
+    cosine = np.vecdot(force[1:], force[:-1]) / (size[1:] * size[:-1])
+    steady = np.ptp(np.percentile(size, [5, 95])) < 0.25 * np.median(size)
+    return bool(steady and np.median(cosine) < _TURNED)
 
 
 def _is_bound_to_poses(force: Array, rate: Array) -> bool:

@@ -16,6 +16,7 @@ from simval.imu.logs.columns import (
     SENSORS,
     TEMPERATURE,
     Column,
+    are_means,
     channels_of,
     chosen,
     clock_between,
@@ -228,6 +229,7 @@ def read_log(
     start: Edge = None,
     stop: Edge = None,
     alone: bool = False,
+    means: bool = False,
 ) -> Log:
     """Read a log of an accelerometer's rows, with a gyroscope's and a magnetometer's.
 
@@ -253,6 +255,9 @@ def read_log(
         outside is not judged; None reads from the beginning or to the end.
     alone : bool
         Whether a log of another sensor without an accelerometer is read, too.
+    means : bool
+        Whether each row is the mean of a pose: a clock is then none, and the time is
+        the number of the row.
 
     Returns
     -------
@@ -272,6 +277,8 @@ def read_log(
     table = read_table(str(path), instance)
     named = any(label == "instance" for label, _ in table.source)
     picked = chosen(table, columns, None if named else instance, alone=alone)
+    if means:
+        picked, rate = tuple(each for each in picked if each.role != "t"), 1.0
     with noting(lambda: [*_source_lines(table.source), _columns_line(picked)]):
         log = _taken(
             table, picked, rate, Part(start=start, stop=stop), asked=columns is not None
@@ -306,6 +313,8 @@ def _taken(
     readings, damaged = _readable(table, picked, asked=asked)
     unclear += damaged
     there = {kind: ~np.isnan(each[:, 0]) for kind, each in readings.items()}
+    if clock is None and rate is None and not table.rate:
+        require_no_means(table.path, readings.get("force", np.empty((0, 3))))
     inertial = [kind for kind in ("force", "gyro") if kind in there]
     rows = min((there[kind] for kind in inertial or there), key=np.sum)
     time, rate, second, said = read_clock(table, clock, rate, rows)
@@ -458,6 +467,17 @@ def _joined(
     time, rate, *_ = read_clock(merged, clock, None)
     columns = (Column(role=x, place=k) for k, x in enumerate(merged.names or ()))
     return time, rate, _readings(merged, tuple(columns)), (*merged.source, *cut)
+
+
+def require_no_means(path: str, force: Float[Array, "n 3"]) -> None:
+    """Raise InputError for rows that look like means of poses, and no log."""
+    if are_means(force[~np.isnan(force[:, 0])]):
+        msg = (
+            f"{path}: its {len(force)} rows read gravity in as many directions, as a "
+            "table of means of poses does; if they are, `simval calibrate --means` "
+            "fits them; rows of a log hardly turn from one to the next"
+        )
+        raise InputError(msg)
 
 
 def _source_lines(source: tuple[tuple[str, str], ...]) -> list[str]:
