@@ -4,6 +4,9 @@ Every message says what was given, what is required and what to do. Nothing here
 is raised for a bug of ours: such an exception is not a `SimvalError`.
 """
 
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
 from simval.text import one_line
 
 
@@ -76,3 +79,25 @@ class UnusablePluginError(PluginError, InputError):
 
 class LostClusterError(RefusedError):
     """A cluster whose scheduler or workers are gone; finished cells are kept."""
+
+
+@contextmanager
+def noting(lines: Callable[[], Sequence[str]]) -> Iterator[None]:
+    """Add lines to an error of ours that has none: what had been taken before it.
+
+    Parameters
+    ----------
+    lines : callable
+        Makes them.
+
+    Raises
+    ------
+    SimvalError
+        As it was raised inside, with these lines as its notes.
+    """
+    try:
+        yield
+    except SimvalError as error:
+        for line in () if hasattr(error, "__notes__") else lines():
+            error.add_note(line)
+        raise

@@ -105,8 +105,10 @@ def run(arguments: Sequence[str]) -> int:
         click.echo("interrupted", err=True)
         return 130
     except SimvalError as error:
+        taken = getattr(error, "__notes__", ())
         tried = getattr(error, "tried", "") if "--verbose" in arguments else ""
-        say([*f"error: {error}".splitlines(), *tried.splitlines()], err=True)
+        words = [*f"error: {error}".splitlines(), *tried.splitlines()]
+        say([*taken, *words], err=True)
         return error.exit_code
     except SystemExit as end:  # click completed a word
         return 0 if COMPLETE in os.environ and end.code == 0 else 2

@@ -13,6 +13,7 @@ import click
 from simval.cli.options import (
     AsJson,
     Columns,
+    From,
     Gravity,
     GyroDelay,
     Instance,
@@ -23,9 +24,13 @@ from simval.cli.options import (
     Rate,
     Rest,
     RowsOf,
+    Until,
     command_again,
     declared,
     numbers,
+    refuse_if,
+    refusing,
+    stated,
     with_rows,
     write,
 )
@@ -34,8 +39,11 @@ from simval.cli.terminal import say
 from simval.vocabulary import TARGETS, Loss, Method, Model, Residual
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from simval.imu.logs import Log
-    from simval.imu.multiposition import ImuCalibration
+    from simval.imu.multiposition import ImuCalibration, LogCalibration
+    from simval.imu.multiposition.means import MeansCalibration
     from simval.imu.recorded.rows import RowEvidence
 
 
@@ -50,6 +58,8 @@ def command(
     rest: Rest = None,
     columns: Columns = None,
     instance: Instance = None,
+    start: From = None,
+    stop: Until = None,
     method: Annotated[Method, "Solver of the least-squares fit."] = "lm",
     residual: Annotated[Residual, "Residual whose squares are minimised."] = "squared",
     loss: Annotated[
@@ -75,9 +85,15 @@ def command(
     ] = None,
     leave_out: Annotated[
         str,
-        "Rests to leave out: times within them, s, with commas between, as printed.",
-        dict(metavar="SECONDS"),
+        "Rests to leave out, with commas between: their numbers as printed (7,11), or "
+        "times within them, s, with a point (74.0).",
+        dict(metavar="RESTS"),
     ] = "",
+    means: Annotated[
+        bool,
+        "Each row is the mean reading of a pose: LOG is a table of means, and has no "
+        "rests to be found.",
+    ] = False,
     gyro_rows: RowsOf = "found",
     gyro_delay: GyroDelay = 0.0,
     full_scale: Annotated[
@@ -115,55 +131,71 @@ def command(
     from simval.cli.late import postpone
 
     postpone()
+    from simval.imu.calibrate import calibrate
     from simval.imu.calibrate.files import write_json
     from simval.imu.logs import read_log
+    from simval.imu.logs.log import require_no_means
     from simval.imu.multiposition import calibrate_log, calibrate_sensors
     from simval.imu.multiposition.description import (
         as_object,
         log_object,
         sensors_object,
     )
+    from simval.imu.multiposition.means import calibrate_means
     from simval.imu.noise import load_noise
     from simval.imu.recorded.description import row_lines, rows_object
     from simval.theory import calibration_moments
 
-    log = with_rows(read_log(path, rate, columns, instance), gyro_rows, gyro_delay)
-    known = None if noise is None else load_noise(noise)
-    result = calibrate_log(
-        log,
-        g=g,
-        model=model,
-        method=method,
-        residual=residual,
-        loss=loss,
-        rest=rest,
-        full_scale=full_scale,
-        noise=known,
-        leave_out=numbers("--leave-out", leave_out, "s, as 12.5,74"),
-        predict=calibration_moments,
+    out_of = rests_of(leave_out)
+    log = read_log(
+        path, rate, columns, instance, start=start, stop=stop, alone=means, means=means
     )
-    all_of = partial(
-        calibrate_sensors,
-        sensors=None if sensors is None else listed(sensors),
-        hemisphere=hemisphere,
-        field=field,
-        noise=known,
-    )
-    whole = all_of(log, result)
-    evidence = rows_of(log, whole, find=gyro_rows == "found")
-    if evidence is not None and evidence.rows != log.gyro_rows:
-        log = replace(log, gyro_rows=evidence.rows)
+    if means:
+        fitted = partial(
+            calibrate, model=model, method=method, residual=residual, loss=loss,
+            full_scale=full_scale,
+        )  # fmt: skip
+        table_of_means(
+            log, partial(calibrate_means, log, fitted, g=g, field=field,
+            leave_out=out_of), out, as_json=as_json,
+        )  # fmt: skip
+        return
+    with refusing(log):
+        require_no_means(log.path, log.accelerometer)
+        log = with_rows(log, gyro_rows, gyro_delay)
+        known = None if noise is None else load_noise(noise)
+        result = calibrate_log(
+            log,
+            g=g,
+            model=model,
+            method=method,
+            residual=residual,
+            loss=loss,
+            rest=rest,
+            full_scale=full_scale,
+            noise=known,
+            leave_out=out_of,
+            predict=calibration_moments,
+        )
+        all_of = partial(
+            calibrate_sensors,
+            sensors=None if sensors is None else listed(sensors),
+            hemisphere=hemisphere,
+            field=field,
+            noise=known,
+        )
         whole = all_of(log, result)
+        evidence = rows_of(log, whole, find=gyro_rows == "found")
+        if evidence is not None and evidence.rows != log.gyro_rows:
+            log = replace(log, gyro_rows=evidence.rows)
+            whole = all_of(log, result)
     if out is not None or as_json:
         written = as_object(whole) | sensors_object(whole, log) | log_object(log)
         written["gyro_rows"] = rows_object(evidence)
     if out is not None:
         write_json(out, written)
     notes = []
-    judgement = result.diagnosis.judgement
-    if verbose and judgement is not None:
-        middle = log.time[result.intervals.sum(axis=1) // 2]
-        notes += ["", *judgement.runners_up(middle)]
+    notes += tried(result, log) if verbose else []
     for name, file in to:
         from simval.imu.multiposition.parameters import parameters_of
 
@@ -176,7 +208,55 @@ def command(
         click.echo(json.dumps(written, allow_nan=False))
         say(notes, err=True)
         return
-    say([*log.described(), *row_lines(evidence), *str(whole).splitlines(), *notes])
+    said = [*log.described(), *row_lines(evidence), *str(whole).splitlines()]
+    say([*said, log.unit_line(), *notes])
+
+
+def rests_of(words: str) -> list[float]:
+    """Numbers of rests, whole ones, and times within them, with a point."""
+    values = numbers("--leave-out", words, "of rests, as 7,11, or s, as 74.0")
+    written = words.split(",")
+    return [
+        each if "." in word else int(each)
+        for word, each in zip(written, values, strict=False)
+    ]
+
+
+def table_of_means(
+    log: Log,
+    calibrated: Callable[[], MeansCalibration],
+    out: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Calibrate a table of means, and print and write what was found."""
+    from simval.imu.calibrate.files import write_json
+
+    with refusing(log):
+        refuse_rests()
+        table = calibrated()
+        refuse_if(
+            out is not None and table.sensor != "accelerometer",
+            "`--out` is for a calibration that `simval correct` can apply, and without "
+            "an accelerometer there is none; take the numbers (--json)",
+        )
+    if out is not None:
+        write_json(out, table.as_object(log))
+    if as_json:
+        click.echo(json.dumps(table.as_object(log), allow_nan=False))
+    else:
+        say([*log.described()[:-1], *table.lines(), log.unit_line()])
+
+
+def refuse_rests() -> None:
+    """Refuse options that are for rests, beside a table of means."""
+    for name in ("rest", "noise", "sensors", "gyro_rows", "gyro_delay", "page", "to"):
+        option = {"page": "--report"}.get(name, f"--{name.replace('_', '-')}")
+        refuse_if(
+            stated(name),
+            f"`{option}` is for a log with rests, and `--means` states that each row "
+            "is a mean; leave one of the two out",
+        )
 
 
 def rows_of(log: Log, whole: ImuCalibration, *, find: bool) -> RowEvidence | None:
@@ -192,6 +272,13 @@ def rows_of(log: Log, whole: ImuCalibration, *, find: bool) -> RowEvidence | Non
     seen = row_centre(log.time, rate, force, "accelerometer")
     step = float(np.median(np.diff(log.time)))
     return judged_rows((seen,), step, log.gyro_rows, find=find)
+
+
+def tried(result: LogCalibration, log: Log) -> list[str]:
+    """List what was tried for rests that misfit, with its odds."""
+    judgement = result.diagnosis.judgement
+    middle = log.time[result.intervals.sum(axis=1) // 2]
+    return [] if judgement is None else ["", *judgement.runners_up(middle)]
 
 
 def listed(words: str) -> list[str]:

@@ -10,12 +10,15 @@ import click
 
 from simval.cli.options import (
     Columns,
+    From,
     Instance,
     LogPath,
     OutFile,
     Rate,
+    Until,
     declared,
     refuse_if,
+    refusing,
 )
 from simval.errors import InputError
 
@@ -27,6 +30,8 @@ def command(
     rate: Rate = None,
     columns: Columns = None,
     instance: Instance = None,
+    start: From = None,
+    stop: Until = None,
     unchecked: Annotated[bool, "Write the force even if it is implausible."] = False,
     temperature: Annotated[
         float | None,
@@ -57,24 +62,25 @@ def command(
     from simval.imu.logs.temperature import COLDEST, WARMEST
     from simval.imu.multiposition.correction import corrected
 
-    log = read_log(path, rate, columns, instance)
-    refuse_if(
-        temperature is not None and log.temperature is not None,
-        "`--temperature` is for a log without a temperature, and this one has a column "
-        "of it; leave the option out, or mark the column - (--columns)",
-    )
-    refuse_if(
-        temperature is not None and not COLDEST < temperature < WARMEST,
-        f"`--temperature` is {temperature}; a sensor is read between {COLDEST:g} and "
-        f"{WARMEST:g} degC",
-    )
-    log, sensors, outside = corrected(
-        log,
-        calibration,
-        temperature=temperature,
-        extrapolate=extrapolate,
-        checked=not unchecked,
-    )
+    log = read_log(path, rate, columns, instance, start=start, stop=stop)
+    with refusing(log):
+        refuse_if(
+            temperature is not None and log.temperature is not None,
+            "`--temperature` is for a log without a temperature, and this one has a "
+            "column of it; leave the option out, or mark the column - (--columns)",
+        )
+        refuse_if(
+            temperature is not None and not COLDEST < temperature < WARMEST,
+            f"`--temperature` is {temperature}; a sensor is read between {COLDEST:g} "
+            f"and {WARMEST:g} degC",
+        )
+        log, sensors, outside = corrected(
+            log,
+            calibration,
+            temperature=temperature,
+            extrapolate=extrapolate,
+            checked=not unchecked,
+        )
     parts, names, raw = [log.time[:, None], log.accelerometer], "t,ax,ay,az", []
     others = (("gyroscope", log.gyro), ("magnetometer", log.magnetometer))
     for (name, own), axes in zip(others, (",wx,wy,wz", ",mx,my,mz"), strict=True):
@@ -98,7 +104,7 @@ def command(
         msg = f"cannot write {out}: {error.strerror}; choose another file"
         raise InputError(msg) from None
     sys.stdout.flush()  # the rows first where both outputs are one
-    for line in [*log.described(), *outside]:
+    for line in [*log.described(), log.unit_line(), *outside]:
         click.echo(line, err=True)
     for name in raw:
         said = f"unchanged         the {name}: the calibration has none"

@@ -12,6 +12,7 @@ import click
 from simval.cli.options import (
     AsJson,
     Columns,
+    From,
     GyroDelay,
     Instance,
     LogPath,
@@ -21,9 +22,11 @@ from simval.cli.options import (
     Positive,
     Rate,
     RowsOf,
+    Until,
     command_again,
     declared,
     refuse_if,
+    refusing,
     unit_words,
     with_rows,
     write,
@@ -110,6 +113,8 @@ def command(
     rate: Rate = None,
     columns: Columns = None,
     instance: Instance = None,
+    start: From = None,
+    stop: Until = None,
     accelerometer_unit: Annotated[
         str | None, unit_words("accelerometer"), dict(metavar="UNIT")
     ] = None,
@@ -151,23 +156,31 @@ def command(
         row_lines,
     )
     from simval.imu.recorded.published import published_rows, published_start
-    from simval.imu.recorded.settings import start_of
+    from simval.imu.recorded.settings import longest_part, start_of
 
     filters = filters_of(plugins)
-    log = with_rows(read_log(path, rate, columns, instance), gyro_rows, gyro_delay)
-    recorded = truth_of(log, truth, truth_columns, truth_rate, instance)
-    units = accelerometer_unit, gyro_unit
-    found, alignment = prepared(
-        log, recorded, calibration, units, truth_world, find_rows=gyro_rows == "found"
-    )
-    start = start_of(
-        found,
-        None if noise is None else load_noise(noise),
-        str(noise),
-        accelerometer_noise=accelerometer_noise,
-    )
+    log = read_log(path, rate, columns, instance, start=start, stop=stop)
+    log = longest_part(log)
+    with refusing(log):
+        log = with_rows(log, gyro_rows, gyro_delay)
+        recorded = truth_of(log, truth, truth_columns, truth_rate, instance)
+        units = accelerometer_unit, gyro_unit
+        found, alignment = prepared(
+            log,
+            recorded,
+            calibration,
+            units,
+            truth_world,
+            find_rows=gyro_rows == "found",
+        )
+        begin = start_of(
+            found,
+            None if noise is None else load_noise(noise),
+            str(noise),
+            accelerometer_noise=accelerometer_noise,
+        )
     head = [*log.described(), *found.described(), *row_lines(found.evidence)]
-    head += start.described
+    head += begin.described
     head += alignment_lines(alignment, recorded)
     head += _offered(path, instance) if recorded is None else []
     say([] if as_json else head)
@@ -175,9 +188,9 @@ def command(
     if as_published:
         world = None if alignment is None else alignment.world
         truth_rows, marks = published_rows(log, recorded, world, instance)
-        more = truth_rows, marks, published_start(found, start)
-    done, failed, code = _evaluated(filters, found, start, alignment, time_limit, more)
-    written = log_values(log, found, start, alignment, recorded) | {
+        more = truth_rows, marks, published_start(found, begin)
+    done, failed, code = _evaluated(filters, found, begin, alignment, time_limit, more)
+    written = log_values(log, found, begin, alignment, recorded) | {
         "filters": [evaluation_object(each) for each in done],
         "failed": failed,
     }
@@ -228,8 +241,9 @@ def truth_of(
         raise InputError(msg)
     stem = "" if truth in (None, "log") else str(truth)
     return read_truth(
-        log.path, stem=stem, columns=columns, clock=log.time, instance=instance
-    )
+        log.path, stem=stem, columns=columns, clock=log.time, instance=instance,
+        rows=log.of_file,
+    )  # fmt: skip
 
 
 def _offered(path: Path, instance: str | None) -> list[str]:

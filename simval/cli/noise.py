@@ -11,14 +11,17 @@ import click
 from simval.cli.options import (
     AsJson,
     Columns,
+    From,
     Instance,
     LogPath,
     OutFile,
     Page,
     Rate,
     Rest,
+    Until,
     command_again,
     declared,
+    refusing,
     unit_words,
     write,
 )
@@ -38,6 +41,8 @@ def command(
     rest: Rest = None,
     columns: Columns = None,
     instance: Instance = None,
+    start: From = None,
+    stop: Until = None,
     accelerometer_unit: Annotated[
         str | None, unit_words("accelerometer"), dict(metavar="UNIT")
     ] = None,
@@ -59,7 +64,8 @@ def command(
     Prints white noise N, flicker B and random walk K of each axis with 95 % intervals,
     in SI units and in those of data sheets and Kalibr, and where the log shows one,
     Markov noise, a ramp or a sine. What it does not show gets an upper bound. The whole
-    log is used if it is at rest, otherwise its longest rest.
+    log is used if it is at rest, otherwise its longest rest. A gyroscope or a
+    magnetometer may be alone: the rests are then found by its own readings.
     LOG, its columns and its clock are read as by `simval calibrate`.
     """
     from simval.imu.logs import read_log
@@ -68,10 +74,11 @@ def command(
     from simval.imu.multiposition.noise_description import as_object, described
 
     _require_drawable(figure)
-    log = read_log(path, rate, columns, instance)
-    found = log_noise(log, rest, increments=increments)
-    _require_present("gyro", gyro_unit, log.gyro, path)
-    _require_present("magnetometer", magnetometer_unit, log.magnetometer, path)
+    log = read_log(path, rate, columns, instance, start=start, stop=stop, alone=True)
+    with refusing(log):
+        found = log_noise(log, rest, increments=increments)
+        _require_present("gyro", gyro_unit, log.gyro, path)
+        _require_present("magnetometer", magnetometer_unit, log.magnetometer, path)
     given = {
         "accelerometer": accelerometer_unit,
         "gyro": gyro_unit,

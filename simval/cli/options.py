@@ -13,6 +13,7 @@ import math
 import os
 import shlex
 from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from inspect import Parameter, signature
 from pathlib import Path
@@ -32,7 +33,7 @@ from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
 from simval.cli.outputs import Command, Input, Output, require_free
-from simval.errors import InputError
+from simval.errors import InputError, noting
 from simval.text import as_whole, read_whole, shown
 from simval.units import OF_A_LOG
 from simval.vocabulary import RUNS, SCENES, STUDIES, GyroRows, builtin_suites
@@ -228,6 +229,17 @@ Instance = Annotated[
     "The topic, table or sensor of LOG to read, where it has more than one.",
     dict(metavar="NAME"),
 ]
+From = Annotated[
+    str | None,
+    "Read LOG from this time on: seconds as the command prints them, or a time of day "
+    "as the log writes it.",
+    dict(name="--from", metavar="TIME"),
+]
+Until = Annotated[
+    str | None,
+    "Read LOG until this time.",
+    dict(name="--until", metavar="TIME"),
+]
 Rest = Annotated[
     Positive | None,
     "State that the first SECONDS are a rest.  [default: found in the log]",
@@ -258,6 +270,11 @@ Alpha = Annotated[
     "False-alarm rate of all checks together.",
     dict(metavar="RATE"),
 ]
+
+
+def refusing(log: "Log") -> AbstractContextManager[None]:
+    """Within it an error says what had been taken of the log, too."""
+    return noting(lambda: [*log.described(), log.unit_line()])
 
 
 def with_rows(log: "Log", kind: GyroRows, delay_ms: float) -> "Log":

@@ -224,11 +224,11 @@ def _chance(each: Condition) -> str:
 
 def _next(whole: ImuCalibration) -> Reply:
     result = whole.log
-    outliers = ", ".join(str(k) for k in result.diagnosis.outliers)
+    outliers = ", ".join(str(result.numbers[k]) for k in result.diagnosis.outliers)
     further = ", ".join(f"{x:.2f}" for x in result.next_direction)
     return Reply(
         title="What to do next?",
-        headline=f"Look at static interval {outliers}, and calibrate without it"
+        headline=f"Look at rest {outliers}, and calibrate without it"
         if outliers
         else f"Add a pose along ({further})",
         lines=(
@@ -466,7 +466,7 @@ def magnetometer_chapter(whole: ImuCalibration) -> Section | None:
         "chi-square",
         numbered(chi_square, fit.disturbed, "does not fit the others"),
     )
-    _, same = honest((poses_alike(fit), steady(fit)))
+    _, same = honest((poses_alike(fit, whole.log.numbers), steady(fit)))
     drawing = Drawing(
         name="disturbed",
         asked="Was the field the same in every pose?",

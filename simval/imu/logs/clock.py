@@ -62,7 +62,9 @@ def read_clock(
         rate, how = _stated_rate(table, rate)
         time = np.arange(len(table)) / rate
     else:
-        rate, how = _checked_rate(table.rows(some), time[some], rate), "by the clock"
+        assert column is not None
+        rate = _checked_rate(table.rows(some), column, time[some], rate)
+        how = "by the clock"
         for row in table.restarts:
             words = "the header stands again above it, and the clock goes on"
             said.append(("mended", f"{table.where(row)}: {words}"))
@@ -83,7 +85,7 @@ def _stated_rate(table: Table, rate: float | None) -> tuple[float, str]:
         msg = (
             f"{table.where(table.restarts[0])}: the header stands again above it, so "
             "the logger was started again, and no clock says how long it stood still; "
-            "split the file there"
+            f"read one of its parts{_parts_at(table, rate)}"
         )
         raise InputError(msg)
     if rate is not None:
@@ -98,6 +100,15 @@ def _stated_rate(table: Table, rate: float | None) -> tuple[float, str]:
         "time column `t` (--columns)"
     )
     raise InputError(msg)
+
+
+def _parts_at(table: Table, rate: float | None) -> str:
+    # the options for those before and behind the first restart
+    rate = table.rate[1] if rate is None and table.rate else rate
+    if rate is None:
+        return ", with the rate stated (--rate HZ): --until or --from SECONDS"
+    row = table.restarts[0]
+    return f": --until {(row - 0.5) / rate:.6g}, or --from {(row - 0.5) / rate:.6g}"
 
 
 def times_of(
@@ -159,6 +170,33 @@ def _continued(
     return np.asarray(ticks * second), []
 
 
+def dates_from_1970(first: float, last: float) -> bool:
+    """Return whether seconds are dates of this century, counted from 1970."""
+    return _EPOCH[0] <= first and last <= _EPOCH[1]
+
+
+def instants_of(known: list[str], word: str) -> tuple[float, bool] | None:
+    """Seconds of a word on the clock of a log, and whether it says the date, too.
+
+    `known` are the first and the last time of the log: a date counts from the first, a
+    time of day from midnight, and seconds from 1970 from then. What the word lacks of
+    date and zone is the first one's. None if it is of no such form.
+    """
+    first, own = _WRITTEN.fullmatch(known[0]), _WRITTEN.fullmatch(word.strip())
+    if first is None or own is None or (own["date"] and not first["date"]):
+        return None
+    full = word.strip() if own["zone"] else f"{word.strip()}{first['zone'] or ''}"
+    if not own["second"]:
+        full = f"{full[: own.end('minute')]}:00{full[own.end('minute') :]}"
+    if first["date"] and not own["date"]:
+        full = f"{first['date']} {full}"
+    stamps = _instants([*known, full])
+    if stamps is None:
+        return None
+    start = stamps[0] if first["date"] else 0
+    return float(stamps[-1] - start) / _NS, bool(own["date"])
+
+
 def _instants(texts: list[str]) -> Int[np.ndarray, " n"] | None:
     # nanoseconds of dates, or of a day; None if one is impossible, some have no date,
     # or not all a zone
@@ -167,7 +205,7 @@ def _instants(texts: list[str]) -> Int[np.ndarray, " n"] | None:
         {match[part] or "" for match in matches} for part in ("zone", "date", "second")
     )
     unclear = "" in zones and len(zones) > 1  # or minutes and seconds, or hours
-    unclear |= "" in dates and "" in seconds
+    unclear |= "" in dates and ("" in seconds or len(dates) > 1)
     days = _days(dates)
     if len(matches) < len(texts) or days is None or unclear:
         return None
@@ -232,13 +270,16 @@ def require_finite(table: Table, values: Float[Array, "n k"]) -> None:
         raise InputError(msg)
 
 
-def require_increasing(table: Table, time: Float[Array, " n"], advice: str) -> None:
+def require_increasing(
+    table: Table, column: Column | None, time: Float[Array, " n"], advice: str
+) -> None:
     """Raise InputError for the first row that is not later than the one before it.
 
-    Nor may it be an hour later: where summer time begins, that is no gap.
+    Nor may a clock in words be an hour later: where summer time begins, that is no gap.
     """
     step = np.diff(time)
     summer = np.abs(np.abs(step) - HOUR) <= GAP
+    summer &= column is not None and table.is_text(column.place)
     bad = ~(step > 0.0) | summer
     if bad.any():
         row = int(np.argmax(bad)) + 1
@@ -246,7 +287,8 @@ def require_increasing(table: Table, time: Float[Array, " n"], advice: str) -> N
         if summer[row - 1]:
             advice = (
                 "where summer time begins or ends write them in UTC or with their "
-                "zone, and split the log at a pause of an hour"
+                "zone; of a log that stood still for an hour read the part before it "
+                f"or after it (--until {time[row - 1]:.2f}, or --from {time[row]:.2f})"
             )
         msg = (
             f"{table.where(row)}: time {time[row]:.6f} s after {time[row - 1]:.6f} s"
@@ -306,28 +348,33 @@ def _unknown_unit(table: Table, column: Column, step: float) -> str:
     )
 
 
-def _checked_rate(table: Table, time: Float[Array, " n"], rate: float | None) -> float:
-    # rate from the times, Hz; they must increase without a gap
+def _checked_rate(
+    table: Table, column: Column, time: Float[Array, " n"], rate: float | None
+) -> float:
+    # rate from the times, Hz, without what is missing at once; they must increase
     if len(time) < 2:
         msg = f"{table.path} has one row; a log needs many more to show a rest"
         raise InputError(msg)
     require_increasing(
         table,
+        column,
         time,
         "sort the log or cut it where the clock restarts; if the clock is too coarse "
         "for its rows, mark its column - (--columns) and state the rate (--rate HZ)",
     )
     step = np.diff(time)
     median = float(np.median(step))
-    if not np.all(step <= GAP):
-        row = int(np.argmax(~(step <= GAP))) + 1
+    within = step[step <= GAP]
+    if not len(within):
         msg = (
-            f"{table.where(row)}: a gap of {step[row - 1]:.3f} s before it, where rows "
-            f"follow each other by {median:.4g} s, and at most {GAP:g} s may be "
-            "missing; split the log there"
+            f"{table.path}: the time column says that all {len(time)} rows are more "
+            f"than {GAP:g} s apart, usually {median:.4g} s, and a log has rows that "
+            "follow each other; have the time in seconds, or mark its column - "
+            "(--columns) and state the rate (--rate HZ)"
         )
         raise InputError(msg)
-    measured = (len(time) - 1) / float(time[-1] - time[0])
+    whole = float(time[-1] - time[0])
+    measured = len(within) / (whole if len(within) == len(step) else within.sum())
     # rows that are lost make fewer of them, and leave the usual step as it is
     if rate is not None and not (_agree(measured, rate) or _agree(1 / median, rate)):
         msg = (

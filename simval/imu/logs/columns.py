@@ -53,6 +53,8 @@ _UNITS_OF_G = (1e3, 981.0, *(2.0**k for k in range(11, 16)))
 PX4 = frozenset({"timestamp_sample", "gyro_rad[0]", "accelerometer_m_s2[0]"})
 """Names of PX4's logs, whose ``timestamp`` is in microseconds since boot."""
 _FIELDS = ((0.2, 0.7), (20.0, 70.0))  # of the earth in gauss and uT, with a margin
+_LEAST_POSES = 6
+_TURNED = 0.97  # cosine of 14 degrees, from one row to the next
 ROWS = 20  # readings that do not increase each time but by chance, 1 in 20!
 _PADDED = re.compile(r"0\d+")
 _OTHER_SENSOR = re.compile(  # as a word of a file's name, without an accelerometer's
@@ -103,18 +105,25 @@ class Column:
 
 
 def chosen(
-    table: Table, columns: str | Sequence[str] | None, sensor: str | None = None
+    table: Table,
+    columns: str | Sequence[str] | None,
+    sensor: str | None = None,
+    *,
+    alone: bool = False,
 ) -> tuple[Column, ...]:
-    """Choose the columns of a log, where it has several sensors those of one."""
+    """Choose the columns of a log, where it has several sensors those of one.
+
+    They need not be an accelerometer's if another sensor may be `alone`.
+    """
     if sensor is not None and (columns is not None or table.names is None):
         msg = f"{table.path} has one sensor without a name, so leave out --instance"
         raise InputError(msg)
     if columns is not None:
-        return _given(table, columns)
+        return _given(table, columns, alone=alone)
     if table.refused:
         raise InputError(table.refused)
     if table.names is not None:
-        return _by_header(table, sensor)
+        return _by_header(table, sensor, alone=alone)
     places = _filled(table)
     if len(places) not in LAYOUTS:
         msg = (
@@ -267,6 +276,16 @@ def _examples(
     return " or ".join(lines) or f"--columns {template(table.width)}"
 
 
+def are_means(force: Float[Array, "n 3"]) -> bool:
+    """Return whether readings look like means of poses: gravity, elsewhere in each."""
+    size = np.linalg.norm(force, axis=1)
+    if len(size) < _LEAST_POSES or not np.all(size > 0.5 * np.median(size)):
+        return False
+    cosine = np.vecdot(force[1:], force[:-1]) / (size[1:] * size[:-1])
+    steady = np.ptp(np.percentile(size, [5, 95])) < 0.25 * np.median(size)
+    return bool(steady and np.median(cosine) < _TURNED)
+
+
 def _is_bound_to_poses(force: Array, rate: Array) -> bool:
     # of blocks of rows: a rate is one vector wherever the force rests, and turns it by
     # da/dt = -w x a; a field with iron beside it differs from rest to rest instead, on
@@ -351,11 +370,13 @@ def given(
     return pairs
 
 
-def _given(table: Table, columns: str | Sequence[str]) -> tuple[Column, ...]:
+def _given(
+    table: Table, columns: str | Sequence[str], *, alone: bool
+) -> tuple[Column, ...]:
     pairs = given(table, columns, "columns", NAMES)
     used = [role for role, _ in pairs if role != SKIP]
     parts = [len(set(roles) & set(used)) for roles in ROLES.values()]
-    complete = parts[0] == 3 and set(parts) <= {0, 3}
+    complete = set(parts) <= {0, 3} and (parts[0] == 3 or (alone and any(parts)))
     if not (complete and len(set(used)) == len(used)):
         names = columns if isinstance(columns, str) else ",".join(map(str, columns))
         msg = (
@@ -379,12 +400,23 @@ def channels_of(table: Table) -> list[Channel]:
     return [channel(name) for name in table.names or ()]
 
 
-def _by_header(table: Table, sensor: str | None) -> tuple[Column, ...]:
+def _by_header(table: Table, sensor: str | None, *, alone: bool) -> tuple[Column, ...]:
     names, channels = table.names or (), channels_of(table)
-    force = _force(table, sensor)
-    own = instance(channels[force[0]].stem)
-    others = {word for xyz, word in triples(table, "force").items() if xyz != force}
-    places = dict(zip(ROLES["force"], force, strict=True))
+    own, others, places = sensor or "", set[str](), dict[str, int]()
+    another = _no_force(table)
+    if another and not alone:
+        msg = (
+            f"{table.path} names no accelerometer, which finds the rests and the axes; "
+            "`simval noise` measures the noise of another sensor alone. Where the "
+            "names are wrong, say what each column is "
+            f"(--columns {template(table.width)})"
+        )
+        raise InputError(msg)
+    if not another:
+        force = _force(table, sensor)
+        own = instance(channels[force[0]].stem)
+        others = {word for xyz, word in triples(table, "force").items() if xyz != force}
+        places |= zip(ROLES["force"], force, strict=True)
     for kind in _BESIDE:
         found = beside(own, triples(table, kind), others)
         if len(found) == 1:
@@ -531,6 +563,14 @@ def _nanoseconds(channels: list[Channel], clock: Channel) -> int | None:
         if each.stem.removesuffix(each.unit) == stem != each.stem
     )
     return next(fine, None)
+
+
+def _no_force(table: Table) -> bool:
+    # whether it names another sensor once, and nothing that may be an accelerometer's
+    channels = channels_of(table)
+    if any(each.kind in ("force", "bare") and each.axis for each in channels):
+        return False
+    return any(len(triples(table, kind)) == 1 for kind in _BESIDE)
 
 
 def _force(table: Table, sensor: str | None) -> Triple:

@@ -1,27 +1,31 @@
 """A log and the function that reads one, see `simval.imu.logs`."""
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
+from typing import Any
 
 import numpy as np
 
 from simval.arrays import Array, ReadOnly, positive_number
-from simval.errors import InputError
-from simval.imu.logs.clock import read_clock, require_finite
+from simval.errors import InputError, noting
+from simval.imu.logs.clock import GAP, read_clock, require_finite
 from simval.imu.logs.columns import (
     ROLES,
     SENSORS,
     TEMPERATURE,
     Column,
+    are_means,
     channels_of,
     chosen,
     clock_between,
     several,
     sign_of,
 )
-from simval.imu.logs.joining import Stream, candidates
-from simval.imu.logs.names import SECONDS, Kind
+from simval.imu.logs.joining import Stream, candidates, joined
+from simval.imu.logs.names import SECONDS, UNITS, Kind, channel
+from simval.imu.logs.parts import Edge, Part
 from simval.imu.logs.readers import read_table
 from simval.imu.logs.rows import BEFORE, Rows
 from simval.imu.logs.temperature import read_temperature
@@ -40,7 +44,8 @@ class Log(ReadOnly):
     time : Array
         Seconds, (n,), strictly increasing; made from the rate where the file has none.
     accelerometer : Array
-        Raw readings in sensor axes, (n, 3), raw counts or m/s^2.
+        Raw readings in sensor axes, (n, 3), raw counts or m/s^2; NaN in a log of
+        another sensor alone.
     gyro : Array or None
         Raw angular rate in sensor axes, (n, 3), raw counts or rad/s.
     magnetometer : Array or None
@@ -59,6 +64,8 @@ class Log(ReadOnly):
         Label and words: what was taken of the file, joined or mended.
     gyro_rows : Rows
         What a row of the gyroscope is of, which no file says.
+    of_file : Array or None
+        Which rows of the file these are, True or False, where not all.
     """
 
     path: str
@@ -73,6 +80,7 @@ class Log(ReadOnly):
     temperature: Float[Array, " n"] | None = None
     source: tuple[tuple[str, str], ...] = ()
     gyro_rows: Rows = BEFORE
+    of_file: Bool[np.ndarray, " _"] | None = None
 
     def rows_within(self, seconds: float) -> int:
         """Number of rows in the first seconds of the log.
@@ -91,6 +99,56 @@ class Log(ReadOnly):
         end = self.time[0] + seconds
         return int(np.searchsorted(self.time, end, side="right"))
 
+    @property
+    def has_force(self) -> bool:
+        """Whether there is an accelerometer, and not another sensor alone."""
+        return not np.isnan(self.accelerometer[0, 0])
+
+    def parts(self, most: float = GAP) -> list[slice]:
+        """Rows between its holes.
+
+        Parameters
+        ----------
+        most : float
+            Time between two rows that is no hole, s.
+
+        Returns
+        -------
+        list of slice
+            In order of time; one for a whole log.
+        """
+        ends = np.flatnonzero(np.diff(self.time) > most) + 1
+        edges = [0, *ends.tolist(), len(self.time)]
+        return [slice(a, b) for a, b in itertools.pairwise(edges)]
+
+    def within(self, rows: slice, why: str) -> "Log":
+        """Take some of its rows.
+
+        Parameters
+        ----------
+        rows : slice
+            Rows that are kept.
+        why : str
+            Which these are, for people.
+
+        Returns
+        -------
+        Log
+            The same log with these alone, and words on them.
+        """
+        time = self.time[rows]
+        whole = f"{self.time[0]:.2f} s to {self.time[-1]:.2f} s"
+        words = f"{time[0]:.2f} s to {time[-1]:.2f} s, {why}, of {whole}"
+        every = np.ones(len(self.time), bool) if self.of_file is None else self.of_file
+        kept = np.isin(np.arange(len(every)), np.flatnonzero(every)[rows])
+        own: dict[str, Any] = {
+            name: None if x is None else x[rows]
+            for name in ("accelerometer", "gyro", "magnetometer", "temperature")
+            for x in (getattr(self, name),)
+        }
+        source = (*self.source, ("part", words))
+        return replace(self, time=time, source=source, of_file=kept, **own)
+
     def described(self) -> list[str]:
         """Say which columns were taken, what was left out, and how the clock runs.
 
@@ -99,21 +157,50 @@ class Log(ReadOnly):
         list of str
             Lines.
         """
-        aside = ("t", TEMPERATURE)
-        taken = ", ".join(str(each) for each in self.columns if each.role not in aside)
         clock = _of("t", self.columns)
         seconds = float(self.time[-1] - self.time[0])
         source = "no clock, the rate as given" if clock is None else str(clock)
         if clock is not None and self.second != 1.0:
             source += f", in units of {self.second:g} s"
         return [
-            *(f"{label:<18}{words}" for label, words in self.source),
-            f"columns           {taken}",
+            *_source_lines(self.source),
+            _columns_line(self.columns),
             *(f"left out          {each}" for each in self.unclear),
             f"clock             {source}: {len(self.time)} rows in {seconds:.2f} s, "
             f"{self.rate:.6g} Hz{self._lost()}",
             *self._temperature(),
         ]
+
+    def unit(self, kind: Kind) -> str:
+        """Return the unit that the header states for a sensor, or nothing.
+
+        Parameters
+        ----------
+        kind : {"force", "gyro", "mag"}
+            Quantity of the sensor.
+
+        Returns
+        -------
+        str
+            As `simval.units` has it.
+        """
+        own = _of(ROLES[kind][0], self.columns)
+        return UNITS[kind].get(channel(own.name).unit, "") if own and own.name else ""
+
+    def unit_line(self) -> str:
+        """Say which unit the header states for each sensor.
+
+        Returns
+        -------
+        str
+            One line.
+        """
+        known = [
+            f"{name} {self.unit(kind) or 'not stated'}"
+            for kind, name in SENSORS.items()
+            if _of(ROLES[kind][0], self.columns)
+        ]
+        return f"units             by the header: {', '.join(known)}"
 
     def _temperature(self) -> list[str]:
         column = _of(TEMPERATURE, self.columns)
@@ -138,6 +225,11 @@ def read_log(
     rate: float | None = None,
     columns: str | Sequence[str] | None = None,
     instance: str | None = None,
+    *,
+    start: Edge = None,
+    stop: Edge = None,
+    alone: bool = False,
+    means: bool = False,
 ) -> Log:
     """Read a log of an accelerometer's rows, with a gyroscope's and a magnetometer's.
 
@@ -157,6 +249,15 @@ def read_log(
         the file's header where it has one, else the number of columns.
     instance : str or None
         Name of the topic, table or sensor to read, where the file has more than one.
+    start, stop : float or str or None
+        First and last time of the part to read: seconds of the log's clock, as `time`
+        of the whole log has them, or a time of day in the log's own form. What is
+        outside is not judged; None reads from the beginning or to the end.
+    alone : bool
+        Whether a log of another sensor without an accelerometer is read, too.
+    means : bool
+        Whether each row is the mean of a pose: a clock is then none, and the time is
+        the number of the row.
 
     Returns
     -------
@@ -168,53 +269,79 @@ def read_log(
     InputError
         If the file is missing, empty, of no known form, ragged, or damaged, has a value
         that is not a finite number in a column that is needed, has times that do not
-        increase or leave a gap of 5 s or have no unit, or if it is not clear which
-        columns are the accelerometer's, what the rate is, or which sensor is meant.
+        increase or have no unit, or if it is not clear which columns are the
+        accelerometer's, what the rate is, or which sensor is meant.
     """
     if rate is not None:
         rate = positive_number("rate", rate, "Hz")
     table = read_table(str(path), instance)
     named = any(label == "instance" for label, _ in table.source)
-    picked = chosen(table, columns, None if named else instance)
+    picked = chosen(table, columns, None if named else instance, alone=alone)
+    if means:
+        picked, rate = tuple(each for each in picked if each.role != "t"), 1.0
+    with noting(lambda: [*_source_lines(table.source), _columns_line(picked)]):
+        log = _taken(
+            table, picked, rate, Part(start=start, stop=stop), asked=columns is not None
+        )
+    return log if log.path == str(path) else replace(log, path=str(path))
+
+
+def _taken(
+    table: Table,
+    picked: tuple[Column, ...],
+    rate: float | None,
+    part: Part,
+    *,
+    asked: bool,
+) -> Log:
+    # the log of these columns; whether they were asked for
     clock = _of("t", picked)
     if clock is not None:
         table = table.distinct(clock.place)
-    unclear = several(table, picked) if columns is None else ()
+    apart = _own_clocks(table, picked)
+    table, early, of_file = _first_cut(table, clock, rate, None if apart else part)
+    unclear = () if asked else several(table, picked)
     temperature, source = None, table.source
     if warm := _of(TEMPERATURE, picked):
         try:
             temperature, mended = read_temperature(table, warm)
             source += mended
         except InputError as error:
-            if columns is not None:
+            if asked:
                 raise
             unclear += (f"the temperature: {error}",)
-    readings, damaged = _readable(table, picked, asked=columns is not None)
+    readings, damaged = _readable(table, picked, asked=asked)
     unclear += damaged
     there = {kind: ~np.isnan(each[:, 0]) for kind, each in readings.items()}
-    rows = min((there[kind] for kind in ("force", "gyro") if kind in there), key=np.sum)
+    if clock is None and rate is None and not table.rate:
+        require_no_means(table.path, readings.get("force", np.empty((0, 3))))
+    inertial = [kind for kind in ("force", "gyro") if kind in there]
+    rows = min((there[kind] for kind in inertial or there), key=np.sum)
     time, rate, second, said = read_clock(table, clock, rate, rows)
-    if not np.all([*there.values()]):
+    time = time + early
+    if (part and apart) or not np.all([*there.values()]):
         stamps = {kind: time[rows] for kind, rows in there.items()}
-        stamps |= _own_stamps(table, picked, there, second)
+        stamps |= _own_stamps(table, apart, there, second)
         words = f"each sensor has rows of its own, of {len(time)} in all"
-        every, (time, rate, readings, joined) = (
-            time,
-            _joined(
-                str(path), stamps, {k: x[there[k]] for k, x in readings.items()}, words
-            ),
+        of_file = None
+        merged = _merged(
+            table.path, stamps, {k: x[there[k]] for k, x in readings.items()}, words
         )
-        source += joined
+        every, (time, rate, readings, merging) = (
+            time, _joined(merged, part if apart else Part())
+        )  # fmt: skip
+        source += merging
         if temperature is not None:
             order = np.argsort(every)[: np.count_nonzero(np.isfinite(every))]
             temperature = np.interp(time, every[order], temperature[order])
+    sign = sign_of(table, readings["force"]) if "force" in readings else []
     taken = {role for kind in readings for role in ROLES[kind]}
     taken |= {"t"} if second else set()
     taken |= {TEMPERATURE} if temperature is not None else set()
     return Log(
-        path=str(path),
+        path=table.path,
         time=time,
-        accelerometer=readings["force"],
+        accelerometer=readings.get("force", np.full((len(time), 3), np.nan)),
         gyro=readings.get("gyro"),
         magnetometer=readings.get("mag"),
         rate=rate,
@@ -222,8 +349,20 @@ def read_log(
         second=second or 1.0,
         unclear=unclear,
         temperature=temperature,
-        source=(*source, *sign_of(table, readings["force"]), *said),
+        source=(*source, *sign, *said),
+        of_file=of_file,
     )
+
+
+def _first_cut(
+    table: Table, clock: Column | None, rate: float | None, part: Part | None
+) -> tuple[Table, float, Bool[np.ndarray, " n"] | None]:
+    # its part, what times of that alone are early by, and which rows of the file it is
+    if not part:
+        return table, 0.0, None
+    taken, early, said = part.of(table, clock, rate)
+    kept = table.rows(taken)
+    return replace(kept, source=(*kept.source, *said)), early, taken
 
 
 def _readable(
@@ -241,9 +380,9 @@ def _readable(
         found, why = _readings(table, least), (f"the magnetometer: {error}",)
     none = [kind for kind, each in found.items() if np.isnan(each).all()]
     why += tuple(f"the {SENSORS[kind]}: no row has a reading" for kind in none)
-    if "force" in none:
+    if "force" in none or len(none) == len(found):
         msg = (
-            f"{table.path}: no row has a reading of the accelerometer; name other "
+            f"{table.path}: no row has a reading of the {SENSORS[none[0]]}; name other "
             "columns (--columns)"
         )
         raise InputError(msg)
@@ -265,34 +404,43 @@ def _readings(
     return dict(zip(own, parts, strict=True))
 
 
-def _own_stamps(
-    table: Table,
-    picked: tuple[Column, ...],
-    there: dict[Kind, Bool[np.ndarray, " n"]],
-    second: float,
-) -> dict[Kind, Float[Array, " m"]]:
-    # stamps of sensors that stand side by side, each behind a clock of its own
+def _own_clocks(table: Table, picked: tuple[Column, ...]) -> dict[Kind, int]:
+    # clocks of sensors that stand side by side, each behind one of its own
     places = {each.role: each.place for each in picked}
-    taken = [places[role] for kind in there for role in ROLES[kind]]
+    kinds = [kind for kind, roles in ROLES.items() if places.keys() >= {*roles}]
+    taken = [places[role] for kind in kinds for role in ROLES[kind]]
     found = {}
-    for kind, rows in there.items():
+    for kind in kinds:
         first = min(places[role] for role in ROLES[kind])
         clock = clock_between(table, first, taken)
-        if clock is not None:
-            unit = channels_of(table)[clock].unit
-            ticks = table.rows(rows).numbers([clock])
-            require_finite(table.rows(rows), ticks)
-            found[kind] = ticks[:, 0] * (SECONDS[unit] if unit else second)
+        if clock is not None and clock != places.get("t"):
+            found[kind] = clock
     return found
 
 
-def _joined(
+def _own_stamps(
+    table: Table,
+    clocks: dict[Kind, int],
+    there: dict[Kind, Bool[np.ndarray, " n"]],
+    second: float,
+) -> dict[Kind, Float[Array, " m"]]:
+    # stamps by these clocks, of rows in which there are readings
+    found = {}
+    for kind in there.keys() & clocks.keys():
+        rows, unit = table.rows(there[kind]), channels_of(table)[clocks[kind]].unit
+        ticks = rows.numbers([clocks[kind]])
+        require_finite(rows, ticks)
+        found[kind] = ticks[:, 0] * (SECONDS[unit] if unit else second)
+    return found
+
+
+def _merged(
     path: str,
     stamps: dict[Kind, Float[Array, " _"]],
     readings: dict[Kind, Float[Array, "_ 3"]],
     words: str,
-) -> tuple[Float[Array, " n"], float, dict[Kind, Array], tuple[tuple[str, str], ...]]:
-    # time, rate and readings of sensors that have rows of their own, joined, and words
+) -> Table:
+    # a table of sensors that have rows of their own
     streams = [
         Stream(
             name=SENSORS[kind],
@@ -302,10 +450,44 @@ def _joined(
         )
         for kind, each in readings.items()
     ]
-    merged = candidates(path, streams, "")[SENSORS["force"]]()
-    time, rate, *_ = read_clock(merged, Column(role="t", place=0, unit="s"), None)
+    if "force" not in readings:
+        return joined(path, streams, [("readings", words)])
+    return candidates(path, streams, "")[SENSORS["force"]]()
+
+
+def _joined(
+    merged: Table, part: Part
+) -> tuple[Float[Array, " n"], float, dict[Kind, Array], tuple[tuple[str, str], ...]]:
+    # time, rate and readings of a part of such a table, and words
+    clock = Column(role="t", place=0, unit="s")
+    cut: tuple[tuple[str, str], ...] = ()
+    if part:
+        taken, _, cut = part.of(merged, clock, None)
+        merged = merged.rows(taken)
+    time, rate, *_ = read_clock(merged, clock, None)
     columns = (Column(role=x, place=k) for k, x in enumerate(merged.names or ()))
-    return time, rate, _readings(merged, tuple(columns)), merged.source
+    return time, rate, _readings(merged, tuple(columns)), (*merged.source, *cut)
+
+
+def require_no_means(path: str, force: Float[Array, "n 3"]) -> None:
+    """Raise InputError for rows that look like means of poses, and no log."""
+    if are_means(force[~np.isnan(force[:, 0])]):
+        msg = (
+            f"{path}: its {len(force)} rows read gravity in as many directions, as a "
+            "table of means of poses does; if they are, `simval calibrate --means` "
+            "fits them; rows of a log hardly turn from one to the next"
+        )
+        raise InputError(msg)
+
+
+def _source_lines(source: tuple[tuple[str, str], ...]) -> list[str]:
+    return [f"{label:<18}{words}" for label, words in source]
+
+
+def _columns_line(columns: tuple[Column, ...]) -> str:
+    aside = ("t", TEMPERATURE)
+    taken = ", ".join(str(each) for each in columns if each.role not in aside)
+    return f"columns           {taken}"
 
 
 def _of(role: str, columns: tuple[Column, ...]) -> Column | None:

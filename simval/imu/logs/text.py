@@ -479,7 +479,8 @@ class TextTable:
             return self
         values = None if self.values is None else self.values[taken]
         lines = list(compress(self.lines, taken))
-        restarts = tuple(int(np.sum(taken[:row])) for row in self.restarts)
+        again = {int(np.sum(taken[:row])) for row in self.restarts}
+        restarts = tuple(sorted(again - {0, len(lines)}))
         return replace(self, lines=lines, values=values, restarts=restarts)
 
     def where(self, row: int) -> str:

@@ -20,7 +20,7 @@ from simval.imu.logs.columns import Column, clock_of, given
 from simval.imu.logs.readers import read_table
 from simval.imu.logs.source import Source
 from simval.imu.logs.text import Table
-from simval.shapes import Float
+from simval.shapes import Bool, Float
 
 Scalar = Literal["first", "last", "unstated"]
 UNIT: Final = 1e-2
@@ -69,6 +69,7 @@ def read_truth(
     rate: float | None = None,
     clock: Float[Array, " n"] | None = None,
     instance: str | None = None,
+    rows: Bool[np.ndarray, " _"] | None = None,
 ) -> Truth:
     """Read recorded attitudes.
 
@@ -88,6 +89,8 @@ def read_truth(
         Times of the rows where the file is the log itself, s.
     instance : str or None
         Name of the table to read, where the file has more than one.
+    rows : Array or None
+        Which rows of the file these are, `Log.of_file`; None for all.
 
     Returns
     -------
@@ -103,6 +106,8 @@ def read_truth(
     table = _table(path, instance)
     if table.path != path:  # a table of its own in a folder
         clock = None
+    elif rows is not None and len(rows) == len(table):
+        table = table.rows(rows)
     places, scalar, column = (
         _by_names(table, stem) if columns is None else _given(table, columns)
     )
@@ -234,5 +239,5 @@ def _times(table: Table, column: Column | None, rate: float | None) -> Array:
             )
             raise InputError(msg)
         return np.arange(len(table)) / positive_number("truth_rate", rate, "Hz")
-    require_increasing(table, time, "sort the rows, or leave repeated ones out")
+    require_increasing(table, column, time, "sort the rows, or leave repeated ones out")
     return time

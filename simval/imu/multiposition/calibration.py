@@ -42,7 +42,7 @@ from simval.imu.calibrate.magnetometer.calibration import Hemisphere
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
 from simval.imu.calibrate.thermal import Fit, Thermal, ThermalChoice, choose_thermal
 from simval.imu.logs import Log
-from simval.imu.multiposition.case import case_of, without
+from simval.imu.multiposition.case import case_of, kept
 from simval.imu.multiposition.description import log_lines, sensor_lines
 from simval.imu.multiposition.faults import explained, for_a_log, require_sound
 from simval.imu.multiposition.log_units import Scale, said_of, units_of
@@ -83,6 +83,8 @@ class LogCalibration:
         Threshold of the detector over the variance of the rest.
     intervals : Intervals
         Static intervals, samples start <= k < stop, (m, 2).
+    numbers : Intervals
+        Of each among those that were found, from 0, with the ones left out, (m,).
     steps : tuple of str
         Rests that hold several levels: cut into these, or left out.
     cuts : tuple of str
@@ -108,6 +110,7 @@ class LogCalibration:
     rest_seconds: float
     multiplier: float
     intervals: Intervals
+    numbers: Intervals
     steps: tuple[str, ...]
     cuts: tuple[str, ...]
     turns: bool
@@ -153,8 +156,8 @@ def calibrate_log(
     noise : NoiseFile or None
         The sensor's noise, see `simval.imu.noise.load_noise`; None takes it from the
         log's longest rest, and white noise alone where that is too short.
-    leave_out : sequence of float
-        Times, s; a rest that has one of them is left out.
+    leave_out : sequence of int or float
+        Rests to leave out: an int is the number of one, a float a time within it, s.
     predict : callable or None
         Theory of how well the sensor can be known from these rests, such as
         `simval.theory.calibration_moments`.
@@ -180,7 +183,8 @@ def calibrate_log(
         rests = find_rests(log, rest)
         refusal: RefusedError | None = None
         for level in rests.plateau:
-            intervals = without(log, level.intervals, leave_out)
+            numbers = kept(log, level.intervals, leave_out)
+            intervals = level.intervals[numbers]
             require_unsaturated(log, intervals, full_scale)
             poses = interval_means(log.accelerometer, intervals)
             pose = pose_noise(log, intervals, block=rests.block, file=noise)
@@ -214,7 +218,7 @@ def calibrate_log(
                 log.accelerometer, log.time, intervals, warm.rests, warm.thermal
             )
             warm = warm._replace(within=within)
-        case = case_of(log, g, rest, intervals, pose, fit)
+        case = case_of(log, g, rest, intervals, pose, fit, numbers)
         diagnosis = diagnose(
             fit, poses, std, time=case.middle, further=further,
             judgement=case.judgement,
@@ -230,6 +234,7 @@ def calibrate_log(
             rest_seconds=float(log.time[initial.stop - 1] - log.time[initial.start]),
             multiplier=level.multiplier,
             intervals=intervals,
+            numbers=numbers,
             steps=level.steps,
             cuts=level.cuts,
             turns=not level.enough,

@@ -44,6 +44,7 @@ class JudgedRests(NamedTuple):
     same_rows: float
     fit: FitResult | None
     dof: int  # degrees of freedom of a fit to the rests
+    numbers: Intervals  # of each rest, with those that were left out
     misfit: float  # root mean square of residuals over gravity; infinite without a fit
     judgement: Judgement
 
@@ -70,8 +71,24 @@ class JudgedRests(NamedTuple):
     def wrong(self) -> str:
         """Say what is wrong with the rests and what to do; empty where nothing is."""
         words = self.judgement.sentence(self.middle)
-        off = ",".join(f"{self.middle[k]:.1f}" for k in self.judgement.off)
-        return f"{words} (--leave-out {off})" if off else words
+        return f"{words} ({self.option})" if self.option else words
+
+    @property
+    def option(self) -> str:
+        """Option of a command that does what is advised; empty where none does."""
+        named, time = self.judgement.candidates, self.log.time
+        if self.judgement.off:
+            return (
+                f"--leave-out {','.join(map(str, self.numbers[[*self.judgement.off]]))}"
+            )
+        rests = named[0].explanation.rests if len(named) == 1 else ()
+        count, first = len(self.intervals), min(rests, default=0)
+        if not self.judgement.names or rests != tuple(range(first, count)) or not first:
+            return ""
+        at = 0.5 * (
+            time[self.intervals[first - 1, 1] - 1] + time[self.intervals[first, 0]]
+        )
+        return f"{'--from' if 2 * first < count else '--until'} {at:.1f}"
 
     @property
     def tried(self) -> str:
@@ -84,28 +101,38 @@ class JudgedRests(NamedTuple):
         return self.log.time[self.intervals.sum(axis=1) // 2]
 
 
-def without(log: Log, rests: Intervals, times: Sequence[float]) -> Intervals:
-    """The rests that none of these times, s, is in.
+def kept(log: Log, rests: Intervals, out: Sequence[float]) -> Intervals:
+    """Numbers of the rests that are not left out: by their number, or a time within, s.
+
+    A whole number (`int`) is that of a rest, and any other a time.
 
     Raises
     ------
     InputError
-        If a time is in no rest.
+        If there is no rest of a number, or none at a time.
     """
     first, last = log.time[rests[:, 0]], log.time[rests[:, 1] - 1]
-    kept = np.ones(len(rests), dtype=bool)
-    for time in times:
-        inside = (first <= time) & (time <= last)
-        if not inside.any():
-            k = int(np.argmin(np.maximum(first - time, time - last)))
+    every = np.arange(len(rests))
+    left = np.zeros(len(rests), dtype=bool)
+    for each in out:
+        is_number = isinstance(each, int)
+        inside = every == each if is_number else (first <= each) & (each <= last)
+        if not inside.any() and is_number:
             msg = (
-                f"no rest was found at {time:g} s, which is to be left out; the "
-                f"nearest is from {first[k]:.2f} s to {last[k]:.2f} s; give a time "
-                "within the rest"
+                f"there is no rest {each}, which is to be left out; they are numbered "
+                f"from 0 to {len(rests) - 1}; write a time in seconds with a point"
             )
             raise InputError(msg)
-        kept &= ~inside
-    return rests[kept]
+        if not inside.any():
+            k = int(np.argmin(np.maximum(first - each, each - last)))
+            msg = (
+                f"no rest was found at {each:g} s, which is to be left out; the "
+                f"nearest, rest {k}, is from {first[k]:.2f} s to {last[k]:.2f} s; give "
+                "its number or a time within it"
+            )
+            raise InputError(msg)
+        left |= inside
+    return every[~left]
 
 
 def case_of(
@@ -115,6 +142,7 @@ def case_of(
     intervals: Intervals,
     noise: PoseNoise | None = None,
     fit: FitResult | None = None,
+    numbers: Intervals | None = None,
 ) -> JudgedRests:
     """Gather what the checks need; without `noise` there are no rests to judge."""
     samples = log.accelerometer
@@ -141,6 +169,7 @@ def case_of(
         same_rows=float(np.quantile(rows, 0.9)) if parts else 1.0,
         fit=fit,
         dof=len(intervals) - PARAMETERS,
+        numbers=np.arange(len(intervals)) if numbers is None else numbers,
         misfit=np.inf if fit is None else float(fit.rms) / fit.g,
         judgement=judgement,
     )

@@ -91,7 +91,7 @@ def conditions(whole: Any) -> tuple[Condition, ...]:
     if compass is not None:
         if whole.together is None and compass.noise.sources:
             found.append(_joint(compass.noise))
-        found += [poses_alike(compass), steady(compass)]
+        found += [poses_alike(compass, whole.log.numbers), steady(compass)]
     return tuple(found)
 
 
@@ -186,14 +186,14 @@ def _rows(fit: Any) -> Condition:
     return _by_chance("moves of the gyroscope", p, BEYOND, words)
 
 
-def poses_alike(fit: Any) -> Condition:
+def poses_alike(fit: Any, numbers: Intervals) -> Condition:
     """Judge whether the field is the same in every pose, as far as noise tells."""
     p = chi_square_chance(float(fit.chi_square), fit.dof)
     mean = f"chi-square {np.nanmean(fit.pose_chi_square):.2g} a pose, of about 3"
     words = f"the field is that of its noise in every pose: {mean}"
     if fit.disturbed:
-        named = ", ".join(str(k) for k in fit.disturbed)
-        words = f"the field is another in static interval {named}"
+        named = ", ".join(str(numbers[k]) for k in fit.disturbed)
+        words = f"the field is another in rest {named}"
     elif p < BEYOND:
         words = f"the field differs from pose to pose by more than its noise: {mean}"
     told = _by_chance("poses of the magnetometer", p, BEYOND, words)
@@ -264,7 +264,8 @@ def log_lines(result: Any, whole: Any = None) -> list[str]:
     for pose in diagnosis.outliers:
         start, stop = result.intervals[pose]
         lines.append(
-            f"outlier           interval {pose} (samples {start} to {stop - 1}): "
+            f"outlier           rest {result.numbers[pose]} "
+            f"(samples {start} to {stop - 1}): "
             f"{diagnosis.standardized[pose]:.1f} standard deviations off"
         )
     return lines

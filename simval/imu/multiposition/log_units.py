@@ -17,8 +17,7 @@ from simval.arrays import Array
 from simval.errors import InputError, RefusedError
 from simval.imu.calibrate import calibrate
 from simval.imu.logs import Log
-from simval.imu.logs.columns import ROLES
-from simval.imu.logs.names import UNITS, Kind, channel
+from simval.imu.logs.names import Kind
 from simval.imu.multiposition.rests import AXES
 from simval.imu.multiposition.unit_evidence import ORDERS, SAME, Seen, seen_of
 from simval.poses import PARAMETERS
@@ -89,9 +88,7 @@ class Scale(NamedTuple):
 
 def written_unit(log: Log, sensor: str) -> str:
     """Return the unit that the header states for a sensor, or nothing."""
-    kind = _KINDS[sensor]
-    name = next((c.name for c in log.columns if c.role == ROLES[kind][0]), "")
-    return UNITS[kind].get(channel(name).unit, "") if name else ""
+    return log.unit(_KINDS[sensor])
 
 
 def units_of(

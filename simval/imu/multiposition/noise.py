@@ -46,7 +46,7 @@ class LogNoise:
     how : str
         Where they come from, in words.
     accelerometer : tuple of AxisNoise
-        Of the three axes, raw units.
+        Of the three axes, raw units; empty for another sensor alone.
     gyro : tuple of AxisNoise
         Of the three axes, raw units; empty without a gyroscope.
     magnetometer : tuple of AxisNoise
@@ -103,12 +103,23 @@ def log_noise(
     RefusedError
         If there is no rest, it is too short, or rows are missing in it.
     """
-    start, stop, how, intervals = _still(log, rest)
+    force = log.accelerometer if log.has_force else None
+    sensors = [each for each in (force, log.gyro) if each is not None]
+    finder = log
+    for alone in [log.gyro, log.magnetometer] if force is None else []:
+        if alone is not None:
+            finder = replace(log, accelerometer=alone, gyro=None)
+            break
+    start, stop, how, intervals = _still(finder, rest)
     require_even(log, start, stop)
-    sensors = [log.accelerometer] if log.gyro is None else [log.accelerometer, log.gyro]
-    rows = np.stack([each[start:stop] for each in sensors], axis=1)
-    mean = rows[:, 0].mean(axis=0, keepdims=True)
-    axes = noise_of(rows, log.rate, increments=increments)
+    axes: tuple[AxisNoise, ...] = ()
+    if sensors:
+        rows = np.stack([each[start:stop] for each in sensors], axis=1)
+        axes = noise_of(rows, log.rate, increments=increments)
+    means = np.empty((0, 3))
+    if force is not None:
+        mean = force[start:stop].mean(axis=0, keepdims=True)
+        means = np.concatenate([mean, interval_means(force, intervals)])
     compass: tuple[AxisNoise, ...] = ()
     left_out = {}
     if log.magnetometer is not None:
@@ -121,11 +132,11 @@ def log_noise(
         stop=stop,
         seconds=float(log.time[stop - 1] - log.time[start]),
         how=how,
-        accelerometer=axes[:3],
-        gyro=axes[3:],
+        accelerometer=axes[:3] if force is not None else (),
+        gyro=axes[-3:] if log.gyro is not None else (),
         magnetometer=compass,
         left_out=left_out,
-        means=np.concatenate([mean, interval_means(log.accelerometer, intervals)]),
+        means=means,
     )
 
 
@@ -175,9 +186,9 @@ def require_even(log: Log, start: int, stop: int) -> None:
             f"{log.path}: between {log.time[start]:.2f} s and {log.time[stop - 1]:.2f} "
             f"s {100.0 * share:.2g} % of the rows are missing (steps of {median:.4g} s "
             f"and up to {steps.max():.4g} s), at most {100.0 * MISSING:g} % may be: "
-            "averages over rows would not be averages over time; record without "
-            "losses, or if rows only were stamped late, mark the clock - (--columns) "
-            "and state the rate (--rate HZ)"
+            "averages over rows would not be averages over time; read a part without "
+            "losses (--from, --until), or if rows only were stamped late, mark the "
+            "clock - (--columns) and state the rate (--rate HZ)"
         )
         raise RefusedError(msg)
 

@@ -106,7 +106,6 @@ KALIBR = {
 
 def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:
     """Return the noise of a log as one JSON object."""
-    gravity = float(np.linalg.norm(found.means[0]))
     kalibr = list(_kalibr(sensors))
     listed: dict[str, Any] = {
         name: {
@@ -119,7 +118,9 @@ def as_object(log: Log, found: LogNoise, sensors: Sensors) -> dict[str, Any]:
         }
         for name, (axes, scale) in sensors.items()
     }
-    listed["accelerometer"]["gravity_raw"] = gravity
+    if "accelerometer" in listed:
+        gravity = float(np.linalg.norm(found.means[0]))
+        listed["accelerometer"]["gravity_raw"] = gravity
     return {
         "format": FORMAT,
         **log_object(log),

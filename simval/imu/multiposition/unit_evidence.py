@@ -81,6 +81,9 @@ def seen_of(
     `stated` are SI units in one of theirs; `matrices` of calibrations, which take them
     to SI units on the axes of the accelerometer, say more than the readings alone.
     """
+    if not log.has_force:  # nothing to hold another sensor against
+        beside = {"gyro": log.gyro, "magnetometer": log.magnetometer}
+        return {name: Seen() for name, rows in beside.items() if rows is not None}
     force = half_seconds(log.accelerometer, log.rate)
     up = force.mean(axis=1)
     scatter = _lengths(force.std(axis=1))

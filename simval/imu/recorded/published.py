@@ -79,6 +79,8 @@ def published_rows(
         )
         raise InputError(msg)
     table = read_table(log.path, instance)
+    if log.of_file is not None:
+        table = table.rows(log.of_file)
     places = [k for k, name in enumerate(table.names or ()) if name == MARKS]
     if not places:
         msg = (

@@ -150,16 +150,16 @@ def _require_gyroscope(log: Log) -> None:
             "a filter is given one; name its columns (--columns)"
         )
         raise InputError(msg)
-    step = np.diff(log.time)
-    row = int(np.argmax(step))
-    usual = float(np.median(step))
-    if step[row] > max(GAP_STEPS * usual, GAP_SECONDS):
-        msg = (
-            f"{log.path}: a gap of {step[row]:.3f} s from {log.time[row]:.3f} s on, "
-            f"where rows follow each other by {usual:.4g} s, and a filter needs what "
-            "was turned there; split the log there"
-        )
-        raise InputError(msg)
+
+
+def longest_part(log: Log) -> Log:
+    """The longest part without a hole, for a filter needs all that was turned."""
+    usual = float(np.median(np.diff(log.time)))
+    parts = log.parts(max(GAP_STEPS * usual, GAP_SECONDS))
+    if len(parts) == 1:
+        return log
+    longest = max(parts, key=lambda rows: rows.stop - rows.start)
+    return log.within(longest, f"the longest of {len(parts)} without a hole")
 
 
 def _calibrated(log: Log, raw: Signals, path: str, magnetometer: Scale) -> Signals:

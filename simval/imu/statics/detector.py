@@ -53,6 +53,7 @@ SLOWEST_NOISE = 0.3  # s
 WHITE = 1.5  # white noise has 1, with 50 ticks less than this in all but 1e-4 of rests
 SLOWEST = 5.0  # Hz; windows of 5 ticks: every rest of test_rests.py still found
 CLOCK_ERROR = 0.01  # relative; of a nominal rate
+HOLE = 5.0  # s; in more no rows were recorded, and their time counts as two windows
 _CACHED = 1 << 14  # samples worked at once: arrays of 400 kB stay in the cache
 
 
@@ -463,8 +464,12 @@ def evened(
     if not (len(time) >= 2 and np.all(np.diff(time) > 0.0)):
         msg = f"`time` has {len(time)} values; two or more are needed, each increasing"
         raise InputError(msg)
+    step = np.diff(time)
+    holes, kept = step > HOLE, 2.0 * window  # of each, so that no interval spans it
+    if count := np.count_nonzero(holes):
+        time = np.cumsum(np.concatenate([time[:1], np.where(holes, kept, step)]))
     duration = float(time[-1] - time[0])
-    rate = (len(time) - 1) / duration
+    rate = (len(step) - count) / max(duration - count * kept, float(step.min()))
     if not rate >= SLOWEST * (1.0 - CLOCK_ERROR):
         msg = (
             f"the log has {rate:.4g} rows a second; {SLOWEST:g} or more are needed to "

@@ -132,3 +132,69 @@ def test_a_rate_tells_the_unit_of_a_clock_or_contradicts_it(tmp_path):
     )
     with pytest.raises(InputError, match="what is its unit"):
         read_log(written(path, above.format(50), ["time"], ticks))
+
+
+# parts of a log
+
+DAYS = [*dates("%Y-%m-%d %H:%M:%S.@@@")]
+CLOCK_FORMS = [  # a clock, a part in the log's own words, and its rows
+    ("t [s]", SECONDS, ("0.5", "1.2"), slice(50, 121)),
+    ("t [s]", SECONDS, (None, "1.2"), slice(0, 121)),
+    ("t [s]", 1e9 + SECONDS, ("01:46:40.5", "01:46:41.2"), slice(50, 121)),
+    ("t [s]", 1e9 + SECONDS, ("2001-09-09 01:46:40.5Z", None), slice(50, N)),
+    ("Time", DAYS, ("0.5", "1.2"), slice(50, 121)),
+    ("Time", DAYS, ("23:59:59", "00:00:00.5"), slice(50, 201)),
+    ("Time", DAYS, ("2026-03-05 00:00:00", None), slice(150, N)),
+    ("Time", [*dates("%H:%M:%S:@@@")], ("13:00", "00:00:00"), slice(0, 151)),
+    ("Time", [*dates("%I:%M:%S.@@@ %p")], ("11:59:59 PM", "0:30"), slice(50, N)),
+    ("count", np.arange(N) % 250, ("2.6", None), slice(260, N)),
+]
+
+
+@pytest.mark.parametrize(("name", "clock", "part", "rows"), CLOCK_FORMS)
+def test_a_part_keeps_the_times_of_the_whole(tmp_path, name, clock, part, rows):
+    """Outside of it a row may be spoilt; its times are those that the whole shows."""
+    rate = 100.0 if name == "count" else None
+    path = written(tmp_path / "log.csv", "", [name], clock)
+    how = {"rate": rate}
+    if rate is not None:
+        how["columns"] = "-,ax,ay,az"
+    whole = read_log(path, **how)
+    spoilt = path.read_text().splitlines()
+    outside = 1 + (N - 2 if rows.stop < N else 3)
+    if outside - 1 not in range(*rows.indices(N)):
+        spoilt[outside] = ",".join([spoilt[outside].split(",")[0], "nan", "0", "0"])
+    path.write_text("\n".join([*spoilt, ""]))
+    log = read_log(path, **how, start=part[0], stop=part[1])
+    np.testing.assert_allclose(log.time, whole.time[rows], rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(log.accelerometer, whole.accelerometer[rows])
+    assert log.described()[0].startswith("part ")
+    assert np.flatnonzero(log.of_file).tolist() == [*range(*rows.indices(N))]
+
+
+@pytest.mark.parametrize("words", ["soon", "nan", "12:61", "13:00", "7"])
+def test_what_is_no_time_of_a_log_is_said_with_its_times(tmp_path, words):
+    path = written(tmp_path / "log.csv", "", ["t [s]"], SECONDS)
+    with pytest.raises(InputError, match=r"0\.00.* 2\.99|give seconds"):
+        read_log(path, start=words)
+
+
+def test_the_parts_that_a_second_header_asks_for_are_read(tmp_path):
+    path = tmp_path / "log.csv"
+    header, body = ",".join(AXES), [",".join(map(repr, row)) for row in FORCE]
+    path.write_text("\n".join([header, *body[:200], header, *body[200:], ""]))
+    with pytest.raises(InputError, match=r"--until 1\.995, or --from 1\.995"):
+        read_log(path, rate=100.0)
+    for part, rows in (
+        ({"stop": 1.995}, slice(200)),
+        ({"start": 1.995}, slice(200, N)),
+    ):
+        log = read_log(path, rate=100.0, **part)
+        np.testing.assert_array_equal(log.accelerometer, FORCE[rows])
+
+
+def test_a_log_with_times_with_and_without_a_date_is_refused(tmp_path):
+    clock = [*DAYS[:100], *(day.split()[1] for day in DAYS[100:])]
+    path = written(tmp_path / "log.csv", "", ["Time"], clock)
+    with pytest.raises(InputError, match="is not a time"):
+        read_log(path)

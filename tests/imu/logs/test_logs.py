@@ -89,7 +89,6 @@ REFUSED = [  # what a file holds, how it is read, and what is said
     ("# remark\n\n" + replaced(4, "0.04 1 two 3"), {}, "line 7, column 3"),
     (replaced(4, "0.04 1 2"), {}, "line 5: 3 columns, but the rows from line 1"),
     (replaced(4, "0.03 1 2 3"), {}, "line 5: time 0.030000 s after 0.030000 s"),
-    ("\n".join(NUMBERS[:5] + [f"9{n}" for n in NUMBERS[5:]]), {}, "line 6: a gap of"),
     ("of us\n0.04 1 2\nand more\nt ax ay az\n" + replaced(0, NUMBERS[0]), {},
      "line 2: 3 columns, but the rows from line 5"),
     ("1 2 3\n4 5 6\n", {}, "no time column and no rate"),
@@ -352,14 +351,19 @@ def with_gap(step, gap):
     return np.cumsum(steps)
 
 
-def test_a_gap_is_five_seconds(tmp_path):
+@pytest.mark.parametrize("gap", [GAP * (1 - OFF), GAP * (1 + OFF), 86400.0])
+def test_a_hole_is_said_and_beyond_five_seconds_no_part_of_the_rate(tmp_path, gap):
     step = 0.01
-    log = read_log(log_of(tmp_path, with_gap(step, GAP * (1 - OFF))))
+    log = read_log(log_of(tmp_path, with_gap(step, gap)))
     assert len(log.time) == CLOCK_ROWS
-    lost = round(GAP / step) - 1
-    assert f"; {lost} rows are missing, 5 s of them at once" in log.described()[-1]
-    with pytest.raises(InputError, match=r"a gap of 5\.000 s before it"):
-        read_log(log_of(tmp_path, with_gap(step, GAP * (1 + OFF))))
+    lost = round(gap / step) - 1
+    assert f"; {lost} rows are missing, {gap:.3g} s of them at" in log.described()[-1]
+    whole = gap <= GAP
+    assert log.rate == pytest.approx((CLOCK_ROWS - 1) / np.ptp(log.time) if whole
+                                     else 1.0 / step, rel=1e-9)  # fmt: skip
+    assert [x.stop - x.start for x in log.parts()] == (
+        [CLOCK_ROWS] if whole else [20, 20]
+    )
 
 
 def test_lost_rows_do_not_contradict_a_stated_rate(tmp_path):

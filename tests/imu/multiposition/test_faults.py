@@ -1,6 +1,7 @@
 """Logs of broken sensors, cables and loggers: found and named, no good one lost."""
 
 import itertools
+import json
 import re
 from dataclasses import replace
 
@@ -75,15 +76,40 @@ def test_a_fault_is_refused_and_named(name):
     assert named >= 1
 
 
+def written(rec, path):
+    rows = np.column_stack([rec.log.time, rec.samples])
+    np.savetxt(path, rows, delimiter=",", header="t [s],ax,ay,az", comments="")
+    return path
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [("sign_flip", 3), ("swapped_axes", 3), ("gain_change", 3), ("bias_jump", 2),
+     ("pushed", 3)],
+)  # fmt: skip
+def test_the_option_that_is_advised_helps(name, seed, simval, tmp_path):
+    """The log is accepted then, and nothing is wrong with it."""
+    rec = recording(name, seed)
+    path = written(rec, tmp_path / "log.csv")
+    _, out, err = simval("calibrate", path)
+    option, value = re.search(r"\((--[a-z-]+) ([\d.,]+)\)", err or out).groups()
+    code, out, err = simval("calibrate", path, option, value, "--json")
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    if option != "--from":  # what is kept is of the sensor before the fault
+        off = np.abs(found["K"] - rec.sensor.K) / found["sd"][3:6]
+        assert np.all(off < 6.0)  # nine values of t with a dozen degrees of freedom
+    assert "honest bars       Yes" in simval("calibrate", path, option, value)[1]
+
+
 @pytest.mark.ci
 def test_the_runners_up_are_listed_where_asked_for(simval, tmp_path):
     """One sentence without, and with it what else was tried, less likely each."""
     rec = recording("sign_flip", 1)
-    path = tmp_path / "log.csv"
-    rows = np.column_stack([rec.log.time, rec.samples])
-    np.savetxt(path, rows, delimiter=",", header="t [s],ax,ay,az", comments="")
+    path = written(rec, tmp_path / "log.csv")
     code, out, err = simval("calibrate", path)
-    assert (code, out, err.count("\n")) == (3, "", 1)
+    assert (code, out, err.count("error: "), err.count("10^")) == (3, "", 1, 0)
     code, out, more = simval("calibrate", path, "--verbose")
     assert (code, out, more[: len(err)]) == (3, "", err)
     odds = [float(tens) for tens in re.findall(r"10\^(-?[\d.]+) ", more)]

@@ -265,14 +265,21 @@ def test_an_outlier_rest_is_named():
     result = calibrate_log(log, g=G)
     assert result.diagnosis.outliers == (11,)
     assert "gravity in the rest at 35.5 s is not that" in result.diagnosis.verdict
-    assert result.diagnosis.wrong.endswith("(--leave-out 35.5)")
-    mended = calibrate_log(log, g=G, leave_out=[35.5])
-    assert mended.diagnosis.judgement.answer == "sound"
-    assert len(mended.intervals) == len(result.intervals) - 1
+    assert result.diagnosis.wrong.endswith("(--leave-out 11)")
+    for out in ([35.5], [11]):
+        mended = calibrate_log(log, g=G, leave_out=out)
+        assert mended.diagnosis.judgement.answer == "sound"
+        assert 11 not in mended.numbers  # and the others keep theirs
+        np.testing.assert_array_equal(
+            mended.intervals, result.intervals[mended.numbers]
+        )
+        assert len(mended.intervals) == len(result.intervals) - 1
+    with pytest.raises(InputError, match="there is no rest 24"):
+        calibrate_log(log, g=G, leave_out=[24])
     between = log.time[[result.intervals[10, 1], result.intervals[11, 0]]].mean()
     with pytest.raises(InputError, match="no rest was found at"):
         calibrate_log(log, g=G, leave_out=[between])
-    assert "interval 11" in str(result)
+    assert "outlier           rest 11" in str(result)
     assert result.diagnosis.chi2_per_dof > 2.0
     robust = calibrate_log(log, g=G, loss="cauchy")
     # a push of 0.3 on one rest of 24 moves the bias by 0.3 / 24 and more; without that

@@ -15,12 +15,11 @@ from true_sensor import MODEL
 from tumbles import tumble
 from written import written
 
-from simval.errors import InputError, RefusedError
+from simval.errors import RefusedError
 from simval.geometry import normalize
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
-from simval.imu.multiposition.log_units import Scale
 from simval.imu.multiposition.rests import find_rests
-from simval.imu.recorded.settings import signals
+from simval.imu.recorded.settings import longest_part
 from simval.imu.statics import evened, single_levels, still_parts
 from simval.imu.statics.levels import FALSE_ALARM, LEAST
 from simval.imu.statics.rotating_rests import WINDOW
@@ -168,14 +167,16 @@ def test_a_log_with_lost_rows_is_calibrated(how, logs):
             assert far(fit, made.accelerometer.parameters) < 8.0, (seed, how)
 
 
-def test_a_filter_needs_every_row():
+def test_a_filter_gets_the_longest_part_without_a_hole():
     made = three(0, turning=False)
     keep = np.r_[0:500, 512 : len(made.log.time)]
     rows = made.log.accelerometer[keep]
     log = log_of(made.log.time[keep], rows, made.log.gyro[keep], rows)
-    si = Scale(1.0, "m/s^2")
-    with pytest.raises(InputError, match="a filter needs what was turned there"):
-        signals(log, made.holds, accelerometer=si, gyro=si, calibration=None)
+    part = longest_part(log)
+    np.testing.assert_array_equal(part.gyro, log.gyro[500:])
+    assert longest_part(part) is part
+    assert "the longest of 2 without a hole" in part.described()[0]
+    np.testing.assert_array_equal(np.flatnonzero(part.of_file), np.r_[500 : len(keep)])
 
 
 # rests that hold several positions

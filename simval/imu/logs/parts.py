@@ -1,0 +1,141 @@
+"""Part of a log, from a start until an end: seconds of its clock, or a time of day.
+
+Seconds are those that the commands print, before and after a part was taken. A time of
+day is in the form in which the log has its own; one without a date is the first that
+is not before the log, or the last one before it if that is nearer. A clock that counts
+from 1970 has the time of day of UTC.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from simval.arrays import Array
+from simval.errors import InputError
+from simval.imu.logs.clock import DAY, dates_from_1970, instants_of, times_of
+from simval.imu.logs.columns import Column
+from simval.imu.logs.text import Table
+from simval.shapes import Bool, Float
+
+Edge = float | str | None
+_UTC: Final = "1970-01-01 00:00:00Z"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """What is read of a log; without start and stop all."""
+
+    start: Edge = None
+    stop: Edge = None
+
+    def __bool__(self) -> bool:
+        """Return whether it is less than all."""
+        return (self.start, self.stop) != (None, None)
+
+    def of(
+        self, table: Table, column: Column | None, rate: float | None
+    ) -> tuple[Bool[np.ndarray, " n"], float, tuple[tuple[str, str], ...]]:
+        """Rows of a table, what their own times are early by, s, and what to say.
+
+        Raises
+        ------
+        InputError
+            If no row is in the part, or the clock has no time of day and one is given.
+        """
+        time = _every_time(table, column, rate)
+        ends = [
+            default if edge is None else _seconds(table, column, time, edge, name)
+            for edge, default, name in (
+                (self.start, -np.inf, "--from"),
+                (self.stop, np.inf, "--until"),
+            )
+        ]
+        taken = (ends[0] <= time) & (time <= ends[1])
+        first, last = np.nanmin(time), np.nanmax(time)
+        whole = f"{first:.2f} s to {last:.2f} s"
+        if not taken.any():
+            given = [
+                f"{name} {edge}"
+                for name, edge in (("--from", self.start), ("--until", self.stop))
+                if edge is not None
+            ]
+            msg = (
+                f"{table.path}: no row is in the part that is asked for "
+                f"({' '.join(given)}); the log has {whole}, so give times within these"
+            )
+            raise InputError(msg)
+        own, every = _every_time(table.rows(taken), column, rate), time[taken]
+        words = f"{every.min():.2f} s to {every.max():.2f} s, of {whole}"
+        return taken, float(every[0] - own[0]), (("part", words),)
+
+
+def _every_time(
+    table: Table, column: Column | None, rate: float | None
+) -> Float[Array, " n"]:
+    # of all rows, in whatever order; NaN where a row has none
+    time = None
+    if column is not None:
+        there = np.ones(len(table), bool)
+        if not table.is_text(column.place):
+            there = np.isfinite(table.numbers([column.place])[:, 0])
+        time = times_of(table, column, rate, there)[0]
+    if time is None:
+        stated = table.rate[1] if rate is None and table.rate else rate
+        if stated is None:
+            msg = (
+                f"{table.path}: a part is asked for, and there is no clock; state the "
+                "sampling rate in Hz (--rate), or name the time column `t` (--columns)"
+            )
+            raise InputError(msg)
+        time = np.arange(len(table)) / stated
+    return time
+
+
+def _seconds(
+    table: Table,
+    column: Column | None,
+    time: Float[Array, " n"],
+    edge: float | str,
+    name: str,
+) -> float:
+    # on the clock of the log
+    try:
+        seconds = float(edge)
+    except ValueError:
+        return _of_day(table, column, time, str(edge), name)
+    if math.isnan(seconds):
+        msg = f"`{name}` is {edge}; give seconds of the log's clock, or a time of day"
+        raise InputError(msg)
+    return seconds
+
+
+def _of_day(
+    table: Table,
+    column: Column | None,
+    time: Float[Array, " n"],
+    word: str,
+    name: str,
+) -> float:
+    first, last = float(np.nanmin(time)), float(np.nanmax(time))
+    known: list[str] = []
+    if column is not None and table.is_text(column.place):
+        texts = table.texts(column.place)
+        known = [texts[0], texts[-1]]
+    elif dates_from_1970(first, last):
+        known = [_UTC, _UTC]
+    stamps = instants_of(known, word) if known else None
+    if stamps is None:
+        form = f"as {known[0]}" if known and known[0] != _UTC else "as 12:30:15.5"
+        have = f"; the log's are {form}" if known else ", and the log's clock has none"
+        msg = (
+            f"`{name}` is {word!r}, which is no time of day{have}; give seconds of its "
+            f"clock, {first:.2f} to {last:.2f}"
+        )
+        raise InputError(msg)
+    seconds, dated = stamps
+    if dated:
+        return seconds
+    later = seconds + DAY * math.ceil((first - seconds) / DAY)
+    return later if later - last <= first - (later - DAY) else later - DAY
