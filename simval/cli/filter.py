@@ -89,6 +89,12 @@ def command(
         "World of the truth; 'estimated' turns it to the log's own magnetometer.  "
         "[default: that of its data set, else the nearest]",
     ] = None,
+    truth_axes: Annotated[
+        str | None,
+        "What the sensor's x, y and z point along in the truth's body, as x,-y,-z, "
+        "within 30 degrees, where the log allows two readings of the truth.",
+        dict(metavar="AXES"),
+    ] = None,
     calibration: Annotated[
         Path | None,
         "Correct the log first, by a JSON file that `simval calibrate --out` wrote.",
@@ -147,7 +153,7 @@ def command(
     """
     from simval.imu.logs import read_log
     from simval.imu.noise import load_noise
-    from simval.imu.recorded.alignment import prepared
+    from simval.imu.recorded.alignment import prepared, stated_axes
     from simval.imu.recorded.description import (
         alignment_lines,
         evaluation_object,
@@ -159,6 +165,11 @@ def command(
     from simval.imu.recorded.settings import longest_part, start_of
 
     filters = filters_of(plugins)
+    refuse_if(
+        truth_axes is not None and truth is None and truth_columns is None,
+        "`--truth-axes` is of a truth; give that (--truth NAME or FILE)",
+    )
+    axes = None if truth_axes is None else stated_axes(truth_axes)
     log = read_log(path, rate, columns, instance, start=start, stop=stop)
     log = longest_part(log)
     with refusing(log):
@@ -172,6 +183,7 @@ def command(
             units,
             truth_world,
             find_rows=gyro_rows == "found",
+            axes=axes,
         )
         begin = start_of(
             found,

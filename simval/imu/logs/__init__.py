@@ -20,9 +20,11 @@ Time becomes seconds by the unit that the header or the caller states
 caller states: everything in seconds is as right as that. The readings keep the unit of
 the file (raw counts or SI), because a calibration absorbs it.
 
-Rows may be missing where a clock says when, up to 5 s of them at once: what needs each
-row refuses them itself. A log with a longer hole, a repeated time, or a value that is
-not finite in a row where the sensor has a reading, is refused with its line. What is
+Rows may be missing where a clock says when: what needs each row takes a part of the log
+or refuses it. Of a longer hole than 5 s the time does not count for the rate. A log
+with a repeated time, or a value that is not finite in a row where the sensor has a
+reading, is refused with its line. A part of it may be read alone
+(`simval.imu.logs.parts`). What is
 mended is said: padding, a first or last line that is cut off, a row that stands twice,
 a header that stands again where the clock goes on, midnight, and a counter of 16 or 32
 bits that begins again. Recorded attitudes (`simval.imu.logs.truth`) may be missing in

@@ -407,9 +407,9 @@ def _by_header(table: Table, sensor: str | None, *, alone: bool) -> tuple[Column
     if another and not alone:
         msg = (
             f"{table.path} names no accelerometer, which finds the rests and the axes; "
-            "`simval noise` measures the noise of another sensor alone. Where the "
-            "names are wrong, say what each column is "
-            f"(--columns {template(table.width)})"
+            "`simval noise` measures the noise of another sensor alone. Name each "
+            "column in its order, but only if the names are wrong "
+            f"--columns {template(table.width)}"
         )
         raise InputError(msg)
     if not another:

@@ -9,6 +9,9 @@ Sensor Logger          ``TotalAcceleration.csv`` (Android) or
                        gravity and never taken
 phyphox                ``Accelerometer.csv`` or ``Raw Data.csv``, ``Gyroscope.csv``,
                        ``Magnetometer.csv``; never ``Linear Acceleration.csv``
+MbientLab's MetaBase   ``*_Accelerometer_100.000Hz_1.7.3.csv`` and, of the same
+                       device, ``*_Gyroscope_*.csv`` and ``*_Magnetometer_*.csv``
+x-IMU3                 ``Inertial.csv``, of both sensors, and ``Magnetometer.csv``
 ulog2csv               ``*_sensor_accel_0.csv`` and, of the same number,
                        ``*_sensor_gyro_0.csv`` and ``*_sensor_mag_0.csv``
 =====================  ==============================================================
@@ -28,10 +31,13 @@ from lzma import LZMAError
 from pathlib import PurePosixPath
 from typing import Final
 
+import numpy as np
+
+from simval.arrays import Array
 from simval.errors import InputError
 from simval.imu.logs import text
 from simval.imu.logs.clock import read_clock, require_finite
-from simval.imu.logs.columns import clock_of, sign_of, temperatures, triples
+from simval.imu.logs.columns import Triple, clock_of, sign_of, temperatures, triples
 from simval.imu.logs.joining import Stream, candidates
 from simval.imu.logs.names import Kind, listed
 from simval.imu.logs.source import Source, require_moderate
@@ -52,6 +58,10 @@ _NAMES: Final[dict[str, tuple[Kind, str]]] = {  # of a file: its sensor, its uni
     r"()rawdata": ("force", ""),
     r"gyroscope(uncalibrated)?": ("gyro", "rad/s"),
     r"magnetometer(uncalibrated)?": ("mag", "uT"),
+    r"()inertial": ("force", ""),
+    r".*([0-9a-f]{12})accelerometer[\d.]+hz.*": ("force", "g"),
+    r".*([0-9a-f]{12})gyroscope[\d.]+hz.*": ("gyro", "deg/s"),
+    r".*([0-9a-f]{12})magnetometer[\d.]+hz.*": ("mag", "T"),
     r".*sensoraccel(\d+)": ("force", "m/s^2"),
     r".*sensorgyro(\d+)": ("gyro", "rad/s"),
     r".*sensormag(\d+)": ("mag", "gauss"),
@@ -115,38 +125,52 @@ def _stream(
     try:
         table = text.read(source)
         names = table.names or ()
-        own = next((each for each in _COLUMNS if triples(table, each)), kind)
-        found = [*(triples(table, own) or triples(table, "bare"))]
+        places = _places(table, kind)
         clock = clock_of(table)
         if "seconds_elapsed" in names and stem.lower() == "accelerometer":
             said.append(("left out", f"{name} of Sensor Logger is without gravity"))
             return None
-        if len(found) != 1 or clock is None:
+        if not places or clock is None:
             words = f"{name}: not a clock and the axes x, y, z of one sensor"
             said.append(("left out", words))
             return None
         table = table.distinct(clock.place)
-        values = table.numbers(list(found[0]))
-        require_finite(table, values)
+        values = {each: table.numbers([*own]) for each, own in places.items()}
+        require_finite(table, np.hstack([*values.values()]))
         time, _, _, mended = read_clock(table, clock, None)
     except InputError as error:
         if kind == "force":
             raise
         said.append(("left out", str(error)))
         return None
-    unit = next(iter(re.findall(r"[\[(](.*)[\])]", names[found[0][0]])), unit)
-    suffix = f" [{unit}]" if unit else ""
-    columns = {
-        f"{_COLUMNS[own]}_{axis}{suffix}": column
-        for axis, column in zip("xyz", values.T, strict=True)
+    units = {each: unit if each == kind else "" for each in places}
+    columns: dict[str, Array] = {
+        f"{_COLUMNS[each]}_{axis}{_unit(names[own[0]], units[each])}": column
+        for each, own in places.items()
+        for axis, column in zip("xyz", values[each].T, strict=True)
     }
-    if own == "force":
-        said += sign_of(table, values)
+    if "force" in values:
+        said += sign_of(table, values["force"])
         warm = temperatures(table)
         if len(warm) == 1:
             columns["acc temperature [degC]"] = table.numbers(warm)[:, 0]
     said += [*table.source, *mended]
     return Stream(name=stem, time=time, columns=columns, group=group, words=name)
+
+
+def _places(table: Table, kind: Kind) -> dict[Kind, Triple]:
+    # axes of each sensor of a table, of which one at least must be there once
+    named = {each: [*triples(table, each)] for each in _COLUMNS}
+    main = next((each for each in named if named[each]), kind)
+    named[main] = named[main] or [*triples(table, "bare")]
+    once = {each: own[0] for each, own in named.items() if len(own) == 1}
+    return once if main in once else {}
+
+
+def _unit(name: str, usual: str) -> str:
+    # of a column by its name, in brackets
+    unit = next(iter(re.findall(r"[\[(](.*)[\])]", name)), usual)
+    return f" [{unit}]" if unit else ""
 
 
 def truth_of(source: Source) -> TextTable | None:

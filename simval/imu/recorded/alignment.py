@@ -35,7 +35,7 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array, frozen
-from simval.errors import GeometryError, RefusedError
+from simval.errors import GeometryError, InputError, RefusedError
 from simval.geometry import cross_matrix
 from simval.imu.logs import Log, Truth
 from simval.imu.multiposition.log_units import units_of, written_unit
@@ -334,6 +334,10 @@ MOST_LEFT: Final = 0.25
 Truths of other logs are refused (test_recorded_refusals.py); the least that one
 was seen to leave is 0.43, and the two recordings of BROAD leave 0.001."""
 
+_SAME: Final = 1e-3  # relative, of two such shares of one motion
+MOUNTED: Final = np.radians(30.0)
+"""By which stated axes may be off: less than half of a turn to the next ones."""
+
 BETTER: Final = 4.0
 """Factor in that share by which the best must be ahead of any other meaning or offset;
 two halves of the residual are then each of its size."""
@@ -417,7 +421,12 @@ class _Tried:
     fit: TurnFit
 
 
-def align(truth: Truth, signals: Signals, world: TruthWorld | None = None) -> Alignment:
+def align(
+    truth: Truth,
+    signals: Signals,
+    world: TruthWorld | None = None,
+    axes: Float[Array, "3 3"] | None = None,
+) -> Alignment:
     """Align a truth with a log, see the module.
 
     Parameters
@@ -430,6 +439,10 @@ def align(truth: Truth, signals: Signals, world: TruthWorld | None = None) -> Al
     world : {"NWU", "ENU", "NED", "estimated"}, optional
         The truth's world; default that of its data set, else the nearest one;
         ``estimated`` turns the truth to what rests and field show.
+    axes : Array, optional
+        Axes of the sensor in those of the truth's body, one a row, as far as they are
+        known, (3, 3): of two readings that both follow the gyroscope the one is taken
+        whose axes are within `MOUNTED` of these.
 
     Returns
     -------
@@ -441,9 +454,16 @@ def align(truth: Truth, signals: Signals, world: TruthWorld | None = None) -> Al
     RefusedError
         If it cannot be done without a guess.
     """
-    best, others = _best(truth, signals)
-    _require_it(best, others)
-    same, meaning, fit = _refined(truth, signals, best)
+    first, others = _best(truth, signals)
+    best, rivals = first, others
+    if axes is not None:
+        best, rivals = _with_axes(truth, signals, [first, *others], axes)
+    _require_it(best, rivals)
+    same, meaning, fit = _refined(truth, signals, best, axes)
+    otherwise = min(
+        (each.fit.share for each in (first, *others) if each is not best),
+        default=np.inf,
+    )
     errors = turn_errors(fit)
     _require_axes(fit, errors)
     Q = polar(fit.linear)
@@ -457,7 +477,7 @@ def align(truth: Truth, signals: Signals, world: TruthWorld | None = None) -> Al
     return Alignment(
         meaning=meaning,
         same=same,
-        better=min((o.fit.share for o in others), default=np.inf) / best.fit.share,
+        better=otherwise / best.fit.share,
         fit=fit,
         errors=errors,
         rotation=rotation_vector(turn),
@@ -511,30 +531,69 @@ def _require_it(best: _Tried, others: list[_Tried]) -> None:
                 f"the truth can be read in two ways: {best.meaning} at an offset of "
                 f"{best.fit.offset:.3f} s leaves {100 * share:.2g} % of the variance "
                 f"of the gyroscope's turns, {other.meaning} at "
-                f"{other.fit.offset:.3f} s {100 * other.fit.share:.2g} %; record "
-                "a rotation about all three axes that does not repeat itself"
+                f"{other.fit.offset:.3f} s {100 * other.fit.share:.2g} %; state how "
+                "the sensor's axes lie in the truth's body (--truth-axes x,y,z), or "
+                "record a rotation about all three axes that does not repeat itself"
             )
             raise RefusedError(msg)
 
 
 def _refined(
-    truth: Truth, signals: Signals, best: _Tried
+    truth: Truth,
+    signals: Signals,
+    best: _Tried,
+    axes: Float[Array, "3 3"] | None = None,
 ) -> tuple[tuple[Meaning, ...], Meaning, TurnFit]:
-    # of the meanings of one motion, the one whose body axes are nearest to the sensor's
+    # of the meanings of one motion, the one whose body axes are nearest to the
+    # sensor's, or to the axes that are stated
     pieces = stretches(*signals.turning)
     coarse = stretches(*signals.turning, coarse=True)
+    floor = 0.0 if axes is None else 1.0 - _SAME  # another motion may fit better
     alike = []
     for meaning in meanings(truth.scalar):
         read = attitudes(truth.time, truth.components, meaning)
         fit = fit_turns(coarse, read, best.fit.offset)
-        if fit.share <= best.fit.share * (1.0 + 1e-6):
-            size = np.linalg.norm(rotation_vector(of_matrix(polar(fit.linear))))
-            alike.append((float(size), meaning))
+        if floor <= fit.share / best.fit.share <= 1.0 + 1e-6:
+            alike.append((_apart(fit, axes), meaning))
     alike.sort(key=lambda each: each[0])
     nearest = alike[0][1]
     read = attitudes(truth.time, truth.components, nearest)
     fit = fit_turns(pieces, read, best.fit.offset, drifts=True)
     return tuple(meaning for _, meaning in alike[1:]), nearest, fit
+
+
+def _apart(fit: TurnFit, axes: Float[Array, "3 3"] | None) -> float:
+    # rad, between the sensor's axes in the truth's body and those that are stated
+    stated = np.eye(3) if axes is None else axes
+    turn = rotation_vector(of_matrix(polar(fit.linear) @ stated.T))
+    return float(np.linalg.norm(turn))
+
+
+def _with_axes(
+    truth: Truth, signals: Signals, tried: list[_Tried], axes: Float[Array, "3 3"]
+) -> tuple[_Tried, list[_Tried]]:
+    # the readings that follow the gyroscope and have the stated axes, the best first
+    near = [each for each in tried if each.fit.share <= BETTER * tried[0].fit.share]
+    fits = [_refined(truth, signals, each, axes)[2] for each in near]
+    # one that fits in left-handed axes has none of them
+    apart = [
+        _apart(fit, axes) if np.linalg.det(fit.linear) > 0.0 else np.pi for fit in fits
+    ]
+    fitting = [x for x, off in zip(near, apart, strict=True) if off <= MOUNTED]
+    if not fitting:
+        words = ", ".join(
+            f"{each.meaning} {np.degrees(off):.0f} degrees"
+            for each, off in zip(near, apart, strict=True)
+        )
+        msg = (
+            "the sensor's axes are stated (--truth-axes), and the readings of the "
+            f"truth that follow the gyroscope are off from these by {words}, where "
+            f"{np.degrees(MOUNTED):.0f} are allowed; look at the axes, or leave the "
+            "option out"
+        )
+        raise RefusedError(msg)
+    far = [each for each in tried if each not in near]
+    return fitting[0], [*fitting[1:], *far]
 
 
 def _require_axes(fit: TurnFit, errors: TurnErrors) -> None:
@@ -571,6 +630,31 @@ def _noise(read: Attitudes, spans: Float[Array, "m 2"]) -> Float[Array, "3"]:
     return np.sqrt(squares / count) if count else np.full(3, np.nan)
 
 
+def stated_axes(words: str) -> Float[Array, "3 3"]:
+    """Axes of a sensor in those of a body, one a row, by words such as ``x,-z,y``.
+
+    Raises
+    ------
+    InputError
+        If they are no right-handed axes.
+    """
+    rows = {
+        f"{sign}{axis}": size * row
+        for axis, row in zip("xyz", np.eye(3), strict=True)
+        for sign, size in (("", 1.0), ("+", 1.0), ("-", -1.0))
+    }
+    names = [word.strip() for word in words.split(",")]
+    known = len(names) == 3 and rows.keys() >= {*names}
+    axes = np.array([rows[name] for name in names]) if known else np.zeros((3, 3))
+    if not np.linalg.det(axes) > 0.5:
+        msg = (
+            f"`--truth-axes` is {words!r}; it needs what the sensor's x, y and z point "
+            "along in the truth's body, right-handed, as x,y,z or x,-y,-z"
+        )
+        raise InputError(msg)
+    return axes
+
+
 def prepared(
     log: Log,
     recorded: Truth | None,
@@ -579,6 +663,7 @@ def prepared(
     world: TruthWorld | None = None,
     *,
     find_rows: bool = True,
+    axes: Float[Array, "3 3"] | None = None,
 ) -> tuple[Signals, Alignment | None]:
     """Readings in SI units, and the truth aligned with them.
 
@@ -602,11 +687,11 @@ def prepared(
         if np.spacing(start) > 1e-9:  # seconds since 1970: both from the log's start on
             found = replace(found, time=found.time - start)
             recorded = replace(recorded, time=recorded.time - start)
-        alignment = align(recorded, found, world)
+        alignment = align(recorded, found, world, axes)
     found = with_gyro_unit(found, None if alignment is None else alignment.fit.scale)
     found = _with_evidence(found, recorded, alignment, find=find_rows)
     if recorded is not None and found.rows != log.gyro_rows:
-        alignment = align(recorded, found, world)
+        alignment = align(recorded, found, world, axes)
     return without_turns(found), alignment
 
 

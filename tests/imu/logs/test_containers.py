@@ -53,6 +53,28 @@ def test_what_was_written_is_read_to_the_bit(name, tmp_path):
     np.testing.assert_array_equal(log.time, us / 1e6)
 
 
+@pytest.mark.ci
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_part_and_a_hole_are_the_same_in_every_container(name, tmp_path):
+    """No advice to split a file that cannot be split: two options read its parts."""
+    us, *axes = recording(name)
+    us = us + 60_000_000 * (np.arange(ROWS) >= ROWS // 2)
+    path = made(tmp_path / name, name, us, *axes)
+    log = read_log(path)
+    assert "60 s of them at once" in " ".join(log.described())
+    assert log.rate == pytest.approx(100.0, rel=0.05)
+    halves = slice(0, ROWS // 2), slice(ROWS // 2, ROWS)
+    assert log.parts() == [*halves]
+    start, stop = log.time[ROWS // 2], log.time[ROWS // 2 - 1]
+    for rows, how in zip(halves, ({"stop": stop}, {"start": start}), strict=True):
+        part = read_log(path, **how)
+        np.testing.assert_array_equal(part.time, log.time[rows])
+        for own, every in zip(
+            (part.accelerometer, part.gyro, part.magnetometer), axes, strict=True
+        ):
+            np.testing.assert_array_equal(own, every[rows])
+
+
 def test_the_table_of_formats_has_every_container():
     lines = (ROOT / "docs" / "howto" / "logs.md").read_text().splitlines()
     cells = [line.split("|")[3] for line in lines if line.count("|") == 5]

@@ -52,7 +52,8 @@ def test_a_bag_says_what_it_does_not_measure(tmp_path):
 def test_a_matrix_with_the_name_of_something_else_is_no_accelerometer(tmp_path, name):
     path = tmp_path / "log.npz"
     np.savez(path, fs=100.0, **{name: GYRO})
-    with pytest.raises(InputError, match="which columns are the accelerometer's"):
+    what = "which columns are the accelerometer's|names no accelerometer"
+    with pytest.raises(InputError, match=what):
         read_log(path)
     np.savez(path, fs=100.0, data=FORCE)
     np.testing.assert_array_equal(read_log(path).accelerometer, FORCE)

@@ -4,9 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from made_logs import log_of, three
 from written import written
 
 from simval.imu.logs import read_log
+from simval.imu.multiposition import calibrate_log, calibrate_sensors
 from simval.imu.multiposition.noise import log_noise
 
 SIGMA, RATE, ROWS = 1e-3, 100.0, 12_000
@@ -70,3 +72,25 @@ def test_a_refusal_says_what_it_had_taken(tmp_path, simval):
         columns, error = err.splitlines()
         assert "ax = column 2 'ax [g]'" in columns
         assert "line 9" in error
+
+
+def test_a_hole_costs_the_accelerometer_nothing_and_the_gyroscope_is_told_its_part(
+    tmp_path, simval
+):
+    """The advice is done: with the part before the hole both are calibrated."""
+    made = three(3, turning=False)
+    stop = made.holds[11, 1]  # ten rests and more on either side
+    keep = np.r_[0 : stop - 20, made.holds[12, 0] + 20 : len(made.log.time)]
+    time = made.log.time + 10.0 * (np.arange(len(made.log.time)) >= stop - 20)
+    log = log_of(time[keep], made.log.accelerometer[keep], made.log.gyro[keep])
+    result = calibrate_log(log, g=9.80665)
+    whole = calibrate_log(
+        log_of(made.log.time, made.log.accelerometer, made.log.gyro), g=9.80665
+    )
+    assert len(result.intervals) == len(whole.intervals)
+    np.testing.assert_allclose(result.fit.K, whole.fit.K, rtol=2e-3)
+    found = calibrate_sensors(log, result)
+    assert "rows are missing in the rotation" in found.left_out["gyroscope"]
+    assert "(--until, --from)" in found.left_out["gyroscope"]
+    part = log.within(log.parts()[0], "the first")
+    assert calibrate_sensors(part, calibrate_log(part, g=9.80665)).gyroscope is not None

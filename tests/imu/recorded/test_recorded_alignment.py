@@ -8,7 +8,7 @@ from places import recording
 from recorded_logs import G, made
 from scipy.stats import binom, f, t
 
-from simval.errors import RefusedError
+from simval.errors import InputError, RefusedError
 from simval.geometry import (
     attitude_error,
     attitude_matrix,
@@ -19,7 +19,7 @@ from simval.geometry import (
 from simval.imu.filters.signals import FilterOutput
 from simval.imu.logs import read_log, read_truth
 from simval.imu.recorded import align, evaluate
-from simval.imu.recorded.alignment import likely_offsets, prepared
+from simval.imu.recorded.alignment import likely_offsets, prepared, stated_axes
 from simval.imu.recorded.attitudes import (
     Meaning,
     attitudes,
@@ -273,3 +273,34 @@ def test_what_the_authors_of_broad_state_is_found():
     assert 1e-5 < found.noise.mean() < 3e-4
     missing = 1.0 - np.isfinite(found.attitude[:, 0]).mean()
     assert missing == pytest.approx(0.034, abs=2e-3)
+
+
+@pytest.mark.parametrize("words", ["x,y,z", "x,-y,-z", "-y,x,z", "y,z,x"])
+@pytest.mark.parametrize("scalar", ["last", "unstated"])
+def test_stated_axes_tell_two_readings_apart(words, scalar):
+    """A body that hardly tips: the inverse turns alike, in left-handed axes."""
+    log = made(21, seconds=30.0, rate=50.0)
+    t, axes = log.time, stated_axes(words)
+    angle = np.sin(t) + 0.3 * np.sin(2.7 * t)
+    tips = 0.1 * np.stack([np.sin(1.3 * t + 1.0), np.sin(0.7 * t)], axis=1)
+    q = from_rotation_vector(np.column_stack([tips, angle]))
+    rate = np.concatenate([np.zeros((1, 3)), 50.0 * turned(q[:-1], q[1:])])
+    rate += np.random.default_rng(0).normal(0.0, 0.1, rate.shape)
+    log = replace(log, gyro=rate @ axes.T)
+    with pytest.raises(RefusedError, match=r"in two ways.*--truth-axes"):
+        aligned(log, components=q, scalar=scalar)
+    truth = replace(log.truth, components=q, scalar=scalar)
+    found = align(truth, readings(log), "estimated", axes)
+    assert found.meaning == Meaning(scalar="last", takes="body to world")
+    # known to 2 degrees a standard deviation at worst, `WIDEST`
+    far = rotation_vector(of_matrix(attitude_matrix(
+        from_rotation_vector(found.rotation)) @ axes.T))  # fmt: skip
+    assert np.degrees(np.linalg.norm(far)) < 8.0
+    with pytest.raises(RefusedError, match="the sensor's axes are stated"):
+        align(truth, readings(log), "estimated", axes @ stated_axes("y,z,x"))
+
+
+@pytest.mark.parametrize("words", ["x,y", "x,y,-z", "x,x,z", "a,b,c", ""])
+def test_axes_are_three_and_right_handed(words):
+    with pytest.raises(InputError, match="--truth-axes"):
+        stated_axes(words)

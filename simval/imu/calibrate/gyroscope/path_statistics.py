@@ -415,8 +415,8 @@ def _require_no_holes(step: Array, first: Any, last: Any) -> None:
             msg = (
                 f"rows are missing in the rotation between rests {k} and {k + 1}: "
                 f"{step[longest]:.3g} s before row {longest}, where {usual:.3g} s is "
-                "usual; what was turned there is not known, so leave out the rests "
-                "before or after it, or record again"
+                "usual; what was turned there is not known, so take the rests before "
+                "it alone, or those after it (--until, --from), or record again"
             )
             raise RefusedError(msg)
 
