@@ -14,17 +14,15 @@ from simval.arrays import Array, ReadOnly, noise_levels, physical_array
 from simval.errors import InputError
 from simval.geometry import normalize
 from simval.imu.calibrate.accelerometer import calibrate
-from simval.imu.calibrate.goodness_of_fit import Drop
+from simval.imu.calibrate.goodness_of_fit import FALSE_ALARM, Drop
 from simval.imu.calibrate.gyroscope.calibration import (
     approach,
     calibrate_gyroscope,
     first_matrix,
 )
 from simval.imu.calibrate.gyroscope.evidence import (
-    CHANCE,
     MOVES,
     BiasTerms,
-    Rests,
     Sensitivity,
     bias_terms,
     choose_bias,
@@ -43,6 +41,7 @@ from simval.imu.calibrate.gyroscope.path_statistics import (
     inter_rest_rotations,
 )
 from simval.imu.calibrate.gyroscope.residuals import across
+from simval.imu.calibrate.gyroscope.rest_effects import Rests
 from simval.imu.calibrate.gyroscope.result import NAMES, GyroscopeFit
 from simval.imu.calibrate.rest_temperatures import LEAST_LEFT
 from simval.imu.calibrate.result import FitResult
@@ -185,7 +184,8 @@ def calibrate_imu(
     bias : {"auto", "constant", "line"}
         Model of the bias; auto chooses by evidence.
     sensitivity : bool, optional
-        Whether specific force acts on the gyroscope; by the F test if not given.
+        Whether specific force acts on the gyroscope; by its odds if not
+        given.
     estimator : {"joint", "generalised", "unweighted"}
         As in `calibrate_gyroscope`.
     scheme, margin, chunk, full_scale : optional
@@ -197,7 +197,7 @@ def calibrate_imu(
         As in `calibrate_gyroscope`.
     temperature : array_like, optional
         Of the sensor at each row, degrees Celsius, (n,): the gyroscope's bias and
-        scale may depend on it, by the F test.
+        scale may depend on it, by odds and an F test.
 
     Returns
     -------
@@ -359,13 +359,13 @@ def scale_terms(
         kappa = kappa - inverse @ r[0]
     scatter = float(rest @ rest)
     chance = Drop(rest=scatter, dof=left, known=None).chance(square[0], 3)
-    if not (chance < CHANCE and np.linalg.matrix_rank(D) == 3):
+    if not (chance < FALSE_ALARM and np.linalg.matrix_rank(D) == 3):
         return Gain()
     covariance = scatter / left * inverse @ inverse.T
     by = (M[1:] - M[0]).reshape(3, 9) / _STEP
     said = (
         "scale of the gyroscope in temperature: line; without an effect its chance is "
-        f"{chance_words(chance, 2)} ({CHANCE:g} allowed)"
+        f"{chance_words(chance, 2)} ({FALSE_ALARM:g} allowed)"
     )
     return Gain(
         _with_scale(warm, kappa, covariance, centre, left), said,
