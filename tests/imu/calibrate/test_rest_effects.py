@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from simval.imu.calibrate.gyroscope.rest_effects import Rests, effect
+from simval.imu.calibrate.gyroscope.rest_effects import (
+    ODDS,
+    Rests,
+    effect,
+    walk_odds,
+)
 from simval.poses import fibonacci_sphere
 
 ALPHA = 1e-4  # false alarms of each test
@@ -113,6 +118,25 @@ def test_an_effect_is_kept_as_often_as_stated_where_there_is_none(family, what):
 def test_an_effect_is_seen_as_often_as_by_the_f_test(family):
     lowest = stats.binom.isf(1.0 - ALPHA, 400, POWER[family])
     assert kept(family, 400, 3, size=0.7) >= lowest
+
+
+def walking(family, sets, seed):
+    """Sets of a family in which the odds say that a bias walks."""
+    rngs = [np.random.default_rng([seed, k]) for k in range(sets)]
+    each = [drawn(rng, **FAMILIES[family]) for rng in rngs]
+    return sum(walk_odds(r, N, None) > np.log(ODDS) for r, _, _, N in each)
+
+
+def test_a_walk_is_seen_where_there_is_one_and_rarely_elsewhere():
+    assert walking("1:3:10", 60, 4) <= stats.binom.isf(ALPHA, 60, 0.01)
+    # as often as by how well rests that are left out are told
+    assert walking("z walks", 60, 4) >= stats.binom.isf(1.0 - ALPHA, 60, 0.55)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", [k for k in FAMILIES if "walk" not in k])
+def test_a_walk_is_seen_as_often_as_stated_where_there_is_none(family):
+    assert walking(family, 400, 5) <= stats.binom.isf(ALPHA, 400, 0.01)
 
 
 def test_a_walk_that_is_stated_as_none_passes_for_a_force():

@@ -4,8 +4,9 @@ r"""Bias, temperature and force in a gyroscope's rests, chosen by evidence.
 constant leaves the angle of a rotation of T seconds the variance
 :math:`T^2 (N^2/\sum T_i + K^2 v)`, v that between the bias in it and its mean over
 the rests; a line between the neighbouring rests
-:math:`T^2 N^2 / 2 T_r + K^2 T^3/12`. The lesser is chosen, and the line only where it
-tells a rest that was left out better than the others' mean does.
+:math:`T^2 N^2 / 2 T_r + K^2 T^3/12`. The lesser is chosen, and the line only at
+odds of a walk beside the noise of each axis (`rest_effects`), or where the rests do not
+speak against a K that was given.
 
 **Temperature.** Where it is known, the bias may owe a line or a parabola to it, each by
 its odds (`rest_effects`) beside (1, f). A scale that depends on temperature is no part
@@ -24,7 +25,12 @@ import scipy
 from simval.arrays import Array, ReadOnly, physical_array
 from simval.imu.calibrate.gyroscope.noise import Bias, walk_covariance
 from simval.imu.calibrate.gyroscope.path_statistics import ramps
-from simval.imu.calibrate.gyroscope.rest_effects import ODDS, Rests, effect
+from simval.imu.calibrate.gyroscope.rest_effects import (
+    ODDS,
+    Rests,
+    effect,
+    walk_odds,
+)
 from simval.imu.calibrate.rest_temperatures import LEAST_LEFT, RestTemperatures
 from simval.imu.calibrate.thermal import Thermal
 from simval.shapes import Float
@@ -58,15 +64,16 @@ def choose_bias(
     constant = float(np.mean(T2 * (N2 / rests.seconds.sum() + K * K * away)))
     pairs = 0.25 * (1.0 / rests.seconds[1:] + 1.0 / rests.seconds[:-1])
     line = float(np.mean(T2 * N2 * pairs + K * K * rests.rotation_seconds**3 / 12.0))
-    told_c, told_l = _left_out(rests)
-    chosen: Bias = "line" if line < constant and told_l < told_c else "constant"
+    odds = walk_odds(rests, walk, drift) if len(rests.times) > 2 else -np.inf
+    needed = ODDS if drift is None else 1.0 / ODDS
+    walks = odds > np.log(needed)
+    chosen: Bias = "line" if line < constant and walks else "constant"
     said = (
         f"bias: {chosen}; N {np.sqrt(N2):.3g} and K {K:.3g} raw units "
         f"({'measured between rests' if drift is None else 'given'}) leave a "
         f"rotation {np.sqrt(constant):.2g} raw units s with a constant and "
-        f"{np.sqrt(line):.2g} with lines between rests; a rest that is left out is "
-        f"told within {told_c:.3g} raw units by the mean of the others and "
-        f"{told_l:.3g} by lines"
+        f"{np.sqrt(line):.2g} with lines between rests; odds of a walk "
+        f"{np.exp(min(odds, 700.0)):.2g} ({needed:g} needed)"
     )
     return chosen, K, said
 
@@ -95,20 +102,6 @@ def walk_of(rests: Rests, X: Float[Array, "n p"]) -> tuple[float, float]:
         likely = -0.5 * y.size * np.log(square) - 3.0 * np.log(L.diagonal()).sum()
         best = max(best, (float(likely), square, share * unit * square))
     return float(np.sqrt(best[1])), float(np.sqrt(best[2]))
-
-
-def _left_out(rests: Rests) -> tuple[float, float]:
-    # root mean square of how wrong a rest is told: by the mean of the others, by a line
-    y, t, w = rests.rates, rests.times, rests.seconds
-    if len(y) < 3:
-        return 0.0, float(np.inf)
-    total, weight = (w[:, None] * y).sum(axis=0), w.sum()
-    others = (total - w[:, None] * y) / (weight - w)[:, None]
-    along = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
-    lines = (1.0 - along) * y[:-2] + along * y[2:]
-    off = (y - others)[1:-1], y[1:-1] - lines
-    constant, line = (float(np.sqrt((each**2).mean())) for each in off)
-    return constant, line
 
 
 MOVES: Final = 1e-3

@@ -80,21 +80,10 @@ def effect(
 
     By N of each axis, and K of all or what the rests say of each.
     """
-    p, X = steady.shape[1], np.column_stack([steady, columns])
-    Z = np.linalg.qr(steady, mode="complete")[0][:, p:]
+    X = np.column_stack([steady, columns])
+    (null, full), shares = _tables(rests, steady, columns, walk, drift)
     times = rests.times - rests.times[0]
     white, walked = np.diag(1.0 / rests.seconds), np.minimum(times[:, None], times)
-    W, S = Z.T @ white @ Z, Z.T @ walked @ Z
-    y, x = Z.T @ rests.rates, Z.T @ columns
-    left = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
-    scatter = np.sqrt((left**2).sum(axis=0) / np.trace(W))
-    rounding = np.finfo(float).eps * np.abs(rests.rates).max()
-    N = np.max([walk, scatter / _MOST, np.full(3, rounding)], axis=0)
-    N = np.maximum(N, np.finfo(float).tiny)
-    shares = _WALKS[:, None] * np.full(3, np.trace(W) / np.trace(S))
-    if drift is not None:
-        shares = (drift / N)[None] ** 2
-    null, full = _likelihoods(y / N, x, W, S, shares)
     with_walk = full.reshape(len(SIZES), len(shares), -1, 3)
     most = scipy.special.logsumexp(with_walk, axis=(0, 2)).argmax(axis=0)
     coefficients, covariance = np.empty((X.shape[1], 3)), []
@@ -108,6 +97,36 @@ def effect(
     without = null.max(axis=0) + (np.log(_BEST) if len(shares) > 1 else 0.0)
     odds = _odds(without, scipy.special.logsumexp(full, axis=0) - np.log(len(shares)))
     return Effect(odds, coefficients, np.array(covariance))
+
+
+def walk_odds(rests: Rests, walk: Float[Array, "3"], drift: float | None) -> float:
+    """Odds of a bias that walks, by K of all or on any axis, natural logarithm."""
+    steady, none = np.ones((len(rests.times), 1)), np.zeros((len(rests.times), 0))
+    (without, _), _ = _tables(rests, steady, none, walk, 0.0)
+    (by_walk, _), shares = _tables(rests, steady, none, walk, drift)
+    walks = scipy.special.logsumexp(by_walk, axis=0) - np.log(len(shares))
+    return _odds(without[0], walks)
+
+
+def _tables(
+    rests: Rests, steady: Float[Array, "n p"], columns: Float[Array, "n m"],
+    walk: Float[Array, "3"], drift: float | None,
+) -> tuple[tuple[Array, Array], Float[Array, "w 3"]]:  # fmt: skip
+    # likelihoods, and the walks of each axis over N^2
+    Z = np.linalg.qr(steady, mode="complete")[0][:, steady.shape[1] :]
+    times = rests.times - rests.times[0]
+    W = Z.T @ np.diag(1.0 / rests.seconds) @ Z
+    S = Z.T @ np.minimum(times[:, None], times) @ Z
+    y, x = Z.T @ rests.rates, Z.T @ columns
+    left = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
+    scatter = np.sqrt((left**2).sum(axis=0) / np.trace(W))
+    rounding = np.finfo(float).eps * np.abs(rests.rates).max()
+    N = np.max([walk, scatter / _MOST, np.full(3, rounding)], axis=0)
+    N = np.maximum(N, np.finfo(float).tiny)
+    shares = _WALKS[:, None] * np.full(3, np.trace(W) / np.trace(S))
+    if drift is not None:
+        shares = (drift / N)[None] ** 2
+    return _likelihoods(y / N, x, W, S, shares), shares
 
 
 def _likelihoods(
