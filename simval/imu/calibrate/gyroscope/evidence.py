@@ -4,17 +4,16 @@ r"""Bias, temperature and force in a gyroscope's rests, chosen by evidence.
 constant leaves the angle of a rotation of T seconds the variance
 :math:`T^2 (N^2/\sum T_i + K^2 v)`, v that between the bias in it and its mean over
 the rests; a line between the neighbouring rests
-:math:`T^2 N^2 / 2 T_r + K^2 T^3/12`. The lesser is chosen, and the line only where it
-tells a rest that was left out better than the others' mean does.
+:math:`T^2 N^2 / 2 T_r + K^2 T^3/12`. The lesser is chosen, and the line only at
+odds of a walk beside the noise of each axis (`rest_effects`), or where the rests do not
+speak against a K that was given.
 
-**Temperature.** Where it is known, the rests' mean readings are regressed on it first
-(`simval.imu.calibrate.thermal`): the bias by a line or a parabola, each by the F test
-beside (1, f). A scale that depends on temperature is no part of a rest's reading; the
-rotations tell it (`imu.scale_terms`).
+**Temperature.** Where it is known, the bias may owe a line or a parabola to it, each by
+its odds (`rest_effects`) beside (1, f). A scale that depends on temperature is no part
+of a rest's reading; the rotations tell it (`imu.scale_terms`).
 
-**Sensitivity to force.** The rests' mean readings are regressed on 1 and on (1, f); the
-drop in the sum of squares is judged by the F test. Rests tell it apart from M, which
-they do not show at all.
+**Sensitivity to force.** Judged by the odds of f beside 1 and the powers kept. Rests
+tell it apart from M, which they do not show at all.
 """
 
 from dataclasses import dataclass
@@ -26,25 +25,18 @@ import scipy
 from simval.arrays import Array, ReadOnly, physical_array
 from simval.imu.calibrate.gyroscope.noise import Bias, walk_covariance
 from simval.imu.calibrate.gyroscope.path_statistics import ramps
+from simval.imu.calibrate.gyroscope.rest_effects import (
+    ODDS,
+    Rests,
+    effect,
+    walk_odds,
+)
 from simval.imu.calibrate.rest_temperatures import LEAST_LEFT, RestTemperatures
 from simval.imu.calibrate.thermal import Thermal
 from simval.shapes import Float
-from simval.text import chance_words
 
-CHANCE: Final = 0.01
-"""Of keeping a sensitivity where there is none. Chosen: nine entries are given out
-then, each with its error bar."""
 _SHARES: Final = 31  # of the walk in the scatter that are tried, a factor 1.6 apart
 _COPLANAR: Final = 1e-3  # least singular value of (1, f/g) over the greatest
-
-
-class Rests(NamedTuple):
-    """Bias and noise of a gyroscope from its rests."""
-
-    rates: Float[Array, "n 3"]  # mean readings, raw units
-    times: Float[Array, " n"]  # s
-    seconds: Float[Array, " n"]
-    rotation_seconds: Float[Array, " k"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,15 +64,16 @@ def choose_bias(
     constant = float(np.mean(T2 * (N2 / rests.seconds.sum() + K * K * away)))
     pairs = 0.25 * (1.0 / rests.seconds[1:] + 1.0 / rests.seconds[:-1])
     line = float(np.mean(T2 * N2 * pairs + K * K * rests.rotation_seconds**3 / 12.0))
-    told_c, told_l = _left_out(rests)
-    chosen: Bias = "line" if line < constant and told_l < told_c else "constant"
+    odds = walk_odds(rests, walk, drift) if len(rests.times) > 2 else -np.inf
+    needed = ODDS if drift is None else 1.0 / ODDS
+    walks = odds > np.log(needed)
+    chosen: Bias = "line" if line < constant and walks else "constant"
     said = (
         f"bias: {chosen}; N {np.sqrt(N2):.3g} and K {K:.3g} raw units "
         f"({'measured between rests' if drift is None else 'given'}) leave a "
         f"rotation {np.sqrt(constant):.2g} raw units s with a constant and "
-        f"{np.sqrt(line):.2g} with lines between rests; a rest that is left out is "
-        f"told within {told_c:.3g} raw units by the mean of the others and "
-        f"{told_l:.3g} by lines"
+        f"{np.sqrt(line):.2g} with lines between rests; odds of a walk "
+        f"{np.exp(min(odds, 700.0)):.2g} ({needed:g} needed)"
     )
     return chosen, K, said
 
@@ -111,20 +104,6 @@ def walk_of(rests: Rests, X: Float[Array, "n p"]) -> tuple[float, float]:
     return float(np.sqrt(best[1])), float(np.sqrt(best[2]))
 
 
-def _left_out(rests: Rests) -> tuple[float, float]:
-    # root mean square of how wrong a rest is told: by the mean of the others, by a line
-    y, t, w = rests.rates, rests.times, rests.seconds
-    if len(y) < 3:
-        return 0.0, float(np.inf)
-    total, weight = (w[:, None] * y).sum(axis=0), w.sum()
-    others = (total - w[:, None] * y) / (weight - w)[:, None]
-    along = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
-    lines = (1.0 - along) * y[:-2] + along * y[2:]
-    off = (y - others)[1:-1], y[1:-1] - lines
-    constant, line = (float(np.sqrt((each**2).mean())) for each in off)
-    return constant, line
-
-
 MOVES: Final = 1e-3
 """Chance that rests in which nothing turns are taken for moving."""
 
@@ -140,7 +119,7 @@ def rest_motion(
     """
     step, y = np.diff(time, prepend=2 * time[0] - time[1]), np.asarray(rates)
     N = np.maximum(walk, np.finfo(float).tiny)
-    white, _ = _whitening(rests, np.ones((len(rests.times), 1)), N, drift)
+    white = _whitening(rests, np.ones((len(rests.times), 1)), N, drift)
     X, mean = white.sum(axis=1, keepdims=True), white @ rests.rates / N
     mean = mean - X @ np.linalg.lstsq(X, mean)[0]
     weights = 2.0 * step * ramps(len(y), intervals)
@@ -160,10 +139,8 @@ def choose_sensitivity(
     asked: bool | None = None,
     powers: Float[Array, "n d"] | None = None,
 ) -> Sensitivity:
-    """Choose to fit a g-sensitivity by the F test, or as the caller asked.
+    """Choose to fit a g-sensitivity by its odds, or as the caller asked.
 
-    Poses in a regular order and a bias that walks both change slowly: the rests are
-    whitened by N and K first, or three of four walks would pass for a sensitivity.
     `powers` of the temperature are fitted beside it, and come before it in `shape`.
     """
     n = len(force)
@@ -178,39 +155,17 @@ def choose_sensitivity(
     if n < 5 + lead or values[-1] < _COPLANAR * values[0]:
         why = f"{n} rests" if n < 5 + lead else "rests whose directions lie in a plane"
         return _none(f"{why} do not tell it")
-    white, K2 = _whitening(rests, X, walk, drift)
-    Xw, y = white @ X, white @ rests.rates
-    found, *_ = np.linalg.lstsq(Xw, y, rcond=None)
-    alone, *_ = np.linalg.lstsq(Xw[:, :lead], y, rcond=None)
-    without = float(((y - Xw[:, :lead] @ alone) ** 2).sum())
-    each = ((y - Xw @ found) ** 2).sum(axis=0)
-    left = float(each.sum())
-    dof = 3 * (n - lead - 3)
-    least = np.finfo(float).eps ** 2 * float((y * y).sum())
-    F = (without - left) / 9.0 / (max(left, least) / dof) if without > least else 0.0
-    chance = float(scipy.special.fdtrc(9, dof, F))
-    kept = chance < CHANCE if asked is None else asked
-    reason = (
-        f"F = {F:.3g} with 9 and {dof} degrees of freedom, as great by chance in "
-        f"{chance:.2g} of logs ({CHANCE:g} allowed); rests whitened for K of "
-        f"{K2**0.5:.2g} raw units"
-    )
-    if not kept:
-        return _none(reason)
+    found = effect(rests, X[:, :lead], X[:, lead:], walk, drift)
+    if not (found.kept if asked is None else asked):
+        return _none(found.reason)
     scale = np.diag([1.0] * lead + [1.0 / g] * 3)
-    shape = scale @ np.linalg.inv(Xw.T @ Xw) @ scale
-    seen = float(np.sum(each / np.maximum(walk**2, np.finfo(float).tiny))) / dof
-    N = (
-        walk * np.sqrt(max(1.0, seen))
-        if np.all(walk > 0.0)
-        else np.sqrt(each / (n - lead - 3))
-    )
+    each = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
     return Sensitivity(
         kept=True,
-        G=found[lead:].T / g,
-        sd=np.multiply.outer(N, np.sqrt(np.diagonal(shape)[lead:])),
-        shape=shape,
-        reason=f"sensitivity to force: kept; {reason}",
+        G=found.coefficients[lead:].T / g,
+        sd=each[:, lead:] / g,
+        shape=scale @ _shape(rests, X, walk, drift) @ scale,
+        reason=f"sensitivity to force: kept; {found.reason}",
     )
 
 
@@ -237,10 +192,7 @@ def bias_terms(
     temperature: Any, time: Any, intervals: Any, rests: Rests,
     force: Float[Array, "n 3"], walk: Float[Array, "3"], drift: float | None,
 ) -> BiasTerms:  # fmt: skip
-    """Choose terms by the F test beside (1, f), where the temperature is known.
-
-    Rests whitened as for a sensitivity: a bias that walks is no effect of temperature.
-    """
+    """Choose terms by their odds beside (1, f), where the temperature is known."""
     n = len(force)
     none = BiasTerms(None, "", np.zeros((4, 4)), np.zeros((n, 0)), np.zeros((0, 0)))
     if temperature is None:
@@ -256,21 +208,23 @@ def bias_terms(
         return none._replace(reason=said and f"gyroscope: {said}")
     g, size = np.linalg.norm(force, axis=1).mean(), np.abs(seen.powers).max(axis=0)
     steady = np.column_stack([np.ones(n), force / g])
-    kept, fit, chance = 0, None, 1.0
+    kept, fit = 0, None
     for degree in (1, 2):
         X = np.column_stack([steady, (seen.powers / size)[:, :degree]])
         if n - X.shape[1] < LEAST_LEFT or np.linalg.cond(X) > 1.0 / _COPLANAR:
             break
-        tried = _regressed(rests, X, walk, drift)
-        if not tried.chance < CHANCE:
+        tried = effect(rests, X[:, :-1], X[:, -1:], walk, drift)
+        if not tried.kept:
             break
-        kept, fit, chance = degree, tried, tried.chance
+        kept, fit = degree, tried
     if fit is None:
-        why = f"no term passes the F test ({CHANCE:g} by chance allowed)"
+        why = f"the odds of a term are below {ODDS:g}"
         return none._replace(reason=f"gyroscope: {seen.not_modelled(why)}")
     own, unit = np.r_[0, 4 : 4 + kept], np.r_[1.0, size[:kept]]
-    shape = fit.inverse[np.ix_(own, own)] / np.outer(unit, unit)
-    covariance = np.einsum("jk,ab->jakb", shape[1:, 1:], np.diag(fit.variance))
+    X = np.column_stack([steady, (seen.powers / size)[:, :kept]])
+    shape = _shape(rests, X, walk, drift)[np.ix_(own, own)] / np.outer(unit, unit)
+    each = fit.covariance[:, 4:, 4:] / np.outer(size[:kept], size[:kept])
+    covariance = np.einsum("ajk,ab->jakb", each, np.eye(3))
     thermal = Thermal(
         reference=seen.reference, low=seen.low, high=seen.high,
         terms=(("bias", 1), ("bias", 2))[:kept],
@@ -280,8 +234,7 @@ def bias_terms(
     )  # fmt: skip
     said = (
         f"bias of the gyroscope in temperature: {'line' if kept == 1 else 'parabola'}; "
-        f"without an effect the chance of the last term is {chance_words(chance, 2)} "
-        f"({CHANCE:g} allowed)"
+        f"of the last term {fit.reason}"
     )
     return BiasTerms(
         thermal, said, shape, seen.powers[:, :kept], thermal.powers(warm)[:, :kept],
@@ -289,37 +242,19 @@ def bias_terms(
     )  # fmt: skip
 
 
-class _Regression(NamedTuple):
-    coefficients: Float[Array, "p 3"]
-    inverse: Float[Array, "p p"]  # of X'X, whitened
-    variance: Float[Array, "3"]  # of what is left, by axis
-    chance: float  # that the last column explains as much
-
-
-def _regressed(
+def _shape(
     rests: Rests, X: Float[Array, "n p"], walk: Float[Array, "3"], drift: float | None
-) -> _Regression:
-    # of the rests' rates on X, and the F test of its last column: of the worst axis,
-    # threefold, as each may have a noise of its own
-    white, _ = _whitening(rests, X, walk, drift)
-    Xw, y = white @ X, white @ rests.rates
-    found, without = (np.linalg.lstsq(A, y, rcond=None)[0] for A in (Xw, Xw[:, :-1]))
-    each = ((y - Xw @ found) ** 2).sum(axis=0)
-    more = ((y - Xw[:, :-1] @ without) ** 2).sum(axis=0) - each
-    left = len(X) - X.shape[1]
-    least = np.finfo(float).eps ** 2 * (y * y).sum(axis=0)
-    F = np.where(least > 0.0, more / np.maximum(each / left, least), 0.0)
-    chance = 3.0 * scipy.special.fdtrc(1, left, max(float(F.max()), 0.0))
-    return _Regression(
-        found, np.linalg.inv(Xw.T @ Xw), each / left, float(min(chance, 1.0))
-    )
+) -> Float[Array, "p p"]:
+    # covariance of coefficients over N^2, by one walk of all axes
+    white = _whitening(rests, X, walk, drift) @ X
+    return np.asarray(np.linalg.inv(white.T @ white))
 
 
 def _whitening(
     rests: Rests, X: Float[Array, "n p"], walk: Float[Array, "3"], drift: float | None
-) -> tuple[Float[Array, "n n"], float]:
-    # inverse root of the rests' covariance over N^2, and K^2; what forces would explain
-    # is no drift
+) -> Float[Array, "n n"]:
+    # inverse root of the rests' covariance over N^2; what forces would explain is no
+    # drift
     N2 = max(float((walk**2).mean()), np.finfo(float).tiny)
     if drift is None:
         scatter, drift = walk_of(rests, X)
@@ -327,7 +262,7 @@ def _whitening(
     times = rests.times - rests.times[0]
     walked = np.minimum(times[:, None], times)
     S = np.diag(1.0 / rests.seconds) + drift**2 / N2 * walked
-    return np.linalg.inv(np.linalg.cholesky(S)), drift**2
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(S)))
 
 
 def _none(reason: str) -> Sensitivity:

@@ -8,23 +8,22 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import scipy
 
 from simval.arguments import choice, switch
 from simval.arrays import Array, ReadOnly, noise_levels, physical_array
 from simval.errors import InputError
 from simval.geometry import normalize
 from simval.imu.calibrate.accelerometer import calibrate
-from simval.imu.calibrate.goodness_of_fit import Drop
+from simval.imu.calibrate.goodness_of_fit import FALSE_ALARM, Drop
 from simval.imu.calibrate.gyroscope.calibration import (
     approach,
     calibrate_gyroscope,
     first_matrix,
 )
 from simval.imu.calibrate.gyroscope.evidence import (
-    CHANCE,
     MOVES,
     BiasTerms,
-    Rests,
     Sensitivity,
     bias_terms,
     choose_bias,
@@ -43,7 +42,9 @@ from simval.imu.calibrate.gyroscope.path_statistics import (
     inter_rest_rotations,
 )
 from simval.imu.calibrate.gyroscope.residuals import across
+from simval.imu.calibrate.gyroscope.rest_effects import Rests
 from simval.imu.calibrate.gyroscope.result import NAMES, GyroscopeFit
+from simval.imu.calibrate.gyroscope.rotation import rotations
 from simval.imu.calibrate.rest_temperatures import LEAST_LEFT
 from simval.imu.calibrate.result import FitResult
 from simval.imu.calibrate.thermal import TERMS, Thermal
@@ -185,7 +186,8 @@ def calibrate_imu(
     bias : {"auto", "constant", "line"}
         Model of the bias; auto chooses by evidence.
     sensitivity : bool, optional
-        Whether specific force acts on the gyroscope; by the F test if not given.
+        Whether specific force acts on the gyroscope; by its odds if not
+        given.
     estimator : {"joint", "generalised", "unweighted"}
         As in `calibrate_gyroscope`.
     scheme, margin, chunk, full_scale : optional
@@ -197,7 +199,7 @@ def calibrate_imu(
         As in `calibrate_gyroscope`.
     temperature : array_like, optional
         Of the sensor at each row, degrees Celsius, (n,): the gyroscope's bias and
-        scale may depend on it, by the F test.
+        scale may depend on it, by odds and an F test.
 
     Returns
     -------
@@ -268,7 +270,9 @@ def calibrate_imu(
     )
     force = acc.sensor().correct(rows) if found.kept else None
     more, known = _taken_out(time, warm, force, found, rests, chosen)
-    gain = scale_terms(time, gyroscope, at, forces, warm, how, more.get("offset", 0.0))
+    gain = scale_terms(
+        time, gyroscope, at, forces, warm, how, more.get("offset", 0.0), walk
+    )
     if more or moves or gain.thermal is not None:
         rates_of = gyroscope if gain.thermal is None else gain.rows
         inter_rest = inter_rest_rotations(time, rates_of, intervals, **how, **more)
@@ -319,17 +323,18 @@ class Gain(NamedTuple):
     covariance: Any = None  # of M by that of the terms, (9, 9)
 
 
+_QUIET = 1e-2  # least noise of an axis over that of the noisiest
 _STEP = 1e-3  # of a scale, 1/K: what it does is nearly linear in it
 
 
 def scale_terms(
     time: Any, gyroscope: Any, rests: Any, forces: Float[Array, "n 3"],
-    warm: BiasTerms, how: dict[str, Any], offset: Any,
+    warm: BiasTerms, how: dict[str, Any], offset: Any, walk: Float[Array, "3"],
 ) -> Gain:  # fmt: skip
     """Choose a scale linear in temperature by the rotations, where they tell it.
 
-    By their residuals in plain least squares, with M fitted anew for a small scale of
-    each axis by turns, and the F test of `goodness_of_fit.Drop`.
+    By their residuals, weighed by the white noise of each axis, with M fitted anew for
+    a small scale of each axis by turns, and the F test of `goodness_of_fit.Drop`.
     """
     count, seen = 2 * (len(forces) - 1), warm.seen
     left = count - 12
@@ -350,6 +355,8 @@ def scale_terms(
         if not np.isfinite(M).all():
             return Gain()
         M, J, e = approach(turned, np.zeros((4, 3)), u, M)
+        white = _whitening(turned, M[:1], u[:1], walk)
+        J, e = white @ J, np.matvec(white, e)
         q = np.linalg.qr(J[..., :9])[0]
         r = e - np.matvec(q, np.vecmat(e, q))
         square.append(float(r[0] @ r[0]))
@@ -359,18 +366,35 @@ def scale_terms(
         kappa = kappa - inverse @ r[0]
     scatter = float(rest @ rest)
     chance = Drop(rest=scatter, dof=left, known=None).chance(square[0], 3)
-    if not (chance < CHANCE and np.linalg.matrix_rank(D) == 3):
+    if not (chance < FALSE_ALARM and np.linalg.matrix_rank(D) == 3):
         return Gain()
     covariance = scatter / left * inverse @ inverse.T
     by = (M[1:] - M[0]).reshape(3, 9) / _STEP
     said = (
         "scale of the gyroscope in temperature: line; without an effect its chance is "
-        f"{chance_words(chance, 2)} ({CHANCE:g} allowed)"
+        f"{chance_words(chance, 2)} ({FALSE_ALARM:g} allowed)"
     )
     return Gain(
         _with_scale(warm, kappa, covariance, centre, left), said,
         centre + (1.0 + kappa * tau) * away + offset, by.T @ covariance @ by,
     )  # fmt: skip
+
+
+def _whitening(
+    turned: InterRestRotations, M: Float[Array, "1 3 3"], u: Float[Array, "1 n 3"],
+    walk: Float[Array, "3"],
+) -> Float[Array, "r r"]:  # fmt: skip
+    # inverse root of the covariance (N6) of residuals by the noise of each axis, up to
+    # a factor
+    moved = rotations(turned.statistics, M, np.zeros((1, 3)))
+    EC = across(u[:, 1:]) @ np.swapaxes(moved.C, -1, -2)
+    N = np.maximum(walk / max(walk.max(), np.finfo(float).tiny), _QUIET)
+    by = np.cross(EC, u[:, :-1, None, :])[0, :, None] @ np.moveaxis(
+        moved.by_rate(N)[0], 2, 1
+    )
+    root = by * np.sqrt(turned.statistics[0, :, 9])[..., None, None]
+    V = np.einsum("kjab,kjcb->kac", root, root)
+    return scipy.linalg.block_diag(*np.linalg.inv(np.linalg.cholesky(V)))
 
 
 def _with_scale(
