@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from simval.arguments import choice
+from simval.arguments import choice, switch
 from simval.arrays import GREATEST, Array, finite_array, real_number, shaped_array
 from simval.errors import GeometryError, InputError, SimvalError
 from simval.imu.attitude import kernel
@@ -64,7 +64,7 @@ _MESSAGES: Final = {
     ),
     Validity.SINGULAR: (
         f"the chosen frame is singular there (|qbar| below {MIN_NORM:g}): use "
-        'frame="best" or "combined", which never are'
+        'frame="optimal", "best" or "combined", which never are'
     ),
     Validity.INCONSISTENT: (
         "the angles between the body vectors differ from those of the references by "
@@ -216,7 +216,7 @@ def refuse(
     raise kind(msg)
 
 
-Selection = Literal["best", "combined", "x", "y", "z", "plain"]
+Selection = Literal["optimal", "best", "combined", "x", "y", "z", "plain"]
 SELECTIONS = get_args(Selection)
 
 
@@ -264,9 +264,10 @@ def two_vector_quaternion(
     b2: Any,
     r1: Any,
     r2: Any,
-    frame: Selection = "best",
+    frame: Selection = "optimal",
     *,
     weights: Any = None,
+    normalized: bool = False,
     length_tolerance: float = 0.5,
 ) -> Float[Array, "... 4"]:
     r"""Attitude from two vector observations in closed form, eq. (K1).
@@ -278,16 +279,20 @@ def two_vector_quaternion(
     r1, r2 : array_like
         The same vectors in the reference frame and the same unit, (..., 3); the
         leading axes broadcast.
-    frame : {"best", "combined", "plain", "x", "y", "z"}, default "best"
-        ``best`` takes the greatest of the four columns of eq. (K2), ``combined``
-        all of them; neither is ever singular. The others are one column: ``plain``
-        is eq. (8) of the source, the rest a half turn of the reference frame.
+    frame : {"optimal", "best", "combined", "plain", "x", "y", "z"}
+        ``optimal``, the default, is the least-squares attitude of the four directions,
+        Wahba's, by eq. (K3). ``best`` takes the greatest of the four columns of eq.
+        (K2), ``combined`` all of them; these three are never singular. The others
+        are one column: ``plain`` is eq. (8) of the source, the rest a half turn of the
+        reference frame.
     weights : array_like, optional
-        Weights of the two pairs, (2,) or (..., 2), above zero. With them the body
-        vectors are first turned in their plane until one attitude fits both, eq.
-        (K3), and the answer of every frame is the weighted optimum of Wahba's
-        problem. The inverse of the summed variances of b and r is best. Without
-        them the formula is taken as it is.
+        Weights of the two pairs, (2,) or (..., 2), above zero. With them every frame
+        returns the weighted optimum of Wahba's problem, eq. (K4). The inverse of the
+        summed variances of b and r is best. Without them the weights of ``optimal`` are
+        equal, and the formula of the other frames is taken as it is.
+    normalized : bool, default False
+        Normalise the vectors first, as ``optimal`` and `weights` always do: noise along
+        a vector then has no part in the answer. Off, the formula is the source's.
     length_tolerance : float, default 0.5
         Largest relative difference of length between a body vector and its
         reference vector; ``inf`` accepts any.
@@ -296,7 +301,7 @@ def two_vector_quaternion(
     -------
     Array
         Unit quaternions, reference to body, vector first, (..., 4); the scalar is
-        not negative for ``best`` and ``combined``, the sign is the formula's own
+        not negative for the first three frames, the sign is the formula's own
         in a fixed frame.
 
     Raises
@@ -313,7 +318,14 @@ def two_vector_quaternion(
     order sigma / |qbar|; `simval.theory.attitude_moments` predicts it.
     """
     estimate = estimate_attitude(
-        b1, b2, r1, r2, frame, weights=weights, length_tolerance=length_tolerance
+        b1,
+        b2,
+        r1,
+        r2,
+        frame,
+        weights=weights,
+        normalized=normalized,
+        length_tolerance=length_tolerance,
     )
     return estimate.require_valid()
 
@@ -323,9 +335,10 @@ def estimate_attitude(
     b2: Any,
     r1: Any,
     r2: Any,
-    frame: Selection = "best",
+    frame: Selection = "optimal",
     *,
     weights: Any = None,
+    normalized: bool = False,
     noise_std: Any = None,
     false_alarm: float = 1e-6,
     length_tolerance: float = 0.5,
@@ -338,9 +351,11 @@ def estimate_attitude(
         First and second vector in the body frame, (..., 3).
     r1, r2 : array_like
         The same vectors in the reference frame and the same unit, (..., 3).
-    frame : {"best", "combined", "plain", "x", "y", "z"}, default "best"
+    frame : {"optimal", "best", "combined", "plain", "x", "y", "z"}
         As in `two_vector_quaternion`.
     weights : array_like, optional
+        As in `two_vector_quaternion`.
+    normalized : bool, default False
         As in `two_vector_quaternion`.
     noise_std : array_like, optional
         Noise of the unit vectors for each axis: one standard deviation, or four for b1,
@@ -366,7 +381,9 @@ def estimate_attitude(
     arrays, shape = _flat_batch(b1, b2, r1, r2)
     count = arrays[0].shape[0]
     shares = None
+    normalized = switch("normalized", normalized) or frame == "optimal"
     if weights is not None:
+        normalized = True
         shares = pair_weights(weights, (*shape, 2)).reshape(-1, 2).T
     q = np.empty((count, 4))
     validity: Codes = np.zeros(count, dtype=np.int8)
@@ -380,10 +397,14 @@ def estimate_attitude(
         for i, array in enumerate(arrays):
             vectors[3 * i : 3 * i + 3] = array[rows].T
         codes = _block_codes(vectors, length_tolerance, widest)
+        if normalized:
+            kernel.normalize_vectors(vectors)
         if shares is not None:
             pair = np.ones((2, vectors.shape[1]))
             pair[:, :width] = shares[:, rows]
             kernel.fit_pairs(vectors, pair)
+        elif frame == "optimal":
+            kernel.fit_pairs(vectors)
         raw, scale, codes = _estimate_block(vectors, frame, codes)
         np.multiply(raw[:, :width], scale[:width], out=q[rows].T)
         if codes is not None:
@@ -462,7 +483,9 @@ def _block_codes(
     if codes is not None:
         vectors[:, codes != 0] = _HARMLESS
     if widest < np.pi:
-        apart = np.abs(kernel.angle_difference(vectors)) > widest
+        unit = vectors.copy()
+        kernel.normalize_vectors(unit)
+        apart = np.abs(kernel.angle_difference(unit)) > widest
         if apart.any():
             codes = np.zeros(apart.shape, dtype=np.int8) if codes is None else codes
             codes[apart] = Validity.INCONSISTENT
@@ -474,7 +497,7 @@ def _estimate_block(
     vectors: Float[Array, "12 n"], frame: str, codes: Codes | None
 ) -> tuple[Float[Array, "4 n"], Float[Array, " n"], Codes | None]:
     # un-normalised quaternions (4, n), what to multiply them with, codes if any is bad
-    if frame == "best":
+    if frame in ("optimal", "best"):
         raw = kernel.best_quaternion(kernel.column_matrix(vectors, symmetric=False))
     elif frame == "combined":
         raw = kernel.combined_quaternion(kernel.column_matrix(vectors, symmetric=True))

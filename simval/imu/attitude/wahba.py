@@ -34,6 +34,7 @@ from simval.imu.attitude.estimator import (
     Codes,
     Mask,
     Validity,
+    estimate_attitude,
     pair_weights,
     refuse,
     share_of_samples,
@@ -271,7 +272,13 @@ def profile_matrix(
 def _optimum(
     body: Array, reference: Array, weights: Array
 ) -> tuple[Float[Array, "... 4"], Mask]:
-    # the top eigenvector, and where the next eigenvalue is too close
+    # the top eigenvector, and where the next eigenvalue is too close. Of two pairs by
+    # (K3): rounding then costs eps over the sine between them, not over its square
+    if body.shape[-2] == 2:
+        shares = np.maximum(weights / weights.max(axis=-1, keepdims=True), LEAST)
+        vectors = (v[..., i, :] for v in (body, reference) for i in range(2))
+        pairs = estimate_attitude(*vectors, weights=shares)
+        return pairs.q, np.asarray(~pairs.valid)
     values, vectors = np.linalg.eigh(profile_matrix(body, reference, weights))
     gap = (values[..., 3] - values[..., 2]) / np.sum(weights, axis=-1)
     q = vectors[..., 3]
