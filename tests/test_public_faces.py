@@ -241,10 +241,10 @@ OTHERWISE = {
     poses.observability: {},
     poses.best_next_direction: {},
     poses.describe: {},
-    simval.two_vector_quaternion: {"frame": ("best", "choice")},
+    simval.two_vector_quaternion: {"frame": ("optimal", "choice")},
     # a bad sample of these two is one that is not valid
     attitude.estimate_attitude: {
-        "frame": ("best", "choice"),
+        "frame": ("optimal", "choice"),
         **ONE_NOISE,
         **{name: (good, None) for name, good in PAIRS.items()},
     },

@@ -194,6 +194,39 @@ def weighted(rng):
 
 @claims(
     SOURCE,
+    optimum_lengths="the four columns: what errors of the lengths do, to first order",
+)
+def lengths(rng):
+    q, (_, _, _, _), (r1, r2, *_) = drawn(rng, 4), *halves(rng)
+    back, size = q * [-1, -1, -1, 1], q @ q % PRIME
+    b1, b2 = (product(product(back, r), q)[:3] * over(size) % PRIME for r in (r1, r2))
+    a1 = drawn(rng, 1)[0]
+    M = Four(b1, b2, r1, r2).columns(a1)  # q w'
+    w = M.T @ q * over(size)
+    eb1, eb2, er1, er2 = e = drawn(rng, 4)
+    # M is linear in each pair: its change is that of a pair, and of the other
+    changes = [
+        Four(b1 * (1 + e[0]), b2, r1 * (1 + e[2]), r2).columns(a1) - M,
+        Four(b1, b2 * (1 + e[1]), r1, r2 * (1 + e[3])).columns(a1) - M,
+    ]
+    moved = sum(changes) @ w * over(w @ w)
+    # q (1 + v/2) turns what it predicts by v the other way: from b1 to b2 is b2 x b1
+    a2, normal = 1 - a1, np.cross(b2, b1)
+    cosine, square = b1 @ b2, over(normal @ normal)
+    optimum_lengths = (
+        (moved - q * (q @ moved) * over(size)) % PRIME,
+        HALF
+        * cosine
+        * square
+        * (a1 * (eb1 - er1) - a2 * (eb2 - er2))
+        * product(q, normal)
+        % PRIME,
+    )
+    return locals()
+
+
+@claims(
+    SOURCE,
     optimum_sums="(8) on differences and sums: every frame is Wahba's optimum",
     optimum_sums_rank="(8) on differences and sums: the columns have rank one",
     optimum_sums_weighted="(8) on differences and sums, turned: the weighted optimum",

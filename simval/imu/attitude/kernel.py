@@ -171,10 +171,11 @@ def fit_pairs(
     """Put the pairs (K3) in the place of unit vectors, in any frame the optimum."""
     v = vectors.reshape(4, 3, -1)
     v[::2], v[1::2] = v[::2] - v[1::2], v[::2] + v[1::2]
-    lengths = np.sqrt(np.einsum("kjn,kjn->kn", v, v))
+    squares = np.einsum("kjn,kjn->kn", v, v)
     if weights is None:
-        v[:2] *= lengths[2:, None] / lengths[:2, None]
+        v[:2] *= np.sqrt(squares[2:] / squares[:2])[:, None]
         return
+    lengths = np.sqrt(squares)
     sin, cos = _half_difference(lengths)
     a1, a2 = weights / np.max(weights, axis=0)
     sin *= (a1 - a2) / (a1 + a2)

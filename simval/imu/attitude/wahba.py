@@ -276,9 +276,9 @@ def _optimum(
     # (K3): rounding then costs eps over the sine between them, not over its square
     if body.shape[-2] == 2:
         shares = np.maximum(weights / weights.max(axis=-1, keepdims=True), LEAST)
-        vectors = (v[..., i, :] for v in (body, reference) for i in range(2))
-        pairs = estimate_attitude(*vectors, weights=shares)
-        return pairs.q, np.asarray(~pairs.valid)
+        (b1, b2), (r1, r2) = (np.moveaxis(v, -2, 0) for v in (body, reference))
+        found = estimate_attitude(b1, b2, r1, r2, weights=shares)
+        return found.q, np.asarray(~found.valid)
     values, vectors = np.linalg.eigh(profile_matrix(body, reference, weights))
     gap = (values[..., 3] - values[..., 2]) / np.sum(weights, axis=-1)
     q = vectors[..., 3]
