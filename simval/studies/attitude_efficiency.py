@@ -8,7 +8,7 @@ estimator, must bear them out: its squared errors over the predicted ones have m
 
 The noise is isotropic. Its part along the vectors carries no attitude, and what
 `combined` makes of it is its whole price: its ratio is, at an angle theta between the
-vectors, :math:`\\sqrt{5 / (4 + \\sin^2\\theta)}`, (Y4) of docs/theory.md.
+vectors, :math:`\\sqrt{5 / (4 + \\sin^2\\theta)}`, (K7) of docs/theory.md.
 """
 
 from collections.abc import Callable
@@ -122,7 +122,7 @@ def predicted_squares(problems: Truths) -> Float[Array, "n 4"]:
 
 
 def price_of_columns(problems: Truths) -> Float[Array, " n"]:
-    """RMS error of the combined estimator over the bound, isotropic noise, (Y4)."""
+    """RMS error of the combined estimator over the bound, isotropic noise, (K7)."""
     n = cross(problems[1], problems[2])
     return np.asarray(np.sqrt(5.0 / (4.0 + np.sum(n * n, axis=-1))))
 

@@ -585,7 +585,7 @@ def test_price_of_the_closed_form():
 
 @pytest.mark.parametrize("frame", ["combined", "optimal"])
 def test_noise_along_the_vectors_turns_about_the_normal_alone(frame):
-    """(Y3) of docs/theory.md; the optimum normalises it away."""
+    """(K6) of docs/theory.md; the optimum normalises it away."""
     q, vectors, rng = geometry(5, apart)
     std = rng.uniform(0.5, 2.0, 4)
     along = std[:, None, None] ** 2 * vectors[:, :, None] * vectors[:, None, :]

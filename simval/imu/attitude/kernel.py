@@ -18,8 +18,12 @@ column is never shorter than :math:`|n|/2`. Replacing the scalar
 alone and halves that entry's noise.
 
 Where the angle between the body vectors differs from that of the references, no
-attitude fits both pairs. For unit vectors M still contains the least-squares attitude
-of Wahba's problem (docs/theory.md, section 9), and (K1) gives it by itself for
+attitude fits both pairs. For unit vectors M, with the symmetric scalar and any noise,
+still has Davenport's eigenvectors (docs/theory.md, section 9 derives all that follows):
+
+.. math:: M M^T = \tfrac14 \det(I - K) (I - K)^{-1} (I + K).  \tag{K5}
+
+Wahba's optimum is the greatest left singular vector, and (K1) gives it by itself for
 
 .. math:: (r_1 - r_2,\ \lambda (b_1 - b_2)), \quad (r_1 + r_2,\ \mu (b_1 + b_2)),
    \tag{K3}
@@ -30,6 +34,14 @@ vectors in their plane first, by an angle of tangent
 
 .. math:: \tan\epsilon = \frac{a_1 - a_2}{a_1 + a_2} \tan\frac{\theta_r - \theta_b}{2}.
    \tag{K4}
+
+Lengths 1 + e turn that singular vector about the normal alone, by
+
+.. math:: \cot\theta\, (a_1 (e_{b1} - e_{r1}) - a_2 (e_{b2} - e_{r2})),  \tag{K6}
+
+so isotropic noise costs the RMS error, over the Cramer-Rao bound, of all columns
+
+.. math:: \sqrt{5 / (4 + \sin^2\theta)}.  \tag{K7}
 
 A block holds one sample per column: rows are the components of b1, b2, r1, r2.
 Blocks of `BLOCK` columns stay in the processor's cache.
