@@ -268,7 +268,7 @@ OTHERWISE = {
     theory.wahba_order: {"tolerance": (0.01, "positive")},
     theory.loss_noncentrality: {},
     noise_bound: {},
-    theory.attitude_bound: BATCHES,
+    theory.attitude_bound: {**BATCHES, "noise_std": (0.01, "noise of samples")},
     theory.calibration_moments: {"model": (MODEL, "object")},
     theory.cubature_moments: {"estimator": (simval.two_vector_quaternion, "object")},
     theory.series_moments: {"order": (2, "count")},

@@ -524,9 +524,12 @@ def test_the_first_bad_sample_is_named():
             attitude_moments(*arguments, **options)
     with pytest.raises(InputError, match=r"`q` has shape .* give one"):
         sufficient_order(q, r1, r2, 0.01)  # of one geometry
-    for function in (attitude_bound, sufficient_order):  # of one noise
+    for function, noises in (
+        (attitude_bound, np.eye(12)),  # of vectors that are independent
+        (sufficient_order, [[0.01], [0.02]]),  # of one noise
+    ):
         with pytest.raises(InputError, match="`noise_std` has shape"):
-            function(q[0], r1[0], r2[0], [[0.01], [0.02]])
+            function(q[0], r1[0], r2[0], noises)
 
 
 def test_a_bound_and_a_direct_covariance_of_each_of_a_batch():
@@ -581,6 +584,32 @@ def test_price_of_the_closed_form():
     _, best = np.sqrt(ratios).T
     # the paper's single column pays more, as it must: 1.25 in the median
     assert np.median(best) > 1.2
+
+
+def test_tangent_noise_has_a_bound_and_all_columns_reach_it():
+    """A unit vector's length carries no attitude; `best` pays for one frame alone."""
+    rng = np.random.default_rng(7)
+    q, (r1, r2) = (
+        random_quaternions(40, rng),
+        normalize(rng.standard_normal((2, 40, 3))),
+    )
+    vectors = np.stack(
+        [np.matvec(attitude_matrix(q), r) for r in (r1, r2)] + [r1, r2], 1
+    )
+    noise = tangent_covariances(vectors, 1.0)
+    bound = attitude_bound(q, r1, r2, noise).quaternion
+    # rounding: the inverse of an information whose condition is the square of 1 / sine
+    off = 1e-13 / np.sum(np.cross(r1, r2) ** 2, axis=1) ** 2
+    # it is that of isotropic noise, whose part along the vectors says nothing
+    same = attitude_bound(q, r1, r2, 1.0).quaternion
+    assert np.all(np.abs(bound - same).max(axis=(1, 2)) < off)
+    for frame, reached in (("combined", True), ("optimal", True), (None, False)):
+        found = attitude_moments(q, r1, r2, noise, 2, frame).covariance
+        assert np.all(np.abs(found - bound).max(axis=(1, 2)) < off) == reached
+    none = noise.copy()
+    none[:, 1] = 0.0
+    with pytest.raises(InputError, match="across a vector"):
+        attitude_bound(q, r1, r2, none)
 
 
 @pytest.mark.parametrize("frame", ["combined", "optimal"])

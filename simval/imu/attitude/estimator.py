@@ -31,6 +31,8 @@ MIN_SINE: Final = 1e-7
 # A fixed frame is refused below this share of the greatest possible norm: rounding
 # enters the direction of qbar as eps / |qbar|.
 MIN_NORM: Final = 1e-8
+# Of a quotient of two lengths: each is a root of a sum of three squares.
+ROUNDED: Final = 1e-15
 # Squares and fourth powers of lengths inside this range neither over- nor underflow.
 LENGTHS: Final = (1e-50, 1e50)
 
@@ -67,8 +69,9 @@ _MESSAGES: Final = {
         'frame="optimal", "best" or "combined", which never are'
     ),
     Validity.INCONSISTENT: (
-        "the angles between the body vectors differ from those of the references by "
-        "more than `noise_std` explains; check which pair is wrong, and remove it"
+        "angles or lengths of the body vectors differ from those of the references by "
+        "more than `noise_std` explains; check which pair is wrong, and remove it, or "
+        "normalise vectors whose lengths are known to be wrong"
     ),
     Validity.AMBIGUOUS: (
         "two attitudes fit equally well, or the weights differ too much; give vectors "
@@ -148,8 +151,11 @@ def singular_columns(
     return mask if mask.any() else None
 
 
-def widest_difference(noise_std: Any, false_alarm: Any) -> float:
-    """Difference of the two angles, rad, that noise exceeds in a share of the samples.
+def widest_differences(noise_std: Any, false_alarm: Any) -> Float[Array, "3"]:
+    """Differences that noise exceeds in a share of the samples, infinite without noise.
+
+    Of the two angles, rad, and of the length of b1 and of b2, over that of its
+    reference.
 
     Raises
     ------
@@ -158,7 +164,7 @@ def widest_difference(noise_std: Any, false_alarm: Any) -> float:
     """
     rate = share_of_samples(false_alarm)
     if noise_std is None:
-        return np.inf
+        return np.full(3, np.inf)
     std = finite_array("noise_std", noise_std, ())
     if std.shape not in ((), (4,)) or not (np.all(std >= 0.0) and 0.0 < std.max() <= 1):
         msg = (
@@ -167,8 +173,12 @@ def widest_difference(noise_std: Any, false_alarm: Any) -> float:
         )
         raise InputError(msg)
     # each vector's noise in the plane of the pair turns it by that angle
-    total = float(np.sqrt(np.sum(np.broadcast_to(std, (4,)) ** 2)))
-    return total * float(-scipy.special.ndtri(rate / 2.0))
+    b1, b2, r1, r2 = np.broadcast_to(std, (4,))
+    total = np.array(
+        [np.linalg.norm(std * np.ones(4)), np.hypot(b1, r1), np.hypot(b2, r2)]
+    )
+    # three tests share the rate; lengths are rounded where there is no noise
+    return total * float(-scipy.special.ndtri(rate / 6.0)) + [0.0, ROUNDED, ROUNDED]
 
 
 def share_of_samples(false_alarm: Any) -> float:
@@ -356,12 +366,14 @@ def estimate_attitude(
     weights : array_like, optional
         As in `two_vector_quaternion`.
     normalized : bool, default False
-        As in `two_vector_quaternion`.
+        As in `two_vector_quaternion`. State it of vectors whose lengths mean nothing.
     noise_std : array_like, optional
         Noise of the unit vectors for each axis: one standard deviation, or four for b1,
-        b2, r1, r2. With it, a sample whose pairs fit no common attitude is not valid.
+        b2, r1, r2. With it, a sample whose pairs fit no common attitude, or whose body
+        vectors have other lengths than their references, is not valid; the lengths do
+        not count with `normalized`.
     false_alarm : float, default 1e-6
-        Share of good samples that this test may refuse.
+        Share of good samples that these tests together may refuse.
     length_tolerance : float, default 0.5
         As in `two_vector_quaternion`.
 
@@ -377,13 +389,13 @@ def estimate_attitude(
     """
     frame = choice("frame", frame, SELECTIONS)
     length_tolerance = _tolerance(length_tolerance)
-    widest = widest_difference(noise_std, false_alarm)
+    widest = widest_differences(noise_std, false_alarm)
+    if switch("normalized", normalized):
+        widest[1:] = np.inf  # the lengths are of no account
     arrays, shape = _flat_batch(b1, b2, r1, r2)
     count = arrays[0].shape[0]
     shares = None
-    normalized = switch("normalized", normalized) or frame == "optimal"
     if weights is not None:
-        normalized = True
         shares = pair_weights(weights, (*shape, 2)).reshape(-1, 2).T
     q = np.empty((count, 4))
     validity: Codes = np.zeros(count, dtype=np.int8)
@@ -397,14 +409,13 @@ def estimate_attitude(
         for i, array in enumerate(arrays):
             vectors[3 * i : 3 * i + 3] = array[rows].T
         codes = _block_codes(vectors, length_tolerance, widest)
-        if normalized:
+        fitted = frame == "optimal" or shares is not None
+        if normalized or fitted:
             kernel.normalize_vectors(vectors)
-        if shares is not None:
-            pair = np.ones((2, vectors.shape[1]))
-            pair[:, :width] = shares[:, rows]
-            kernel.fit_pairs(vectors, pair)
-        elif frame == "optimal":
-            kernel.fit_pairs(vectors)
+        if fitted:
+            kernel.fit_pairs(
+                vectors, None if shares is None else _wide(shares[:, rows])
+            )
         raw, scale, codes = _estimate_block(vectors, frame, codes)
         np.multiply(raw[:, :width], scale[:width], out=q[rows].T)
         if codes is not None:
@@ -476,16 +487,17 @@ def pair_weights(weights: Any, shape: tuple[int, ...]) -> Array:
 
 
 def _block_codes(
-    vectors: Array, length_tolerance: float, widest: float
+    vectors: Array, length_tolerance: float, widest: Float[Array, "3"]
 ) -> Codes | None:
     # codes if any is bad, with a harmless sample in place of each bad one
     codes = block_validity(vectors, length_tolerance)
     if codes is not None:
         vectors[:, codes != 0] = _HARMLESS
-    if widest < np.pi:
+    if widest.min() < np.inf:
         unit = vectors.copy()
-        kernel.normalize_vectors(unit)
-        apart = np.abs(kernel.angle_difference(unit)) > widest
+        lengths = kernel.normalize_vectors(unit)
+        off = [kernel.angle_difference(unit), *(lengths[:2] / lengths[2:] - 1.0)]
+        apart = (np.abs(off) > widest[:, None]).any(axis=0)
         if apart.any():
             codes = np.zeros(apart.shape, dtype=np.int8) if codes is None else codes
             codes[apart] = Validity.INCONSISTENT
@@ -512,6 +524,11 @@ def _estimate_block(
         codes[singular & (codes == 0)] = Validity.SINGULAR
         squared[singular] = 1.0
     return raw, 1.0 / np.sqrt(squared), codes
+
+
+def _wide(shares: Float[Array, "2 n"]) -> Float[Array, "2 m"]:
+    # those of a single sample twice, as its vectors are
+    return shares if shares.shape[1] > 1 else np.repeat(shares, 2, axis=1)
 
 
 # a turn of 120 degrees about (1, 1, 1), regular in every frame: all |qbar| are 1/2
