@@ -170,8 +170,10 @@ def test_what_a_coverage_is_allowed_is_a_fifth_of_what_it_must_see(sigma):
 )
 def test_the_combined_estimator_and_no_other_has_its_closed_price(count):
     problems = attitude_efficiency.geometries(count, np.random.default_rng(count))
-    predicted = attitude_efficiency.predicted_squares(problems)
-    combined, best, bound = np.sqrt(predicted[:, :3].T)
+    predicted = attitude_efficiency.predicted_squares(
+        problems, attitude_efficiency.Parameters()
+    )
+    combined, best, _, bound, _ = np.sqrt(predicted.T)
     assert np.all(combined >= bound * (1.0 - 1e-9))
     none = np.zeros(count)
     price = attitude_efficiency.price_of_columns(problems)
