@@ -84,6 +84,8 @@ def _arithmetic(frame: str, *vectors: Any) -> Any:
     if frame == "plain":
         raw = kernel.raw_quaternion(block, frame)
     else:
+        if frame == "optimal":
+            kernel.fit_pairs(block)
         combines = frame == "combined"
         columns = kernel.column_matrix(block, symmetric=combines)
         pick = kernel.combined_quaternion if combines else kernel.best_quaternion
@@ -92,9 +94,15 @@ def _arithmetic(frame: str, *vectors: Any) -> Any:
 
 
 triad = _own(name="triad", estimate=triad_quaternion, kind="triad")
+optimal = _own(
+    name="optimal",
+    estimate=two_vector_quaternion,
+    arithmetic=partial(_arithmetic, "optimal"),
+    kind="wahba",
+)
 closed_form = _own(
     name="closed-form",
-    estimate=two_vector_quaternion,
+    estimate=partial(two_vector_quaternion, frame="best"),
     arithmetic=partial(_arithmetic, "best"),
     kind="closed form",
 )

@@ -241,10 +241,10 @@ OTHERWISE = {
     poses.observability: {},
     poses.best_next_direction: {},
     poses.describe: {},
-    simval.two_vector_quaternion: {"frame": ("best", "choice")},
+    simval.two_vector_quaternion: {"frame": ("optimal", "choice")},
     # a bad sample of these two is one that is not valid
     attitude.estimate_attitude: {
-        "frame": ("best", "choice"),
+        "frame": ("optimal", "choice"),
         **ONE_NOISE,
         **{name: (good, None) for name, good in PAIRS.items()},
     },
@@ -268,7 +268,7 @@ OTHERWISE = {
     theory.wahba_order: {"tolerance": (0.01, "positive")},
     theory.loss_noncentrality: {},
     noise_bound: {},
-    theory.attitude_bound: BATCHES,
+    theory.attitude_bound: {**BATCHES, "noise_std": (0.01, "noise of samples")},
     theory.calibration_moments: {"model": (MODEL, "object")},
     theory.cubature_moments: {"estimator": (simval.two_vector_quaternion, "object")},
     theory.series_moments: {"order": (2, "count")},

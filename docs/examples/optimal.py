@@ -93,6 +93,31 @@ def closed_form(*given):
     return _turned(_closed_form, *given)
 
 
+def sums_and_differences(b1, b2, r1, r2, a1, a2):
+    """The same formula of differences and sums, which is optimal: docs/theory.md, 9."""
+    (d, s), (e, t) = (
+        (
+            [x - y for x, y in zip(u, v, strict=True)],
+            [x + y for x, y in zip(u, v, strict=True)],
+        )
+        for u, v in ((b1, b2), (r1, r2))
+    )
+    if a1 == a2:
+        d_by, s_by = ((_dot(r, r) / _dot(b, b)) ** 0.5 for b, r in ((d, e), (s, t)))
+        d, s = [d_by * x for x in d], [s_by * x for x in s]
+    else:
+        d_b, s_b, d_r, s_r = (_dot(v, v) ** 0.5 for v in (d, s, e, t))
+        cos, sin = s_r * s_b + d_r * d_b, (d_r * s_b - s_r * d_b) * (a1 - a2)
+        scale = 1.0 / (cos * cos + sin * sin) ** 0.5
+        cos, sin, d_by, s_by = cos * scale, sin * scale, 1.0 / d_b, 1.0 / s_b
+        d, s = [d_by * x for x in d], [s_by * x for x in s]
+        d, s = (
+            [d_r * (cos * x + sin * y) for x, y in zip(d, s, strict=True)],
+            [s_r * (cos * y - sin * x) for x, y in zip(d, s, strict=True)],
+        )
+    return _turned(_closed_form, d, s, e, t, a1, a2)
+
+
 def _euler2(b1, b2, r1, r2, a1, a2):
     d1 = [x - y for x, y in zip(b1, r1, strict=True)]
     d2 = [x - y for x, y in zip(b2, r2, strict=True)]
@@ -227,11 +252,16 @@ def _plugin(name, method, components="xyzs", matrix="passive", **words):
 
 
 METHODS = {
-    "closed form": closed_form, "EULER-2": euler2, "QUEST": quest, "ESOQ2": esoq2,
+    "closed form": closed_form, "sums and differences": sums_and_differences,
+    "EULER-2": euler2, "QUEST": quest, "ESOQ2": esoq2,
     "FOAM": foam, "SVD": svd,
 }  # fmt: skip
 WEIGHTED = {"reads": ("weights",), "kind": "weighted wahba"}
 CLOSED_FORM = _plugin("closed form", closed_form)
+OPTIMUM = _plugin("sums and differences", sums_and_differences, kind="wahba")
+OPTIMUM_WEIGHTED = _plugin(
+    "weighted sums and differences", sums_and_differences, **WEIGHTED
+)
 EULER2 = _plugin("EULER-2", euler2, reads=("weights",))
 QUEST, ESOQ2 = _plugin("QUEST", quest, **WEIGHTED), _plugin("ESOQ2", esoq2, **WEIGHTED)
 FOAM = _plugin("FOAM", foam, "matrix", "active", **WEIGHTED)

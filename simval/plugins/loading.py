@@ -82,7 +82,7 @@ def _nodes(content: bytes) -> list[ast.AST]:
 GROUP: Final = "simval.plugins"
 PREFIX: Final = "simval:"
 
-_CLOSED_FORMS = ("closed-form", "combined", "sequential", "table-1", "plain")
+_CLOSED_FORMS = ("optimal", "closed-form", "combined", "sequential", "table-1", "plain")
 _ESTIMATORS = ("wahba", "weighted-wahba", "triad", *_CLOSED_FORMS)
 _CALIBRATORS = ("squared", "norm", "weighted", "sampson", "adjusted")
 _FILTERS = ("mekf", "mekf-six")

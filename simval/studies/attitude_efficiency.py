@@ -3,15 +3,23 @@ r"""Efficiency: the loss of accuracy of the closed form against the bound.
 Over many geometries, drawn once for all, the RMS error of each estimator is set against
 the Cramer-Rao bound of the two-vector problem, which the q-method reaches to first
 order. The median ratio of 500 random geometries has itself a standard error of 0.003.
-The first-order ratios involve no chance and are bounded; the simulation, with the same
-noise for every estimator, must bear them out: its squared errors over the predicted
-ones have mean 1.
+The first-order ratios involve no chance; the simulation, with the same noise for every
+estimator, must bear them out: its squared errors over the predicted ones have mean 1.
+
+The noise is isotropic, tangent to each unit vector, or isotropic with heavy tails
+(Student's t of `FREEDOM` degrees, of the same variance), on all vectors alike, and the
+vectors go into the estimators as they are or normalised; `optimal`, the q-method and
+TRIAD always normalise. Noise along the vectors carries no attitude, and what `combined`
+makes of it is its whole price: its ratio is, at an angle theta between the vectors,
+:math:`\sqrt{5 / (4 + \sin^2\theta)}`, (K7) of docs/theory.md.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any, Final, Literal
 
 import numpy as np
+from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -19,14 +27,15 @@ from simval.figures import Distribution, Listing, entry
 from simval.geometry import attitude_error, cross, normalize, random_quaternions
 from simval.imu.attitude import two_vector_quaternion
 from simval.imu.attitude.comparators import davenport, triad
-from simval.results import Outcome, Row, limit, plain, unjudged
+from simval.imu.attitude.estimator import Selection
+from simval.results import Outcome, Row, exact, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.attitude import Truth, Truths
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged
 from simval.theory.attitude import attitude_moments
 from simval.theory.cramer_rao import attitude_bound
-from simval.theory.two_vector import true_vectors
+from simval.theory.two_vector import Frame, tangent_covariances, true_vectors
 
 TITLE = "Efficiency: cost of the closed form against the Cramer-Rao bound"
 SECTION = "estimators"
@@ -34,21 +43,31 @@ SECTION = "estimators"
 MIN_SINE = 0.3
 """Of the angle between r1 and r2."""
 
-MEDIAN, SPREAD, WORST_LIMIT = 1.024, 0.2, 1.12
-"""What the combined estimator may cost in RMS error. The median of 8000 geometries is
-1.0241, their worst 1.106; a median of n of them is above `MEDIAN` plus `SPREAD` over
-the root of n about 3 times in 10 000."""
+ROUNDED = 1e-12
+"""Of a first-order ratio: some hundred operations, over the square of a sine of 0.3."""
 
 REMAINDER = 1e-3
 """The second-order term of a squared error, relative: 90 (sigma/MIN_SINE)^2 at the
 default noise."""
 
-ESTIMATORS: dict[str, Callable[..., Array]] = {
-    "combined": partial(two_vector_quaternion, frame="combined"),
-    "best of four": partial(two_vector_quaternion, frame="best"),
-    "q-method": davenport,
-    "TRIAD": triad,
-}
+FREEDOM: Final = 8.0
+TAILS = (FREEDOM - 2.0) / (FREEDOM - 4.0)
+"""Mean fourth power of the heavy tails over that of a normal: so much more is left."""
+
+ESTIMATORS = ("combined", "best of four", "optimal", "q-method", "TRIAD")
+JUDGED = ("combined", "optimal", "q-method")
+"""Free selection follows the noise, and TRIAD has no prediction here."""
+
+
+def estimators(normalized: bool) -> dict[str, Callable[..., Array]]:
+    """The estimators, of normalised vectors or of vectors as they are."""
+    frames: tuple[Selection, ...] = ("combined", "best", "optimal")
+    ours = (
+        partial(two_vector_quaternion, frame=frame, normalized=normalized)
+        for frame in frames
+    )
+    return dict(zip(ESTIMATORS, (*ours, davenport, triad), strict=True))
+
 
 AT_ONCE = 4096
 """Trials of some geometries, for the cache; no result depends on it."""
@@ -60,6 +79,12 @@ MOST_TRIALS = 1_000_000
 class Parameters(StudyParameters):
     """One cell: how many geometries and trials, at which noise."""
 
+    noise: Literal["isotropic", "tangent", "heavy tails"] = Field(
+        default="isotropic", description="Noise of all four vectors."
+    )
+    normalized: bool = Field(
+        default=False, description="Normalise the vectors before they are used."
+    )
     geometries: int = ranged(500, "Random attitudes and vector pairs.", 100)
     trials: int = ranged(200, "Trials for each geometry.", 10, MOST_TRIALS)
     noise_std: float = ranged(
@@ -76,9 +101,9 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     # always the same geometries, so that the predicted ratios involve no chance
     rng = np.random.default_rng(parameters.geometries)
     problems = geometries(parameters.geometries, rng)
-    predicted = predicted_squares(problems)
+    predicted = predicted_squares(problems, parameters)
     squares, errors = _simulated(problems, parameters, streams)
-    best = [*ESTIMATORS].index("q-method")
+    best = ESTIMATORS.index("q-method")
     ratios = np.sqrt(predicted / predicted[:, best, None])
     simulated = np.sqrt(squares / squares[:, best, None])
     relative = errors / squares
@@ -86,12 +111,25 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     error = simulated * np.hypot(relative, relative[:, best, None]) / 2.0
     unit = predicted * parameters.noise_std**2
     rows: list[Row] = []
+    prices: dict[str, Array] = dict.fromkeys(ESTIMATORS, np.ones(len(ratios)))
+    if parameters.noise != "tangent" and not parameters.normalized:
+        prices["combined"] = price_of_columns(problems)
+    left = REMAINDER * (TAILS if parameters.noise == "heavy tails" else 1.0)
     for k, name in enumerate(ESTIMATORS):
-        rows += ratio_rows(name, ratios[:, k], simulated[:, k], error[:, k])
+        rows += ratio_rows(
+            name, ratios[:, k], simulated[:, k], error[:, k], prices[name]
+        )
         scaled = squares[:, k] / unit[:, k], errors[:, k] / unit[:, k]
-        rows += _scale_row(name, *scaled, parameters.trials)
+        rows += _scale_row(name, *scaled, parameters.trials, left)
     artifact = dict(zip(ESTIMATORS, simulated.T, strict=True))
-    return Outcome(rows=tuple(rows), artifacts={"attitude-efficiency.npz": artifact})
+    name = artifact_of(parameters.model_dump())
+    return Outcome(rows=tuple(rows), artifacts={name: artifact})
+
+
+def artifact_of(named: Mapping[str, Any]) -> str:
+    """File of the ratios of a cell with these parameters."""
+    used = "normalised" if named["normalized"] else "as they are"
+    return f"attitude-efficiency-{named['noise']}-{used}.npz".replace(" ", "-")
 
 
 def geometries(count: int, rng: np.random.Generator) -> Truths:
@@ -106,22 +144,33 @@ def geometries(count: int, rng: np.random.Generator) -> Truths:
     return q, r1, r2
 
 
-def predicted_squares(problems: Truths) -> Float[Array, "n 4"]:
+def predicted_squares(problems: Truths, parameters: Parameters) -> Float[Array, "n 5"]:
     """Mean squared angle of each estimator for unit noise.
 
     TRIAD has no prediction here and is compared with the bound.
     """
-    bound = np.trace(attitude_bound(*problems, 1.0).rotation, 0, 1, 2)
-    combined, best = (
-        4.0 * np.trace(attitude_moments(*problems, 1.0, 2, frame).covariance, 0, 1, 2)
-        for frame in ("combined", None)
+    noise: Array = np.ones(1)
+    if parameters.noise == "tangent":
+        noise = tangent_covariances(true_vectors(*problems)[1], 1.0)
+    bound = np.trace(attitude_bound(*problems, noise).rotation, 0, 1, 2)
+    frames: tuple[Frame | None, ...] = ("combined", None, "optimal")
+    moments = (
+        attitude_moments(*problems, noise, 2, frame, normalized=parameters.normalized)
+        for frame in frames
     )
-    return np.stack([combined, best, bound, bound], axis=1)
+    squares = [4.0 * np.trace(found.covariance, 0, 1, 2) for found in moments]
+    return np.stack([*squares, bound, bound], axis=1)
+
+
+def price_of_columns(problems: Truths) -> Float[Array, " n"]:
+    """RMS error of the combined estimator over the bound, isotropic noise, (K7)."""
+    n = cross(problems[1], problems[2])
+    return np.asarray(np.sqrt(5.0 / (4.0 + np.sum(n * n, axis=-1))))
 
 
 def _simulated(
     problems: Truths, parameters: Parameters, streams: Streams
-) -> tuple[Float[Array, "n 4"], Float[Array, "n 4"]]:
+) -> tuple[Float[Array, "n 5"], Float[Array, "n 5"]]:
     # mean squared angle of each estimator, and its standard error
     trials, quiet = parameters.trials, true_vectors(*problems)[1]
     shape = len(quiet), len(ESTIMATORS)
@@ -130,13 +179,24 @@ def _simulated(
     for start in range(0, len(quiet), together):
         some = range(start, min(start + together, len(quiet)))
         q, truth = problems[0][some, None], quiet[some, :, None]
-        noise = [streams.block(i).standard_normal((4, trials, 3)) for i in some]
-        vectors = np.moveaxis(truth + parameters.noise_std * np.stack(noise), 1, 0)
-        for k, estimator in enumerate(ESTIMATORS.values()):
+        noise = np.stack([_noise(parameters, streams.block(i)) for i in some])
+        if parameters.noise == "tangent":
+            noise -= np.sum(noise * truth, axis=-1, keepdims=True) * truth
+        vectors = np.moveaxis(truth + parameters.noise_std * noise, 1, 0)
+        for k, estimator in enumerate(estimators(parameters.normalized).values()):
             square = np.asarray(attitude_error(estimator(*vectors), q)) ** 2
             means[some, k] = square.mean(axis=1)
             errors[some, k] = square.std(axis=1, ddof=1) / np.sqrt(trials)
     return means, errors
+
+
+def _noise(parameters: Parameters, rng: np.random.Generator) -> Float[Array, "4 t 3"]:
+    # of variance 1 on each axis
+    normal = rng.standard_normal((4, parameters.trials, 3))
+    if parameters.noise != "heavy tails":
+        return normal
+    spread = rng.chisquare(FREEDOM, (4, parameters.trials, 1))
+    return np.asarray(normal * np.sqrt((FREEDOM - 2.0) / spread))
 
 
 def ratio_rows(
@@ -144,16 +204,15 @@ def ratio_rows(
     predicted: Float[Array, " n"],
     simulated: Float[Array, " n"],
     error: Float[Array, " n"],
+    price: Float[Array, " n"],
 ) -> list[Row]:
     """Median and worst of the RMS errors over the q-method's, by theory and drawn."""
     rows: list[Row] = []
-    for what, pick, most in (
-        ("median", np.median, MEDIAN + SPREAD / np.sqrt(len(predicted))),
-        ("worst", np.max, WORST_LIMIT),
-    ):
+    for what, pick in (("median", np.median), ("worst", np.max)):
         ratio, at = stat.RMS_RATIO(name, what), float(pick(predicted))
-        if name == "combined":
-            rows += limit(ratio, at, most, stat.FIRST_ORDER)
+        if name in ("combined", "optimal"):
+            closed = float(pick(price))
+            rows += exact(ratio, at, closed, stat.CLOSED_FORM, ROUNDED)
         elif name != "TRIAD":
             rows += unjudged(ratio, at, predictor=stat.FIRST_ORDER)
         value = float(pick(simulated))
@@ -166,7 +225,11 @@ def ratio_rows(
 
 
 def _scale_row(
-    name: str, squares: Float[Array, " n"], errors: Float[Array, " n"], trials: int
+    name: str,
+    squares: Float[Array, " n"],
+    errors: Float[Array, " n"],
+    trials: int,
+    left: float = REMAINDER,
 ) -> tuple[Row, ...]:
     # from the spread of the trials in each geometry: the geometries are fewer, and
     # their spread has fewer degrees of freedom than `verdict.freedom` takes
@@ -177,9 +240,8 @@ def _scale_row(
         error,
         len(squares) * trials,
     )
-    if name in ("combined", "q-method"):
-        return plain(*found, 1.0, stat.FIRST_ORDER, REMAINDER)
-    # free selection follows the noise, and TRIAD is not predicted: not judged
+    if name in JUDGED:
+        return plain(*found, 1.0, stat.FIRST_ORDER, left)
     return unjudged(*found, predictor=stat.FIRST_ORDER)
 
 
@@ -191,10 +253,8 @@ FIGURES = (
         says="RMS error over the q-method's, in the median: {each}.",
         about=[stat.SIMULATED_RMS_RATIO(name, "median") for name in ESTIMATORS],
         named=entry(0),
-        file=lambda parameters: "attitude-efficiency.npz",
-        arrays=lambda parameters: {
-            "price of the closed form": {name: name for name in ESTIMATORS}
-        },
+        file=artifact_of,
+        arrays=lambda parameters: {"": {name: name for name in ESTIMATORS}},
         axis="RMS error / the q-method's",
         value="share of geometries",
         caption=(

@@ -189,7 +189,7 @@ class Setting:
         bound = attitude_bound(self.q, self.r1, self.r2, self.sigma)
         self.bound = float(np.sqrt(np.trace(bound.rotation)))
         self.remedies: dict[str, Callable[..., Array]] = {
-            "best of four": two_vector_quaternion,
+            "best of four": partial(two_vector_quaternion, frame="best"),
             "sequential": lambda *v: sequential_quaternion(*v).q,
             "Table 1": partial(case_quaternion, tolerance=self.border),
             "combined": partial(two_vector_quaternion, frame="combined"),

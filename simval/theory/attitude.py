@@ -40,6 +40,7 @@ from simval.theory.expansion import (
 from simval.theory.series import require_distribution, series_moments
 from simval.theory.two_vector import (
     FRAMES,
+    WHOLE,
     Columns,
     Frame,
     TwoVectorGeometry,
@@ -297,9 +298,10 @@ def attitude_moments(
         the source's section 5, which keeps part of the fourth order; ``"exact"`` keeps
         all: 1 to 2 ms for isotropic noise (half a millisecond in a batch), from a
         sixth of a second up for any other, sample by sample.
-    frame : {"plain", "x", "y", "z", "combined"}, optional
+    frame : {"plain", "x", "y", "z", "combined", "optimal"}, optional
         The estimator's fixed frame; default, the greatest column of each truth.
-        ``"combined"`` is the four-column estimator that starts from that column.
+        ``"combined"`` is the four-column estimator that starts from that column,
+        ``"optimal"`` Wahba's of equal weights, which normalises the vectors.
     normalized : bool, default False
         The four vectors are normalised after the noise.
     third_moments : array_like, optional
@@ -325,17 +327,18 @@ def attitude_moments(
     Notes
     -----
     Order 2 is source eqs. (52) and (63) without the squared bias; Gaussian noise is
-    assumed beyond it, but for what `third_moments` say. With ``"combined"`` or
-    `normalized`, orders above 2 and correlated vectors are worked out sample by sample,
-    by power series in 0.1 s, and ``"exact"`` by cubature through the estimator: to 1e-4
-    at small noise and 2e-3 at any (`simval.theory.cubature`). See
+    assumed beyond it, but for what `third_moments` say. With `normalized` or one
+    of the last two frames, orders above 2 and correlated vectors are worked out sample
+    by sample, by power series in 0.1 s, and ``"exact"`` by cubature through the
+    estimator: to 1e-4 at small noise and 2e-3 at any (`simval.theory.cubature`). See
     `simval.theory.expansion`, `simval.theory.exact` and `simval.theory.series`.
     """
     order = choice("order", order, (*ORDERS, 3))
     normalized = switch("normalized", normalized)
     if frame is not None:
-        frame = choice("frame", frame, ("combined", *FRAMES))
-    combined = frame == "combined"
+        frame = choice("frame", frame, (*WHOLE, *FRAMES))
+    # to second order all columns of normalised vectors are Wahba's optimum
+    combined, normalized = frame in WHOLE, normalized or frame == "optimal"
     special = combined or normalized
     _require_theory(order, special, third_moments)
     noise = noise_of_samples(noise_std)
@@ -354,7 +357,7 @@ def attitude_moments(
     flat = columns.reshape(-1)
     second = order in (2, 3) and own == (4, 3, 3)
     if third_moments is not None or (special and not second):
-        made = partial(two_vector_direction, combined=combined, normalized=normalized)
+        made = partial(two_vector_direction, frame=frame, normalized=normalized)
         moments_of = (
             refined_moments
             if order == "exact"

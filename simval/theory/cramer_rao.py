@@ -12,10 +12,14 @@ each, which nobody asked for. With W the inverse noise covariances,
 T_i the plane tangent at :math:`r_i^t`, whose rows fall away where it is known exactly;
 the bound on :math:`\theta` is the inverse of the Schur complement of the nuisance
 block. A quaternion error is :math:`\Delta q = \Xi\, \theta/2` to first order.
+
+The length of a unit vector is known and says nothing of the attitude: B and T are
+tangent to the sphere. So noise in the tangent plane alone, which leaves the length
+exact, has a bound, and what W is along the vector does not enter it.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -25,9 +29,17 @@ from simval.geometry import attitude_matrix, cross_matrix
 from simval.shapes import Float
 from simval.theory.two_vector import (
     noise_covariances,
+    noise_of_samples,
+    own_axes,
+    require_apart,
     true_pairs,
-    true_vectors,
+    unit_arguments,
+    vectors_of,
 )
+
+TANGENT: Final = 1e-12
+"""Of the trace of a covariance: a product P S P is rounded to 1e-16 of it, and what has
+less than this along its vector is tangent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,8 +68,9 @@ def attitude_bound(q: Any, r1: Any, r2: Any, noise_std: Any) -> AttitudeBound:
     r1, r2 : array_like
         True reference vectors, (..., 3).
     noise_std : array_like
-        Of one geometry, as in `simval.theory.attitude_moments`, for all of them; full
-        covariances must be regular, but a reference may have no noise at all.
+        As in `simval.theory.attitude_moments`, without correlations between vectors;
+        full covariances must be regular or have noise in all of the plane normal to
+        their vector, but a reference may have no noise at all.
 
     Returns
     -------
@@ -71,8 +84,16 @@ def attitude_bound(q: Any, r1: Any, r2: Any, noise_std: Any) -> AttitudeBound:
     GeometryError
         If the vectors are parallel.
     """
-    unit_q, vectors, _ = true_vectors(q, r1, r2)
-    return _bound_of(unit_q, vectors, noise_covariances(noise_std))
+    noise = noise_of_samples(noise_std)
+    if len(own_axes(noise)) == 2:
+        msg = (
+            f"`noise_std` has shape {noise.shape}; the bound is for vectors that are "
+            "independent of each other, so give (..., 4, 3, 3) covariances"
+        )
+        raise InputError(msg)
+    unit = unit_arguments(q, r1, r2, noise.shape[:-3])
+    require_apart(*unit[1:])
+    return _bound_of(unit[0], vectors_of(*unit), noise)
 
 
 def wahba_bound(q: Any, references: Any, noise_std: Any) -> AttitudeBound:
@@ -85,7 +106,7 @@ def wahba_bound(q: Any, references: Any, noise_std: Any) -> AttitudeBound:
     references : array_like
         True reference vectors, (n, 3), n >= 2.
     noise_std : array_like
-        As in `wahba_moments`; full covariances must be regular.
+        As in `wahba_moments`; full covariances as in `attitude_bound`.
 
     Returns
     -------
@@ -106,24 +127,31 @@ def wahba_bound(q: Any, references: Any, noise_std: Any) -> AttitudeBound:
 def _bound_of(
     unit_q: Float[Array, "... 4"],
     vectors: Float[Array, "... m 3"],
-    noise: Float[Array, "m 3 3"],
+    noise: Float[Array, "... m 3 3"],
 ) -> AttitudeBound:
     # from true body vectors, then as many reference vectors
-    n, A = len(noise) // 2, attitude_matrix(unit_q)
-    known = [i >= n and not matrix.any() for i, matrix in enumerate(noise)]
-    if not np.all((np.linalg.eigvalsh(noise)[:, 0] > 0.0) | known):
+    count, A = noise.shape[-3], attitude_matrix(unit_q)
+    n = count // 2
+    known = [i >= n and not noise[..., i, :, :].any() for i in range(count)]
+    # noise along a vector does not enter, so there is some: a solution is then regular
+    along = vectors[..., :, None] * vectors[..., None, :]
+    size = np.trace(noise, axis1=-2, axis2=-1)[..., None, None]
+    left = np.max(np.abs(noise @ along), axis=(-2, -1), keepdims=True)
+    noise = noise + np.where(left <= TANGENT * size, size, 0.0) * along
+    if not np.all((np.linalg.eigvalsh(noise)[..., 0] > 0.0) | known):
         msg = (
-            "`noise_std` has a direction without noise, whose information is infinite; "
-            "the bound needs regular covariances, or references without any noise, so "
-            "give each direction some noise"
+            "`noise_std` has a direction across a vector without noise, whose "
+            "information is infinite; the bound needs noise in the plane normal to "
+            "each vector, or references without any noise, so give each direction some"
         )
         raise InputError(msg)
     information = np.zeros((*unit_q.shape[:-1], 3, 3))
     for i in range(n):
         b, r = vectors[..., i, :], vectors[..., n + i, :]
         B = cross_matrix(b)
-        own = B.swapaxes(-1, -2) @ np.linalg.solve(noise[i], B)
-        information += own if known[n + i] else own - _lost(B, A, r, noise[[i, n + i]])
+        own = B.swapaxes(-1, -2) @ np.linalg.solve(noise[..., i, :, :], B)
+        pair = noise[..., i, :, :], noise[..., n + i, :, :]
+        information += own if known[n + i] else own - _lost(B, A, r, *pair)
     rotation = np.linalg.solve(information, np.eye(3))
     rotation = (rotation + rotation.swapaxes(-1, -2)) / 2.0
     e, s = unit_q[..., :3], unit_q[..., 3, None, None]
@@ -133,13 +161,13 @@ def _bound_of(
     return AttitudeBound(rotation=rotation, quaternion=quaternion)
 
 
-def _lost(B: Array, A: Array, r: Array, noise: Array) -> Array:
+def _lost(B: Array, A: Array, r: Array, body: Array, reference: Array) -> Array:
     # information that the unknown direction of r takes away
     T = np.linalg.svd(r[..., None, :])[2][..., 1:, :].swapaxes(-1, -2)
     AT = A @ T
-    W_AT = np.linalg.solve(noise[0], AT)
+    W_AT = np.linalg.solve(body, AT)
     nuisance = AT.swapaxes(-1, -2) @ W_AT
-    nuisance += T.swapaxes(-1, -2) @ np.linalg.solve(noise[1], T)
+    nuisance += T.swapaxes(-1, -2) @ np.linalg.solve(reference, T)
     mixed = B.swapaxes(-1, -2) @ W_AT
     lost: Array = mixed @ np.linalg.solve(nuisance, mixed.swapaxes(-1, -2))
     return lost

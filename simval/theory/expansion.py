@@ -429,13 +429,15 @@ def column_matrix(
 
 
 def two_vector_direction(
-    place: int, *, combined: bool, normalized: bool, sign: float = 1.0
+    place: int, *, frame: str | None, normalized: bool, sign: float = 1.0
 ) -> Callable[..., Shaped[Array, "... 4"]]:
-    """Arithmetic of an estimator: a fixed column, or all from the one at that place."""
+    """Arithmetic of a column, of all from the one at that place, or of the optimum."""
 
     def estimate(*vectors: Shaped[Array, "... 3"]) -> Shaped[Array, "... 4"]:
         b1, b2, r1, r2 = (unit(v) for v in vectors) if normalized else vectors
-        if not combined:
+        if frame == "optimal":  # (K3) of the estimator's kernel
+            b1, b2, r1, r2 = map(unit, (b1 - b2, b1 + b2, r1 - r2, r1 + r2))
+        if frame != "combined":
             return sign * unit(mapped_column(b1, b2, r1, r2, place, symmetric=False))
         M = column_matrix(b1, b2, r1, r2)
         step = M @ (M.swapaxes(-1, -2) @ M[..., place, None])

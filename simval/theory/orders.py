@@ -36,7 +36,13 @@ from simval.moments import Moments
 from simval.theory.attitude import ORDERS, AttitudeMoments, attitude_moments
 from simval.theory.cubature import REFINED
 from simval.theory.estimators import wahba_moments
-from simval.theory.two_vector import FRAMES, Frame, noise_of_vectors, require_one
+from simval.theory.two_vector import (
+    FRAMES,
+    WHOLE,
+    Frame,
+    noise_of_vectors,
+    require_one,
+)
 
 RANGE = 5.0  # see above; of sigma
 _SIXTH = 2.0  # of eq. (R1), measured
@@ -113,7 +119,7 @@ def sufficient_order(
         Noise of the unit vectors, as `attitude_moments` takes it.
     tolerance : float, default 0.01
         Relative error allowed of the bias and of the covariance, above 0.
-    frame : {"plain", "x", "y", "z", "combined"}, optional
+    frame : {"plain", "x", "y", "z", "combined", "optimal"}, optional
         The estimator's fixed frame; default, the greatest column of the truth.
 
     Returns
@@ -132,10 +138,10 @@ def sufficient_order(
         If the exact answer is not resolved; then no expansion holds to a few percent.
     """
     if frame is not None:
-        frame = choice("frame", frame, ("combined", *FRAMES))
+        frame = choice("frame", frame, (*WHOLE, *FRAMES))
     require_one(q, r1, r2)
     widest = np.linalg.eigvalsh(noise_of_vectors(noise_std))[..., -1].max()
-    orders = (2, 4, "exact") if frame == "combined" else ORDERS
+    orders = (2, 4, "exact") if frame in WHOLE else ORDERS
     found = {o: attitude_moments(q, r1, r2, noise_std, o, frame) for o in orders}
     sigma = float(np.sqrt(widest))
     ratio = float(found["exact"].norm) / sigma if sigma > 0.0 else np.inf

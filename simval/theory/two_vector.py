@@ -10,7 +10,7 @@ turned reference noise, mapped back.
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -299,7 +299,8 @@ def tangent_covariances(
 # rounding enters a prediction as eps / |qbar|^k, k up to 4
 MIN_NORM: Final = 1e-3
 Column = Literal["x", "y", "z", "plain"]
-Frame = Column | Literal["combined"]
+Whole = Literal["combined", "optimal"]
+Frame = Column | Whole
 _TURNS: Final[dict[Column, Array]] = {
     "x": np.array([1.0, -1.0, -1.0]),
     "y": np.array([-1.0, 1.0, -1.0]),
@@ -307,6 +308,8 @@ _TURNS: Final[dict[Column, Array]] = {
     "plain": np.ones(3),
 }
 FRAMES: Final = tuple(_TURNS)
+WHOLE: Final = get_args(Whole)
+"""Estimators that are singular nowhere: all columns, and Wahba's optimum."""
 Columns = NDArray[np.integer]
 
 
@@ -422,7 +425,7 @@ def chosen_columns(
     else:
         msg = (
             f"`frame` is {frame!r}; it must be None (the greatest column of the "
-            f"truth), combined, or one of {', '.join(FRAMES)}"
+            f"truth), combined, optimal, or one of {', '.join(FRAMES)}"
         )
         raise InputError(msg)
     norm = np.take_along_axis(norms, columns[..., None], axis=-1)[..., 0]

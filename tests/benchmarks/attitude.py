@@ -78,7 +78,7 @@ def estimators() -> list[Contender]:
     ours = {
         **{
             f"closed form, {frame}": partial(two_vector_quaternion, *many, frame=frame)
-            for frame in ("plain", "best", "combined")
+            for frame in ("plain", "best", "combined", "optimal")
         },
         "q-method, batched": partial(davenport, *many),
         "TRIAD, batched": partial(triad, *many),

@@ -8,5 +8,6 @@ import errata.singular
 import errata.errors
 import errata.moments
 import errata.theorem
+import errata.optimum
 import errata.terms
 import errata.tables

@@ -21,6 +21,7 @@ unevaluated(
     SOURCE,
     "(42): true length over measured, in words the other way round",
     "(39), last product: a transpose too many †",
+    "the development of (48): the ratio v for nu †",
 )
 ONE = np.array([0.0, 0.0, 0.0, 1.0])
 

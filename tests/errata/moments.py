@@ -207,6 +207,7 @@ unevaluated(
     SOURCE,
     'before (61): "diagonal" is a multiple of the identity',
     "before (60): the bar of P is missing †",
+    "(60), row 2: three columns, the second a scalar plus a row †",
     "before (60): of (b2, r2) uncorrelated it is not said again; section 4.3.1 has it",
 )
 

@@ -177,6 +177,10 @@ def plane_pair(angle, rng):
     normal_turn=(
         "case D: a turn about b1 x b2 does not leave d1 and d2 parallel; Fig. 4"
     ),
+    normal_turn_breaks=(
+        "case D: the turn about the normal necessarily breaks the parallelism",
+        FALSE,
+    ),
     figure_3_left="Fig. 3, left: about b1 + b2, d1 and d2 are opposite",
     figure_3_right="Fig. 3, right: about b1 - b2, d1 and d2 are the same",
     composition_of_two=(
@@ -202,6 +206,14 @@ def parallel_differences(rng):
     twist_and_swing = 0.0, n @ multiply(q, twist * [-1, -1, -1, 1])[:3]
     normal = Pair(turn(n, angle), r1, r2)
     normal_turn = False, vanishes(np.cross(normal.d1, normal.d2))
+    # after a half turn in the plane it makes a half turn about another axis there
+    swings = [turn(r1 + 0.3 * r2, a) for a in (angle, np.pi)]
+    both = [Pair(multiply(swing, turn(n, angle)), r1, r2) for swing in swings]
+    normal_turn_breaks = (
+        [not vanishes(np.cross(x.d1, x.d2)) for x in both],
+        [True, True],
+        [abs(q[3]) > ZERO for q in swings],
+    )
     # from b to r is as good: d changes its sign
     left, right = (Pair(turn(axis, 1.2), r1, r2) for axis in (r1 + r2, r1 - r2))
     figure_3_left = left.d1, -left.d2

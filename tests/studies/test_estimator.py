@@ -141,6 +141,11 @@ def test_the_closed_form_takes_fewer_operations_than_each_classical_method(name)
     )
     assert answers(ours) == answers(theirs) == {"pass"}
     assert 2.5 * operations(ours)["median"] < operations(theirs)["median"]
+    # the optimum by the same formula, of differences and sums
+    path = f"{EXAMPLES / 'optimal.py'}:sums and differences"
+    optimum = outcome("estimator", algorithm=path, **given).rows
+    assert answers(optimum) == {"pass"}
+    assert 1.25 * operations(optimum)["median"] < operations(theirs)["median"]
     # all its frames together, which need no half turn, take fewer than the optimal ones
     combined = operations(operation_rows(algorithms.combined, 2))
     assert combined["most"] == 171

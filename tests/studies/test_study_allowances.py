@@ -168,20 +168,22 @@ def test_what_a_coverage_is_allowed_is_a_fifth_of_what_it_must_see(sigma):
 @pytest.mark.parametrize(
     "count", [100, 137, *(pytest.param(n, marks=pytest.mark.ci) for n in (200, 500))]
 )
-def test_the_combined_estimator_and_no_other_is_within_its_limits(count):
+def test_the_combined_estimator_and_no_other_has_its_closed_price(count):
     problems = attitude_efficiency.geometries(count, np.random.default_rng(count))
-    predicted = attitude_efficiency.predicted_squares(problems)
-    combined, best, bound = np.sqrt(predicted[:, :3].T)
+    predicted = attitude_efficiency.predicted_squares(
+        problems, attitude_efficiency.Parameters()
+    )
+    combined, best, _, bound, _ = np.sqrt(predicted.T)
     assert np.all(combined >= bound * (1.0 - 1e-9))
     none = np.zeros(count)
-    for name, ratios, within in (
-        ("combined", combined / bound, True),
-        ("combined", best / bound, False),
-    ):
-        rows = attitude_efficiency.ratio_rows(name, ratios, ratios, none)
-        judged = [row for row in rows if row.check == "limit"]
+    price = attitude_efficiency.price_of_columns(problems)
+    assert combined / bound == pytest.approx(price, rel=attitude_efficiency.ROUNDED)
+    for ratios, within in ((combined / bound, True), (best / bound, False)):
+        rows = attitude_efficiency.ratio_rows("combined", ratios, ratios, none, price)
+        judged = [row for row in rows if row.check == "exact"]
         assert len(judged) == 2
-        assert all((row.value <= row.prediction) == within for row in judged)
+        off = [abs(row.value - row.prediction) <= row.remainder for row in judged]
+        assert off == [within, within]
 
 
 @pytest.mark.parametrize(("shift", "noise"), [(0.0, 1e-3), (3.0, 1e-4)])

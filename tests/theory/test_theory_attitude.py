@@ -524,9 +524,12 @@ def test_the_first_bad_sample_is_named():
             attitude_moments(*arguments, **options)
     with pytest.raises(InputError, match=r"`q` has shape .* give one"):
         sufficient_order(q, r1, r2, 0.01)  # of one geometry
-    for function in (attitude_bound, sufficient_order):  # of one noise
+    for function, noises in (
+        (attitude_bound, np.eye(12)),  # of vectors that are independent
+        (sufficient_order, [[0.01], [0.02]]),  # of one noise
+    ):
         with pytest.raises(InputError, match="`noise_std` has shape"):
-            function(q[0], r1[0], r2[0], [[0.01], [0.02]])
+            function(q[0], r1[0], r2[0], noises)
 
 
 def test_a_bound_and_a_direct_covariance_of_each_of_a_batch():
@@ -571,16 +574,70 @@ def test_price_of_the_closed_form():
     for seed in range(100):  # each has bounds of its own to keep
         q, vectors, _ = geometry(1000 + seed, apart)
         bound = np.trace(attitude_bound(q, *vectors[2:], 1.0).quaternion)
-        found = [
-            attitude_moments(q, *vectors[2:], 1.0, 2, f) for f in ("combined", None)
-        ]
+        frames = ("combined", None)
+        found = [attitude_moments(q, *vectors[2:], 1.0, 2, f) for f in frames]
+        sine = np.linalg.norm(np.cross(*vectors[2:]))
+        # rounding is magnified by the inverse square of the sine
+        price = np.trace(found[0].covariance) / bound
+        assert price == pytest.approx(5.0 / (4.0 + sine**2), rel=1e-13 / sine**2)
         ratios.append([np.trace(m.covariance) / bound for m in found])
-    combined_ratio, best = np.sqrt(ratios).T
-    assert combined_ratio.min() > 1.0 - 1e-9  # nothing beats the bound
-    assert np.median(combined_ratio) < 1.03
-    assert combined_ratio.max() < 1.12
+    _, best = np.sqrt(ratios).T
     # the paper's single column pays more, as it must: 1.25 in the median
     assert np.median(best) > 1.2
+
+
+def test_tangent_noise_has_a_bound_and_all_columns_reach_it():
+    """A unit vector's length carries no attitude; `best` pays for one frame alone."""
+    rng = np.random.default_rng(7)
+    q, (r1, r2) = (
+        random_quaternions(40, rng),
+        normalize(rng.standard_normal((2, 40, 3))),
+    )
+    vectors = np.stack(
+        [np.matvec(attitude_matrix(q), r) for r in (r1, r2)] + [r1, r2], 1
+    )
+    noise = tangent_covariances(vectors, 1.0)
+    bound = attitude_bound(q, r1, r2, noise).quaternion
+    # rounding: the inverse of an information whose condition is the square of 1 / sine
+    off = 1e-13 / np.sum(np.cross(r1, r2) ** 2, axis=1) ** 2
+    # it is that of isotropic noise, whose part along the vectors says nothing
+    same = attitude_bound(q, r1, r2, 1.0).quaternion
+    assert np.all(np.abs(bound - same).max(axis=(1, 2)) < off)
+    for frame, reached in (("combined", True), ("optimal", True), (None, False)):
+        found = attitude_moments(q, r1, r2, noise, 2, frame).covariance
+        assert np.all(np.abs(found - bound).max(axis=(1, 2)) < off) == reached
+    none = noise.copy()
+    none[:, 1] = 0.0
+    with pytest.raises(InputError, match="across a vector"):
+        attitude_bound(q, r1, r2, none)
+
+
+@pytest.mark.parametrize("frame", ["combined", "optimal"])
+def test_noise_along_the_vectors_turns_about_the_normal_alone(frame):
+    """(K6) of docs/theory.md; the optimum normalises it away."""
+    q, vectors, rng = geometry(5, apart)
+    std = rng.uniform(0.5, 2.0, 4)
+    along = std[:, None, None] ** 2 * vectors[:, :, None] * vectors[:, None, :]
+    found = attitude_moments(q, *vectors[2:], along, 2, frame)
+    covariance = 4.0 * multiplicative_moments(found).covariance[:3, :3]
+    normal = np.cross(*vectors[:2])
+    sine, cosine = np.linalg.norm(normal), vectors[0] @ vectors[1]
+    variance = np.sum(std**2) / 4.0 * (cosine / sine) ** 2 * (frame == "combined")
+    expected = variance * np.outer(normal, normal) / sine**2
+    np.testing.assert_allclose(covariance, expected, rtol=0, atol=1e-13 / sine**4)
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_the_optimum_has_the_moments_of_least_squares(order):
+    q, vectors, rng = geometry(6, apart)
+    noise = full_covariances(rng, 0.02)
+    found = attitude_moments(q, *vectors[2:], noise, order, "optimal")
+    other = wahba_moments(found.q_true, vectors[2:], noise, None, order)
+    # two expansions of one estimator: rounding of sums of some thousand terms
+    assert found.bias == pytest.approx(other.bias, rel=0, abs=1e-12 * 0.02**2)
+    np.testing.assert_allclose(
+        found.covariance, other.covariance, rtol=0, atol=1e-10 * 0.02**2
+    )
 
 
 def test_bound_equals_the_full_fisher_matrix():

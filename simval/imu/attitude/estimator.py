@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from simval.arguments import choice
+from simval.arguments import choice, switch
 from simval.arrays import GREATEST, Array, finite_array, real_number, shaped_array
 from simval.errors import GeometryError, InputError, SimvalError
 from simval.imu.attitude import kernel
@@ -31,6 +31,8 @@ MIN_SINE: Final = 1e-7
 # A fixed frame is refused below this share of the greatest possible norm: rounding
 # enters the direction of qbar as eps / |qbar|.
 MIN_NORM: Final = 1e-8
+# Of a quotient of two lengths: each is a root of a sum of three squares.
+ROUNDED: Final = 1e-15
 # Squares and fourth powers of lengths inside this range neither over- nor underflow.
 LENGTHS: Final = (1e-50, 1e50)
 
@@ -64,11 +66,12 @@ _MESSAGES: Final = {
     ),
     Validity.SINGULAR: (
         f"the chosen frame is singular there (|qbar| below {MIN_NORM:g}): use "
-        'frame="best" or "combined", which never are'
+        'frame="optimal", "best" or "combined", which never are'
     ),
     Validity.INCONSISTENT: (
-        "the angles between the body vectors differ from those of the references by "
-        "more than `noise_std` explains; check which pair is wrong, and remove it"
+        "angles or lengths of the body vectors differ from those of the references by "
+        "more than `noise_std` explains; check which pair is wrong, and remove it, or "
+        "normalise vectors whose lengths are known to be wrong"
     ),
     Validity.AMBIGUOUS: (
         "two attitudes fit equally well, or the weights differ too much; give vectors "
@@ -148,8 +151,11 @@ def singular_columns(
     return mask if mask.any() else None
 
 
-def widest_difference(noise_std: Any, false_alarm: Any) -> float:
-    """Difference of the two angles, rad, that noise exceeds in a share of the samples.
+def widest_differences(noise_std: Any, false_alarm: Any) -> Float[Array, "3"]:
+    """Differences that noise exceeds in a share of the samples, infinite without noise.
+
+    Of the two angles, rad, and of the length of b1 and of b2, over that of its
+    reference.
 
     Raises
     ------
@@ -158,7 +164,7 @@ def widest_difference(noise_std: Any, false_alarm: Any) -> float:
     """
     rate = share_of_samples(false_alarm)
     if noise_std is None:
-        return np.inf
+        return np.full(3, np.inf)
     std = finite_array("noise_std", noise_std, ())
     if std.shape not in ((), (4,)) or not (np.all(std >= 0.0) and 0.0 < std.max() <= 1):
         msg = (
@@ -167,8 +173,12 @@ def widest_difference(noise_std: Any, false_alarm: Any) -> float:
         )
         raise InputError(msg)
     # each vector's noise in the plane of the pair turns it by that angle
-    total = float(np.sqrt(np.sum(np.broadcast_to(std, (4,)) ** 2)))
-    return total * float(-scipy.special.ndtri(rate / 2.0))
+    b1, b2, r1, r2 = np.broadcast_to(std, (4,))
+    total = np.array(
+        [np.linalg.norm(std * np.ones(4)), np.hypot(b1, r1), np.hypot(b2, r2)]
+    )
+    # three tests share the rate; lengths are rounded where there is no noise
+    return total * float(-scipy.special.ndtri(rate / 6.0)) + [0.0, ROUNDED, ROUNDED]
 
 
 def share_of_samples(false_alarm: Any) -> float:
@@ -216,7 +226,7 @@ def refuse(
     raise kind(msg)
 
 
-Selection = Literal["best", "combined", "x", "y", "z", "plain"]
+Selection = Literal["optimal", "best", "combined", "x", "y", "z", "plain"]
 SELECTIONS = get_args(Selection)
 
 
@@ -264,9 +274,10 @@ def two_vector_quaternion(
     b2: Any,
     r1: Any,
     r2: Any,
-    frame: Selection = "best",
+    frame: Selection = "optimal",
     *,
     weights: Any = None,
+    normalized: bool = False,
     length_tolerance: float = 0.5,
 ) -> Float[Array, "... 4"]:
     r"""Attitude from two vector observations in closed form, eq. (K1).
@@ -278,16 +289,20 @@ def two_vector_quaternion(
     r1, r2 : array_like
         The same vectors in the reference frame and the same unit, (..., 3); the
         leading axes broadcast.
-    frame : {"best", "combined", "plain", "x", "y", "z"}, default "best"
-        ``best`` takes the greatest of the four columns of eq. (K2), ``combined``
-        all of them; neither is ever singular. The others are one column: ``plain``
-        is eq. (8) of the source, the rest a half turn of the reference frame.
+    frame : {"optimal", "best", "combined", "plain", "x", "y", "z"}
+        ``optimal``, the default, is the least-squares attitude of the four directions,
+        Wahba's, by eq. (K3). ``best`` takes the greatest of the four columns of eq.
+        (K2), ``combined`` all of them; these three are never singular. The others
+        are one column: ``plain`` is eq. (8) of the source, the rest a half turn of the
+        reference frame.
     weights : array_like, optional
-        Weights of the two pairs, (2,) or (..., 2), above zero. With them the body
-        vectors are first turned in their plane until one attitude fits both, eq.
-        (K3), and the answer of every frame is the weighted optimum of Wahba's
-        problem. The inverse of the summed variances of b and r is best. Without
-        them the formula is taken as it is.
+        Weights of the two pairs, (2,) or (..., 2), above zero. With them every frame
+        returns the weighted optimum of Wahba's problem, eq. (K4). The inverse of the
+        summed variances of b and r is best. Without them the weights of ``optimal`` are
+        equal, and the formula of the other frames is taken as it is.
+    normalized : bool, default False
+        Normalise the vectors first, as ``optimal`` and `weights` always do: noise along
+        a vector then has no part in the answer. Off, the formula is the source's.
     length_tolerance : float, default 0.5
         Largest relative difference of length between a body vector and its
         reference vector; ``inf`` accepts any.
@@ -296,7 +311,7 @@ def two_vector_quaternion(
     -------
     Array
         Unit quaternions, reference to body, vector first, (..., 4); the scalar is
-        not negative for ``best`` and ``combined``, the sign is the formula's own
+        not negative for the first three frames, the sign is the formula's own
         in a fixed frame.
 
     Raises
@@ -313,7 +328,14 @@ def two_vector_quaternion(
     order sigma / |qbar|; `simval.theory.attitude_moments` predicts it.
     """
     estimate = estimate_attitude(
-        b1, b2, r1, r2, frame, weights=weights, length_tolerance=length_tolerance
+        b1,
+        b2,
+        r1,
+        r2,
+        frame,
+        weights=weights,
+        normalized=normalized,
+        length_tolerance=length_tolerance,
     )
     return estimate.require_valid()
 
@@ -323,9 +345,10 @@ def estimate_attitude(
     b2: Any,
     r1: Any,
     r2: Any,
-    frame: Selection = "best",
+    frame: Selection = "optimal",
     *,
     weights: Any = None,
+    normalized: bool = False,
     noise_std: Any = None,
     false_alarm: float = 1e-6,
     length_tolerance: float = 0.5,
@@ -338,15 +361,19 @@ def estimate_attitude(
         First and second vector in the body frame, (..., 3).
     r1, r2 : array_like
         The same vectors in the reference frame and the same unit, (..., 3).
-    frame : {"best", "combined", "plain", "x", "y", "z"}, default "best"
+    frame : {"optimal", "best", "combined", "plain", "x", "y", "z"}
         As in `two_vector_quaternion`.
     weights : array_like, optional
         As in `two_vector_quaternion`.
+    normalized : bool, default False
+        As in `two_vector_quaternion`. State it of vectors whose lengths mean nothing.
     noise_std : array_like, optional
         Noise of the unit vectors for each axis: one standard deviation, or four for b1,
-        b2, r1, r2. With it, a sample whose pairs fit no common attitude is not valid.
+        b2, r1, r2. With it, a sample whose pairs fit no common attitude, or whose body
+        vectors have other lengths than their references, is not valid; the lengths do
+        not count with `normalized`.
     false_alarm : float, default 1e-6
-        Share of good samples that this test may refuse.
+        Share of good samples that these tests together may refuse.
     length_tolerance : float, default 0.5
         As in `two_vector_quaternion`.
 
@@ -362,7 +389,9 @@ def estimate_attitude(
     """
     frame = choice("frame", frame, SELECTIONS)
     length_tolerance = _tolerance(length_tolerance)
-    widest = widest_difference(noise_std, false_alarm)
+    widest = widest_differences(noise_std, false_alarm)
+    if switch("normalized", normalized):
+        widest[1:] = np.inf  # the lengths are of no account
     arrays, shape = _flat_batch(b1, b2, r1, r2)
     count = arrays[0].shape[0]
     shares = None
@@ -380,10 +409,13 @@ def estimate_attitude(
         for i, array in enumerate(arrays):
             vectors[3 * i : 3 * i + 3] = array[rows].T
         codes = _block_codes(vectors, length_tolerance, widest)
-        if shares is not None:
-            pair = np.ones((2, vectors.shape[1]))
-            pair[:, :width] = shares[:, rows]
-            kernel.fit_pairs(vectors, pair)
+        fitted = frame == "optimal" or shares is not None
+        if normalized or fitted:
+            kernel.normalize_vectors(vectors)
+        if fitted:
+            kernel.fit_pairs(
+                vectors, None if shares is None else _wide(shares[:, rows])
+            )
         raw, scale, codes = _estimate_block(vectors, frame, codes)
         np.multiply(raw[:, :width], scale[:width], out=q[rows].T)
         if codes is not None:
@@ -455,14 +487,17 @@ def pair_weights(weights: Any, shape: tuple[int, ...]) -> Array:
 
 
 def _block_codes(
-    vectors: Array, length_tolerance: float, widest: float
+    vectors: Array, length_tolerance: float, widest: Float[Array, "3"]
 ) -> Codes | None:
     # codes if any is bad, with a harmless sample in place of each bad one
     codes = block_validity(vectors, length_tolerance)
     if codes is not None:
         vectors[:, codes != 0] = _HARMLESS
-    if widest < np.pi:
-        apart = np.abs(kernel.angle_difference(vectors)) > widest
+    if widest.min() < np.inf:
+        unit = vectors.copy()
+        lengths = kernel.normalize_vectors(unit)
+        off = [kernel.angle_difference(unit), *(lengths[:2] / lengths[2:] - 1.0)]
+        apart = (np.abs(off) > widest[:, None]).any(axis=0)
         if apart.any():
             codes = np.zeros(apart.shape, dtype=np.int8) if codes is None else codes
             codes[apart] = Validity.INCONSISTENT
@@ -474,7 +509,7 @@ def _estimate_block(
     vectors: Float[Array, "12 n"], frame: str, codes: Codes | None
 ) -> tuple[Float[Array, "4 n"], Float[Array, " n"], Codes | None]:
     # un-normalised quaternions (4, n), what to multiply them with, codes if any is bad
-    if frame == "best":
+    if frame in ("optimal", "best"):
         raw = kernel.best_quaternion(kernel.column_matrix(vectors, symmetric=False))
     elif frame == "combined":
         raw = kernel.combined_quaternion(kernel.column_matrix(vectors, symmetric=True))
@@ -489,6 +524,11 @@ def _estimate_block(
         codes[singular & (codes == 0)] = Validity.SINGULAR
         squared[singular] = 1.0
     return raw, 1.0 / np.sqrt(squared), codes
+
+
+def _wide(shares: Float[Array, "2 n"]) -> Float[Array, "2 m"]:
+    # those of a single sample twice, as its vectors are
+    return shares if shares.shape[1] > 1 else np.repeat(shares, 2, axis=1)
 
 
 # a turn of 120 degrees about (1, 1, 1), regular in every frame: all |qbar| are 1/2

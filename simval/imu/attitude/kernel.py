@@ -17,16 +17,31 @@ column is never shorter than :math:`|n|/2`. Replacing the scalar
 :math:`s_1^T d_2` by the symmetric :math:`(s_1^T d_2 - s_2^T d_1)/2` leaves (K2)
 alone and halves that entry's noise.
 
-Where the angle between the body vectors differs from that of the references by
-:math:`\delta`, no attitude fits both pairs. Wahba's optimum for weights a1 and a2
-turns b1 by :math:`\varphi_1` towards b2 and b2 by :math:`\varphi_2` towards b1,
+Where the angle between the body vectors differs from that of the references, no
+attitude fits both pairs. For unit vectors M, with the symmetric scalar and any noise,
+still has Davenport's eigenvectors (docs/theory.md, section 9 derives all that follows):
 
-.. math:: \tan\varphi_1 = \frac{a_2 \sin\delta}{a_1 + a_2\cos\delta}, \quad
-   \varphi_1 + \varphi_2 = \delta, \tag{K3}
+.. math:: M M^T = \tfrac14 \det(I - K) (I - K)^{-1} (I + K).  \tag{K5}
 
-in their plane: an optimum takes plane to plane and balances :math:`a_1\sin\varphi_1 =
-a_2\sin\varphi_2` (Markley 2002). The turned pairs fit one attitude, which every column
-of (K2) then gives.
+Wahba's optimum is the greatest left singular vector, and (K1) gives it by itself for
+
+.. math:: (r_1 - r_2,\ \lambda (b_1 - b_2)), \quad (r_1 + r_2,\ \mu (b_1 + b_2)),
+   \tag{K3}
+
+the body vectors scaled to the lengths of the references: these pairs fit one attitude,
+and every column of (K2) is the optimum or zero. Weights a1 and a2 turn both body
+vectors in their plane first, by an angle of tangent
+
+.. math:: \tan\epsilon = \frac{a_1 - a_2}{a_1 + a_2} \tan\frac{\theta_r - \theta_b}{2}.
+   \tag{K4}
+
+Lengths 1 + e turn that singular vector about the normal alone, by
+
+.. math:: \cot\theta\, (a_1 (e_{b1} - e_{r1}) - a_2 (e_{b2} - e_{r2})),  \tag{K6}
+
+so isotropic noise costs the RMS error, over the Cramer-Rao bound, of all columns
+
+.. math:: \sqrt{5 / (4 + \sin^2\theta)}.  \tag{K7}
 
 A block holds one sample per column: rows are the components of b1, b2, r1, r2.
 Blocks of `BLOCK` columns stay in the processor's cache.
@@ -154,37 +169,46 @@ def squared_norm(v: Shaped[Array, "m n"]) -> Shaped[Array, " n"]:
     return total
 
 
-def fit_pairs(vectors: Float[Array, "12 n"], weights: Float[Array, "2 n"]) -> None:
-    """Turn the body vectors, in place, until one attitude fits both pairs, (K3)."""
+def normalize_vectors(vectors: Shaped[Array, "12 n"]) -> Shaped[Array, "4 n"]:
+    """Divide each vector by its length, in place, and return the lengths."""
     v = vectors.reshape(4, 3, -1)
-    v /= np.sqrt(np.einsum("kjn,kjn->kn", v, v))[:, None]
-    cosines, sines = _angles(v)
-    sin, cos = _difference(cosines, sines)
-    # towards the other vector, along the unit tangents in the plane of b1 and b2
-    tangents = (v[1::-1] - cosines[0] * v[:2]) / sines[0]
-    shares = np.stack([weights[1], weights[0]])
-    angles = np.arctan2(shares * sin, shares[::-1] + shares * cos)[:, None]
-    v[:2] = np.cos(angles) * v[:2] + np.sin(angles) * tangents
+    lengths: Array = np.sqrt(np.einsum("kjn,kjn->kn", v, v))
+    v /= lengths[:, None]
+    return lengths
+
+
+def fit_pairs(
+    vectors: Shaped[Array, "12 n"], weights: Float[Array, "2 n"] | None = None
+) -> None:
+    """Put the pairs (K3) in the place of unit vectors, in any frame the optimum."""
+    v = vectors.reshape(4, 3, -1)
+    v[::2], v[1::2] = v[::2] - v[1::2], v[::2] + v[1::2]
+    squares = np.einsum("kjn,kjn->kn", v, v)
+    if weights is None:
+        v[:2] *= np.sqrt(squares[2:] / squares[:2])[:, None]
+        return
+    lengths = np.sqrt(squares)
+    sin, cos = _half_difference(lengths)
+    a1, a2 = weights / np.max(weights, axis=0)
+    sin *= (a1 - a2) / (a1 + a2)
+    sin, cos = (sin, cos) / np.hypot(sin, cos)
+    d, s = v[:2] / lengths[:2, None]
+    v[0], v[1] = lengths[2] * (cos * d + sin * s), lengths[3] * (cos * s - sin * d)
 
 
 def angle_difference(vectors: Float[Array, "12 n"]) -> Float[Array, " n"]:
     """Angle between the body vectors less that between the references, radians."""
-    return np.arctan2(*_difference(*_angles(vectors.reshape(4, 3, -1))))
+    v = vectors.reshape(4, 3, -1)
+    pairs = np.stack([v[::2] - v[1::2], v[::2] + v[1::2]], axis=1).reshape(4, 3, -1)
+    lengths = np.sqrt(np.einsum("kjn,kjn->kn", pairs, pairs))
+    return -2.0 * np.arctan2(*_half_difference(lengths))
 
 
-def _angles(v: Array) -> tuple[Array, Array]:
-    # cosine and sine between b1 and b2, and r1 and r2, times the lengths, (2, n)
-    normals = np.cross(v[::2], v[1::2], axis=1)
-    sines = np.sqrt(np.einsum("kjn,kjn->kn", normals, normals))
-    return np.einsum("kjn,kjn->kn", v[::2], v[1::2]), sines
-
-
-def _difference(cosines: Array, sines: Array) -> tuple[Array, Array]:
-    # sine and cosine of the first angle less the second
-    return (
-        sines[0] * cosines[1] - cosines[0] * sines[1],
-        cosines[0] * cosines[1] + sines[0] * sines[1],
-    )
+def _half_difference(lengths: Float[Array, "4 n"]) -> tuple[Array, Array]:
+    # four times sine and cosine of half of what the references' angle is greater, from
+    # the lengths of differences and sums, body first: twice the sines and cosines
+    d_b, s_b, d_r, s_r = lengths
+    return d_r * s_b - s_r * d_b, s_r * s_b + d_r * d_b
 
 
 def normalize_columns(q: Float[Array, "4 n"]) -> Float[Array, "4 n"]:

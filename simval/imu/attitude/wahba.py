@@ -34,6 +34,7 @@ from simval.imu.attitude.estimator import (
     Codes,
     Mask,
     Validity,
+    estimate_attitude,
     pair_weights,
     refuse,
     share_of_samples,
@@ -271,7 +272,13 @@ def profile_matrix(
 def _optimum(
     body: Array, reference: Array, weights: Array
 ) -> tuple[Float[Array, "... 4"], Mask]:
-    # the top eigenvector, and where the next eigenvalue is too close
+    # the top eigenvector, and where the next eigenvalue is too close. Of two pairs by
+    # (K3): rounding then costs eps over the sine between them, not over its square
+    if body.shape[-2] == 2:
+        shares = np.maximum(weights / weights.max(axis=-1, keepdims=True), LEAST)
+        (b1, b2), (r1, r2) = (np.moveaxis(v, -2, 0) for v in (body, reference))
+        found = estimate_attitude(b1, b2, r1, r2, weights=shares)
+        return found.q, np.asarray(~found.valid)
     values, vectors = np.linalg.eigh(profile_matrix(body, reference, weights))
     gap = (values[..., 3] - values[..., 2]) / np.sum(weights, axis=-1)
     q = vectors[..., 3]

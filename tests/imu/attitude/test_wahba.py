@@ -1,5 +1,6 @@
 """The weighted attitude of n vectors: estimator, moments, bound, test of the loss."""
 
+import mpmath
 import numpy as np
 import pytest
 from scipy import stats
@@ -8,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from simval.errors import GeometryError, InputError
 from simval.geometry import (
     attitude_matrix,
+    cross,
     cross_matrix,
     normalize,
 )
@@ -15,11 +17,14 @@ from simval.imu.attitude import (
     Validity,
     consistency,
     estimate_attitude,
+    kernel,
     two_vector_quaternion,
     wahba_covariance,
     wahba_estimate,
     wahba_quaternion,
 )
+from simval.imu.attitude.estimator import MIN_SINE
+from simval.imu.attitude.wahba import profile_matrix
 from simval.streams import Streams
 from simval.studies import attitude_vectors
 from simval.studies.attitude_vectors import closed_form_square
@@ -195,7 +200,66 @@ def test_one_bad_sample_leaves_the_others_alone():
             refusing(body, reference)
 
 
-@pytest.mark.parametrize("frame", ["best", "combined", "plain"])
+def eigenvector(b, r, weights):
+    """The eigenvector of K of 40 digits, from the same numbers."""
+    with mpmath.workdps(40):
+        unit_b, unit_r = (
+            mpmath.matrix([list(v / mpmath.norm(v)) for v in map(mpmath.matrix, given)])
+            for given in (b.tolist(), r.tolist())
+        )
+        B = unit_b.T * mpmath.diag(weights.tolist()) * unit_r
+        trace = B[0, 0] + B[1, 1] + B[2, 2]
+        z = [B[2, 1] - B[1, 2], B[0, 2] - B[2, 0], B[1, 0] - B[0, 1]]
+        K = mpmath.matrix(4)
+        for i, j in np.ndindex(3, 3):
+            K[i, j] = B[i, j] + B[j, i] - (trace if i == j else 0)
+        for i in range(3):
+            K[i, 3] = K[3, i] = -z[i]
+        K[3, 3] = trace
+        q = mpmath.eigsy(K)[1][:, 3]
+        return q * mpmath.sign(q[3])
+
+
+@pytest.mark.parametrize("sine", [1e-5, 1e-6, 1e-8])
+@pytest.mark.parametrize("sigma", [0.0, 0.3])
+def test_two_pairs_keep_their_digits_near_a_parallel(sine, sigma):
+    """Rounding costs eps over the sine; by the eigenvectors of K over its square.
+
+    Each vector is known to eps, a normalisation and a difference to as much: of four
+    vectors 8 eps in all, over the sine. Below a sine of 1e-7 the faces refuse.
+    """
+    rng, q, _, r = problem(80, 2)
+    lost = []
+    for _ in range(8):
+        across = normalize(cross(r[0], rng.standard_normal(3)))
+        vectors = np.stack([r[0], r[0] + sine * across])
+        body = vectors @ attitude_matrix(q).T
+        body[1] += sigma * sine * rng.standard_normal(3)
+        weights = rng.uniform(0.1, 3.0, 2)
+        true = eigenvector(body, vectors, weights)
+        block = np.concatenate([*body, *vectors]).repeat(2).reshape(12, 2)
+        kernel.normalize_vectors(block)
+        kernel.fit_pairs(block, weights[:, None].repeat(2, 1))
+        raw = kernel.best_quaternion(kernel.column_matrix(block, symmetric=False))
+        found = [kernel.normalize_columns(raw)[:, 0]]
+        found[0] *= np.sign(found[0][3])
+        if sine > MIN_SINE:
+            found += [
+                wahba_quaternion(body, vectors, weights),
+                two_vector_quaternion(*body, *vectors, weights=weights),
+            ]
+        K = profile_matrix(normalize(body), normalize(vectors), weights)
+        top = np.linalg.eigh(K)[1][:, 3]
+        *errors, by_K = (
+            float(mpmath.norm(mpmath.matrix(each) - true))
+            for each in (*found, top * np.sign(top[3]))
+        )
+        assert max(errors) < 8 * 2.0**-52 / sine
+        lost.append(by_K)
+    assert max(lost) > 1000 * 8 * 2.0**-52 / sine  # the test has power
+
+
+@pytest.mark.parametrize("frame", ["optimal", "best", "combined", "plain"])
 @pytest.mark.parametrize("sigma", [1e-7, 0.3])
 def test_weighted_closed_form_is_the_optimum(frame, sigma):
     rng, _, b, r = problem(60, 2)
@@ -203,7 +267,8 @@ def test_weighted_closed_form_is_the_optimum(frame, sigma):
     weights = rng.uniform(0.01, 10.0, (500, 2))
     options = {"weights": weights, "length_tolerance": np.inf}
     closed = two_vector_quaternion(body[:, 0], body[:, 1], *r, frame, **options)
-    optimum = wahba_quaternion(body, np.broadcast_to(r, body.shape), weights)
+    K = profile_matrix(unit(body), np.broadcast_to(r, body.shape), weights)
+    optimum = np.linalg.eigh(K)[1][..., 3]
     cosine = np.abs(np.sum(closed * optimum, axis=1))
     # angles below 1e-7 do not show in a cosine
     assert 1.0 - cosine.min() < 1e-13
