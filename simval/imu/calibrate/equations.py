@@ -228,7 +228,7 @@ class Turns(Protocol):
         """Rotations, and rows of each: the first of all rows."""
 
     def rows(self, at: dict[str, Corrected], theta: Array) -> "Between":
-        """Linearised rows."""
+        """Whitened rows."""
 
     def values(self, at: dict[str, Corrected], theta: Array, here: Any) -> Array:
         """Their values elsewhere, in the axes of a linearisation."""
@@ -337,7 +337,7 @@ class Problem:
             for each in sensor.equations(w, theta[:, columns[sensor.name]])
         ]
 
-    def local(self, theta: Float[Array, "t p"]) -> "Linearised":
+    def local(self, theta: Float[Array, "t p"]) -> "Whitened":
         """The whitened rows and their derivatives."""
         at = self.corrected(theta)
         c, J, L = self.rests(at, theta)
@@ -360,13 +360,13 @@ class Problem:
         if self.prior is not None:
             slopes = np.concatenate([slopes, self.prior.root], axis=1)
         rows = self._whitened(c, theta, white)
-        return Linearised(
+        return Whitened(
             at=at, rows=rows, slopes=slopes, L=L, white=white, axes=axes, own=own,
             whole=whole,
         )  # fmt: skip
 
     def values(
-        self, theta: Float[Array, "t p"], here: "Linearised"
+        self, theta: Float[Array, "t p"], here: "Whitened"
     ) -> Float[Array, "t r"]:
         """The rows at other parameters, by the weights of a linearisation."""
         at = self.corrected(theta)
@@ -447,7 +447,7 @@ def _slices(sizes: dict[str, int]) -> dict[str, slice]:
     return dict(zip(sizes, map(slice, ends[:-1], ends[1:]), strict=True))
 
 
-class Linearised(NamedTuple):
+class Whitened(NamedTuple):
     """The whitened rows at some parameters: of the turns, the rests and the prior."""
 
     at: dict[str, Corrected]

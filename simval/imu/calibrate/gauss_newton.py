@@ -14,7 +14,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import RefusedError
-from simval.imu.calibrate.equations import Errors, Linearised, Problem
+from simval.imu.calibrate.equations import Errors, Problem, Whitened
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
 from simval.imu.calibrate.goodness_of_fit import Beside, NoiseSource, Residuals
 from simval.shapes import Float
@@ -30,7 +30,7 @@ _SHORT = 4  # further steps by a linearisation
 _FIRST_DAMPING, _LAST_DAMPING = 1e-4, 1e12  # of the diagonal
 
 
-def residuals(problem: Problem, here: Linearised, theta: Array) -> Residuals:
+def residuals(problem: Problem, here: Whitened, theta: Array) -> Residuals:
     """Rows of the first trial, whose noise is in them, and what may be beside it.
 
     What is not noise of the sensors that are read at rest is that of the turns.
@@ -81,7 +81,7 @@ class JointSolution(NamedTuple):
     iterations: Any  # steps tried, (t,)
     converged: Any  # bool, (t,)
     step: Float[Array, " t"]  # the last, in standard deviations
-    here: Linearised  # the last linearisation, and the rows after its step
+    here: Whitened  # the last linearisation, and the rows after its step
 
 
 def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> JointSolution:
@@ -137,7 +137,7 @@ def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> JointSo
             ends.append((others, here.ended(slice(None), here.rows)))
         joined = {k: np.concatenate([end[k] for _, end in ends]) for k in ends[-1][1]}
         order = np.argsort(np.concatenate([trials for trials, _ in ends]))
-        here = Linearised(
+        here = Whitened(
             at=problem.corrected(theta), **{k: v[order] for k, v in joined.items()}
         )
     return JointSolution(
@@ -147,7 +147,7 @@ def minimize(problem: Problem, theta: Float[Array, "t p"], most: int) -> JointSo
 
 def _settled(
     part: Problem,
-    here: Linearised,
+    here: Whitened,
     theta: Array,
     rows: Array,
     moved: Array,

@@ -277,7 +277,7 @@ class Thermal(ReadOnly):
         return said
 
 
-class Fit(NamedTuple):
+class ThermalFit(NamedTuple):
     """Fit of a triad with terms."""
 
     theta: Float[Array, " p"]  # the nine at the reference, then the coefficients
@@ -294,7 +294,7 @@ class ThermalChoice(NamedTuple):
     thermal: Thermal | None = None
     reason: str = ""
     tested: bool = True  # False where an effect may be left out
-    fit: Fit | None = None  # with the terms
+    fit: ThermalFit | None = None  # with the terms
     shifts: Any = ()  # `Thermal.shifts` of the poses
     within: Within | None = None
 
@@ -380,15 +380,15 @@ def _selected(
     poses: Float[Array, "n 3"],
     rests: RestTemperatures,
     start: Float[Array, "9"],
-    fitted: Callable[..., Fit | None],
+    fitted: Callable[..., ThermalFit | None],
     known: bool,
-) -> tuple[tuple[Term, ...], Fit | None, float, str]:
+) -> tuple[tuple[Term, ...], ThermalFit | None, float, str]:
     # the terms that the F tests add, the fit with them, the chance of the last, and
     # why there may be more
     terms: tuple[Term, ...] = ()
     last, chance, untold = fitted(start, terms), 1.0, ""
     while last is not None:
-        tried: list[tuple[float, tuple[Term, ...], Fit]] = []
+        tried: list[tuple[float, tuple[Term, ...], ThermalFit]] = []
         for wider in following(terms):
             more = 3 * (len(wider) - len(terms))
             free = len(poses) - last.theta.size - more
@@ -413,8 +413,8 @@ def _selected(
 def _by_time(
     poses: Float[Array, "n 3"],
     rests: RestTemperatures,
-    last: Fit,
-    best: Fit,
+    last: ThermalFit,
+    best: ThermalFit,
     chance: float,
     known: bool,
 ) -> str:
@@ -461,7 +461,7 @@ def thermal_problem(
 def _fitted(
     poses: Float[Array, "n 3"], powers: Float[Array, "n 2"], model: Model, g: float,
     std: Float[Array, " n"], start: Float[Array, " p"], terms: tuple[Term, ...],
-) -> Fit | None:  # fmt: skip
+) -> ThermalFit | None:  # fmt: skip
     # None where the terms cannot be told from the parameters
     problem = thermal_problem(poses[None], powers, model, g, std, terms)
     found = minimize(problem, start[None], _STEPS)
@@ -469,7 +469,7 @@ def _fitted(
     covariance, pivot = here.covariance()
     if not (found.converged[0] and pivot[0] > 1e-10):  # of rounding: 1e-13
         return None
-    return Fit(
+    return ThermalFit(
         found.theta[0], covariance[0], float(here.chi_square[0]), here.slopes[0],
         here.rows[0],
     )  # fmt: skip

@@ -40,7 +40,12 @@ from simval.imu.calibrate.gyroscope.imu import joined
 from simval.imu.calibrate.gyroscope.path_statistics import Scheme
 from simval.imu.calibrate.magnetometer.calibration import Hemisphere
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
-from simval.imu.calibrate.thermal import Fit, Thermal, ThermalChoice, choose_thermal
+from simval.imu.calibrate.thermal import (
+    Thermal,
+    ThermalChoice,
+    ThermalFit,
+    choose_thermal,
+)
 from simval.imu.logs import Log
 from simval.imu.multiposition.case import case_of, kept
 from simval.imu.multiposition.description import log_lines, sensor_lines
@@ -295,7 +300,9 @@ def _rest_terms(
     )  # fmt: skip
 
 
-def _with_terms(fit: FitResult, warm: Fit, std: Float[Array, " m"] | None) -> FitResult:
+def _with_terms(
+    fit: FitResult, warm: ThermalFit, std: Float[Array, " m"] | None
+) -> FitResult:
     # the fit of the readings at the reference, with what the terms cost it
     dof = len(warm.distances) - warm.theta.size
     scale = warm.square / dof

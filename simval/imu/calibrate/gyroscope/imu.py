@@ -54,7 +54,7 @@ from simval.text import chance_words
 from simval.vocabulary import Model
 
 
-class ImuReadings(NamedTuple):
+class ReducedReadings(NamedTuple):
     """Reduced readings of a recording, and the noise assumed for them."""
 
     inter_rest: InterRestRotations
@@ -83,7 +83,7 @@ class ImuFit(ReadOnly):
         zero where there is none.
     G_sd : Array
         Standard deviation of each entry of it, (3, 3).
-    reduced : ImuReadings
+    reduced : ReducedReadings
         What was fitted: rotations between rests, poses and their noise.
     thermal : Thermal or None
         What the gyroscope's bias owes to its temperature, which was taken out.
@@ -94,7 +94,7 @@ class ImuFit(ReadOnly):
     reasons: tuple[str, ...]
     G: Float[Array, "3 3"]
     G_sd: Float[Array, "3 3"]
-    reduced: ImuReadings
+    reduced: ReducedReadings
     thermal: Thermal | None = None
 
     @property
@@ -276,7 +276,7 @@ def calibrate_imu(
     if more or moves or gain.thermal is not None:
         rates_of = gyroscope if gain.thermal is None else gain.rows
         inter_rest = inter_rest_rotations(time, rates_of, intervals, **how, **more)
-    reduced = ImuReadings(
+    reduced = ReducedReadings(
         inter_rest=inter_rest, poses=poses, pose_std=std, angle_random_walk=walk,
         bias_random_walk=drift, known_bias=known,
         bias_std=scatter / np.sqrt(inter_rest.rest_seconds.sum()),

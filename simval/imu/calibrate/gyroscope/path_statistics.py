@@ -292,7 +292,7 @@ def inter_rest_rotations(
     levels, white = _rest_means(y, step, lo, hi)
     centre = levels.mean(axis=1)
     y = _refilled(y, step) if scheme == "averages" else y
-    parts = [Part(step, first, last, chunk)]
+    parts = [PathPart(step, first, last, chunk)]
     if means:
         parts = [_ramp(step, rows[:-1], 0), *parts, _ramp(step, rows[1:], 1)]
     several = [
@@ -319,7 +319,7 @@ def inter_rest_rotations(
     )
 
 
-class Part(NamedTuple):
+class PathPart(NamedTuple):
     """A stretch of each rotation, from the time of a row to that of another."""
 
     step: Float[Array, " n"]  # time before each row that counts, s
@@ -328,11 +328,11 @@ class Part(NamedTuple):
     chunk: int  # rows that are merged into one
 
 
-def _ramp(step: Array, rests: NDArray[np.intp], end: int) -> Part:
+def _ramp(step: Array, rests: NDArray[np.intp], end: int) -> PathPart:
     # (N12) over whole rests: to the end of each from its mean attitude, or to that from
     # its start
     weights = ramps(len(step), rests)
-    return Part(
+    return PathPart(
         step * (1.0 - weights if end else weights), rests[:, 0], rests[:, 1] - 1,
         1 << int(np.diff(rests).max()).bit_length(),
     )  # fmt: skip
@@ -346,7 +346,7 @@ def ramps(count: int, rests: NDArray[np.intp]) -> Float[Array, " n"]:
     return weights
 
 
-def _forces(force: Any, noise: Any, parts: list[Part]) -> dict[str, Array]:
+def _forces(force: Any, noise: Any, parts: list[PathPart]) -> dict[str, Array]:
     # integrals of the specific force over the chunks
     count = len(parts[0].first)
     if force is None:

@@ -15,9 +15,9 @@ from simval.errors import GeometryError, RefusedError
 from simval.imu.calibrate.equations import (
     Accelerometer,
     Corrected,
-    Linearised,
     Magnetometer,
     Problem,
+    Whitened,
 )
 from simval.imu.calibrate.estimate import NORMAL_95
 from simval.imu.calibrate.evidence import WIDEST
@@ -65,7 +65,7 @@ class Fitted(NamedTuple):
 
     problem: Problem
     theta: Float[Array, "t 22"]
-    here: Linearised
+    here: Whitened
     covariance: Float[Array, "t 22 22"]  # NaN where the rank is below 22
     natural: Float[Array, "t 25"]  # error bars in natural sizes
     half_width: Float[Array, " t"]  # the greatest of a 95 % interval, natural
@@ -78,7 +78,7 @@ class Fitted(NamedTuple):
         problem: Problem,
         theta: Array,
         converged: Any = True,
-        here: Linearised | None = None,
+        here: Whitened | None = None,
     ) -> "Fitted":
         """Work out covariance and evidence at solutions, linearised unless given."""
         with np.errstate(all="ignore"):  # hopeless trials are NaN
