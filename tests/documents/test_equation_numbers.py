@@ -32,7 +32,7 @@ DERIVED = {
     "theory_calibration.md": (
         "imu.sensor.models", "imu.sensor.forms", "poses",
         "imu.calibrate.residuals",
-        "imu.calibrate.minimization", "imu.calibrate.evidence",
+        "imu.calibrate.minimization", "imu.calibrate.covariance",
         "theory.calibration",
         "theory.calibration_classes",
     ),

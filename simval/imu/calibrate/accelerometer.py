@@ -21,7 +21,7 @@ from simval.arrays import (
     shaped_array,
 )
 from simval.errors import GeometryError, InputError
-from simval.imu.calibrate.evidence import judge, refuse, screen, summarize
+from simval.imu.calibrate.covariance import judge, refuse, screen, summarize
 from simval.imu.calibrate.minimization import (
     Leverage,
     direction_condition,

@@ -38,7 +38,7 @@ from simval.imu.calibrate.gyroscope.path_statistics import InterRestRotations
 from simval.imu.calibrate.gyroscope.residuals import InterRest
 from simval.imu.calibrate.gyroscope.result import NAMES, GyroscopeFit
 from simval.imu.calibrate.magnetometer.calibration import CompassOptions, Scaled, scale
-from simval.imu.calibrate.magnetometer.evidence import natural_sd
+from simval.imu.calibrate.magnetometer.covariance import natural_sd
 from simval.imu.calibrate.magnetometer.result import (
     ACCELEROMETER,
     DIP,

@@ -33,8 +33,8 @@ from simval.imu.calibrate import (
     calibrate_magnetometer,
     calibrate_nine_axis,
 )
+from simval.imu.calibrate.covariance import FEW
 from simval.imu.calibrate.diagnosis import Diagnosis, diagnose, reduced_chi2
-from simval.imu.calibrate.evidence import FEW
 from simval.imu.calibrate.factors import of_both, widened
 from simval.imu.calibrate.gyroscope.imu import joined
 from simval.imu.calibrate.gyroscope.path_statistics import Scheme

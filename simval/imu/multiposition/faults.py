@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from simval.arrays import Array
 from simval.errors import ConvergenceError, RefusedError, SaturatedError, SimvalError
+from simval.imu.calibrate.covariance import REPEATS, STATE_NOISE
 from simval.imu.calibrate.diagnosis import distances
-from simval.imu.calibrate.evidence import REPEATS, STATE_NOISE
 from simval.imu.calibrate.goodness_of_fit import LEFT
 from simval.imu.calibrate.gyroscope.result import START
 from simval.imu.logs import Log

@@ -32,7 +32,7 @@ from simval.imu.calibrate import (
     calibrate_imu,
     inter_rest_rotations,
 )
-from simval.imu.calibrate.gyroscope.evidence import choose_bias, choose_sensitivity
+from simval.imu.calibrate.gyroscope.at_rest import choose_bias, choose_sensitivity
 from simval.imu.calibrate.gyroscope.rest_effects import Rests
 from simval.imu.sensor import GyroscopeModel
 from simval.poses import fibonacci_sphere

@@ -20,7 +20,7 @@ from simval.imu.calibrate import calibrate, save_calibration, thermal
 from simval.imu.calibrate.comparison import compare_calibrations
 from simval.imu.calibrate.factors import of_both, widened
 from simval.imu.calibrate.files import load_calibration, load_thermal
-from simval.imu.calibrate.gyroscope.evidence import bias_terms
+from simval.imu.calibrate.gyroscope.at_rest import bias_terms
 from simval.imu.calibrate.gyroscope.rest_effects import Rests
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
 from simval.imu.calibrate.thermal import Thermal, choose_thermal, thermal_problem

@@ -1,7 +1,7 @@
 r"""Accelerometer and gyroscope of one recording, calibrated together.
 
 The model of the bias, what it owes to the temperature and whether forces act on the
-gyroscope are chosen by evidence (`simval.imu.calibrate.gyroscope.evidence`).
+gyroscope are chosen by evidence (`simval.imu.calibrate.gyroscope.at_rest`).
 """
 
 from dataclasses import dataclass, replace
@@ -16,12 +16,7 @@ from simval.errors import InputError
 from simval.geometry import normalize
 from simval.imu.calibrate.accelerometer import calibrate
 from simval.imu.calibrate.goodness_of_fit import FALSE_ALARM, Drop
-from simval.imu.calibrate.gyroscope.calibration import (
-    approach,
-    calibrate_gyroscope,
-    first_matrix,
-)
-from simval.imu.calibrate.gyroscope.evidence import (
+from simval.imu.calibrate.gyroscope.at_rest import (
     MOVES,
     BiasTerms,
     Sensitivity,
@@ -30,6 +25,11 @@ from simval.imu.calibrate.gyroscope.evidence import (
     choose_sensitivity,
     rest_motion,
     walk_of,
+)
+from simval.imu.calibrate.gyroscope.calibration import (
+    approach,
+    calibrate_gyroscope,
+    first_matrix,
 )
 from simval.imu.calibrate.gyroscope.noise import (
     Bias,

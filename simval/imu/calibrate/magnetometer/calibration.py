@@ -15,6 +15,7 @@ from simval.arguments import choice, instance, whole_number
 from simval.arrays import Array, noise_levels, positive_number
 from simval.errors import GeometryError, InputError, RefusedError
 from simval.imu.calibrate.accelerometer import checked_time, require_noise
+from simval.imu.calibrate.covariance import repeated_poses, repeated_words
 from simval.imu.calibrate.equations import (
     Accelerometer,
     Errors,
@@ -22,11 +23,10 @@ from simval.imu.calibrate.equations import (
     Prior,
     Problem,
 )
-from simval.imu.calibrate.evidence import repeated_poses, repeated_words
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, judged
 from simval.imu.calibrate.gauss_newton import residuals
 from simval.imu.calibrate.goodness_of_fit import Residuals
-from simval.imu.calibrate.magnetometer.evidence import (
+from simval.imu.calibrate.magnetometer.covariance import (
     STATUS_NAMES,
     CompassCode,
     Fitted,

@@ -26,7 +26,7 @@ from simval.imu.calibrate.drift import Drift, find_drift
 from simval.imu.calibrate.equations import Problem, Sensor
 from simval.imu.calibrate.gauss_newton import minimize
 from simval.imu.calibrate.goodness_of_fit import Deletion, believed_range, overstated
-from simval.imu.calibrate.magnetometer.evidence import Fitted
+from simval.imu.calibrate.magnetometer.covariance import Fitted
 from simval.imu.calibrate.magnetometer.result import DIP, IRON
 from simval.imu.calibrate.magnetometer.start import ENOUGH
 from simval.poses import fibonacci_sphere

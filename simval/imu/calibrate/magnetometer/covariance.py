@@ -12,6 +12,7 @@ import scipy
 
 from simval.arrays import Array
 from simval.errors import GeometryError, RefusedError
+from simval.imu.calibrate.covariance import WIDEST
 from simval.imu.calibrate.equations import (
     Accelerometer,
     Corrected,
@@ -20,7 +21,6 @@ from simval.imu.calibrate.equations import (
     Whitened,
 )
 from simval.imu.calibrate.estimate import NORMAL_95
-from simval.imu.calibrate.evidence import WIDEST
 from simval.imu.calibrate.magnetometer.result import (
     ACCELEROMETER,
     DIP,
