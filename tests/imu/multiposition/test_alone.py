@@ -10,6 +10,7 @@ from written import written
 from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
 from simval.imu.multiposition.noise import log_noise
+from simval.imu.statics import evened
 
 SIGMA, RATE, ROWS = 1e-3, 100.0, 12_000
 NOISE = np.random.default_rng(2).normal([0.01, -0.02, 0.03], SIGMA, (ROWS, 3))
@@ -94,3 +95,13 @@ def test_a_hole_costs_the_accelerometer_nothing_and_the_gyroscope_is_told_its_pa
     assert "(--until, --from)" in found.left_out["gyroscope"]
     part = log.within(log.parts()[0], "the first")
     assert calibrate_sensors(part, calibrate_log(part, g=9.80665)).gyroscope is not None
+
+
+def test_a_hole_of_a_day_is_two_windows_of_the_detector():
+    time = np.arange(3000) / RATE + 86400.0 * (np.arange(3000) >= 1500)
+    even = evened(time, NOISE[:3000])
+    assert even.rate == pytest.approx(RATE, rel=1e-3)
+    assert len(even.samples) == pytest.approx(3000 + 2.0 * RATE, abs=3)
+    spread = even.spread()
+    middle = even.tick[1500] - int(RATE)
+    assert np.isinf(spread[middle])  # so that no rest spans it
