@@ -31,7 +31,7 @@ from simval.cli.options import (
 )
 from simval.cli.outputs import Output
 from simval.cli.terminal import say
-from simval.vocabulary import TARGETS, Loss, Method, Model, Residual
+from simval.vocabulary import TARGETS, Iteration, Loss, Method, Model, Residual
 
 if TYPE_CHECKING:
     from simval.imu.logs import Log
@@ -51,6 +51,12 @@ def command(
     columns: Columns = None,
     instance: Instance = None,
     method: Annotated[Method, "Solver of the least-squares fit."] = "lm",
+    step: Annotated[Positive, "Fraction of each step that is taken, up to 1."] = 1.0,
+    iteration: Annotated[
+        Iteration,
+        "Unknowns of the squared residual: the centre, or all nine and the stop rule "
+        "as the sources print them.",
+    ] = "centre",
     residual: Annotated[Residual, "Residual whose squares are minimised."] = "squared",
     loss: Annotated[
         Loss, "Loss; all but linear give outlier poses less weight."
@@ -131,6 +137,8 @@ def command(
         g=g,
         model=model,
         method=method,
+        step=step,
+        iteration=iteration,
         residual=residual,
         loss=loss,
         rest=rest,
