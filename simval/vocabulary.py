@@ -19,13 +19,15 @@ FILTER_SECONDS: Final = 600.0
 
 Model = Literal["triangular", "upper", "symmetric"]
 Method = Literal["lm", "gauss-newton", "newton"]
+Iteration = Literal["centre", "source"]
 Residual = Literal["squared", "norm", "weighted", "sampson", "adjusted"]
 Loss = Literal["linear", "huber", "soft_l1", "cauchy"]
 MODELS: Final = get_args(Model)
 METHODS: Final = get_args(Method)
+ITERATIONS: Final = get_args(Iteration)
 RESIDUALS: Final = get_args(Residual)
 LOSSES: Final = get_args(Loss)
-"""Forms of the nine parameters, solvers, what is minimised, and robust losses."""
+"""Forms of the nine parameters, solvers, their unknowns, residuals, robust losses."""
 Target = Literal["px4", "ardupilot", "kalibr", "openvins", "ros"]
 TARGETS: Final = get_args(Target)
 """Projects for which a calibration is written as parameters."""

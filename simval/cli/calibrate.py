@@ -6,7 +6,7 @@ import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
@@ -36,7 +36,7 @@ from simval.cli.options import (
 )
 from simval.cli.outputs import Output
 from simval.cli.terminal import say
-from simval.vocabulary import TARGETS, Loss, Method, Model, Residual
+from simval.vocabulary import TARGETS, Iteration, Loss, Method, Model, Residual
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -61,6 +61,12 @@ def command(
     start: From = None,
     stop: Until = None,
     method: Annotated[Method, "Solver of the least-squares fit."] = "lm",
+    step: Annotated[Positive, "Fraction of each step that is taken, up to 1."] = 1.0,
+    iteration: Annotated[
+        Iteration,
+        "Unknowns of the squared residual: the centre, or all nine and the stop rule "
+        "as the sources print them.",
+    ] = "centre",
     residual: Annotated[Residual, "Residual whose squares are minimised."] = "squared",
     loss: Annotated[
         Loss, "Loss; all but linear give outlier poses less weight."
@@ -150,11 +156,12 @@ def command(
     log = read_log(
         path, rate, columns, instance, start=start, stop=stop, alone=means, means=means
     )
+    options: dict[str, Any] = dict(
+        model=model, method=method, step=step, iteration=iteration, residual=residual,
+        loss=loss, full_scale=full_scale,
+    )  # fmt: skip
     if means:
-        fitted = partial(
-            calibrate, model=model, method=method, residual=residual, loss=loss,
-            full_scale=full_scale,
-        )  # fmt: skip
+        fitted = partial(calibrate, **options)
         table_of_means(
             log, partial(calibrate_means, log, fitted, g=g, field=field,
             leave_out=out_of), out, as_json=as_json,
@@ -167,15 +174,11 @@ def command(
         result = calibrate_log(
             log,
             g=g,
-            model=model,
-            method=method,
-            residual=residual,
-            loss=loss,
             rest=rest,
-            full_scale=full_scale,
             noise=known,
             leave_out=out_of,
             predict=calibration_moments,
+            **options,
         )
         all_of = partial(
             calibrate_sensors,
@@ -194,8 +197,7 @@ def command(
         written["gyro_rows"] = rows_object(evidence)
     if out is not None:
         write_json(out, written)
-    notes = []
-    notes += tried(result, log) if verbose else []
+    notes = tried(result, log) if verbose else []
     for name, file in to:
         from simval.imu.multiposition.parameters import parameters_of
 

@@ -6,11 +6,12 @@ is kept for the report. All must end at the same parameters.
 
 `SOURCES` are the sources' own methods on the same set: nine unknowns, no closed-form
 start but :math:`M = I, b = 0`, the residual :math:`e_k = |M(a_k - b)|^2 - g^2`. The
-first is Levenberg-Marquardt in T, K, B; the others are Gauss-Newton in a symmetric K,
-with full steps and with half of each, the derivation's fixed :math:`\alpha`. Near the
-end a step multiplies the error by :math:`I - \alpha (J^TJ)^{-1} H`, H the Hessian of
-half the cost. With :math:`\rho` the greatest eigenvalue of this for :math:`\alpha = 1`,
-a damped step leaves of the distance
+first is Levenberg-Marquardt in T, K, B; the others are in a symmetric K: Gauss-Newton
+with full steps and with half of each, the derivation's fixed :math:`\alpha`, with the
+stop rule as it is printed, and Newton with all 45 second derivatives. Near the end a
+step multiplies the error by :math:`I - \alpha (J^TJ)^{-1} H`, H the Hessian of half the
+cost. With :math:`\rho` the greatest eigenvalue of this for :math:`\alpha = 1`, a damped
+step leaves of the distance
 
 .. math:: 1 - \alpha + \alpha r, \quad |r| \le \rho.  \tag{S1}
 
@@ -27,6 +28,8 @@ from simval import statistics as stat
 from simval.arrays import Array
 from simval.figures import Listing, Strip, Trace, entries
 from simval.imu.calibrate import calibrate
+from simval.imu.calibrate.minimization import pose_objective
+from simval.imu.calibrate.residuals import monomial_rows
 from simval.imu.calibrate.solver import Local, Objective, Rules, minimize
 from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
@@ -62,6 +65,7 @@ class Source(NamedTuple):
     model: Model
     method: Method
     step: float = 1.0
+    stop: str = "bounded"
 
 
 FULL_STEPS, HALF_STEPS = "symmetric full steps", "symmetric half steps"
@@ -69,6 +73,8 @@ SOURCES: Final = {
     "triangular lm": Source("triangular", "lm"),
     FULL_STEPS: Source("symmetric", "gauss-newton"),
     HALF_STEPS: Source("symmetric", "gauss-newton", HALF),
+    "symmetric printed stop": Source("symmetric", "gauss-newton", stop="printed"),
+    "symmetric newton": Source("symmetric", "newton", stop="printed"),
 }
 
 
@@ -140,12 +146,16 @@ def source_way(
 ) -> tuple[Float[Array, "k 9"], int]:
     """Triangular parameters at each step of a source's method, and its steps."""
     objective, start = nine_unknowns(source.model, raw / G), np.zeros((1, 9))
+    if source.method == "newton":
+        m = monomial_rows((raw / G)[None])
+        objective = pose_objective(source.model, "squared", m, newton=True)
     start[0] = forms.from_gram(source.model, np.eye(3), np.zeros(3))
 
     def stopped(most: int) -> tuple[Float[Array, "9"], int]:
         rules = Rules(
-            method=source.method, step=source.step, tolerance=STOP, max_iterations=most
-        )
+            method=source.method, step=source.step, tolerance=STOP, max_iterations=most,
+            stop=source.stop,
+        )  # fmt: skip
         # the source does not look at the cost: a step that rounding raises is taken
         found = minimize(objective, start, rules, slack=len(raw) * ROUNDING)
         M = forms.matrix(source.model, found.theta)

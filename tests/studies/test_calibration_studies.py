@@ -7,7 +7,9 @@ from imu_tk import imu_tk_residual
 from scipy import stats
 
 from simval.geometry import normalize
+from simval.imu.calibrate import calibrate
 from simval.imu.sensor import forms
+from simval.poses import fibonacci_sphere
 from simval.statistics import RECOVERY
 from simval.studies import coverage, gyroscope, ladder, solvers
 from simval.studies.magnetometer import UNLIKE, Scenario, response_rows
@@ -171,6 +173,75 @@ def test_a_symmetric_source_stops_at_the_step_that_its_rule_says(name):
         assert np.abs(ways[-1]).max() > 1.4
         assert list(np.flatnonzero(met) + 1) == [steps]
         assert len(path) == steps < solvers.MOST_STEPS
+
+
+def test_the_printed_stop_rule_and_all_second_derivatives():
+    """The path of the symmetric source's Newton by hand, to the step of its own rule.
+
+    Its 45 second derivatives are complex steps of a gradient that is written here; the
+    cost never rises on these sets, and the Hessian stays positive.
+    """
+    source, places = solvers.SOURCES["symmetric newton"], np.array([0, 1, 2, 3, 4, 5])
+    plain = solvers.SOURCES["symmetric printed stop"]
+    assert (source.stop, plain.stop) == ("printed", "printed")
+    rows, columns = np.triu_indices(3)
+    rng = np.random.default_rng(8)
+    readings = 1.05 * normalize(rng.standard_normal((24, 3))) + 0.04
+    readings += 0.01 * rng.standard_normal((24, 3))
+
+    def gradient(theta):
+        K = np.zeros((3, 3), dtype=complex)
+        K[rows, columns] = K[columns, rows] = theta[places]
+        x = readings - theta[6:]
+        h = x @ K
+        e = np.sum(h * h, axis=1) - 1.0
+        slopes = [
+            2.0 * (h[:, i] * x[:, j] + (i != j) * h[:, j] * x[:, i])
+            for i, j in zip(rows, columns, strict=True)
+        ]
+        J = np.stack([*slopes, *(-2.0 * h @ K).T], axis=1)
+        return J.T @ e, J.T @ J
+
+    for found, hessian in ((source, True), (plain, False)):
+        path, steps = solvers.source_way(found, solvers.G * readings)
+        p = path / np.repeat([1.0, solvers.G], [6, 3])
+        M = forms.matrix("triangular", p)
+        ways = forms.from_gram("symmetric", M.swapaxes(1, 2) @ M, p[:, 6:])
+        at = np.array([1.0, 0, 0, 1, 0, 1, 0, 0, 0], dtype=complex)
+        for k, there in enumerate(ways, 1):
+            g, N = gradient(at)
+            if hessian:
+                tilted = (gradient(at + h)[0] for h in 1e-30j * np.eye(9))
+                N = np.stack([t.imag / 1e-30 for t in tilted], axis=1)
+            step = -np.linalg.solve(N.real, g.real)
+            # rounding over the least eigenvalue of N, some hundredths of its greatest
+            np.testing.assert_allclose(there, (at + step).real, rtol=0, atol=1e-12)
+            size = np.max(np.abs(2.0 * step / (2.0 * at.real + step)))
+            if k < steps and size < 1e-7:  # beyond it rounding decides
+                assert size > 1e-11
+            at = there.astype(complex)
+        assert size < 1e-11
+        assert len(ways) == steps < solvers.MOST_STEPS
+
+
+@pytest.mark.parametrize("method", ["lm", "gauss-newton", "newton"])
+@pytest.mark.parametrize("model", ["triangular", "symmetric"])
+def test_the_sources_iteration_ends_where_the_three_unknowns_do(method, model):
+    sensor = solvers.true_sensor(0.05)
+    raw = sensor.distort(solvers.G * fibonacci_sphere(30), np.random.default_rng(3))
+    ours = calibrate(raw, model=model, method=method)
+    theirs = calibrate(raw, model=model, method=method, iteration="source")
+    assert theirs.status == ours.status == "converged"
+    assert theirs.parameters == pytest.approx(ours.parameters, rel=1e-9, abs=1e-10)
+    damped = calibrate(raw, model=model, method=method, iteration="source", step=0.5)
+    assert damped.iterations > 3 * theirs.iterations
+    if method == "lm":  # mu I is felt while the step is long
+        few = [
+            calibrate(raw, model=model, method=m, iteration="source", max_iterations=1)
+            for m in ("lm", "gauss-newton")
+        ]
+        apart = np.abs(few[0].parameters - few[1].parameters).max()
+        assert 0.0 < apart < 1e-4
 
 
 def test_newton_is_quadratic_and_the_others_are_linear():

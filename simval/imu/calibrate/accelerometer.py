@@ -36,7 +36,6 @@ from simval.imu.calibrate.residuals import (
     LOSSES,
     READING,
     RESIDUALS,
-    SLOPES,
     WEIGHTED,
     moment_matrix,
     monomial_rows,
@@ -57,7 +56,7 @@ from simval.imu.sensor import forms
 from simval.poses import PARAMETERS
 from simval.shapes import Float
 from simval.text import shown
-from simval.vocabulary import Loss, Method, Model, Residual
+from simval.vocabulary import ITERATIONS, Iteration, Loss, Method, Model, Residual
 
 # Above it (singular values 1e4 apart) the moments, whose condition is the square, keep
 # under eight digits, and 1 mm/s^2 of noise becomes 0.6 m/s^2 of bias or more.
@@ -70,6 +69,7 @@ class Options(Rules):
     """Options of the fit; checked when made."""
 
     model: str  # form
+    iteration: str  # unknowns of the squared residual's
     residual: str
     loss: str
     g: float  # gravity, m/s^2
@@ -87,6 +87,16 @@ class Options(Rules):
             msg = (
                 f"`loss` is {self.loss!r} with residual {self.residual!r}; a robust "
                 "loss goes with the squared or the weighted residual"
+            )
+            raise InputError(msg)
+        if self.iteration == "source" and (self.residual, self.loss) != (
+            "squared",
+            "linear",
+        ):
+            msg = (
+                f"`iteration` is 'source' with residual {self.residual!r} and loss "
+                f"{self.loss!r}; the sources have the squared residual and no other "
+                "loss, so leave both at their defaults"
             )
             raise InputError(msg)
         units = {"g": "m/s^2", "tolerance": "", "condition_limit": "", "step": ""}
@@ -111,6 +121,7 @@ def choices() -> dict[str, tuple[str, ...]]:
     return {
         "model": forms.MODELS,
         "method": METHODS,
+        "iteration": ITERATIONS,
         "residual": RESIDUALS,
         "loss": ("linear", *LOSSES),
     }
@@ -207,6 +218,7 @@ def calibrate(
     noise_std: Any = None,
     *,
     step: float = 1.0,
+    iteration: Iteration = "centre",
     loss: Loss = "linear",
     tolerance: float = 1e-12,
     max_iterations: int = 200,
@@ -235,6 +247,11 @@ def calibrate(
         covariance is that of a known sigma; without, Type A, from the residuals.
     step : float, default 1.0
         Fraction of each step taken, above 0 and up to 1 (damped Gauss-Newton).
+    iteration : {"centre", "source"}
+        Of the squared residual: over the ellipsoid's centre alone, or as the sources
+        do, over all nine parameters with the stop rule as printed. Their methods are
+        then lm, J'J + mu I, of the triangular form, and gauss-newton with a `step`
+        alpha, or newton with all second derivatives, of the symmetric one.
     loss : {"linear", "huber", "soft_l1", "cauchy"}
         Robust loss, for the squared and weighted residuals.
     tolerance : float, default 1e-12
@@ -274,6 +291,7 @@ def calibrate(
     """
     options = Options(
         model=model, method=method, residual=residual, loss=loss, g=g, step=step,
+        iteration=iteration, stop="printed" if iteration == "source" else "bounded",
         tolerance=tolerance, max_iterations=max_iterations, full_scale=full_scale,
         repeats=repeats, condition_limit=condition_limit, covariance=covariance,
     )  # fmt: skip
@@ -470,10 +488,13 @@ def _iterate(
         return minimize_reweighted(
             model, residual, options.loss, m, theta, noise, options, slack, shares
         )
-    if residual in SLOPES:
+    if residual in ("norm", "sampson") or options.iteration == "source":
         newton = options.method == "newton"
         goal = pose_objective(model, residual, m, shares, newton=newton)
-        return minimize(goal, theta, options, slack), None
+        origin = np.zeros_like(theta)
+        if options.iteration == "source":  # its bias is that of readings as they are
+            origin[:, 6:] = data.centre / data.scale[:, None]
+        return minimize(goal, theta, options, slack, origin), None
     leverage = data.leverage
     if residual == "adjusted" and noise is not None:
         leverage = Leverage.of(unbiased_moment_matrix(m[:, READING].mT, noise))

@@ -221,7 +221,7 @@ def curvature(
     one of them and b, and 2 s_0 A by b twice.
     """
     bias, linear, constant = quadric.bias, weights[:, 6:9], weights[:, 9]
-    w = symmetric(weights)
+    w = symmetric(weights[:, :6])
     outer = bias[:, :, None] * linear[:, None, :]
     w -= outer + outer.mT
     w += constant[:, None, None] * bias[:, :, None] * bias[:, None, :]
@@ -316,7 +316,16 @@ def sampson_slopes(
     )
 
 
+def squared_slopes(
+    c: Float[Array, "t n"], q: Float[Array, "t n"], *, newton: bool
+) -> Slopes:
+    """Slopes of the squared residual c, which is linear in c."""
+    zero = np.zeros_like(c)
+    return Slopes(cost=c * c / 2, c=c, q=zero, cc=np.ones_like(c), cq=zero, qq=zero)
+
+
 SLOPES: dict[str, Callable[..., Slopes]] = {
+    "squared": squared_slopes,
     "norm": norm_slopes,
     "sampson": sampson_slopes,
 }

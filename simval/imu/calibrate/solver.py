@@ -17,9 +17,9 @@ what is done when a step would raise the cost (more :math:`\mu`, a shorter step)
 The stop rule is the symmetric Gauss-Newton derivation's, largest
 :math:`|2 (X_k - X_{k-1}) / (X_k + X_{k-1})|` below a tolerance, made safe where a
 parameter crosses zero: the mean of the two magnitudes counts as at least 1, the
-size of a typical parameter in the scaled units of the fit  (L1). Each trial has its
-own rule and damping, and leaves the batch when it stops, so no trial depends on its
-neighbours.
+size of a typical parameter in the scaled units of the fit  (L1). With `stop` "printed"
+it is the rule as printed, without that bound. Each trial has its own rule and damping,
+and leaves the batch when it stops, so no trial depends on its neighbours.
 """
 
 from collections.abc import Callable
@@ -152,6 +152,7 @@ class Rules:
     step: float  # fraction of each step that is taken
     tolerance: float  # limit of the stop rule (L1)
     max_iterations: int  # most steps that are tried
+    stop: str = "bounded"  # or "printed", without the bound of (L1)
 
 
 class Solution(NamedTuple):
@@ -167,10 +168,18 @@ Objective = Callable[[Array, Any], Local]  # (parameters, rows of the batch)
 
 
 def minimize(
-    objective: Objective, theta: Float[Array, "t p"], rules: Rules, slack: Any
+    objective: Objective,
+    theta: Float[Array, "t p"],
+    rules: Rules,
+    slack: Any,
+    origin: Float[Array, "t p"] | None = None,
 ) -> Solution:
-    """Minimise each trial's cost from its own start."""
-    count = len(theta)
+    """Minimise each trial's cost from its own start.
+
+    The stop rule looks at parameters and `origin` together.
+    """
+    count, least = len(theta), 0.0 if rules.stop == "printed" else 1.0
+    twice = np.zeros_like(theta) if origin is None else 2.0 * origin
     ended = Solution(
         theta=theta.copy(),
         code=np.full(count, Code.MAX_ITERATIONS),
@@ -193,8 +202,10 @@ def minimize(
         step = _step(trials.here, rules.method, trials.damping)
         step *= rules.step * trials.length[:, None]
         there = trials.theta + step
-        middle = np.maximum(np.abs(there + trials.theta) / 2.0, 1.0)
-        size = (np.abs(step) / middle).max(axis=-1)
+        total = there + trials.theta + twice[trials.rows]
+        middle = np.maximum(np.abs(total) / 2.0, least)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            size = (np.abs(step) / middle).max(axis=-1)  # NaN is never done
         done = size <= rules.tolerance  # the cost there need not be known
         if done.any():
             trials.leave(ended, done, there, iteration, Code.CONVERGED)

@@ -62,7 +62,7 @@ from simval.imu.noise import NoiseFile
 from simval.imu.statics import Intervals, Rest, interval_means
 from simval.poses import PARAMETERS, observability
 from simval.shapes import Float
-from simval.vocabulary import Loss, Method, Model, Residual
+from simval.vocabulary import Iteration, Loss, Method, Model, Residual
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -136,6 +136,8 @@ def calibrate_log(
     g: float = 9.80665,
     model: Model = "triangular",
     method: Method = "lm",
+    step: float = 1.0,
+    iteration: Iteration = "centre",
     residual: Residual = "squared",
     loss: Loss = "linear",
     rest: float | None = None,
@@ -153,6 +155,10 @@ def calibrate_log(
     g : float
         Local gravity, m/s^2.
     model, method, residual, loss : str
+        As in `simval.imu.calibrate.calibrate`.
+    step : float, default 1.0
+        Fraction of each step of the solver that is taken.
+    iteration : {"centre", "source"}
         As in `simval.imu.calibrate.calibrate`.
     rest : float or None
         Length of the initial rest, s; None finds it.
@@ -182,7 +188,7 @@ def calibrate_log(
     """
     fitted = partial(
         calibrate, g=g, model=model, method=method, residual=residual, loss=loss,
-        full_scale=full_scale,
+        full_scale=full_scale, step=step, iteration=iteration,
     )  # fmt: skip
     try:
         rests = find_rests(log, rest)
@@ -215,7 +221,10 @@ def calibrate_log(
         if warm.fit is not None:
             log = at_reference(log, accelerometer=warm.thermal)
             poses = interval_means(log.accelerometer, intervals)
-            fit = calibrate(poses, g, model, method=method, full_scale=full_scale)
+            fit = calibrate(
+                poses, g, model, method=method, full_scale=full_scale, step=step,
+                iteration=iteration,
+            )  # fmt: skip
             fit = _with_terms(fit, warm.fit, std)
             further = warm.fit.slopes[:, 9:] * (1.0 if std is None else std[:, None])
         if warm.rests is not None:
