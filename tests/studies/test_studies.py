@@ -65,7 +65,7 @@ SMALL = {  # study, parameters, and how many of its rows are judged
     "attitude_order": ("attitude_order", {"noise": "full"}, 10, ()),
     "efficiency": ("attitude_efficiency", {"geometries": 120, "trials": 50}, 7, CI),
     "limits": ("attitude_limits", {"ratio": 1.5, "samples": 100_000}, 1, CI),
-    "singular": ("attitude_singular", {"case": "C"}, 27, ()),
+    "singular": ("attitude_singular", {"case": "C"}, 29, ()),
     "geometries": ("attitude_geometries", {"geometries": 20}, 1, ()),
     "map": ("attitude_map", {"geometries": 5}, 0, CI),
     "fitted": ("noise_model", NOISE | {"estimate": "fitted"}, 27, CI),
