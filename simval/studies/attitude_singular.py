@@ -52,6 +52,7 @@ from simval.geometry import (
 )
 from simval.imu.attitude import (
     case_quaternion,
+    estimate_attitude,
     sequential_quaternion,
     turn_is_singular,
     two_vector_quaternion,
@@ -196,6 +197,10 @@ class Setting:
             "TRIAD": triad,
             "q-method": davenport,
             "plain": partial(case_quaternion, tolerance=NEVER),
+            "plain, normalised": lambda *v: (
+                estimate_attitude(v[0], v[1], v[2], v[3], "plain", normalized=True).q
+            ),
+            "optimal": two_vector_quaternion,
         }
 
     def beside(self, share: float) -> Float[Array, "4"]:
@@ -277,7 +282,12 @@ class Setting:
             same = (name for name, own in frames.items() if own == frame)
             found |= dict.fromkeys(same, (square, stat.EXACT, 0.0))
         given = self.q, np.stack([self.r1, self.r2]), self.sigma
-        kinds = {"q-method": "wahba", "TRIAD": "triad", "combined": "combined"}
+        kinds = {
+            "q-method": "wahba",
+            "optimal": "wahba",
+            "TRIAD": "triad",
+            "combined": "combined",
+        }
         first = {name: class_moments(kind, *given)[1] for name, kind in kinds.items()}
         near = self.parameters.border < MARGIN  # noise takes it across the border
         if self.parameters.distance == 0.0 and self.parameters.case != "A" and not near:
