@@ -12,7 +12,7 @@ import numpy as np
 from power.attitude import normals
 from power.calibration import bent, louder, steeper
 from power.fault import Fault, given, result, then, times, told
-from simval.imu.calibrate import equations, evidence
+from simval.imu.calibrate import covariance, equations
 from simval.imu.calibrate.gyroscope import rotation
 from simval.imu.calibrate.minimization import Leverage
 from simval.imu.filters import Mekf, mekf
@@ -228,7 +228,7 @@ CODE = (
         times(OFF**2),
     ),
     smoke(
-        "coverage", "calibrator", evidence, "value_derivatives",
+        "coverage", "calibrator", covariance, "value_derivatives",
         "a derivative 0.1 % off in the error bars", scaled(..., 4),
     ),
     smoke(
