@@ -210,8 +210,8 @@ def command(
         click.echo(json.dumps(written, allow_nan=False))
         say(notes, err=True)
         return
-    said = [*log.described(), *row_lines(evidence), *str(whole).splitlines()]
-    say([*said, log.unit_line(), *notes])
+    said = [*log.described(), log.unit_line(), *row_lines(evidence)]
+    say([*said, *str(whole).splitlines(), *notes])
 
 
 def rests_of(words: str) -> list[float]:
