@@ -79,6 +79,9 @@ MOST_TRIALS = 1_000_000
 class Parameters(StudyParameters):
     """One cell: how many geometries and trials, at which noise."""
 
+    # the same draws for each shape of the noise, so that cells compare
+    no_noise = ("noise", "normalized")
+
     noise: Literal["isotropic", "tangent", "heavy tails"] = Field(
         default="isotropic", description="Noise of all four vectors."
     )

@@ -180,24 +180,25 @@ def test_every_estimator_refuses():
 
 def test_a_length_that_noise_does_not_explain_is_inconsistent():
     """2 % too long turns a single frame by degrees; the optimum and directions not."""
-    q, r1, r2 = [0.1, -0.4, 0.3, 0.9], [1.0, 0.0, 0.0], [np.cos(0.3), np.sin(0.3), 0.0]
-    A = attitude_matrix(normalize(np.array(q)))
+    q = normalize(np.array([0.1, -0.4, 0.3, 0.9]))
+    r1, r2 = [1.0, 0.0, 0.0], [np.cos(0.3), np.sin(0.3), 0.0]
+    A = attitude_matrix(q)
     b1, b2 = 1.02 * A @ r1, A @ r2
     std = [0.002, 0.001, 0.0, 0.0]
     for frame, least, most in (
         ("optimal", 0.0, 1e-14), ("combined", 0.03, 0.04), ("best", 0.01, 0.2),
     ):  # fmt: skip
-        off = attitude_error(two_vector_quaternion(b1, b2, r1, r2, frame), normalize(q))
+        off = attitude_error(two_vector_quaternion(b1, b2, r1, r2, frame), q)
         assert least <= off < most
         options = {"frame": frame, "noise_std": std}
         found = estimate_attitude([b1, b1 / 1.02], b2, r1, r2, **options)
         assert found.validity.tolist() == [Validity.INCONSISTENT, Validity.VALID]
         found = estimate_attitude(b1, b2, r1, r2, normalized=True, **options)
         assert found.valid
-        assert attitude_error(found.q, normalize(q)) < 1e-14
+        assert attitude_error(found.q, q) < 1e-14
     # (K6): by cot(theta) e / 2
     assert attitude_error(
-        two_vector_quaternion(b1, b2, r1, r2, "combined"), normalize(q)
+        two_vector_quaternion(b1, b2, r1, r2, "combined"), q
     ) == pytest.approx(0.01 / np.tan(0.3), rel=0.02)  # the next order in e
 
 
