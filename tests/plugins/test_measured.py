@@ -6,6 +6,7 @@ Every case is measured as a user measures: by `check_function`, in one cell.
 import dataclasses
 import json
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -87,7 +88,9 @@ KINDS = {
     "wahba": of(PLAIN, kind="wahba"),
     "weighted wahba": WEIGHTED,
     "triad": of(PLAIN, kind="triad", estimate=triad),
-    "closed form": of(PLAIN, kind="closed form", estimate=two_vector_quaternion),
+    "closed form": of(
+        PLAIN, kind="closed form", estimate=partial(two_vector_quaternion, frame="best")
+    ),
     "combined": of(PLAIN, kind="combined", estimate=ESTIMATORS["combined"]),
 }
 
