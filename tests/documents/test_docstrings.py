@@ -2,7 +2,9 @@
 
 import importlib
 import inspect
+import re
 import tomllib
+from collections import Counter
 
 import pytest
 from numpydoc.validate import validate
@@ -36,3 +38,14 @@ def test_a_face_is_documented(name, is_class):
     rules = [rule for rule in RULES if not (is_class and rule in FIELDS)]
     found = [f"{code}: {words}" for code, words in validate(name)["errors"]]
     assert [line for line in found if line[:4] in rules] == []
+
+
+def test_a_class_name_of_the_library_means_one_thing():
+    """Of those that a module may give to another."""
+    names = Counter(
+        name
+        for path in (ROOT / "simval" / "imu").rglob("*.py")
+        for name in re.findall(r"^class ([A-Z]\w*)", path.read_text(), re.MULTILINE)
+    )
+    assert len(names) > 100
+    assert [name for name, count in names.items() if count > 1] == []

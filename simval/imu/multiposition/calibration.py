@@ -154,11 +154,11 @@ def calibrate_log(
         The log, see `simval.imu.logs.read_log`.
     g : float
         Local gravity, m/s^2.
-    model, method : str
+    model, method, residual, loss : str
         As in `simval.imu.calibrate.calibrate`.
     step : float, default 1.0
         Fraction of each step of the solver that is taken.
-    iteration, residual, loss : str
+    iteration : {"centre", "source"}
         As in `simval.imu.calibrate.calibrate`.
     rest : float or None
         Length of the initial rest, s; None finds it.
