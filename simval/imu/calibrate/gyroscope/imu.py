@@ -386,7 +386,7 @@ def _whitening(
 ) -> Float[Array, "r r"]:  # fmt: skip
     # inverse root of the covariance (N6) of residuals by the noise of each axis, up to
     # a factor
-    moved = rotations(turned.statistics, M, np.zeros((1, 3)))
+    moved = rotations(turned.statistics[:1], M, np.zeros((1, 3)))
     EC = across(u[:, 1:]) @ np.swapaxes(moved.C, -1, -2)
     N = np.maximum(walk / max(walk.max(), np.finfo(float).tiny), _QUIET)
     by = np.cross(EC, u[:, :-1, None, :])[0, :, None] @ np.moveaxis(
