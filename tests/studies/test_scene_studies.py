@@ -124,7 +124,7 @@ def test_the_carriers_jacobian_is_the_derivative_of_the_whole_chain():
             normalize(model.correct(rows[k] + part))
             for model, rows, part in zip(models, raw, np.split(noise, 2), strict=True)
         ]
-        q = two_vector_quaternion(*seen, UP, wanted.field_world)
+        q = two_vector_quaternion(*seen, UP, wanted.field_world, "best")
         return rotation_between(q, wanted.q[k])
 
     h = 1e-5
