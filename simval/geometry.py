@@ -25,7 +25,7 @@ import numpy as np
 from simval.arguments import instance, whole_number
 from simval.arrays import Array, Scalars, finite_array, physical_array
 from simval.errors import InputError
-from simval.shapes import Float, Inexact
+from simval.shapes import Float, Shaped
 
 # four single-precision numbers, each rounded by 6e-8, leave a length within 1.2e-7 of
 # 1; an angle read from such a quaternion is off by as much
@@ -111,8 +111,8 @@ def cross_matrix(v: Float[Array, "... 3"]) -> Float[Array, "... 3 3"]:
 
 
 def cross(
-    a: Inexact[Array, "... 3"], b: Inexact[Array, "... 3"]
-) -> Inexact[Array, "... 3"]:
+    a: Shaped[Array, "... 3"], b: Shaped[Array, "... 3"]
+) -> Shaped[Array, "... 3"]:
     """Cross product: `numpy.cross`, of few vectors in a third of its time."""
     product: Array = np.empty(np.broadcast(a, b).shape, np.result_type(a, b))
     x, y, z = a[..., 0], a[..., 1], a[..., 2]

@@ -299,9 +299,10 @@ def attitude_moments(
         all: 1 to 2 ms for isotropic noise (half a millisecond in a batch), from a
         sixth of a second up for any other, sample by sample.
     frame : {"plain", "x", "y", "z", "combined", "optimal"}, optional
-        The estimator's fixed frame; default, the greatest column of each truth.
-        ``"combined"`` is the four-column estimator that starts from that column,
-        ``"optimal"`` Wahba's of equal weights, which normalises the vectors.
+        The estimator's frame; default, the greatest column of each truth, as of the
+        frame ``best``. ``"combined"`` is the four-column estimator that starts from
+        that column, ``"optimal"`` Wahba's of equal weights, which normalises the
+        vectors: the estimator's own default.
     normalized : bool, default False
         The four vectors are normalised after the noise.
     third_moments : array_like, optional

@@ -3,6 +3,7 @@
 import importlib.util
 import re
 
+import numpy as np
 import pytest
 from places import EXAMPLES, ROOT
 
@@ -31,6 +32,14 @@ def test_the_example_runs(capsys):
     error = scope["fit"].parameters - scope["model"].parameters
     assert (abs(error) < 5 * scope["fit"].sd).all()
     assert scope["fit"].status == "converged"
+    # and the attitude's error is the estimator's own: another frame's is 20 % off
+    names, rng = ("b1", "b2", "r1", "r2"), np.random.default_rng(1)
+    noisy = (scope[k] + 0.01 * rng.standard_normal((20_000, 3)) for k in names)
+    found = scope["two_vector_quaternion"](*noisy)
+    truth = scope["moments"].q_true  # of one of two signs
+    square = ((truth - np.sign(found @ truth)[:, None] * found) ** 2).sum(axis=1)
+    off = square.mean() - np.trace(scope["moments"].covariance)
+    assert abs(off) < 5 * square.std() / np.sqrt(len(square))
 
 
 def test_the_suite_example_is_valid(tmp_path):

@@ -325,7 +325,8 @@ def two_vector_quaternion(
     Notes
     -----
     Exact without noise. With noise of standard deviation sigma the error is of
-    order sigma / |qbar|; `simval.theory.attitude_moments` predicts it.
+    order sigma / |qbar|. `simval.theory.attitude_moments` predicts the error of an
+    answer where it is told the same frame, for ``best`` none.
     """
     estimate = estimate_attitude(
         b1,

@@ -6,6 +6,7 @@ sensor moves: the readings without the laps go in as one more explanation.
 """
 
 from collections.abc import Sequence
+from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
@@ -78,22 +79,15 @@ class JudgedRests(NamedTuple):
         """Option of a command that does what is advised; empty where none does."""
         named, time = self.judgement.candidates, self.log.time
         if self.judgement.off:
-            return (
-                f"--leave-out {','.join(map(str, self.numbers[[*self.judgement.off]]))}"
-            )
+            out = ",".join(str(self.numbers[k]) for k in self.judgement.off)
+            return f"--leave-out {out}"
         rests = named[0].explanation.rests if len(named) == 1 else ()
         count, first = len(self.intervals), min(rests, default=0)
         if not self.judgement.names or rests != tuple(range(first, count)) or not first:
             return ""
-        at = 0.5 * (
-            time[self.intervals[first - 1, 1] - 1] + time[self.intervals[first, 0]]
-        )
-        return f"{'--from' if 2 * first < count else '--until'} {at:.1f}"
-
-    @property
-    def tried(self) -> str:
-        """List what was tried for that, with its odds, in lines."""
-        return "\n".join(self.judgement.runners_up(self.middle))
+        # between the rests, and what is longer is kept
+        at = (self.intervals[first - 1, 1] + self.intervals[first, 0]) // 2
+        return f"{'--from' if 2 * first < count else '--until'} {time[at]:.1f}"
 
     @property
     def middle(self) -> Float[Array, " m"]:
@@ -104,7 +98,7 @@ class JudgedRests(NamedTuple):
 def kept(log: Log, rests: Intervals, out: Sequence[float]) -> Intervals:
     """Numbers of the rests that are not left out: by their number, or a time within, s.
 
-    A whole number (`int`) is that of a rest, and any other a time.
+    An integer is the number of a rest, and any other number a time.
 
     Raises
     ------
@@ -115,7 +109,7 @@ def kept(log: Log, rests: Intervals, out: Sequence[float]) -> Intervals:
     every = np.arange(len(rests))
     left = np.zeros(len(rests), dtype=bool)
     for each in out:
-        is_number = isinstance(each, int)
+        is_number = isinstance(each, Integral)
         inside = every == each if is_number else (first <= each) & (each <= last)
         if not inside.any() and is_number:
             msg = (

@@ -110,7 +110,7 @@ def _rests(log: Log, rest: float | None) -> Intervals:
 def _refusal(case: JudgedRests, words: str) -> RefusedError:
     refusal = RefusedError(f"{case.log.path}: {words}")
     if case.judgement.answer != "sound":
-        refusal.tried = case.tried
+        refusal.tried = "\n".join(case.judgement.runners_up(case.middle))
     return refusal
 
 

@@ -108,16 +108,13 @@ def calibrate_means(
     rows = np.setdiff1d(np.arange(len(samples)), np.array(leave_out, dtype=int))
     poses = samples[rows]
     fit = fitted(poses, g if sensor == "accelerometer" else field).require_converged()
-    beside = {"gyroscope": log.gyro, "magnetometer": log.magnetometer}
+    beside = (
+        ("gyroscope", log.gyro, "how it was turned between them"),
+        ("magnetometer", log.magnetometer, "its noise; give its columns alone"),
+    )
     left = tuple(
         f"the {name}: means of poses do not show {what}"
-        for name, what in (
-            ("gyroscope", "how it was turned between them"),
-            (
-                "magnetometer",
-                "its noise; give its columns alone",
-            ),
-        )
-        if beside[name] is not None and name != sensor
+        for name, given, what in beside
+        if given is not None and name != sensor
     )
     return MeansCalibration(sensor, fit, diagnose(fit, poses), rows, left)

@@ -266,7 +266,7 @@ def test_an_outlier_rest_is_named():
     assert result.diagnosis.outliers == (11,)
     assert "gravity in the rest at 35.5 s is not that" in result.diagnosis.verdict
     assert result.diagnosis.wrong.endswith("(--leave-out 11)")
-    for out in ([35.5], [11]):
+    for out in ([35.5], [11], [*result.numbers[[11]]]):
         mended = calibrate_log(log, g=G, leave_out=out)
         assert mended.diagnosis.judgement.answer == "sound"
         assert 11 not in mended.numbers  # and the others keep theirs
