@@ -97,6 +97,7 @@ def test_the_option_that_is_advised_helps(name, seed, simval, tmp_path):
     code, out, err = simval("calibrate", path, option, value, "--json")
     assert (code, err) == (0, "")
     found = json.loads(out)
+    assert found["intervals"] >= len(rec.holds) // 2 - 1  # the longer part
     if option != "--from":  # what is kept is of the sensor before the fault
         off = np.abs(found["K"] - rec.sensor.K) / found["sd"][3:6]
         assert np.all(off < 6.0)  # nine values of t with a dozen degrees of freedom
