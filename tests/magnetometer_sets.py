@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simval.geometry import attitude_matrix, compose, random_quaternions
+from simval.imu.calibrate import Recording, fit
 from simval.imu.sensor import AccelerometerModel, MagnetometerModel
 
 G = 9.80665
@@ -87,3 +88,11 @@ def squares(error, covariance):
     scaled = covariance / (sd[..., :, None] * sd[..., None, :])
     off = np.linalg.solve(scaled, (error / sd)[..., None])[..., 0]
     return np.vecdot(error / sd, off)
+
+
+def compass_of(body, iron, **given):
+    """Calibrate from the means of both sensors, by the noise of these sets."""
+    how = {k: given.pop(k) for k in ("known", "max_iterations") if k in given}
+    stated = {"pose_std": BODY_STD, "field_std": IRON_STD, "g": G, "field": FIELD}
+    recording = Recording(poses=body, fields=iron, **stated | given)
+    return fit(recording, **how).magnetometer

@@ -6,8 +6,7 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simval.imu.calibrate import calibrate
-from simval.imu.calibrate.gyroscope import inter_rest_rotations
+from simval.imu.calibrate import Recording, calibrate, fit, inter_rest_rotations
 from simval.imu.sensor import AccelerometerModel, GyroscopeModel
 from simval.scene import average_rates, simulate
 from simval.theory import MovePath
@@ -92,6 +91,16 @@ def fitted(truth, poses, rows, *, chunk=2, **options):
     return calibrate(
         poses, truth.g, residual="weighted", noise_std=truth.pose_std
     ), inter_rest
+
+
+def gyroscope_of(rotations, poses, accelerometer, **given):
+    """Calibrate from these rotations and poses."""
+    how = {k: given.pop(k) for k in ("estimator", "start") if k in given}
+    recording = Recording(
+        poses=poses, rotations=rotations, accelerometer=accelerometer,
+        g=accelerometer.g, model=accelerometer.model, **given,
+    )  # fmt: skip
+    return fit(recording, **how).gyroscope
 
 
 def path_of(truth, pieces=40, margin=10):

@@ -8,7 +8,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import InputError
-from simval.imu.calibrate import FitResult, GyroscopeFit, MagnetometerFit, NineAxisFit
+from simval.imu.calibrate import Calibration, FitResult, GyroscopeFit, MagnetometerFit
 from simval.imu.calibrate.magnetometer.result import DIP, IRON, MATRIX
 from simval.imu.sensor import forms
 from simval.report.curves import axis_of, curve, grouped
@@ -70,9 +70,11 @@ def fit_html(fit: Any) -> str:
 
 def _kinds(fit: Any) -> list[Kind]:
     """The parameters of a fit by kind; of the accelerometer as the entries of T."""
-    if isinstance(fit, NineAxisFit):
-        others = [*_kinds(fit.gyroscope), *_kinds(fit.magnetometer)[3:]]
-        return [*_accelerometer(fit.gyroscope.model, fit), *others]
+    if isinstance(fit, Calibration):
+        others = [] if fit.gyroscope is None else _kinds(fit.gyroscope)
+        if fit.magnetometer is not None:
+            others += _kinds(fit.magnetometer)[3:]
+        return [*_accelerometer(fit.recording.model, fit), *others]
     if isinstance(fit, GyroscopeFit):
         return [
             _part(fit, "matrix M, rad/s per raw unit", slice(0, 9)),

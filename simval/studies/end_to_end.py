@@ -28,7 +28,7 @@ from simval.consistency import normalised_squares
 from simval.figures import Figure, Headline, Quote, entry
 from simval.geometry import attitude_error, compose, conjugate, normalize
 from simval.imu.attitude import two_vector_quaternion
-from simval.imu.calibrate import calibrate_magnetometer
+from simval.imu.calibrate import Recording, fit
 from simval.imu.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.imu.statics import (
     Intervals,
@@ -192,11 +192,12 @@ class Scenario:
                 np.concatenate([each.mixed(k) for each in some]) for k in (0, 1)
             )
             std = np.repeat([each.std for each in some], 3, axis=0)
-            fit = calibrate_magnetometer(
-                force, field, self.tumble.g, accelerometer_std=std[:, 0],
-                magnetometer_std=std[:, 1], model="triangular",
-            ).require_converged()  # fmt: skip
-            fitted[rows] = fit.parameters.reshape(-1, 3, 22)
+            recording = Recording(
+                poses=force, fields=field, g=self.tumble.g, pose_std=std[:, 0],
+                field_std=std[:, 1],
+            )  # fmt: skip
+            found = fit(recording).require_converged()
+            fitted[rows] = found.parameters.reshape(-1, 3, 22)
         return fitted
 
     def directions(

@@ -32,11 +32,16 @@ from simval.arrays import Array
 from simval.consistency import normalised_squares
 from simval.figures import Figure, Headline, Quote
 from simval.imu.calibrate import (
+    FitResult,
     GyroscopeFit,
+    InterRestRotations,
+    Recording,
     calibrate,
-    calibrate_gyroscope,
+    fit,
     inter_rest_rotations,
 )
+from simval.imu.calibrate.gyroscope.noise import Weighting
+from simval.imu.calibrate.recording import Bias
 from simval.imu.sensor import GyroscopeModel
 from simval.results import Outcome, Row, exact, limit, nees, plain, unjudged
 from simval.scene import Trajectory, average_rates, simulate_cached
@@ -160,12 +165,10 @@ class Tumble:
         beside = 0.5 * (self.steps + ends)[:: self.every]
         rates = self.gyroscope.distort(beside, np.random.default_rng(0))
         inter_rest = inter_rest_rotations(self.time, rates, self.rests, scheme="linear")
-        fit = calibrate_gyroscope(
-            inter_rest, self.poses, calibrate(self.poses, self.g),
-            pose_std=self.pose_std, angle_random_walk=self.walk, start=np.eye(3),
-            estimator="unweighted",
-        )  # fmt: skip
-        return float(np.abs(fit.M - self.gyroscope.M).max())
+        found = self.gyroscope_of(
+            inter_rest, self.poses, calibrate(self.poses, self.g), "unweighted"
+        )
+        return float(np.abs(found.M - self.gyroscope.M).max())
 
     def readings(
         self, rng: np.random.Generator, count: int
@@ -220,12 +223,24 @@ class Tumble:
         """Calibrate from these."""
         inter_rest = inter_rest_rotations(self.time, rows, self.rests, chunk=CHUNK)
         known = self.parameters.estimator == "unweighted"
-        fit = calibrate(poses, self.g, residual="weighted", noise_std=self.pose_std)
-        return calibrate_gyroscope(
-            inter_rest, poses, fit, pose_std=self.pose_std, angle_random_walk=self.walk,
-            estimator=self.parameters.estimator, start=np.eye(3),
+        acc = calibrate(poses, self.g, residual="weighted", noise_std=self.pose_std)
+        return self.gyroscope_of(
+            inter_rest, poses, acc, self.parameters.estimator,
             bias="first rest" if known else "constant",
         ).require_converged()  # fmt: skip
+
+    def gyroscope_of(
+        self, rotations: InterRestRotations, poses: Float[Array, "... n 3"],
+        accelerometer: FitResult, estimator: Weighting, bias: Bias = "constant",
+    ) -> GyroscopeFit:  # fmt: skip
+        """Calibrate from what the rests showed."""
+        recording = Recording(
+            poses=poses, pose_std=self.pose_std, rotations=rotations, g=self.g,
+            angle_random_walk=self.walk, bias=bias, accelerometer=accelerometer,
+        )  # fmt: skip
+        found = fit(recording, estimator=estimator, start=np.eye(3)).gyroscope
+        assert found is not None
+        return found
 
     def bound(self, pieces: int = PIECES) -> Float[Array, "12 12"]:
         """Cramer-Rao bound of the gyroscope's twelve; so many segments a rotation."""

@@ -38,8 +38,9 @@ from simval.figures import Figure, Headline, Quote
 from simval.geometry import attitude_matrix, random_quaternions
 from simval.imu.calibrate import (
     MagnetometerFit,
-    calibrate_magnetometer,
+    Recording,
     ellipsoid_then_rotation,
+    fit,
 )
 from simval.imu.sensor import MagnetometerModel
 from simval.results import Outcome, Row, beyond, exact, limit, nees, plain, unjudged
@@ -164,7 +165,17 @@ class Scenario:
 
     def fitted(self, body: Array, iron: Array) -> MagnetometerFit:
         """The calibration, with the stated noise."""
-        return calibrate_magnetometer(body, iron, G, **self.told)
+        found = fit(
+            Recording(
+                poses=body,
+                fields=iron,
+                g=G,
+                pose_std=self.std[0],
+                field_std=self.std[1],
+            )
+        )
+        assert found.magnetometer is not None
+        return found.magnetometer
 
     def predicted(self) -> MagnetometerMoments:
         """Prediction of theory."""

@@ -10,10 +10,14 @@ from benchmarks.race import Answers, Contender, race
 from simval.arrays import Array
 from simval.imu.calibrate import (
     FitResult,
+    Recording,
     calibrate,
-    calibrate_gyroscope,
+    fit,
     inter_rest_rotations,
 )
+from simval.imu.calibrate.gyroscope.noise import Weighting
+from simval.imu.calibrate.path_statistics import Scheme
+from simval.imu.calibrate.recording import Bias
 from simval.imu.sensor import AccelerometerModel, GyroscopeModel
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
@@ -83,7 +87,7 @@ def contenders() -> list[Contender]:
         ),
         *(
             Contender(
-                f"calibrate_gyroscope, {name}", min(count, TRIALS),
+                f"fit of a gyroscope, {name}", min(count, TRIALS),
                 partial(_in_blocks, min(count, TRIALS), block, estimator=way, **more),
                 partial(seen, weights=way),
             )
@@ -99,19 +103,24 @@ def _in_blocks(count: int, block: int, **options: Any) -> Float[Array, "k 3 3"]:
 
 
 def _fitted(
-    some: slice, scheme: str = "averages", chunk: int = 2, **options: Any
+    some: slice,
+    estimator: Weighting,
+    scheme: Scheme = "averages",
+    chunk: int = 2,
+    bias: Bias = "constant",
 ) -> Float[Array, "k 3 3"]:
     time, rows, rests, poses, _ = _data()
     inter_rest = inter_rest_rotations(
         time, rows[some], rests, scheme=scheme, chunk=chunk, margin=0
     )
     acc = calibrate(poses[some], G, covariance=False)
-    return np.asarray(
-        calibrate_gyroscope(
-            inter_rest, poses[some], acc, pose_std=POSE_STD, angle_random_walk=WALK,
-            start=np.eye(3), **options,
-        ).M
+    recording = Recording(
+        poses=poses[some], rotations=inter_rest, accelerometer=acc, g=G,
+        pose_std=POSE_STD, angle_random_walk=WALK, bias=bias,
     )  # fmt: skip
+    found = fit(recording, estimator=estimator, start=np.eye(3)).gyroscope
+    assert found is not None
+    return np.asarray(found.M)
 
 
 def _scipy(trial: int) -> Float[Array, "3 3"]:

@@ -189,7 +189,7 @@ magnetic = partial(Fault, "magnetometer")
 iron = partial(magnetic, "sensor", MagnetometerModel, "distort")
 weigher = partial(magnetic, "calibrator")
 whitener = partial(weigher, equations, "_whitener")
-calibrate = partial(weigher, magnetometer, "calibrate_magnetometer")
+recorded = partial(weigher, magnetometer, "Recording")
 bound = partial(magnetic, "formula", magnetometer, "magnetometer_moments")
 MAGNETOMETER = (
     iron("M of the magnetometer transposed", given(M=lambda m: m.M.T)),
@@ -201,10 +201,10 @@ MAGNETOMETER = (
     ),
     whitener("accelerometer's noise left out of the weights", without_accelerometer),
     whitener("all equations weighed alike", unweighted),
-    calibrate("the twin of the other hemisphere", told_instead(hemisphere="south")),
-    calibrate(
+    recorded("the twin of the other hemisphere", told_instead(hemisphere="south")),
+    recorded(
         "poses of the two sensors a row apart",
-        lambda o, a, m, g, **more: o(a, np.roll(m, 1, axis=-2), g, **more), crash=True,
+        told(fields=lambda m: np.roll(m, 1, axis=-2)), crash=True,
     ),
     bound("recipe for the bound", result(covariance=lambda m: m.recipe)),
     bound("bound for the recipe", result(recipe=lambda m: m.covariance)),
@@ -284,7 +284,7 @@ GYROSCOPE = (
         poses_apart,
     ),
     turning(
-        "calibrator", gyroscope, "calibrate_gyroscope", "told 0.7 of its noise",
+        "calibrator", gyroscope, "Recording", "told 0.7 of its noise",
         told(angle_random_walk=lambda x: 0.7 * x),
     ),
     turning(

@@ -99,11 +99,11 @@ NOISE = (
     ),
     smoke("noise_model", "noise", NoiseModel, "draw", LOUD, louder(LOUDER)),
     smoke(
-        "magnetometer", "calibrator", magnetometer, "calibrate_magnetometer", MORE,
-        more("accelerometer_std", "magnetometer_std"),
+        "magnetometer", "calibrator", magnetometer, "Recording", MORE,
+        more("pose_std", "field_std"),
     ),
     smoke(
-        "gyroscope", "calibrator", gyroscope, "calibrate_gyroscope", MORE,
+        "gyroscope", "calibrator", gyroscope, "Recording", MORE,
         more("angle_random_walk"),
     ),
     smoke(

@@ -9,7 +9,7 @@ from cells import rows_of
 from simval.errors import SimvalError
 from simval.geometry import attitude_error, compose, conjugate, normalize
 from simval.imu.attitude import two_vector_quaternion
-from simval.imu.calibrate import calibrate_magnetometer
+from simval.imu.calibrate import Recording, fit
 from simval.imu.sensor import AccelerometerModel, MagnetometerModel
 from simval.scene import simulate
 from simval.studies import end_to_end
@@ -156,10 +156,11 @@ def test_the_calibrations_parts_are_what_moves_the_fit():
     (parts,) = calibration_parts(problem)
 
     def fitted(y):
-        return calibrate_magnetometer(
-            y[..., :3], y[..., 3:], scenario.tumble.g,
-            accelerometer_std=std[0], magnetometer_std=std[1],
-        ).parameters  # fmt: skip
+        recording = Recording(
+            poses=y[..., :3], fields=y[..., 3:], g=scenario.tumble.g, pose_std=std[0],
+            field_std=std[1],
+        )  # fmt: skip
+        return fit(recording).parameters
 
     h = 1e-4
     steps = h * np.eye(problem.y.size).reshape(-1, *problem.y.shape)

@@ -9,6 +9,7 @@ from magnetometer_sets import (
     IRON,
     IRON_STD,
     G,
+    compass_of,
     made,
     random_sensors,
     random_set,
@@ -17,7 +18,7 @@ from magnetometer_sets import (
 
 from simval.errors import GeometryError, InputError
 from simval.geometry import random_quaternions
-from simval.imu.calibrate import calibrate_magnetometer, ellipsoid_then_rotation
+from simval.imu.calibrate import ellipsoid_then_rotation
 from simval.imu.sensor import MODELS, AccelerometerModel, MagnetometerModel
 from simval.theory import magnetometer as own
 from simval.theory import magnetometer_moments
@@ -35,7 +36,7 @@ def predicted(case, dip_deg=60.0, body=BODY, iron=IRON, **options):
 @pytest.mark.ci
 def test_the_fit_states_the_same_covariance():
     case = random_set(40, 5)
-    fit = calibrate_magnetometer(case.body, case.iron, G, FIELD, **NOISE)
+    fit = compass_of(case.body, case.iron)
     found = predicted(case)
     outer = np.outer(found.sd, found.sd)
     np.testing.assert_allclose(
@@ -47,7 +48,7 @@ def test_the_fit_states_the_same_covariance():
 @pytest.mark.parametrize("form", MODELS)
 def test_other_forms_are_the_same_sensor(form):
     case = random_set(20, 5)
-    fit = calibrate_magnetometer(case.body, case.iron, G, FIELD, model=form, **NOISE)
+    fit = compass_of(case.body, case.iron, model=form)
     found = predicted(case, form=form)
     assert found.names == fit.names
     np.testing.assert_allclose(found.sd, fit.sd, rtol=1e-8)
@@ -60,9 +61,8 @@ def antithetic(case, truth, trials, seed, body_std, iron_std):
     shape = (trials, *case.body.shape)
     a, m = body_std * rng.standard_normal(shape), iron_std * rng.standard_normal(shape)
     pair = [
-        calibrate_magnetometer(
-            case.body + s * a, case.iron + s * m, G, FIELD,
-            accelerometer_std=body_std, magnetometer_std=iron_std,
+        compass_of(
+            case.body + s * a, case.iron + s * m, pose_std=body_std, field_std=iron_std
         ).require_converged().parameters - truth
         for s in (1.0, -1.0)
     ]  # fmt: skip
@@ -227,9 +227,10 @@ def test_the_square_of_all_errors_is_within_what_the_second_order_adds(
     noise = {"accelerometer_std": body_std, "magnetometer_std": iron_std}
     found = predicted(case, **noise)
     rng, shape = np.random.default_rng(count), (4000, *case.body.shape)
-    fit = calibrate_magnetometer(
+    fit = compass_of(
         case.body + body_std * rng.standard_normal(shape),
-        case.iron + iron_std * rng.standard_normal(shape), G, FIELD, **noise,
+        case.iron + iron_std * rng.standard_normal(shape),
+        pose_std=body_std, field_std=iron_std,
     ).require_converged()  # fmt: skip
     error = fit.parameters - case.truth
     ratio = (error - error.mean(axis=0)) / found.sd

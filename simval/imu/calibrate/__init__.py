@@ -3,38 +3,31 @@
 from simval.imu.calibrate.accelerometer import calibrate
 from simval.imu.calibrate.diagnosis import Diagnosis, diagnose
 from simval.imu.calibrate.files import load_calibration, save_calibration
-from simval.imu.calibrate.gyroscope import (
-    GyroscopeFit,
-    ImuFit,
+from simval.imu.calibrate.gyroscope import GyroscopeFit
+from simval.imu.calibrate.joint import Calibration, fit
+from simval.imu.calibrate.magnetometer import MagnetometerFit, ellipsoid_then_rotation
+from simval.imu.calibrate.path_statistics import (
     InterRestRotations,
-    calibrate_gyroscope,
-    calibrate_imu,
     inter_rest_rotations,
 )
-from simval.imu.calibrate.magnetometer import (
-    MagnetometerFit,
-    calibrate_magnetometer,
-    ellipsoid_then_rotation,
-)
-from simval.imu.calibrate.nine_axis import NineAxisFit, calibrate_nine_axis
+from simval.imu.calibrate.recording import Recording
+from simval.imu.calibrate.reduction import recording_of
 from simval.imu.calibrate.result import FitResult
 
 __all__ = [
+    "Calibration",
     "Diagnosis",
     "FitResult",
     "GyroscopeFit",
-    "ImuFit",
     "InterRestRotations",
     "MagnetometerFit",
-    "NineAxisFit",
+    "Recording",
     "calibrate",
-    "calibrate_gyroscope",
-    "calibrate_imu",
-    "calibrate_magnetometer",
-    "calibrate_nine_axis",
     "diagnose",
     "ellipsoid_then_rotation",
+    "fit",
     "inter_rest_rotations",
     "load_calibration",
+    "recording_of",
     "save_calibration",
 ]

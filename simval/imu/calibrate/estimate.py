@@ -48,22 +48,29 @@ def accelerometer_lines(fit: Any) -> list[str]:
     ]
 
 
-def nine_axis_lines(fit: Any) -> list[str]:
-    """Describe the calibration of three sensors in one fit."""
-    nine, others = slice(0, 9), "accelerometer and the magnetometer"
-    model, intervals = fit.gyroscope.model, fit.confidence_intervals()
-    return [
-        f"accelerometer     {model} form, in one fit with the gyroscope and the "
-        "magnetometer",
-        f"status            {fit.status} after {int(fit.iterations)} iterations; chi2 "
-        f"per dof {float(fit.chi2_per_dof):.3g} with {fit.dof}",
+def calibration_lines(found: Any) -> list[str]:
+    """Describe the calibration of several sensors in one fit."""
+    gyroscope, compass = found.gyroscope, found.magnetometer
+    both = gyroscope is not None and compass is not None
+    others = "accelerometer" + " and the magnetometer" * both
+    beside = "magnetometer" if gyroscope is None else "gyroscope"
+    beside += " and the magnetometer" * both
+    nine, model = slice(0, 9), found.recording.model
+    intervals = found.confidence_intervals()
+    lines = [
+        f"accelerometer     {model} form, in one fit with the {beside}",
+        f"status            {found.status} after {int(found.iterations)} iterations; "
+        f"chi2 per dof {float(found.chi2_per_dof):.3g} with {found.dof}",
         "                  value           sd   95 % interval",
-        *entry_lines(model, fit.parameters[nine], fit.sd[nine], intervals[nine]),
-        "",
-        *gyroscope_lines(fit.gyroscope, others),
-        "",
-        *magnetometer_lines(fit.magnetometer, together=True),
+        *entry_lines(model, found.parameters[nine], found.sd[nine], intervals[nine]),
     ]
+    if gyroscope is not None:
+        G, G_sd = found.recording.taken.G, found.recording.taken.G_sd
+        lines += ["", *gyroscope_lines(gyroscope, others, G, G_sd)]
+        lines += [f"{'':18s}{each}" for each in found.recording.taken.reasons]
+    if compass is not None:
+        lines += ["", *magnetometer_lines(compass, together=both)]
+    return lines
 
 
 def status_line(fit: Any) -> str:

@@ -26,7 +26,7 @@ exceeds R by chance in at most 1/R of sound logs: odds and rule of naming are th
 no single rest flips the blame.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, TypeVar
 
@@ -363,21 +363,21 @@ def _likely(left: Left, own: list[int], start: Array) -> _Likely:
 _SHARE = 0.1  # of a standard deviation, over which a fit is linear
 
 
-def of_both(accelerometer: Any, magnetometer: Any) -> list[Any]:
-    """Shifts of one sensor's poses, and none of the other's."""
-    return [
-        *((own, 0.0 * own) for own in accelerometer),
-        *((0.0 * own, own) for own in magnetometer),
-    ]
-
-
 def widened(
-    covariance: Float[Array, "p p"], refitted: Callable[[Any], Any], shifts: Any
+    covariance: Float[Array, "p p"],
+    refitted: Callable[[dict[str, Array]], Array],
+    shifts: Sequence[dict[str, Array]],
 ) -> Float[Array, "p p"]:
-    """Covariance with errors that all rests share, each shift one of one sd."""
-    shifts = np.array(shifts)
+    """Covariance with errors that all rests share, each a shift of one sd.
+
+    A shift is by sensor.
+    """
     if not len(shifts):
         return covariance
-    still = refitted(0.0 * shifts[0])
-    moved = np.array([refitted(_SHARE * each) - still for each in shifts]) / _SHARE
+
+    def at(share: float, shift: dict[str, Array]) -> Array:
+        return refitted({name: share * own for name, own in shift.items()})
+
+    still = at(0.0, shifts[0])
+    moved = np.array([at(_SHARE, each) - still for each in shifts]) / _SHARE
     return np.asarray(covariance + moved.T @ moved)

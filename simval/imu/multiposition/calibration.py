@@ -10,7 +10,7 @@ each pose. A sensor that cannot be
 calibrated from this log is left out with the reason; one that was asked for is refused.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as default
 from functools import partial
@@ -22,23 +22,20 @@ from simval.arguments import choice
 from simval.arrays import Array, frozen
 from simval.errors import InputError, RefusedError
 from simval.imu.calibrate import (
+    Calibration,
     FitResult,
     GyroscopeFit,
-    ImuFit,
     MagnetometerFit,
-    NineAxisFit,
+    Recording,
     calibrate,
-    calibrate_gyroscope,
-    calibrate_imu,
-    calibrate_magnetometer,
-    calibrate_nine_axis,
+    fit,
+    recording_of,
 )
 from simval.imu.calibrate.covariance import FEW
 from simval.imu.calibrate.diagnosis import Diagnosis, diagnose, reduced_chi2
-from simval.imu.calibrate.factors import of_both, widened
-from simval.imu.calibrate.gyroscope.imu import joined
-from simval.imu.calibrate.gyroscope.path_statistics import Scheme
-from simval.imu.calibrate.magnetometer.calibration import Hemisphere
+from simval.imu.calibrate.joint import together
+from simval.imu.calibrate.path_statistics import Scheme
+from simval.imu.calibrate.recording import OTHERS, Hemisphere, Taken
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
 from simval.imu.calibrate.thermal import (
     Thermal,
@@ -323,10 +320,6 @@ def _with_terms(
     )  # fmt: skip
 
 
-SENSORS = ("gyroscope", "magnetometer")
-"""Beside the accelerometer, without which there are no rests."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImuCalibration:
     """Calibration of all sensors of a log.
@@ -346,7 +339,7 @@ class ImuCalibration:
         Standard deviation of each entry of it, (3, 3).
     magnetometer : MagnetometerFit or None
         On the axes of the accelerometer, fitted together with it.
-    together : NineAxisFit or None
+    together : Calibration or None
         The one fit that all of these are of, where there are three sensors.
     reasons : tuple of str
         What was chosen by evidence, and why.
@@ -368,7 +361,7 @@ class ImuCalibration:
     sensitivity: Float[Array, "3 3"]
     sensitivity_sd: Float[Array, "3 3"]
     magnetometer: MagnetometerFit | None
-    together: NineAxisFit | None
+    together: Calibration | None
     reasons: tuple[str, ...]
     left_out: Mapping[str, str]
     compass_noise: PoseNoise | None
@@ -421,84 +414,111 @@ def calibrate_sensors(
     RefusedError
         If a sensor that was asked for cannot be calibrated from this log.
     """
-    asked = (
-        None if sensors is None else [choice("sensors", s, SENSORS) for s in sensors]
-    )
-    magnetometer = partial(
-        _magnetometer, hemisphere=hemisphere, field=field, file=noise
-    )
-    kinds: tuple[tuple[str, Any, Callable[..., Any]], ...] = (
-        ("gyroscope", log.gyro, _gyroscope),
-        ("magnetometer", log.magnetometer, magnetometer),
-    )
-    fits: dict[str, Any] = {}
-    left_out: dict[str, str] = {}
+    asked = None if sensors is None else [choice("sensors", s, OTHERS) for s in sensors]
     recorded = log
     log = steadied(log, result.intervals, result.pose_noise)
     log = at_reference(log, accelerometer=result.warm.thermal)
-    for name, samples, calibrated in kinds:
-        if asked is not None and name not in asked:
-            continue
-        if samples is None:
-            if asked is not None:
-                letter = name[0].replace("g", "w")
-                msg = (
-                    f"{log.path} has no {name}, which is asked for; name its columns: "
-                    f"--columns with {letter}x, {letter}y and {letter}z"
-                )
-                raise InputError(msg)
-            continue
+    rests = partial(
+        recording_of, log.time, log.accelerometer, result.intervals, g=result.fit.g,
+        model=result.fit.model, pose_std=result.pose_noise.std, field=field,
+        hemisphere=hemisphere,
+    )  # fmt: skip
+    shifts = {"accelerometer": result.warm.shifts}
+    parts: dict[str, Calibration] = {}
+    left_out: dict[str, str] = {}
+    compass_noise, warm = None, ThermalChoice()
+    for name, samples in _wanted(log, asked):
         try:
             require_alive(log, name, samples)
-            fits[name] = calibrated(log, result, samples)
+            if name == "gyroscope":
+                parts[name] = _gyroscope(log, result, rests, samples)
+                continue
+            found, compass_noise, warm = _fields(log, result, samples, field, noise)
+            own = rests(magnetometer=found, field_std=compass_noise.std)
+            shifts[name] = warm.shifts
+            part = fit(_with_errors(own, shifts)).require_converged()
+            require_one_unit(log, name, _matrix(part))
+            parts[name] = part
         except RefusedError as error:
             if asked is not None:
                 raise
             left_out[name] = for_a_log(str(error))
-    imu: ImuFit | None = fits.get("gyroscope")
-    compass, compass_noise, warm = fits.get(
-        "magnetometer", (None, None, ThermalChoice())
-    )
-    log = at_reference(log, magnetometer=warm.thermal)
+    imu, compass = parts.get("gyroscope"), parts.get("magnetometer")
+    whole, refusal = _all(parts, shifts)
+    one = imu if whole is None else whole
+    taken = Taken() if imu is None else imu.recording.taken
+    reasons = () if one is None else (*taken.reasons, *one.noise.sentences, *refusal)
     thermal = {
         "accelerometer": result.warm.thermal,
-        "gyroscope": None if imu is None else imu.thermal,
+        "gyroscope": taken.thermal.get("gyroscope"),
         "magnetometer": warm.thermal,
     }
-    zero = np.zeros((3, 3))
-    whole = ImuCalibration(
+    other = compass if whole is None else whole
+    return ImuCalibration(
         log=result,
-        accelerometer=result.fit if imu is None else imu.accelerometer,
-        gyroscope=None if imu is None else imu.gyroscope,
-        sensitivity=zero if imu is None else imu.G,
-        sensitivity_sd=zero if imu is None else imu.G_sd,
-        magnetometer=compass,
-        together=None,
-        compass_noise=compass_noise,
-        reasons=() if imu is None else (*imu.reasons, *imu.gyroscope.noise.sentences),
+        accelerometer=one.accelerometer or result.fit if one else result.fit,
+        gyroscope=one.gyroscope if one else None,
+        sensitivity=taken.G,
+        sensitivity_sd=taken.G_sd,
+        magnetometer=other.magnetometer if other else None,
+        together=whole,
+        compass_noise=compass_noise if compass else None,
+        reasons=reasons,
         left_out=left_out,
         thermal={name: own for name, own in thermal.items() if own is not None},
         thermal_reasons=tuple(x for x in (result.warm.reason, warm.reason) if x),
         units=_units(recorded, result, imu, hemisphere),
     )
-    if imu is None or compass is None:
-        return whole
-    return _together(log, whole, imu, of_both(result.warm.shifts, warm.shifts))
+
+
+def _wanted(log: Log, asked: Sequence[str] | None) -> Iterator[tuple[str, Array]]:
+    # sensors to calibrate beside the accelerometer, and their rows
+    for name, samples in (("gyroscope", log.gyro), ("magnetometer", log.magnetometer)):
+        if samples is not None and (asked is None or name in asked):
+            yield name, samples
+        elif asked is not None and name in asked:
+            letter = name[0].replace("g", "w")
+            msg = (
+                f"{log.path} has no {name}, which is asked for; name its columns: "
+                f"--columns with {letter}x, {letter}y and {letter}z"
+            )
+            raise InputError(msg)
+
+
+def _all(
+    parts: Mapping[str, Calibration], shifts: Mapping[str, Any]
+) -> tuple[Calibration | None, tuple[str, ...]]:
+    # the three sensors in one fit, or why they are left as they are
+    if len(parts) < len(OTHERS):
+        return None, ()
+    imu, read = parts["gyroscope"], parts["magnetometer"].recording
+    three = replace(imu.recording, fields=read.fields, field_std=read.field_std)
+    try:
+        return together(_with_errors(three, shifts), parts).require_converged(), ()
+    except RefusedError as error:
+        return None, (f"the three sensors are not fitted together: {error}",)
+
+
+def _with_errors(recording: Recording, shifts: Mapping[str, Any]) -> Recording:
+    return replace(recording, taken=recording.taken._replace(shifts=shifts))
 
 
 def _units(
-    log: Log, result: LogCalibration, imu: ImuFit | None, hemisphere: str
+    log: Log, result: LogCalibration, imu: Calibration | None, hemisphere: str
 ) -> dict[str, Scale]:
     # of the log, as the fits show them
     matrices = {"accelerometer": result.fit.matrix}
-    if imu is not None:
+    if imu is not None and imu.gyroscope is not None:
         matrices["gyro"] = imu.gyroscope.M
     return units_of(log, matrices=matrices, hemisphere=hemisphere)
 
 
 def _gyroscope(
-    log: Log, result: LogCalibration, samples: Float[Array, "n 3"]
-) -> ImuFit:
+    log: Log,
+    result: LogCalibration,
+    rests: Callable[..., Recording],
+    samples: Float[Array, "n 3"],
+) -> Calibration:
     # together with the accelerometer
     if result.turns:
         msg = (
@@ -509,33 +529,13 @@ def _gyroscope(
         raise RefusedError(msg)
     scheme: Scheme = "cubic" if log.gyro_rows.kind == "instant" else "averages"
     samples = log.gyro_rows.in_place(log.time, samples)
+    shifts = {"accelerometer": result.warm.shifts}
 
-    def joint(rows: Float[Array, "n 3"]) -> ImuFit:
-        fit = calibrate_imu(
-            log.time, log.accelerometer, rows, result.intervals, g=result.fit.g,
-            model=result.fit.model, pose_std=result.pose_noise.std,
-            temperature=log.temperature, scheme=scheme,
-        )  # fmt: skip
-        require_one_unit(log, "gyroscope", fit.gyroscope.require_converged().M)
-        if not len(result.warm.shifts):
-            return fit
-        read = fit.reduced
-
-        def refitted(shift: Float[Array, "n 3"]) -> Float[Array, "21"]:
-            found = calibrate_gyroscope(
-                read.inter_rest, read.poses + shift, result.fit,
-                pose_std=read.pose_std, angle_random_walk=read.angle_random_walk,
-                bias_random_walk=read.bias_random_walk, bias=fit.gyroscope.bias,
-                known_bias=read.known_bias, bias_std=read.bias_std,
-            )  # fmt: skip
-            return np.concatenate([found.accelerometer, found.parameters])
-
-        P = widened(fit.gyroscope.covariance, refitted, result.warm.shifts)
-        return replace(
-            fit,
-            accelerometer=replace(fit.accelerometer, covariance=P[:9, :9]),
-            gyroscope=replace(fit.gyroscope, covariance=P),
-        )
+    def joint(rows: Float[Array, "n 3"]) -> Calibration:
+        recording = rests(gyroscope=rows, temperature=log.temperature, scheme=scheme)
+        found = fit(_with_errors(recording, shifts)).require_converged()
+        require_one_unit(log, "gyroscope", _matrix(found))
+        return found
 
     # axes of different units make any move look blind to the one with small numbers
     try:
@@ -543,91 +543,39 @@ def _gyroscope(
     except RefusedError as error:
         size = samples.std(axis=0)
         try:
-            alike = joint(samples / size).gyroscope.M
+            alike = joint(samples / size)
         except RefusedError:
             raise error from None
-        require_one_unit(log, "gyroscope", alike / size)
+        require_one_unit(log, "gyroscope", _matrix(alike) / size)
         raise
 
 
-def _magnetometer(
+def _matrix(found: Calibration) -> Float[Array, "3 3"]:
+    # of the one sensor beside the accelerometer
+    own = found.gyroscope or found.magnetometer
+    assert own is not None
+    return own.M
+
+
+def _fields(
     log: Log,
     result: LogCalibration,
     samples: Float[Array, "n 3"],
-    hemisphere: Hemisphere,
     field: float,
     file: NoiseFile | None,
-) -> tuple[MagnetometerFit, PoseNoise, ThermalChoice]:
-    # together with the accelerometer, on its axes; its terms in temperature by the
-    # strength of the field alone, which is as constant as gravity
+) -> tuple[Float[Array, "n 3"], PoseNoise, ThermalChoice]:
+    # rows of the magnetometer at its reference, and their noise; its terms in
+    # temperature by the strength of the field alone, which is as constant as gravity
     rests, warm = result.intervals, ThermalChoice()
     noise = pose_noise(log, rests, sensor="magnetometer", file=file)
+    if log.temperature is None:
+        return samples, noise, warm
     fields = interval_means(samples, rests)
-    if log.temperature is not None:
-        std = None if np.any(noise.std == 0.0) else noise.std
-        alone = calibrate(fields, field, result.fit.model)
-        warm = _rest_terms(log, rests, fields, alone, std)
-        warm = warm._replace(reason=warm.reason and f"magnetometer: {warm.reason}")
-        if warm.thermal is not None:
-            samples = warm.thermal.compensated(samples, log.temperature)
-            fields = interval_means(samples, rests)
-    poses = interval_means(log.accelerometer, rests)
-    fitted = partial(
-        calibrate_magnetometer, g=result.fit.g, field=field,
-        accelerometer_std=result.pose_noise.std, magnetometer_std=noise.std,
-        hemisphere=hemisphere, model=result.fit.model,
-        time=log.time[rests.sum(axis=1) // 2],
-    )  # fmt: skip
-    fit = fitted(poses, fields).require_converged()
-    require_one_unit(log, "magnetometer", fit.M)
-    P = widened(
-        fit.covariance,
-        lambda shift: fitted(poses + shift[0], fields + shift[1]).parameters,
-        of_both(result.warm.shifts, warm.shifts),
+    std = None if np.any(noise.std == 0.0) else noise.std
+    warm = _rest_terms(
+        log, rests, fields, calibrate(fields, field, result.fit.model), std
     )
-    return replace(fit, covariance=P), noise, warm
-
-
-def _together(
-    log: Log, whole: ImuCalibration, imu: ImuFit, shifts: Any
-) -> ImuCalibration:
-    # the three sensors as one fit has them, or two and two as they are
-    assert log.magnetometer is not None
-    assert whole.magnetometer is not None
-    assert whole.compass_noise is not None
-    reduced = imu.reduced
-    fields = interval_means(log.magnetometer, whole.log.intervals)
-    fitted = partial(
-        calibrate_nine_axis, reduced.inter_rest, gyroscope=imu.gyroscope,
-        magnetometer=whole.magnetometer, pose_std=reduced.pose_std,
-        field_std=whole.compass_noise.std,
-        angle_random_walk=reduced.angle_random_walk,
-        bias_random_walk=reduced.bias_random_walk,
-        known_bias=reduced.known_bias, bias_std=reduced.bias_std,
-    )  # fmt: skip
-    try:
-        fit = fitted(poses=reduced.poses, fields=fields).require_converged()
-        P = widened(
-            fit.covariance,
-            lambda shift: (
-                fitted(
-                    poses=reduced.poses + shift[0], fields=fields + shift[1]
-                ).parameters
-            ),
-            shifts,
-        )
-        fit = fit.with_covariance(P)
-    except RefusedError as error:
-        words = f"the three sensors are not fitted together: {error}"
-        return replace(whole, reasons=(*whole.reasons, words))
-    own = fit.gyroscope
-    return replace(
-        whole,
-        accelerometer=joined(
-            imu.accelerometer, own.accelerometer, own.covariance[:9, :9], reduced.poses
-        ),
-        gyroscope=own,
-        magnetometer=fit.magnetometer,
-        together=fit,
-        reasons=(*imu.reasons, *fit.noise.sentences),
-    )
+    warm = warm._replace(reason=warm.reason and f"magnetometer: {warm.reason}")
+    if warm.thermal is not None:
+        samples = warm.thermal.compensated(samples, log.temperature)
+    return samples, noise, warm

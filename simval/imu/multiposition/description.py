@@ -34,9 +34,9 @@ from simval.imu.calibrate.goodness_of_fit import (
     FALSE_ALARM,
     chi_square_chance,
 )
-from simval.imu.calibrate.gyroscope.imu import variance_within
 from simval.imu.calibrate.magnetometer.findings import FALSE_ALARM as ONE_POSE
 from simval.imu.calibrate.magnetometer.result import OWN_NAMES
+from simval.imu.calibrate.reduction import variance_within
 from simval.imu.calibrate.rest_temperatures import LEAST_SPAN, Within
 from simval.imu.calibrate.thermal import Thermal
 from simval.imu.explain.judgement import CHANCE

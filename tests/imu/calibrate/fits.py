@@ -12,10 +12,9 @@ from magnetometer_sets import FIELD, IRON
 from tumbles import ACCELEROMETER, FIRST_UP, GENERIC, GYROSCOPE, M, rolled
 
 from simval.imu.calibrate import (
+    Recording,
     calibrate,
-    calibrate_gyroscope,
-    calibrate_magnetometer,
-    calibrate_nine_axis,
+    fit,
     inter_rest_rotations,
 )
 from simval.imu.sensor import MODELS, convert, forms
@@ -92,35 +91,25 @@ class Case:
         )  # fmt: skip
         if self.sources == ("poses",):
             return own
-        field_std = times * scale["fields"] * FIELD_STD
-        compass = None
+        given = {"poses": poses, "pose_std": std, "g": G, "model": self.form}
         if "fields" in self.sources:
-            compass = calibrate_magnetometer(
-                poses, readings["fields"], G, FIELD, model=self.form,
-                accelerometer_std=std, magnetometer_std=field_std,
-            )  # fmt: skip
-        if "rates" not in self.sources:
-            return compass
-        noise = {
-            "pose_std": std, "angle_random_walk": times * scale["rates"] * WALK,
-            "bias_random_walk": times * scale["rates"] * self.drift,
-        }  # fmt: skip
-        inter_rest, start = (
-            self.inter_rest(readings["rates"]),
-            np.eye(3) if start is None else start,
+            field_std = times * scale["fields"] * FIELD_STD
+            given |= {"fields": readings["fields"], "field_std": field_std}
+        if "rates" in self.sources:
+            given |= {
+                "rotations": self.inter_rest(readings["rates"]), "accelerometer": own,
+                "angle_random_walk": times * scale["rates"] * WALK,
+                "bias_random_walk": times * scale["rates"] * self.drift,
+                "bias": self.bias,
+            }  # fmt: skip
+        start = (np.eye(3) if start is None else start) / scale["rates"]
+        found = fit(
+            Recording(field=FIELD, **given), estimator=self.estimator, start=start
         )
-        single = np.ndim(poses) == 2
-        gyroscope = calibrate_gyroscope(
-            inter_rest, poses, own, estimator=self.estimator, bias=self.bias,
-            start=start / scale["rates"], **noise,
-        )  # fmt: skip
-        if compass is None:
-            return gyroscope
-        assert single == (gyroscope.parameters.ndim == 1)
-        return calibrate_nine_axis(
-            inter_rest, poses, readings["fields"], gyroscope, compass,
-            field_std=field_std, **noise,
-        )  # fmt: skip
+        assert (found.parameters.ndim == 1) == (np.ndim(poses) == 2)
+        if len(self.sources) == 3:
+            return found
+        return found.gyroscope or found.magnetometer
 
     def inter_rest(self, rates):
         """Moves of the gyroscope's rows; of a line between rests it is taken out."""

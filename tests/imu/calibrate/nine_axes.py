@@ -7,11 +7,8 @@ from magnetometer_sets import FIELD, IRON, IRON_STD
 from tumbles import ACCELEROMETER, GYROSCOPE, WALK, M, fitted, readings
 
 from simval.geometry import attitude_matrix
-from simval.imu.calibrate import (
-    calibrate_gyroscope,
-    calibrate_magnetometer,
-    calibrate_nine_axis,
-)
+from simval.imu.calibrate import Recording, fit
+from simval.imu.calibrate.joint import together
 
 DIP = np.radians(60.0)
 TRUTH = np.concatenate(
@@ -36,10 +33,17 @@ def fields_of(truth):
 class Three:
     """The fits of two sensors each, and that of all, of the same trials."""
 
-    gyroscope: object
-    magnetometer: object
+    parts: dict
     fit: object
-    inter_rest: object
+    recording: object
+
+    @property
+    def sensors(self):
+        """Each sensor's part in the fit of two."""
+        return {name: getattr(part, name) for name, part in self.parts.items()}
+
+    gyroscope = property(lambda self: self.sensors["gyroscope"])
+    magnetometer = property(lambda self: self.sensors["magnetometer"])
 
 
 def drawn(truth, trials, rng):
@@ -52,13 +56,12 @@ def drawn(truth, trials, rng):
 def calibrated(truth, poses, rows, fields):
     """All fits of some trials."""
     acc, inter_rest = fitted(truth, poses, rows)
-    noise = {"pose_std": truth.pose_std, "angle_random_walk": WALK}
-    gyroscope = calibrate_gyroscope(inter_rest, poses, acc, start=np.eye(3), **noise)
-    magnetometer = calibrate_magnetometer(
-        poses, fields, truth.g, FIELD, hemisphere="north",
-        accelerometer_std=truth.pose_std, magnetometer_std=IRON_STD,
+    recording = Recording(
+        poses=poses, pose_std=truth.pose_std, fields=fields, field_std=IRON_STD,
+        rotations=inter_rest, angle_random_walk=WALK, accelerometer=acc, g=truth.g,
+        field=FIELD, hemisphere="north",
     )  # fmt: skip
-    fit = calibrate_nine_axis(
-        inter_rest, poses, fields, gyroscope, magnetometer, field_std=IRON_STD, **noise
-    )
-    return Three(gyroscope, magnetometer, fit, inter_rest)
+    parts = {
+        name: fit(recording, [name], start=np.eye(3)) for name in recording.sensors
+    }
+    return Three(parts, together(recording, parts), recording)

@@ -15,12 +15,7 @@ from scipy import stats
 from tumbles import WALK, fitted, tumble
 
 from simval.errors import RefusedError
-from simval.imu.calibrate import (
-    calibrate,
-    calibrate_gyroscope,
-    calibrate_magnetometer,
-    calibrate_nine_axis,
-)
+from simval.imu.calibrate import Recording, fit
 from simval.imu.calibrate.factors import LEAST, MORE, MOST, judged
 from simval.imu.calibrate.goodness_of_fit import (
     FALSE_ALARM,
@@ -31,6 +26,7 @@ from simval.imu.calibrate.goodness_of_fit import (
     Residuals,
     least_determined_of,
 )
+from simval.imu.calibrate.joint import together
 from simval.imu.explain.judgement import CHANCE
 
 
@@ -246,18 +242,16 @@ def truth():
 
 def fits_of(truth, poses, rows, fields):
     """The fits of two sensors each, and that of all, of one recording."""
-    std, noise = truth.pose_std, {"pose_std": truth.pose_std, "angle_random_walk": WALK}
-    own = calibrate(poses[0], truth.g, residual="weighted", noise_std=std)
     _, inter_rest = fitted(truth, poses, rows, chunk=2)
-    imu = calibrate_gyroscope(inter_rest, poses[0], own, start=np.eye(3), **noise)
-    compass = calibrate_magnetometer(
-        poses[0], fields[0], truth.g, FIELD, hemisphere="north",
-        accelerometer_std=std, magnetometer_std=IRON_STD,
+    recording = Recording(
+        poses=poses[0], pose_std=truth.pose_std, fields=fields[0], field_std=IRON_STD,
+        rotations=inter_rest, angle_random_walk=WALK, g=truth.g, field=FIELD,
+        hemisphere="north",
     )  # fmt: skip
-    nine = calibrate_nine_axis(
-        inter_rest, poses[0], fields[0], imu, compass, field_std=IRON_STD, **noise
-    )
-    return imu, compass, nine
+    parts = {
+        name: fit(recording, [name], start=np.eye(3)) for name in recording.sensors
+    }
+    return (*parts.values(), together(recording, parts))
 
 
 @pytest.mark.ci
@@ -272,18 +266,18 @@ def test_a_fault_in_each_sensor_is_named(truth, sensor):
     if sensor == "gyroscope":
         a, b = truth.intervals[5, 1], truth.intervals[6, 0]
         rows[0, a:b] += 0.01 / (b - a) / 0.02 * np.array([1.0, -1.0, 1.0])
-    for fit in fits_of(truth, poses, rows, fields):
-        told = {each.name: each for each in fit.noise.sensors}
+    for found in fits_of(truth, poses, rows, fields):
+        told = {each.name: each for each in found.noise.sensors}
         expected = {name: (5,) if name == sensor else () for name in told}
         assert {name: each.outliers for name, each in told.items()} == expected
-        assert str(fit).count("farthest off") >= len(told)
-        assert "least determined" in str(fit)
+        assert str(found).count("farthest off") >= len(told)
+        assert "least determined" in str(found)
         if sensor in told:
             assert told[sensor].worst == 5
         if sensor is None:  # the parts are the whole, with turns as well
             whole = np.sum([(s.chi_square, s.dof) for s in told.values()], axis=0)
-            chi_square = fit.chi2_per_dof * fit.dof
-            np.testing.assert_allclose(whole, [chi_square, fit.dof], rtol=1e-6)
+            chi_square = found.chi2_per_dof * found.dof
+            np.testing.assert_allclose(whole, [chi_square, found.dof], rtol=1e-6)
 
 
 def spoilt(truth, seed, sensor):

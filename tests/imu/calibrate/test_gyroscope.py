@@ -20,18 +20,14 @@ from tumbles import (
     GYROSCOPE,
     WALK,
     M,
+    gyroscope_of,
     path_of,
     rolled,
     tumble,
 )
 
 from simval.errors import GeometryError, InputError, RefusedError, SaturatedError
-from simval.imu.calibrate import (
-    calibrate,
-    calibrate_gyroscope,
-    calibrate_imu,
-    inter_rest_rotations,
-)
+from simval.imu.calibrate import calibrate, fit, inter_rest_rotations, recording_of
 from simval.imu.calibrate.gyroscope.at_rest import choose_bias, choose_sensitivity
 from simval.imu.calibrate.gyroscope.rest_effects import Rests
 from simval.imu.sensor import GyroscopeModel
@@ -43,6 +39,11 @@ TRUTH = np.concatenate([ACCELEROMETER.parameters, M.ravel(), GYROSCOPE.B])
 TIME, RATE, RESTS, _ = rolled(GENERIC, hold=100, move=150, h=H, first=400)
 
 
+def calibrated(time, force, rate, intervals, **options):
+    """Both sensors of these rows."""
+    return fit(recording_of(time, force, intervals, gyroscope=rate, g=G, **options))
+
+
 # starts and forms
 
 
@@ -51,7 +52,7 @@ def test_raw_counts_and_swapped_axes_are_found_without_a_hint():
     counts = GyroscopeModel(M=2.1e-4 * M @ order, B=np.array([3277.0, 3245.0, 3251.0]))
     inter_rest = inter_rest_rotations(TIME, counts.distort(RATE, ZERO), RESTS, chunk=2)
     own = calibrate(CLEAN["poses"], G)
-    fit = calibrate_gyroscope(inter_rest, CLEAN["poses"], own, pose_std=0.0)
+    fit = gyroscope_of(inter_rest, CLEAN["poses"], own, pose_std=0.0)
     assert fit.status == "converged"
     # chunks of two leave a third order in what they turn, of 2.5 rad in a move
     np.testing.assert_allclose(fit.M, counts.M, rtol=0, atol=1e-6 * 2.1e-4)
@@ -86,7 +87,7 @@ def test_imu_tk_is_reproduced_on_its_own_recording(xsens):
     inter_rest = inter_rest_rotations(
         rate[:, 0], rate[:, 1:], rows, scheme="linear", margin=0
     )
-    fit = calibrate_gyroscope(
+    fit = gyroscope_of(
         inter_rest, poses, acc, pose_std=0.5, estimator="unweighted",
         bias="first rest", known_bias=theirs["Bg"],
     )  # fmt: skip
@@ -116,7 +117,7 @@ def test_singular_moves_are_refused_and_told_what_helps(name):
     time, rate, rests, attitudes = rolled(SINGULAR[name])
     poses = ACCELEROMETER.distort(9.81 * attitudes.inv().apply(FIRST_UP), ZERO)
     with pytest.raises(GeometryError, match=r"do not tell.*degrees about the axis"):
-        calibrate_gyroscope(  # the accelerometer was calibrated with poses of its own
+        gyroscope_of(  # the accelerometer was calibrated with poses of its own
             inter_rest_rotations(time, GYROSCOPE.distort(rate, ZERO), rests), poses,
             calibrate(CLEAN["poses"], G), pose_std=1e-3, angle_random_walk=WALK,
             estimator="unweighted", bias="first rest", start=np.eye(3),
@@ -260,7 +261,7 @@ def test_rests_that_creep_are_seen_and_cost_little(degrees, logs):
         for _ in range(logs)
     ]
     for means in (False, True, None):
-        fits = [calibrate_imu(TIME, *x, RESTS, g=G, means=means) for x in readings]
+        fits = [calibrated(TIME, *x, RESTS, means=means) for x in readings]
         own = [fit.gyroscope for fit in fits]
         off = np.array([each.parameters - TRUTH[9:] for each in own])
         size[means] = np.sqrt((off[:, :9] ** 2).mean())
@@ -271,7 +272,10 @@ def test_rests_that_creep_are_seen_and_cost_little(degrees, logs):
         assert cut[0] < nees.sum() < cut[1]
         assert not cut[0] < 1.6 * nees.sum() < cut[1]
         assert not any(each.noise.sentences for each in own)
-        seen = sum("mean attitude of a rest" in " ".join(fit.reasons) for fit in fits)
+        seen = sum(
+            "mean attitude of a rest" in " ".join(fit.recording.taken.reasons)
+            for fit in fits
+        )
     assert seen == (logs if degrees else 0)
     low, high = (0.0, 0.25) if degrees else (1.0, 1.3)
     assert low < size[True] / size[False] < high
@@ -304,12 +308,12 @@ def test_bad_input_is_refused_in_words():
     ]
     for arguments, kind, words in cases:
         with pytest.raises(kind, match=words):
-            calibrate_imu(*arguments, g=G)
+            calibrated(*arguments)
     with pytest.raises(SaturatedError, match=r"range ends at 1\.5"):
-        calibrate_imu(*good, g=G, full_scale=1.5)
+        calibrated(*good, full_scale=1.5)
     for name, bad in {"bias": "parabola", "chunk": 3, "clock_jitter": -1e-4}.items():
         with pytest.raises(InputError, match=f"`{name}`"):
-            calibrate_imu(*good, g=G, **{name: bad})
+            calibrated(*good, **{name: bad})
 
 
 # who is to blame where both sensors disagree: twenty rests of 3 s
@@ -359,7 +363,7 @@ def both(rows, read, intervals=HELD):
     std = 0.02 / np.sqrt(np.diff(intervals)[:, 0])
     own = calibrate(poses, G, residual="weighted", noise_std=std)
     try:
-        fit = calibrate_imu(CLOCK, rows, read, intervals, g=G, pose_std=std)
+        fit = calibrated(CLOCK, rows, read, intervals, pose_std=std)
     except RefusedError as refusal:
         named = {"gyroscope" if "of the gyroscope" in str(refusal) else "another"}
         return own, None, named
@@ -438,7 +442,7 @@ def test_second_order_bias_is_as_predicted():
         inter_rest = inter_rest_rotations(truth.time, noisy, truth.intervals, chunk=2)
         noisy = poses + times * pose_noise
         acc = calibrate(noisy, truth.g, residual="weighted", noise_std=times * std)
-        fit = calibrate_gyroscope(
+        fit = gyroscope_of(
             inter_rest, noisy, acc, pose_std=times * std,
             angle_random_walk=times * WALK, start=np.eye(3),
         )  # fmt: skip

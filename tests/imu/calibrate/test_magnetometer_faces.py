@@ -6,9 +6,10 @@ import test_public_faces as faces
 from magnetometer_sets import BODY, BODY_STD, FIELD, IRON, IRON_STD, G, random_set
 
 from simval.imu.calibrate import (
+    Recording,
     calibrate,
-    calibrate_magnetometer,
     ellipsoid_then_rotation,
+    fit,
 )
 from simval.imu.sensor import MagnetometerModel
 from simval.theory import magnetometer_moments, plan_magnetometer
@@ -18,9 +19,11 @@ pytestmark = [pytest.mark.usefixtures("unchecked"), pytest.mark.ci]
 CASE = random_set(14, 3)
 READINGS = [x[0] for x in CASE.noisy(1, np.random.default_rng(1))]
 OTHER = random_set(14, 4).noisy(1, np.random.default_rng(2))[0][0]
-FIT = calibrate_magnetometer(
-    *READINGS, G, FIELD, accelerometer_std=BODY_STD, magnetometer_std=IRON_STD
-)
+RECORDING = Recording(
+    poses=READINGS[0], fields=READINGS[1], g=G, field=FIELD, pose_std=BODY_STD,
+    field_std=IRON_STD,
+)  # fmt: skip
+FIT = fit(RECORDING)
 PAIR = {
     name: (means, "array")
     for name, means in zip(("accelerometer", "magnetometer"), READINGS, strict=True)
@@ -36,8 +39,14 @@ OTHERWISE = {
     },
     IRON.distort: {"field_b": (READINGS[0], "batch")},
     IRON.correct: {},
-    calibrate_magnetometer: PAIR | KNOWN | {
+    Recording: {
+        "poses": (READINGS[0], "array"), "fields": (READINGS[1], "array"),
+        "pose_std": (BODY_STD, "noise"), "field_std": (IRON_STD, "noise"),
+        "g": (G, "positive"), "field": (FIELD, "positive"),
         "hemisphere": ("north", "choice"),
+    },
+    fit: {
+        "recording": (RECORDING, "object"), "estimator": ("joint", "choice"),
         "known": (calibrate(OTHER, G, noise_std=BODY_STD), "object"),
     },
     ellipsoid_then_rotation: PAIR,

@@ -11,11 +11,9 @@ from scipy.spatial.transform import Rotation
 from tumbles import ACCELEROMETER, FORCE_STD, GYROSCOPE, WALK, path_of, tumble
 
 from simval.errors import ConvergenceError, GeometryError, InputError
-from simval.imu.calibrate import (
-    calibrate_imu,
-    calibrate_magnetometer,
-    calibrate_nine_axis,
-)
+from simval.imu.calibrate import fit as calibrate_all
+from simval.imu.calibrate import recording_of
+from simval.imu.calibrate.joint import together
 from simval.theory import MovePath, nine_axis_moments
 
 POSES = np.r_[0:9, 21:34]  # parameters of accelerometer and magnetometer
@@ -23,20 +21,23 @@ POSES = np.r_[0:9, 21:34]  # parameters of accelerometer and magnetometer
 
 @pytest.fixture(scope="module")
 def given():
-    """Arguments of the one fit of two trials of twenty poses, which are good."""
+    """The fits of two trials of twenty poses, which are good."""
     truth = tumble(20)
-    poses, rows, fields = drawn(truth, 2, np.random.default_rng(6))
-    found = calibrated(truth, poses, rows, fields)
-    return {
-        "inter_rest": found.inter_rest, "poses": poses, "fields": fields,
-        "gyroscope": found.gyroscope, "magnetometer": found.magnetometer,
-        "pose_std": truth.pose_std, "field_std": IRON_STD, "angle_random_walk": WALK,
-    }  # fmt: skip
+    return calibrated(truth, *drawn(truth, 2, np.random.default_rng(6)))
 
 
 @pytest.fixture(scope="module")
 def whole(given):
-    return calibrate_nine_axis(**given)
+    return given.fit
+
+
+def again(given, recording=None, **parts):
+    """The one fit from these of two sensors each."""
+    starts = {
+        name: replace(given.parts[name], **{name: parts.get(name, own)})
+        for name, own in given.sensors.items()
+    }
+    return together(recording or given.recording, starts)
 
 
 @pytest.mark.ci
@@ -52,19 +53,19 @@ def test_variances_over_the_bound():
         bound = nine_axis_moments(
             GYROSCOPE, ACCELEROMETER, IRON, at, DIP, path, pose_std=truth.pose_std,
             field_std=times * IRON_STD, g=truth.g, field=FIELD, angle_random_walk=WALK,
-            bias_std=WALK / np.sqrt(found.inter_rest.rest_seconds.sum()),
+            bias_std=WALK / np.sqrt(found.recording.rotations.rest_seconds.sum()),
         ).cramer_rao  # fmt: skip
         off = np.abs(stated / np.diagonal(bound) - 1.0).max()
         assert room[0] < off < room[1]
 
 
 def test_starts_are_left_or_refused_and_neighbours_stay(given, whole):
-    compass = given["magnetometer"]
+    compass = given.magnetometer
     values = compass.parameters.copy()
     values[0] = np.nan
     status = np.array(["refused: rank below 22", "converged"])
     broken = replace(compass, parameters=values, status=status)
-    fit = calibrate_nine_axis(**given | {"magnetometer": broken})
+    fit = again(given, magnetometer=broken)
     assert list(fit.status) == ["refused: rank below 22", "converged"]
     assert np.isnan(fit.parameters[0]).all()
     np.testing.assert_allclose(fit.parameters[1], whole.parameters[1], atol=1e-5)
@@ -73,13 +74,13 @@ def test_starts_are_left_or_refused_and_neighbours_stay(given, whole):
     # from afar
     values = compass.parameters.copy()
     values[0, 9:] *= 0.5
-    start = replace(compass, parameters=values)
-    fit = calibrate_nine_axis(**given | {"magnetometer": start})
+    fit = again(given, magnetometer=replace(compass, parameters=values))
     assert fit.converged.all()
     # linearised within 1e-3 of an error bar of the end, times the relative noise
     assert np.abs((fit.parameters - whole.parameters) / fit.sd).max() < 1e-5
     # the poses of another order, with their own noise
-    fit = calibrate_nine_axis(**given | {"fields": given["fields"][:, ::-1]})
+    recording = given.recording
+    fit = again(given, replace(recording, fields=recording.fields[:, ::-1]))
     assert not fit.converged.any()
     with pytest.raises(ConvergenceError, match="disagree by more"):
         fit.require_converged()
@@ -90,17 +91,27 @@ def test_starts_are_left_or_refused_and_neighbours_stay(given, whole):
     [
         ({"field_std": [1.0, 2.0]}, "`field_std` has shape"),
         ({"known_bias": [0, 0, 0]}, "`known_bias` is given"),
-        ({"fields": np.zeros((2, 3, 3))}, "give the mean of both"),
-        ({"gyroscope": {"estimator": "generalised"}}, "estimator=\"joint\""),
-        ({"gyroscope": {"model": "upper"}}, "in the same form"),
+        ({"fields": np.zeros((2, 3, 3))}, "give the means of both"),
+        ({"model": "upper"}, "give `g=fit.g`"),
+        ({"time": np.zeros(20)}, "spans 0.0 s"),
     ],
-)  # fmt: skip
-def test_what_cannot_be_is_refused(given, change, words):
-    ((name, value),) = change.items()
-    if isinstance(value, dict):
-        value = replace(given[name], **value)
+)
+def test_a_recording_that_cannot_be_is_refused(given, change, words):
     with pytest.raises(InputError, match=words):
-        calibrate_nine_axis(**given | {name: value})
+        replace(given.recording, **change)
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ({"estimator": "generalised"}, "fitted together by their noise alone"),
+        ({"sensors": ["barometer"]}, "`sensors`"),
+        ({"sensors": []}, "no sensor beside the accelerometer"),
+    ],
+)
+def test_a_fit_that_cannot_be_is_refused(given, how, words):
+    with pytest.raises(InputError, match=words):
+        calibrate_all(given.recording, **how)
 
 
 ONE_AXIS = {
@@ -142,7 +153,7 @@ def test_the_sensors_parts_are_the_whole(given, whole):
     own = whole.gyroscope.accelerometer
     np.testing.assert_array_equal(own, whole.parameters[:, :9])
     assert len(whole.names) == len(set(whole.names)) == 34
-    assert np.all(whole.magnetometer.half_width < given["magnetometer"].half_width)
+    assert np.all(whole.magnetometer.half_width < given.magnetometer.half_width)
 
 
 @pytest.mark.ci
@@ -155,18 +166,18 @@ def test_models_of_the_bias_and_of_force_are_kept(bias, sensitivity):
         _, rows, fields = drawn(truth, 1, rng)
         force = ACCELEROMETER.distort(truth.force, rng)
         force += FORCE_STD * rng.standard_normal(force.shape)
-        imu = calibrate_imu(
-            truth.time, force, rows[0], truth.intervals, g=truth.g, bias=bias,
+        recording = recording_of(
+            truth.time, force, truth.intervals, gyroscope=rows[0], g=truth.g, bias=bias,
             pose_std=truth.pose_std, angle_random_walk=WALK, sensitivity=sensitivity,
-            bias_random_walk=0.0, start=np.eye(3), chunk=2,
+            bias_random_walk=0.0, chunk=2, field=FIELD, hemisphere="north",
         )  # fmt: skip
-        compass = calibrate_magnetometer(
-            imu.reduced.poses, fields[0], truth.g, FIELD, hemisphere="north",
-            accelerometer_std=truth.pose_std, magnetometer_std=IRON_STD,
-        )  # fmt: skip
-        fit = together(imu, compass, fields[0])
+        imu = calibrate_all(recording, start=np.eye(3))
+        recording = replace(recording, fields=fields[0], field_std=IRON_STD)
+        compass = calibrate_all(recording, ["magnetometer"])
+        parts = {"gyroscope": imu, "magnetometer": compass}
+        fit = together(recording, parts)
         assert fit.noise.borne
-        assert np.any(imu.G) == sensitivity
+        assert np.any(recording.taken.G) == sensitivity
         free = np.r_[0:18, 21:34] if bias == "line" else np.arange(34)
         C = fit.covariance[np.ix_(free, free)]
         total += squares((fit.parameters - TRUTH)[free], C)
@@ -176,20 +187,9 @@ def test_models_of_the_bias_and_of_force_are_kept(bias, sensitivity):
             np.testing.assert_allclose(own.sd[9:], imu.gyroscope.sd[9:], rtol=1e-12)
         rest += fit.chi2_per_dof * fit.dof
         # a magnetometer that tells nothing: what the moves share is the gyroscope's
-        blind = together(imu, compass, fields[0], 1e5 * IRON_STD)
+        blind = together(replace(recording, field_std=1e5 * IRON_STD), parts)
         sd = np.sqrt(np.diagonal(imu.covariance))
         np.testing.assert_allclose(blind.gyroscope.sd, sd[9:], rtol=1e-4)
     for value, dof in ((total, logs * free.size), (rest, logs * fit.dof)):
         # one in 1e5 on either side; without what lines add, the rows leave 1.3 times
         assert stats.chi2.ppf(1e-5, dof) < value < stats.chi2.isf(1e-5, dof)
-
-
-def together(imu, compass, fields, std=IRON_STD):
-    """The fit of all of one recording, from those of two sensors."""
-    own = imu.reduced
-    return calibrate_nine_axis(
-        own.inter_rest, own.poses, fields, imu.gyroscope, compass,
-        pose_std=own.pose_std, field_std=std, angle_random_walk=own.angle_random_walk,
-        bias_random_walk=own.bias_random_walk, known_bias=own.known_bias,
-        bias_std=own.bias_std,
-    )  # fmt: skip

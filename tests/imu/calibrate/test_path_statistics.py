@@ -9,12 +9,12 @@ from rounding import EPS
 from scipy import stats
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
-from tumbles import ACCELEROMETER, FIRST_UP, GENERIC, GYROSCOPE, M, rolled
+from tumbles import ACCELEROMETER, FIRST_UP, GENERIC, GYROSCOPE, M, gyroscope_of, rolled
 
 from simval.errors import RefusedError, SaturatedError
-from simval.imu.calibrate import calibrate, calibrate_gyroscope, inter_rest_rotations
-from simval.imu.calibrate.gyroscope.path_statistics import SCHEMES, path_statistics
+from simval.imu.calibrate import calibrate, inter_rest_rotations
 from simval.imu.calibrate.gyroscope.rotation import final_rotations, rotations
+from simval.imu.calibrate.path_statistics import SCHEMES, path_statistics
 
 RNG = np.random.default_rng(7)
 MATRICES = np.eye(3) + 0.05 * RNG.standard_normal((2, 3, 3))
@@ -141,7 +141,7 @@ def test_error_bars_hold_with_the_jitter_that_is_stated():
         poses = ACCELEROMETER.distort(9.81 * up, rng)
         poses = poses + std * rng.standard_normal(poses.shape)
         for stated, values in found.items():
-            fit = calibrate_gyroscope(
+            fit = gyroscope_of(
                 inter_rest_rotations(clock, y, rests, chunk=2), poses,
                 calibrate(poses, 9.81), pose_std=std, angle_random_walk=walk,
                 clock_jitter=stated, start=np.eye(3), estimator="generalised",

@@ -17,8 +17,9 @@ from written import written
 from simval.cli import run
 from simval.errors import RefusedError
 from simval.imu.calibrate import calibrate, save_calibration, thermal
+from simval.imu.calibrate import fit as calibrate_all
 from simval.imu.calibrate.comparison import compare_calibrations
-from simval.imu.calibrate.factors import of_both, widened
+from simval.imu.calibrate.factors import widened
 from simval.imu.calibrate.files import load_calibration, load_thermal
 from simval.imu.calibrate.gyroscope.at_rest import bias_terms
 from simval.imu.calibrate.gyroscope.rest_effects import Rests
@@ -438,14 +439,18 @@ def test_a_fit_of_both_has_the_terms_of_each_in_its_covariance(seed):
     S, start = rng.standard_normal((2, 7, 4, 3)), rng.standard_normal(7)
 
     def refitted(moved):
-        by = np.einsum("sqna,sna->q", S, moved)
+        parts = zip(
+            S, (moved.get(name, np.zeros((4, 3))) for name in "am"), strict=True
+        )
+        by = sum(np.einsum("qna,na->q", slope, part) for slope, part in parts)
         return start + by + 1e-9 * by**2
 
-    found = widened(C, refitted, of_both(*roots))
+    shifts = [{name: x} for name, own in zip("am", roots, strict=True) for x in own]
+    found = widened(C, refitted, shifts)
     C_b = np.einsum("scna,scmb->snamb", roots, roots)
     known = C + np.einsum("sqna,snamb,spmb->qp", S, C_b, S)
     np.testing.assert_allclose(found, known, rtol=0, atol=1e-6 * np.abs(known).max())
-    np.testing.assert_array_equal(widened(C, refitted, of_both((), ())), C)
+    np.testing.assert_array_equal(widened(C, refitted, []), C)
 
 
 def test_bars_that_a_temperature_may_spoil_are_not_called_honest():
@@ -518,9 +523,17 @@ def test_a_gyroscope_with_all_is_told_all():
     law = {1: np.array([1e-4, -5e-5, 8e-5])}, {1: kappa}
     rates = read(rec.log.gyro - B, log.temperature - 30.0, B, *law)
     log = replace(log, gyro=rates + force @ G_true.T)
-    whole = calibrate_sensors(log, calibrate_log(log), sensors=["gyroscope"])
+    result = calibrate_log(log)
+    whole = calibrate_sensors(log, result, sensors=["gyroscope"])
     thermal, fit = whole.thermal["gyroscope"], whole.gyroscope
     assert thermal.terms == (("bias", 1), ("scale", 1))
+    # what the scale's term leaves open is in the bars beside a magnetometer, too
+    found = calibrate_sensors(log, result).together
+    taken, M = found.recording.taken, slice(9, 18)
+    bare = replace(found.recording, taken=taken._replace(of_scale=np.zeros((9, 9))))
+    more = found.covariance[M, M] - calibrate_all(bare).covariance[M, M]
+    np.testing.assert_allclose(more, taken.of_scale, rtol=1e-6, atol=1e-15)
+    assert np.diagonal(taken.of_scale / found.covariance[M, M]).max() > 0.2
     grown = 1.0 + kappa * (thermal.reference - 30.0)  # of the scale at the reference
     off = [
         (thermal.coefficients - [law[0][1], kappa / grown]) / thermal.sd,

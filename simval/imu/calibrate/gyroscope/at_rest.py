@@ -23,14 +23,15 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array, ReadOnly, physical_array
-from simval.imu.calibrate.gyroscope.noise import Bias, walk_covariance
-from simval.imu.calibrate.gyroscope.path_statistics import ramps
+from simval.imu.calibrate.gyroscope.noise import walk_covariance
 from simval.imu.calibrate.gyroscope.rest_effects import (
     ODDS,
     Rests,
     effect,
     walk_odds,
 )
+from simval.imu.calibrate.path_statistics import ramps
+from simval.imu.calibrate.recording import Bias
 from simval.imu.calibrate.rest_temperatures import LEAST_LEFT, RestTemperatures
 from simval.imu.calibrate.thermal import Thermal
 from simval.shapes import Float

@@ -17,22 +17,14 @@ from typing import Any, Final, get_args
 
 import numpy as np
 
-from simval.arguments import choice, instance
-from simval.arrays import Array, physical_array
+from simval.arrays import Array
 from simval.errors import GeometryError, InputError
 from simval.geometry import normalize
 from simval.imu.calibrate.drift import Drift, find_drift
 from simval.imu.calibrate.equations import Accelerometer, HeldAccelerometer, Problem
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors
 from simval.imu.calibrate.gauss_newton import JointSolution, minimize, weighed
-from simval.imu.calibrate.gyroscope.noise import (
-    Bias,
-    Weighting,
-    checked_pose_std,
-    floored,
-    noise_of,
-)
-from simval.imu.calibrate.gyroscope.path_statistics import InterRestRotations, merged
+from simval.imu.calibrate.gyroscope.noise import Weighting, floored, noise_of
 from simval.imu.calibrate.gyroscope.residuals import (
     InterRest,
     across,
@@ -40,6 +32,8 @@ from simval.imu.calibrate.gyroscope.residuals import (
 )
 from simval.imu.calibrate.gyroscope.result import GyroscopeFit
 from simval.imu.calibrate.gyroscope.rotation import final_rotations, rotations
+from simval.imu.calibrate.path_statistics import InterRestRotations, merged
+from simval.imu.calibrate.recording import Recording
 from simval.imu.calibrate.residuals import WEIGHTED, noise_shares
 from simval.imu.calibrate.result import FitResult
 from simval.poses import axis_orders
@@ -109,93 +103,31 @@ def require_told(
     raise GeometryError(msg)
 
 
-def calibrate_gyroscope(
-    inter_rest: InterRestRotations,
-    poses: Any,
-    accelerometer: FitResult,
-    *,
-    pose_std: Any,
-    angle_random_walk: Any = None,
-    bias_random_walk: float = 0.0,
-    clock_jitter: float = 0.0,
-    estimator: Weighting = "joint",
-    bias: Bias = "constant",
-    known_bias: Any = None,
-    bias_std: Any = None,
-    start: Any = None,
+def fit_gyroscope(
+    recording: Recording, accelerometer: FitResult, estimator: Weighting, start: Any
 ) -> GyroscopeFit:
-    """Fit M and B of a gyroscope to its rotations between rests, one log or a batch.
-
-    Parameters
-    ----------
-    inter_rest : InterRestRotations
-        Path statistics, see `inter_rest_rotations`.
-    poses : array_like
-        Mean accelerometer reading of each rest, raw units, (n, 3) or (trials, n, 3).
-    accelerometer : FitResult
-        The accelerometer's calibration from the same rests.
-    pose_std : float or array_like
-        Noise of each axis of a pose mean, raw units: one number, (n,) or (n, 3).
-    angle_random_walk : float or array_like, optional
-        White noise N of the gyroscope, raw units per root hertz, one number or (3,);
-        from the scatter within rests if not given.
-    bias_random_walk : float, default 0.0
-        K, raw units times root hertz.
-    clock_jitter : float, default 0.0
-        Standard deviation of each time stamp, s, where the rows are even and their
-        stamps are not.
-    estimator : {"joint", "generalised", "unweighted"}
-        joint fits the accelerometer again, together with the gyroscope; generalised
-        keeps it, and counts its errors; unweighted is IMU-TK's least squares.
-    bias : {"constant", "first rest", "line"}
-        constant is estimated, from the rests and the rotations (unweighted: from the
-        rests alone); first rest is the mean of that and kept (IMU-TK); line is what
-        `inter_rest` has taken out already.
-    known_bias : array_like, optional
-        Raw units, (3,): kept instead of the mean of the first rest.
-    bias_std : float or array_like, optional
-        How well the rests tell the bias, raw units, one number or (3,); by their white
-        noise if not given.
-    start : array_like, optional
-        M to start from, (3, 3); found by itself if not given.
-
-    Returns
-    -------
-    GyroscopeFit
-        Parameters, covariance and status; the accelerometer's of a joint fit too.
+    """Fit M and B to the rotations between rests, one recording or a batch.
 
     Raises
     ------
     InputError
-        If an argument is not usable.
+        If a value is not usable.
     GeometryError
-        If the rotations of one log do not tell the parameters. In a batch such a trial
-        has a status that says so, and NaN for its numbers.
+        If the rotations of one recording do not tell the parameters. In a batch such a
+        trial has a status that says so, and NaN for its numbers.
     RefusedError
-        If the residuals of one log are far beyond the noise of a sensor.
-
-    Notes
-    -----
-    IMU-TK's calibration is ``estimator="unweighted", bias="first rest"`` on moves of
-    ``scheme="linear"``. The covariance is that of the stated noise, for each estimator
-    its own (`simval.imu.calibrate.equations`); where the residuals of one log do
-    not bear that, a joint fit takes what they show (`simval.imu.calibrate.factors`).
+        If the residuals of one recording are far beyond the noise of a sensor.
     """
-    instance("inter_rest", inter_rest, InterRestRotations)
-    instance("accelerometer", accelerometer, FitResult)
-    readings, theta = _readings(inter_rest, poses, accelerometer)
-    estimator = choice("estimator", estimator, ESTIMATORS)
-    noise = noise_of(
-        inter_rest, bias=bias, angle_random_walk=angle_random_walk,
-        bias_random_walk=bias_random_walk, clock_jitter=clock_jitter,
-        known_bias=known_bias, bias_std=bias_std, kept=estimator == "unweighted",
-    )  # fmt: skip
-    count, single = readings.shape[1], np.ndim(poses) == 2
-    stated = checked_pose_std(pose_std, count)
-    std = floored(stated, readings)
+    inter_rest, single = recording.rotations, recording.single
+    assert inter_rest is not None
+    readings = recording.poses[None] if single else recording.poses
+    theta = _parameters(accelerometer, len(readings))
+    noise = noise_of(recording, kept=estimator == "unweighted")
+    stated = recording.pose_std
+    std, count = floored(stated, readings), readings.shape[1]
     sensor = Accelerometer(
         readings=readings, std=np.broadcast_to(std, readings.shape),
-        model=accelerometer.model, g=accelerometer.g,
+        model=recording.model, g=recording.g,
     )  # fmt: skip
     u = normalize(sensor.corrected(theta).w)
     M, J, e = approach(inter_rest, noise.bias_value, u, _start(inter_rest, u, start))
@@ -238,7 +170,7 @@ def calibrate_gyroscope(
     if single:
         result = {name: value[0] for name, value in result.items()}
     return GyroscopeFit(
-        model=accelerometer.model, estimator=estimator, bias=bias, dof=dof,
+        model=recording.model, estimator=estimator, bias=recording.bias, dof=dof,
         noise=factors, drift=follows, **result,
     )  # fmt: skip
 
@@ -276,19 +208,12 @@ def _numbers(
     }
 
 
-def _readings(
-    inter_rest: InterRestRotations, poses: Any, accelerometer: FitResult
-) -> tuple[Float[Array, "t n 3"], Float[Array, "t 9"]]:
-    readings = physical_array("poses", poses, (None, 3))
-    readings = readings[None] if readings.ndim == 2 else readings
+def _parameters(accelerometer: FitResult, trials: int) -> Float[Array, "t 9"]:
     theta = np.atleast_2d(accelerometer.parameters)
-    trials, rests = inter_rest.rest_rates.shape[:2]
-    fits = readings.shape[:2] == (trials, rests) and theta.shape == (trials, A)
-    if not fits or rests < 3:
+    if theta.shape != (trials, A):
         msg = (
-            f"`inter_rest` has {trials} trial(s) of {rests} rests, `poses` the shape "
-            f"{readings.shape} and the accelerometer {len(theta)} fit(s); give one "
-            "pose for each rest, three rests or more, and one fit for each trial"
+            f"`accelerometer` holds {len(theta)} fit(s) for {trials} trial(s); give "
+            "one of each"
         )
         raise InputError(msg)
     if not np.isfinite(theta).all():
@@ -296,15 +221,14 @@ def _readings(
             "the accelerometer has not been calibrated in every trial; leave those out"
         )
         raise InputError(msg)
-    return readings, theta
+    return theta
 
 
 def _start(
     inter_rest: InterRestRotations, u: Float[Array, "t n 3"], start: Any
 ) -> Float[Array, "t 3 3"]:
     if start is not None:
-        given = physical_array("start", start, (3, 3))
-        return np.broadcast_to(given, (len(u), 3, 3))
+        return np.broadcast_to(start, (len(u), 3, 3))
     E = across(u[:, 1:])
     found = [first_matrix(inter_rest.statistics[i], u[i], E[i]) for i in range(len(u))]
     if not np.isfinite(found).all():

@@ -6,18 +6,14 @@ a rest of :math:`T_r` seconds the variance :math:`N^2/T_r`; the bias walks by
 G(s), is off by :math:`N^2 \sum w_i^2/T_i + K^2 \int (W - G)^2 ds`.
 """
 
-from typing import Any, Final, Literal, NamedTuple, Self, get_args
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 
-from simval.arguments import choice
-from simval.arrays import Array, noise_levels, nonnegative_number, physical_array
-from simval.errors import InputError
-from simval.imu.calibrate.gyroscope.path_statistics import InterRestRotations
+from simval.arrays import Array
+from simval.imu.calibrate.recording import Recording
 from simval.shapes import Float
 
-Bias = Literal["constant", "first rest", "line"]
-BIASES: Final = get_args(Bias)
 Weighting = Literal["joint", "generalised", "unweighted"]
 # Of the readings' own size: below it noise is rounding, and V is still positive.
 _FLOOR = 1e-11
@@ -61,85 +57,38 @@ class GyroscopeNoise(NamedTuple):
         )  # fmt: skip
 
 
-def checked_pose_std(
-    value: Any, count: int, name: str = "pose_std"
-) -> Float[Array, "n 3"]:
-    """Require the noise of pose means, of all, each pose, or each of its axes.
-
-    Raises
-    ------
-    InputError
-        If the shape is another, or one is negative.
-    """
-    std = physical_array(name, value, ())
-    if std.shape == (count,):
-        std = std[:, None]
-    fits = std.shape in ((), (count, 1), (count, 3))
-    if not fits or not np.all(std >= 0.0):
-        msg = (
-            f"`{name}` has shape {std.shape}, least value {std.min(initial=0.0):g}; "
-            f"give one number, or one of each pose ({count},) or axis ({count}, 3), 0 "
-            "or more"
-        )
-        raise InputError(msg)
-    return np.array(np.broadcast_to(std, (count, 3)))
-
-
-def floored(std: Float[Array, "n 3"], readings: Array) -> Float[Array, "n 3"]:
+def floored(std: Float[Array, "... n a"], readings: Array) -> Float[Array, "... n a"]:
     """Noise of readings that is at least rounding."""
     return np.maximum(std, _FLOOR * float(np.sqrt((readings**2).mean())))
 
 
-def noise_of(
-    inter_rest: InterRestRotations,
-    *,
-    bias: str,
-    angle_random_walk: Any = None,
-    bias_random_walk: float = 0.0,
-    clock_jitter: float = 0.0,
-    known_bias: Any = None,
-    bias_std: Any = None,
-    kept: bool = False,
-) -> GyroscopeNoise:
+def noise_of(recording: Recording, *, kept: bool = False) -> GyroscopeNoise:
     """Noise that was given, or that the rests show, and the bias that they say.
 
     A constant bias may be `kept` as the rests say it, with nothing estimated.
-
-    Raises
-    ------
-    InputError
-        If a value is not usable.
     """
-    walk = (
-        inter_rest.white.mean(axis=0)
-        if angle_random_walk is None
-        else angle_random_walk
-    )
+    inter_rest, bias = recording.rotations, recording.bias
+    assert inter_rest is not None
+    walk = recording.angle_random_walk
+    walk = inter_rest.white.mean(axis=0) if walk is None else walk
     way = np.sqrt((inter_rest.statistics[:, :, :3] ** 2).sum(axis=2)).sum(axis=-1)
     typical = float(np.median(way)) / float(np.median(inter_rest.seconds)) ** 0.5
-    N = noise_levels("angle_random_walk", walk, 3, "axes")
-    N = np.maximum(N, _FLOOR * typical)
-    K = nonnegative_number("bias_random_walk", bias_random_walk, "raw units")
-    jitter = nonnegative_number("clock_jitter", clock_jitter, "s")
-    bias = choice("bias", bias, BIASES)
-    if known_bias is not None and bias == "constant":
-        msg = f"`known_bias` is given and `bias` is {bias}; ask for first rest"
-        raise InputError(msg)
+    N = np.maximum(walk, _FLOOR * typical)
     seconds = inter_rest.rest_seconds
     w = seconds / seconds.sum()
     if bias == "first rest":
         w = np.eye(len(seconds))[0]
     value = np.einsum("n,tni->ti", w, inter_rest.rest_rates) - inter_rest.centre
-    if known_bias is not None:
-        value = physical_array("known_bias", known_bias, (3,)) - inter_rest.centre
+    if recording.known_bias is not None:
+        value = recording.known_bias - inter_rest.centre
     std = N * np.sqrt(float(np.sum(w * w / seconds)))
-    if bias_std is not None:
-        std = np.maximum(noise_levels("bias_std", bias_std, 3, "axes"), std)
+    if recording.bias_std is not None:
+        std = np.maximum(recording.bias_std, std)
     known = bias == "first rest" or (bias == "constant" and kept)
     return GyroscopeNoise(
-        angle_random_walk=N, bias_random_walk=K, clock_jitter=jitter,
-        bias="known" if known else bias, bias_value=value, bias_std=std, weights=w,
-        rest_seconds=seconds,
+        angle_random_walk=N, bias_random_walk=recording.bias_random_walk,
+        clock_jitter=recording.clock_jitter, bias="known" if known else bias,
+        bias_value=value, bias_std=std, weights=w, rest_seconds=seconds,
     )  # fmt: skip
 
 

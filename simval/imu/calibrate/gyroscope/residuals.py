@@ -12,7 +12,7 @@ and, :math:`\epsilon_k` the angle random walk,
    + E_k^T (C_k^T \mathrm{d}u_k - \mathrm{d}u_{k+1}),\quad
    \mathrm{cov}\,\epsilon_k = N^2 \sum_j \tau_j (D_j M)(D_j M)^T. \tag{N6}
 
-A magnetometer adds a third residual, eq. (J1) of `nine_axis`. The bias B has rows where
+A magnetometer adds a third residual, eq. (J1) of `joint`. The bias B has rows where
 it is estimated: what the rests say of it, over the mean rate of the rotations.
 
 **Covariance.** Beside :math:`\epsilon`, a line for the bias between the neighbouring
@@ -33,13 +33,13 @@ from simval.arrays import Array
 from simval.imu.calibrate.equations import Between, Corrected, Errors
 from simval.imu.calibrate.goodness_of_fit import Beside
 from simval.imu.calibrate.gyroscope.noise import GyroscopeNoise, walk_covariance
-from simval.imu.calibrate.gyroscope.path_statistics import InterRestRotations, taken
 from simval.imu.calibrate.gyroscope.result import NAMES
 from simval.imu.calibrate.gyroscope.rotation import (
     Rotations,
     final_rotations,
     rotations,
 )
+from simval.imu.calibrate.path_statistics import InterRestRotations, taken
 from simval.shapes import Float
 
 HOLD: Final = "hold"

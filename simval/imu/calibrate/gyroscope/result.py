@@ -9,7 +9,8 @@ from simval.arrays import Array
 from simval.imu.calibrate.drift import Drift
 from simval.imu.calibrate.estimate import Estimate, gyroscope_lines
 from simval.imu.calibrate.factors import NoiseFactors
-from simval.imu.calibrate.gyroscope.noise import Bias, Weighting
+from simval.imu.calibrate.gyroscope.noise import Weighting
+from simval.imu.calibrate.recording import Bias
 from simval.imu.sensor import GyroscopeFactors, GyroscopeModel, forms, gyroscope_factors
 from simval.imu.sensor.forms import Factors
 from simval.shapes import Float

@@ -365,7 +365,6 @@ def _forces(force: Any, noise: Any, parts: list[PathPart]) -> dict[str, Array]:
 
 
 def _checked(time: Array, y: Array, intervals: Any) -> Any:
-    rows = finite_array("intervals", intervals, (None, 2))
     if time.ndim != 1 or y.ndim != 3 or y.shape[1] != len(time) or len(time) < 2:
         msg = (
             f"`time` has shape {time.shape} and `rates` {y.shape[1:]}; give a time of "
@@ -378,12 +377,18 @@ def _checked(time: Array, y: Array, intervals: Any) -> Any:
             f"`time` does not rise at row {where}; sort the rows, or cut the log there"
         )
         raise InputError(msg)
+    return checked_rests(intervals, len(time))
+
+
+def checked_rests(intervals: Any, count: int) -> NDArray[np.intp]:
+    """Require rests in order among so many rows, start <= row < stop."""
+    rows = finite_array("intervals", intervals, (None, 2))
     flat = rows.reshape(-1)
     whole = rows.ndim == 2 and len(rows) >= 2 and np.all(flat == np.round(flat))
-    if not (whole and flat[0] >= 0 and flat[-1] <= len(time)):
+    if not (whole and flat[0] >= 0 and flat[-1] <= count):
         msg = (
             "`intervals` must be rows of two whole numbers, 0 <= start < stop, at "
-            f"least two and none beyond row {len(time)}, (m, 2)"
+            f"least two and none beyond row {count}, (m, 2)"
         )
         raise InputError(msg)
     if not np.all(np.diff(flat) >= 0) or not np.all(np.diff(rows) >= _LEAST_REST):

@@ -1,0 +1,127 @@
+"""Scale of a gyroscope that depends on its temperature, by the rotations."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy
+
+from simval.arrays import Array, physical_array
+from simval.geometry import normalize
+from simval.imu.calibrate.goodness_of_fit import FALSE_ALARM, Drop
+from simval.imu.calibrate.gyroscope.at_rest import BiasTerms
+from simval.imu.calibrate.gyroscope.calibration import approach, first_matrix
+from simval.imu.calibrate.gyroscope.residuals import across
+from simval.imu.calibrate.gyroscope.rotation import rotations
+from simval.imu.calibrate.path_statistics import (
+    InterRestRotations,
+    inter_rest_rotations,
+)
+from simval.imu.calibrate.rest_temperatures import LEAST_LEFT
+from simval.imu.calibrate.thermal import TERMS, Thermal
+from simval.shapes import Float
+from simval.text import chance_words
+
+
+class Gain(NamedTuple):
+    """What the scale of a gyroscope owes to temperature."""
+
+    thermal: Thermal | None = None  # terms of its bias among them
+    reason: str = ""
+    rows: Any = None  # with the scale at the reference
+    covariance: Any = None  # of M by that of the terms, (9, 9)
+
+
+_QUIET = 1e-2  # least noise of an axis over that of the noisiest
+_STEP = 1e-3  # of a scale, 1/K: what it does is nearly linear in it
+
+
+def scale_terms(
+    time: Any, gyroscope: Any, rests: Any, forces: Float[Array, "n 3"],
+    warm: BiasTerms, how: dict[str, Any], offset: Any, walk: Float[Array, "3"],
+) -> Gain:  # fmt: skip
+    """Choose a scale linear in temperature by the rotations, where they tell it.
+
+    By their residuals, weighed by the white noise of each axis, with M fitted anew for
+    a small scale of each axis by turns, and the F test of `goodness_of_fit.Drop`.
+    """
+    count, seen = 2 * (len(forces) - 1), warm.seen
+    left = count - 12
+    if seen is None or seen.span < seen.least_span or left < LEAST_LEFT:
+        return Gain()
+    tau = np.asarray(warm.temperature)[:, None] - seen.reference
+    away = physical_array("gyroscope", gyroscope, (None, 3)) - offset
+    centre = np.mean([away[a:b].mean(axis=0) for a, b in rests], axis=0)
+    away = away - centre
+    u = np.broadcast_to(normalize(forces), (4, *forces.shape))
+    tried, kappa = np.pad(_STEP * np.eye(3), ((1, 0), (0, 0))), np.zeros(3)
+    M, square = np.full((4, 3, 3), np.nan), list[float]()
+    for _ in range(2):  # the second time about the first answer
+        rates = centre + (1.0 + (kappa + tried)[:, None] * tau) * away
+        turned = inter_rest_rotations(time, rates, rests, **how)
+        if not square:
+            M[:] = first_matrix(turned.statistics[0], u[0], across(u[:1, 1:])[0])
+        if not np.isfinite(M).all():
+            return Gain()
+        M, J, e = approach(turned, np.zeros((4, 3)), u, M)
+        white = _whitening(turned, M[:1], u[:1], walk)
+        J, e = white @ J, np.matvec(white, e)
+        q = np.linalg.qr(J[..., :9])[0]
+        r = e - np.matvec(q, np.vecmat(e, q))
+        square.append(float(r[0] @ r[0]))
+        D = (r[1:] - r[0]).T / _STEP
+        inverse = np.linalg.pinv(D)
+        rest = r[0] - D @ (inverse @ r[0])
+        kappa = kappa - inverse @ r[0]
+    scatter = float(rest @ rest)
+    chance = Drop(rest=scatter, dof=left, known=None).chance(square[0], 3)
+    if not (chance < FALSE_ALARM and np.linalg.matrix_rank(D) == 3):
+        return Gain()
+    covariance = scatter / left * inverse @ inverse.T
+    by = (M[1:] - M[0]).reshape(3, 9) / _STEP
+    said = (
+        "scale of the gyroscope in temperature: line; without an effect its chance is "
+        f"{chance_words(chance, 2)} ({FALSE_ALARM:g} allowed)"
+    )
+    return Gain(
+        _with_scale(warm, kappa, covariance, centre, left), said,
+        centre + (1.0 + kappa * tau) * away + offset, by.T @ covariance @ by,
+    )  # fmt: skip
+
+
+def _whitening(
+    turned: InterRestRotations, M: Float[Array, "1 3 3"], u: Float[Array, "1 n 3"],
+    walk: Float[Array, "3"],
+) -> Float[Array, "r r"]:  # fmt: skip
+    # inverse root of the covariance (N6) of residuals by the noise of each axis, up to
+    # a factor
+    moved = rotations(turned.statistics[:1], M, np.zeros((1, 3)))
+    EC = across(u[:, 1:]) @ np.swapaxes(moved.C, -1, -2)
+    N = np.maximum(walk / max(walk.max(), np.finfo(float).tiny), _QUIET)
+    by = np.cross(EC, u[:, :-1, None, :])[0, :, None] @ np.moveaxis(
+        moved.by_rate(N)[0], 2, 1
+    )
+    root = by * np.sqrt(turned.statistics[0, :, 9])[..., None, None]
+    V = np.einsum("kjab,kjcb->kac", root, root)
+    return scipy.linalg.block_diag(*np.linalg.inv(np.linalg.cholesky(V)))
+
+
+def _with_scale(
+    warm: BiasTerms, kappa: Float[Array, "3"], own: Float[Array, "3 3"],
+    centre: Float[Array, "3"], dof: int,
+) -> Thermal:  # fmt: skip
+    # the terms of bias and scale, whose errors are independent: of rests and rotations
+    bias, seen = warm.thermal, warm.seen
+    assert seen is not None
+    some = (("scale", 1), *(() if bias is None else bias.terms))
+    terms = tuple(term for term in TERMS if term in some)
+    scale = np.repeat([what == "scale" for what, _ in terms], 3)
+    values, covariance = np.zeros(scale.size), np.zeros((scale.size, scale.size))
+    values[scale], covariance[np.ix_(scale, scale)] = kappa, own
+    if bias is not None:
+        values[~scale] = bias.coefficients.ravel()
+        covariance[np.ix_(~scale, ~scale)] = bias.covariance
+    return Thermal(
+        reference=seen.reference, low=seen.low, high=seen.high, terms=terms,
+        coefficients=values.reshape(-1, 3), covariance=covariance, centre=centre,
+        dof=dof if bias is None else min(dof, bias.dof),
+    )  # fmt: skip
