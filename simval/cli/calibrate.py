@@ -40,6 +40,7 @@ from simval.vocabulary import TARGETS, Iteration, Loss, Method, Model, Residual
 
 if TYPE_CHECKING:
     from simval.imu.logs import Log
+    from simval.imu.logs.names import Kind
     from simval.imu.multiposition import ImuCalibration, LogCalibration
     from simval.imu.multiposition.means import MeansCalibration
     from simval.imu.recorded.rows import RowEvidence
@@ -151,9 +152,11 @@ def command(
     from simval.theory import calibration_moments
 
     out_of = rests_of(leave_out)
+    alone: tuple[Kind, ...] = ("gyro", "mag") if means else ("mag",)
     log = read_log(
-        path, rate, columns, instance, start=start, stop=stop, alone=True, means=means
-    )
+        path, rate, columns, instance, start=start, stop=stop,
+        alone=alone, means=means,
+    )  # fmt: skip
     options: dict[str, Any] = dict(
         model=model, method=method, step=step, iteration=iteration, residual=residual,
         loss=loss, full_scale=full_scale,

@@ -1,7 +1,7 @@
 """A log and the function that reads one, see `simval.imu.logs`."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any
@@ -228,7 +228,7 @@ def read_log(
     *,
     start: Edge = None,
     stop: Edge = None,
-    alone: bool = False,
+    alone: Collection[Kind] = (),
     means: bool = False,
 ) -> Log:
     """Read a log of an accelerometer's rows, with a gyroscope's and a magnetometer's.
@@ -253,8 +253,8 @@ def read_log(
         First and last time of the part to read: seconds of the log's clock, as `time`
         of the whole log has them, or a time of day in the log's own form. What is
         outside is not judged; None reads from the beginning or to the end.
-    alone : bool
-        Whether a log of another sensor without an accelerometer is read, too.
+    alone : collection of {"gyro", "mag"}
+        Of these a log is read without an accelerometer, too.
     means : bool
         Whether each row is the mean of a pose: a clock is then none, and the time is
         the number of the row.

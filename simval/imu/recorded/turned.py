@@ -105,18 +105,11 @@ def calibrate_turned(
     Raises
     ------
     InputError
-        If the log has a gyroscope alone, or hardly any rows.
+        If it has hardly any rows.
     RefusedError
         If its rows fix no ellipsoid, or a part of them alone does.
     """
-    if log.magnetometer is None:
-        msg = (
-            f"{log.path} has no accelerometer, which finds the rests and the axes of "
-            "its gyroscope; `simval noise` measures the noise of another sensor alone, "
-            "or name each column in its order, but only if the names are wrong "
-            "(--columns)"
-        )
-        raise InputError(msg)
+    assert log.magnetometer is not None  # no other is read alone to be calibrated
     new = np.append(True, np.any(np.diff(log.magnetometer, axis=0) != 0.0, axis=1))
     y, time = log.magnetometer[new], log.time[new]
     if len(y) < FEWEST:

@@ -146,7 +146,7 @@ def test_noise_of_a_row_does_not_stretch_the_scale():
         (("--leave-out", "3"), "calibrated by its rows in motion"),
         (("--loss", "huber"), "calibrated by its rows in motion"),
         (("--out", "c.json"), "take the numbers (--json)"),
-        (("--columns", "t,wx,wy,wz"), "has no accelerometer"),
+        (("--columns", "t,wx,wy,wz"), "each of ax, ay, az is needed once"),
     ],
 )
 def test_what_it_cannot_do_is_said(options, said, tmp_path, simval):
