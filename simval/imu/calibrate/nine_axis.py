@@ -317,7 +317,7 @@ def calibrate_nine_axis(
     status = np.where(found.converged, "converged", "max iterations")
     result["status"] = np.where(good, status, others).astype(object)
     result["iterations"] = found.iterations
-    dof = 2 * EACH * count - COUNT
+    dof = EACH * (count + len(inter_rest.before) + 1) - COUNT
     return _result(result, gyroscope, magnetometer, dof, told)
 
 

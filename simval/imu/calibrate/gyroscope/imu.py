@@ -242,6 +242,7 @@ def calibrate_imu(
     rests = Rests(
         rates=inter_rest.rest_rates[0], times=inter_rest.rest_times,
         seconds=inter_rest.rest_seconds, rotation_seconds=inter_rest.seconds,
+        before=inter_rest.before, after=inter_rest.before + 1,
     )  # fmt: skip
     forces = acc.sensor().correct(poses)
     warm = bias_terms(temperature, time, at, rests, forces, walk, bias_random_walk)
@@ -298,7 +299,7 @@ def calibrate_imu(
         reasons=(
             said,
             found.reason,
-            *(x for x in (moved, warm.reason, gain.reason) if x),
+            *(x for x in (inter_rest.left_out, moved, warm.reason, gain.reason) if x),
         ),
         thermal=gain.thermal or warm.thermal,
         G=found.G,
@@ -336,8 +337,7 @@ def scale_terms(
     By their residuals, weighed by the white noise of each axis, with M fitted anew for
     a small scale of each axis by turns, and the F test of `goodness_of_fit.Drop`.
     """
-    count, seen = 2 * (len(forces) - 1), warm.seen
-    left = count - 12
+    left, seen = 2 * (len(forces) - 1) - 12, warm.seen
     if seen is None or seen.span < seen.least_span or left < LEAST_LEFT:
         return Gain()
     tau = np.asarray(warm.temperature)[:, None] - seen.reference
@@ -351,8 +351,9 @@ def scale_terms(
         rates = centre + (1.0 + (kappa + tried)[:, None] * tau) * away
         turned = inter_rest_rotations(time, rates, rests, **how)
         if not square:
-            M[:] = first_matrix(turned.statistics[0], u[0], across(u[:1, 1:])[0])
-        if not np.isfinite(M).all():
+            left = 2 * len(turned.before) - 12
+            M[:] = first_matrix(turned.statistics[0], u[0], turned.before)
+        if not (np.isfinite(M).all() and left >= LEAST_LEFT):
             return Gain()
         M, J, e = approach(turned, np.zeros((4, 3)), u, M)
         white = _whitening(turned, M[:1], u[:1], walk)
@@ -387,9 +388,9 @@ def _whitening(
     # inverse root of the covariance (N6) of residuals by the noise of each axis, up to
     # a factor
     moved = rotations(turned.statistics[:1], M, np.zeros((1, 3)))
-    EC = across(u[:, 1:]) @ np.swapaxes(moved.C, -1, -2)
+    EC = across(u[:, turned.before + 1]) @ np.swapaxes(moved.C, -1, -2)
     N = np.maximum(walk / max(walk.max(), np.finfo(float).tiny), _QUIET)
-    by = np.cross(EC, u[:, :-1, None, :])[0, :, None] @ np.moveaxis(
+    by = np.cross(EC, u[:, turned.before, None, :])[0, :, None] @ np.moveaxis(
         moved.by_rate(N)[0], 2, 1
     )
     root = by * np.sqrt(turned.statistics[0, :, 9])[..., None, None]
