@@ -155,7 +155,7 @@ TURNED = np.column_stack(
          "give other columns", [{"columns": "t,-,-,-,-,q0,q1,q2,q3"}]),
         ("t,q0,q1,q2,q3,e,f,g,h", [TIME, 0.0 * TURNED, TURNED], {},
          "look at the columns", [{"columns": "t,-,-,-,-,q0,q1,q2,q3"}]),
-        ("foo,q0,q1,q2,q3", [TIME, TURNED], {}, "no clock is named",
+        ("foo,q0,q1,q2,q3", [TIME, TURNED], {}, "time column `t` (--truth-columns)",
          [{"rate": RATE}, {"columns": "t,q0,q1,q2,q3"}]),
     ],
 )  # fmt: skip
