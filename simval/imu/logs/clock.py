@@ -110,7 +110,7 @@ def times_of(
     table: Table,
     column: Column | None,
     rate: float | None,
-    rows: Bool[np.ndarray, " n"],
+    rows: Bool[np.ndarray, " n"] | None = None,
     of: str = "",
 ) -> tuple[Float[Array, " n"], float, list[tuple[str, str]]]:
     """Times in seconds, the unit of the clock, s, and what was done to it.
@@ -122,6 +122,7 @@ def times_of(
     if not table.is_text(column.place):
         places = [column.place] if column.fine is None else [column.place, column.fine]
         ticks = np.array(table.numbers(places))
+        rows = np.ones(len(table), bool) if rows is None else rows
         require_finite(table.rows(rows), ticks[rows])
         whole, fine = ticks[:, 0], ticks[:, -1]
         if len(places) == 2 and np.all(
@@ -141,7 +142,7 @@ def times_of(
         said = _said(table, midnights, words)
         return np.asarray(time + DAY * np.cumsum(midnights)), 1.0, said
     if rate is not None or table.rate:
-        return times_of(table, None, rate, rows)
+        return times_of(table, None, rate)
     msg = (
         f"{table.where(0)}, column {column.place + 1}: {texts[0][:40]!r} is not a time "
         "in numbers, nor a date like 2024-01-31 12:00:00.25 in each row; leave the "

@@ -535,15 +535,17 @@ def clock_of(table: Table) -> Column | None:
     return Column(role="t", place=place, name=names[place], unit=unit, fine=fine[place])
 
 
-def clock_between(table: Table, place: int, others: Collection[int]) -> int | None:
-    """Place of a sensor's own clock, beside another sensor with its own; None for none.
+def clock_between(table: Table, place: int, others: Collection[int]) -> Column | None:
+    """A sensor's own clock, beside another sensor with its own; None for none.
 
     It stands before the sensor's columns and behind those of another.
     """
     before = max((other for other in others if other < place), default=place)
-    channels = channels_of(table)
-    between = range(before + 1, place)
-    own = [k for k in between if channels[k].kind == "time" and not table.is_text(k)]
+    own = [
+        Column(role="t", place=k, unit=each.unit)
+        for k, each in enumerate(channels_of(table))
+        if before < k < place and each.kind == "time" and not table.is_text(k)
+    ]
     return own[-1] if own else None
 
 

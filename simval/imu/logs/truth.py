@@ -231,8 +231,7 @@ def _unit(table: Table, components: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
 def _times(table: Table, column: Column | None, rate: float | None) -> Array:
     if rate is not None:
         positive_number("truth_rate", rate, "Hz")
-    every = np.ones(len(table), bool)
-    time, second, _ = times_of(table, column, rate, every, "truth-")
+    time, second, _ = times_of(table, column, rate, of="truth-")
     if not second:
         return time
     require_increasing(table, column, time, "sort the rows, or leave repeated ones out")

@@ -167,3 +167,14 @@ def test_what_is_advised_for_a_truth_helps(
         read_truth(path, **given)
     for options in done:
         assert len(read_truth(path, **options).components) == ROWS
+
+
+def test_of_several_truths_of_a_folder_one_is_given(tmp_path):
+    for name in ("vicon0", "vicon1"):
+        (tmp_path / name).mkdir()
+        header = "t [s],q_RS_w,q_RS_x,q_RS_y,q_RS_z"
+        written(tmp_path / name / "data.csv", header, TIME, TURNED)
+    with pytest.raises(InputError, match=r"give one \(--truth FILE\)") as refusal:
+        read_truth(str(tmp_path))
+    file = re.search(r"truths, (\S+),", str(refusal.value))[1]
+    assert len(read_truth(file).components) == ROWS
