@@ -39,12 +39,12 @@ from simval.cli.terminal import say
 from simval.vocabulary import TARGETS, Iteration, Loss, Method, Model, Residual
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from simval.imu.logs import Log
+    from simval.imu.logs.names import Kind
     from simval.imu.multiposition import ImuCalibration, LogCalibration
     from simval.imu.multiposition.means import MeansCalibration
     from simval.imu.recorded.rows import RowEvidence
+    from simval.imu.recorded.turned import TurnedCalibration
 
 
 @declared("calibrate")
@@ -132,12 +132,12 @@ def command(
 
     The command finds the initial rest and the static intervals, and prints the
     parameters with error bars. A gyroscope and a magnetometer are calibrated from the
-    same rests; if one cannot be calibrated, the command says why.
+    same rests; if one cannot be calibrated, the command says why. A magnetometer
+    without an accelerometer is calibrated by all its rows, turned by hand.
     """
     from simval.cli.late import postpone
 
     postpone()
-    from simval.imu.calibrate import calibrate
     from simval.imu.calibrate.files import write_json
     from simval.imu.logs import read_log
     from simval.imu.logs.log import require_no_means
@@ -147,25 +147,23 @@ def command(
         log_object,
         sensors_object,
     )
-    from simval.imu.multiposition.means import calibrate_means
     from simval.imu.noise import load_noise
     from simval.imu.recorded.description import row_lines, rows_object
     from simval.theory import calibration_moments
 
     out_of = rests_of(leave_out)
+    alone: tuple[Kind, ...] = ("gyro", "mag") if means else ("mag",)
     log = read_log(
-        path, rate, columns, instance, start=start, stop=stop, alone=means, means=means
-    )
+        path, rate, columns, instance, start=start, stop=stop,
+        alone=alone, means=means,
+    )  # fmt: skip
     options: dict[str, Any] = dict(
         model=model, method=method, step=step, iteration=iteration, residual=residual,
         loss=loss, full_scale=full_scale,
     )  # fmt: skip
-    if means:
-        fitted = partial(calibrate, **options)
-        table_of_means(
-            log, partial(calibrate_means, log, fitted, g=g, field=field,
-            leave_out=out_of), out, as_json=as_json,
-        )  # fmt: skip
+    if means or not log.has_force:
+        how = dict(g=g, field=field, leave_out=out_of)
+        without_rests(log, options, how, out, means=means, as_json=as_json)
         return
     with refusing(log):
         require_no_means(log.path, log.accelerometer)
@@ -224,40 +222,59 @@ def rests_of(words: str) -> list[float]:
     ]
 
 
-def table_of_means(
+def without_rests(
     log: Log,
-    calibrated: Callable[[], MeansCalibration],
+    options: dict[str, Any],
+    how: dict[str, Any],
     out: Path | None,
     *,
+    means: bool,
     as_json: bool,
 ) -> None:
-    """Calibrate a table of means, and print and write what was found."""
+    """Calibrate a table of means, or a magnetometer in motion; print and write it."""
+    from simval.imu.calibrate import calibrate
     from simval.imu.calibrate.files import write_json
+    from simval.imu.multiposition.means import calibrate_means
+    from simval.imu.recorded.turned import calibrate_turned
 
     with refusing(log):
-        refuse_rests()
-        table = calibrated()
+        refuse_rests(means=means)
         refuse_if(
-            out is not None and table.sensor != "accelerometer",
+            out is not None and not log.has_force,
             "`--out` is for a calibration that `simval correct` can apply, and without "
             "an accelerometer there is none; take the numbers (--json)",
         )
+        found: MeansCalibration | TurnedCalibration
+        if means:
+            found = calibrate_means(log, partial(calibrate, **options), **how)
+        else:
+            del options["residual"], options["loss"]
+            fitted = partial(calibrate, **options)
+            found = calibrate_turned(log, fitted, field=how["field"])
     if out is not None:
-        write_json(out, table.as_object(log))
+        write_json(out, found.as_object(log))
     if as_json:
-        click.echo(json.dumps(table.as_object(log), allow_nan=False))
+        click.echo(json.dumps(found.as_object(log), allow_nan=False))
     else:
-        say([*log.described()[:-1], *table.lines(), log.unit_line()])
+        described = log.described()[: -1 if means else None]
+        say([*described, *found.lines(), log.unit_line()])
 
 
-def refuse_rests() -> None:
-    """Refuse options that are for rests, beside a table of means."""
-    for name in ("rest", "noise", "sensors", "gyro_rows", "gyro_delay", "page", "to"):
+_OF_RESTS = ("rest", "noise", "sensors", "gyro_rows", "gyro_delay", "page", "to")
+_OF_ROWS = (*_OF_RESTS, "leave_out", "hemisphere", "residual", "loss")
+
+
+def refuse_rests(*, means: bool) -> None:
+    """Refuse options that are for rests, beside means or rows in motion."""
+    why = "`--means` states that each row is a mean"
+    if not means:
+        why = "a magnetometer alone is calibrated by its rows in motion"
+    for name in _OF_RESTS if means else _OF_ROWS:
         option = {"page": "--report"}.get(name, f"--{name.replace('_', '-')}")
         refuse_if(
             stated(name),
-            f"`{option}` is for a log with rests, and `--means` states that each row "
-            "is a mean; leave one of the two out",
+            f"`{option}` is for a log with rests, and {why}; leave "
+            f"{'one of the two' if means else 'it'} out",
         )
 
 

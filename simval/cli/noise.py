@@ -74,7 +74,9 @@ def command(
     from simval.imu.multiposition.noise_description import as_object, described
 
     _require_drawable(figure)
-    log = read_log(path, rate, columns, instance, start=start, stop=stop, alone=True)
+    log = read_log(
+        path, rate, columns, instance, start=start, stop=stop, alone=("gyro", "mag")
+    )
     with refusing(log):
         found = log_noise(log, rest, increments=increments)
         _require_present("gyro", gyro_unit, log.gyro, path)

@@ -71,7 +71,7 @@ class Corrected:
     std: Float[Array, "t n 3"]
 
     def pull(
-        self, a: Float[Array, "t k e 3"], rests: slice = slice(None)
+        self, a: Float[Array, "t k e 3"], rests: Any = slice(None)
     ) -> tuple[Float[Array, "t k e q"], Float[Array, "t k e 3"]]:
         """Derivative of a'w of some rests by the parameters, and by unit noises."""
         x, t = self.x[:, rests], len(a)

@@ -403,7 +403,7 @@ def _of_three(
     result["iterations"] = found.iterations
     if recording.single:
         result = {name: value[0] for name, value in result.items()}
-    dof = 2 * EACH * count - COUNT
+    dof = EACH * (count + len(rotations.before) + 1) - COUNT
     chi2_per_dof = result["chi2"] / (dof if dof > 0 else np.nan)
     shared = {"status": result["status"], "iterations": result["iterations"]}
     own = replace(

@@ -49,7 +49,7 @@ from numpy.typing import NDArray
 from simval.arguments import choice, switch, whole_number
 from simval.arrays import Array, ReadOnly, finite_array, physical_array, positive_number
 from simval.errors import InputError, RefusedError, SaturatedError
-from simval.shapes import Float
+from simval.shapes import Float, Int
 
 Scheme = Literal["averages", "cubic", "linear"]
 SCHEMES: Final = get_args(Scheme)
@@ -158,7 +158,8 @@ _LEAST_REST = 3  # rows, of which two may be given to the rotations
 class InterRestRotations(ReadOnly):
     """Path statistics of the rotations between rests, and the rests' mean readings.
 
-    Leading axis t: trials, 1 for a recording.
+    Leading axis t: trials, 1 for a recording. A rotation in which rows are missing is
+    none of the k.
 
     Attributes
     ----------
@@ -167,11 +168,11 @@ class InterRestRotations(ReadOnly):
     centre : Array
         Mean of the rests' means, raw units, (t, 3).
     rest_rates : Array
-        Mean reading of each rest, raw units, less what was taken out, (t, k + 1, 3).
+        Mean reading of each rest, raw units, less what was taken out, (t, n, 3).
     rest_seconds : Array
-        Time that each of these means covers, s, (k + 1,).
+        Time that each of these means covers, s, (n,).
     rest_times : Array
-        Middle of each, s, (k + 1,).
+        Middle of each, s, (n,).
     times : Array
         Middle of each chunk, s, (k, j).
     white : Array
@@ -179,6 +180,8 @@ class InterRestRotations(ReadOnly):
         hertz, (t, 3).
     seconds : Array
         Time of each rotation, s, (k,).
+    before : Array of int
+        The rest before each rotation, and the next one is after it, (k,).
     chunk : int
         Steps of the clock that were merged into one.
     means : bool
@@ -200,10 +203,21 @@ class InterRestRotations(ReadOnly):
     times: Float[Array, "k j"]
     white: Float[Array, "t 3"]
     seconds: Float[Array, " k"]
+    before: Int[np.ndarray, " k"]
     chunk: int
     means: bool
     force: Float[Array, "k q f"]
     force_noise: Float[Array, "c c"]
+
+    @property
+    def left_out(self) -> str:
+        """Rotations that are none, in words; empty where all are."""
+        every = np.arange(len(self.rest_times) - 1)
+        lost = np.setdiff1d(every, self.before).tolist()
+        between = ", ".join(f"{k} and {k + 1}" for k in lost)
+        return (
+            between and f"rotation left out, rows are missing: between rests {between}"
+        )
 
     @property
     def middles(self) -> Float[Array, " k"]:
@@ -269,7 +283,7 @@ def inter_rest_rotations(
     InputError
         If an argument is not usable.
     RefusedError
-        If rows are missing in a rotation, or a rest is too short.
+        If rows are missing in each rotation, or a rest is too short.
     """
     scheme = choice("scheme", scheme, SCHEMES)
     chunk = choice("chunk", chunk, (1, 2, 4, 8))
@@ -284,7 +298,8 @@ def inter_rest_rotations(
     step = np.diff(t, prepend=2.0 * t[0] - t[1])
     inner = np.minimum(margin, np.maximum(np.diff(rows)[:, 0] // 3, 1))
     first, last = rows[:-1, 1] - 1 - inner[:-1], rows[1:, 0] + inner[1:]
-    _require_no_holes(step, first, last)
+    before = _without_holes(step, first, last)
+    first, last = first[before], last[before]
     if full_scale is not None:
         _require_in_range(raw, first, last, full_scale)
     lo, hi = rows[:, 0] + inner, rows[:, 1] - inner
@@ -294,7 +309,8 @@ def inter_rest_rotations(
     y = _refilled(y, step) if scheme == "averages" else y
     parts = [PathPart(step, first, last, chunk)]
     if means:
-        parts = [_ramp(step, rows[:-1], 0), *parts, _ramp(step, rows[1:], 1)]
+        ends = rows[before], rows[before + 1]
+        parts = [_ramp(step, ends[0], 0), *parts, _ramp(step, ends[1], 1)]
     several = [
         path_statistics(y, own, a, b, scheme, merge, centre)
         for own, a, b, merge in parts
@@ -313,6 +329,7 @@ def inter_rest_rotations(
         times=begin[:, None] + np.cumsum(spent, axis=1) - 0.5 * spent,
         white=white,
         seconds=seconds,
+        before=before,
         chunk=chunk,
         means=means,
         **_forces(force, force_noise, parts),
@@ -412,18 +429,22 @@ def _refilled(y: Array, step: Array) -> Array:
     return y
 
 
-def _require_no_holes(step: Array, first: Any, last: Any) -> None:
+def _without_holes(
+    step: Float[Array, " n"], first: NDArray[np.intp], last: NDArray[np.intp]
+) -> Int[np.ndarray, " k"]:
+    # rotations in which no rows are missing: what was turned in a hole is not known
+    pairs = zip(first, last, strict=True)
+    longest = np.array([step[a + 1 : b + 1].max() for a, b in pairs])
     usual = float(np.median(step))
-    for k, (a, b) in enumerate(zip(first, last, strict=True)):
-        longest = a + 1 + int(np.argmax(step[a + 1 : b + 1]))
-        if step[longest] > _HOLE * usual:
-            msg = (
-                f"rows are missing in the rotation between rests {k} and {k + 1}: "
-                f"{step[longest]:.3g} s before row {longest}, where {usual:.3g} s is "
-                "usual; what was turned there is not known, so take the rests before "
-                "it alone, or those after it (--until, --from), or record again"
-            )
-            raise RefusedError(msg)
+    whole = np.flatnonzero(longest <= _HOLE * usual)
+    if not len(whole):
+        msg = (
+            f"rows are missing in each of the {len(first)} rotations between rests, "
+            f"{longest.min():.3g} s at once or more, where {usual:.3g} s is usual; "
+            "what was turned there is not known, so record again"
+        )
+        raise RefusedError(msg)
+    return whole
 
 
 def _require_in_range(y: Array, first: Any, last: Any, full_scale: float) -> None:

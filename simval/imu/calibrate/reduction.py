@@ -182,6 +182,7 @@ def _without_effects(
     rests = Rests(
         rates=inter_rest.rest_rates[0], times=inter_rest.rest_times,
         seconds=inter_rest.rest_seconds, rotation_seconds=inter_rest.seconds,
+        before=inter_rest.before, after=inter_rest.before + 1,
     )  # fmt: skip
     forces = acc.sensor().correct(recording.poses)
     warm = bias_terms(temperature, time, at, rests, forces, walk, drift)
@@ -217,7 +218,9 @@ def _without_effects(
         rates_of = gyroscope if gain.thermal is None else gain.rows
         inter_rest = inter_rest_rotations(time, rates_of, at, **how, **more)
     thermal = gain.thermal or warm.thermal
-    reasons = (said, found.reason, moved, warm.reason, gain.reason)
+    reasons = (
+        said, found.reason, inter_rest.left_out, moved, warm.reason, gain.reason,
+    )  # fmt: skip
     taken = Taken(
         thermal={} if thermal is None else {"gyroscope": thermal},
         G=found.G, G_sd=found.sd, reasons=tuple(x for x in reasons if x),

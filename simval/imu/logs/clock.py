@@ -55,19 +55,24 @@ def read_clock(
     Order, rate and unit are judged by some of the rows where not all have readings.
     """
     some = np.ones(len(table), bool) if rows is None else rows
-    time, second, said = None, 0.0, list[tuple[str, str]]()
-    if column is not None:
-        time, second, said = times_of(table, column, rate, some)
-    if time is None:
-        rate, how = _stated_rate(table, rate)
-        time = np.arange(len(table)) / rate
-    else:
+    time, second, said = times_of(table, column, rate, some)
+    how = "by the clock" if second else "as given" if rate is not None else ""
+    if second:
         assert column is not None
         rate = _checked_rate(table.rows(some), column, time[some], rate)
-        how = "by the clock"
         for row in table.restarts:
             words = "the header stands again above it, and the clock goes on"
             said.append(("mended", f"{table.where(row)}: {words}"))
+    else:
+        rate = stated_rate(table, rate)
+    if table.restarts and not second:
+        at = f"{(table.restarts[0] - 0.5) / rate:.6g}"
+        msg = (
+            f"{table.where(table.restarts[0])}: the header stands again above it, so "
+            "the logger was started again, and no clock says how long it stood still; "
+            f"read one of its parts: --until {at}, or --from {at}"
+        )
+        raise InputError(msg)
     if table.rate:
         name, stated = table.rate
         usual = 1.0 / float(np.median(np.diff(time[some])))
@@ -79,51 +84,45 @@ def read_clock(
     return time, rate, second, tuple(said)
 
 
-def _stated_rate(table: Table, rate: float | None) -> tuple[float, str]:
-    # of a log without a clock, and by whom; empty for the file
-    if table.restarts:
-        msg = (
-            f"{table.where(table.restarts[0])}: the header stands again above it, so "
-            "the logger was started again, and no clock says how long it stood still; "
-            f"read one of its parts{_parts_at(table, rate)}"
-        )
-        raise InputError(msg)
+def stated_rate(table: Table, rate: float | None, of: str = "") -> float:
+    """Rate that the caller states, or else the file; `of` is for the options' names.
+
+    Raises
+    ------
+    InputError
+        If nobody states one.
+    """
     if rate is not None:
-        return rate, "as given"
+        return rate
     if table.rate:
-        return table.rate[1], ""
+        return table.rate[1]
     why = "no time column and no rate given"
     if table.names is not None:
         why += " (none of the header's names is known as a clock's)"
     msg = (
-        f"{table.path}: {why}; state the sampling rate in Hz (--rate), or name the "
-        "time column `t` (--columns)"
+        f"{table.path}: {why}; state the sampling rate in Hz (--{of}rate), or name the "
+        f"time column `t` (--{of}columns)"
     )
     raise InputError(msg)
 
 
-def _parts_at(table: Table, rate: float | None) -> str:
-    # the options for those before and behind the first restart
-    rate = table.rate[1] if rate is None and table.rate else rate
-    if rate is None:
-        return ", with the rate stated (--rate HZ): --until or --from SECONDS"
-    row = table.restarts[0]
-    return f": --until {(row - 0.5) / rate:.6g}, or --from {(row - 0.5) / rate:.6g}"
-
-
 def times_of(
     table: Table,
-    column: Column,
+    column: Column | None,
     rate: float | None,
-    rows: Bool[np.ndarray, " n"],
-) -> tuple[Float[Array, " n"] | None, float, list[tuple[str, str]]]:
-    """Times in seconds, the unit of the clock, and what was done to it.
+    rows: Bool[np.ndarray, " n"] | None = None,
+    of: str = "",
+) -> tuple[Float[Array, " n"], float, list[tuple[str, str]]]:
+    """Times in seconds, the unit of the clock, s, and what was done to it.
 
-    None for a clock in words where the caller or the file states the rate.
+    Without a clock, or one in words, by the rate: the unit is then 0.
     """
+    if column is None:
+        return np.arange(len(table)) / stated_rate(table, rate, of), 0.0, []
     if not table.is_text(column.place):
         places = [column.place] if column.fine is None else [column.place, column.fine]
         ticks = np.array(table.numbers(places))
+        rows = np.ones(len(table), bool) if rows is None else rows
         require_finite(table.rows(rows), ticks[rows])
         whole, fine = ticks[:, 0], ticks[:, -1]
         if len(places) == 2 and np.all(
@@ -143,7 +142,7 @@ def times_of(
         said = _said(table, midnights, words)
         return np.asarray(time + DAY * np.cumsum(midnights)), 1.0, said
     if rate is not None or table.rate:
-        return None, 0.0, []
+        return times_of(table, None, rate)
     msg = (
         f"{table.where(0)}, column {column.place + 1}: {texts[0][:40]!r} is not a time "
         "in numbers, nor a date like 2024-01-31 12:00:00.25 in each row; leave the "

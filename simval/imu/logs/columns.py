@@ -109,11 +109,11 @@ def chosen(
     columns: str | Sequence[str] | None,
     sensor: str | None = None,
     *,
-    alone: bool = False,
+    alone: Collection[Kind] = (),
 ) -> tuple[Column, ...]:
     """Choose the columns of a log, where it has several sensors those of one.
 
-    They need not be an accelerometer's if another sensor may be `alone`.
+    They need not be an accelerometer's if a sensor may be `alone`.
     """
     if sensor is not None and (columns is not None or table.names is None):
         msg = f"{table.path} has one sensor without a name, so leave out --instance"
@@ -371,12 +371,12 @@ def given(
 
 
 def _given(
-    table: Table, columns: str | Sequence[str], *, alone: bool
+    table: Table, columns: str | Sequence[str], *, alone: Collection[Kind]
 ) -> tuple[Column, ...]:
     pairs = given(table, columns, "columns", NAMES)
     used = [role for role, _ in pairs if role != SKIP]
-    parts = [len(set(roles) & set(used)) for roles in ROLES.values()]
-    complete = set(parts) <= {0, 3} and (parts[0] == 3 or (alone and any(parts)))
+    parts = {kind: len(set(roles) & set(used)) for kind, roles in ROLES.items()}
+    complete = {*parts.values()} <= {0, 3} and any(parts[x] for x in ("force", *alone))
     if not (complete and len(set(used)) == len(used)):
         names = columns if isinstance(columns, str) else ",".join(map(str, columns))
         msg = (
@@ -400,11 +400,13 @@ def channels_of(table: Table) -> list[Channel]:
     return [channel(name) for name in table.names or ()]
 
 
-def _by_header(table: Table, sensor: str | None, *, alone: bool) -> tuple[Column, ...]:
+def _by_header(
+    table: Table, sensor: str | None, *, alone: Collection[Kind]
+) -> tuple[Column, ...]:
     names, channels = table.names or (), channels_of(table)
     own, others, places = sensor or "", set[str](), dict[str, int]()
     another = _no_force(table)
-    if another and not alone:
+    if another and not any(len(triples(table, kind)) == 1 for kind in alone):
         msg = (
             f"{table.path} names no accelerometer, which finds the rests and the axes; "
             "`simval noise` measures the noise of another sensor alone. Name each "
@@ -533,15 +535,17 @@ def clock_of(table: Table) -> Column | None:
     return Column(role="t", place=place, name=names[place], unit=unit, fine=fine[place])
 
 
-def clock_between(table: Table, place: int, others: Collection[int]) -> int | None:
-    """Place of a sensor's own clock, beside another sensor with its own; None for none.
+def clock_between(table: Table, place: int, others: Collection[int]) -> Column | None:
+    """A sensor's own clock, beside another sensor with its own; None for none.
 
     It stands before the sensor's columns and behind those of another.
     """
     before = max((other for other in others if other < place), default=place)
-    channels = channels_of(table)
-    between = range(before + 1, place)
-    own = [k for k in between if channels[k].kind == "time" and not table.is_text(k)]
+    own = [
+        Column(role="t", place=k, unit=each.unit)
+        for k, each in enumerate(channels_of(table))
+        if before < k < place and each.kind == "time" and not table.is_text(k)
+    ]
     return own[-1] if own else None
 
 

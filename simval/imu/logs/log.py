@@ -1,7 +1,7 @@
 """A log and the function that reads one, see `simval.imu.logs`."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any
@@ -10,21 +10,20 @@ import numpy as np
 
 from simval.arrays import Array, ReadOnly, positive_number
 from simval.errors import InputError, noting
-from simval.imu.logs.clock import GAP, read_clock, require_finite
+from simval.imu.logs.clock import GAP, read_clock, require_finite, times_of
 from simval.imu.logs.columns import (
     ROLES,
     SENSORS,
     TEMPERATURE,
     Column,
     are_means,
-    channels_of,
     chosen,
     clock_between,
     several,
     sign_of,
 )
 from simval.imu.logs.joining import Stream, candidates, joined
-from simval.imu.logs.names import SECONDS, UNITS, Kind, channel
+from simval.imu.logs.names import UNITS, Kind, channel
 from simval.imu.logs.parts import Edge, Part
 from simval.imu.logs.readers import read_table
 from simval.imu.logs.rows import BEFORE, Rows
@@ -228,7 +227,7 @@ def read_log(
     *,
     start: Edge = None,
     stop: Edge = None,
-    alone: bool = False,
+    alone: Collection[Kind] = (),
     means: bool = False,
 ) -> Log:
     """Read a log of an accelerometer's rows, with a gyroscope's and a magnetometer's.
@@ -253,8 +252,8 @@ def read_log(
         First and last time of the part to read: seconds of the log's clock, as `time`
         of the whole log has them, or a time of day in the log's own form. What is
         outside is not judged; None reads from the beginning or to the end.
-    alone : bool
-        Whether a log of another sensor without an accelerometer is read, too.
+    alone : collection of {"gyro", "mag"}
+        Of these a log is read without an accelerometer, too.
     means : bool
         Whether each row is the mean of a pose: a clock is then none, and the time is
         the number of the row.
@@ -321,7 +320,11 @@ def _taken(
     time = time + early
     if (part and apart) or not np.all([*there.values()]):
         stamps = {kind: time[rows] for kind, rows in there.items()}
-        stamps |= _own_stamps(table, apart, there, second)
+        stamps |= {
+            kind: times_of(table.rows(there[kind]), own, None)[0]
+            for kind, own in apart.items()
+            if kind in there
+        }
         words = f"each sensor has rows of its own, of {len(time)} in all"
         of_file = None
         merged = _merged(
@@ -404,34 +407,20 @@ def _readings(
     return dict(zip(own, parts, strict=True))
 
 
-def _own_clocks(table: Table, picked: tuple[Column, ...]) -> dict[Kind, int]:
+def _own_clocks(table: Table, picked: tuple[Column, ...]) -> dict[Kind, Column]:
     # clocks of sensors that stand side by side, each behind one of its own
     places = {each.role: each.place for each in picked}
     kinds = [kind for kind, roles in ROLES.items() if places.keys() >= {*roles}]
     taken = [places[role] for kind in kinds for role in ROLES[kind]]
-    found = {}
-    for kind in kinds:
-        first = min(places[role] for role in ROLES[kind])
-        clock = clock_between(table, first, taken)
-        if clock is not None and clock != places.get("t"):
-            found[kind] = clock
-    return found
-
-
-def _own_stamps(
-    table: Table,
-    clocks: dict[Kind, int],
-    there: dict[Kind, Bool[np.ndarray, " n"]],
-    second: float,
-) -> dict[Kind, Float[Array, " m"]]:
-    # stamps by these clocks, of rows in which there are readings
-    found = {}
-    for kind in there.keys() & clocks.keys():
-        rows, unit = table.rows(there[kind]), channels_of(table)[clocks[kind]].unit
-        ticks = rows.numbers([clocks[kind]])
-        require_finite(rows, ticks)
-        found[kind] = ticks[:, 0] * (SECONDS[unit] if unit else second)
-    return found
+    first = {kind: min(places[role] for role in ROLES[kind]) for kind in kinds}
+    found = {kind: clock_between(table, first[kind], taken) for kind in kinds}
+    usual = _of("t", picked)
+    unit = usual.unit if usual else ""
+    return {
+        kind: own if own.unit else replace(own, unit=unit)
+        for kind, own in found.items()
+        if own is not None and own.place != places.get("t")
+    }
 
 
 def _merged(

@@ -75,22 +75,10 @@ def _every_time(
     table: Table, column: Column | None, rate: float | None
 ) -> Float[Array, " n"]:
     # of all rows, in whatever order; NaN where a row has none
-    time = None
-    if column is not None:
-        there = np.ones(len(table), bool)
-        if not table.is_text(column.place):
-            there = np.isfinite(table.numbers([column.place])[:, 0])
-        time = times_of(table, column, rate, there)[0]
-    if time is None:
-        stated = table.rate[1] if rate is None and table.rate else rate
-        if stated is None:
-            msg = (
-                f"{table.path}: a part is asked for, and there is no clock; state the "
-                "sampling rate in Hz (--rate), or name the time column `t` (--columns)"
-            )
-            raise InputError(msg)
-        time = np.arange(len(table)) / stated
-    return time
+    there = np.ones(len(table), bool)
+    if column is not None and not table.is_text(column.place):
+        there = np.isfinite(table.numbers([column.place])[:, 0])
+    return times_of(table, column, rate, there)[0]
 
 
 def _seconds(

@@ -229,15 +229,10 @@ def _unit(table: Table, components: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
 
 
 def _times(table: Table, column: Column | None, rate: float | None) -> Array:
-    every = np.ones(len(table), bool)
-    time = None if column is None else times_of(table, column, rate, every)[0]
-    if time is None:
-        if rate is None:
-            msg = (
-                f"{table.path}: no clock is named and no rate given; state it "
-                "(--truth-rate HZ), or name the column t (--truth-columns)"
-            )
-            raise InputError(msg)
-        return np.arange(len(table)) / positive_number("truth_rate", rate, "Hz")
+    if rate is not None:
+        positive_number("truth_rate", rate, "Hz")
+    time, second, _ = times_of(table, column, rate, of="truth-")
+    if not second:
+        return time
     require_increasing(table, column, time, "sort the rows, or leave repeated ones out")
     return time

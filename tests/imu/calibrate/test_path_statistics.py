@@ -185,13 +185,23 @@ def clock(row=None, steps=1.0):
 
 @pytest.mark.parametrize(("row", "move"), [(17, 0), (39, 1)])
 def test_a_hole_in_a_move_is_three_and_a_half_steps(row, move):
-    inter_rest_rotations(clock(row, 3.5 * (1 - CLOSE)), readings(), RESTS)
-    with pytest.raises(RefusedError, match=f"between rests {move} and {move + 1}"):
-        inter_rest_rotations(clock(row, 3.5 * (1 + CLOSE)), readings(), RESTS)
+    def moves(row, steps, **how):
+        return inter_rest_rotations(clock(row, steps), readings(), RESTS, **how)
+
+    whole, found = moves(row, 3.5 * (1 - CLOSE)), moves(row, 3.5 * (1 + CLOSE))
+    assert whole.before.tolist() == [0, 1]
+    assert whole.left_out == ""
+    assert found.before.tolist() == [1 - move]
+    assert found.left_out.endswith(f"between rests {move} and {move + 1}")
+    kept = whole.statistics[:, 1 - move : 2 - move]
+    np.testing.assert_array_equal(found.statistics, kept)
+    np.testing.assert_array_equal(found.rest_rates, whole.rest_rates)
     # in the middle of a rest it hides no turn; the margin's rows belong to the move
-    inter_rest_rotations(clock(28, 10.0), readings(), RESTS, margin=2)
-    with pytest.raises(RefusedError, match=r"before row 32,"):
-        inter_rest_rotations(clock(32, 10.0), readings(), RESTS, margin=2)
+    assert moves(28, 10.0, margin=2).before.tolist() == [0, 1]
+    assert moves(32, 10.0, margin=2).before.tolist() == [0]
+    every = clock(17, 10.0) + clock(39, 10.0)
+    with pytest.raises(RefusedError, match="missing in each of the 2 rotations"):
+        inter_rest_rotations(every, readings(), RESTS)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

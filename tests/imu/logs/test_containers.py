@@ -79,6 +79,9 @@ def test_the_table_of_formats_has_every_container():
     lines = (ROOT / "docs" / "howto" / "logs.md").read_text().splitlines()
     cells = [line.split("|")[3] for line in lines if line.count("|") == 5]
     assert set(re.findall(r"`(\w+)`", " ".join(cells))) == set(WRITERS)
+    rows = lines[lines.index("| program | what is odd in it | writer |") :]
+    last = " ".join(line.split("|")[3] for line in rows[2 : rows.index("")])
+    assert set(re.findall(r"`(\w+)`", last)) == set(FORMS)
 
 
 def test_what_stands_in_a_folder_is_looked_at_before_it_is_read(tmp_path):

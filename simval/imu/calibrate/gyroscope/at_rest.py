@@ -59,11 +59,12 @@ def choose_bias(
     N2 = float((walk**2).mean())
     K = walk_of(rests, np.ones((len(rests.times), 1)))[1] if drift is None else drift
     w = rests.seconds / rests.seconds.sum()
-    middle = 0.5 * (rests.times[1:] + rests.times[:-1])
+    middle = 0.5 * (rests.times[rests.after] + rests.times[rests.before])
     away = np.diagonal(walk_covariance(middle, w, rests.times))
     T2 = rests.rotation_seconds**2
     constant = float(np.mean(T2 * (N2 / rests.seconds.sum() + K * K * away)))
-    pairs = 0.25 * (1.0 / rests.seconds[1:] + 1.0 / rests.seconds[:-1])
+    each = 1.0 / rests.seconds
+    pairs = 0.25 * (each[rests.after] + each[rests.before])
     line = float(np.mean(T2 * N2 * pairs + K * K * rests.rotation_seconds**3 / 12.0))
     odds = walk_odds(rests, walk, drift) if len(rests.times) > 2 else -np.inf
     needed = ODDS if drift is None else 1.0 / ODDS

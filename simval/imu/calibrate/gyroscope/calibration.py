@@ -37,7 +37,7 @@ from simval.imu.calibrate.recording import Recording
 from simval.imu.calibrate.residuals import WEIGHTED, noise_shares
 from simval.imu.calibrate.result import FitResult
 from simval.poses import axis_orders
-from simval.shapes import Float
+from simval.shapes import Float, Int
 from simval.turns import MATRIX, TurnObservability, best_next_turn, judge, missing
 
 A: Final = 9  # accelerometer's parameters, and entries of M
@@ -96,7 +96,7 @@ def require_told(
     else:
         fault = f"leave a relative error of {sd:.2g}, {SD_LIMIT:g} at most"
     msg = (
-        f"the {len(u) - 1} rotations {fault}: they do not tell {missing(found)}; "
+        f"the {len(rows) // 2} rotations {fault}: they do not tell {missing(found)}; "
         f"from the last rest turn by {np.degrees(angle):.0f} degrees about the axis "
         f"({named}) of the sensor and rest again, and so on with other axes"
     )
@@ -154,7 +154,7 @@ def fit_gyroscope(
     if single and estimator == "joint" and np.all(std == stated):
         problem, solution, factors = weighed(problem, solution, MOST_STEPS)
         follows = drift(problem, solution, factors)
-    dof = 3 * count - 20 if estimator == "joint" else 2 * count - 11
+    dof = 2 * len(inter_rest.before) - A + (count - A if estimator == "joint" else 0)
     result = _numbers(problem, solution, theta, dof)
     if single:
         M, told = result["parameters"][0, :A].reshape(3, 3), result["covariance"][0]
@@ -229,8 +229,10 @@ def _start(
 ) -> Float[Array, "t 3 3"]:
     if start is not None:
         return np.broadcast_to(start, (len(u), 3, 3))
-    E = across(u[:, 1:])
-    found = [first_matrix(inter_rest.statistics[i], u[i], E[i]) for i in range(len(u))]
+    found = [
+        first_matrix(each, own, inter_rest.before)
+        for each, own in zip(inter_rest.statistics, u, strict=True)
+    ]
     if not np.isfinite(found).all():
         msg = "the gyroscope reads nothing between the rests; check its columns"
         raise InputError(msg)
@@ -272,7 +274,7 @@ GOOD: Final = 0.1  # rad, rms of rows at a start that is near; sensors are 1 % o
 def first_matrix(
     statistics: Float[Array, "k 10 j"],
     u: Float[Array, "n 3"],
-    E: Float[Array, "k 2 3"],
+    before: Int[np.ndarray, " k"],
 ) -> Float[Array, "3 3"]:
     """Best of the matrices that are a scale times an order of axes."""
     way = np.sqrt((statistics[:, :3] ** 2).sum(axis=1)).sum(axis=1)
@@ -284,18 +286,21 @@ def first_matrix(
     count = int(np.ceil(np.log(_MOST / _LEAST) / np.log(_RATIO)))
     scales = _LEAST / typical * _RATIO ** np.arange(count + 1)
     aligned = scales[:, None, None] * np.eye(3)
-    cost = _costs(statistics, u, E, aligned)
+    cost = _costs(statistics, u, before, aligned)
     best = aligned[np.argmin(cost)]
     if cost.min() < GOOD:
         return best
     every = (scales[:, None, None, None] * axis_orders()).reshape(-1, 3, 3)
-    costs = _costs(statistics, u, E, every)
+    costs = _costs(statistics, u, before, every)
     # as it stands, unless another order is far better
     return every[np.argmin(costs)] if costs.min() < 0.5 * cost.min() else best
 
 
-def _costs(statistics: Array, u: Array, E: Array, guesses: Array) -> Float[Array, " m"]:
+def _costs(
+    statistics: Array, u: Array, before: Any, guesses: Array
+) -> Float[Array, " m"]:
     # root mean square of the rows, rad
+    E = across(u[None, before + 1])[0]
     size = max(1, _CHUNKS // (statistics.shape[0] * statistics.shape[2]))
     parts = []
     for i in range(0, len(guesses), size):
@@ -303,8 +308,9 @@ def _costs(statistics: Array, u: Array, E: Array, guesses: Array) -> Float[Array
         C = final_rotations(statistics[None], some, np.zeros((len(some), 3)))
         m = len(some)
         e = inter_rest_residuals(
-            C, np.broadcast_to(u, (m, *u.shape)), np.broadcast_to(E, (m, *E.shape))
-        )
+            C, np.broadcast_to(u, (m, *u.shape)), np.broadcast_to(E, (m, *E.shape)),
+            before,
+        )  # fmt: skip
         parts.append(np.sqrt((e * e).mean(axis=-1)))
     return np.concatenate(parts)
 
@@ -324,7 +330,8 @@ def approach(
 
     Returns M, and the derivative and the values of the residuals a small step before.
     """
-    S, rows = inter_rest.statistics[:, :, :3], 2 * inter_rest.statistics.shape[1]
+    S, before = inter_rest.statistics[:, :, :3], inter_rest.before
+    rows = 2 * len(before)
     greatest = np.sqrt((S * S).sum(axis=2)).max(axis=(1, 2))
     angle = np.maximum(greatest * np.linalg.norm(M, 2, axis=(1, 2)), 1e-300)
     sizes = np.minimum(8, 2 ** np.log2(np.maximum(1.0, _ANGLE / angle)).astype(int))
@@ -333,12 +340,12 @@ def approach(
         active = np.flatnonzero(sizes == size)
         statistics = merged(inter_rest.statistics[active], size)
         for _ in range(_MOST_PLAIN):
-            here, E = u[active], across(u[active, 1:])
+            here, E = u[active], across(u[active][:, before + 1])
             moved = rotations(statistics, M[active], B[active])
             EC = E @ np.swapaxes(moved.C, -1, -2)
-            slopes = np.cross(EC, here[:, :-1, None, :]) @ moved.slopes
+            slopes = np.cross(EC, here[:, before, None, :]) @ moved.slopes
             J[active] = slopes.reshape(len(here), -1, 12)
-            e[active] = inter_rest_residuals(moved.C, here, E)
+            e[active] = inter_rest_residuals(moved.C, here, E, before)
             # the shortest step where the residuals do not tell it
             back = np.linalg.pinv(J[active][..., :A], rcond=_RANK)
             step = -np.vecdot(back, e[active][:, None]).reshape(-1, 3, 3)

@@ -40,7 +40,7 @@ from simval.imu.calibrate.gyroscope.rotation import (
     rotations,
 )
 from simval.imu.calibrate.path_statistics import InterRestRotations, taken
-from simval.shapes import Float
+from simval.shapes import Float, Int
 
 HOLD: Final = "hold"
 """Name of the error of the direction in which a body rests."""
@@ -66,10 +66,11 @@ def inter_rest_residuals(
     C: Float[Array, "t k 3 3"],
     u: Float[Array, "t n 3"],
     E: Float[Array, "t k 2 3"],
+    before: Int[np.ndarray, " k"],
 ) -> Float[Array, "t r"]:
-    """Residuals of gravity, eq. (N5)."""
-    arrived = (u[:, :-1, None, :] @ C)[..., 0, :]  # C'u
-    e = (E @ (arrived - u[:, 1:])[..., None])[..., 0]
+    """Residuals of gravity, eq. (N5), between the rests before and those after them."""
+    arrived = (u[:, before, None, :] @ C)[..., 0, :]  # C'u
+    e = (E @ (arrived - u[:, before + 1])[..., None])[..., 0]
     return e.reshape(len(u), -1)
 
 
@@ -130,10 +131,10 @@ class InterRest:
     def errors(self, at: dict[str, Corrected], theta: Array) -> tuple[Beside, ...]:
         """Errors that may stand beside its noise, of variance 1, in its rows."""
         none = replace(self, noise=self.noise.none, hold=0.0, change=0.0)
-        w, E = self._compared(at), self._axes(at)
-        made, _ = self._linearised(w, E, theta)
+        (w, v), E = self._compared(at), self._axes(at)
+        made, _ = self._linearised(w, v, E, theta)
         V = [
-            each._noise(made, w, E)[0]
+            each._noise(made, v, E)[0]
             for each in (
                 replace(none, hold=1.0),
                 replace(none, noise=none.noise.beside(1.0)),
@@ -162,13 +163,13 @@ class InterRest:
 
     def rows(self, at: dict[str, Corrected], theta: Array) -> Between:
         """Linearised residuals, eq. (N6), and of the bias over the rate."""
-        w, E = self._compared(at), self._axes(at)
-        made, EC = self._linearised(w, E, theta)
-        V, whole, (t, k, a, _) = self._noise(made, w, E), made.by_gyroscope, E.shape
+        (w, v), E = self._compared(at), self._axes(at)
+        made, EC = self._linearised(w, v, E, theta)
+        V, whole, (t, k, a, _) = self._noise(made, v, E), made.by_gyroscope, E.shape
         e, ends = made.e, V.shape[1] - k * a
         own = np.zeros((t, k * a + ends, self.size))
         own[:, : k * a] = whole[..., : self.size]
-        by = {}
+        by, before = {}, self.inter_rest.before
         for name, mine in (("accelerometer", slice(0, 2)), ("magnetometer", [2])):
             if name not in at:
                 continue
@@ -178,8 +179,8 @@ class InterRest:
                 length = np.linalg.norm(at[name].w, axis=-1)[..., None, None]
                 u = at[name].w[..., None, :] / length
                 flat = (np.eye(3) - np.swapaxes(u, -1, -2) * u) / length
-                first, last = first @ flat[:, :-1], last @ flat[:, 1:]
-            by[name] = _pulled(at[name], first, last, ends)
+                first, last = first @ flat[:, before], last @ flat[:, before + 1]
+            by[name] = _pulled(at[name], first, last, self.inter_rest, ends)
         if ends:
             own[:, -3:, 9:] = np.eye(3) / self.rate[:, None]
             off = self.split(theta)[1] - self.noise.bias_value
@@ -187,23 +188,23 @@ class InterRest:
         return Between(r=e, own=own, by=by, V=V, axes=E, whole=whole)
 
     def _linearised(
-        self, w: Array, E: Array, theta: Array
+        self, w: Array, v: Array, E: Array, theta: Array
     ) -> tuple[Linearised, Float[Array, "t k a 3"]]:
         # and the axes of the end, turned to the start
         moved = rotations(self.inter_rest.statistics, *self.split(theta))
         EC = E @ np.swapaxes(moved.C, -1, -2)
-        by_angle = np.cross(EC, w[:, :-1])
+        by_angle = np.cross(EC, w)
         t, k, a, _ = E.shape
-        e = (np.vecdot(EC, w[:, :-1]) - np.vecdot(E, w[:, 1:])).reshape(t, k * a)
+        e = (np.vecdot(EC, w) - np.vecdot(E, v)).reshape(t, k * a)
         whole = (by_angle @ moved.slopes).reshape(t, k * a, 12)
         return Linearised(e, moved, by_angle, whole), EC
 
-    def _noise(self, made: Linearised, w: Array, E: Array) -> Float[Array, "t r r"]:
+    def _noise(self, made: Linearised, v: Array, E: Array) -> Float[Array, "t r r"]:
         # covariance of the rows by the noise, and by errors beside it
         ends = 3 if self.size == 12 else 0
         V, (t, k, a, _) = covariance(made, self.inter_rest, self.noise, ends), E.shape
         if self.hold > 0.0:
-            L = _at_rests(-made.by_angle, np.cross(E, w[:, 1:]), ends)
+            L = _at_rests(self.inter_rest, -made.by_angle, np.cross(E, v), ends)
             L = L.reshape(t, k * a + ends, -1)
             V += self.hold * (L @ np.swapaxes(L, -1, -2))
         if self.change > 0.0:
@@ -220,9 +221,9 @@ class InterRest:
         """Values of the rows, compared in the axes of a linearisation."""
         M, B = self.split(theta)
         C = final_rotations(self.inter_rest.statistics, M, B)
-        w = self._compared(at)
+        w, v = self._compared(at)
         EC = here @ np.swapaxes(C, -1, -2)
-        e = np.vecdot(EC, w[:, :-1]) - np.vecdot(here, w[:, 1:])
+        e = np.vecdot(EC, w) - np.vecdot(here, v)
         parts = [e.reshape(len(e), -1)]
         if self.size == 12:
             parts.append((B - self.noise.bias_value) / self.rate)
@@ -232,18 +233,22 @@ class InterRest:
         """Between gravity as rotated and as read at the end of each rotation, rad."""
         u = _unit(at["accelerometer"].w)
         C = final_rotations(self.inter_rest.statistics, *self.split(theta))
-        turned = (u[:, :-1, None] @ C)[:, :, 0]
-        sine = np.linalg.norm(np.cross(turned, u[:, 1:]), axis=-1)
+        before = self.inter_rest.before
+        turned = (u[:, before, None] @ C)[:, :, 0]
+        sine = np.linalg.norm(np.cross(turned, u[:, before + 1]), axis=-1)
         return np.asarray(np.arcsin(np.minimum(sine, 1.0)))
 
-    def _compared(self, at: dict[str, Corrected]) -> Float[Array, "t n a 3"]:
-        # vectors of each rest that the residuals compare
+    def _compared(
+        self, at: dict[str, Corrected]
+    ) -> tuple[Float[Array, "t k a 3"], Float[Array, "t k a 3"]]:
+        # vectors that the residuals compare, of the rests before and after a rotation
         u = _unit(at["accelerometer"].w)
         field = [at["magnetometer"].w] if self.each == 3 else []
-        return np.stack([u, u, *field], axis=2)
+        w, before = np.stack([u, u, *field], axis=2), self.inter_rest.before
+        return w[:, before], w[:, before + 1]
 
     def _axes(self, at: dict[str, Corrected]) -> Float[Array, "t k a 3"]:
-        w = self._compared(at)[:, 1:]
+        w = self._compared(at)[1]
         E = across(w[:, :, 0])
         if self.each == 3:
             sideways = _unit(np.cross(w[:, :, 0], w[:, :, 2]))
@@ -252,28 +257,30 @@ class InterRest:
 
 
 def _pulled(
-    at: Corrected, first: Float[Array, "t k a 3"], last: Array, more: int
-) -> tuple[Float[Array, "t r q"], Float[Array, "t r n 3"]]:
+    at: Corrected, first: Float[Array, "t k a 3"], last: Array,
+    inter_rest: InterRestRotations, more: int,
+) -> tuple[Float[Array, "t r q"], Float[Array, "t r n 3"]]:  # fmt: skip
     # derivatives of the rows by a triad's parameters and unit noises, from those by its
     # vectors at the start and the end of each rotation
-    start, from_start = at.pull(first, slice(None, -1))
-    end, from_end = at.pull(last, slice(1, None))
+    start, from_start = at.pull(first, inter_rest.before)
+    end, from_end = at.pull(last, inter_rest.before + 1)
     t, k, a = first.shape[:3]
     J = np.zeros((t, k * a + more, start.shape[-1]))
     J[:, : k * a] = (start + end).reshape(t, k * a, -1)
-    return J, _at_rests(from_start, from_end, more)
+    return J, _at_rests(inter_rest, from_start, from_end, more)
 
 
 def _at_rests(
-    start: Float[Array, "t k a 3"], end: Float[Array, "t k a 3"], more: int = 0
-) -> Float[Array, "t r n 3"]:
+    inter_rest: InterRestRotations, start: Float[Array, "t k a 3"], end: Array,
+    more: int = 0,
+) -> Float[Array, "t r n 3"]:  # fmt: skip
     # slopes of the rows by what belongs to the rests before and after each rotation
     t, k, a, _ = start.shape
-    i, L = np.arange(k), np.zeros((t, k * a + more, k + 1, 3))
-    each = np.zeros((t, k, a, k + 1, 3))
-    each[:, i, :, i] = np.moveaxis(start, 1, 0)
-    each[:, i, :, i + 1] = np.moveaxis(end, 1, 0)
-    L[:, : k * a] = each.reshape(t, k * a, k + 1, 3)
+    i, before, n = np.arange(k), inter_rest.before, len(inter_rest.rest_times)
+    L, each = np.zeros((t, k * a + more, n, 3)), np.zeros((t, k, a, n, 3))
+    each[:, i, :, before] = np.moveaxis(start, 1, 0)
+    each[:, i, :, before + 1] = np.moveaxis(end, 1, 0)
+    L[:, : k * a] = each.reshape(t, k * a, n, 3)
     return L
 
 
@@ -357,7 +364,7 @@ def change_noise(rows: Linearised, inter_rest: InterRestRotations) -> Array:
 
 
 def rest_noise(
-    rows: Linearised, inter_rest: InterRestRotations, noise: GyroscopeNoise, ends: int
+    rows: Linearised, inter_rest: InterRestRotations, noise: GyroscopeNoise, more: int
 ) -> Float[Array, "t r m"]:
     r"""Residuals, and as many rows of the bias, by the white noise within each rest.
 
@@ -371,14 +378,15 @@ def rest_noise(
     t, r = rows.e.shape
     moved, std, both = rows.rotations, N / np.sqrt(T), list[Array]()
     before, after = np.zeros((2, *rows.by_angle.shape))
+    ends = inter_rest.before, inter_rest.before + 1
     if noise.bias == "line":
-        start, end = inter_rest.rest_times[:-1, None], inter_rest.rest_times[1:, None]
+        start, end = (inter_rest.rest_times[rests, None] for rests in ends)
         along = (inter_rest.times - start) / (end - start)
         before, after = (
             rows.by_angle @ moved.by_line(weights) * std[rests]
             for weights, rests in (
-                (1.0 - along, slice(None, -1)),
-                (along, slice(1, None)),
+                (1.0 - along, ends[0]),
+                (along, ends[1]),
             )
         )
     if inter_rest.means:
@@ -386,12 +394,12 @@ def rest_noise(
         by = rows.by_angle[:, :, None] @ np.moveaxis(
             moved.by_rate()[..., (0, -1), :], 3, 2
         )
-        start, end = by[:, :, 0] * ramp[:-1], by[:, :, 1] * ramp[1:]
+        start, end = by[:, :, 0] * ramp[ends[0]], by[:, :, 1] * ramp[ends[1]]
         before, after = before + start, after + end
-        both.append(_at_rests(start, -end, ends) / np.sqrt(3.0))
-    mean = _at_rests(before, after, ends)
-    mean[:, r:] = -np.eye(3)[:ends, None] * (noise.weights[:, None] * std[:, 0])
-    return np.concatenate([x.reshape(t, r + ends, -1) for x in (mean, *both)], axis=2)
+        both.append(_at_rests(inter_rest, start, -end, more) / np.sqrt(3.0))
+    mean = _at_rests(inter_rest, before, after, more)
+    mean[:, r:] = -np.eye(3)[:more, None] * (noise.weights[:, None] * std[:, 0])
+    return np.concatenate([x.reshape(t, r + more, -1) for x in (mean, *both)], axis=2)
 
 
 def bridge_covariance(
@@ -401,14 +409,15 @@ def bridge_covariance(
     # theta = int A (b - line) dt = int g dW, g(s) = int_s A dt - int (t / T) A dt
     tau = inter_rest.statistics[0, :, 9]  # k j
     pulls = moved.by_rate() * tau[:, None, :, None]  # t k 3 j 3
-    length = (inter_rest.rest_times[1:] - inter_rest.rest_times[:-1])[:, None]
-    along = (inter_rest.times - inter_rest.rest_times[:-1, None]) / length
+    rests, before = inter_rest.rest_times, inter_rest.before
+    length = (rests[before + 1] - rests[before])[:, None]
+    along = (inter_rest.times - rests[before, None]) / length
     whole = (pulls * along[:, None, :, None]).sum(axis=3, keepdims=True)
     later = np.cumsum(pulls[..., ::-1, :], axis=3)[..., ::-1, :] - 0.5 * pulls
     g = later - whole
     # before the rotation the integral is whole, after it nothing is left of it
     total, whole = pulls.sum(axis=3) - whole[..., 0, :], whole[..., 0, :]
-    begin = inter_rest.times[:, 0] - 0.5 * tau[:, 0] - inter_rest.rest_times[:-1]
+    begin = inter_rest.times[:, 0] - 0.5 * tau[:, 0] - rests[before]
     rest = length[:, 0] - begin - tau.sum(axis=1)
     square = np.einsum("tkajb,tkcjb,kj->tkac", g, g, tau)
     square += np.einsum("tkab,tkcb,k->tkac", total, total, begin)

@@ -20,7 +20,7 @@ effect: a fit of all axes with one variance says so in up to 19 % of such logs.
 """
 
 from itertools import product
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -46,6 +46,8 @@ class Rests(NamedTuple):
     times: Float[Array, " n"]  # s
     seconds: Float[Array, " n"]
     rotation_seconds: Float[Array, " k"]
+    before: Any = slice(None, -1)  # the rest of each rotation that is before it
+    after: Any = slice(1, None)
 
 
 class Effect(NamedTuple):

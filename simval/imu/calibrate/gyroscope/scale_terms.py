@@ -44,8 +44,7 @@ def scale_terms(
     By their residuals, weighed by the white noise of each axis, with M fitted anew for
     a small scale of each axis by turns, and the F test of `goodness_of_fit.Drop`.
     """
-    count, seen = 2 * (len(forces) - 1), warm.seen
-    left = count - 12
+    left, seen = 2 * (len(forces) - 1) - 12, warm.seen
     if seen is None or seen.span < seen.least_span or left < LEAST_LEFT:
         return Gain()
     tau = np.asarray(warm.temperature)[:, None] - seen.reference
@@ -59,8 +58,9 @@ def scale_terms(
         rates = centre + (1.0 + (kappa + tried)[:, None] * tau) * away
         turned = inter_rest_rotations(time, rates, rests, **how)
         if not square:
-            M[:] = first_matrix(turned.statistics[0], u[0], across(u[:1, 1:])[0])
-        if not np.isfinite(M).all():
+            left = 2 * len(turned.before) - 12
+            M[:] = first_matrix(turned.statistics[0], u[0], turned.before)
+        if not (np.isfinite(M).all() and left >= LEAST_LEFT):
             return Gain()
         M, J, e = approach(turned, np.zeros((4, 3)), u, M)
         white = _whitening(turned, M[:1], u[:1], walk)
@@ -95,9 +95,9 @@ def _whitening(
     # inverse root of the covariance (N6) of residuals by the noise of each axis, up to
     # a factor
     moved = rotations(turned.statistics[:1], M, np.zeros((1, 3)))
-    EC = across(u[:, 1:]) @ np.swapaxes(moved.C, -1, -2)
+    EC = across(u[:, turned.before + 1]) @ np.swapaxes(moved.C, -1, -2)
     N = np.maximum(walk / max(walk.max(), np.finfo(float).tiny), _QUIET)
-    by = np.cross(EC, u[:, :-1, None, :])[0, :, None] @ np.moveaxis(
+    by = np.cross(EC, u[:, turned.before, None, :])[0, :, None] @ np.moveaxis(
         moved.by_rate(N)[0], 2, 1
     )
     root = by * np.sqrt(turned.statistics[0, :, 9])[..., None, None]
