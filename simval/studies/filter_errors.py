@@ -3,9 +3,11 @@ r"""Errors of an attitude filter over many trials, and what it states of them.
 Where the filter is told the truth and nothing disturbs it, its normalised squared error
 (NEES) must have the mean that chi-square gives, 3 for the attitude and 6 with the bias,
 its normalised squared innovations (NIS) the number of them, and its innovations must
-not correlate; both sides are judged. Judged are means of whole trials with their own
-standard error, and the worst instant by the exact law over trials: rows of one trial
-are correlated and are never counted as samples (`simval.consistency`).
+not correlate; both sides are judged. Beside chance they may be off by the second order
+and by what averages leave out of the turns, each as theory has it of the cell. Judged
+are means of whole trials with their own standard error, and the worst instant by the
+exact law over trials: rows of one trial are correlated and are never counted as samples
+(`simval.consistency`).
 
 Noise, start and bias are drawn anew for each trial, so the mean over trials of a sound
 filter's error is 0 to first order. What is left of a mean :math:`m_k` at the instants k
@@ -58,7 +60,10 @@ once in 10^8 cells."""
 OVER = 0.02
 """Of a root mean square over what theory says."""
 RELATIVE = 0.01
-"""Of a NEES or NIS beside eq. (F15), which is of readings: what a step leaves out."""
+"""Of a NEES or NIS: what Q leaves out of the turn of a step, its square over 12, which
+is 0.0015 at 25 Hz in the fastest scenario."""
+LEAST_SHOWN: Final = 1e-6
+"""Of a mean square: a source that never has more is not shown in the budget."""
 GROWS = 3.0
 """Of a normalised square, by eq. (F15)'s square of the second order."""
 MOST: Final = 0.8
@@ -207,31 +212,41 @@ def over_bound_rows(
 
 
 def consistency_rows(
-    answers: Answers, judged: bool, left: Array | float = 0.0
+    answers: Answers,
+    judged: bool,
+    left: Array | float = 0.0,
+    least: FilterPrediction | None = None,
 ) -> tuple[Row, ...]:
     """NEES, NIS and the correlation of innovations, judged or only shown.
 
-    Of what the second order may add, `left`, a normalised square has `GROWS` times.
+    A square may have more by the second order, whose own square is `left`, and, as
+    theory has it of right settings, `least`, by what averages leave out of the turns.
     """
     rows: list[Row] = []
-    mean_left, most_left = GROWS * float(np.mean(left)), GROWS * float(np.max(left))
+    pairs_left = RELATIVE + float(np.mean(bends(left, 0.0)))
     for statistic, dimension, squares in answers.squares:
         mean, of = mean_of_trials(squares), (float(dimension), stat.CHI_SQUARE)
-        may = RELATIVE * dimension + mean_left
+        turns = added(least, statistic, dimension) if least else np.zeros(1)
+        more = turns + bends(left, turns)
+        may = RELATIVE * dimension + float(more.mean())
         check = partial(nees, remainder=may) if judged else unjudged
         rows += check(statistic, *mean, *of)
+        if statistic == stat.NIS():  # the sum of two alike has it twice
+            pairs_left += 2.0 * float(turns.mean()) / dimension
         if judged and statistic.family == stat.NEES:
             worst = float(np.abs(instant_scores(squares, dimension)).max())
             name = statistic.entries[0] if statistic.entries else ATTITUDE
             n = len(squares)
-            most = WORST + most_left * np.sqrt(n / (2.0 * dimension))
+            # about a mean that is not 0 a square spreads more
+            most = WORST * np.sqrt(1.0 + 2.0 * float(turns.max()) / dimension)
+            most += float(more.max()) * np.sqrt(n / (2.0 * dimension))
             rows += limit(stat.WORST_INSTANT(name), worst, most, stat.CHI_SQUARE, n)
         if statistic == stat.NEES():
             rows += at_each_row(stat.NEES_AT, answers, squares, mean_of_trials)
     white, before = answers.innovations, answers.whitened(answers.late - 1)
     if white is not None and before is not None:
         pairs = mean_of_trials(pairs_of(white, before))
-        check = partial(plain, remainder=RELATIVE + mean_left) if judged else unjudged
+        check = partial(plain, remainder=pairs_left) if judged else unjudged
         rows += check(stat.INNOVATION_PAIRS(), *pairs, 1.0, stat.WHITE)
     return tuple(rows)
 
@@ -250,15 +265,34 @@ def predicted_rows(
     root = float(np.sqrt(moment.mean()))
     measured = [(stat.RMS(unit="rad"), root_mean_square(answers.angle), root)]
     for statistic, dimension, squares in answers.squares:
-        known = theory.nis if statistic == stat.NIS() else theory.nees(dimension)
-        measured.append((statistic, mean_of_trials(squares), float(known.mean())))
-    check, over = plain if judged else unjudged, OVER + float(np.mean(left))
+        known = dimension + float(added(theory, statistic, dimension).mean())
+        measured.append((statistic, mean_of_trials(squares), known))
+    steady = normalised_squares(theory.mean[:, :3], theory.told[:, :3, :3])
+    over = OVER + float(bends(left, steady).mean() / theory.nees(3).mean())
+    check = plain if judged else unjudged
     rows: tuple[Row, ...] = ()
     for statistic, mean, expected in measured:
         rows += check(
             statistic, *mean, expected, stat.CARRIED, remainder=over * expected
         )
     return rows
+
+
+def bends(left: Array | float, steady: Array | float) -> Array:
+    """What the second order, of the square `left`, may add to a normalised square.
+
+    With a steady error, whose own is given, it has a product that does not average out.
+    """
+    return np.asarray(GROWS * left + 2.0 * np.sqrt(left * np.maximum(steady, 0.0)))
+
+
+def added(
+    theory: FilterPrediction, statistic: stat.Statistic, dimension: int
+) -> Float[Array, " i"]:
+    """What a normalised square has, beside its dimension, by theory."""
+    if statistic == stat.NIS():  # of all readings, of which a filter may state fewer
+        return theory.nis - theory.nis_size
+    return theory.nees(dimension) - dimension
 
 
 def at_each_row(
@@ -297,8 +331,9 @@ def budget_rows(answers: Answers, theory: FilterPrediction) -> tuple[Row, ...]:
     variances = np.trace(theory.parts[:, :, :3, :3], axis1=2, axis2=3)
     known = np.sum(theory.mean[:, :3] ** 2, axis=1)
     several = (*zip(theory.names, variances, strict=True), ("known errors", known))
+    whole = variances.sum(axis=0) + known
     for name, square in several:
-        if np.any(square > 0.0):
+        if np.any(square > LEAST_SHOWN * whole):
             rows += unjudged(
                 [stat.BUDGET_AT(name, t) for t in at], np.sqrt(square[shown])
             )

@@ -11,6 +11,8 @@ states, nor with the bound.
 
 What the coning of eq. (F9) of `mekf` leaves out of a turn is of third order in
 the step; without it, or with a wrong factor, it is of second. Rates alone show which.
+It is the motion's, the same in every trial and unknown to the filter: theory carries
+it as a known error of the rates (`missed`).
 """
 
 from collections.abc import Callable, Sequence
@@ -45,7 +47,7 @@ from simval.theory import (
     filter_prediction,
 )
 
-ACCELEROMETER, MAGNETOMETER = "accelerometer", "magnetometer"
+GYROSCOPE, ACCELEROMETER, MAGNETOMETER = "gyroscope", "accelerometer", "magnetometer"
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -60,7 +62,7 @@ def prediction(
     truth = model_of(sensors.told(way), magnetometer)
     path = FilterPath(dt=way.dt, attitude=way.attitude)
     calibration = CalibrationError(
-        of="gyroscope",
+        of=GYROSCOPE,
         value=(sensors.M - np.eye(3)).ravel(),
         covariance=sensors.calibration_std**2 * np.eye(9),
     )
@@ -70,6 +72,7 @@ def prediction(
         told=model_of(told, magnetometer),
         errors=(
             calibration,
+            RowError(of=GYROSCOPE, rows=missed(way)),
             RowError(of=ACCELEROMETER, rows=way.acceleration),
             *([RowError(of=MAGNETOMETER, rows=way.iron)] if magnetometer else ()),
         ),
@@ -77,18 +80,22 @@ def prediction(
     )
 
 
+def missed(way: Course) -> Float[Array, "T 3"]:
+    """Rate by which eq. (F9) of true averages misses the turn of a step, rad/s."""
+    S, q = way.rate * way.dt[:, None], way.attitude
+    phi = S + np.cross(np.concatenate([np.zeros((1, 3)), S[:-1]]), S) / 12.0
+    turn = rotation_vector(compose(conjugate(q[:-1]), q[1:]))
+    return np.asarray((phi - turn) / way.dt[:, None])
+
+
 def second_order(
-    way: Course,
-    sensors: Imperfect,
-    instants: NDArray[np.intp],
-    magnetometer: bool = True,
-) -> Float[Array, " i"]:
-    """Square of the second order over the stated deviation, eq. (F15), at some rows."""
-    path = FilterPath(dt=way.dt, attitude=way.attitude)
-    keep = np.concatenate([[0], instants])
+    way: Course, sensors: Imperfect, theory: FilterPrediction, magnetometer: bool = True
+) -> Float[Array, " k"]:
+    """Square of the second order over the stated deviation, eq. (F15), at its rows."""
+    first = FilterPath(dt=way.dt[:1], attitude=way.attitude[:2])
     model = model_of(sensors.told(way), magnetometer)
-    first, *each = filter_bound(path, model, keep=keep).second_order ** 2
-    return np.asarray(each) + first / (1.0 + instants)
+    (start,) = filter_prediction(first, model, told=model).second_order
+    return np.asarray(theory.second_order**2 + start**2 / (1.0 + theory.kept))
 
 
 def model_of(told: Told, magnetometer: bool) -> FilterModel:

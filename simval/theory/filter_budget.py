@@ -101,7 +101,7 @@ class State(NamedTuple):
         return cls(P=told.start, X=X, S=S)
 
 
-Answer = tuple[Array, Array, Array, Array, Array]
+Answer = tuple[Array, Array, Array, Array, Array, Array]
 
 
 class Part(NamedTuple):
@@ -139,8 +139,8 @@ class Part(NamedTuple):
         last = State(P=P[-1], X=X[-1], S=S[-1])
         X = np.concatenate([state.X[None], X])
         S = np.concatenate([state.S[None], S])
-        nis, size = self._innovations(P, X, S, some)
-        return last, (P[1:][some], X[1:][some], S[1:][some], nis, size)
+        before, nis, size = self._innovations(P, X, S, some)
+        return last, (P[1:][some], X[1:][some], S[1:][some], before, nis, size)
 
     def _gains(self, P: Float[Array, "t 6 6"]) -> Float[Array, "t s 6 3"]:
         weighted = self.told.H.swapaxes(-1, -2) * self.told.weight[:, None, :]
@@ -171,28 +171,28 @@ class Part(NamedTuple):
         X: Float[Array, "n s 6 6"],
         S: Float[Array, "n 6 p"],
         some: NDArray[np.intp],
-    ) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
-        """Expected NIS of some rows, eq. (F8), and their number of readings."""
+    ) -> tuple[Float[Array, "k 3 3"], Float[Array, " k"], Float[Array, " k"]]:
+        """Of some rows the attitude's second moment before, NIS, and their readings."""
         k, s = len(some), len(self.names)
         H = self.truth.H[some].reshape(k, 3 * s, 3)
         Ht = H.swapaxes(-1, -2)
         active = np.repeat(self.truth.active[some], 3, axis=1)
         stated = H @ predicted(self.told, P, some)[:, :3, :3] @ Ht
         stated += _diagonal(np.tile(1.0 / self.told.weight.ravel(), (k, 1)))
-        seen = H @ predicted(self.truth, X.sum(axis=1), some)[:, :3, :3] @ Ht
-        seen += _diagonal(active / self.truth.weight.ravel())
-        columns = H @ self._before(S, some)
-        start = 0
+        before = predicted(self.truth, X.sum(axis=1), some)[:, :3, :3]
+        seen = H @ before @ Ht + _diagonal(active / self.truth.weight.ravel())
+        turned = self._before(S, some)
+        columns, start = H @ turned, 0
         for each, B in zip(self.errors, self.B, strict=True):
             place = slice(start, start + each.parameters)
             if channel(each) != GYROSCOPE:
                 own = 3 * self.names.index(each.of)
                 columns[:, own : own + 3, place] += B[some]
             start += each.parameters
-        _, parts, mean = spread(columns, self.errors)
-        seen += parts.sum(axis=0) + mean[:, :, None] * mean[:, None, :]
+        seen += _of_columns(columns, self.errors)
         nis = np.trace(np.linalg.solve(stated, seen), axis1=1, axis2=2)
-        return nis, active.sum(axis=1).astype(float)
+        moment = before + _of_columns(turned, self.errors)
+        return moment, nis, active.sum(axis=1).astype(float)
 
     def _before(
         self, S: Float[Array, "n 6 p"], some: NDArray[np.intp]
@@ -227,6 +227,14 @@ def spread(
     return names, np.stack(parts) if parts else np.zeros(shape), mean
 
 
+def _of_columns(
+    S: Float[Array, "k m p"], errors: tuple[Error, ...]
+) -> Float[Array, "k m m"]:
+    """Second moment that errors of readings make."""
+    _, parts, mean = spread(S, errors)
+    return np.asarray(parts.sum(axis=0) + mean[:, :, None] * mean[:, None, :])
+
+
 def _diagonal(values: Float[Array, "k m"]) -> Float[Array, "k m m"]:
     return values[:, :, None] * np.eye(values.shape[1])
 
@@ -249,6 +257,9 @@ class FilterPrediction(ReadOnly):
         Mean error, of the known errors, (k, 6).
     told : Array
         Covariance that the filter states, (k, 6, 6).
+    before : Array
+        Second moment of the attitude's error before the row's measurements, rad^2,
+        (k, 3, 3).
     nis : Array
         Expected square of the normalised innovation, (k,).
     nis_size : Array
@@ -260,6 +271,7 @@ class FilterPrediction(ReadOnly):
     parts: Float[Array, "s k 6 6"]
     mean: Float[Array, "k 6"]
     told: Float[Array, "k 6 6"]
+    before: Float[Array, "k 3 3"]
     nis: Float[Array, " k"]
     nis_size: Float[Array, " k"]
 
@@ -294,6 +306,28 @@ class FilterPrediction(ReadOnly):
             rad, (k,).
         """
         return np.sqrt(np.trace(self.second_moment[:, :3, :3], axis1=1, axis2=2) / 3.0)
+
+    @property
+    def second_order(self) -> Float[Array, " k"]:
+        """Second order over the stated deviation, of its own rows, eq. (F15).
+
+        Returns
+        -------
+        Array
+            (k,).
+        """
+        P = self.told
+        b = np.sqrt(np.diagonal(P[:, 3:, 3:], axis1=1, axis2=2))
+        cross = P[:, :3, 3:] / b[:, None]
+        C = P[:, 3:, 3:] / (b[:, :, None] * b[:, None])
+        inside = P[:, :3, :3] - cross @ np.linalg.solve(C, cross.swapaxes(1, 2))
+        trace = np.trace(P[:, :3, :3], axis1=1, axis2=2)
+        # of what rounding takes from a difference nothing is known
+        least = np.maximum(
+            np.linalg.eigvalsh(inside)[:, 0], np.finfo(float).eps * trace
+        )
+        half = np.trace(self.before, axis1=1, axis2=2) / 2.0
+        return np.asarray(half / np.sqrt(least))
 
 
 def filter_prediction(
@@ -348,14 +382,16 @@ def filter_prediction(
         some = kept[(kept >= rows.start) & (kept < rows.stop)] - rows.start
         state, answer = part.run(state, some)
         found.append(answer)
-    P, X, S, nis, size = (np.concatenate(each) for each in zip(*found, strict=True))
+    P, X, S, before, nis, size = (
+        np.concatenate(each) for each in zip(*found, strict=True)
+    )
     uncertain, parts, mean = spread(S, errors)
     return FilterPrediction(
         kept=kept,
         names=("start", "gyroscope white noise", "gyroscope walk",
                *(f"{name} noise" for name in names), *uncertain),
         parts=np.concatenate([X.swapaxes(0, 1), parts]),
-        mean=mean, told=P, nis=nis, nis_size=size,
+        mean=mean, told=P, before=before, nis=nis, nis_size=size,
     )  # fmt: skip
 
 

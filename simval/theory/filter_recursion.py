@@ -39,10 +39,11 @@ problem. Along the true path, eq. (F1), it is
 and that is the posterior Cramer-Rao bound up to second order of the error: what the
 first order leaves out is the error's square over the standard deviation, which a start
 that is known to 0.05 rad with sensors of 0.002 rad forgets in ten rows. A reading bends
-by half the square of the attitude's error before it, and what that does to the estimate
-after k rows has, in stated standard deviations of the best known direction, the size
+by half the square of the attitude's error before it, whose second moment is
+:math:`\Sigma^-`, and what that does to the estimate after k rows has, in stated
+standard deviations of the best known direction, the size
 
-.. math:: e_k = \frac{\operatorname{tr} P^-_{k,\theta\theta}}{2}\,
+.. math:: e_k = \frac{\operatorname{tr} \Sigma^-_{k,\theta\theta}}{2}\,
    \lambda_{\max}^{1/2}\bigl((P_k^{-1})_{\theta\theta}\bigr), \qquad
    e_k^2 \leftarrow e_k^2 + e_1^2/k,  \tag{F15}
 
@@ -196,22 +197,6 @@ class FilterBound(ReadOnly):
     def bias_sd(self) -> Float[Array, " k"]:
         """The same of the bias, rad/s, (k,)."""
         return np.sqrt(np.trace(self.covariance[:, 3:, 3:], axis1=1, axis2=2) / 3.0)
-
-    @property
-    def second_order(self) -> Float[Array, " k"]:
-        """Second order over the stated deviation, of its own rows, eq. (F15), (k,)."""
-        P = self.covariance
-        b = np.sqrt(np.diagonal(P[:, 3:, 3:], axis1=1, axis2=2))
-        cross = P[:, :3, 3:] / b[:, None]
-        C = P[:, 3:, 3:] / (b[:, :, None] * b[:, None])
-        inside = P[:, :3, :3] - cross @ np.linalg.solve(C, cross.swapaxes(1, 2))
-        trace = np.trace(P[:, :3, :3], axis1=1, axis2=2)
-        # of what rounding takes from a difference nothing is known
-        least = np.maximum(
-            np.linalg.eigvalsh(inside)[:, 0], np.finfo(float).eps * trace
-        )
-        half = np.trace(self.before[:, :3, :3], axis1=1, axis2=2) / 2.0
-        return np.asarray(half / np.sqrt(least))
 
 
 def filter_bound(path: FilterPath, model: FilterModel, *, keep: Any = 1) -> FilterBound:

@@ -82,10 +82,14 @@ def test_no_drawn_cell_of_a_cheap_study_fails(study):
 @pytest.mark.ci
 @pytest.mark.parametrize(
     ("study", "seed"),
-    [("ladder", 1057), ("magnetometer", 1162), ("attitude_vectors", 11_000_006)],
+    [
+        ("ladder", 1057),  # scales of 0.01 to 1.99 with `sampson`
+        ("magnetometer", 1162),  # a dip of -85 degrees
+        ("attitude_vectors", 11_000_006),  # noises 1 to 1000
+        ("filter", 1100),  # 730 degrees/s in steps of 40 ms
+    ],
 )
 def test_what_once_failed(study, seed):
-    """Scales of 0.01 to 1.99 with `sampson`; a dip of -85 degrees; noises 1 to 1000."""
     assert require_none_fails(study, [seed]) == 1
 
 

@@ -9,7 +9,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_paths import FIELD, UP, Plain, corrected, model, propagated, sensors, wobble
+from filter_paths import (
+    FIELD,
+    UP,
+    Plain,
+    corrected,
+    model,
+    propagated,
+    sensors,
+    step,
+    wobble,
+)
 from scipy.spatial.transform import Rotation
 
 from simval.errors import InputError
@@ -56,7 +66,7 @@ def test_the_second_order_of_a_reading_beside_what_is_stated():
         model(), sensors=two, start=np.diag(np.repeat([s**2, 1e-20], 3)),
         gyroscope_noise=1e-12, gyroscope_walk=0.0,
     )  # fmt: skip
-    (found,) = filter_bound(path, truth).second_order
+    (found,) = filter_prediction(path, truth).second_order
     # the axis across both vectors is seen by both
     by_hand = 1.5 * s**2 * np.sqrt(2.0 / r**2 + 1.0 / s**2)
     assert found == pytest.approx(by_hand, rel=1e-9)
@@ -65,7 +75,16 @@ def test_the_second_order_of_a_reading_beside_what_is_stated():
     half = np.trace(bound.before[:, :3, :3], axis1=1, axis2=2) / 2.0
     metric = np.linalg.inv(bound.covariance)[:, :3, :3]
     expected = half * np.sqrt(np.linalg.eigvalsh(metric)[:, -1])
-    np.testing.assert_allclose(bound.second_order, expected, rtol=1e-6)
+    found = filter_prediction(path, truth)
+    np.testing.assert_allclose(found.second_order, expected, rtol=1e-6)
+    np.testing.assert_allclose(found.before, bound.before[:, :3, :3], rtol=1e-6)
+    # a known error of the rates is an error of the attitude before the first reading
+    errors = [RowError(of="gyroscope", rows=np.ones((30, 3)))]
+    more = filter_prediction(path, truth, errors=errors).before[0] - found.before[0]
+    first, second = Rotation.from_quat(path.attitude[:2])
+    F, *_ = step((first.inv() * second).as_rotvec(), path.dt[0], truth)
+    turn = F[:3, 3:].sum(axis=1)
+    np.testing.assert_allclose(more, np.outer(turn, turn), rtol=1e-9)
     # power: the attitude's covariance alone says less
     alone = np.linalg.inv(bound.covariance[:, :3, :3])
     less = half * np.sqrt(np.linalg.eigvalsh(alone)[:, -1])
