@@ -133,7 +133,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     error = simulated * np.hypot(relative, relative[:, best, None]) / 2.0
     unit = predicted * parameters.noise_std**2
     rows: list[Row] = []
-    prices = dict.fromkeys(ESTIMATORS, np.ones(len(ratios)))
+    prices: dict[str, Array] = dict.fromkeys(ESTIMATORS, np.ones(len(ratios)))
     prices["combined"] = price_of_columns(problems, parameters, predicted[:, best])
     left = REMAINDER * (TAILS if parameters.noise == "heavy tails" else 1.0)
     for k, name in enumerate(ESTIMATORS):
