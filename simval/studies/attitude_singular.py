@@ -55,10 +55,9 @@ from pydantic import Field, model_validator
 from simval import statistics as stat
 from simval.arrays import Array
 from simval.errors import RefusedError
-from simval.figures import Figure, Headline, Listing, Quote, Strip, Trace, entry
+from simval.figures import Figure, Headline, Listing, Quote, entry
 from simval.geometry import (
     attitude_error,
-    attitude_matrix,
     compose,
     conjugate,
     normalize,
@@ -417,10 +416,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     rows += _border_rows(setting)
     if parameters.distance == 0.0:
         rows += [*_cost_rows(parameters), *_table_rows()]
-    file, artifacts = artifact_of(parameters.model_dump()), {}
-    if (parameters.case, parameters.distance) == ("D", 0.0):
-        artifacts[file] = drawings(parameters.noise_std)
-    return Outcome(rows=tuple(rows), artifacts=artifacts)
+    return Outcome(rows=tuple(rows))
 
 
 def _remedy_rows(
@@ -562,46 +558,6 @@ def _table_rows() -> Iterator[Row]:
         yield from limit(stat.FAILURES(name), share, 0.0, stat.TRUTH, n=each.size)
 
 
-X, Y, Z = np.eye(3)
-LEFT, RIGHT = (np.array([np.cos(1.2), s * np.sin(1.2), 0.0]) for s in (1.0, -1.0))
-DRAWN: Final = {
-    "Fig. 1: case B, turn about r1": (Z, Z, X, X + 0.3 * Y, Z + 0.3 * Y),
-    "Fig. 2: case B from above": (Z, Z, X, X, Y),
-    "Fig. 3: axis r1 + r2, d1 = -d2": (X, LEFT, RIGHT, Y, Z),
-    "Fig. 3: axis r1 - r2, d1 = d2": (Y, LEFT, RIGHT, X, Z),
-    "Fig. 4: turn about the normal": (Z, LEFT, RIGHT, X, Y),
-}
-"""Axis, references, and the directions across and up, of the source's figures."""
-LINES: Final = ("2d", "r", "b", "path of b2")
-
-
-def artifact_of(named: Mapping[str, Any]) -> str:
-    """File of the drawings of a cell with these parameters."""
-    case, distance, noise = (named[key] for key in ("case", "distance", "noise_std"))
-    return f"attitude-singular-{case}-{distance:g}-{noise:g}.npz"
-
-
-def drawings(noise_std: float) -> dict[str, Array]:
-    """Lines of the source's figures 1 to 4, each of five measurements."""
-    rng, found = np.random.default_rng(4), {}
-    for name, (axis, r1, r2, across, up) in DRAWN.items():
-        angles = np.linspace(0.0, 1.2, 25)
-        path = [attitude_matrix(turn(axis, np.sin(a / 2.0))) @ r2 for a in angles]
-        body = [attitude_matrix(turn(axis, np.sin(0.6))) @ r for r in (r1, r2)]
-        kinds: list[list[Array]] = [[], [], [], path]
-        for noise in noise_std * rng.standard_normal((5, 4, 3)):
-            b1, b2, u1, u2 = np.stack([*body, r1, r2]) + noise
-            kinds[0] += [0 * X, b1, u1, b1, 0 * X, b2, u2, b2, 0 * X]
-            kinds[1] += [0 * X, u1, 0 * X, u2, 0 * X]
-            kinds[2] += [0 * X, b1, 0 * X, b2, 0 * X]
-        places = np.concatenate(kinds)
-        column = np.repeat(np.arange(4), [len(kind) for kind in kinds])
-        mine = column[:, None] == np.arange(4)
-        found[f"{name}, across"] = places @ across
-        found[f"{name}, up"] = np.where(mine, (places @ up)[:, None], np.nan)
-    return found
-
-
 _NEAR = Figure(
     name="singular",
     asked="What does each remedy cost near the singular set?",
@@ -643,30 +599,6 @@ FIGURES = (
             "RMS error on the singular set. In cases B to D the plain formula is wrong "
             "by as much whatever the noise, in case A by its root; remedies follow it. "
             "Of several random geometries the first is drawn."
-        ),
-    ),
-    Trace(
-        name="singular-vectors",
-        asked="What do the source's figures 1 to 4 show?",
-        file=artifact_of,
-        axis="across",
-        most=1,
-        strips=[
-            Strip(
-                title=name,
-                along=f"{name}, across",
-                array=f"{name}, up",
-                names=LINES,
-                value="up",
-                log_y=False,
-            )
-            for name in DRAWN
-        ],
-        caption=(
-            "The source's figures 1 to 4 from five simulated measurements each. About "
-            "r1 the difference of the second pair is normal to the axis; about an axis "
-            "in the plane of both vectors the differences stay parallel (figure 3, "
-            "seen along the axis), about its normal they do not."
         ),
     ),
     Listing(
