@@ -253,6 +253,9 @@ NEXT_ORDER = _size(
 )
 LEFT_OUT = _size("left_out", "relative distance of a formula from the exact theory")
 OPERATIONS = _size("operations", "operations of one attitude")
+ROUNDING_AT = _size(
+    "rounding_at", "greatest error without noise at a sine", unit="rad", along=True
+)
 UNIT_LENGTH = _size(
     "unit_length", "relative defect of tr C + |m|² = 2 q'm, unit quaternions"
 )

@@ -1,8 +1,9 @@
 """Classical estimators of Wahba's problem for two pairs, one attitude at a time.
 
 Numbers only: no library hides an operation, so they can be counted: each plug-in gives
-its method as `arithmetic`, and `optimal.toml` measures them all. b and r are unit
-vectors, a weights, B the sum of a b r', z that of a b x r, sigma the trace of B;
+its method as `arithmetic`, and `optimal.toml` measures them all. For their digits
+Davenport's matrix K by LAPACK and SciPy's `align_vectors` are beside them. b and r are
+unit vectors, a weights, B the sum of a b r', z that of a b x r, sigma the trace of B;
 attitudes take reference to body. Of two pairs the greatest eigenvalue of Davenport's K
 is sqrt(a1^2 + a2^2 + 2 a1 a2 cos(angle of b's less that of r's)) (Shuster and Oh 1981,
 eq. 71).
@@ -12,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from simval.imu.attitude.comparators import align_vectors, davenport
 from simval.plugins import Estimator
 
 SMALL = 0.1
@@ -266,3 +268,7 @@ EULER2 = _plugin("EULER-2", euler2, reads=("weights",))
 QUEST, ESOQ2 = _plugin("QUEST", quest, **WEIGHTED), _plugin("ESOQ2", esoq2, **WEIGHTED)
 FOAM = _plugin("FOAM", foam, "matrix", "active", **WEIGHTED)
 SVD = _plugin("SVD", svd, "matrix", "active", **WEIGHTED)
+EIGEN, SCIPY = (
+    Estimator(name=name, estimate=method, components="xyzs", matrix="passive")
+    for name, method in (("K by eigh", davenport), ("align_vectors", align_vectors))
+)

@@ -1,5 +1,6 @@
 """Lines, arrows and words of a small SVG, readable on light and on dark pages."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -79,9 +80,12 @@ class Drawing:
     def words(
         self, at: Point, text: str, colour: str = "ink", anchor: str = "middle"
     ) -> None:
-        """Write words; what stands behind an underscore is lowered."""
-        head, _, index = text.partition("_")
-        low = f'<tspan dy="4" font-size="11">{escape(index)}</tspan>' if index else ""
+        """Write words; letters and digits behind an underscore are lowered."""
+        head, *rest = re.split(r"_(\w+)", text)
+        low = ""
+        for index, words in zip(rest[::2], rest[1::2], strict=True):
+            low += f'<tspan dy="4" font-size="11">{escape(index)}</tspan>'
+            low += f'<tspan dy="-4">{escape(words)}</tspan>' if words else ""
         self.parts.append(
             f'<text class="{colour}" text-anchor="{anchor}" x="{at[0]:.1f}" '
             f'y="{at[1]:.1f}">{escape(head)}{low}</text>'

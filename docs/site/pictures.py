@@ -1,4 +1,4 @@
-"""The pictures of the conventions: ``python -m docs.site.pictures`` draws them anew.
+"""The pictures of the documents: ``python -m docs.site.pictures`` draws them anew.
 
 What they show is computed by the package, so that a picture cannot say another thing
 than the code.
@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from docs.site.drawing import Drawing, Point
+from docs.site.singular import singular
 from simval.arrays import Array
 from simval.geometry import attitude_matrix, from_rotation_vector
 from simval.shapes import Float
@@ -189,6 +190,7 @@ PICTURES = {
     "specific_force": specific_force,
     "readings": readings,
     "errors": errors,
+    "singular": singular,
 }
 
 

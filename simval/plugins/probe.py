@@ -124,26 +124,28 @@ class Exact(NamedTuple):
         assert self.noise is not None
         return covariances_of(estimator, self.vectors, self.noise)
 
-    def failing(self, estimator: Estimator) -> Bool[Mask, " n"]:
-        """Mask of answers that are not an estimate of the truth."""
+    def errors(self, estimator: Estimator) -> Float[Array, " n"]:
+        """Angles of answers from the truth, rad; inf of what is no attitude."""
         try:
             raw = raw_attitudes(estimator, self.vectors, self.noise)
         except SlowPluginError:  # would be as slow in halves
             raise
         except PluginError:
             if len(self.truth) == 1:
-                return np.array([True])
+                return np.array([np.inf])
             middle = len(self.truth) // 2
             halves = slice(0, middle), slice(middle, None)
-            return np.concatenate([self.rows(own).failing(estimator) for own in halves])
+            return np.concatenate([self.rows(own).errors(estimator) for own in halves])
         sound = sound_rows(raw, estimator.components)
         q = self.truth.copy()
         q[sound] = package_quaternion(
             raw[sound], estimator.components, estimator.matrix
         )
-        wrong: Mask = ~(
-            sound & (attitude_error(self.truth, q) <= allowed(self.vectors))
-        )
+        return np.where(sound, attitude_error(self.truth, q), np.inf)
+
+    def failing(self, estimator: Estimator) -> Bool[Mask, " n"]:
+        """Mask of answers that are not an estimate of the truth."""
+        wrong: Mask = ~(self.errors(estimator) <= allowed(self.vectors))
         return wrong
 
 

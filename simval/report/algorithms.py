@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from simval import statistics as stat
+from simval.figures import Figure, along_entry
 from simval.judge.algorithms import (
     STUDIES,
     Measured,
@@ -43,6 +44,7 @@ from simval.report.formatting import (
     setting_words,
     spelled,
 )
+from simval.report.gallery import drawn as drawn_figure
 from simval.report.panels import DotPanel, Drawing, HeatPanel
 from simval.report.section import Context, Section, made
 from simval.report.study_sections import numbers
@@ -534,6 +536,22 @@ def _over(count: int) -> str:
     return f"geometric mean over {count} settings" if count > 1 else "one setting"
 
 
+ROUNDING = Figure(
+    name="rounding",
+    asked="What does rounding cost where two vectors are nearly parallel?",
+    rows=[stat.ROUNDING_AT],
+    along=along_entry,
+    axis="sine of the angle between the vectors",
+    lines="algorithm",
+    value="greatest error without noise",
+    compared=False,
+    caption=(
+        "Greatest error of exact cases. What takes the vectors as they are loses "
+        "digits as the sine falls, what makes Davenport's matrix or its like of them "
+        "loses as many again. An answer that is no attitude is drawn at a half turn."
+    ),
+)
+
 # ---- section
 
 CALLED = {
@@ -576,10 +594,12 @@ def _part(context: Context, contest: Contest) -> Part:
     study, who = contest.study, CALLED[contest.study]
     accuracy, failures = dots(who, contest), failing(who, contest)
     times = context.run.timing.get("calls", {})
-    rest = (by_cell(contest), numbers(study, context.cells(study)))
+    cells = context.cells(study)
+    rest = (by_cell(contest), numbers(study, cells))
+    digits = drawn_figure(ROUNDING, cells) if study == "estimator" else []
     return Part(
         title=who.capitalize(),
-        drawings=tuple(d for d in (accuracy, failures) if d is not None),
+        drawings=(*(d for d in (accuracy, failures) if d is not None), *digits),
         tables=(
             side_by_side(contest, context.verdicts, times),
             *(table for table in rest if table.rows),

@@ -6,17 +6,23 @@ order. The median ratio of 500 random geometries has itself a standard error of 
 The first-order ratios involve no chance; the simulation, with the same noise for every
 estimator, must bear them out: its squared errors over the predicted ones have mean 1.
 
-The noise is isotropic, tangent to each unit vector, or isotropic with heavy tails
-(Student's t of `FREEDOM` degrees, of the same variance), on all vectors alike, and the
-vectors go into the estimators as they are or normalised; `optimal`, the q-method and
-TRIAD always normalise. Noise along the vectors carries no attitude, and what `combined`
-makes of it is its whole price: its ratio is, at an angle theta between the vectors,
-:math:`\sqrt{5 / (4 + \sin^2\theta)}`, (K7) of docs/theory.md.
+The noise is of one of the kinds of `simval.studies.noise_kinds`, and the vectors go
+into the estimators as they are or normalised; `optimal`, the q-method and TRIAD always
+normalise. Under unequal noise `optimal` and the q-method are given the weights of
+maximum likelihood, the others take none. Noise along the vectors carries no attitude,
+and what `combined` makes of it is its whole price: at an angle theta between them it
+adds, to the mean square of the q-method without weights,
+
+.. math:: \tfrac14 \cot^2\theta\,
+   (\sigma_{b1}^2 + \sigma_{b2}^2 + \sigma_{r1}^2 + \sigma_{r2}^2),  \tag{AE1}
+
+so that for equal noise its ratio is :math:`\sqrt{5 / (4 + \sin^2\theta)}`, (K7) of
+docs/theory.md.
 """
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from pydantic import Field
@@ -32,10 +38,19 @@ from simval.results import Outcome, Row, exact, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.attitude import Truth, Truths
+from simval.studies.noise_kinds import (
+    DEVIATIONS,
+    TAILS,
+    NoiseKind,
+    noise_covariances,
+    noise_roots,
+    tails,
+)
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged
 from simval.theory.attitude import attitude_moments
 from simval.theory.cramer_rao import attitude_bound
-from simval.theory.two_vector import Frame, tangent_covariances, true_vectors
+from simval.theory.estimators import wahba_moments
+from simval.theory.two_vector import Frame, true_vectors
 
 TITLE = "Efficiency: cost of the closed form against the Cramer-Rao bound"
 SECTION = "estimators"
@@ -50,23 +65,27 @@ REMAINDER = 1e-3
 """The second-order term of a squared error, relative: 90 (sigma/MIN_SINE)^2 at the
 default noise."""
 
-FREEDOM: Final = 8.0
-TAILS = (FREEDOM - 2.0) / (FREEDOM - 4.0)
-"""Mean fourth power of the heavy tails over that of a normal: so much more is left."""
-
 ESTIMATORS = ("combined", "best of four", "optimal", "q-method", "TRIAD")
 JUDGED = ("combined", "optimal", "q-method")
 """Free selection follows the noise, and TRIAD has no prediction here."""
 
 
-def estimators(normalized: bool) -> dict[str, Callable[..., Array]]:
+WEIGHTS: Final = tuple(1.0 / np.sum(np.reshape(DEVIATIONS, (2, 2)) ** 2, axis=0))
+"""Of maximum likelihood under unequal noise: inverse of the summed variances."""
+
+
+def estimators(parameters: "Parameters") -> dict[str, Callable[..., Array]]:
     """The estimators, of normalised vectors or of vectors as they are."""
-    frames: tuple[Selection, ...] = ("combined", "best", "optimal")
+    weights = WEIGHTS if parameters.noise == "unequal" else (1.0, 1.0)
+    frames: tuple[Selection, ...] = ("combined", "best")
     ours = (
-        partial(two_vector_quaternion, frame=frame, normalized=normalized)
+        partial(two_vector_quaternion, frame=frame, normalized=parameters.normalized)
         for frame in frames
     )
-    return dict(zip(ESTIMATORS, (*ours, davenport, triad), strict=True))
+    optima = (
+        partial(each, weights=weights) for each in (two_vector_quaternion, davenport)
+    )
+    return dict(zip(ESTIMATORS, (*ours, *optima, triad), strict=True))
 
 
 AT_ONCE = 4096
@@ -82,8 +101,8 @@ class Parameters(StudyParameters):
     # the same draws for each shape of the noise, so that cells compare
     no_noise = ("noise", "normalized")
 
-    noise: Literal["isotropic", "tangent", "heavy tails"] = Field(
-        default="isotropic", description="Noise of all four vectors."
+    noise: NoiseKind = Field(
+        default="isotropic", description="Noise of the four vectors."
     )
     normalized: bool = Field(
         default=False, description="Normalise the vectors before they are used."
@@ -115,8 +134,7 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     unit = predicted * parameters.noise_std**2
     rows: list[Row] = []
     prices: dict[str, Array] = dict.fromkeys(ESTIMATORS, np.ones(len(ratios)))
-    if parameters.noise != "tangent" and not parameters.normalized:
-        prices["combined"] = price_of_columns(problems)
+    prices["combined"] = price_of_columns(problems, parameters, predicted[:, best])
     left = REMAINDER * (TAILS if parameters.noise == "heavy tails" else 1.0)
     for k, name in enumerate(ESTIMATORS):
         rows += ratio_rows(
@@ -152,9 +170,7 @@ def predicted_squares(problems: Truths, parameters: Parameters) -> Float[Array, 
 
     TRIAD has no prediction here and is compared with the bound.
     """
-    noise: Array = np.ones(1)
-    if parameters.noise == "tangent":
-        noise = tangent_covariances(true_vectors(*problems)[1], 1.0)
+    noise = noise_covariances(parameters.noise, true_vectors(*problems)[1])
     bound = np.trace(attitude_bound(*problems, noise).rotation, 0, 1, 2)
     frames: tuple[Frame | None, ...] = ("combined", None, "optimal")
     moments = (
@@ -162,13 +178,32 @@ def predicted_squares(problems: Truths, parameters: Parameters) -> Float[Array, 
         for frame in frames
     )
     squares = [4.0 * np.trace(found.covariance, 0, 1, 2) for found in moments]
+    if parameters.noise == "unequal":
+        squares[2] = squares_of_pairs(problems, WEIGHTS)
     return np.stack([*squares, bound, bound], axis=1)
 
 
-def price_of_columns(problems: Truths) -> Float[Array, " n"]:
-    """RMS error of the combined estimator over the bound, isotropic noise, (K7)."""
+def squares_of_pairs(problems: Truths, weights: Any = None) -> Float[Array, " n"]:
+    """Mean squared angle of weighted least squares for unit unequal noise."""
+    found = [
+        wahba_moments(q, [r1, r2], DEVIATIONS, weights).covariance
+        for q, r1, r2 in zip(*problems, strict=True)
+    ]
+    return 4.0 * np.trace(found, 0, 1, 2)
+
+
+def price_of_columns(
+    problems: Truths, parameters: Parameters, bound: Float[Array, " n"]
+) -> Float[Array, " n"]:
+    """RMS error of the combined estimator over the bound, (AE1)."""
     n = cross(problems[1], problems[2])
-    return np.asarray(np.sqrt(5.0 / (4.0 + np.sum(n * n, axis=-1))))
+    along = 0.25 * (1.0 / np.sum(n * n, axis=-1) - 1.0)
+    if parameters.noise == "tangent" or parameters.normalized:
+        along = np.zeros(len(n))
+    if parameters.noise == "unequal":
+        square = squares_of_pairs(problems) + along * np.sum(np.square(DEVIATIONS))
+        return np.asarray(np.sqrt(square / bound))
+    return np.asarray(np.sqrt(1.0 + 4.0 * along / bound))
 
 
 def _simulated(
@@ -182,11 +217,10 @@ def _simulated(
     for start in range(0, len(quiet), together):
         some = range(start, min(start + together, len(quiet)))
         q, truth = problems[0][some, None], quiet[some, :, None]
-        noise = np.stack([_noise(parameters, streams.block(i)) for i in some])
-        if parameters.noise == "tangent":
-            noise -= np.sum(noise * truth, axis=-1, keepdims=True) * truth
+        roots = noise_roots(parameters.noise, quiet[some])
+        noise = np.stack([_noise(parameters, streams.block(i)) for i in some]) @ roots
         vectors = np.moveaxis(truth + parameters.noise_std * noise, 1, 0)
-        for k, estimator in enumerate(estimators(parameters.normalized).values()):
+        for k, estimator in enumerate(estimators(parameters).values()):
             square = np.asarray(attitude_error(estimator(*vectors), q)) ** 2
             means[some, k] = square.mean(axis=1)
             errors[some, k] = square.std(axis=1, ddof=1) / np.sqrt(trials)
@@ -196,10 +230,7 @@ def _simulated(
 def _noise(parameters: Parameters, rng: np.random.Generator) -> Float[Array, "4 t 3"]:
     # of variance 1 on each axis
     normal = rng.standard_normal((4, parameters.trials, 3))
-    if parameters.noise != "heavy tails":
-        return normal
-    spread = rng.chisquare(FREEDOM, (4, parameters.trials, 1))
-    return np.asarray(normal * np.sqrt((FREEDOM - 2.0) / spread))
+    return normal * tails(parameters.noise, (4, parameters.trials, 1), rng)
 
 
 def ratio_rows(

@@ -15,6 +15,19 @@ rotations have a fixed frame where it leads by `MARGIN` deviations. The others a
 predicted to first order, Table 1 on the singular set alone, and cubature at the noise
 and at half of it says what that leaves out.
 
+The noise is of one of the kinds of `simval.studies.noise_kinds`, and the vectors are
+taken as they are or normalised. To first order normalised vectors have the noise across
+them alone. A fixed frame has no exact answer then, nor under heavy tails: it is
+predicted to first order as the others are, from `2 RANGE` deviations on. Of heavy tails
+cubature needs the fourth moments. With :math:`F(s)` the mean square where vector k has
+the variance :math:`s_k`,
+
+.. math:: \sum_k \tfrac12 [F(1 + h e_k) + F(1 - h e_k)] - F(1), \quad
+   h^2 = T - 1,  \tag{SC2}
+
+is what they add to the order that it ends with, T being `TAILS`, their mean fourth
+power over a normal's.
+
 Table 1's answer steps by :math:`\varphi` where it gives way to the plain formula,
 because the direct solution has no turn about n, and at the border of case A by the
 angle at which neither d1 nor d2 counts; B, C and D share one formula up to right
@@ -42,17 +55,15 @@ from pydantic import Field, model_validator
 from simval import statistics as stat
 from simval.arrays import Array
 from simval.errors import RefusedError
-from simval.figures import Figure, Headline, Listing, Quote, Strip, Trace, entry
+from simval.figures import Figure, Headline, Listing, Quote, entry
 from simval.geometry import (
     attitude_error,
-    attitude_matrix,
     compose,
     conjugate,
     normalize,
 )
 from simval.imu.attitude import (
     case_quaternion,
-    estimate_attitude,
     sequential_quaternion,
     turn_is_singular,
     two_vector_quaternion,
@@ -63,6 +74,13 @@ from simval.results import Outcome, Row, exact, limit, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
 from simval.studies.attitude import Truth
+from simval.studies.noise_kinds import (
+    TAILS,
+    NoiseKind,
+    noise_covariances,
+    noise_roots,
+    tails,
+)
 from simval.studies.response import Expanded, beside, curved
 from simval.studies.study import Cost, Geometry, StudyParameters, ranged
 from simval.studies.trials import Kept, Trials, drawn_rows, mean_of, root, trials_of
@@ -83,10 +101,11 @@ from simval.theory.expansion import (
 from simval.theory.orders import RANGE, expansion_remainders
 from simval.theory.two_vector import (
     FRAMES,
+    MIN_NORM,
     Column,
     TwoVectorGeometry,
     column_norms,
-    noise_covariances,
+    normalized_noise,
     turned_geometry,
     vectors_of,
 )
@@ -101,7 +120,8 @@ MARGIN: Final = 8.0
 ROUNDING: Final = 4.0 * float(np.finfo(float).eps)
 """Of a mean quaternion: its entries are a dozen operations on numbers of 1 at most."""
 QUICK: Final = 8.0
-"""Distance from which the exact answer of cases A and B takes 2 ms, not 1 s."""
+"""Distance from which the exact answer of cases A and B takes 2 ms, not 1 s, and that
+under tangent noise a tenth of a second, not 13."""
 FARTHEST: Final = {"distance": 0.25, "border": 0.1}
 """Of |qbar|: every case reaches 0.36, and has one of d1 and d2 above 0.19."""
 LEAST_SINE, ANGLES = 0.5, (0.8, 1.5)
@@ -127,9 +147,18 @@ class Parameters(StudyParameters):
         0.0, "|qbar| of the plain formula over the noise; 0 is singular.", 0.0, 1e6
     )
     noise_std: float = ranged(0.01, "Noise per axis of each unit vector.", 1e-6, 0.01)
+    noise: NoiseKind = Field(
+        default="isotropic", description="Noise of the four vectors."
+    )
+    normalized: bool = Field(
+        default=False, description="Normalise the vectors before they are used."
+    )
     border: float = ranged(10.0, "Distance up to which Table 1 is direct.", 1.0, 1e6)
     geometry: Geometry = 0
     samples: int = ranged(2048, "Trials; rounded up to whole blocks of 1024.", BLOCK)
+
+    # the same draws for each kind of noise, so that cells compare
+    no_noise = ("noise", "normalized")
 
     @model_validator(mode="after")
     def _require_near(self) -> Self:
@@ -147,7 +176,7 @@ class Parameters(StudyParameters):
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        return Cost(0.03 + 1.5e-5 * self.samples, 50)
+        return Cost(0.1 + 1.5e-5 * self.samples, 50)
 
 
 def turn(axis: Float[Array, "3"], half_sine: float) -> Float[Array, "4"]:
@@ -167,6 +196,15 @@ def singular_attitude(case: str, rng: np.random.Generator) -> Truth:
     return turn(axis, 0.0 if case == "A" else half), r1, r2
 
 
+def seen_noise(
+    parameters: Parameters,
+    vectors: Float[Array, "... 4 3"],
+    noise: Float[Array, "... 4 3 3"],
+) -> Float[Array, "... 4 3 3"]:
+    """Noise that the remedies see to first order: of normalised vectors, across."""
+    return normalized_noise(vectors, noise)[1] if parameters.normalized else noise
+
+
 class Setting:
     """One attitude near the singular set: its remedies, and their predicted errors."""
 
@@ -179,15 +217,21 @@ class Setting:
         self.share = p.distance * self.sigma / float(np.linalg.norm(self.n))
         self.q = self.beside(self.share)
         self.truth = vectors_of(self.q, self.r1, self.r2)
+        self.roots = noise_roots(p.noise, self.truth)
+        self.noise = self.sigma**2 * noise_covariances(p.noise, self.truth)
+        # of first order
+        self.seen = seen_noise(p, self.truth, self.noise)
+        self.gaussian = p.noise != "heavy tails"
+        self.margin = MARGIN if self.gaussian else 2.0 * MARGIN
         self.norms = np.abs(column_norms(self.q, self.r1, self.r2))
         self.best = FRAMES[int(np.argmax(self.norms))]
         # of frames whose lengths are held to (51)
         self.lengths = {
             name: self.turned(frame, self.share)
             for name, frame in (("best", self.best), ("plain", "plain"))
-            if frame != "plain" or p.distance >= 2.0 * RANGE
+            if (frame != "plain" or p.distance >= 2.0 * RANGE) and not p.normalized
         }
-        bound = attitude_bound(self.q, self.r1, self.r2, self.sigma)
+        bound = attitude_bound(self.q, self.r1, self.r2, self.noise)
         self.bound = float(np.sqrt(np.trace(bound.rotation)))
         self.remedies: dict[str, Callable[..., Array]] = {
             "best of four": partial(two_vector_quaternion, frame="best"),
@@ -197,9 +241,7 @@ class Setting:
             "TRIAD": triad,
             "q-method": davenport,
             "plain": partial(case_quaternion, tolerance=NEVER),
-            "plain, normalised": lambda *v: (
-                estimate_attitude(v[0], v[1], v[2], v[3], "plain", normalized=True).q
-            ),
+            "plain, normalised": lambda *v: self.remedies["plain"](*map(normalize, v)),
             "optimal": two_vector_quaternion,
         }
 
@@ -209,12 +251,15 @@ class Setting:
 
     def chords(self, name: str, *vectors: Array) -> Float[Array, "n 3"]:
         """Errors of a remedy: twice the vector part, of the scalar's sign."""
+        if self.parameters.normalized:
+            vectors = tuple(map(normalize, vectors))
         error = compose(conjugate(self.q), self.remedies[name](*vectors))
         return np.copysign(2.0, error[:, 3:]) * error[:, :3]
 
     def errors(self, names: Iterable[str], x: Float[Array, "n 12"]) -> dict[str, Array]:
         """Chords of some remedies under a noise, and what normalisation does."""
-        vectors = self.truth[:, None] + self.sigma * x.reshape(-1, 4, 3).swapaxes(0, 1)
+        noise = x.reshape(-1, 4, 3).swapaxes(0, 1) @ self.roots
+        vectors = self.truth[:, None] + self.sigma * noise
         found = {name: self.chords(name, *vectors) for name in names}
         block = vectors.swapaxes(1, 2).reshape(12, -1)
         for name, geometry in self.lengths.items():
@@ -250,23 +295,36 @@ class Setting:
         # a qbar of 0 has no sign; the square of its frame is even and smooth in it
         least = 1e-3 * self.sigma if frame == "plain" else 0.0
         geometry = self.turned(frame, max(self.share, least))
-        bias, C = exact_moments(geometry, noise_covariances(self.sigma))
+        bias, C = exact_moments(geometry, self.noise)
         second = C + np.outer(bias, bias)
         return 4.0 * float(np.trace(second) - geometry.q @ second @ geometry.q)
+
+    @property
+    def expands(self) -> bool:
+        """True if a fixed frame has no exact answer: it is expanded, too."""
+        return self.parameters.normalized or not self.gaussian
+
+    @property
+    def plain_expands(self) -> bool:
+        """True if an expansion of the plain frame holds."""
+        far = self.parameters.distance >= 2.0 * RANGE
+        return bool(far and self.norms[3] >= MIN_NORM)
 
     def frames(self) -> dict[str, Column]:
         """Frame of each remedy that has a fixed one here."""
         found, p = {}, self.parameters
         lengths = np.sort(self.norms)
-        if lengths[3] - lengths[2] >= MARGIN * self.sigma:
+        if lengths[3] - lengths[2] >= self.margin * self.sigma:
             found["best of four"] = self.best
         over = self.norms[SEQUENCE] - 0.5 * np.linalg.norm(self.n)
         first = int(np.argmax(over >= 0.0))
-        if np.all(np.abs(over[: first + 1]) >= MARGIN * self.sigma):
+        if np.all(np.abs(over[: first + 1]) >= self.margin * self.sigma):
             found["sequential"] = FRAMES[SEQUENCE[first]]
-        if p.case in "CD" or p.distance >= QUICK:
+        quick = p.case in "CD" and p.noise != "tangent"
+        near = not quick and p.distance < QUICK
+        if self.plain_expands if self.expands else not near:
             found["plain"] = "plain"
-            if p.distance >= p.border + MARGIN:
+            if p.distance >= p.border + self.margin:
                 found["Table 1"] = "plain"
         return found
 
@@ -274,44 +332,68 @@ class Setting:
         """Mean squares, their theory, and what this leaves out of them."""
         found: dict[str, tuple[float, str, float]] = {}
         frames = self.frames()
+        first: dict[str, Array] = {}
         for frame in dict.fromkeys(frames.values()):
+            same = [name for name, own in frames.items() if own == frame]
+            if self.expands:
+                first |= dict.fromkeys(same, self.turns_of(frame))
+                continue
             try:
                 square = self.exact_square(frame)
             except RefusedError:  # not resolved so near: reported, not judged
                 continue
-            same = (name for name, own in frames.items() if own == frame)
             found |= dict.fromkeys(same, (square, stat.EXACT, 0.0))
-        given = self.q, np.stack([self.r1, self.r2]), self.sigma
+        if self.plain_expands:
+            first["plain, normalised"] = self.turns_of("plain", normalized=True)
+        given = self.q, np.stack([self.r1, self.r2]), self.seen
         kinds = {
             "q-method": "wahba",
             "optimal": "wahba",
             "TRIAD": "triad",
             "combined": "combined",
         }
-        first = {name: class_moments(kind, *given)[1] for name, kind in kinds.items()}
-        near = self.parameters.border < MARGIN  # noise takes it across the border
+        first |= {name: class_moments(kind, *given)[1] for name, kind in kinds.items()}
+        near = self.parameters.border < self.margin  # noise takes it across the border
         if self.parameters.distance == 0.0 and self.parameters.case != "A" and not near:
-            first["Table 1"] = direct_covariance(self.q, self.r1, self.r2, self.sigma)
+            first["Table 1"] = direct_covariance(self.q, self.r1, self.r2, self.seen)
         # twice what is of higher order, found by halving the noise
-        whole, half = (self.by_cubature(first, s) for s in (self.sigma, self.sigma / 2))
+        whole, half = (self.by_cubature(first, level) for level in (1.0, 0.5))
         left = 2.0 * np.abs(whole - 4.0 * half) / 0.75
         for (name, C), rest in zip(first.items(), left, strict=True):
             found[name] = float(np.trace(C)), stat.FIRST_ORDER, float(rest)
         return found
 
-    def by_cubature(self, names: Mapping[str, Array], sigma: float) -> Array:
-        """Mean squares of some remedies at a noise."""
-        return -cubature_moments(
-            lambda *v: np.stack(
-                [np.sum(self.chords(k, *v) ** 2, axis=1) for k in names], axis=1
-            ),
-            self.truth, noise_covariances(sigma), np.zeros(len(names)), 5,
-        ).bias  # fmt: skip
+    def turns_of(self, frame: Column, normalized: bool = False) -> Array:
+        """Covariance of the turn of a fixed frame to first order."""
+        given = self.q, self.r1, self.r2, self.seen
+        return (
+            4.0 * attitude_moments(*given, 2, frame, normalized=normalized).covariance
+        )
+
+    def by_cubature(self, names: Mapping[str, Array], level: float) -> Array:
+        """Mean squares of some remedies at a multiple of the noise, (SC2)."""
+
+        def squares(scales: Float[Array, "4"]) -> Array:
+            noise = scales[:, None, None] * self.noise * level**2
+            return -cubature_moments(
+                lambda *v: np.stack(
+                    [np.sum(self.chords(k, *v) ** 2, axis=1) for k in names], axis=1
+                ),
+                self.truth, noise, np.zeros(len(names)), 5,
+            ).bias  # fmt: skip
+
+        one, steps = np.ones(4), np.sqrt(TAILS - 1.0) * np.eye(4)
+        middle = squares(one)
+        if self.gaussian:
+            return middle
+        pairs = [(squares(one + h) + squares(one - h)) / 2.0 for h in steps]
+        return np.sum(pairs, axis=0) - 3.0 * middle
 
     def trial(self, rng: np.random.Generator) -> tuple[Kept, Kept]:
         """A block of trials: errors of all remedies, and their noise."""
         noise = rng.standard_normal((4, BLOCK, 3))
-        x = noise.swapaxes(0, 1).reshape(BLOCK, 12)
+        drawn = noise * tails(self.parameters.noise, (4, BLOCK, 1), rng)
+        x = drawn.swapaxes(0, 1).reshape(BLOCK, 12)
         return {**self.errors(self.remedies, x), "noise": x}, {"vectors": noise}
 
 
@@ -329,13 +411,12 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     known = setting.expanded(smooth, trials["noise"])
     for name in setting.remedies:
         rows += _remedy_rows(setting, name, trials[name], theory.get(name), known)
-    rows += [*_normalisation_rows(setting, trials, known), *_border_rows(setting)]
+    if not parameters.normalized:
+        rows += _normalisation_rows(setting, trials, known)
+    rows += _border_rows(setting)
     if parameters.distance == 0.0:
-        rows += [*_cost_rows(parameters.case), *_table_rows()]
-    file, artifacts = artifact_of(parameters.model_dump()), {}
-    if (parameters.case, parameters.distance) == ("D", 0.0):
-        artifacts[file] = drawings(parameters.noise_std)
-    return Outcome(rows=tuple(rows), artifacts=artifacts)
+        rows += [*_cost_rows(parameters), *_table_rows()]
+    return Outcome(rows=tuple(rows))
 
 
 def _remedy_rows(
@@ -371,17 +452,18 @@ def _normalisation_rows(
     setting: Setting, trials: Trials, known: Mapping[str, Expanded]
 ) -> Iterator[Row]:
     """Mean length by (51) of two frames, mean turn by (53) of the best."""
+    more = 1.0 if setting.gaussian else TAILS
     for name, geometry in setting.lengths.items():
-        moments = scaled_error_moments(geometry, noise_covariances(setting.sigma))
+        moments = scaled_error_moments(geometry, setting.noise)
         values = trials[f"length {name}"]
         own = plain(
             stat.LENGTH_OFF(name), *mean_of(values[:, 0]),
             second_order_length(moments.q, moments.P), stat.ORDER_2,
-            4.0 * np.trace(moments.P) ** 2,
+            4.0 * more * np.trace(moments.P) ** 2,
         )  # fmt: skip
         yield from own
         yield from beside(own, [known[f"length {name}"].mean(values)], ROUNDING)
-    given = setting.q, setting.r1, setting.r2, setting.sigma
+    given = setting.q, setting.r1, setting.r2, setting.noise
     orders: tuple[Order, ...] = (2, 4)
     found = {k: attitude_moments(*given, k, setting.best) for k in orders}
     left = expansion_remainders(found)[2].bias
@@ -389,7 +471,7 @@ def _normalisation_rows(
     mean, error = turns.mean(axis=0), turns.std(axis=0, ddof=1) / np.sqrt(len(turns))
     own = plain(
         stat.BIAS.each("xyzs"), mean, error, len(turns),
-        multiplicative_moments(found[2]).bias, stat.ORDER_2, 2.0 * left,
+        multiplicative_moments(found[2]).bias, stat.ORDER_2, 2.0 * more * left,
     )  # fmt: skip
     yield from own
     yield from beside(own, [known["turn"].mean(turns)], ROUNDING)
@@ -416,12 +498,15 @@ def _border_rows(setting: Setting) -> Iterator[Row]:
         )  # fmt: skip
 
 
-def _cost_rows(case: str) -> Iterator[Row]:
+def _cost_rows(parameters: Parameters) -> Iterator[Row]:
     """RMS errors over the bound to first order, over many attitudes of the case."""
     rng = np.random.default_rng(GEOMETRIES)
-    truths = [singular_attitude(case, rng) for _ in range(GEOMETRIES)]
+    truths = [singular_attitude(parameters.case, rng) for _ in range(GEOMETRIES)]
     q, r1, r2 = (np.stack(each) for each in zip(*truths, strict=True))
-    bound = np.trace(attitude_bound(q, r1, r2, 1.0).rotation, 0, 1, 2)
+    vectors = vectors_of(q, r1, r2)
+    noise = noise_covariances(parameters.noise, vectors)
+    bound = np.trace(attitude_bound(q, r1, r2, noise).rotation, 0, 1, 2)
+    noise = seen_noise(parameters, vectors, noise)
     norms = np.abs(column_norms(q, r1, r2))
     least = 0.5 * np.linalg.norm(norms, axis=1, keepdims=True)
     first = np.argmax(norms[:, SEQUENCE] >= least, axis=1)
@@ -430,12 +515,13 @@ def _cost_rows(case: str) -> Iterator[Row]:
     squares = {}
     for name, column in columns.items():
         geometry = turned_geometry(column, q, r1, r2)
-        moments = scaled_error_moments(geometry, noise_covariances(1.0)[None])
+        moments = scaled_error_moments(geometry, noise)
         squares[name] = 4.0 * second_order_covariance(moments.q, moments.P)
-    combined = attitude_moments(q, r1, r2, 1.0, 2, "combined")
+    combined = attitude_moments(q, r1, r2, noise, 2, "combined")
     squares["combined"] = 4.0 * combined.covariance
-    if case != "A":
-        squares["Table 1"] = direct_covariance(q, r1, r2, 1.0)
+    if parameters.case != "A":
+        each = zip(q, r1, r2, noise, strict=True)
+        squares["Table 1"] = np.stack([direct_covariance(*one) for one in each])
     for name, C in squares.items():
         ratios = np.sqrt(np.trace(C, axis1=1, axis2=2) / bound)
         values = np.quantile(ratios, [0.0, 0.5, 1.0])
@@ -470,46 +556,6 @@ def _table_rows() -> Iterator[Row]:
     for name, each in wrong.items():
         share = float(np.mean(each))
         yield from limit(stat.FAILURES(name), share, 0.0, stat.TRUTH, n=each.size)
-
-
-X, Y, Z = np.eye(3)
-LEFT, RIGHT = (np.array([np.cos(1.2), s * np.sin(1.2), 0.0]) for s in (1.0, -1.0))
-DRAWN: Final = {
-    "Fig. 1: case B, turn about r1": (Z, Z, X, X + 0.3 * Y, Z + 0.3 * Y),
-    "Fig. 2: case B from above": (Z, Z, X, X, Y),
-    "Fig. 3: axis r1 + r2, d1 = -d2": (X, LEFT, RIGHT, Y, Z),
-    "Fig. 3: axis r1 - r2, d1 = d2": (Y, LEFT, RIGHT, X, Z),
-    "Fig. 4: turn about the normal": (Z, LEFT, RIGHT, X, Y),
-}
-"""Axis, references, and the directions across and up, of the source's figures."""
-LINES: Final = ("2d", "r", "b", "path of b2")
-
-
-def artifact_of(named: Mapping[str, Any]) -> str:
-    """File of the drawings of a cell with these parameters."""
-    case, distance, noise = (named[key] for key in ("case", "distance", "noise_std"))
-    return f"attitude-singular-{case}-{distance:g}-{noise:g}.npz"
-
-
-def drawings(noise_std: float) -> dict[str, Array]:
-    """Lines of the source's figures 1 to 4, each of five measurements."""
-    rng, found = np.random.default_rng(4), {}
-    for name, (axis, r1, r2, across, up) in DRAWN.items():
-        angles = np.linspace(0.0, 1.2, 25)
-        path = [attitude_matrix(turn(axis, np.sin(a / 2.0))) @ r2 for a in angles]
-        body = [attitude_matrix(turn(axis, np.sin(0.6))) @ r for r in (r1, r2)]
-        kinds: list[list[Array]] = [[], [], [], path]
-        for noise in noise_std * rng.standard_normal((5, 4, 3)):
-            b1, b2, u1, u2 = np.stack([*body, r1, r2]) + noise
-            kinds[0] += [0 * X, b1, u1, b1, 0 * X, b2, u2, b2, 0 * X]
-            kinds[1] += [0 * X, u1, 0 * X, u2, 0 * X]
-            kinds[2] += [0 * X, b1, 0 * X, b2, 0 * X]
-        places = np.concatenate(kinds)
-        column = np.repeat(np.arange(4), [len(kind) for kind in kinds])
-        mine = column[:, None] == np.arange(4)
-        found[f"{name}, across"] = places @ across
-        found[f"{name}, up"] = np.where(mine, (places @ up)[:, None], np.nan)
-    return found
 
 
 _NEAR = Figure(
@@ -553,30 +599,6 @@ FIGURES = (
             "RMS error on the singular set. In cases B to D the plain formula is wrong "
             "by as much whatever the noise, in case A by its root; remedies follow it. "
             "Of several random geometries the first is drawn."
-        ),
-    ),
-    Trace(
-        name="singular-vectors",
-        asked="What do the source's figures 1 to 4 show?",
-        file=artifact_of,
-        axis="across",
-        most=1,
-        strips=[
-            Strip(
-                title=name,
-                along=f"{name}, across",
-                array=f"{name}, up",
-                names=LINES,
-                value="up",
-                log_y=False,
-            )
-            for name in DRAWN
-        ],
-        caption=(
-            "The source's figures 1 to 4 from five simulated measurements each. About "
-            "r1 the difference of the second pair is normal to the axis; about an axis "
-            "in the plane of both vectors the differences stay parallel (figure 3, "
-            "seen along the axis), about its normal they do not."
         ),
     ),
     Listing(

@@ -28,6 +28,13 @@ to a remainder of `MOST_LEFT_OUT` of a mean, theory's first order holds. Of the 
 mean may be off by m and the variance by a share v: then the share beyond a threshold t
 is that beyond t less or plus :math:`m + \tfrac12 v |t - \mu|`, to first order in both.
 
+The noise is isotropic, tangent to each body vector or has heavy tails
+(`simval.studies.noise_kinds`; unequal noise is `ratio`), and the vectors of the closed
+forms are taken as they are or normalised; least squares normalises them. To first order
+normalised vectors, and least squares, have the noise across the vectors alone, so that
+what they state of isotropic noise holds of tangent noise, too. Heavy tails add (SC2) to
+what the first order leaves out, and their loss is not chi-square: its test is recorded.
+
 Second and fourth order of the least squares' covariance are set against cubature of
 degree 7 besides, without chance. How much either may leave out is said by the powers of
 the noise in that truth, and not by the distance of a formula from it. The first of them
@@ -35,11 +42,11 @@ is what the second order must be.
 """
 
 from collections.abc import Iterator
-from typing import Self
+from typing import Final, Literal, Self
 
 import numpy as np
 import scipy
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -57,6 +64,12 @@ from simval.imu.attitude import (
 from simval.results import Outcome, Row, beyond, exact, nees, plain, unjudged
 from simval.shapes import Float
 from simval.streams import Streams
+from simval.studies.noise_kinds import (
+    TAILS,
+    noise_covariances,
+    noise_roots,
+    tails,
+)
 from simval.studies.response import (
     MET,
     apart,
@@ -88,6 +101,10 @@ MOST_LEFT_OUT = 0.1
 """Of a mean: noise that is 10 % wrong makes it 0.2. Without the right weights the
 second order of a noisy vector swamps the first of a good one."""
 
+
+HEAVY: Final = (
+    "the noise has heavy tails, and the loss is chi-square of normal noise alone"
+)
 
 MOST_SAMPLES = 4_000_000
 """They are held all at once: 8 GB with six vectors."""
@@ -128,6 +145,15 @@ class Parameters(StudyParameters):
     )
     geometry: Geometry = 0
     samples: int = ranged(65_536, "Trials.", 4096, MOST_SAMPLES)
+    noise: Literal["isotropic", "tangent", "heavy tails"] = Field(
+        default="isotropic", description="Noise of the body vectors."
+    )
+    normalized: bool = Field(
+        default=False, description="Normalise the vectors of the closed forms."
+    )
+
+    # the same draws for each kind of noise, so that cells compare
+    no_noise = ("noise", "normalized")
 
     @model_validator(mode="after")
     def _require_vectors(self) -> Self:
@@ -146,6 +172,7 @@ class Parameters(StudyParameters):
         """Cost of a cell."""
         closed_forms = 1.5e-5 * self.samples * (self.vectors == 2)
         orders = 0.01 * self.vectors**2
+        orders *= 2.0 * self.vectors if self.noise == "heavy tails" else 1.0
         return Cost(
             0.05 + orders + 2e-6 * self.samples * self.vectors + closed_forms, 50
         )
@@ -162,7 +189,11 @@ class Setting:
         self.body = self.references @ attitude_matrix(self.q).T
         self.std = parameters.noise_std * np.append(1.0, [parameters.ratio] * (n - 1))
         self.noise_std = np.stack([self.std, np.zeros(n)])
-        noise = self.noise_std.reshape(-1)
+        self.kind, self.normalized = parameters.noise, parameters.normalized
+        self.roots = noise_roots(self.kind, self.body)
+        vectors = np.concatenate([self.body, self.references])
+        sizes = self.noise_std.reshape(-1, 1, 1) ** 2
+        noise = self.covariances = sizes * noise_covariances(self.kind, vectors)
         bound = wahba_bound(self.q, self.references, noise)
         self.bound = float(np.trace(bound.rotation))
         self.weights = {"weighted": 1.0 / self.std**2, "equal weights": np.ones(n)}
@@ -176,7 +207,9 @@ class Setting:
             best = attitude_moments(self.q, r1, r2, 0.0).frame  # at the truth
             self.frames = {"combined": "combined", "best of four": best}
             for name, frame in self.frames.items():
-                moments[name] = attitude_moments(self.q, r1, r2, noise, 2, frame)
+                moments[name] = attitude_moments(
+                    self.q, r1, r2, noise, 2, frame, normalized=self.normalized
+                )
         self.predicted = {
             name: 4.0 * float(np.trace(moment.covariance))
             for name, moment in moments.items()
@@ -190,7 +223,9 @@ class Setting:
         }
         for name, frame in self.frames.items():
             b1, b2, (r1, r2) = body[:, 0], body[:, 1], self.references
-            found[name] = two_vector_quaternion(b1, b2, r1, r2, frame)
+            found[name] = two_vector_quaternion(
+                b1, b2, r1, r2, frame, normalized=self.normalized
+            )
         return found
 
     def stated(self, name: str, body: Float[Array, "t n 3"]) -> Float[Array, "t 3 3"]:
@@ -216,7 +251,9 @@ class Setting:
         ]
         for name, frame in self.frames.items():
             given = attitudes[name], errors[name], self.references
-            own.append(closed_form_square(*given, self.noise_std.reshape(-1), frame))
+            across = self.normalized or self.kind == "tangent"
+            noise = self.noise_std.reshape(-1)
+            own.append(closed_form_square(*given, noise, frame, across))
         loss = self.losses(body)
         return np.stack([*squares, *own, loss, loss * loss], axis=1)
 
@@ -245,15 +282,24 @@ class Setting:
         return freedom + apart, 2.0 * (freedom + 2.0 * apart)
 
     def off(self, shift: float, degree: int) -> Float[Array, " m"]:
-        """These less those by cubature."""
-        moments = cubature_moments(
-            lambda *body: self.features(np.stack(body, axis=1)),
-            self.body + self.displaced(shift),
-            self.std[:, None, None] ** 2 * np.eye(3),
-            self.means(shift),
-            degree,
-        )
-        return moments.bias
+        """These less those by cubature, with (SC2) under heavy tails."""
+
+        def off(scales: Array) -> Array:
+            return cubature_moments(
+                lambda *body: self.features(np.stack(body, axis=1)),
+                self.body + self.displaced(shift),
+                scales[:, None, None] * self.covariances[: self.n],
+                self.means(shift),
+                degree,
+            ).bias
+
+        one = np.ones(self.n)
+        middle = off(one)
+        if self.kind != "heavy tails":
+            return middle
+        steps = np.sqrt(TAILS - 1.0) * np.eye(self.n)
+        pairs = [(off(one + h) + off(one - h)) / 2.0 - middle for h in steps]
+        return middle + np.sum(pairs, axis=0)
 
     @property
     def sine(self) -> float:
@@ -261,13 +307,17 @@ class Setting:
         seen = self.n * np.eye(3) - self.body.T @ self.body
         return float(np.sqrt(min(np.linalg.eigvalsh(seen)[0], 1.0)))
 
-    def draw(self, count: int, rng: np.random.Generator) -> Float[Array, "t n 3"]:
-        """Body vectors with noise."""
-        return self.body + self.std[:, None] * rng.standard_normal((count, self.n, 3))
+    def draw(
+        self, count: int, rng: np.random.Generator
+    ) -> tuple[Float[Array, "t n 3"], Float[Array, "t n 3"]]:
+        """Normal numbers, and what noise of variance 1 is made of them."""
+        normal = rng.standard_normal((count, self.n, 3))
+        return normal, normal * tails(self.kind, (count, self.n, 1), rng)
 
-    def noise(self, body: Float[Array, "t n 3"]) -> Float[Array, "t n 3"]:
-        """Noise of body vectors, in units of its deviation."""
-        return (body - self.body) / self.std[:, None]
+    def noisy(self, x: Float[Array, "t n 3"]) -> Float[Array, "t n 3"]:
+        """Body vectors with such noise."""
+        turned = (self.roots @ x[..., None])[..., 0]
+        return self.body + self.std[:, None] * turned
 
     def turns(self, body: Float[Array, "t n 3"]) -> Float[Array, "t p"]:
         """Turn of each estimator from the truth, side by side."""
@@ -276,7 +326,7 @@ class Setting:
 
     def errors(self, x: Float[Array, "t d"]) -> Float[Array, "t p"]:
         """Turns by some noise."""
-        return self.turns(self.body + self.std[:, None] * x.reshape(-1, self.n, 3))
+        return self.turns(self.noisy(x.reshape(-1, self.n, 3)))
 
     def linear_losses(
         self, x: Float[Array, "t n 3"], shift: float
@@ -303,6 +353,7 @@ def closed_form_square(
     references: Float[Array, "2 3"],
     noise_std: Float[Array, "4"],
     frame: Frame,
+    normalized: bool = False,
 ) -> Float[Array, " n"]:
     """Squares of turns, normalised by second-order theory at each estimate.
 
@@ -314,7 +365,9 @@ def closed_form_square(
     if frame != "combined":
         norms = np.abs(column_norms(q, r1, r2)[:, FRAMES.index(frame)])
         kept = norms >= MIN_NORM
-    found = attitude_moments(q[kept], r1, r2, noise_std, 2, frame)
+    found = attitude_moments(
+        q[kept], r1, r2, noise_std, 2, frame, normalized=normalized
+    )
     # a turn is twice its sine
     covariance = 4.0 * multiplicative_moments(found).covariance[:, :3, :3]
     square[kept] = normalised_squares(error[kept], covariance)
@@ -357,24 +410,21 @@ def why_outside(left: float, mean: float) -> str:
 def run(parameters: Parameters, streams: Streams) -> Outcome:
     """Measure and predict one cell."""
     setting, n, shift = Setting(parameters), parameters.samples, parameters.shift
-    body = setting.draw(n, streams.block(0))
-    values, x = setting.features(body), setting.noise(body)
+    normal, x = setting.draw(n, streams.block(0))
+    values = setting.features(setting.noisy(x))
     off = left_out(parameters)
     rows = _estimator_rows(setting, values, x, off)
     tests = _test_rows("good", setting, 0.0, x, values[:, -2], off)
-    vectors = [*np.moveaxis(x, 1, 0)]
+    vectors = [*np.moveaxis(normal, 1, 0)]
     if shift > 0.0:
-        again = setting.draw(n, streams.block(1))
-        y, losses = (
-            setting.noise(again),
-            setting.losses(again + setting.displaced(shift)),
-        )
+        more, y = setting.draw(n, streams.block(1))
+        losses = setting.losses(setting.noisy(y) + setting.displaced(shift))
         off = left_out(parameters, shift)
         tests += _test_rows("wrong vector", setting, shift, y, losses, off)
-        vectors += [*np.moveaxis(y, 1, 0)]
+        vectors += [*np.moveaxis(more, 1, 0)]
     return Outcome(
         rows=(
-            *noise_row(x.reshape(n, -1)),
+            *noise_row(normal.reshape(n, -1)),
             *rows,
             *tests,
             *correlation_row(vectors),
@@ -460,6 +510,8 @@ def _test_rows(
         chance, stat.CHI_SQUARE, np.abs(np.array(ends) - chance).max(),
     )  # fmt: skip
     worst = max(of_mean / mean, 0.5 * of_variance)
+    if setting.kind == "heavy tails":  # nor is its share beside a known one
+        return beyond(rows, HEAVY)
     rows = beyond(rows, why_outside(worst, 1.0))
     sharper = reduced_share(seen, linear > threshold, share(known))
     return (*rows, *beside(rows, [sharper]))
@@ -482,7 +534,10 @@ def _stated_rows(setting: Setting) -> tuple[Row, ...]:
 
 
 def _order_rows(setting: Setting) -> Iterator[Row]:
-    """Covariance of least squares by second and by fourth order, against cubature."""
+    """Covariance of least squares by second and by fourth order, against cubature.
+
+    Both are of normal noise: under heavy tails they are those of the isotropic one.
+    """
     names = [*setting.weights]
 
     def signed(*body: Array) -> Array:
@@ -490,7 +545,7 @@ def _order_rows(setting: Setting) -> Iterator[Row]:
         turned = [found[k] * np.sign(found[k] @ setting.q)[:, None] for k in names]
         return np.concatenate(turned, axis=1)
 
-    noise = setting.std[:, None, None] ** 2 * np.eye(3)
+    noise = setting.covariances[: setting.n]
     zero, squares = np.tile(setting.q, len(names)), LEVELS**2
     truths = np.array([
         cubature_moments(signed, setting.body, square * noise, zero, 7).covariance
@@ -502,7 +557,7 @@ def _order_rows(setting: Setting) -> Iterator[Row]:
         own = np.s_[4 * k : 4 * k + 4, 4 * k : 4 * k + 4]
         true = truths[0][own]
         size = float(np.linalg.norm(true))
-        given = setting.q, setting.references, setting.noise_std.reshape(-1), weights
+        given = setting.q, setting.references, setting.covariances, weights
         try:
             moments = [wahba_moments(*given, order) for order in (2, 4)]
         except RefusedError:  # rounding counts: not judged

@@ -89,7 +89,7 @@ from simval.studies.estimator_errors import (
     size_rows,
     unit_rows,
 )
-from simval.studies.estimator_operations import operation_rows
+from simval.studies.estimator_operations import operation_rows, rounding_rows
 from simval.studies.estimator_series import series_of
 from simval.studies.named_geometries import GEOMETRIES, GeometryName, named_geometry
 from simval.studies.plugin import (
@@ -238,6 +238,7 @@ class Attitudes(Problem[Estimator, float, Trials]):
             *size_rows(sums, cubatures, least, (rounding, self.weights), chosen[1]),
             *unit_rows(self.q, self.first_attitudes()),
             *operation_rows(plugin, len(self.references)),
+            *rounding_rows(plugin, len(self.references), self.noise),
         ]
         if plugin.series:
             series = (self.series(noise, order) for order in (2, 4))

@@ -1,10 +1,16 @@
-"""Operations of one attitude, counted by numbers that count.
+"""Operations of one attitude, counted by numbers that count, and its rounding.
 
 What an estimator gives as `arithmetic` is its method on numbers of any class. Here they
 are numbers that count additions, products, divisions and roots, of unit vectors and of
 weights whose sum is 1; comparisons and signs are free. The problems are the exact
 generic cases, drawn once for all, so a count is a fact about the code and its branches,
 without chance and the same on every machine. Its answers must be those of `estimate`.
+
+Rounding of two vectors turns their attitude by its size over the sine between them. A
+method that squares the sine, as Davenport's matrix does, loses as many digits again.
+The greatest error of exact cases at each of `SINES` shows it. Down to the least sine of
+the class "nearly parallel" it is held to what an estimator may err by there
+(`simval.plugins.probe`); beyond it an estimator may refuse, and it is recorded.
 """
 
 import operator
@@ -18,13 +24,22 @@ from numpy.typing import NDArray
 from simval import statistics as stat
 from simval.arrays import Array
 from simval.errors import PluginError
-from simval.geometry import attitude_error
+from simval.geometry import attitude_error, normalize
 from simval.plugins import Estimator
 from simval.plugins.answers import handed, quaternions_of, stacked
-from simval.plugins.attitudes import GENERIC, package_quaternion, sound_rows, tail
+from simval.plugins.attitudes import (
+    GENERIC,
+    PARALLEL,
+    package_quaternion,
+    random_case,
+    seen,
+    sound_rows,
+    tail,
+)
 from simval.plugins.child import where_it_lives
-from simval.plugins.probe import allowed
-from simval.results import Row, unjudged
+from simval.plugins.noise import VectorNoise
+from simval.plugins.probe import TOLERANCE, Exact, allowed
+from simval.results import Row, limit, unjudged
 from simval.shapes import Float, Int
 from simval.text import raised
 
@@ -117,6 +132,37 @@ def operation_rows(plugin: Estimator, vectors: int) -> tuple[Row, ...]:
         [*total[order[[0, COUNT // 2, -1]]], *counts[middle]],
         n=COUNT,
     )
+
+
+SINES: Final = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+"""Of the angle between the references."""
+
+PROMISED: Final = 1e-3
+"""Least sine of the class "nearly parallel"."""
+
+
+def rounding_rows(
+    plugin: Estimator, vectors: int, noise: VectorNoise
+) -> tuple[Row, ...]:
+    """Rows of the greatest error without noise at each sine, of two free vectors.
+
+    It is pi where an answer is no attitude.
+    """
+    if vectors != 2 or plugin.fixed is not None:
+        return ()
+    rows: tuple[Row, ...] = ()
+    for sine in SINES:
+        q, r1, other = random_case(COUNT, np.random.default_rng(COUNT))
+        across = normalize(np.cross(r1, other))
+        r2 = np.sqrt(1.0 - sine**2) * r1 + sine * across
+        cases = Exact(q, seen(q, r1, r2), noise)
+        worst = min(float(cases.errors(plugin).max()), np.pi)
+        given = stat.ROUNDING_AT(f"{sine:g}"), worst
+        if sine < PROMISED or PARALLEL in plugin.fails_at or noise.extreme:
+            rows += unjudged(*given, n=COUNT)
+        else:
+            rows += limit(*given, TOLERANCE / sine, stat.TRUTH, n=COUNT)
+    return rows
 
 
 @where_it_lives

@@ -2,7 +2,10 @@ r"""Solvers: comparison of the methods of the calibration, which must agree.
 
 One noisy pose set, far enough from the closed-form start that there is a way to go.
 Each method is stopped after every number of steps, and its distance from where it ends
-is kept for the report. All must end at the same parameters.
+is kept for the report. All must end at the same parameters. `iteration`, `step` and
+`model` are those of `calibrate`: with "source" the methods are the sources' own from
+the closed-form start, J'J + mu I of the triangular form, Gauss-Newton with a fixed
+alpha and Newton with all second derivatives of the symmetric one.
 
 `SOURCES` are the sources' own methods on the same set: nine unknowns, no closed-form
 start but :math:`M = I, b = 0`, the residual :math:`e_k = |M(a_k - b)|^2 - g^2`. The
@@ -15,14 +18,17 @@ step leaves of the distance
 
 .. math:: 1 - \alpha + \alpha r, \quad |r| \le \rho.  \tag{S1}
 
-That is so near the end. Where the noise leaves a parameter uncertain by more than
-`WIDEST` of its size, their start need not be near it, and nothing is said of them.
+That is so near the end, of every form of the nine unknowns, which have one
+:math:`\rho`. Where the noise leaves a parameter uncertain by more than `WIDEST` of its
+size, their start need not be near it, and nothing is said of them.
 """
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -39,7 +45,7 @@ from simval.streams import Streams
 from simval.studies.calibration import true_sensor
 from simval.studies.study import LEAST_NOISE, Cost, StudyParameters, ranged, refusing
 from simval.theory.calibration import calibration_moments
-from simval.vocabulary import METHODS, Method, Model
+from simval.vocabulary import METHODS, Iteration, Method, Model
 
 TITLE = "Solvers: do all methods of the calibration reach the same answer?"
 SECTION = "convergence"
@@ -52,6 +58,8 @@ MOST_STEPS: Final = 200
 ROUNDING: Final = 64.0 * np.finfo(float).eps  # of a squared residual of size 1
 FAR: Final = 1e-7
 """Of a distance that still falls by one factor, undisturbed by rounding."""
+LEAST_STEP: Final = 0.2
+"""A step then leaves 0.8, and `MOST_STEPS` of them 4e-20."""
 AGREEMENT = 1e-9
 """Relative; each method stops at 1e-12 of its own step, some digits are the data's."""
 HALF: Final = 0.5  # alpha
@@ -85,10 +93,17 @@ class Parameters(StudyParameters):
         0.3, "Noise of each axis of a pose mean, m/s^2.", LEAST_NOISE, 3.0
     )
     poses: int = ranged(40, "Poses, spread evenly over the sphere.", 10, 400)
+    iteration: Iteration = Field(
+        default="centre", description="Unknowns: the centre, or the sources' nine."
+    )
+    step: float = ranged(1.0, "Fraction of each step that is taken.", LEAST_STEP, 1.0)
+    model: Model = Field(default="triangular", description="Form of the parameters.")
+
+    no_noise = ("iteration", "step", "model")
 
     def cost(self) -> Cost:
         """Cost of a cell."""
-        return Cost(0.1, 14)
+        return Cost(0.1 + 0.5 * (self.step < 1.0), 16)
 
 
 @refusing("lower `noise_std` or give more `poses`")
@@ -97,8 +112,15 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
     sensor = true_sensor(parameters.noise_std)
     force = G * fibonacci_sphere(parameters.poses)
     raw = sensor.distort(force, streams.block(0))
-    ends = {method: calibrate(raw, g=G, method=method) for method in METHODS}
-    first = ends[METHODS[0]].parameters
+    first, plain = (
+        calibrate(raw, g=G, model=model).parameters
+        for model in ("triangular", parameters.model)
+    )
+    way = partial(
+        calibrate, raw, g=G, model=parameters.model, step=parameters.step,
+        iteration=parameters.iteration,
+    )  # fmt: skip
+    ends = {method: way(method=method) for method in METHODS}
     sd = calibration_moments(sensor, force, G, parameters.noise_std).sd
     widest = float((sd / np.repeat([1.0, G], [6, 3])).max())
     why = (
@@ -108,19 +130,21 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         else ""
     )
     ways: dict[str, Array] = {}
+    left: dict[str, float] = {}
     rows: list[Row] = []
     for method, fit in ends.items():
-        size = np.abs(first).max()
-        apart = float(np.abs(fit.parameters - first).max() / size)
+        size = np.abs(plain).max()
+        apart = float(np.abs(fit.parameters - plain).max() / size)
         rows += unjudged(stat.STEPS(method), int(fit.iterations))
         rows += limit(stat.APART(method), apart, AGREEMENT, stat.FIRST_SOLVER)
-        way = [
-            calibrate(raw, g=G, method=method, max_iterations=k).parameters
-            for k in range(1, min(SHOWN, int(fit.iterations)) + 1)
-        ]
-        distance = np.abs(np.array(way) - fit.parameters).max(axis=1) / size
-        ways[method] = distance[(distance > 0.0) | (np.arange(len(way)) == 0)]
-    left: dict[str, float] = {}
+        counts = range(1, min(SHOWN, int(fit.iterations)) + 1)
+        path = np.array(
+            [way(method=method, max_iterations=k).parameters for k in counts]
+        )
+        distance = np.abs(path - fit.parameters).max(axis=1) / size
+        ways[method] = distance[(distance > 0.0) | (np.arange(len(path)) == 0)]
+        if np.sum(distance > FAR) > 2:  # else its start is as near as its end
+            left[method] = share_left(distance)
     for name, source in SOURCES.items():
         path, steps = source_way(source, raw)
         apart = np.abs(path - first).max(axis=1) / np.abs(first).max()
@@ -129,16 +153,25 @@ def run(parameters: Parameters, streams: Streams) -> Outcome:
         rows += beyond(far, why)
         distance = np.abs(path[:-1] - path[-1]).max(axis=1) / np.abs(first).max()
         ways[name] = distance[distance > 0.0][:SHOWN]
-        last = max(1, int(np.flatnonzero(distance > FAR)[-1]))
-        left[name] = float(distance[last] / distance[last - 1])
+        left[name] = share_left(distance)
     rows += unjudged(stat.STEP_LEAVES(FULL_STEPS), left[FULL_STEPS])
-    off = abs(left[HALF_STEPS] - (1.0 - HALF))
-    # (S1), and a hundredth for what is left of the other directions and second order
-    most = HALF * left[FULL_STEPS] + 0.01
-    rows += beyond(limit(stat.STEP_OFF(HALF_STEPS), off, most, "1 - α"), why)
+    damped = {HALF_STEPS: HALF}
+    if parameters.iteration == "source" and "gauss-newton" in left:
+        damped["gauss-newton"] = parameters.step
+    for name, alpha in damped.items():
+        off = abs(left[name] - (1.0 - alpha))
+        # (S1), a hundredth for what is left of the other directions and second order
+        most = alpha * left[FULL_STEPS] + 0.01
+        rows += beyond(limit(stat.STEP_OFF(name), off, most, "1 - α"), why)
     return Outcome(
         rows=tuple(rows), artifacts={artifact_of(parameters.model_dump()): ways}
     )
+
+
+def share_left(distance: Float[Array, " k"]) -> float:
+    """Share of the distance to the end that a step leaves, the last above `FAR`."""
+    last = max(1, int(np.flatnonzero(distance > FAR)[-1]))
+    return float(distance[last] / distance[last - 1])
 
 
 def source_way(
@@ -186,7 +219,9 @@ def nine_unknowns(model: str, readings: Float[Array, "n 3"]) -> Objective:
 
 def artifact_of(named: Mapping[str, Any]) -> str:
     """File of the ways of the solvers in a cell with these parameters."""
-    return f"convergence-{named['poses']}-{named['noise_std']:g}.npz"
+    iteration, step, model = (named[key] for key in ("iteration", "step", "model"))
+    own = f"{named['poses']}-{named['noise_std']:g}-{iteration}-{step:g}-{model}"
+    return f"convergence-{own}.npz"
 
 
 FIGURES = (

@@ -22,6 +22,7 @@ unevaluated(
     "(42): true length over measured, in words the other way round",
     "(39), last product: a transpose too many †",
     "the development of (48): the ratio v for nu †",
+    "section 4.2.2: the multiplicative error, a bar for a hat †",
 )
 ONE = np.array([0.0, 0.0, 0.0, 1.0])
 

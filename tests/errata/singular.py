@@ -188,6 +188,10 @@ def plane_pair(angle, rng):
         FALSE,
     ),
     line_of_the_planes="case D: the turn is about the line in which both planes meet",
+    line_of_one_plane=(
+        "case D: the turn is about the line in which both planes meet, half turns too",
+        FALSE,
+    ),
     eq_25=("(25), denominator †", MISPRINTED),
     eq_25_half_turn=("(25), a half turn", MISPRINTED),
     eq_26=("(26) †", MISPRINTED),
@@ -235,6 +239,15 @@ def parallel_differences(rng):
         unit(g.q[:3]),
         np.cross(b3, r3) / np.linalg.norm(np.cross(g.b2, g.r2)),
         np.cross(b3, r3) / np.linalg.norm(np.cross(b3, r3)),
+    )
+    # both planes are one, and meet in all of it; its axis is one line of it
+    normals = np.stack([np.cross(half.b1, half.b2), np.cross(half.r1, half.r2)])
+    meeting = np.linalg.svd(normals)[2][np.linalg.matrix_rank(normals, 1e-9) :]
+    axis = unit(np.cross(max((half.d1, half.d2), key=np.linalg.norm), normals[1]))
+    line_of_one_plane = (
+        np.outer(half.q[:3], half.q[:3]),
+        meeting.T @ meeting,
+        np.outer(axis, axis),
     )
     # both planes are one: b3 x r3 = 0; the axis is normal to d, and in the plane
     longer = max((half.d1, half.d2), key=np.linalg.norm)

@@ -7,6 +7,8 @@ Term 2's moments repeat the elements above it: their items are held against what
 repeat, and that they repeat it is a misprint of its own.
 """
 
+import re
+from collections import Counter
 from functools import cache
 
 from errata.claim import MISPRINTED, RIGHT, add, unevaluated
@@ -27,11 +29,19 @@ def repeated(i, j):
     return isserlis(term_2(min(i, j), max(i, j)))
 
 
+def legible(polynomial):
+    """Its items that are printed in Term 6's products, put right; then it repeats."""
+    seen = elements(put_right("term 6, products"))[0, 0]
+    return Counter({names: polynomial[names] for names in seen})
+
+
 # table: element by its definition (00 for a term with one); for items, what they repeat
 FORMS = {
     "term 1, products": lambda i, j: times(U, U, X[i], X[j]),
     "term 2, products": term_2,
+    "term 3, products": lambda i, j: times(R, X[i], X[j]),
     "term 4, products": lambda i, j: times(R, R),
+    "term 6, products": lambda i, j: legible(times(U, U, U, U)),
     "term 3, moments": lambda i, j: isserlis(times(R, X[i], X[j])),
     "term 1, moments": lambda i, j: isserlis(times(U, U, X[i], X[j])),
     "term 2, moments": repeated,
@@ -46,6 +56,7 @@ BELOW = [(i, j) for i, j in INDICES if i > j]
 ELEMENTS = {
     "term 1, products": {(2, 4): " †"},
     "term 2, products": dict.fromkeys([(2, 1), (4, 1), (4, 2), (4, 3)], ""),
+    "term 3, products": {},
     "term 3, moments": {(1, 4): "", (4, 1): "", (3, 2): " †"},
     "term 4, products": {},
 }
@@ -82,6 +93,13 @@ ITEMS = {
         "3q2q3q4^2(s24s3^2+2s23s34)": ("6q2q3q4^2(s24s3^2+2s23s34)", "34 43"),
     },
     "term 4, moments": {"3s1^2+3s2^2+3s3^2+3s4^2": ("3s1^4+3s2^4+3s3^4+3s4^4", "00")},
+    # the extraction may be to blame: the moments have them right
+    "term 6, products": {
+        "6q1^2q3^2x1^2x2^2": ("6q1^2q3^2x1^2x3^2", "00"),
+        "12q1q2q3x1x2x3^2": ("12q1q2q3^2x1x2x3^2", "00"),
+        "4q2^2q3x2^3x3^2": ("4q2^3q3x2^3x3", "00"),
+        "12q1q2^2q3x1x2^2x3^2": ("12q1q2^2q3x1x2^2x3", "00"),
+    },
     "term 6, moments": {
         "12q1q3^3s2^2s12": ("12q1q2^3s2^2s12", "00"),
         "12q1q3^2s3^2s13": ("12q1q3^3s3^2s13", "00"),
@@ -176,6 +194,7 @@ def enter_items(table):
     for k, (item, (_, where)) in enumerate(ITEMS[table].items(), 1):
         wrong += len(where.split())
         place = f": `{item}`" + f" in {where.replace(' ', ' and ')}" * (where != "00")
+        place += " †" * (table == "term 6, products")
         enter(table, place, MISPRINTED, without_claim(table, item), f"{name}_i{k}")
     if table in MISSING:
         item, _, own, place = MISSING[table]
@@ -200,6 +219,33 @@ def enter_elements(table):
     enter(table, rest, RIGHT, right_claim(table, others))
 
 
+# letters of the items of Term 2's products 31 and 32, whose powers are lost: they are
+# those of 13 and 23, and of 31 and 32 each has q1 or q2, and x3
+LETTERS = {
+    (3, 1): "q1q3x1 q2q3x1x2 q1q2q3x1x2 q3x1x3 q1q3x1x3 q2q3x1x2x3 q3q4x1x4",
+    (3, 2): "q2q3x2 q1q2q3x1x2 q1q3x1x2 q3x2x3 q2q3x2x3 q1q2q3x1x2x3 q3q4x2x4",
+}
+
+
+def letters_claim(i, j):
+    """The claim that the items of an element have the letters that are read of it."""
+
+    def every(items):
+        return [all(one in names for names in items) for one in (f"q{j}", f"x{i}")]
+
+    def evaluate(rng):
+        truth = [True, True]
+        printed = every([re.findall(r"..", item) for item in LETTERS[i, j].split()])
+        right = every(times(U, U, U, X[i], Q[j]))
+        return truth, printed, right
+
+    return evaluate
+
+
+for _i, _j in LETTERS:
+    _place = f": letters of element {_i}{_j}, a copy of {_j}{_i}"
+    _name = f"term_2_products_{_i}{_j}"
+    enter("term 2, products", _place, MISPRINTED, letters_claim(_i, _j), _name)
 for _table in ITEMS:
     enter_items(_table)
 for _table in ELEMENTS:

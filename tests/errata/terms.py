@@ -8,11 +8,11 @@ from errata.geometry import gaussian_mean as mean
 from errata.moments import normal_matrix, quadratic
 
 SOURCE = "quaternion"
+unevaluated(SOURCE, "section 5, covariance: its symbol, a tilde for a hat †")
 unevaluated(
     SOURCE,
-    "section 5, Term 3: its products",
-    "section 5, Term 6: its products",
-    "section 5, Term 2: products 31 and 32",
+    "section 5, Term 3: its other products",
+    "section 5, Term 6: its other products",
     "section 5, Term 3: moment 44",
     verdict=ILLEGIBLE,
 )

@@ -411,7 +411,7 @@ def test_the_command_tells_what_fails_and_what_to_do(simval, tmp_path, monkeypat
     assert lines[4].split() == ["noise_std", "0.01", "noise_std", "0.05"]
     assert "half turns about y] against truth at noise_std 0.01: 1 is above" in out
     assert "mend the formula there, or declare the class in `fails_at`" in out
-    assert lines[-1].startswith("FAIL: of 63 checks against theory, 2 failed; 5 rows ")
+    assert lines[-1].startswith("FAIL: of 69 checks against theory, 2 failed; 5 rows ")
     assert "error" not in err
     assert [path.name for path in Path().iterdir()] == ["mine.py"]  # no run is left
 

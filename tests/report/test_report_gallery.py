@@ -45,6 +45,7 @@ geometries = 5
 [attitude_singular]
 distance = [0.0, 10.0]
 noise_std = [1e-3, 1e-2]
+normalized = [false, true]
 samples = 1024
 [solvers]
 poses = 12

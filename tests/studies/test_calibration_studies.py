@@ -1,5 +1,7 @@
 """Studies of calibrations: what is claimed of each, beyond that it is as predicted."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from cells import of_family, outcome
@@ -175,32 +177,34 @@ def test_a_symmetric_source_stops_at_the_step_that_its_rule_says(name):
         assert len(path) == steps < solvers.MOST_STEPS
 
 
+def symmetric_gradient(theta, readings, g=1.0):
+    """Gradient and J'J of the symmetric source's residual, also of complex numbers."""
+    rows, columns = np.triu_indices(3)
+    K = np.zeros((3, 3), dtype=complex)
+    K[rows, columns] = K[columns, rows] = theta[:6]
+    x = readings - theta[6:]
+    h = x @ K
+    e = np.sum(h * h, axis=1) - g * g
+    slopes = [
+        2.0 * (h[:, i] * x[:, j] + (i != j) * h[:, j] * x[:, i])
+        for i, j in zip(rows, columns, strict=True)
+    ]
+    J = np.stack([*slopes, *(-2.0 * h @ K).T], axis=1)
+    return J.T @ e, J.T @ J
+
+
 def test_the_printed_stop_rule_and_all_second_derivatives():
     """The path of the symmetric source's Newton by hand, to the step of its own rule.
 
     Its 45 second derivatives are complex steps of a gradient that is written here; the
     cost never rises on these sets, and the Hessian stays positive.
     """
-    source, places = solvers.SOURCES["symmetric newton"], np.array([0, 1, 2, 3, 4, 5])
+    source = solvers.SOURCES["symmetric newton"]
     plain = solvers.SOURCES["symmetric printed stop"]
     assert (source.stop, plain.stop) == ("printed", "printed")
-    rows, columns = np.triu_indices(3)
     rng = np.random.default_rng(8)
     readings = 1.05 * normalize(rng.standard_normal((24, 3))) + 0.04
     readings += 0.01 * rng.standard_normal((24, 3))
-
-    def gradient(theta):
-        K = np.zeros((3, 3), dtype=complex)
-        K[rows, columns] = K[columns, rows] = theta[places]
-        x = readings - theta[6:]
-        h = x @ K
-        e = np.sum(h * h, axis=1) - 1.0
-        slopes = [
-            2.0 * (h[:, i] * x[:, j] + (i != j) * h[:, j] * x[:, i])
-            for i, j in zip(rows, columns, strict=True)
-        ]
-        J = np.stack([*slopes, *(-2.0 * h @ K).T], axis=1)
-        return J.T @ e, J.T @ J
 
     for found, hessian in ((source, True), (plain, False)):
         path, steps = solvers.source_way(found, solvers.G * readings)
@@ -209,9 +213,11 @@ def test_the_printed_stop_rule_and_all_second_derivatives():
         ways = forms.from_gram("symmetric", M.swapaxes(1, 2) @ M, p[:, 6:])
         at = np.array([1.0, 0, 0, 1, 0, 1, 0, 0, 0], dtype=complex)
         for k, there in enumerate(ways, 1):
-            g, N = gradient(at)
+            g, N = symmetric_gradient(at, readings)
             if hessian:
-                tilted = (gradient(at + h)[0] for h in 1e-30j * np.eye(9))
+                tilted = (
+                    symmetric_gradient(at + h, readings)[0] for h in 1e-30j * np.eye(9)
+                )
                 N = np.stack([t.imag / 1e-30 for t in tilted], axis=1)
             step = -np.linalg.solve(N.real, g.real)
             # rounding over the least eigenvalue of N, some hundredths of its greatest
@@ -242,6 +248,38 @@ def test_the_sources_iteration_ends_where_the_three_unknowns_do(method, model):
         ]
         apart = np.abs(few[0].parameters - few[1].parameters).max()
         assert 0.0 < apart < 1e-4
+
+
+@pytest.mark.parametrize("method", ["gauss-newton", "newton"])
+def test_the_path_of_the_source_s_iteration_on_poses(method):
+    """Each step of the key `iteration`, from its first to that of the printed rule.
+
+    The symmetric source's residual is written here, and differentiated by complex
+    steps. A step of 1e-15 of itself shows where they start.
+    """
+    raw = solvers.true_sensor(0.3).distort(
+        solvers.G * fibonacci_sphere(30), np.random.default_rng(5)
+    )
+    alpha = 0.5
+    way = partial(calibrate, raw, model="symmetric", method=method, iteration="source")
+    at = way(step=1e-15, max_iterations=1).parameters
+    steps = int(way(step=alpha).iterations)
+    for k in range(1, steps + 1):
+        g, N = symmetric_gradient(at, raw, solvers.G)
+        if method == "newton":
+            widths = 1e-30 * np.repeat([1.0, solvers.G], [6, 3])
+            tilted = [
+                symmetric_gradient(at + 1j * h, raw, solvers.G)[0].imag / h.max()
+                for h in np.diag(widths)
+            ]
+            N = np.stack(tilted, axis=1)
+        step = -alpha * np.linalg.solve(N.real, g.real)
+        there = way(step=alpha, max_iterations=k).parameters
+        # of biases of 1, sixteen digits through a matrix of condition 1e3
+        np.testing.assert_allclose(there, at + step, rtol=0, atol=1e-12)
+        size = np.max(np.abs(2.0 * step / (2.0 * at + step)))
+        assert (size <= 1e-12) == (k == steps)
+        at = there
 
 
 def test_newton_is_quadratic_and_the_others_are_linear():

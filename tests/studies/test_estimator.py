@@ -12,10 +12,17 @@ from simval import algorithms
 from simval.errors import PluginError
 from simval.geometry import attitude_matrix
 from simval.moments import Moments
+from simval.plugins import Estimator, find_plugin
+from simval.plugins.noise import vector_noise
 from simval.statistics import OPERATIONS
 from simval.studies import estimator
 from simval.studies.estimator_errors import claim_rows
-from simval.studies.estimator_operations import Counted, operation_rows
+from simval.studies.estimator_operations import (
+    SINES,
+    Counted,
+    operation_rows,
+    rounding_rows,
+)
 from simval.studies.named_geometries import GEOMETRIES, named_geometry
 from simval.theory import wahba_bound
 
@@ -129,6 +136,48 @@ def test_operations_are_counted():
 def test_an_arithmetic_that_is_not_the_estimate_is_refused(arithmetic, words):
     with pytest.raises(PluginError, match=words):
         operation_rows(replace(algorithms.plain, arithmetic=arithmetic), 2)
+
+
+DIGITS = {
+    "`optimal`": algorithms.optimal,
+    "`combined`": algorithms.combined,
+    "`wahba_quaternion` of two pairs": algorithms.wahba,
+    "TRIAD": algorithms.triad,
+    "K by `eigh`": find_plugin(f"{EXAMPLES / 'optimal.py'}:K by eigh", Estimator),
+    "QUEST": find_plugin(f"{EXAMPLES / 'optimal.py'}:QUEST", Estimator),
+}
+
+
+@pytest.mark.parametrize("name", DIGITS)
+def test_the_digits_that_the_page_states_are_those_of_the_rows(name):
+    """Within three times, which is what another processor may round otherwise."""
+    rows = rounding_rows(DIGITS[name], 2, vector_noise("body", 2, 0.01))
+    assert [row.check for row in rows] == ["limit"] * 3 + ["record"] * 3
+    errors = np.array([row.value for row in rows])
+    page = (EXAMPLES.parent / "attitude.md").read_text()
+    line = next(each for each in page.splitlines() if each.startswith(f"| {name} |"))
+    stated = np.array(line.split("|")[2:-1], dtype=float)
+    assert np.all(np.abs(np.log(errors / stated)) < np.log(3.0))
+    squares = name in ("K by `eigh`", "QUEST")
+    slope = np.polyfit(np.log(SINES), np.log(errors), 1)[0]
+    assert slope == pytest.approx(-2.0 if squares else -1.0, abs=0.1)
+
+
+def test_an_answer_that_is_none_is_recorded_and_not_judged():
+    noise = vector_noise("body", 2, 0.01)
+    *_, least = rounding_rows(algorithms.plain, 2, noise)
+    assert (least.value, least.check) == (np.pi, "record")
+    declared = replace(algorithms.optimal, fails_at=("nearly parallel",))
+    assert {row.check for row in rounding_rows(declared, 2, noise)} == {"record"}
+    assert rounding_rows(algorithms.wahba, 3, vector_noise("body", 3, 0.01)) == ()
+    # beyond what a case may err by: its vectors are rounded to six digits
+
+    def coarse(*vectors):
+        return algorithms.optimal.estimate(*(np.round(v, 6) for v in vectors))
+
+    rows = rounding_rows(replace(algorithms.optimal, estimate=coarse), 2, noise)
+    judged = [row for row in rows if row.check == "limit"]
+    assert all(row.value > row.prediction for row in judged)
 
 
 @pytest.mark.ci

@@ -67,7 +67,7 @@ SMALL = {  # study, parameters, and how many of its rows are judged
     "limits": ("attitude_limits", {"ratio": 1.5, "samples": 100_000}, 1, CI),
     "singular": ("attitude_singular", {"case": "C"}, 29, ()),
     "geometries": ("attitude_geometries", {"geometries": 20}, 1, ()),
-    "map": ("attitude_map", {"geometries": 5}, 0, CI),
+    "map": ("attitude_map", {"geometries": 5}, 2, CI),
     "fitted": ("noise_model", NOISE | {"estimate": "fitted"}, 27, CI),
     "intervals": ("noise_model", NOISE | {"estimate": "intervals"}, 30, SLOW),
     "detector": ("detector", {"trials": 60}, 5, CI),

@@ -166,17 +166,22 @@ def test_what_a_coverage_is_allowed_is_a_fifth_of_what_it_must_see(sigma):
 
 
 @pytest.mark.parametrize(
-    "count", [100, 137, *(pytest.param(n, marks=pytest.mark.ci) for n in (200, 500))]
+    ("count", "noise"),
+    [
+        (100, "isotropic"),
+        (137, "unequal"),
+        pytest.param(200, "unequal", marks=pytest.mark.ci),
+        pytest.param(500, "isotropic", marks=pytest.mark.ci),
+    ],
 )
-def test_the_combined_estimator_and_no_other_has_its_closed_price(count):
+def test_the_combined_estimator_and_no_other_has_its_closed_price(count, noise):
     problems = attitude_efficiency.geometries(count, np.random.default_rng(count))
-    predicted = attitude_efficiency.predicted_squares(
-        problems, attitude_efficiency.Parameters()
-    )
+    parameters = attitude_efficiency.Parameters(noise=noise)
+    predicted = attitude_efficiency.predicted_squares(problems, parameters)
     combined, best, _, bound, _ = np.sqrt(predicted.T)
     assert np.all(combined >= bound * (1.0 - 1e-9))
     none = np.zeros(count)
-    price = attitude_efficiency.price_of_columns(problems)
+    price = attitude_efficiency.price_of_columns(problems, parameters, bound**2)
     assert combined / bound == pytest.approx(price, rel=attitude_efficiency.ROUNDED)
     for ratios, within in ((combined / bound, True), (best / bound, False)):
         rows = attitude_efficiency.ratio_rows("combined", ratios, ratios, none, price)
