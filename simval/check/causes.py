@@ -11,6 +11,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.results import Row
+from simval.spelling import measured
 from simval.statistics import (
     CONSTANT,
     NEES,
@@ -106,7 +107,7 @@ def _same(rows: Rows, cell: CellResult, least: float) -> str:
         )
     error = np.degrees(found.standard_error)
     return first + _FORMS[best].format(
-        f"{np.degrees(found.value):.3g} ± {error:.1g} degrees"
+        f"{measured(np.degrees(found.value), error)} degrees"
     )
 
 

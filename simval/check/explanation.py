@@ -7,7 +7,7 @@ Each sentence gives the number that it is made from; causes of a filter's error 
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import floor, inf, isfinite, log10
+from math import inf, isfinite
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -19,6 +19,7 @@ from simval.judge.steps import loss
 from simval.plugins.loading import Meant
 from simval.plugins.names import located, portable
 from simval.results import CellName, Row
+from simval.spelling import measured
 from simval.statistics import (
     AT_AN_INSTANT,
     DIAGNOSES,
@@ -264,11 +265,7 @@ def _badness(row: Row) -> tuple[bool, float]:
 
 def _figure(value: float, error: float) -> str:
     """A value, to the second digit of its standard error if it has one."""
-    if not (0.0 < error < inf and 0.0 < abs(value) < inf):
-        return f"{value:.3g}"
-    digits = max(1, floor(log10(abs(value))) - floor(log10(error)) + 2)
-    shown = f"{value:#.{digits}g}" if digits > 1 else f"{value:.1g}"
-    return f"{shown} ± {error:#.2g}"
+    return measured(value, error) if 0.0 < error < inf else f"{value:.3g}"
 
 
 def _title(family: Family, rows: Sequence[Row]) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from simval.spelling import in_ascii
 from simval.text import one_line
 
 LABEL = 24
@@ -73,14 +74,25 @@ def failure_of(stream: Any) -> str:
 
 def say(lines: Iterable[str], *, err: bool = False) -> None:
     """Print lines, none wider than the terminal if words and columns allow."""
-    width = _width(sys.stderr if err else sys.stdout)
-    for line in lines:
+    stream = sys.stderr if err else sys.stdout
+    width = _width(stream)
+    for each in lines:
+        line = encodable(each, stream)
         click.echo("\n".join(folded(line, width)) if width else line, err=err)
 
 
 def tell(lines: Iterable[str]) -> None:
     """Print lines that may have names from data in them, with their indent."""
     say(line[: len(line) - len(line.lstrip())] + one_line(line) for line in lines)
+
+
+def encodable(line: str, stream: Any) -> str:
+    """The line, with other spellings of what the stream cannot show."""
+    try:
+        line.encode(getattr(stream, "encoding", None) or "utf-8")
+    except UnicodeEncodeError:
+        return in_ascii(line)
+    return line
 
 
 def _width(stream: Any) -> int:

@@ -35,21 +35,14 @@ from simval.ranking import Ranking, ranked
 from simval.report.answers import Line
 from simval.report.curves import MAX_GROUPS, along_axis, grouped, simultaneous, upright
 from simval.report.curves import Measured as Said
-from simval.report.formatting import (
-    LEAST_DEGREES,
-    angle,
-    begun,
-    measured,
-    rounded,
-    setting_words,
-    spelled,
-)
+from simval.report.formatting import LEAST_DEGREES, angle, begun, setting_words, spelled
 from simval.report.gallery import drawn as drawn_figure
 from simval.report.panels import DotPanel, Drawing, HeatPanel
 from simval.report.section import Context, Section, made
 from simval.report.study_sections import numbers
 from simval.report.table import Column, Kind, Table, tabulated
 from simval.results import CellName
+from simval.spelling import measured, rounded
 from simval.studies.filter import REFERENCE
 from simval.sweep import Run
 from simval.sweep.run import CellResult

@@ -33,9 +33,10 @@ from simval.judge.algorithms import STUDIES as OF_ALGORITHMS
 from simval.judge.findings import rounded_up
 from simval.report.curves import simultaneous
 from simval.report.findings import percent
-from simval.report.formatting import begun, measured, rounded, spelled
+from simval.report.formatting import begun, spelled
 from simval.report.section import Against, Context, home
 from simval.results import CellName
+from simval.spelling import measured, rounded
 from simval.statistics import (
     ALLAN_ERROR,
     BUDGET,

@@ -27,7 +27,6 @@ from simval.imu.multiposition.log_units import said_of
 from simval.imu.sensor import forms
 from simval.imu.statics import interval_means
 from simval.poses import fibonacci_sphere
-from simval.report.formatting import rounded
 from simval.report.log_page import (
     Answer,
     LogPage,
@@ -42,6 +41,7 @@ from simval.report.panels import COLOURS, Drawing, Series, SpherePanel
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
 from simval.shapes import Float
+from simval.spelling import rounded
 from simval.text import chance_words
 from simval.units import MILLIMETRE_PER_SECOND_SQUARED, MILLIRADIAN, PPM, Unit
 

@@ -22,7 +22,7 @@ import scipy
 from simval.arrays import Array
 from simval.change import EFFORT
 from simval.judge.findings import reproduce
-from simval.report.formatting import measured, setting_words, spelled
+from simval.report.formatting import setting_words, spelled
 from simval.report.panels import (
     BOUND,
     COLOURS,
@@ -36,6 +36,7 @@ from simval.report.panels import (
 )
 from simval.results import Row
 from simval.shapes import Bool, Float
+from simval.spelling import measured
 from simval.statistics import FAMILIES
 from simval.sweep.run import CellResult
 from simval.text import number

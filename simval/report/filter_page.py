@@ -18,7 +18,7 @@ from simval.imu.recorded.evaluation import (
     turned_words,
 )
 from simval.imu.recorded.rows import RowEvidence
-from simval.report.formatting import measured, rounded, slug
+from simval.report.formatting import slug
 from simval.report.log_page import (
     Answer,
     LogPage,
@@ -31,6 +31,7 @@ from simval.report.panels import COLOURS, GREY, Drawing, Series
 from simval.report.section import made
 from simval.report.table import Column, Table, tabulated
 from simval.shapes import Bool, Float
+from simval.spelling import measured, rounded
 
 BAND = 3.0
 """Standard deviations of the band that is drawn."""

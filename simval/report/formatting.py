@@ -4,8 +4,8 @@ import re
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from simval.spelling import rounded
 from simval.statistics import ORDER_2, ORDER_4, ORDER_4_SOURCE, Statistic
-from simval.text import number
 from simval.units import COUNT, DEGREE, MILLIRADIAN, Unit
 
 # ---- numbers
@@ -16,32 +16,8 @@ FORMULAS = {
     ORDER_4: "fourth order, complete",
 }
 """Formulas as a figure calls them; tables have their names."""
-DIGITS = 16  # of a double, after its first
 LEAST_DEGREES = 2e-3
 """Angles below this, rad, are told in milliradians: a tenth of a degree."""
-FEWEST = -300  # exponent of ten below which a double has fewer
-
-
-def measured(value: float, error: float) -> str:
-    """Spell a value and its standard error with digits that mean something."""
-    if not error > 0.0 or not abs(value) < float("inf") or error == float("inf"):
-        return number(value)
-    exponent = int(f"{max(abs(value), error):e}".partition("e")[2])
-    if exponent < FEWEST:
-        return f"{value:.3g} ± {error:.2g}"
-    places = max(0, exponent - int(f"{error:e}".partition("e")[2]) + 1)
-    places = min(places, DIGITS)
-    scale = 10.0**exponent
-    if -3 <= exponent <= 4:
-        places = max(0, places - exponent)
-        return f"{value:.{places}f} ± {error:.{places}f}"
-    return f"({value / scale:.{places}f} ± {error / scale:.{places}f})e{exponent}"
-
-
-def rounded(value: float, digits: int = 2) -> str:
-    """A number with so many significant digits, with an exponent only if it is long."""
-    short = float(f"{value:.{digits - 1}e}")
-    return f"{short:,.12g}" if 1e-4 <= abs(short) < 1e7 else f"{short:.{digits}g}"
 
 
 def in_unit(value: float, unit: Unit, digits: int = 2) -> str:

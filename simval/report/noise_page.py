@@ -13,12 +13,12 @@ from simval.imu.logs import Log
 from simval.imu.noise import AxisNoise, Coefficient
 from simval.imu.noise.components import LETTERS
 from simval.imu.noise.model import equivalent_words, largest
-from simval.report.formatting import rounded
 from simval.report.log_page import LogPage, Reply
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
 from simval.report.section import made
 from simval.report.table import Column, Table
 from simval.shapes import Float
+from simval.spelling import rounded
 from simval.units import OF_A_DATA_SHEET, OF_TIME, Unit
 
 AXES = "xyz"

@@ -23,11 +23,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from simval.judge import GateResult, RunComparison
-from simval.report.formatting import measured
 from simval.report.interactivity import silent
 from simval.report.paint import svg
 from simval.report.panels import MANY, Drawing
 from simval.report.table import Table, sort_key, text
+from simval.spelling import measured
 from simval.studies import STUDIES
 from simval.studies.study import canonical
 from simval.sweep import Run

@@ -33,20 +33,13 @@ from simval.report.answers import (
     worse_than_before,
 )
 from simval.report.curves import PREFERRED, numeric, spans, varying
-from simval.report.formatting import (
-    angle,
-    begun,
-    in_unit,
-    measured,
-    rounded,
-    setting_words,
-    spelled,
-)
+from simval.report.formatting import angle, begun, in_unit, setting_words, spelled
 from simval.report.gallery import drawn
 from simval.report.panels import Drawing, Panel
 from simval.report.section import Context, Section, home, made
 from simval.report.study_sections import shown_of
 from simval.results import Row
+from simval.spelling import measured, rounded
 from simval.statistics import (
     APART,
     COVARIANCE_ORDER,

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Literal
 
-from simval.report.formatting import measured, slug
+from simval.report.formatting import slug
 from simval.results import Row
+from simval.spelling import measured
 from simval.text import number
 
 Kind = Literal[

@@ -13,9 +13,9 @@ from stores import edited
 
 from simval.judge import compare_runs
 from simval.report import render, render_comparison, tables
-from simval.report.formatting import measured
 from simval.report.page import sections
 from simval.report.table import text
+from simval.spelling import measured
 from simval.statistics import FIRST_ORDER, RMS
 from simval.sweep import load_run
 

@@ -46,7 +46,6 @@ from simval.report.findings import (
 from simval.report.formatting import (
     PARAMETERS,
     axis_words,
-    measured,
     named,
     setting_words,
 )
@@ -55,6 +54,7 @@ from simval.report.paint import svg
 from simval.report.panels import DotPanel, Drawing, Series
 from simval.report.table import Column, Table, csv_text, sort_key, text
 from simval.results import CellName
+from simval.spelling import measured
 from simval.statistics import BIAS, RMS, SD
 from simval.studies import STUDIES
 from simval.units import MILLIRADIAN
