@@ -30,7 +30,7 @@ from simval.arguments import instance
 from simval.arrays import Array, physical_array
 from simval.errors import InputError
 from simval.imu.calibrate.equations import Problem
-from simval.imu.calibrate.estimate import NORMAL_95, Estimate, nine_axis_lines
+from simval.imu.calibrate.estimate import Estimate
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors
 from simval.imu.calibrate.gauss_newton import JointSolution, minimize, weighed
 from simval.imu.calibrate.gyroscope.noise import checked_pose_std, noise_of
@@ -46,6 +46,7 @@ from simval.imu.calibrate.magnetometer.result import (
     PARAMETERS,
     MagnetometerFit,
 )
+from simval.imu.calibrate.values import NORMAL_95, nine_axis_account
 from simval.imu.sensor import forms
 from simval.shapes import Float
 
@@ -79,7 +80,7 @@ class NineAxisFit(Estimate):
     """
 
     what: ClassVar[str] = "three sensors"
-    lines: ClassVar[Any] = staticmethod(nine_axis_lines)
+    states: ClassVar[Any] = staticmethod(nine_axis_account)
     advice: ClassVar[str] = (
         "the fits of two sensors disagree by more than their noise; look for rests "
         "that moved, a disturbed field and the noise that is stated"
