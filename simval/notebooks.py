@@ -14,7 +14,7 @@ def _drawing() -> Any:
 
 
 class ShownFit:
-    """A fit that a notebook shows as a table, and draws."""
+    """A fit that a notebook draws; its account is its table."""
 
     __slots__ = ()
 
@@ -34,9 +34,6 @@ class ShownFit:
             trials.
         """
         return _drawing().plot_fit(self, axes)
-
-    def _repr_html_(self) -> str:
-        return str(_drawing().fit_html(self))
 
 
 class ShownRun:

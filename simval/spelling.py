@@ -26,8 +26,12 @@ ASCII: Final = str.maketrans({
 """What a stream without these characters shows instead."""
 
 
-def measured(value: float, sd: float) -> str:
-    """``value ± sd``, both to two digits of the standard deviation."""
+def measured(value: float, sd: float, *, fixed: bool = False) -> str:
+    """``value ± sd``, both to two digits of the standard deviation.
+
+    Long ones have a power of ten, but not where they are `fixed`: in a row of a table
+    whose unit has one.
+    """
     if not 0.0 < sd < inf or not isfinite(value):
         return number(value)
     # two digits first: of 0.0999 they are 0.10
@@ -35,7 +39,7 @@ def measured(value: float, sd: float) -> str:
     top = max(_exponent(value), last + 1) if value else last + 1
     if top < FEWEST:
         return f"{value:.3g} ± {sd:.2g}"
-    if top in PLAIN:
+    if fixed or top in PLAIN:
         places = min(-last, DIGITS)
         kept = [f"{round(x, places) + 0.0:.{max(places, 0)}f}" for x in (value, sd)]
         return " ± ".join(kept)

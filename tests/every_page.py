@@ -126,8 +126,8 @@ def log_commands(folder):
     _run("calibrate", log, "--out", found)
     own = ["--plugin", EXAMPLES / "complementary.py", "--calibration", found]
     return {
-        "calibrated": ("calibrate", log),
-        "outlier": ("calibrate", odd),
+        "calibrated": ("calibrate", log, "--verbose"),
+        "outlier": ("calibrate", odd, "--verbose"),
         "filtered": ("filter", log, "--plugin", "simval:mekf", *own, "--truth", "log"),
         "blind": ("filter", blind, *own),
         "noise": ("noise", still, "--gyro-unit", "1e-3"),

@@ -10,8 +10,6 @@ from hypothesis import strategies as st
 
 from simval.cli.repro import beside_theory
 from simval.imu.calibrate.comparison import CalibrationComparison
-from simval.imu.calibrate.estimate import entry_lines, gyroscope_lines
-from simval.imu.multiposition.noise_description import described as noise_described
 from simval.imu.recorded.description import filter_lines
 from simval.results import limit, plain
 from simval.statistics import BIAS, RECOVERY
@@ -66,31 +64,9 @@ def filters(x):
     return [*filter_lines([done()], {}, True), *filter_lines([done()], {}, False)]
 
 
-def noise(x):
-    """The table of `simval noise`, of a sensor in SI units."""
-
-    def axis():
-        value = next(x)
-        found = Made(kind="N", value=value, low=value, high=2 * value, sd=next(x))
-        return Made(
-            coefficients=[found], rate_hz=100.0, seconds=np.ones(2), used=(0, 2),
-            chi2=next(x), dof=3, statements=(), slow=None, given=(),
-        )  # fmt: skip
-
-    log = Made(how="", start=0, stop=9, left_out={})
-    sensors = {
-        "accelerometer": (
-            [axis() for _ in "xyz"],
-            Made(how="", si_per_raw=1.0, said=()),
-        )
-    }
-    return noise_described(log, sensors)
-
-
 def calibrations(x):
-    """Tables of parameters, of one fit and of two that are compared."""
+    """The table of two calibrations that are compared."""
     values, sd, both = ([next(x) for _ in range(9)] for _ in range(3))
-    lines = entry_lines("triangular", values, sd, np.array([sd, both]).T, both)
     names = tuple("abcdefghi")
     state = Made(parameters=values, dof=np.inf, size=next(x))
     pair = Made(
@@ -100,11 +76,7 @@ def calibrations(x):
     compared = CalibrationComparison(
         sensors=(pair,), notes=(), alpha=0.01, causes=(), doubted=()
     )
-    fit = Made(
-        model="upper", M=np.eye(3), chi2_per_dof=1.0, dof=9, names=names,
-        parameters=values, sd=sd, noise=Made(lines=[]),
-    )  # fmt: skip
-    return [*lines, *compared.lines(), *gyroscope_lines(fit)]
+    return [*compared.lines()]
 
 
 def planned(x):
@@ -126,7 +98,7 @@ def measured(x):
 
 
 @pytest.mark.usefixtures("unchecked")  # made of what the tables read, and no more
-@pytest.mark.parametrize("table", [filters, noise, calibrations, planned, measured])
+@pytest.mark.parametrize("table", [filters, calibrations, planned, measured])
 @given(sizes=st.lists(SIZES, min_size=3, max_size=30))
 @example(sizes=[1.23456789e-30, 9.87654321e29, 123.456789])
 def test_numbers_of_any_width_leave_a_blank(table, sizes):

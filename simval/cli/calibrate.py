@@ -35,10 +35,13 @@ from simval.cli.options import (
     write,
 )
 from simval.cli.outputs import Output
-from simval.cli.terminal import say
+from simval.cli.terminal import say, show
 from simval.vocabulary import TARGETS, Iteration, Loss, Method, Model, Residual
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from simval.account import Account
     from simval.imu.logs import Log
     from simval.imu.logs.names import Kind
     from simval.imu.multiposition import ImuCalibration, LogCalibration
@@ -120,7 +123,9 @@ def command(
     ] = (),
     as_json: AsJson = False,
     verbose: Annotated[
-        bool, "Print also what was tried on rests that misfit, with its odds."
+        bool,
+        "Print all: every digit, what each answer rests on, how the log was read, and "
+        "what was tried on rests that misfit.",
     ] = False,
 ) -> None:
     """Calibrate the accelerometer of a LOG, and its gyroscope and magnetometer.
@@ -146,9 +151,10 @@ def command(
         as_object,
         log_object,
         sensors_object,
+        with_log,
     )
     from simval.imu.noise import load_noise
-    from simval.imu.recorded.description import row_lines, rows_object
+    from simval.imu.recorded.description import row_facts, rows_object
     from simval.theory import calibration_moments
 
     out_of = rests_of(leave_out)
@@ -163,7 +169,9 @@ def command(
     )  # fmt: skip
     if means or not log.has_force:
         how = dict(g=g, field=field, leave_out=out_of)
-        without_rests(log, options, how, out, means=means, as_json=as_json)
+        without_rests(log, options, how, out, means=means,
+            as_json=as_json, verbose=verbose,
+        )  # fmt: skip
         return
     with refusing(log):
         require_no_means(log.path, log.accelerometer)
@@ -190,26 +198,23 @@ def command(
         if evidence is not None and evidence.rows != log.gyro_rows:
             log = replace(log, gyro_rows=evidence.rows)
             whole = all_of(log, result)
+    account = with_log(whole.account, log, row_facts(evidence))
     if out is not None or as_json:
         written = as_object(whole) | sensors_object(whole, log) | log_object(log)
         written["gyro_rows"] = rows_object(evidence)
+        written |= account.as_object()
     if out is not None:
         write_json(out, written)
     notes = tried(result, log) if verbose else []
-    for name, file in to:
-        from simval.imu.multiposition.parameters import parameters_of
-
-        text, left = parameters_of(name, log, whole)
-        write(file, text)
-        notes += ["", *(f"{name:17s} {note}" for note in left)]
+    notes += parameter_files(to, log, whole)
     if page is not None:
-        write_page(page, log, whole, row_lines(evidence))
+        write_page(page, log, whole, account)
     if as_json:
         click.echo(json.dumps(written, allow_nan=False))
         say(notes, err=True)
         return
-    said = [*log.described(), log.unit_line(), *row_lines(evidence)]
-    say([*said, *str(whole).splitlines(), *notes])
+    show(account, verbose=verbose)
+    say(notes)
 
 
 def rests_of(words: str) -> list[float]:
@@ -230,10 +235,12 @@ def without_rests(
     *,
     means: bool,
     as_json: bool,
+    verbose: bool,
 ) -> None:
     """Calibrate a table of means, or a magnetometer in motion; print and write it."""
     from simval.imu.calibrate import calibrate
     from simval.imu.calibrate.files import write_json
+    from simval.imu.multiposition.description import with_log
     from simval.imu.multiposition.means import calibrate_means
     from simval.imu.recorded.turned import calibrate_turned
 
@@ -251,13 +258,14 @@ def without_rests(
             del options["residual"], options["loss"]
             fitted = partial(calibrate, **options)
             found = calibrate_turned(log, fitted, field=how["field"])
+    account = with_log(found.account, log)
+    written = found.as_object(log) | account.as_object()
     if out is not None:
-        write_json(out, found.as_object(log))
+        write_json(out, written)
     if as_json:
-        click.echo(json.dumps(found.as_object(log), allow_nan=False))
+        click.echo(json.dumps(written, allow_nan=False))
     else:
-        described = log.described()[: -1 if means else None]
-        say([*described, *found.lines(), log.unit_line()])
+        show(account, verbose=verbose)
 
 
 _OF_RESTS = ("rest", "noise", "sensors", "gyro_rows", "gyro_delay", "page", "to")
@@ -305,8 +313,22 @@ def listed(words: str) -> list[str]:
     return [] if words == "none" else [word.strip() for word in words.split(",")]
 
 
-def write_page(path: Path, log: Log, whole: ImuCalibration, said: list[str]) -> None:
-    """Write the page of a calibration, with more that is said of the log."""
+def parameter_files(
+    to: Sequence[tuple[str, Path]], log: Log, whole: ImuCalibration
+) -> list[str]:
+    """Write the parameters of each project, and return what it cannot hold."""
+    notes = []
+    for name, file in to:
+        from simval.imu.multiposition.parameters import parameters_of
+
+        text, left = parameters_of(name, log, whole)
+        write(file, text)
+        notes += ["", *(f"{name:17s} {note}" for note in left)]
+    return notes
+
+
+def write_page(path: Path, log: Log, whole: ImuCalibration, account: Account) -> None:
+    """Write the page of a calibration."""
     from simval.report import render_calibration  # starts the drawing
 
-    write(path, render_calibration(log, whole, command_again(), said))
+    write(path, render_calibration(log, whole, command_again(), account))

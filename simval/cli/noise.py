@@ -25,12 +25,12 @@ from simval.cli.options import (
     unit_words,
     write,
 )
-from simval.cli.terminal import say
+from simval.cli.terminal import show
 from simval.errors import InputError, RefusedError
 
 if TYPE_CHECKING:
+    from simval.account import Account
     from simval.imu.logs import Log
-    from simval.imu.multiposition.noise import LogNoise
     from simval.imu.multiposition.noise_description import Sensors
 
 
@@ -58,20 +58,26 @@ def command(
     ] = None,
     page: Page = None,
     as_json: AsJson = False,
+    verbose: Annotated[
+        bool,
+        "Print all: every digit and unit, and what each answer rests on.",
+    ] = False,
 ) -> None:
     """Measure the noise model of a LOG of a sensor at rest.
 
-    Prints white noise N, flicker B and random walk K of each axis with 95 % intervals,
-    in SI units and in those of data sheets and Kalibr, and where the log shows one,
-    Markov noise, a ramp or a sine. What it does not show gets an upper bound. The whole
+    Prints white noise N, flicker B and random walk K of each axis with their errors in
+    the units of data sheets (--verbose: in SI units and Kalibr's, too), and where the
+    log shows one, Markov noise, a ramp or a sine. What it does not show gets an upper
+    bound. The whole
     log is used if it is at rest, otherwise its longest rest. A gyroscope or a
     magnetometer may be alone: the rests are then found by its own readings.
     LOG, its columns and its clock are read as by `simval calibrate`.
     """
     from simval.imu.logs import read_log
+    from simval.imu.multiposition.description import with_log
     from simval.imu.multiposition.log_units import units_of
     from simval.imu.multiposition.noise import log_noise
-    from simval.imu.multiposition.noise_description import as_object, described
+    from simval.imu.multiposition.noise_description import as_object, noise_account
 
     _require_drawable(figure)
     log = read_log(
@@ -92,14 +98,16 @@ def command(
         for name, scale in units.items()
         if (axes := getattr(found, name))
     }
+    account = with_log(noise_account(found, sensors), log)
     if figure is not None:
         _draw(figure, log, sensors)
     if page is not None:
-        _write_page(page, log, found, sensors)
+        _write_page(page, log, account, sensors)
     if as_json:
-        click.echo(json.dumps(as_object(log, found, sensors), allow_nan=False))
+        written = as_object(log, found, sensors) | account.as_object()
+        click.echo(json.dumps(written, allow_nan=False))
     else:
-        say([*log.described(), *described(found, sensors)])
+        show(account, verbose=verbose)
     if not any(axis.coefficients for axes, _ in sensors.values() for axis in axes):
         msg = f"{path}: no axis has a noise model; the reasons stand with each axis"
         raise RefusedError(msg)
@@ -118,10 +126,11 @@ def _require_drawable(figure: Path | None) -> None:
 
 
 def _draw(figure: Path, log: Log, sensors: Sensors) -> None:
+    from simval.imu.multiposition.noise_description import noisy
     from simval.report import png, svg_file
     from simval.report.noise_page import allan_drawing
 
-    drawing = allan_drawing(Path(log.path).name, _noisy(sensors))
+    drawing = allan_drawing(Path(log.path).name, noisy(sensors))
     if not drawing.panels:
         return  # no reading varies: refused below
     try:
@@ -134,28 +143,9 @@ def _draw(figure: Path, log: Log, sensors: Sensors) -> None:
         raise InputError(msg) from None
 
 
-def _write_page(page: Path, log: Log, found: LogNoise, sensors: Sensors) -> None:
-    from simval.imu.multiposition.noise_description import unit_lines
+def _write_page(page: Path, log: Log, account: Account, sensors: Sensors) -> None:
+    from simval.imu.multiposition.noise_description import noisy
     from simval.report.log_page import render_log  # starts the drawing
     from simval.report.noise_page import noise_page
 
-    said = [f"rest              {found.how}: {found.stop - found.start} rows"]
-    said += unit_lines(sensors)
-    content = noise_page(
-        log,
-        _noisy(sensors),
-        seconds=found.seconds,
-        left_out=found.left_out,
-        said=said,
-        command=command_again(),
-    )
-    write(page, render_log(content))
-
-
-def _noisy(sensors: Sensors) -> Any:
-    from simval.report.noise_page import SensorNoise
-
-    return [
-        SensorNoise(name=name, axes=axes, si_per_raw=scale.si_per_raw)
-        for name, (axes, scale) in sensors.items()
-    ]
+    write(page, render_log(noise_page(log, noisy(sensors), account, command_again())))

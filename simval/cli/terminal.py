@@ -10,9 +10,13 @@ from typing import Any
 
 import click
 
+from simval.account import Account
+from simval.account.terminal import WIDTH, plain
+from simval.account.terminal import lines as lines_of
 from simval.spelling import in_ascii
 from simval.text import one_line
 
+_COLOURS = {"pass": "green", "inconclusive": "yellow", "fail": "red"}
 LABEL = 24
 """Columns that a label may take, so that what belongs to it is folded beside it."""
 
@@ -79,6 +83,20 @@ def say(lines: Iterable[str], *, err: bool = False) -> None:
     for each in lines:
         line = encodable(each, stream)
         click.echo("\n".join(folded(line, width)) if width else line, err=err)
+
+
+def show(account: Account, *, verbose: bool = False) -> None:
+    """Print an account, in colour where the terminal has some."""
+    width = _width(sys.stdout) or WIDTH
+    colour = not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+    style = styled if colour and sys.stdout.isatty() else plain
+    for line in lines_of(account, verbose=verbose, width=width, style=style):
+        click.echo(encodable(line, sys.stdout))
+
+
+def styled(words: str, what: str) -> str:
+    """Words in the colour of an answer, or as a title."""
+    return click.style(words, fg=_COLOURS.get(what), bold=True)
 
 
 def tell(lines: Iterable[str]) -> None:

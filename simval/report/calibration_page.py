@@ -8,30 +8,25 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from simval.account import Account, Note
 from simval.arrays import Array
 from simval.imu.calibrate import FitResult
-from simval.imu.calibrate.estimate import G_NAMES
+from simval.imu.calibrate.values import G_NAMES, readable
 from simval.imu.logs import Log
 from simval.imu.multiposition import ImuCalibration, LogCalibration
 from simval.imu.multiposition.description import (
-    Condition,
     bound_sd,
-    conditions,
     fit_of,
     honest,
     poses_alike,
     steady,
-    temperature_lines,
+    with_log,
 )
-from simval.imu.multiposition.log_units import said_of
 from simval.imu.sensor import forms
 from simval.imu.statics import interval_means
 from simval.poses import fibonacci_sphere
 from simval.report.log_page import (
-    Answer,
     LogPage,
-    Note,
-    Reply,
     linear,
     numbered,
     render_log,
@@ -41,27 +36,6 @@ from simval.report.panels import COLOURS, Drawing, Series, SpherePanel
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
 from simval.shapes import Float
-from simval.spelling import rounded
-from simval.text import chance_words
-from simval.units import MILLIMETRE_PER_SECOND_SQUARED, MILLIRADIAN, PPM, Unit
-
-BARS = {
-    "known sigma": "The error bars are those of the noise that was measured.",
-    "type A": "The error bars are from the scatter of the residuals.",
-    "none": "There are no error bars.",
-}
-"""Where the error bars are from, by the kind of the covariance."""
-
-KINDS = {
-    "misalignment": MILLIRADIAN,
-    "scale factor": PPM,
-    "bias": MILLIMETRE_PER_SECOND_SQUARED,
-}
-"""What the parameters are, and the unit in which a person reads their errors."""
-
-_SCALES_LATER = ("misalignment",) * 3 + ("scale factor",) * 3 + ("bias",) * 3
-_SYMMETRIC = ("scale factor", "misalignment", "misalignment", "scale factor",
-              "misalignment", "scale factor", "bias", "bias", "bias")  # fmt: skip
 
 PROBES = 4000
 """Directions that the largest gap is looked for in: 3 degrees apart."""
@@ -74,7 +48,7 @@ MEANING = (
 
 
 def render_calibration(
-    log: Log, whole: ImuCalibration, command: str = "", said: Sequence[str] = ()
+    log: Log, whole: ImuCalibration, command: str = "", account: Account | None = None
 ) -> str:
     """Render the calibration of a log as one HTML page.
 
@@ -86,39 +60,32 @@ def render_calibration(
         As from `simval.imu.multiposition.calibrate_sensors`.
     command : str
         The command that makes the page again; empty leaves it out.
-    said : sequence of str
-        Lines about the log, such as what the gyroscope's rows are taken as.
+    account : Account, optional
+        What there is to say of it, where more is known of the log.
 
     Returns
     -------
     str
         The page; the same log and options give the same bytes.
     """
-    return render_log(calibration_page(log, whole, command, said))
+    return render_log(calibration_page(log, whole, command, account))
 
 
 def calibration_page(
-    log: Log, whole: ImuCalibration, command: str = "", said: Sequence[str] = ()
+    log: Log, whole: ImuCalibration, command: str = "", account: Account | None = None
 ) -> LogPage:
-    """State the answers, figures and tables of a calibration."""
+    """State the figures and tables of a calibration beside its account."""
+    account = account or with_log(whole.account, log)
     fit, result = whole.accelerometer, whole.log
     bound = bound_sd(result)
-    symmetric = fit.model == "symmetric"
-    letter, matrix = ("K", fit.K) if symmetric else ("T", fit.T)
-    product = f"{letter}{'' if symmetric else ' diag(K)'} (reading - B)"
-    notes = [
-        Note(words=MEANING),
-        Note(words=f"force = {product}, with {letter} =", matrix=_written(matrix)),
-        *(Note(words=each) for each in temperature_lines(result, whole.thermal)),
-    ]
+    notes = [Note(words=MEANING), *account.notes]
     if joint := fit_of(whole):
         words = f"The accelerometer's parameters are those of the {joint}."
         notes.insert(0, Note(words=words))
     others = gyroscope_chapter(whole), magnetometer_chapter(whole)
     return LogPage(
-        title="Calibration from",
+        account=account,
         log=log,
-        replies=(_how_good(whole, bound), _honest(whole), _next(whole)),
         tables=[_parameters(fit, bound)],
         notes=notes,
         chapters=(
@@ -127,117 +94,7 @@ def calibration_page(
             *(section for section in others if section is not None),
             made([_signals(log, result)]).under("signals", "Static intervals"),
         ),
-        said=(*log.described(), *said, *said_of(whole.units.values())),
         command=command,
-    )
-
-
-def kinds_of(model: str) -> tuple[str, ...]:
-    """Kind of each of the nine parameters of a form."""
-    return _SYMMETRIC if model == "symmetric" else _SCALES_LATER
-
-
-def readable(fit: FitResult, sd: Float[Array, "9"]) -> list[tuple[float, Unit]]:
-    """Error bars of the nine parameters in the units of `KINDS`.
-
-    A scale factor's is relative, a bias' is of the force that it stands for, and that
-    of an entry off the diagonal of a symmetric matrix is over the mean scale.
-    """
-    gain = np.diagonal(fit.matrix)
-    kinds = np.array(kinds_of(fit.model))
-    per_unit = np.ones(9)
-    if fit.model == "symmetric":
-        per_unit[kinds == "misalignment"] = 1.0 / gain.mean()
-    scales = kinds == "scale factor"
-    per_unit[scales] = 1.0 / np.abs(fit.parameters[scales])
-    per_unit[kinds == "bias"] = gain
-    return [
-        (float(each * size * KINDS[kind].factor), KINDS[kind])
-        for kind, size, each in zip(kinds.tolist(), per_unit, sd, strict=True)
-    ]
-
-
-def greatest(fit: FitResult) -> dict[str, float]:
-    """Greatest error bar of each kind, in the units of `KINDS`."""
-    bars = [
-        (kind, *bar)
-        for kind, bar in zip(kinds_of(fit.model), readable(fit, fit.sd), strict=True)
-    ]
-    return {kind: max(bar for own, bar, _ in bars if own == kind) for kind in KINDS}
-
-
-def _how_good(whole: ImuCalibration, bound: Float[Array, "9"]) -> Reply:
-    fit, result = whole.accelerometer, whole.log
-    bars = ", ".join(
-        f"{kind} {rounded(value)} {KINDS[kind].name}"
-        for kind, value in greatest(fit).items()
-    )
-    known = bool(np.isfinite(fit.sd).all())
-    lines = [
-        f"{len(result.intervals)} poses leave a residual of "
-        f"{1e3 * float(fit.rms):.2g} mm/s² RMS."
-    ]
-    ratio = np.max(fit.sd / bound) if known and np.all(bound > 0.0) else np.nan
-    if np.isfinite(ratio):
-        alone = ", without the rotations," if fit_of(whole) else ""
-        lines.append(
-            f"No error bar is more than {ratio:.2f} times the least that these poses "
-            f"and their noise{alone} allow (Cramér-Rao)."
-        )
-    lines.append(
-        f"Gravity of {fit.g:g} m/s² was assumed: wrong by 0.1 %, it makes every K "
-        "wrong by 0.1 % and leaves T and B."
-    )
-    return Reply(
-        title="How good is this calibration?",
-        headline=f"Greatest standard deviations: {bars}"
-        if known
-        else "No error bars: nine poses leave no degree of freedom",
-        answer="pass" if known else "inconclusive",
-        lines=tuple(lines),
-    )
-
-
-def _honest(whole: ImuCalibration) -> Reply:
-    found = conditions(whole)
-    holds, said = honest(found)
-    answers: dict[bool | None, Answer] = {
-        True: "pass", False: "fail", None: "inconclusive",
-    }  # fmt: skip
-    return Reply(
-        title="Are its error bars honest?",
-        headline=said,
-        answer=answers[holds],
-        lines=(
-            f"Verdict: {whole.log.diagnosis.verdict}.",
-            *(f"{j.about.capitalize()}: {j.words}{_chance(j)}." for j in found),
-            BARS[whole.accelerometer.covariance_kind],
-        ),
-    )
-
-
-def _chance(each: Condition) -> str:
-    if not np.isfinite(each.p_value):
-        return ""
-    return f" (chance {chance_words(each.p_value)}; no below {each.level:g})"
-
-
-def _next(whole: ImuCalibration) -> Reply:
-    result = whole.log
-    outliers = ", ".join(str(result.numbers[k]) for k in result.diagnosis.outliers)
-    further = ", ".join(f"{x:.2f}" for x in result.next_direction)
-    return Reply(
-        title="What to do next?",
-        headline=f"Look at rest {outliers}, and calibrate without it"
-        if outliers
-        else f"Add a pose along ({further})",
-        lines=(
-            *([f"{result.diagnosis.wrong}."] if outliers else []),
-            f"A further pose with the specific force along ({further}) in sensor axes "
-            "would lower the total variance most; it is the diamond on the map below.",
-            f"Noise of a pose: {result.pose_noise.words}.",
-            *(f"Left out, the {name}: {why}." for name, why in whole.left_out.items()),
-        ),
     )
 
 
@@ -282,10 +139,6 @@ def _parameters(fit: FitResult, bound: Float[Array, "9"]) -> Table:
         ),
         rows=rows,
     )
-
-
-def _written(matrix: Float[Array, "3 3"]) -> str:
-    return "\n".join("  ".join(f"{x:15.8g}" for x in row) for row in matrix)
 
 
 def _signals(log: Log, result: LogCalibration) -> Drawing:

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 
+from simval.account import Account, Answer, Fact, Note, Reply
 from simval.arrays import Array
 from simval.imu.logs import Log
 from simval.imu.recorded import Evaluation
@@ -19,14 +21,7 @@ from simval.imu.recorded.evaluation import (
 )
 from simval.imu.recorded.rows import RowEvidence
 from simval.report.formatting import slug
-from simval.report.log_page import (
-    Answer,
-    LogPage,
-    Note,
-    Reply,
-    linear,
-    signal,
-)
+from simval.report.log_page import LogPage, linear, signal
 from simval.report.panels import COLOURS, GREY, Drawing, Series
 from simval.report.section import made
 from simval.report.table import Column, Table, tabulated
@@ -100,15 +95,18 @@ def filter_page(
         words = "By the definitions of a published benchmark, and then by ours"
         notes.append(Note(words=words, lines=[line for line in lines if line]))
     return LogPage(
-        title="Attitude filters over",
+        account=Account(
+            title="Attitude filters over",
+            source=PurePath(log.path).name,
+            replies=replies(done, failed),
+            facts=[Fact("", line) for line in said],
+        ),
         log=log,
-        replies=replies(done, failed),
         tables=([_rms(done)] if drawings else []) + ([_own(done)] if done else []),
         notes=notes,
         chapters=[made(drawings).under("errors", "Errors over time")]
         if drawings
         else [],
-        said=said,
         command=command,
     )
 

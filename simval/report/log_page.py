@@ -9,11 +9,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from simval import __version__
+from simval.account import Account, Note
 from simval.arrays import Array
 from simval.imu.logs import Log
 from simval.report.panels import COLOURS, Panel, Series
@@ -24,39 +25,16 @@ from simval.shapes import Float
 FOLDERS = re.compile(r"(?<![\w)\].])(?:/[^/\s:,;]+)+/")
 """The folders of a path in a sentence; the slashes of a unit follow its letters."""
 
-Answer = Literal["pass", "fail", "inconclusive"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reply:
-    """A question that a person asks of a log, and its answer."""
-
-    title: str  # the question
-    headline: str  # the answer, in one line
-    answer: Answer = "pass"  # whether it is good news
-    lines: tuple[str, ...] = ()  # what the answer rests on
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Note:
-    """A remark below the answers: words, and what is set apart below them."""
-
-    words: str
-    matrix: str = ""  # shown as it stands
-    lines: Sequence[str] = ()  # behind a fold with the words
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogPage:
     """Contents of the page of a log."""
 
-    title: str  # what was done, before the name of the log
+    account: Account  # answers, and what was read and how
     log: Log
-    replies: Sequence[Reply]  # to three questions
     tables: Sequence[Table]  # of the first section, below the answers
-    notes: Sequence[Note] = ()
+    notes: Sequence[Note] = ()  # below these
     chapters: Sequence[Section] = ()  # figures and tables
-    said: Sequence[str] = ()  # what was read, and how
     command: str = ""  # makes the page again; empty leaves it out
 
     @property
@@ -74,13 +52,17 @@ class LogPage:
         )
         first = made(
             tables=self.tables,
-            replies=self.replies,
+            replies=self.account.replies,
+            warnings=self.account.warnings,
             notes=self.notes,
         ).under("result", "Result")
         source = made(
             facts=[(name, value) for name, value in facts if value],
             command=self.command,
-            said="\n".join(FOLDERS.sub("", line) for line in self.said),
+            said="\n".join(
+                FOLDERS.sub("", f"{label:<18}{words}" if label else words)
+                for label, words, _ in self.account.facts
+            ),
         ).under("source", "Where these numbers are from")
         return first, *self.chapters, source
 
@@ -88,7 +70,7 @@ class LogPage:
 def render_log(page: LogPage) -> str:
     """Render the page of a log as HTML; the same page gives the same bytes."""
     return template("page").render(
-        title=f"{page.title} {page.name}",
+        title=page.account.name,
         sections=page.sections,
         version=__version__,
         source=f"the log {page.name}",

@@ -1,4 +1,4 @@
-"""Fits and runs in a notebook: tables in HTML, and axes of matplotlib."""
+"""Fits and runs in a notebook: axes of matplotlib, and a run as a table."""
 
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -8,7 +8,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import InputError
-from simval.imu.calibrate import Calibration, FitResult, GyroscopeFit, MagnetometerFit
+from simval.imu.calibrate import Calibration, GyroscopeFit, MagnetometerFit
 from simval.imu.calibrate.magnetometer.result import DIP, IRON, MATRIX
 from simval.imu.sensor import forms
 from simval.report.curves import axis_of, curve, grouped
@@ -49,23 +49,6 @@ def plot_fit(fit: Any, axes: Any = None) -> Any:
         panel.set_xticks(np.arange(len(kind.names)), kind.names)
         panel.set_title(kind.title)
     return axes
-
-
-def fit_html(fit: Any) -> str:
-    """Each parameter with its standard deviation, and how the fit ended."""
-    if np.ndim(fit.status):
-        return f"<p>{escape(str(fit))}</p>"
-    rows = []
-    for kind in _kinds(fit):
-        for name, value, sd in zip(kind.names, kind.values, kind.sd, strict=True):
-            rows.append((name, f"{value:.8g}", f"{sd:.3g}", kind.title))
-    head = ("parameter", "value", "standard deviation", "of")
-    words = [f"{fit.status} after {int(fit.iterations)} iterations"]
-    if np.isfinite(fit.chi2_per_dof):
-        words += [f"chi-square per degree of freedom {float(fit.chi2_per_dof):.3g}"]
-    if isinstance(fit, FitResult):
-        words += forms.sign_notes(fit.model)
-    return _table(head, rows, "; ".join(words))
 
 
 def _kinds(fit: Any) -> list[Kind]:

@@ -1,5 +1,6 @@
 """What is printed: narrow terminals, readers that go early, and the numbers of g."""
 
+import re
 import subprocess
 import sys
 
@@ -61,7 +62,11 @@ def test_sixty_columns_are_enough(simval, log, tiny_run, monkeypatch):
         again, narrow, folded_errors = simval(*words)
         monkeypatch.delenv("COLUMNS")
         assert again == code
-        assert (narrow + folded_errors).split() == (wide + errors).split()
+        if words[0] in ("calibrate", "noise"):  # numbers may stand one below the other
+            found = [sorted(re.findall(r"\S+ ± \S+", x)) for x in (narrow, wide)]
+            assert found[0] == found[1] != []
+        else:
+            assert (narrow + folded_errors).split() == (wide + errors).split()
         assert any(len(line) > 60 for line in (wide + errors).splitlines())
         for line in (narrow + folded_errors).splitlines():
             assert len(line) <= 60 or " " not in line.strip(), line

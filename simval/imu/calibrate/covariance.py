@@ -61,7 +61,6 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import GeometryError, RefusedError
-from simval.imu.calibrate.estimate import NORMAL_95
 from simval.imu.calibrate.minimization import normalized
 from simval.imu.calibrate.residuals import (
     LOSSES,
@@ -75,6 +74,7 @@ from simval.imu.calibrate.residuals import (
     value_derivatives,
 )
 from simval.imu.calibrate.solver import Code, inverse_root, negative_pivots
+from simval.imu.calibrate.values import NORMAL_95
 from simval.poses import PARAMETERS, describe, observability
 from simval.shapes import Float
 

@@ -52,8 +52,8 @@ from simval.shapes import Float
 # Of 1000 sets of 20 random directions all over the sphere 99 % lose at most 4.1, of
 # 24 3.1; of poses in one half of the sphere the best of 200 sets lost 7.3.
 GEOMETRY_LIMIT = 5.0
-_WIDE = 0.05  # half-width of a scale's 95 % interval beyond which it is said
-_BLIND_BELOW = 10  # dof from which a doubled scatter is seen with 80 %, at `BELIEVED`
+WIDE = 0.05  # half-width of a scale's 95 % interval beyond which it is said
+LEAST_FREEDOM = 10  # dof from which a doubled scatter is seen with 80 %, at `BELIEVED`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,8 +79,14 @@ class Diagnosis(ReadOnly):
         Chi-square per degree of freedom; NaN without sigma or freedom.
     p_value : float
         Chance of a chi-square at least as high if sigma is right.
-    wrong : str
-        What is wrong with the poses and what to do; empty where nothing is.
+    cause, do : str
+        What is wrong with the poses, and what to do; empty where nothing is.
+    geometry : float
+        Factor that the worst error bar loses to the choice of poses, eq. (V1).
+    widest : float
+        Half-width of the widest 95 % interval of a scale, over the scale.
+    freedom : int
+        Degrees of freedom that the scatter is judged with.
     verdict : str
         What limits the calibration, in words.
     hidden : float
@@ -99,11 +105,20 @@ class Diagnosis(ReadOnly):
     outliers: tuple[int, ...]
     chi2_per_dof: float
     p_value: float
-    wrong: str
+    cause: str
+    do: str
+    geometry: float
+    widest: float
+    freedom: int
     verdict: str
     hidden: float
     hides: str
     least_determined: Combination
+
+    @property
+    def wrong(self) -> str:
+        """What is wrong with the poses and what to do; empty where nothing is."""
+        return f"{self.cause}: {self.do}" if self.do else self.cause
 
 
 def diagnose(
@@ -179,11 +194,15 @@ def diagnose(
     elif fit.loss != "linear":
         judged = rest.chi2 / rest.dof if rest.dof > 0 else np.nan
     free, kept = max(rest.dof - more.shape[1], 0), np.delete(readings, off, axis=0)
-    wrong = (
-        off_words(off)
-        if judgement is None
-        else judgement.sentence(None if time is None else np.sort(clock))
-    )
+    cause, do = _off_words(off)
+    if judgement is not None:
+        times = None if time is None else np.sort(clock)
+        cause, do = judgement.cause(times), judgement.advice
+    wrong = f"{cause}: {do}" if do else cause
+    geometry = geometry_loss(normalize(fit.sensor().correct(kept)))
+    scales = [0, 3, 5] if fit.model == "symmetric" else [3, 4, 5]
+    low, high = fit.intervals[scales].T
+    widest = float(np.max((high - low) / 2.0 / np.abs(fit.parameters[scales])))
     return Diagnosis(
         distance=distance,
         leverage=Deletion.of(weighted, distance).leverage(),
@@ -192,8 +211,12 @@ def diagnose(
         outliers=tuple(off),
         chi2_per_dof=chi2,
         p_value=p_value,
-        wrong=wrong,
-        verdict=_verdict(fit, kept, named * wrong, judged, free, drift),
+        cause=cause,
+        do=do,
+        geometry=geometry,
+        widest=widest,
+        freedom=free,
+        verdict=_verdict(named * wrong, judged, free, drift, geometry, widest),
         hidden=drift.hidden,
         hides=drift.hides,
         least_determined=least_determined_of(nine / unit[:, None], fit.names),
@@ -293,7 +316,7 @@ def verdict(
         return overstated(factor)
     said = "noise is the limit: " if first else ""
     said += "the residuals are what the noise explains"
-    if dof < _BLIND_BELOW:
+    if dof < LEAST_FREEDOM:
         said += (
             f", as far as {dof} degree(s) of freedom can tell (scatter of up to "
             f"{np.sqrt(high):.1f} times the noise would pass); more poses would tell"
@@ -301,15 +324,15 @@ def verdict(
     return said
 
 
-def off_words(off: list[int]) -> str:
-    """Say which poses do not belong."""
+def _off_words(off: list[int]) -> tuple[str, str]:
+    # which poses do not belong, and what to do
     if not off:
-        return ""
+        return "", ""
     which = " and ".join(filter(None, [", ".join(map(str, off[:-1])), str(off[-1])]))
     many = len(off) > 1
     return (
-        f"gravity in pose{'s' * many} {which} is not that of the others: look at the "
-        f"hold, leave {'them' if many else 'it'} out and calibrate again"
+        f"gravity in pose{'s' * many} {which} is not that of the others",
+        f"look at the hold, leave {'them' if many else 'it'} out and calibrate again",
     )
 
 
@@ -326,11 +349,10 @@ def order_words(hidden: float, hides: str) -> str:
 
 
 def _verdict(
-    fit: FitResult, kept: Array, wrong: str, chi2: float, free: int, drift: Drift
+    wrong: str, chi2: float, free: int, drift: Drift, geometry: float, widest: float
 ) -> str:
     # what limits a calibration, the gravest first
     parts = [wrong] if wrong else []
-    geometry = geometry_loss(normalize(fit.sensor().correct(kept)))
     wide = not geometry <= GEOMETRY_LIMIT
     told = drift.hidden <= HIDDEN
     said = verdict(chi2, free, told=told, first=not (parts or wide))
@@ -348,10 +370,7 @@ def _verdict(
         )
     else:
         parts.append(scatter)
-    scales = [0, 3, 5] if fit.model == "symmetric" else [3, 4, 5]
-    low, high = fit.intervals[scales].T
-    widest = float(np.max((high - low) / 2.0 / np.abs(fit.parameters[scales])))
-    if widest > _WIDE:
+    if widest > WIDE:
         parts.append(
             f"a scale is known to {100.0 * widest:.2g} % only, at 95 %: not yet "
             "a calibration"

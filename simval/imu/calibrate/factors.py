@@ -94,6 +94,22 @@ class SourceError(NamedTuple):
             what = "holds: by what the body turns in them unseen rotations"
         return f"{what} are taken to be off by {np.degrees(self.size):.2g} degrees"
 
+    @property
+    def words(self) -> str:
+        """The error as a person says it."""
+        if self.kind == "noise":
+            times = np.hypot(1.0, self.size)
+            return f"the {self.cause} scatters {times:.2g} times its noise"
+        if self.kind == "matrix":
+            size = 100.0 * self.size
+            return (
+                f"the matrix of the {self.cause} changes by {size:.2g} % over the log"
+            )
+        degrees = f"{np.degrees(self.size):.2g}°"
+        if self.cause == "hold":
+            return f"the body turns unseen by {degrees} in the holds"
+        return f"rotations of the {self.cause} are off by {degrees} beside its noise"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseFactors(ReadOnly):
@@ -151,17 +167,18 @@ class NoiseFactors(ReadOnly):
         )
 
     @property
-    def lines(self) -> list[str]:
-        """Each sensor's residuals, and the combination that is least determined."""
-        if self.least_determined is None:
-            return []
-        return [
-            *(
-                f"residuals         {each.name}: {each.sentence}"
-                for each in self.sensors
-            ),
-            f"least determined  {self.least_determined.sentence}",
-        ]
+    def words(self) -> str:
+        """Who scatters beyond the stated noise, and how far; empty where none does."""
+        if self.borne:
+            return ""
+        likely = [each for each in self.errors if each.share > 1.0 - NAMED]
+        likely = [x for x in likely if x.cause in self.blamed] or likely
+        likely.sort(key=lambda each: -each.share)
+        said = " or ".join(each.words for each in likely)
+        if self.blamed:
+            return said
+        names = f"{' and '.join(self.sources)} misfit beyond their noise"
+        return f"{names}, and which is why is open" + (f": {said}" if said else "")
 
     @property
     def refusal(self) -> str:

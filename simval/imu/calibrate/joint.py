@@ -35,7 +35,7 @@ from simval.arrays import Array, physical_array
 from simval.errors import InputError
 from simval.imu.calibrate.accelerometer import calibrate
 from simval.imu.calibrate.equations import Problem
-from simval.imu.calibrate.estimate import NORMAL_95, Estimate, calibration_lines
+from simval.imu.calibrate.estimate import Estimate
 from simval.imu.calibrate.factors import NOT_JUDGED, NoiseFactors, widened
 from simval.imu.calibrate.gauss_newton import JointSolution, minimize, weighed
 from simval.imu.calibrate.gyroscope.calibration import ESTIMATORS, fit_gyroscope
@@ -57,6 +57,7 @@ from simval.imu.calibrate.magnetometer.result import (
 )
 from simval.imu.calibrate.recording import OTHERS, Recording
 from simval.imu.calibrate.result import FitResult
+from simval.imu.calibrate.values import NORMAL_95, several_account
 from simval.imu.sensor import forms
 from simval.shapes import Float
 
@@ -94,7 +95,7 @@ class Calibration(Estimate):
     """
 
     what: ClassVar[str] = "several sensors"
-    lines: ClassVar[Any] = staticmethod(calibration_lines)
+    states: ClassVar[Any] = staticmethod(several_account)
     advice: ClassVar[str] = (
         "the fits of two sensors disagree by more than their noise; look for rests "
         "that moved, a disturbed field and the noise that is stated"

@@ -7,7 +7,8 @@ import numpy as np
 import scipy
 
 from simval.arrays import Array
-from simval.imu.calibrate.estimate import Estimate, accelerometer_lines
+from simval.imu.calibrate.estimate import Estimate
+from simval.imu.calibrate.values import accelerometer_account
 from simval.imu.sensor import AccelerometerModel, forms
 from simval.shapes import Float
 from simval.vocabulary import Loss, Method, Model, Residual
@@ -65,7 +66,7 @@ class FitResult(Estimate):
 
     ample: ClassVar[int] = 200  # the default: sets that can be fitted take 5 to 20
     what: ClassVar[str] = "an accelerometer"
-    lines: ClassVar[Any] = staticmethod(accelerometer_lines)
+    states: ClassVar[Any] = staticmethod(accelerometer_account)
     advice: ClassVar[str] = (
         "its poses hardly fix an ellipsoid, or some do not belong; add poses over more "
         "of the sphere, and look for outliers"

@@ -132,6 +132,30 @@ class Judgement(NamedTuple):
         str
             A sentence or two; empty where the rests are sound.
         """
+        cause, do = self.cause(time), self.advice
+        return f"{cause}: {do}" if do else cause
+
+    @property
+    def advice(self) -> str:
+        """Say what to do; nothing where no cause is named."""
+        if not self.names:
+            return ""
+        each = (found.explanation.advice for found in self.candidates)
+        return "; or ".join(dict.fromkeys(each))
+
+    def cause(self, time: Float[Array, " n"] | None) -> str:
+        """Say what is wrong.
+
+        Parameters
+        ----------
+        time : (n,) array or None
+            As for `sentence`.
+
+        Returns
+        -------
+        str
+            A sentence; empty where the rests are sound.
+        """
         if self.answer == "sound":
             return ""
         if self.answer == "unknown":
@@ -142,8 +166,7 @@ class Judgement(NamedTuple):
         named = self.candidates
         so = " or ".join(f.explanation.sentence(time) for f in named)
         apart = " (these cannot be told apart)" if len(named) > 1 else ""
-        do = "; or ".join(dict.fromkeys(f.explanation.advice for f in named))
-        return f"{so}{apart}: {do}"
+        return f"{so}{apart}"
 
     def runners_up(self, time: Float[Array, " n"] | None) -> list[str]:
         """List what was tried, the likeliest first, with its odds against nothing.

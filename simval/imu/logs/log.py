@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from simval.account import Fact
 from simval.arrays import Array, ReadOnly, positive_number
 from simval.errors import InputError, noting
 from simval.imu.logs.clock import GAP, read_clock, require_finite, times_of
@@ -30,6 +31,9 @@ from simval.imu.logs.rows import BEFORE, Rows
 from simval.imu.logs.temperature import read_temperature
 from simval.imu.logs.text import Table
 from simval.shapes import Bool, Float
+
+_PLAIN = ("joined", "readings", "instance", "part")
+"""Labels of what was read as the file has it; all others are to be known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -148,27 +152,42 @@ class Log(ReadOnly):
         source = (*self.source, ("part", words))
         return replace(self, time=time, source=source, of_file=kept, **own)
 
+    @property
+    def said(self) -> str:
+        """How many rows there are, in which time and at what rate."""
+        seconds = float(self.time[-1] - self.time[0])
+        rows = f"{len(self.time)} rows in {seconds:.2f} s"
+        return f"{rows}, {self.rate:.6g} Hz{self._lost()}"
+
+    def facts(self) -> tuple[Fact, ...]:
+        """State which columns were taken, what was left out, and how the clock runs.
+
+        Returns
+        -------
+        tuple of Fact
+            Notable are those without which the numbers may be misread: what was mended
+            or left out, and columns that were taken by their place.
+        """
+        clock = _of("t", self.columns)
+        source = "no clock, the rate as given" if clock is None else str(clock)
+        if clock is not None and self.second != 1.0:
+            source += f", in units of {self.second:g} s"
+        return (
+            *_read(self.source, self.columns),
+            *(Fact("left out", each, notable=True) for each in self.unclear),
+            Fact("clock", f"{source}: {self.said}"),
+            *self._temperature(),
+        )
+
     def described(self) -> list[str]:
-        """Say which columns were taken, what was left out, and how the clock runs.
+        """Say the same in lines.
 
         Returns
         -------
         list of str
             Lines.
         """
-        clock = _of("t", self.columns)
-        seconds = float(self.time[-1] - self.time[0])
-        source = "no clock, the rate as given" if clock is None else str(clock)
-        if clock is not None and self.second != 1.0:
-            source += f", in units of {self.second:g} s"
-        return [
-            *_source_lines(self.source),
-            _columns_line(self.columns),
-            *(f"left out          {each}" for each in self.unclear),
-            f"clock             {source}: {len(self.time)} rows in {seconds:.2f} s, "
-            f"{self.rate:.6g} Hz{self._lost()}",
-            *self._temperature(),
-        ]
+        return _lines(self.facts())
 
     def unit(self, kind: Kind) -> str:
         """Return the unit that the header states for a sensor, or nothing.
@@ -194,14 +213,24 @@ class Log(ReadOnly):
         str
             One line.
         """
+        return _lines([self.units()])[0]
+
+    def units(self) -> Fact:
+        """State which unit the header has for each sensor.
+
+        Returns
+        -------
+        Fact
+            Of all that are taken.
+        """
         known = [
             f"{name} {self.unit(kind) or 'not stated'}"
             for kind, name in SENSORS.items()
             if _of(ROLES[kind][0], self.columns)
         ]
-        return f"units             by the header: {', '.join(known)}"
+        return Fact("units", f"by the header: {', '.join(known)}")
 
-    def _temperature(self) -> list[str]:
+    def _temperature(self) -> list[Fact]:
         column = _of(TEMPERATURE, self.columns)
         if column is None or self.temperature is None:
             return []
@@ -209,7 +238,8 @@ class Log(ReadOnly):
         unit = (
             f"in {column.unit}" if column.unit else "of no stated unit, taken as degC"
         )
-        return [f"temperature       {column}, {unit}: {low:.2f} to {high:.2f} degC"]
+        words = f"{column}, {unit}: {low:.2f} to {high:.2f} degC"
+        return [Fact("temperature", words, notable=not column.unit)]
 
     def _lost(self) -> str:
         step = np.diff(self.time)
@@ -278,7 +308,7 @@ def read_log(
     picked = chosen(table, columns, None if named else instance, alone=alone)
     if means:
         picked, rate = tuple(each for each in picked if each.role != "t"), 1.0
-    with noting(lambda: [*_source_lines(table.source), _columns_line(picked)]):
+    with noting(lambda: _lines(_read(table.source, picked))):
         log = _taken(
             table, picked, rate, Part(start=start, stop=stop), asked=columns is not None
         )
@@ -469,14 +499,20 @@ def require_no_means(path: str, force: Float[Array, "n 3"]) -> None:
         raise InputError(msg)
 
 
-def _source_lines(source: tuple[tuple[str, str], ...]) -> list[str]:
-    return [f"{label:<18}{words}" for label, words in source]
+def _read(
+    source: tuple[tuple[str, str], ...], columns: tuple[Column, ...]
+) -> tuple[Fact, ...]:
+    # what was taken of a file, and which columns
+    taken = [each for each in columns if each.role not in ("t", TEMPERATURE)]
+    unnamed = not all(each.name for each in taken)
+    return (
+        *(Fact(label, words, label not in _PLAIN) for label, words in source),
+        Fact("columns", ", ".join(map(str, taken)), notable=unnamed),
+    )
 
 
-def _columns_line(columns: tuple[Column, ...]) -> str:
-    aside = ("t", TEMPERATURE)
-    taken = ", ".join(str(each) for each in columns if each.role not in aside)
-    return f"columns           {taken}"
+def _lines(facts: Sequence[Fact]) -> list[str]:
+    return [f"{label:<18}{words}" for label, words, _ in facts]
 
 
 def _of(role: str, columns: tuple[Column, ...]) -> Column | None:

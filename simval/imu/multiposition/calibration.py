@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from simval.account import Account, Told
 from simval.arguments import choice
 from simval.arrays import Array, frozen
 from simval.errors import InputError, RefusedError
@@ -45,9 +46,9 @@ from simval.imu.calibrate.thermal import (
 )
 from simval.imu.logs import Log
 from simval.imu.multiposition.case import case_of, kept
-from simval.imu.multiposition.description import log_lines, sensor_lines
+from simval.imu.multiposition.description import calibration_account
 from simval.imu.multiposition.faults import explained, for_a_log, require_sound
-from simval.imu.multiposition.log_units import Scale, said_of, units_of
+from simval.imu.multiposition.log_units import Scale, units_of
 from simval.imu.multiposition.noise import PoseNoise, along_gravity, pose_noise
 from simval.imu.multiposition.ranges import (
     require_alive,
@@ -63,7 +64,7 @@ from simval.vocabulary import Iteration, Loss, Method, Model, Residual
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LogCalibration:
+class LogCalibration(Told):
     """Calibration of the accelerometer of a log, with its rests and noise.
 
     Attributes
@@ -123,8 +124,19 @@ class LogCalibration:
     def __post_init__(self) -> None:
         object.__setattr__(self, "next_direction", frozen(self.next_direction))
 
-    def __str__(self) -> str:
-        return "\n".join(log_lines(self))
+    @property
+    def account(self) -> Account:
+        """What there is to say of it."""
+        warm = self.warm.thermal
+        return calibration_account(
+            ImuCalibration(
+                log=self, accelerometer=self.fit, gyroscope=None,
+                sensitivity=np.zeros((3, 3)), sensitivity_sd=np.zeros((3, 3)),
+                magnetometer=None, together=None, reasons=(), left_out={},
+                compass_noise=None,
+                thermal={} if warm is None else {"accelerometer": warm},
+            )
+        )  # fmt: skip
 
 
 def calibrate_log(
@@ -238,7 +250,7 @@ def calibrate_log(
         forces, initial = sensor.correct(poses), rests.initial
         result = LogCalibration(
             fit=fit,
-            diagnosis=replace(diagnosis, wrong=case.wrong),
+            diagnosis=replace(diagnosis, do=case.do),
             white_chi2_per_dof=reduced_chi2(fit, poses, white),
             pose_noise=pose,
             rest=initial,
@@ -321,7 +333,7 @@ def _with_terms(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ImuCalibration:
+class ImuCalibration(Told):
     """Calibration of all sensors of a log.
 
     Attributes
@@ -369,9 +381,10 @@ class ImuCalibration:
     thermal_reasons: tuple[str, ...] = ()
     units: Mapping[str, Scale] = default(default_factory=dict)
 
-    def __str__(self) -> str:
-        lines = log_lines(self.log, self) + sensor_lines(self)
-        return "\n".join([*said_of(self.units.values()), *lines])
+    @property
+    def account(self) -> Account:
+        """What there is to say of it."""
+        return calibration_account(self)
 
 
 def calibrate_sensors(

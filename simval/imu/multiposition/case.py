@@ -71,7 +71,13 @@ class JudgedRests(NamedTuple):
     @property
     def wrong(self) -> str:
         """Say what is wrong with the rests and what to do; empty where nothing is."""
-        words = self.judgement.sentence(self.middle)
+        cause = self.judgement.cause(self.middle)
+        return f"{cause}: {self.do}" if self.do else cause
+
+    @property
+    def do(self) -> str:
+        """Say what to do about it, with the option that does it."""
+        words = self.judgement.advice
         return f"{words} ({self.option})" if self.option else words
 
     @property

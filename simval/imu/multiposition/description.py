@@ -1,8 +1,7 @@
-r"""A log's calibration as text and as JSON, with its verdict.
+r"""A log's calibration as an account and as JSON, with its conditions.
 
-**Conditions.** Every sentence that says yes or no of the error bars, in the terminal,
-in files and on the page, is a `Condition`: no where the chance of what is seen is below
-the level of its test.
+**Conditions.** Every sentence that says yes or no of the error bars, in any face, is a
+`Condition`: no where the chance of what is seen is below the level of its test.
 
 **ROS** (``sensor_msgs/Imu``) has the noise of single readings in SI units and the axes
 of the calibration: with M the matrix of a sensor and :math:`\sigma_k` the white noise
@@ -10,28 +9,30 @@ of a reading on its axis k, the covariance of a corrected reading is
 :math:`M\,\mathrm{diag}(\sigma^2)\,M^T`, row by row.
 """
 
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import PurePath
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from simval.account import Account, Answer, Fact, Line, Quantity, Reply, Values
 from simval.arrays import Array
 from simval.imu.calibrate import MagnetometerFit
-from simval.imu.calibrate.diagnosis import Diagnosis, order_words
-from simval.imu.calibrate.drift import DRIFT_FALSE_ALARM, HIDDEN, Drift
-from simval.imu.calibrate.estimate import (
-    gyroscope_lines,
-    magnetometer_lines,
-    matrix_lines,
-    parameter_lines,
-    residual_line,
-    status_line,
+from simval.imu.calibrate.diagnosis import (
+    GEOMETRY_LIMIT,
+    LEAST_FREEDOM,
+    WIDE,
+    Diagnosis,
 )
+from simval.imu.calibrate.drift import DRIFT_FALSE_ALARM, HIDDEN, Drift
 from simval.imu.calibrate.factors import NoiseFactors
 from simval.imu.calibrate.files import to_json
 from simval.imu.calibrate.goodness_of_fit import (
     BELIEVED,
     BEYOND,
     FALSE_ALARM,
+    believed_range,
     chi_square_chance,
 )
 from simval.imu.calibrate.magnetometer.findings import FALSE_ALARM as ONE_POSE
@@ -39,10 +40,26 @@ from simval.imu.calibrate.magnetometer.result import OWN_NAMES
 from simval.imu.calibrate.reduction import variance_within
 from simval.imu.calibrate.rest_temperatures import LEAST_SPAN, Within
 from simval.imu.calibrate.thermal import Thermal
+from simval.imu.calibrate.values import (
+    accelerometer_values,
+    gyroscope_values,
+    how_good,
+    magnetometer_values,
+    matrix_note,
+    noise_facts,
+    status,
+)
 from simval.imu.explain.judgement import CHANCE
 from simval.imu.logs import Log
 from simval.imu.statics import Intervals
 from simval.shapes import Float
+from simval.spelling import chance, counted
+
+ANSWERS: dict[bool | None, Answer] = {True: "pass", False: "fail", None: "inconclusive"}
+BEGIN = {True: "Yes", False: "No", None: "Cannot tell"}
+"""The answer of a condition, as a mark and as a word."""
+REPEAT = "Repeat the first poses at the end."
+ADD = "Add poses."
 
 
 class Condition(NamedTuple):
@@ -60,6 +77,8 @@ class Condition(NamedTuple):
         The test says no below it.
     words : str
         The answer.
+    do : str
+        What to do about it; empty where it holds, or the words say it.
     """
 
     about: str
@@ -67,18 +86,26 @@ class Condition(NamedTuple):
     p_value: float
     level: float
     words: str
+    do: str = ""
 
     def as_object(self) -> dict[str, Any]:
         """Return it as plain JSON values."""
         known = np.isfinite(self.p_value)
         return self._asdict() | {"p_value": self.p_value if known else None}
 
+    @property
+    def sentence(self) -> str:
+        """What is judged and the answer, with its chance."""
+        p = f" ({each})" if (each := chance(self.p_value)) else ""
+        about = f"{self.about[:1].upper()}{self.about[1:]}"
+        return f"{about}: {BEGIN[self.holds].lower()}, {self.words}{p}."
+
 
 def conditions(whole: Any) -> tuple[Condition, ...]:
     """Judge the sensors of a log, the accelerometer first."""
     found = [
         _rests(whole.log),
-        _order(whole.log.diagnosis),
+        order(whole.log.diagnosis),
     ]
     if whole.log.warm.rests is not None:
         found += [_temperature(whole), _within(whole.log.warm.within)]
@@ -95,56 +122,68 @@ def conditions(whole: Any) -> tuple[Condition, ...]:
     return tuple(found)
 
 
-def honest(found: tuple[Condition, ...]) -> tuple[bool | None, str]:
-    """Say whether the error bars are honest, with the gravest answer."""
-    for answer, begin in ((False, "No: "), (None, "Not told: ")):
-        said = [each.words for each in found if each.holds is answer]
-        if said:
-            return answer, begin + said[0]
-    said = [each.words for each in found if np.isfinite(each.p_value)]
-    return True, f"Yes: {said[0]}"
+def honest(found: Sequence[Condition]) -> tuple[bool | None, str]:
+    """Say whether the error bars can be trusted, with the gravest answer."""
+    first = graver(found)[0]
+    return first.holds, f"{BEGIN[first.holds]}: {first.words}"
+
+
+def graver(found: Sequence[Condition]) -> list[Condition]:
+    """Conditions that do not hold, the gravest first; else the first tested."""
+    open_ = [x for answer in (False, None) for x in found if x.holds is answer]
+    return open_ or [next(x for x in found if np.isfinite(x.p_value))]
 
 
 def _rests(log: Any) -> Condition:
     # a Type A error bar takes the scatter as it is, whatever the noise was said to be
     found, answer = log.diagnosis, log.diagnosis.judgement.answer
     by_scatter = log.fit.covariance_kind == "type A"
-    seen = f"chi-square per degree of freedom {found.chi2_per_dof:.3g}"
     holds = {"sound": True, "unknown": None if by_scatter else False}.get(answer, False)
-    words = found.wrong or f"the residuals are what the noise explains: {seen}"
+    words = found.cause or "the rests scatter as their noise explains"
+    do = found.do
     if answer == "unknown" and by_scatter:
         words += "; the error bars are as wide as that"
     if answer == "sound" and found.p_value > 1.0 - BELIEVED:
-        holds, words = by_scatter, f"the residuals are smaller than the noise: {seen}"
+        holds, words = by_scatter, "the rests scatter less than their noise"
+        do = "" if by_scatter else "State the noise (--noise FILE)."
     if answer == "sound" and not np.isfinite(found.p_value):
         holds, words = None, "the noise of a pose, or a degree of freedom, is not there"
+        do = ADD
     p = found.judgement.chance
-    return Condition("rests of the accelerometer", holds, p, CHANCE, words)
+    return Condition("rests of the accelerometer", holds, p, CHANCE, words, do)
 
 
-def _order(found: Diagnosis) -> Condition:
+def order(found: Diagnosis, sensor: str = "accelerometer") -> Condition:
+    """Judge whether a drift of a sensor would be seen in this order of the poses."""
     hides = found.hidden > HIDDEN
-    of = f" of {found.hides} of the accelerometer" if hides else ""
+    words = "in this order of the poses a drift would be seen"
+    if hides:
+        words = f"in this order of the poses a drift of {found.hides} of the {sensor} "
+        words += "looks like a change of other parameters"
     return Condition(
         about="order of the poses",
         holds=None if hides else True,
         p_value=float("nan"),
         level=HIDDEN,
-        words=f"the order of the poses hides {'a' if hides else 'no'} drift{of}",
+        words=words,
+        do=REPEAT if hides else "",
     )
 
 
 def _drift(name: str, found: Drift) -> Condition:
     hidden = not (found.seen or found.excluded)
-    words = f"the residuals of the {name} do not follow the time"
+    words, do = f"the residuals of the {name} do not follow the time", ""
     if found.seen:
         words = f"the {name} drifts: its residuals follow the time by {found.what}"
+        do = "Let the sensor warm up, and record again."
     elif not np.isfinite(found.p_value):
-        words = f"too few poses to tell a drift of the {name}"
+        words, do = f"too few poses to see a drift of the {name}", ADD
     elif hidden:
-        words = f"the order of the poses hides a drift of {found.hides} of the {name}"
-    told = _by_chance(f"drift of the {name}", found.p_value, DRIFT_FALSE_ALARM, words)
-    return told._replace(holds=None) if hidden else told
+        words = f"in this order of the poses a drift of {found.hides} of the {name} "
+        words, do = f"{words}looks like a change of other parameters", REPEAT
+    about = f"drift of the {name}"
+    made = _by_chance(about, found.p_value, DRIFT_FALSE_ALARM, words, do)
+    return made._replace(holds=None) if hidden else made
 
 
 def _temperature(whole: Any) -> Condition:
@@ -164,131 +203,241 @@ def _temperature(whole: Any) -> Condition:
 
 def _within(found: Within) -> Condition:
     about = "drift within the rests"
-    told = _by_chance(about, found.chance, DRIFT_FALSE_ALARM, found.words)
+    made = _by_chance(about, found.chance, DRIFT_FALSE_ALARM, found.words)
     # none is judged where the temperature hardly changes within a rest
-    return told if np.isfinite(found.chance) else told._replace(holds=True)
+    return made if np.isfinite(found.chance) else made._replace(holds=True)
 
 
 def _joint(noise: NoiseFactors) -> Condition:
+    words, do = "every sensor scatters as its noise explains", ""
+    if not noise.borne:
+        off = [each for each in noise.sensors if each.name in noise.blamed]
+        off = off or list(noise.sensors)
+        worst = max(off, key=lambda each: abs(each.deviations[each.worst]))
+        size = abs(worst.deviations[worst.worst])
+        do = f"Look at {worst.item} {worst.worst} of the {worst.name} ({size:.2g} sd)."
+        words = f"{noise.words}; error bars were widened to match"
     names = " and ".join(noise.sources)
-    return _by_chance(
-        f"joint fit of {names}",
-        noise.p_value,
-        CHANCE,
-        "; ".join(noise.sentences) or "every sensor bears its stated noise",
-    )
+    return _by_chance(f"joint fit of {names}", noise.p_value, CHANCE, words, do)
 
 
 def _rows(fit: Any) -> Condition:
     # of a fit whose sensors were not judged one by one
     p = chi_square_chance(float(fit.chi2_per_dof) * fit.dof, fit.dof)
-    words = f"chi-square per degree of freedom {float(fit.chi2_per_dof):.3g}"
-    return _by_chance("moves of the gyroscope", p, BEYOND, words)
+    words = f"chi-square per degree of freedom is {float(fit.chi2_per_dof):.3g}"
+    do = "Look at the moves with the largest residual angles (--report)."
+    return _by_chance("moves of the gyroscope", p, BEYOND, words, do)
 
 
 def poses_alike(fit: Any, numbers: Intervals) -> Condition:
     """Judge whether the field is the same in every pose, as far as noise tells."""
     p = chi_square_chance(float(fit.chi_square), fit.dof)
-    mean = f"chi-square {np.nanmean(fit.pose_chi_square):.2g} a pose, of about 3"
-    words = f"the field is that of its noise in every pose: {mean}"
+    words, do = "the field is the same in every pose", ""
     if fit.disturbed:
-        named = ", ".join(str(numbers[k]) for k in fit.disturbed)
-        words = f"the field is another in rest {named}"
+        named = [str(numbers[k]) for k in fit.disturbed]
+        words = f"the field is another in rest {', '.join(named)}"
+        do = "Look for iron, a current or a moved hold there, and leave out "
+        do += f"(--leave-out {','.join(named)})."
     elif p < BEYOND:
-        words = f"the field differs from pose to pose by more than its noise: {mean}"
-    told = _by_chance("poses of the magnetometer", p, BEYOND, words)
-    return told._replace(holds=False) if fit.disturbed else told
+        words = "the field differs from pose to pose by more than its noise"
+        do = "Record away from iron and currents."
+    made = _by_chance("poses of the magnetometer", p, BEYOND, words, do)
+    return made._replace(holds=False) if fit.disturbed else made
 
 
 def steady(fit: Any) -> Condition:
     """Judge whether the strength of the field changes with time."""
     p = float(fit.steady_p_value)
-    words = "the strength of the field varies with time" if p < ONE_POSE else ""
-    return _by_chance(
-        "field over time", p, ONE_POSE, words or "the field does not follow the time"
-    )
+    words = "the field does not follow the time"
+    if p < ONE_POSE:
+        words = "the strength of the field varies with time"
+    do = "Record again where nothing changes the field."
+    return _by_chance("field over time", p, ONE_POSE, words, do)
 
 
-def _by_chance(about: str, p: float, level: float, words: str) -> Condition:
+def _by_chance(
+    about: str, p: float, level: float, words: str, do: str = ""
+) -> Condition:
     holds = bool(p >= level) if np.isfinite(p) else None
-    return Condition(about=about, holds=holds, p_value=p, level=level, words=words)
+    return Condition(about, holds, p, level, words, do if holds is not True else "")
 
 
-def log_lines(result: Any, whole: Any = None) -> list[str]:
-    """Describe the result in lines of text, with the numbers of the fit of all."""
-    diagnosis = result.diagnosis
-    hidden = order_words(diagnosis.hidden, diagnosis.hides)
-    fit = result.fit if whole is None else whole.accelerometer
-    joint = "" if whole is None else fit_of(whole)
-    how = "found" if result.rest.found else "given"
-    noise, by_white = result.pose_noise, "white noise alone"
-    bounding, by_white_lines = by_white, []
-    if noise.source != "white":
-        bounding = "the noise of the poses"
-        by_white_lines = [
-            f"                  {by_white}, {np.median(noise.white):.4g}, would "
-            f"leave a chi2 per dof of {result.white_chi2_per_dof:.3g}"
-        ]
-    lines = [
-        f"initial rest      {result.rest_seconds:.2f} s ({how})",
-        f"static intervals  {len(result.intervals)} "
-        f"(threshold {result.multiplier:g} times the rest's variance)",
-        *(f"{'':18s}{cut}" for cut in (*result.steps, *result.cuts)),
-        *temperature_lines(result, {} if whole is None else whole.thermal),
-        status_line(fit),
-        "",
-        *([f"accelerometer     {joint}"] if joint else []),
-        *parameter_lines(fit, bound_sd(result)),
-        *_term_lines(result.warm.thermal, fit.g / fit.raw_per_g, "m/s^2"),
-        "",
-        *matrix_lines(fit),
-        "",
-        residual_line(fit),
-        f"chi2 per dof      {diagnosis.chi2_per_dof:.3g} with {fit.dof} degrees of "
-        "freedom",
-        _noise_line(noise),
-        *by_white_lines,
-        f"verdict           {diagnosis.verdict}",
-        *([f"order of poses    {hidden}"] if hidden else []),
-        f"least determined  {diagnosis.least_determined.sentence}",
-        f"bound             least sd that {bounding} would allow with these "
-        f"poses{', without rotations' * bool(joint)} (Cramer-Rao)",
-        f"gravity           {fit.g:g} m/s^2 was assumed; a g wrong by 0.1 % makes "
-        "every K wrong by 0.1 %, and leaves T and B",
+# ---- the account
+
+
+def with_log(account: Account, log: Log, more: Iterable[Fact] = ()) -> Account:
+    """The account of what was made of a log, with what was read of it."""
+    said = "; ".join(filter(None, (account.said, log.said)))
+    facts = (*log.facts(), log.units(), *more, *account.facts)
+    source = PurePath(log.path).name
+    return replace(account, source=source, said=said, facts=facts)
+
+
+def calibration_account(whole: Any) -> Account:
+    """State the calibration of a log: how good, whether to be trusted, what next."""
+    result = whole.log
+    sensors = [name for name in ("gyroscope", "magnetometer") if getattr(whole, name)]
+    poses = f"{counted(len(result.intervals), 'pose')} of "
+    poses += ", ".join(["accelerometer", *sensors])
+    changed = [
+        (result.cuts, "shortened or left out: the sensor turns"),
+        (result.steps, "cut or left out: several levels"),
     ]
-    further = ", ".join(f"{x:.2f}" for x in result.next_direction)
-    lines.append(
-        f"next pose         specific force along ({further}) in sensor axes would "
-        "lower the total variance most"
+    for rests, why in changed:
+        poses += f" ({counted(len(rests), 'rest')} {why})" if rests else ""
+    more = ", without the rotations," if fit_of(whole) else ""
+    good = how_good(whole.accelerometer, bound_sd(result), more)
+    return Account(
+        title="Calibration from",
+        source="a log",
+        said=poses,
+        replies=(limited(good, result.diagnosis), trusted(whole), _next(whole)),
+        values=tuple(_values(whole)),
+        notes=(matrix_note(whole.accelerometer),),
+        facts=tuple(_facts(whole)),
     )
-    for pose in diagnosis.outliers:
-        start, stop = result.intervals[pose]
-        lines.append(
-            f"outlier           rest {result.numbers[pose]} "
-            f"(samples {start} to {stop - 1}): "
-            f"{diagnosis.standardized[pose]:.1f} standard deviations off"
+
+
+def limited(reply: Reply, found: Diagnosis) -> Reply:
+    """How good a fit is, with what limits it beside its noise and what to do."""
+    limits = []
+    if not found.geometry <= GEOMETRY_LIMIT:
+        limits.append(
+            f"The worst error bar is {found.geometry:.2g} times that of as many poses "
+            "all over the sphere: add poses in directions not yet covered."
         )
-    return lines
+    if found.widest > WIDE:
+        percent = 100.0 * found.widest
+        limits.append(f"A scale is known to {percent:.2g} % only: add poses.")
+    if 0 < found.freedom < LEAST_FREEDOM:
+        most = np.sqrt(believed_range(found.freedom)[1] / found.freedom)
+        limits.append(
+            f"With {counted(found.freedom, 'degree')} of freedom a scatter of "
+            f"{most:.2g} times the noise would pass unseen: add poses."
+        )
+    wide = not found.geometry <= GEOMETRY_LIMIT or found.widest > WIDE
+    return replace(
+        reply,
+        answer="inconclusive" if wide else reply.answer,
+        do=" ".join([reply.do, *limits]).strip(),
+    )
 
 
-def temperature_lines(result: Any, thermal: Any) -> list[str]:
-    """Say the range over the rests, what was made of it, and if time looks the same."""
-    warm = result.warm
-    if warm.rests is None:
-        return []
-    more = [
-        warm.reason,
-        warm.rests.confounded if thermal or warm.thermal is not None else "",
-        warm.within.words if warm.within.chance < DRIFT_FALSE_ALARM else "",
+def trusted(whole: Any) -> Reply:
+    """Whether the error bars can be trusted, with each condition that fails."""
+    found = conditions(whole)
+    first, *others = graver(found)
+    also = [f"Also: {each.words}. {each.do}".rstrip() for each in others]
+    return Reply(
+        title="Can the error bars be trusted?",
+        headline=f"{BEGIN[first.holds]}: {first.words}.",
+        answer=ANSWERS[first.holds],
+        do=" ".join(filter(None, [first.do, *also])),
+        lines=tuple(each.sentence for each in found),
+    )
+
+
+def _next(whole: Any) -> Reply:
+    result = whole.log
+    outliers = [str(result.numbers[k]) for k in result.diagnosis.outliers]
+    further = ", ".join(f"{x:.2f}" for x in result.next_direction)
+    rest = "rest" if len(outliers) == 1 else "rests"
+    left = [f"The {name} is left out: {why}." for name, why in whole.left_out.items()]
+    if result.pose_noise.source == "white":
+        left.append(f"The noise of a pose is {result.pose_noise.words}.")
+    return Reply(
+        title="What next?",
+        headline=f"Look at {rest} {', '.join(outliers)}, and calibrate without."
+        if outliers
+        else f"To do better, add a pose with the force along ({further}).",
+        answer="inconclusive" if whole.left_out or outliers else "pass",
+        do=" ".join(left),
+        lines=(
+            f"A pose with the force along ({further}) in sensor axes would lower the "
+            "total variance most.",
+            f"Noise of a pose: {result.pose_noise.words}.",
+        ),
+    )
+
+
+def _values(whole: Any) -> Iterator[Values]:
+    fit, result = whole.accelerometer, whole.log
+    own, compass = whole.gyroscope, whole.magnetometer
+    yield accelerometer_values(fit, bound_sd(result))
+    sizes = {"accelerometer": (fit.g / fit.raw_per_g, "m/s²")}
+    if own is not None:
+        facts = noise_facts(own.noise)[len(own.noise.sentences) :]
+        chosen = (Fact("chosen", each) for each in whole.reasons)
+        G = whole.sensitivity, whole.sensitivity_sd
+        yield gyroscope_values(own, *G, (*facts, *chosen))
+        sizes["gyroscope"] = np.linalg.norm(own.M, axis=0), "rad/s"
+    if compass is not None:
+        facts = () if whole.together else noise_facts(compass.noise)
+        noise = Fact("noise of a pose", _noise(whole.compass_noise))
+        yield magnetometer_values(compass, (noise, *facts))
+        sizes["magnetometer"] = np.linalg.norm(compass.M, axis=0), "of the field's unit"
+    for name, each in whole.thermal.items():
+        yield _thermal(name, each, *sizes[name])
+
+
+def _thermal(name: str, found: Thermal, size: Array, unit: str) -> Values:
+    lines = []
+    for k, (what, power) in enumerate(found.terms):
+        per = "K" if power == 1 else f"K^{power}"
+        factor = np.full(3, 1e6) if what == "scale" else size
+        cells = [
+            Quantity(f"{what}_{axis}/{per}", value, sd)
+            for axis, value, sd in zip(
+                "xyz", (factor * found.coefficients[k]).tolist(),
+                (factor * found.sd[k]).tolist(), strict=True,
+            )
+        ]  # fmt: skip
+        lines.append(Line(what, f"{'ppm' if what == 'scale' else unit}/{per}", cells))
+    ends = [
+        float((found.bars(t)["bias"] * size).max()) for t in (found.low, found.high)
     ]
-    said = [f"{'':18s}{each}" for each in more if each]
-    return [f"temperature       {warm.rests.line}", *said]
+    words = f"at either end a bias is off by {max(ends):.2g} {unit} (sd) more than at "
+    return Values(
+        title=f"{name} in temperature",
+        how=f"about {found.reference:.2f} °C, seen from {found.low:.2f} to "
+        f"{found.high:.2f} °C",
+        lines=lines,
+        facts=[Fact("ends", f"{words}the reference")],
+    )
 
 
-def _term_lines(
-    thermal: Thermal | None, size: Float[Array, "3"], unit: str
-) -> list[str]:
-    return [] if thermal is None else thermal.lines(size, unit)
+def _noise(noise: Any) -> str:
+    return f"{np.median(noise.std):.4g} units of the log, {noise.words}"
+
+
+def _facts(whole: Any) -> Iterator[Fact]:
+    result, fit = whole.log, whole.accelerometer
+    diagnosis, warm = result.diagnosis, result.warm
+    for each in whole.units.values():
+        yield from (Fact("unit", words, notable=True) for words in each.said)
+    if whole.gyroscope and whole.magnetometer and not whole.together:
+        yield Fact("not together", whole.reasons[-1], notable=True)
+    yield Fact("initial rest", f"{result.rest_seconds:.2f} s "
+               f"({'found' if result.rest.found else 'given'})")  # fmt: skip
+    yield Fact("static intervals", f"{len(result.intervals)} (threshold "
+               f"{result.multiplier:g} times the variance at rest)")  # fmt: skip
+    yield from (Fact("cut", each) for each in (*result.steps, *result.cuts))
+    if warm.rests is not None:
+        yield Fact("temperature", warm.rests.line)
+        for words in dict.fromkeys((warm.reason, *whole.thermal_reasons)):
+            yield from [Fact("temperature", words)] if words else []
+    yield status(fit)
+    yield Fact("fit", f"{fit.model} form, {fit_of(whole) or 'alone'}; condition of the "
+               f"poses {float(fit.condition):.3g}")  # fmt: skip
+    per = "per degree of freedom"
+    yield Fact("chi-square", f"{diagnosis.chi2_per_dof:.3g} {per}, of {fit.dof}")
+    yield Fact("verdict", diagnosis.verdict)
+    yield Fact("noise of a pose", _noise(result.pose_noise))
+    if result.pose_noise.source != "white":
+        white = np.median(result.pose_noise.white)
+        yield Fact("white noise", f"alone it would be {white:.4g}, and chi-square "
+                   f"{result.white_chi2_per_dof:.3g} {per}")  # fmt: skip
+    yield Fact("least determined", diagnosis.least_determined.sentence)
 
 
 def bound_sd(result: Any) -> Float[Array, "9"]:
@@ -298,10 +447,6 @@ def bound_sd(result: Any) -> Float[Array, "9"]:
     return np.sqrt(np.diagonal(result.predicted.cramer_rao))
 
 
-def _noise_line(noise: Any) -> str:
-    return f"noise of a pose   {np.median(noise.std):.4g} raw units, {noise.words}"
-
-
 def fit_of(whole: Any) -> str:
     """The fit that the accelerometer's numbers are from, if not its own."""
     if whole.together is not None:
@@ -309,36 +454,6 @@ def fit_of(whole: Any) -> str:
     if whole.gyroscope is not None:
         return "fit together with the gyroscope, whose rotations help it"
     return ""
-
-
-def sensor_lines(whole: Any) -> list[str]:
-    """Describe the other sensors, what was left out, and whether to trust the bars."""
-    lines: list[str] = []
-    if whole.gyroscope is not None:
-        others = "accelerometer"
-        if whole.together is not None:
-            others += " and the magnetometer"
-        fit, G, sd = whole.gyroscope, whole.sensitivity, whole.sensitivity_sd
-        lines += ["", *gyroscope_lines(fit, others, G, sd)]
-        lines += [f"{'':18s}{reason}" for reason in whole.reasons]
-        size = np.linalg.norm(fit.M, axis=0)
-        lines += _term_lines(whole.thermal.get("gyroscope"), size, "rad/s")
-    if whole.magnetometer is not None:
-        lines += [
-            "",
-            *magnetometer_lines(
-                whole.magnetometer, together=whole.together is not None
-            ),
-        ]
-        lines.append(_noise_line(whole.compass_noise))
-        size = np.linalg.norm(whole.magnetometer.M, axis=0)
-        own = whole.thermal.get("magnetometer")
-        lines += _term_lines(own, size, "of the field's unit")
-        lines += [f"{'':18s}{each}" for each in whole.thermal_reasons[1:]]
-    for name, why in whole.left_out.items():
-        lines += ["", f"left out          the {name}: {why}"]
-    _, said = honest(conditions(whole))
-    return [*lines, "", f"honest bars       {said}"]
 
 
 def log_object(log: Log) -> dict[str, Any]:

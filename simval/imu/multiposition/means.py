@@ -7,24 +7,33 @@ bias in a field of constant strength, and nothing of the accelerometer's axes.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 
+from simval.account import Account, Fact, Reply, Told
 from simval.arrays import Array
 from simval.errors import InputError
 from simval.imu.calibrate import FitResult
-from simval.imu.calibrate.diagnosis import Diagnosis, diagnose, order_words
-from simval.imu.calibrate.estimate import (
-    matrix_lines,
-    parameter_lines,
-    residual_line,
-    status_line,
-)
+from simval.imu.calibrate.diagnosis import Diagnosis, diagnose
 from simval.imu.calibrate.files import to_json
+from simval.imu.calibrate.values import (
+    accelerometer_values,
+    how_good,
+    matrix_note,
+    status,
+)
 from simval.imu.logs import Log
-from simval.imu.multiposition.description import log_object
+from simval.imu.multiposition.description import (
+    ANSWERS,
+    BEGIN,
+    limited,
+    log_object,
+    order,
+)
 from simval.shapes import Float
+from simval.spelling import counted
 
 _WORDS: Final = {
     "accelerometer": "{g:g} m/s^2 was assumed for gravity",
@@ -35,7 +44,8 @@ _WORDS: Final = {
 }
 
 
-class MeansCalibration(NamedTuple):
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeansCalibration(Told):
     """Calibration of one sensor by a table of its means."""
 
     sensor: str
@@ -44,22 +54,41 @@ class MeansCalibration(NamedTuple):
     rows: Any  # of the table that were used
     left_out: tuple[str, ...]
 
-    def lines(self) -> list[str]:
-        """Describe it in lines of text."""
-        hidden = order_words(self.diagnosis.hidden, self.diagnosis.hides)
-        means, fit = "rows are means of poses, as given (--means)", self.fit
-        return [
-            f"poses             {len(self.rows)}, of the {self.sensor}: {means}",
-            *(f"left out          {each}" for each in self.left_out),
-            status_line(fit), "", *parameter_lines(fit), "", *matrix_lines(fit), "",
-            *([residual_line(fit)] if self.sensor == "accelerometer" else []),
-            f"verdict           {self.diagnosis.verdict}",
-            *([f"order of poses    {hidden}"] if hidden else []),
-            *(f"outlier           row {self.rows[k]}" for k in self.diagnosis.outliers),
-            f"least determined  {self.diagnosis.least_determined.sentence}",
-            f"{'assumed':18s}{_WORDS[self.sensor].format(g=fit.g)}",
-            "error bars        by the residuals: the noise of a pose is not known",
-        ]  # fmt: skip
+    @property
+    def account(self) -> Account:
+        """What there is to say of it."""
+        found, fit, force = self.diagnosis, self.fit, self.sensor == "accelerometer"
+        whole = order(found, self.sensor)
+        if found.cause:
+            whole = whole._replace(holds=False, words=found.cause, do=found.do)
+        words = "they are as wide as the scatter of the poses, whose noise is not known"
+        outliers = [str(self.rows[k]) for k in found.outliers]
+        return Account(
+            title="Calibration from",
+            source="a table of means",
+            said=f"{counted(len(self.rows), 'pose')} of the {self.sensor}, each row a "
+            "mean (--means)",
+            replies=(
+                limited(how_good(fit, force=force), found),
+                Reply(
+                    title="Can the error bars be trusted?",
+                    headline=f"{BEGIN[whole.holds]}: "
+                    f"{words if whole.holds else whole.words}.",
+                    answer=ANSWERS[whole.holds],
+                    do=whole.do,
+                    lines=(f"Rows that are far off: {', '.join(outliers) or 'none'}.",),
+                ),
+            ),
+            values=(accelerometer_values(fit, force=force),),
+            notes=(matrix_note(fit, force=force),),
+            facts=(
+                *(Fact("left out", each, notable=True) for each in self.left_out),
+                Fact("assumed", _WORDS[self.sensor].format(g=fit.g), notable=not force),
+                status(fit),
+                Fact("verdict", found.verdict),
+                Fact("least determined", found.least_determined.sentence),
+            ),
+        )
 
     def as_object(self, log: Log) -> dict[str, Any]:
         """Return it as one JSON object; of an accelerometer a calibration file."""
@@ -117,4 +146,6 @@ def calibrate_means(
         for name, given, what in beside
         if given is not None and name != sensor
     )
-    return MeansCalibration(sensor, fit, diagnose(fit, poses), rows, left)
+    return MeansCalibration(
+        sensor=sensor, fit=fit, diagnosis=diagnose(fit, poses), rows=rows, left_out=left
+    )

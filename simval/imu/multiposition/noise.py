@@ -28,6 +28,7 @@ from simval.imu.noise.model import LEAST_ROWS
 from simval.imu.sensor import AccelerometerModel
 from simval.imu.statics import WINDOWS, Intervals, interval_counts, interval_means
 from simval.shapes import Float
+from simval.spelling import counted
 
 MISSING = 0.01  # share of rows lost beyond which averages are over other times
 LATE = 1.5  # median steps from row to row: one is missing
@@ -157,8 +158,9 @@ def _still(log: Log, rest: float | None) -> tuple[int, int, str, Intervals]:
     edge = int(np.ceil(WINDOWS[0] * log.rate))  # the detector's window is not full
     if start <= edge and rows - stop <= edge:
         return 0, rows, "the whole log, which is at rest", intervals
+    rests = counted(len(intervals), "rest")
     how = (
-        f"the longest of {len(intervals)} rest(s), from {log.time[start]:.2f} s to "
+        f"the longest of {rests}, from {log.time[start]:.2f} s to "
         f"{log.time[stop - 1]:.2f} s"
     )
     return start, stop, how, intervals

@@ -1,16 +1,19 @@
-"""The noise of a log, in lines for people and as JSON values."""
+"""The noise of a log, as an account and as JSON values."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from simval.account import Account, Fact, Line, Note, Quantity, Reply, Values
 from simval.imu.logs import Log
 from simval.imu.multiposition.description import log_object
-from simval.imu.multiposition.log_units import Scale, said_of
+from simval.imu.multiposition.log_units import Scale
 from simval.imu.multiposition.noise import LogNoise
 from simval.imu.noise import AxisNoise, Coefficient
 from simval.imu.noise.components import LETTERS
+from simval.imu.noise.fit import SHARE
 from simval.imu.noise.model import (
     AXES,
     FORMAT,
@@ -19,8 +22,9 @@ from simval.imu.noise.model import (
     equivalent_words,
     largest,
 )
+from simval.spelling import counted, duration, rounded
 from simval.text import columns, interval_words
-from simval.units import G0, OF_A_LOG, OF_TIME
+from simval.units import G0, OF_A_DATA_SHEET, OF_A_LOG, OF_TIME, Unit
 from simval.units import RADIANS_PER_DEGREE as DEGREE
 
 
@@ -85,6 +89,8 @@ FURTHER: Final[dict[tuple[str, str], tuple[Further, ...]]] = {
         Further("uT a reading", 1e6, -0.5),
     ),
 }  # fmt: skip
+_RAW: Final = {"raw/sqrt(Hz)": "raw/√Hz", "raw/sqrt(s)": "raw/√s"}
+"""As a person reads them."""
 OF_INCREMENTS: Final = {"accelerometer": "m/s", "gyro": "rad"}
 
 
@@ -149,37 +155,267 @@ def _kalibr(sensors: Sensors) -> Iterator[tuple[str, Largest]]:
             yield title, largest(axes, kind, size)
 
 
-def described(found: LogNoise, sensors: Sensors) -> list[str]:
-    """Describe the noise of a log in lines of text."""
-    lines = [f"rest              {found.how}: {found.stop - found.start} rows"]
-    lines += unit_lines(sensors)
-    for name, (axes, scale) in sensors.items():
-        kinds = {c.kind for axis in axes for c in axis.coefficients}
-        for kind in (each for each in LETTERS if each in kinds):
-            own = [_of_kind(kind, axis.coefficients) for axis in axes]
-            words = LETTERS[kind].words
-            lines += ["", *_table(name, words, kind, axes, own, scale.si_per_raw)]
-        horizons = [a.slow.horizon for a in axes if a.slow and not a.slow.is_walk]
-        if horizons:
-            words = f"random walk equivalent over up to {max(horizons):.3g} s,"
-            own = [_of_kind("K", axis.given) for axis in axes]
-            lines += ["", *_table(name, words, "K", axes, own, scale.si_per_raw)]
-        lines += ["", f"{name}, how far the model holds", *_fits(axes)]
-    for name, why in found.left_out.items():
-        lines += ["", f"left out          the {name}: {why}"]
-    return lines + _kalibr_lines(sensors)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorNoise:
+    """Noise of one sensor of a log."""
+
+    name: str  # accelerometer, gyro or magnetometer
+    axes: Sequence[AxisNoise]  # in raw units
+    si_per_raw: float | None  # None where the unit of the log is not known
+
+    @property
+    def title(self) -> str:
+        """Its name for a person."""
+        return "gyroscope" if self.name == "gyro" else self.name
+
+    @property
+    def lettered(self) -> list[tuple[str, AxisNoise]]:
+        """Its axes by name."""
+        return list(zip(AXES, self.axes, strict=True))
+
+    @property
+    def fitted(self) -> list[AxisNoise]:
+        """Axes for which a model holds."""
+        return [axis for axis in self.axes if axis.coefficients]
+
+    def unit(self, kind: str) -> Unit:
+        """Unit in which a person reads a coefficient in raw units."""
+        if kind in OF_TIME:
+            return OF_TIME[kind]
+        if self.si_per_raw is None:
+            unit = LETTERS[kind].raw_unit
+            return Unit(_RAW.get(unit, unit), 1.0)
+        own = OF_A_DATA_SHEET[self.name][kind]
+        return Unit(own.name, own.factor * self.si_per_raw)
+
+    def of(self, kind: str) -> list[Coefficient]:
+        """One coefficient of each axis that has it."""
+        return [c for axis in self.axes for c in axis.coefficients if c.kind == kind]
+
+    @property
+    def values(self) -> Values:
+        """Its coefficients, a row for each kind, and what its readings show beside."""
+        given = {kind: [_of_kind(kind, a.coefficients) for a in self.axes]
+                 for kind in LETTERS if self.of(kind)}  # fmt: skip
+        lines = [
+            self._line(f"{LETTERS[kind].words} {kind}", kind, own)
+            for kind, own in given.items()
+        ]
+        if any(axis.slow and not axis.slow.is_walk for axis in self.axes):
+            own = [_of_kind("K", axis.given) for axis in self.axes]
+            lines.append(self._line("equivalent walk K", "K", own))
+        said: dict[str, list[str]] = {}
+        for letter, axis in self.lettered:
+            for words in axis.statements:
+                said.setdefault(words, []).append(letter)
+        return Values(
+            title=self.title,
+            lines=lines,
+            facts=[
+                Fact(", ".join(letters), words, notable=True)
+                for words, letters in said.items()
+            ]
+            + [Fact(letter, words) for letter, words in _fits(self.axes)],
+        )
+
+    def _line(
+        self, label: str, kind: str, coefficients: Sequence[Coefficient | None]
+    ) -> Line:
+        unit = self.unit(kind)
+        cells = [
+            Quantity(f"{kind}_{letter}", None)
+            if c is None
+            else Quantity(
+                f"{kind}_{letter}", c.value, c.sd, c.low, c.high, missing="not bounded"
+            )
+            for letter, c in zip(AXES, coefficients, strict=True)
+        ]
+        return Line(label, unit.name, cells, factor=unit.factor)
+
+
+def noisy(sensors: Sensors) -> list[SensorNoise]:
+    """The noise of each sensor with its unit."""
+    return [
+        SensorNoise(name=name, axes=axes, si_per_raw=scale.si_per_raw)
+        for name, (axes, scale) in sensors.items()
+    ]
+
+
+def noise_account(found: LogNoise, sensors: Sensors) -> Account:
+    """State the noise of a log: how much, whether the model fits, what next."""
+    each = noisy(sensors)
+    tables = [
+        Note(words=words, matrix="\n".join(rows))
+        for name, (axes, scale) in sensors.items()
+        for words, *rows in _tables(name, axes, scale)
+    ]
+    kalibr = _kalibr_lines(sensors)
+    if kalibr:
+        words = "As Kalibr's imu.yaml has them, the largest of the axes:"
+        tables.append(Note(words=words, matrix="\n".join(kalibr)))
+    return Account(
+        title="Noise of",
+        source="a log",
+        said=f"{found.how}, {duration(found.seconds)}",
+        replies=(
+            _how_noisy(each, found.seconds),
+            _fitting(each),
+            _next(each, found.left_out),
+        ),
+        values=[x.values for x in each],
+        notes=tables,
+        facts=[
+            *(Fact("unit", words, notable=True) for _, unit in sensors.values()
+              for words in unit.said),
+            *(Fact("raw unit", f"{name}: {unit.how}")
+              for name, (_, unit) in sensors.items()),
+        ],
+    )  # fmt: skip
+
+
+def varies(axis: AxisNoise) -> bool:
+    """Whether the readings of an axis vary at all: a stuck one has no deviation."""
+    return bool(np.any(axis.variances > 0.0))
+
+
+def _greatest(sensor: SensorNoise, kind: str) -> str:
+    # of the axes, in words: as much, below, or unknown
+    found, unit = sensor.of(kind), sensor.unit(kind)
+    if not found or len(found) < len(sensor.axes):
+        return ""
+    size = max((c.high if c.value is None else c.value for c in found), key=abs)
+    if not np.isfinite(size):
+        return ""
+    seen = any(c.value is not None and c.value == size for c in found)
+    below = "" if seen else "below "
+    return f"{below}{rounded(unit.factor * size, 3)} {unit.name}"
+
+
+def _for_filters(sensor: SensorNoise) -> str:
+    # random walk that stands for slow noise of another kind, if there is some
+    unit = sensor.unit("K")
+    found = largest(sensor.axes, "K", np.full(len(sensor.axes), unit.factor))
+    if found.value is None or found.horizon is None:
+        return ""
+    size = f"{rounded(found.value, 3)} {unit.name}"
+    return f"for filters a random walk of {size}, {equivalent_words(found.horizon)}"
+
+
+def _how_noisy(sensors: Sequence[SensorNoise], seconds: float) -> Reply:
+    first = [f"{s.title} {words}" for s in sensors if (words := _greatest(s, "N"))]
+    lines = [
+        f"{s.title}: {', '.join(others)}."
+        for s in sensors
+        if (others := [f"{LETTERS[kind].words} {words}" for kind in ("B", "K", "Q")
+                       if (words := _greatest(s, kind))])
+    ]  # fmt: skip
+    lines += [f"{s.title}: {words}." for s in sensors if (words := _for_filters(s))]
+    lines.append(
+        f"The greatest of the three axes; measured at rest for {duration(seconds)}."
+    )
+    return Reply(
+        title="How noisy is it?",
+        headline=f"White noise, the worst axis: {', '.join(first)}."
+        if first
+        else "Cannot tell: no axis has a noise model.",
+        answer="pass" if first else "inconclusive",
+        lines=tuple(lines),
+    )
+
+
+def _fitting(sensors: Sequence[SensorNoise]) -> Reply:
+    axes = {f"{s.title} {letter}": axis for s in sensors for letter, axis in s.lettered}
+    stuck = [name for name, axis in axes.items() if not varies(axis)]
+    without = [n for n, axis in axes.items() if varies(axis) and not axis.coefficients]
+    fitted = sum(len(s.fitted) for s in sensors)
+    lines = [
+        f"{s.title}: averages over {_range(s.fitted)}, chi-square per degree of "
+        f"freedom at most {max(a.chi2 / a.dof for a in s.fitted):.2g}."
+        for s in sensors
+        if s.fitted
+    ]
+    do = [f"No model fits {', '.join(without)}: see why below."] if without else []
+    if stuck:
+        do.append(
+            f"The readings of {', '.join(stuck)} do not vary: stuck, or noise far "
+            "below one step of the converter."
+        )
+    if fitted:
+        lines.append("Every interval holds 95 % by the closed-form covariance.")
+    count = counted(len(axes), "axis", "axes")
+    headline = f"Yes: it fits all {count}."
+    if fitted < len(axes):
+        headline = f"No: it fits {fitted} of {count}."
+    if stuck and not without:
+        headline = f"It fits {counted(fitted, 'axis', 'axes')}; the others do not vary."
+    if len(stuck) == len(axes):
+        headline = "Cannot tell: no reading varies."
+    return Reply(
+        title="Does the noise model fit?",
+        headline=headline,
+        answer="fail" if without else "inconclusive" if stuck else "pass",
+        do=" ".join(do),
+        lines=tuple(lines),
+    )
+
+
+def _range(axes: Sequence[AxisNoise]) -> str:
+    times = [axis.seconds[slice(*axis.used)] for axis in axes]
+    low, high = min(t[0] for t in times), max(t[-1] for t in times)
+    return f"{low:.2g} s to {high:.3g} s"
+
+
+def _next(sensors: Sequence[SensorNoise], left_out: Mapping[str, str]) -> Reply:
+    do = [f"The {name} is left out: {why}." for name, why in left_out.items()]
+    do += [
+        f"The {s.title} is in units of the log: state its unit (--{s.name}-unit)."
+        for s in sensors
+        if s.si_per_raw is None
+    ]
+    hidden = [
+        f"{LETTERS[kind].words} of the {s.title}"
+        for s in sensors
+        for kind in ("B", "K")
+        if any(c.value is None for c in s.of(kind))
+    ]
+    lines = []
+    if hidden:
+        lines.append(f"Not seen on every axis: {', '.join(hidden)}.")
+    if any(s.fitted for s in sensors):
+        headline = "Use these numbers: --json > noise.json, then --noise noise.json."
+        if hidden:
+            headline = "Some slow noise is below what this rest can show (<). To see "
+            headline += "it, record a rest several times longer."
+    elif any(varies(axis) for s in sensors for axis in s.axes):
+        headline = "Read below why no model fits."
+    else:
+        headline = "Record with a finer resolution or a narrower range."
+    return Reply(
+        title="What next?",
+        headline=headline,
+        answer="inconclusive" if do else "pass",
+        do=" ".join(do),
+        lines=tuple(lines),
+    )
+
+
+def _tables(
+    name: str, axes: tuple[AxisNoise, ...], scale: Scale
+) -> Iterator[list[str]]:
+    # of each kind every number in SI units, with those of data sheets and Kalibr
+    kinds = {c.kind for axis in axes for c in axis.coefficients}
+    for kind in (each for each in LETTERS if each in kinds):
+        own = [_of_kind(kind, axis.coefficients) for axis in axes]
+        yield _table(name, LETTERS[kind].words, kind, axes, own, scale.si_per_raw)
+    horizons = [a.slow.horizon for a in axes if a.slow and not a.slow.is_walk]
+    if horizons:
+        words = f"random walk equivalent over up to {max(horizons):.3g} s,"
+        own = [_of_kind("K", axis.given) for axis in axes]
+        yield _table(name, words, "K", axes, own, scale.si_per_raw)
 
 
 def _of_kind(kind: str, coefficients: tuple[Coefficient, ...]) -> Coefficient | None:
     return next((c for c in coefficients if c.kind == kind), None)
-
-
-def unit_lines(sensors: Sensors) -> list[str]:
-    """Say how the unit of each sensor is known, and what is wrong with it."""
-    how = [
-        f"raw unit          {name}: {unit.how}" for name, (_, unit) in sensors.items()
-    ]
-    return how + said_of(scale for _, scale in sensors.values())
 
 
 def _table(
@@ -219,18 +455,20 @@ def _table(
     return [f"{name}, {words} {kind}, {unit}", *columns(rows, *widths)]
 
 
-def _fits(axes: tuple[AxisNoise, ...]) -> list[str]:
-    lines = []
+def _fits(axes: Sequence[AxisNoise]) -> Iterator[tuple[str, str]]:
+    # over which averages the model of each axis holds, and what rounding makes
     for letter, axis in zip(AXES, axes, strict=True):
         if axis.coefficients:
             times = axis.seconds[slice(*axis.used)]
-            lines.append(
-                f"  {letter:4s}averages over {times[0]:.3g} s to {times[-1]:.3g} s, "
-                f"chi2 per dof {axis.chi2 / axis.dof:.3g} with {axis.dof} degrees of "
-                "freedom"
+            ratio = f"chi-square per degree of freedom {axis.chi2 / axis.dof:.3g}"
+            over = f"averages over {times[0]:.3g} s to {times[-1]:.3g} s"
+            yield letter, f"{over}, {ratio}, of {axis.dof}"
+        if axis.step > 0.0 and varies(axis):
+            percent = 100.0 * axis.step**2 / SHARE / axis.variances[0]
+            words = (
+                f"rounding to steps of {axis.step:.4g} makes {percent:.2g} % of the "
             )
-        lines += [f"  {letter:4s}{words}" for words in axis.statements]
-    return lines
+            yield letter, f"{words}variance of a row"
 
 
 def _kalibr_lines(sensors: Sensors) -> list[str]:
@@ -248,5 +486,4 @@ def _kalibr_lines(sensors: Sensors) -> list[str]:
     if not lines:
         return []
     rate = next(iter(sensors.values()))[0][0].rate_hz
-    head = ["", "as Kalibr's imu.yaml has them, the largest of the axes"]
-    return [*head, *lines, f"  {'update_rate:':30s}{rate:.6g}"]
+    return [*lines, f"  {'update_rate:':30s}{rate:.6g}"]

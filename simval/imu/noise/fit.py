@@ -204,12 +204,6 @@ def _axis(
                     for c in coefficients
                 )
             statements += words_of(chosen, seen, slow, rate_hz, unit)
-    if step > 0.0 and not refusal:
-        share = step**2 / SHARE / variances[0]
-        statements.append(
-            f"rounding to steps of {step:.4g} makes {100.0 * share:.2g} % of the "
-            "variance of a row"
-        )
     return AxisNoise(
         rate_hz=rate_hz,
         rows=family.rows,

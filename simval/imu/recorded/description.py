@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from simval.account import Fact
 from simval.imu.logs import Log, Truth
+from simval.imu.logs.rows import BEFORE
 from simval.imu.multiposition.description import log_object
 from simval.imu.recorded import Alignment, Evaluation
 from simval.imu.recorded.alignment import polar
@@ -92,22 +94,34 @@ def alignment_lines(alignment: Alignment | None, recorded: Truth | None) -> list
     ]
 
 
-def row_lines(evidence: RowEvidence | None) -> list[str]:
-    """What a gyroscope's rows are taken as and what the log says of it, one line.
+def row_facts(evidence: RowEvidence | None) -> tuple[Fact, ...]:
+    """What a gyroscope's rows are taken as and what the log says of it.
 
-    A second one where there is a magnetometer, which may be late itself.
+    And of a magnetometer, which may be late itself.
     """
     if evidence is None:
-        return []
+        return ()
     how = str(evidence.rows)
     if evidence.why in ("stated", "default"):
         how = f"{how}, as stated" if evidence.why == "stated" else f"taken as {how}"
-    lines = [f"gyroscope's rows  {how}: {_witness_words(evidence)}"]
+    seen, taken = evidence.telling, evidence.rows
+    other = taken.kind != BEFORE.kind or taken.delay != 0.0
+    if seen is not None and not np.isnan(seen.centre):
+        other |= abs(seen.centre - taken.centre(evidence.step)) > seen.half
+    words = f"{how}: {_witness_words(evidence)}"
+    facts = [Fact("gyroscope's rows", words, notable=bool(other))]
     late = evidence.lateness
     if evidence.compass is not None and np.isfinite(late):
         size = with_error(1e3 * late, 1e3 * evidence.compass.half)
-        lines.append(f"magnetometer      {size} ms late against the gyroscope's rows")
-    return lines
+        words = f"{size} ms late against the gyroscope's rows"
+        beyond = bool(abs(late) > evidence.compass.half)
+        facts.append(Fact("magnetometer", words, notable=beyond))
+    return tuple(facts)
+
+
+def row_lines(evidence: RowEvidence | None) -> list[str]:
+    """The same in lines."""
+    return [f"{label:18s}{words}" for label, words, _ in row_facts(evidence)]
 
 
 def _witness_words(evidence: RowEvidence) -> str:

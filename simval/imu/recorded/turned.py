@@ -16,21 +16,28 @@ of an accelerometer is not known, nor whether they are right-handed.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any, Final, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import numpy as np
 
+from simval.account import Account, Fact, Reply, Told
 from simval.arrays import Array
 from simval.errors import InputError, RefusedError
 from simval.imu.calibrate import FitResult
-from simval.imu.calibrate.estimate import matrix_lines, parameter_lines, status_line
 from simval.imu.calibrate.files import to_json
+from simval.imu.calibrate.values import (
+    accelerometer_values,
+    how_good,
+    matrix_note,
+    status,
+)
 from simval.imu.logs import Log
 from simval.imu.multiposition.description import log_object
 from simval.imu.recorded.errors import block_of, jackknife
 from simval.imu.sensor import forms
 from simval.shapes import Float
+from simval.spelling import counted
 from simval.vocabulary import Model
 
 BLOCKS: Final = 12
@@ -41,7 +48,8 @@ ALIKE: Final = 0.5
 ones exceed it in less than 1 % of logs."""
 
 
-class TurnedCalibration(NamedTuple):
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TurnedCalibration(Told):
     """Calibration of a magnetometer by rows in motion."""
 
     fit: FitResult
@@ -51,27 +59,53 @@ class TurnedCalibration(NamedTuple):
     alike: bool  # whether neighbouring blocks err together
     left_out: tuple[str, ...]
 
-    def lines(self) -> list[str]:
-        """Describe it in lines of text."""
-        fit, slow = self.fit, ""
+    @property
+    def account(self) -> Account:
+        """What there is to say of it."""
+        fit, holds = self.fit, not self.alike
+        rms = float(fit.rms) / fit.g
+        told = "they are by how the parts of the log differ"
         if self.alike:
-            slow = ", and here they do: record longer"
-        first, *rest = matrix_lines(fit)
-        return [
-            f"rows              {self.rows}, of the magnetometer alone, in motion too",
-            *(f"left out          {each}" for each in self.left_out),
-            status_line(fit), "", *parameter_lines(fit), "",
-            first.replace("force", "field", 1), *rest, "",
-            f"residual RMS      {float(fit.rms) / fit.g:.3g} of the field, "
-            f"{self.white:.3g} of it from row to row",
-            f"error bars        by leaving out each of {BLOCKS} parts of the log, "
-            f"{self.seconds:.3g} s or longer; too small if rows err together for more "
-            f"than a quarter of that{slow}",
-            f"assumed           a field of {fit.g:g} at all times; where it differs "
-            "from place to place, that is taken for the sensor's",
-            "not known         how its axes stand to an accelerometer's: one turn of "
-            "all three, and whether they are right-handed",
-        ]  # fmt: skip
+            told = "neighbouring parts of the log err together, so they are too small"
+        return Account(
+            title="Calibration from",
+            source="a log",
+            said=f"{counted(self.rows, 'row')} of the magnetometer alone, in motion",
+            replies=(
+                how_good(fit, force=False),
+                Reply(
+                    title="Can the error bars be trusted?",
+                    headline=f"{'Yes' if holds else 'Cannot tell'}: {told}.",
+                    answer="pass" if holds else "inconclusive",
+                    do="" if holds else "Turn it for longer.",
+                    lines=(
+                        f"{BLOCKS} parts were left out by turns, each "
+                        f"{self.seconds:.3g} s or longer; rows that err together for "
+                        "more than a quarter of that make them too small.",
+                        f"Residual {rms:.3g} of the field (RMS), {self.white:.3g} of "
+                        "it from row to row.",
+                    ),
+                ),
+            ),
+            values=(accelerometer_values(fit, force=False),),
+            notes=(matrix_note(fit, force=False),),
+            facts=(
+                *(Fact("left out", each, notable=True) for each in self.left_out),
+                Fact(
+                    "assumed",
+                    f"a field of {fit.g:g} at all times; where it differs from place "
+                    "to place, that is taken for the sensor's",
+                    notable=True,
+                ),
+                Fact(
+                    "not known",
+                    "how its axes stand to an accelerometer's: one turn of all three, "
+                    "and whether they are right-handed",
+                    notable=True,
+                ),
+                status(fit),
+            ),
+        )
 
     def as_object(self, log: Log) -> dict[str, Any]:
         """Return it as one JSON object."""

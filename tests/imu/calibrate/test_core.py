@@ -15,8 +15,8 @@ from simval.imu.calibrate.equations import (
     Problem,
     Sensor,
 )
-from simval.imu.calibrate.estimate import NORMAL_95
 from simval.imu.calibrate.gauss_newton import TOLERANCE, minimize
+from simval.imu.calibrate.values import NORMAL_95
 from simval.imu.sensor import MODELS, forms
 from simval.theory.plans import error_bars, next_best
 

@@ -50,7 +50,7 @@ def test_noise_takes_the_longest_whole_part_and_says_which(tmp_path):
     found = log_noise(read_log(written(tmp_path / "a.csv", "t,ax,ay,az", time, force)))
     assert 4900 <= found.start <= 5100
     assert found.stop > ROWS - 100
-    assert "the longest of 2 rest(s), from 110." in found.how
+    assert "the longest of 2 rests, from 110." in found.how
     part = read_log(tmp_path / "a.csv", stop=55.0)
     whole = log_noise(part)
     assert (whole.start, whole.stop) == (0, 5000)

@@ -128,12 +128,14 @@ def test_the_command_takes_the_accelerometer_and_says_so(simval, tmp_path):
     field = 48.0 * log.accelerometer / G + [12.0, -3.0, 5.0]
     path, header = tmp_path / "log.csv", "mx,my,mz,acc_x,acc_y,acc_z,time_ms"
     written(path, header, field, log.accelerometer, 1000.0 * log.time)
-    code, said, _ = simval("calibrate", path, "--g", G, "--out", tmp_path / "c.json")
+    out = "--out", tmp_path / "c.json"
+    code, said, _ = simval("calibrate", path, "--g", G, *out, "--verbose")
     assert code == 0
     found = json.loads((tmp_path / "c.json").read_text())
     assert found["columns"]["ax"] == [4, "acc_x"]
     assert found["clock_unit_seconds"] == 1e-3
     assert np.abs(np.array(found["B"]) - [0.3, -0.2, 0.1]).max() < 0.01
+    said = " ".join(said.split())
     assert "ax = column 4 'acc_x', ay = column 5 'acc_y', az = column 6 'acc_z'" in said
     assert "t = column 7 'time_ms', in units of 0.001 s" in said
 

@@ -7,10 +7,11 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.imu.calibrate.drift import Drift
-from simval.imu.calibrate.estimate import Estimate, gyroscope_lines
+from simval.imu.calibrate.estimate import Estimate
 from simval.imu.calibrate.factors import NoiseFactors
 from simval.imu.calibrate.gyroscope.noise import Weighting
 from simval.imu.calibrate.recording import Bias
+from simval.imu.calibrate.values import gyroscope_account
 from simval.imu.sensor import GyroscopeFactors, GyroscopeModel, forms, gyroscope_factors
 from simval.imu.sensor.forms import Factors
 from simval.shapes import Float
@@ -55,7 +56,7 @@ class GyroscopeFit(Estimate):
     """
 
     what: ClassVar[str] = "a gyroscope"
-    lines: ClassVar[Any] = staticmethod(gyroscope_lines)
+    states: ClassVar[Any] = staticmethod(gyroscope_account)
     advice: ClassVar[str] = (
         f"look for rests that do not belong, for another order of the axes{START}"
     )

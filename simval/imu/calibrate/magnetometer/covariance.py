@@ -20,7 +20,6 @@ from simval.imu.calibrate.equations import (
     Problem,
     Whitened,
 )
-from simval.imu.calibrate.estimate import NORMAL_95
 from simval.imu.calibrate.magnetometer.result import (
     ACCELEROMETER,
     DIP,
@@ -28,6 +27,7 @@ from simval.imu.calibrate.magnetometer.result import (
     MATRIX,
     PARAMETERS,
 )
+from simval.imu.calibrate.values import NORMAL_95
 from simval.imu.sensor import forms
 from simval.shapes import Float
 

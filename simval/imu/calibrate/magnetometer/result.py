@@ -7,8 +7,9 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.imu.calibrate.equations import FIELD_NAMES
-from simval.imu.calibrate.estimate import Estimate, magnetometer_lines, plain
+from simval.imu.calibrate.estimate import Estimate, plain
 from simval.imu.calibrate.factors import NoiseFactors
+from simval.imu.calibrate.values import magnetometer_account
 from simval.imu.sensor import AccelerometerModel, MagnetometerModel, forms
 from simval.shapes import Float
 from simval.vocabulary import Model
@@ -56,7 +57,7 @@ class MagnetometerFit(Estimate):
     """
 
     what: ClassVar[str] = "a magnetometer"
-    lines: ClassVar[Any] = staticmethod(magnetometer_lines)
+    states: ClassVar[Any] = staticmethod(magnetometer_account)
     advice: ClassVar[str] = (
         "turn and tilt the sensors to more sides, and look for poses that do not belong"
     )

@@ -1,0 +1,198 @@
+"""What a result says, stated once: every face shows it, and none has words of its own.
+
+An `Account` has no drawing and no layout: answers with what to do, values with their
+errors and limits, and facts. A result makes it. `terminal.lines`, `markdown.text`,
+`html.fragment` and the pages of `simval.report` show it; `Account.as_object` is in
+JSON. A fact that a reader must know before the numbers are used is `notable`: it
+stands in the shortest face, too.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import floor, isfinite, log10, nan
+from typing import Any, Literal, NamedTuple
+
+from simval.spelling import bounded, measured
+
+Answer = Literal["pass", "inconclusive", "fail"]
+"""Good news, none, and bad news; a graver one stands later."""
+GRAVITY: tuple[Answer, ...] = ("pass", "inconclusive", "fail")
+SHORT = range(-2, 6)
+"""Exponents of ten of numbers that need none in their unit."""
+
+
+class Fact(NamedTuple):
+    """What was read, done or seen, under a label."""
+
+    label: str
+    words: str
+    notable: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reply:
+    """A question that a person asks of a result, and its answer."""
+
+    title: str  # the question
+    headline: str  # the answer and its reason
+    answer: Answer = "pass"  # whether it is good news
+    do: str = ""  # what to do; empty where nothing is to be done
+    lines: tuple[str, ...] = ()  # what the answer rests on
+
+    def as_object(self) -> dict[str, Any]:
+        """Return it as plain JSON values."""
+        return {
+            "question": self.title, "answer": self.answer, "reason": self.headline,
+            "do": self.do, "rests_on": list(self.lines),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Note:
+    """A remark below the answers: words, and what is set apart below them."""
+
+    words: str
+    matrix: str = ""  # shown as it stands
+    lines: Sequence[str] = ()  # behind a fold with the words
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A number with its standard deviation, or a limit where there is no estimate."""
+
+    name: str
+    value: float | None
+    sd: float | None = None
+    low: float = nan  # of the 95 % interval, or limit
+    high: float = nan
+    least: float | None = None  # the least standard deviation that is possible
+    missing: str = "-"  # where there is neither value nor limit
+
+    def spelled(self) -> str:
+        """The number for a person."""
+        if self.value is not None:
+            return measured(self.value, self.sd or 0.0, fixed=True)
+        if isfinite(self.high) or self.low > 0.0:
+            return bounded(self.low, self.high)
+        return self.missing
+
+    def times(self, factor: float) -> "Quantity":
+        """The same in a smaller unit."""
+        value, sd, least = (
+            None if x is None else factor * x for x in (self.value, self.sd, self.least)
+        )
+        ends = factor * self.low, factor * self.high
+        return Quantity(self.name, value, sd, *ends, least, self.missing)
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """Quantities of one kind in one unit, such as one for each axis."""
+
+    label: str
+    unit: str
+    cells: Sequence[Quantity]
+    named: bool = False  # whether each cell shows its name, where no heading does
+    factor: float = 1.0  # times a cell in the unit
+
+    @property
+    def head(self) -> str:
+        """Label and unit."""
+        return f"{self.label}, {self.unit}" if self.unit else self.label
+
+    @property
+    def shown(self) -> list[str]:
+        """Its cells for a person."""
+        return [
+            f"{each.name} {words}" if self.named else words
+            for each, words in zip(self.cells, self.spelled, strict=True)
+        ]
+
+    @property
+    def spelled(self) -> list[str]:
+        """Its numbers in the unit."""
+        return [each.times(self.factor).spelled() for each in self.cells]
+
+
+def in_thousands(lines: Sequence[Line]) -> list[Line]:
+    """Lines of one quantity, with one power of ten in their unit if numbers are long.
+
+    The power is a multiple of three, by the largest of them.
+    """
+    sizes = [abs(x.value) for line in lines for x in line.cells if x.value]
+    top = floor(log10(max(sizes))) if sizes else 0
+    if top in SHORT:
+        return list(lines)
+    exponent = top // 3 * 3
+    return [
+        replace(line, unit=f"1e{exponent} {line.unit}", factor=10.0**-exponent)
+        for line in lines
+    ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Values:
+    """The numbers of one sensor, a row for each kind."""
+
+    title: str
+    how: str = ""  # how to use them: a formula
+    lines: Sequence[Line] = ()
+    heads: Sequence[str] = ("x", "y", "z")
+    facts: Sequence[Fact] = ()  # how they were found, and what is wrong with them
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Account:
+    """What there is to say of one result."""
+
+    title: str  # what was done, before the name of its source
+    source: str = ""  # name of the file or folder, never its place
+    said: str = ""  # what was read, in a sentence
+    replies: Sequence[Reply] = ()
+    values: Sequence[Values] = ()
+    notes: Sequence[Note] = ()  # shown on request
+    facts: Sequence[Fact] = ()  # what was read, and how
+
+    @property
+    def name(self) -> str:
+        """What was done, and with what."""
+        return f"{self.title} {self.source}".strip()
+
+    @property
+    def answer(self) -> Answer:
+        """The gravest answer."""
+        return max((r.answer for r in self.replies), key=GRAVITY.index, default="pass")
+
+    @property
+    def warnings(self) -> tuple[Fact, ...]:
+        """What no face may leave out beside the answers."""
+        every = [self.facts, *(each.facts for each in self.values)]
+        return tuple(fact for facts in every for fact in facts if fact.notable)
+
+    def as_object(self) -> dict[str, Any]:
+        """Return answers and warnings as plain JSON values."""
+        return {
+            "answers": [each.as_object() for each in self.replies],
+            "warnings": [{"about": x.label, "said": x.words} for x in self.warnings],
+        }
+
+
+class Told:
+    """A result that prints its account, and shows it in a notebook."""
+
+    __slots__ = ()
+
+    @property
+    def account(self) -> Account:
+        """What there is to say of it."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        from simval.account.terminal import lines
+
+        return "\n".join(lines(self.account))
+
+    def _repr_html_(self) -> str:
+        from simval.account.html import fragment
+
+        return fragment(self.account)

@@ -1,0 +1,46 @@
+"""An account as a fragment of HTML, as a notebook shows it."""
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from simval.account import Account, Fact
+from simval.account.terminal import MARKS
+
+COLOURS = {"pass": "#118844", "inconclusive": "#8a6500", "fail": "#cc0022"}
+
+
+def fragment(account: Account) -> str:
+    """Answers and numbers; what they rest on is behind a fold."""
+    parts = [f"<p><b>{escape(account.name)}</b> {escape(account.said)}</p>"]
+    parts += _warnings(account.facts)
+    for reply in account.replies:
+        mark = f'<b style="color:{COLOURS[reply.answer]}">{MARKS[reply.answer]}</b>'
+        words = escape(f"{reply.headline} {reply.do}".strip())
+        parts.append(f"<p>{mark} <b>{escape(reply.title)}</b> {words}</p>")
+    for values in account.values:
+        rows = [("td", [line.head, *line.shown]) for line in values.lines]
+        if any(len(line.cells) > 1 for line in values.lines):
+            rows.insert(0, ("th", ["", *values.heads]))
+        caption = escape(f"{values.title} {values.how}".strip())
+        body = "".join(_row(*row) for row in rows)
+        parts.append(f"<table><caption>{caption}</caption>{body}</table>")
+        parts += _warnings(values.facts)
+    rests = [each for reply in account.replies for each in reply.lines]
+    rests += [f"{label}: {words}" for label, words, _ in account.facts]
+    if rests:
+        items = "".join(f"<li>{escape(each)}</li>" for each in rests)
+        fold = "<details><summary>What this rests on</summary>"
+        parts.append(f"{fold}<ul>{items}</ul></details>")
+    return "".join(parts)
+
+
+def _warnings(facts: Iterable[Fact]) -> list[str]:
+    return [
+        f"<p><b>{escape(label)}</b> {escape(words)}</p>"
+        for label, words, notable in facts
+        if notable
+    ]
+
+
+def _row(tag: str, cells: Sequence[str]) -> str:
+    return f"<tr>{''.join(f'<{tag}>{escape(each)}</{tag}>' for each in cells)}</tr>"

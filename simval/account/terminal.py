@@ -1,0 +1,143 @@
+"""An account in lines of a terminal: answers first, then values; more on request."""
+
+import re
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
+
+from simval.account import Account, Fact, Line, Note, Quantity, Reply, Values
+from simval.text import columns, number, printable
+
+WIDTH = 100
+"""Columns that lines take at most."""
+LABEL = 18
+"""Columns of the label of a fact."""
+MARKS = {"pass": "✓", "inconclusive": "?", "fail": "!"}
+Style = Callable[[str, str], str]  # words, and what they are
+_TOGETHER = re.compile(r" (?=[±%°<>=]|\d{3}\b)|(?<=[±<>=]) ")
+"""Blanks at which no line ends: in ``a ± b``, ``7 980``, ``p = 0.5`` and ``5 %``."""
+_LONG = ("", "value", "sd", " 95 % from", "to", "least sd")
+
+
+def plain(words: str, _: str) -> str:
+    """No colour."""
+    return words
+
+
+def lines(
+    account: Account,
+    *,
+    verbose: bool = False,
+    width: int = WIDTH,
+    style: Style = plain,
+) -> list[str]:
+    """Lines of so many columns at most.
+
+    Parameters
+    ----------
+    account : Account
+        What there is to say.
+    verbose : bool, default False
+        Whether all of it is said: what each answer rests on, every digit, all facts.
+    width : int, default 100
+        Columns.
+    style : callable, optional
+        Of words and what they are (``title``, or an answer): the words in colour.
+
+    Returns
+    -------
+    list of str
+        Lines without their ends.
+    """
+    width = max(40, min(width, WIDTH))
+    found = [style(line, "title") for line in folded(account.name, width, 0)]
+    found += folded(account.said, width, 2)
+    if not verbose:
+        found += _facts([each for each in account.facts if each.notable], width)
+    for reply in account.replies:
+        found += ["", *_reply(reply, width, style, verbose=verbose)]
+    for values in account.values:
+        found += ["", *_values(values, width, style, verbose=verbose)]
+    for note in account.notes if verbose else ():
+        found += ["", *_note(note, width)]
+    if verbose and account.facts:
+        found += ["", *_facts(account.facts, width)]
+    return found
+
+
+def folded(words: str, width: int, indent: int, begin: str = "") -> list[str]:
+    """Words in lines with an indent, the first of which begins otherwise."""
+    kept = _TOGETHER.sub("\u00a0", printable(words))
+    found = textwrap.wrap(
+        kept, width, initial_indent=begin or " " * indent,
+        subsequent_indent=" " * indent, break_on_hyphens=False,
+    )  # fmt: skip
+    return [line.replace("\u00a0", " ") for line in found]
+
+
+def _reply(reply: Reply, width: int, style: Style, *, verbose: bool) -> Iterator[str]:
+    mark = style(MARKS[reply.answer], reply.answer)
+    for k, line in enumerate(folded(reply.title, width - 2, 0)):
+        yield f"{' ' if k else mark} {style(line, 'title')}"
+    yield from folded(reply.headline, width, 2)
+    yield from folded(reply.do, width, 2)
+    for line in reply.lines if verbose else ():
+        yield from folded(line, width, 4, "  - ")
+
+
+def _values(
+    values: Values, width: int, style: Style, *, verbose: bool
+) -> Iterator[str]:
+    title = printable(values.title)
+    first, *more = folded(f"{title}  {values.how}".rstrip(), width, 2, " ")
+    yield style(title, "title") + first[1 + len(title) :]
+    yield from more
+    named = [line for line in values.lines if line.named]
+    found = _grid(named) + _grid([x for x in values.lines if not x.named], values.heads)
+    if max(map(len, found), default=0) > width:  # a row for each number
+        found = columns(
+            [(x.name, words, line.unit) for line in values.lines
+             for x, words in zip(line.cells, line.spelled, strict=True)], -1, 2, -1,
+        )  # fmt: skip
+    yield from found
+    if verbose and values.lines:
+        yield ""
+        yield from _long([each for line in values.lines for each in line.cells])
+    facts = [each for each in values.facts if verbose or each.notable]
+    yield from _facts(facts, width, "  ")
+
+
+def _grid(lines: Sequence[Line], heads: Sequence[str] = ()) -> list[str]:
+    rows = [(line.head, *line.shown) for line in lines]
+    most = max(map(len, rows), default=0)
+    if most > 2 and heads:
+        rows.insert(0, ("", *heads))
+    return columns(rows, -1, *[2] * (most - 1))
+
+
+def _long(cells: Sequence[Quantity]) -> list[str]:
+    # every digit, both ends of the interval, and the least error that is possible
+    rows = [
+        (x.name, _digits(x.value, 8), _digits(x.sd, 3), _digits(x.low, 8),
+         _digits(x.high, 8), _digits(x.least, 3))
+        for x in cells
+    ]  # fmt: skip
+    return columns([_LONG, *rows], -2, 12, 9, 14, 14, 9)
+
+
+def _digits(value: float | None, digits: int) -> str:
+    return "-" if value is None or value != value else number(value, digits)
+
+
+def _note(note: Note, width: int) -> Iterator[str]:
+    yield from folded(note.words, width, 0)
+    yield from (f"  {row}" for row in note.matrix.splitlines())
+    for line in note.lines:
+        yield from folded(line, width, 2)
+
+
+def _facts(facts: Sequence[Fact], width: int, indent: str = "") -> Iterator[str]:
+    last = ""
+    for label, words, _ in facts:
+        begin = indent + ("" if label == last else printable(label))
+        yield from folded(words, width, LABEL, f"{begin:<{LABEL - 1}} ")
+        last = label
