@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from simval.account import Account
     from simval.imu.logs import Log
     from simval.imu.logs.names import Kind
-    from simval.imu.multiposition import ImuCalibration, LogCalibration
+    from simval.imu.multiposition import LogCalibration
     from simval.imu.multiposition.means import MeansCalibration
     from simval.imu.recorded.rows import RowEvidence
     from simval.imu.recorded.turned import TurnedCalibration
@@ -286,7 +286,7 @@ def refuse_rests(*, means: bool) -> None:
         )
 
 
-def rows_of(log: Log, whole: ImuCalibration, *, find: bool) -> RowEvidence | None:
+def rows_of(log: Log, whole: LogCalibration, *, find: bool) -> RowEvidence | None:
     """What the calibrated log says of its gyroscope's rows; None without any."""
     import numpy as np
 
@@ -314,7 +314,7 @@ def listed(words: str) -> list[str]:
 
 
 def parameter_files(
-    to: Sequence[tuple[str, Path]], log: Log, whole: ImuCalibration
+    to: Sequence[tuple[str, Path]], log: Log, whole: LogCalibration
 ) -> list[str]:
     """Write the parameters of each project, and return what it cannot hold."""
     notes = []
@@ -327,7 +327,7 @@ def parameter_files(
     return notes
 
 
-def write_page(path: Path, log: Log, whole: ImuCalibration, account: Account) -> None:
+def write_page(path: Path, log: Log, whole: LogCalibration, account: Account) -> None:
     """Write the page of a calibration."""
     from simval.report import render_calibration  # starts the drawing
 

@@ -13,7 +13,7 @@ from simval.arrays import Array
 from simval.imu.calibrate import FitResult
 from simval.imu.calibrate.values import G_NAMES, readable
 from simval.imu.logs import Log
-from simval.imu.multiposition import ImuCalibration, LogCalibration
+from simval.imu.multiposition import LogCalibration
 from simval.imu.multiposition.description import (
     bound_sd,
     fit_of,
@@ -48,7 +48,7 @@ MEANING = (
 
 
 def render_calibration(
-    log: Log, whole: ImuCalibration, command: str = "", account: Account | None = None
+    log: Log, whole: LogCalibration, command: str = "", account: Account | None = None
 ) -> str:
     """Render the calibration of a log as one HTML page.
 
@@ -56,7 +56,7 @@ def render_calibration(
     ----------
     log : Log
         The log.
-    whole : ImuCalibration
+    whole : LogCalibration
         As from `simval.imu.multiposition.calibrate_sensors`.
     command : str
         The command that makes the page again; empty leaves it out.
@@ -72,11 +72,11 @@ def render_calibration(
 
 
 def calibration_page(
-    log: Log, whole: ImuCalibration, command: str = "", account: Account | None = None
+    log: Log, whole: LogCalibration, command: str = "", account: Account | None = None
 ) -> LogPage:
     """State the figures and tables of a calibration beside its account."""
     account = account or with_log(whole.account, log)
-    fit, result = whole.accelerometer, whole.log
+    fit, result = whole.accelerometer, whole
     bound = bound_sd(result)
     notes = [Note(words=MEANING), *account.notes]
     if joint := fit_of(whole):
@@ -264,14 +264,14 @@ def widest_gap(directions: Float[Array, "m 3"]) -> float:
     return float(np.degrees(np.arccos(np.clip(nearest.min(), -1.0, 1.0))))
 
 
-def gyroscope_chapter(whole: ImuCalibration) -> Section | None:
+def gyroscope_chapter(whole: LogCalibration) -> Section | None:
     """M and B with error bars, and the residual angle of each rotation."""
     fit = whole.gyroscope
     if fit is None:
         return None
     rows = _rows(fit.names, fit.parameters, fit.sd)
-    if np.any(whole.sensitivity):
-        G = whole.sensitivity.ravel(), whole.sensitivity_sd.ravel()
+    if np.any(whole.taken.G):
+        G = whole.taken.G.ravel(), whole.taken.G_sd.ravel()
         rows += _rows(G_NAMES, *G)
     angles = np.degrees(fit.residual_angles)
     panel = linear(
@@ -290,7 +290,7 @@ def gyroscope_chapter(whole: ImuCalibration) -> Section | None:
         caption=(
             "After each rotation: the angle between gravity propagated by the "
             "gyroscope and gravity measured by the accelerometer in the next rest. "
-            f"Chosen by evidence: {'; '.join(whole.reasons)}."
+            f"Chosen by evidence: {'; '.join(whole.taken.reasons)}."
         ),
         panels=[panel],
         columns=1,
@@ -305,7 +305,7 @@ def gyroscope_chapter(whole: ImuCalibration) -> Section | None:
     )
 
 
-def magnetometer_chapter(whole: ImuCalibration) -> Section | None:
+def magnetometer_chapter(whole: LogCalibration) -> Section | None:
     """M, b and the dip with error bars, and what each pose leaves."""
     fit = whole.magnetometer
     if fit is None:
@@ -319,7 +319,7 @@ def magnetometer_chapter(whole: ImuCalibration) -> Section | None:
         "chi-square",
         numbered(chi_square, fit.disturbed, "does not fit the others"),
     )
-    _, same = honest((poses_alike(fit, whole.log.numbers), steady(fit)))
+    _, same = honest((poses_alike(fit, whole.numbers), steady(fit)))
     drawing = Drawing(
         name="disturbed",
         asked="Was the field the same in every pose?",

@@ -33,7 +33,7 @@ from simval.errors import RefusedError
 from simval.geometry import normalize
 from simval.imu.calibrate.thermal import Thermal
 from simval.imu.logs import Log
-from simval.imu.multiposition import ImuCalibration, calibrate_log, calibrate_sensors
+from simval.imu.multiposition import LogCalibration, calibrate_log, calibrate_sensors
 from simval.imu.multiposition.noise import log_noise
 from simval.imu.sensor import (
     Effects,
@@ -161,10 +161,10 @@ class Sensors:
         }
         return log, noise
 
-    def truth(self, found: ImuCalibration) -> Array:
+    def truth(self, found: LogCalibration) -> Array:
         """The 34 parameters, the biases at the temperatures that a fit refers to."""
         bias = {"accelerometer": self.accelerometer.B, "gyroscope": self.gyroscope.B}
-        for name, thermal in found.thermal.items():
+        for name, thermal in found.taken.thermal.items():
             if name in bias:
                 away = thermal.reference - MIDDLE
                 bias[name] = bias[name] + self.warmed(name) * away
@@ -201,7 +201,7 @@ class Judged:
         if found is None or whole is None:
             return
         truth, own = sensors.truth(found), alone.fit
-        if not found.thermal:
+        if not found.taken.thermal:
             off, dof = own.parameters - truth[:9], len(alone.intervals) - PARAMETERS
             self.add("accelerometer alone", off, own.covariance, dof)
         error, P = whole.parameters - truth, whole.covariance
@@ -209,10 +209,10 @@ class Judged:
             self.add(name, error[part], P[part, part], KNOWN)
         self.choices(sensors, found)
 
-    def choices(self, sensors: Sensors, found: ImuCalibration) -> None:
+    def choices(self, sensors: Sensors, found: LogCalibration) -> None:
         """Take what was chosen by evidence, and the errors of what was rightly."""
-        seen = {name: each.terms for name, each in found.thermal.items()}
-        if found.sensitivity.any():
+        seen = {name: each.terms for name, each in found.taken.thermal.items()}
+        if found.taken.G.any():
             seen["force"] = LINE
         there = (*WARM, "force") if sensors.effects else ()
         self.missed += [name not in seen for name in there]
@@ -226,12 +226,12 @@ class Judged:
         if not sensors.effects:
             return
         for name, slope in WARM.items():
-            own = found.thermal.get(name)
+            own = found.taken.thermal.get(name)
             # of a square that chance has put beside it, the scatter left is too small
             if own is not None and own.terms == LINE:
                 self.terms(name, own, slope)
-        off = found.sensitivity - FORCE
-        for row, sd in zip(off, found.sensitivity_sd, strict=True):
+        off = found.taken.G - FORCE
+        for row, sd in zip(off, found.taken.G_sd, strict=True):
             if sd.all():
                 self.add("force", row, np.diag(sd**2), KNOWN)
 

@@ -15,10 +15,9 @@ The log shows a sensor that is held still in many poses. Its way, from top to bo
 """
 
 from simval.imu.multiposition.calibration import (
-    ImuCalibration,
     LogCalibration,
     calibrate_log,
     calibrate_sensors,
 )
 
-__all__ = ["ImuCalibration", "LogCalibration", "calibrate_log", "calibrate_sensors"]
+__all__ = ["LogCalibration", "calibrate_log", "calibrate_sensors"]

@@ -36,7 +36,7 @@ from simval.imu.calibrate.covariance import FEW
 from simval.imu.calibrate.diagnosis import Diagnosis, diagnose, reduced_chi2
 from simval.imu.calibrate.joint import together
 from simval.imu.calibrate.path_statistics import Scheme
-from simval.imu.calibrate.recording import OTHERS, Hemisphere, Taken
+from simval.imu.calibrate.recording import NOTHING, OTHERS, Hemisphere, Taken
 from simval.imu.calibrate.rest_temperatures import RestTemperatures, within_rests
 from simval.imu.calibrate.thermal import (
     Thermal,
@@ -65,12 +65,12 @@ from simval.vocabulary import Iteration, Loss, Method, Model, Residual
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LogCalibration(Told):
-    """Calibration of the accelerometer of a log, with its rests and noise.
+    """Calibration of a log: its rests, its accelerometer and the sensors beside it.
 
     Attributes
     ----------
     fit : FitResult
-        The calibration, with Type A error bars.
+        The accelerometer's calibration by itself, with Type A error bars.
     diagnosis : Diagnosis
         Residuals, outliers, chi-square and verdict, by `pose_noise`.
     white_chi2_per_dof : float
@@ -103,6 +103,24 @@ class LogCalibration(Told):
         Direction of a further pose that would help most, sensor axes, (3,).
     warm : ThermalChoice
         What the accelerometer owes to temperature; `fit` is at the reference.
+    accelerometer : FitResult
+        The accelerometer's as the fit with the other sensors leaves it, else `fit`.
+    gyroscope : GyroscopeFit or None
+        Its covariance holds the accelerometer's nine parameters too.
+    magnetometer : MagnetometerFit or None
+        On the axes of the accelerometer, fitted together with it.
+    together : Calibration or None
+        The one fit that all of these are of, where there are three sensors.
+    taken : Taken
+        What was taken out of the readings of all, and why.
+    left_out : mapping of str to str
+        Sensors of the log that are not calibrated, and why.
+    field_noise : PoseNoise or None
+        Noise of the magnetometer's pose means, and where it comes from.
+    thermal_reasons : tuple of str
+        Why there are these terms in temperature, or none.
+    units : mapping of str to Scale
+        Unit and axes of each sensor as they are stated, and as the readings show.
     """
 
     fit: FitResult
@@ -120,6 +138,15 @@ class LogCalibration(Told):
     predicted: Any
     next_direction: Float[Array, "3"]
     warm: ThermalChoice
+    accelerometer: FitResult
+    gyroscope: GyroscopeFit | None = None
+    magnetometer: MagnetometerFit | None = None
+    together: Calibration | None = None
+    taken: Taken = NOTHING
+    left_out: Mapping[str, str] = default(default_factory=dict)
+    field_noise: PoseNoise | None = None
+    thermal_reasons: tuple[str, ...] = ()
+    units: Mapping[str, Scale] = default(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "next_direction", frozen(self.next_direction))
@@ -127,16 +154,7 @@ class LogCalibration(Told):
     @property
     def account(self) -> Account:
         """What there is to say of it."""
-        warm = self.warm.thermal
-        return calibration_account(
-            ImuCalibration(
-                log=self, accelerometer=self.fit, gyroscope=None,
-                sensitivity=np.zeros((3, 3)), sensitivity_sd=np.zeros((3, 3)),
-                magnetometer=None, together=None, reasons=(), left_out={},
-                compass_noise=None,
-                thermal={} if warm is None else {"accelerometer": warm},
-            )
-        )  # fmt: skip
+        return calibration_account(self)
 
 
 def calibrate_log(
@@ -266,6 +284,8 @@ def calibrate_log(
             else predict(sensor, forces, fit.g, std, fit.residual, form=fit.model),
             next_direction=observability(forces).next_direction,
             warm=warm,
+            accelerometer=fit,
+            taken=NOTHING._replace(thermal=_terms(accelerometer=warm.thermal)),
         )
     except RefusedError as error:
         raise explained(log, g, rest, error) from error
@@ -332,61 +352,6 @@ def _with_terms(
     )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ImuCalibration(Told):
-    """Calibration of all sensors of a log.
-
-    Attributes
-    ----------
-    log : LogCalibration
-        The accelerometer's alone, with its rests and its diagnosis.
-    accelerometer : FitResult
-        The accelerometer's as the fit with the other sensors leaves it, else that of
-        `log`.
-    gyroscope : GyroscopeFit or None
-        Its covariance holds the accelerometer's nine parameters too.
-    sensitivity : Array
-        What specific force does to the gyroscope, raw units per m/s^2, (3, 3).
-    sensitivity_sd : Array
-        Standard deviation of each entry of it, (3, 3).
-    magnetometer : MagnetometerFit or None
-        On the axes of the accelerometer, fitted together with it.
-    together : Calibration or None
-        The one fit that all of these are of, where there are three sensors.
-    reasons : tuple of str
-        What was chosen by evidence, and why.
-    left_out : mapping of str to str
-        Sensors of the log that are not calibrated, and why.
-    compass_noise : PoseNoise or None
-        Noise of the magnetometer's pose means, and where it comes from.
-    thermal : mapping of str to Thermal
-        Terms in temperature of each sensor that has any.
-    thermal_reasons : tuple of str
-        Why these, or why there are none.
-    units : mapping of str to Scale
-        Unit and axes of each sensor as they are stated, and as the readings show.
-    """
-
-    log: LogCalibration
-    accelerometer: FitResult
-    gyroscope: GyroscopeFit | None
-    sensitivity: Float[Array, "3 3"]
-    sensitivity_sd: Float[Array, "3 3"]
-    magnetometer: MagnetometerFit | None
-    together: Calibration | None
-    reasons: tuple[str, ...]
-    left_out: Mapping[str, str]
-    compass_noise: PoseNoise | None
-    thermal: Mapping[str, Thermal] = default(default_factory=dict)
-    thermal_reasons: tuple[str, ...] = ()
-    units: Mapping[str, Scale] = default(default_factory=dict)
-
-    @property
-    def account(self) -> Account:
-        """What there is to say of it."""
-        return calibration_account(self)
-
-
 def calibrate_sensors(
     log: Log,
     result: LogCalibration,
@@ -395,7 +360,7 @@ def calibrate_sensors(
     hemisphere: Hemisphere = "unstated",
     field: float = 1.0,
     noise: NoiseFile | None = None,
-) -> ImuCalibration:
+) -> LogCalibration:
     """Calibrate the other sensors of a log whose accelerometer is calibrated.
 
     Parameters
@@ -417,8 +382,8 @@ def calibrate_sensors(
 
     Returns
     -------
-    ImuCalibration
-        The calibrations, and what was left out.
+    LogCalibration
+        The result with these sensors, and what was left out.
 
     Raises
     ------
@@ -439,15 +404,15 @@ def calibrate_sensors(
     shifts = {"accelerometer": result.warm.shifts}
     parts: dict[str, Calibration] = {}
     left_out: dict[str, str] = {}
-    compass_noise, warm = None, ThermalChoice()
+    field_noise, warm = None, ThermalChoice()
     for name, samples in _wanted(log, asked):
         try:
             require_alive(log, name, samples)
             if name == "gyroscope":
                 parts[name] = _gyroscope(log, result, rests, samples)
                 continue
-            found, compass_noise, warm = _fields(log, result, samples, field, noise)
-            own = rests(magnetometer=found, field_std=compass_noise.std)
+            found, field_noise, warm = _fields(log, result, samples, field, noise)
+            own = rests(magnetometer=found, field_std=field_noise.std)
             shifts[name] = warm.shifts
             part = fit(_with_errors(own, shifts)).require_converged()
             require_one_unit(log, name, _matrix(part))
@@ -459,29 +424,33 @@ def calibrate_sensors(
     imu, compass = parts.get("gyroscope"), parts.get("magnetometer")
     whole, refusal = _all(parts, shifts)
     one = imu if whole is None else whole
-    taken = Taken() if imu is None else imu.recording.taken
+    taken = NOTHING if imu is None else imu.recording.taken
     reasons = () if one is None else (*taken.reasons, *one.noise.sentences, *refusal)
-    thermal = {
-        "accelerometer": result.warm.thermal,
-        "gyroscope": taken.thermal.get("gyroscope"),
-        "magnetometer": warm.thermal,
-    }
     other = compass if whole is None else whole
-    return ImuCalibration(
-        log=result,
+    return replace(
+        result,
         accelerometer=one.accelerometer or result.fit if one else result.fit,
         gyroscope=one.gyroscope if one else None,
-        sensitivity=taken.G,
-        sensitivity_sd=taken.G_sd,
         magnetometer=other.magnetometer if other else None,
         together=whole,
-        compass_noise=compass_noise if compass else None,
-        reasons=reasons,
+        taken=taken._replace(
+            reasons=reasons,
+            thermal=_terms(
+                accelerometer=result.warm.thermal,
+                gyroscope=taken.thermal.get("gyroscope"),
+                magnetometer=warm.thermal,
+            ),
+        ),
+        field_noise=field_noise if compass else None,
         left_out=left_out,
-        thermal={name: own for name, own in thermal.items() if own is not None},
         thermal_reasons=tuple(x for x in (result.warm.reason, warm.reason) if x),
         units=_units(recorded, result, imu, hemisphere),
     )
+
+
+def _terms(**found: Thermal | None) -> dict[str, Thermal]:
+    # terms in temperature of the sensors that have any
+    return {name: own for name, own in found.items() if own is not None}
 
 
 def _wanted(log: Log, asked: Sequence[str] | None) -> Iterator[tuple[str, Array]]:

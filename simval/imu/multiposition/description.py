@@ -104,11 +104,11 @@ class Condition(NamedTuple):
 def conditions(whole: Any) -> tuple[Condition, ...]:
     """Judge the sensors of a log, the accelerometer first."""
     found = [
-        _rests(whole.log),
-        order(whole.log.diagnosis),
+        _rests(whole),
+        order(whole.diagnosis),
     ]
-    if whole.log.warm.rests is not None:
-        found += [_temperature(whole), _within(whole.log.warm.within)]
+    if whole.warm.rests is not None:
+        found += [_temperature(whole), _within(whole.warm.within)]
     gyroscope, compass = whole.gyroscope, whole.magnetometer
     if gyroscope is not None:
         judged = gyroscope.noise.sources
@@ -118,7 +118,7 @@ def conditions(whole: Any) -> tuple[Condition, ...]:
     if compass is not None:
         if whole.together is None and compass.noise.sources:
             found.append(_joint(compass.noise))
-        found += [poses_alike(compass, whole.log.numbers), steady(compass)]
+        found += [poses_alike(compass, whole.numbers), steady(compass)]
     return tuple(found)
 
 
@@ -188,8 +188,8 @@ def _drift(name: str, found: Drift) -> Condition:
 
 def _temperature(whole: Any) -> Condition:
     # whether its effect is in the bars: tested, and not the same as a drift in time
-    warm, words = whole.log.warm, "the temperature has no effect that is left out"
-    untold = warm.rests.confounded if whole.thermal else ""
+    warm, words = whole.warm, "the temperature has no effect that is left out"
+    untold = warm.rests.confounded if whole.taken.thermal else ""
     if not warm.tested and warm.rests.span >= LEAST_SPAN:
         untold = untold or warm.reason
     return Condition(
@@ -275,7 +275,7 @@ def with_log(account: Account, log: Log, more: Iterable[Fact] = ()) -> Account:
 
 def calibration_account(whole: Any) -> Account:
     """State the calibration of a log: how good, whether to be trusted, what next."""
-    result = whole.log
+    result = whole
     sensors = [name for name in ("gyroscope", "magnetometer") if getattr(whole, name)]
     poses = f"{counted(len(result.intervals), 'pose')} of "
     poses += ", ".join(["accelerometer", *sensors])
@@ -338,7 +338,7 @@ def trusted(whole: Any) -> Reply:
 
 
 def _next(whole: Any) -> Reply:
-    result = whole.log
+    result = whole
     outliers = [str(result.numbers[k]) for k in result.diagnosis.outliers]
     further = ", ".join(f"{x:.2f}" for x in result.next_direction)
     rest = "rest" if len(outliers) == 1 else "rests"
@@ -361,22 +361,22 @@ def _next(whole: Any) -> Reply:
 
 
 def _values(whole: Any) -> Iterator[Values]:
-    fit, result = whole.accelerometer, whole.log
+    fit, result = whole.accelerometer, whole
     own, compass = whole.gyroscope, whole.magnetometer
     yield accelerometer_values(fit, bound_sd(result))
     sizes = {"accelerometer": (fit.g / fit.raw_per_g, "m/s²")}
     if own is not None:
         facts = noise_facts(own.noise)[len(own.noise.sentences) :]
-        chosen = (Fact("chosen", each) for each in whole.reasons)
-        G = whole.sensitivity, whole.sensitivity_sd
+        chosen = (Fact("chosen", each) for each in whole.taken.reasons)
+        G = whole.taken.G, whole.taken.G_sd
         yield gyroscope_values(own, *G, (*facts, *chosen))
         sizes["gyroscope"] = np.linalg.norm(own.M, axis=0), "rad/s"
     if compass is not None:
         facts = () if whole.together else noise_facts(compass.noise)
-        noise = Fact("noise of a pose", _noise(whole.compass_noise))
+        noise = Fact("noise of a pose", _noise(whole.field_noise))
         yield magnetometer_values(compass, (noise, *facts))
         sizes["magnetometer"] = np.linalg.norm(compass.M, axis=0), "of the field's unit"
-    for name, each in whole.thermal.items():
+    for name, each in whole.taken.thermal.items():
         yield _thermal(name, each, *sizes[name])
 
 
@@ -411,12 +411,12 @@ def _noise(noise: Any) -> str:
 
 
 def _facts(whole: Any) -> Iterator[Fact]:
-    result, fit = whole.log, whole.accelerometer
+    result, fit = whole, whole.accelerometer
     diagnosis, warm = result.diagnosis, result.warm
     for each in whole.units.values():
         yield from (Fact("unit", words, notable=True) for words in each.said)
     if whole.gyroscope and whole.magnetometer and not whole.together:
-        yield Fact("not together", whole.reasons[-1], notable=True)
+        yield Fact("not together", whole.taken.reasons[-1], notable=True)
     yield Fact("initial rest", f"{result.rest_seconds:.2f} s "
                f"({'found' if result.rest.found else 'given'})")  # fmt: skip
     yield Fact("static intervals", f"{len(result.intervals)} (threshold "
@@ -469,7 +469,7 @@ def log_object(log: Log) -> dict[str, Any]:
 
 def as_object(whole: Any) -> dict[str, Any]:
     """Return the accelerometer as one JSON object; a calibration file and more."""
-    result = whole.log
+    result = whole
     diagnosis = result.diagnosis
     known = not np.isnan(diagnosis.chi2_per_dof)
     white = result.white_chi2_per_dof
@@ -498,25 +498,27 @@ def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
     """The sensors after the accelerometer, and the conditions of all error bars."""
     units = {name: each.as_object() for name, each in whole.units.items()}
     values: dict[str, Any] = {"left_out": dict(whole.left_out), "units": units}
-    seen = whole.log.warm.rests
+    seen = whole.warm.rests
     if seen is not None:
         values["temperature"] = {
             "rests_degC": seen.mean.tolist(),
             "change_within_rest_K": seen.change.tolist(),
             "reasons": list(whole.thermal_reasons),
             "confounded_with_time": seen.monotone,
-            "sensors": {name: own.as_object() for name, own in whole.thermal.items()},
+            "sensors": {
+                name: own.as_object() for name, own in whole.taken.thermal.items()
+            },
         }
     if whole.gyroscope is not None:
         values["gyroscope"] = whole.gyroscope.as_object() | {
-            "G": whole.sensitivity.tolist(),
-            "G_sd": whole.sensitivity_sd.tolist(),
-            "reasons": list(whole.reasons),
+            "G": whole.taken.G.tolist(),
+            "G_sd": whole.taken.G_sd.tolist(),
+            "reasons": list(whole.taken.reasons),
             "residuals": whole.gyroscope.noise.as_object(),
         }
     if whole.magnetometer is not None:
         values["magnetometer"] = _magnetometer_object(whole.magnetometer)
-        noise = whole.compass_noise
+        noise = whole.field_noise
         values["magnetometer"] |= {
             "pose_noise": noise.source,
             "pose_noise_std": noise.std.tolist(),
@@ -543,7 +545,7 @@ def _magnetometer_object(fit: MagnetometerFit) -> dict[str, Any]:
 def message_covariances(log: Log, whole: Any) -> dict[str, Any]:
     """Fields of a message: nine numbers each; -1 first where nothing is known."""
     unknown = [-1.0] + [0.0] * 8
-    rests = whole.log.intervals
+    rests = whole.intervals
     force = whole.accelerometer.sensor().matrix
     rate = unknown
     if whole.gyroscope is not None and log.gyro is not None:

@@ -257,7 +257,7 @@ def _accelerometer(pilot: Autopilot, size: float, whole: Any, notes: _Notes) -> 
 
 
 def _gyroscope(pilot: Autopilot, size: float, whole: Any, notes: _Notes) -> _Values:
-    fit, G = whole.gyroscope, whole.sensitivity
+    fit, G = whole.gyroscope, whole.taken.G
     percent = 100.0 * _left(size * np.linalg.inv(fit.M))
     notes.leave("gyroscope", "scales and misalignments are", percent, "% of a rate")
     if np.any(G):
@@ -331,7 +331,7 @@ def _chain(name: str, log: Log, whole: Any, notes: _Notes) -> list[str]:
             "needed: calibrate a log with a gyroscope, with --model triangular"
         )
         raise InputError(msg)
-    force, G = whole.accelerometer.sensor().matrix, whole.sensitivity
+    force, G = whole.accelerometer.sensor().matrix, whole.taken.G
     factors = whole.gyroscope.factors("kalibr")
     inverse, turn = np.tril(np.linalg.inv(force)), factors.rest
     imu = {
@@ -417,7 +417,7 @@ def _ros(name: str, log: Log, whole: Any, notes: _Notes) -> list[str]:
 
 def _warm(sensor: str, whole: Any) -> tuple[float, str]:
     """Greatest error of a corrected reading, at 1 g, 1 rad/s or in the field."""
-    fit, own = getattr(whole, sensor), whole.thermal[sensor]
+    fit, own = getattr(whole, sensor), whole.taken.thermal[sensor]
     size, unit = {
         "accelerometer": (whole.accelerometer.g, "m/s^2 at 1 g"),
         "gyroscope": (1.0, "rad/s at 1 rad/s"),
@@ -455,7 +455,7 @@ def parameters_of(name: str, log: Log, whole: Any) -> tuple[str, tuple[str, ...]
     notes = _Notes(words for each in whole.units.values() for words in each.said)
     first, writer = WRITERS[name]
     lines = writer(name, log, whole, notes)
-    for sensor, own in whole.thermal.items():
+    for sensor, own in whole.taken.thermal.items():
         ends = f"{own.low:.1f} to {own.high:.1f} degC, away from {own.reference:.1f}"
         most, unit = _warm(sensor, whole)
         notes.leave(sensor, "its terms in temperature are", most, f"{unit} at {ends}")

@@ -162,7 +162,7 @@ def check_sentences(whole):
     assert f"{said}." in text
     for each in found:  # every one that does not hold is in the short view
         assert each.holds or (each.words in text and each.do in text)
-    diagnosis = whole.log.diagnosis
+    diagnosis = whole.diagnosis
     if "noise is the limit" in diagnosis.verdict and "not the noise" not in (
         diagnosis.verdict
     ):

@@ -526,7 +526,7 @@ def test_a_gyroscope_with_all_is_told_all():
     log = replace(log, gyro=rates + force @ G_true.T)
     result = calibrate_log(log)
     whole = calibrate_sensors(log, result, sensors=["gyroscope"])
-    thermal, fit = whole.thermal["gyroscope"], whole.gyroscope
+    thermal, fit = whole.taken.thermal["gyroscope"], whole.gyroscope
     assert thermal.terms == (("bias", 1), ("scale", 1))
     # what the scale's term leaves open is in the bars beside a magnetometer, too
     found = calibrate_sensors(log, result).together
@@ -538,7 +538,7 @@ def test_a_gyroscope_with_all_is_told_all():
     grown = 1.0 + kappa * (thermal.reference - 30.0)  # of the scale at the reference
     off = [
         (thermal.coefficients - [law[0][1], kappa / grown]) / thermal.sd,
-        (whole.sensitivity - G_true) / whole.sensitivity_sd,
+        (whole.taken.G - G_true) / whole.taken.G_sd,
         (fit.parameters[:9] - (rec.gyroscope.M * grown).ravel()) / fit.sd[:9],
     ]
     # 24 numbers, normal or Student's t: 5 is passed once in 1e5
@@ -554,7 +554,7 @@ def test_a_gyroscopes_scale_is_given_to_few_without_an_effect():
         degrees = warm_log(rec).temperature
         log = replace(rec.log, magnetometer=None, temperature=degrees)
         whole = calibrate_sensors(log, calibrate_log(log))
-        thermal = whole.thermal.get("gyroscope")
+        thermal = whole.taken.thermal.get("gyroscope")
         count += thermal is not None and ("scale", 1) in thermal.terms
     assert count <= scipy.stats.binom.isf(ALPHA, 20, 0.02)
 

@@ -103,7 +103,7 @@ def test_a_hole_costs_the_gyroscope_one_rotation(seed, rests):
     each = 2 if found.together is None else 3  # residuals of a rotation
     assert full.gyroscope.dof - found.gyroscope.dof == each * len(rests)
     between = ", ".join(f"{k} and {k + 1}" for k in rests)
-    assert any(f"missing: between rests {between}" in x for x in found.reasons)
+    assert any(f"missing: between rests {between}" in x for x in found.taken.reasons)
     # 12 numbers, normal: beyond 5 in 7e-6
     truth = np.concatenate([made.gyroscope.M.ravel(), made.gyroscope.B])
     assert far(found.gyroscope, truth) < 5.0

@@ -57,9 +57,9 @@ def test_every_sensor_of_a_log_is_found_within_its_error_bars(path, whole):
         wrong = fit.parameters[part] - np.append(1.002 * values[:9], values[9:])
         assert wrong @ np.linalg.solve(P, wrong) > 46.0
     assert np.degrees(whole.magnetometer.dip) == pytest.approx(63.435, abs=0.3)
-    assert "bias: constant" in whole.reasons[0]
-    assert "force: none" in whole.reasons[1]
-    np.testing.assert_array_equal(whole.sensitivity, np.zeros((3, 3)))
+    assert "bias: constant" in whole.taken.reasons[0]
+    assert "force: none" in whole.taken.reasons[1]
+    np.testing.assert_array_equal(whole.taken.G, np.zeros((3, 3)))
 
 
 @pytest.mark.ci
