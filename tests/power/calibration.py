@@ -6,8 +6,7 @@ from functools import partial
 import numpy as np
 
 from power.fault import Fault, given, result, then, times, told, told_instead
-from simval.imu.calibrate import equations
-from simval.imu.calibrate.gyroscope import path_statistics
+from simval.imu.calibrate import equations, path_statistics
 from simval.imu.calibrate.magnetometer.calibration import Scaled
 from simval.imu.calibrate.magnetometer.result import DIP
 from simval.imu.calibrate.minimization import Leverage

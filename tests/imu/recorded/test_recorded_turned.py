@@ -112,7 +112,7 @@ def test_the_command_calibrates_a_magnetometer_alone(tmp_path, simval):
     assert "12000 rows" not in out
     for said in (
         "6000 rows in 59.99 s",
-        "3000, of the magnetometer",
+        "3 000 rows of the magnetometer alone, in motion",
         "one turn of all",
     ):
         assert said in out
