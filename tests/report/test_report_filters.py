@@ -39,8 +39,9 @@ def test_the_section_draws_errors_squares_budget_and_a_trial(run):
     seen, bound = drawn["filter-errors"][0].series
     assert (np.diff(seen.x) > 0.0).all()
     theory, over = drawn["filter-ratio"][0].series
-    # nothing is wrong: what theory says of the filter is the bound
-    assert np.allclose(theory.y, 1.0, rtol=1e-9)
+    # nothing is wrong: what theory says of the filter is the bound, and what averages
+    # leave out of the turns, at most a thousandth of the error, squared
+    assert ((theory.y > 1.0 - 1e-9) & (theory.y < 1.0 + 1e-6)).all()
     assert np.allclose(over.y, seen.y / bound.y, rtol=1e-9)
     parts = [series.y for series in drawn["filter-budget"][0].series]
     assert np.allclose(np.sqrt(np.sum(np.square(parts), axis=0)), bound.y, rtol=1e-9)
