@@ -253,6 +253,9 @@ NEXT_ORDER = _size(
 )
 LEFT_OUT = _size("left_out", "relative distance of a formula from the exact theory")
 OPERATIONS = _size("operations", "operations of one attitude")
+LENGTH_TURN = _size(
+    "length_turn", "turn by a body vector that is 2 % too long", unit="rad"
+)
 ROUNDING_AT = _size(
     "rounding_at", "greatest error without noise at a sine", unit="rad", along=True
 )

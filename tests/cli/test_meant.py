@@ -40,7 +40,7 @@ LISTS = {
         (["scene", "--set", "directions=4"], "(poses)"),
         (["scene", "die", "--set", "throws=4"], "(poses)"),
         (["scene", "--set", "holdtime=4"], "(hold_time)"),
-        (["repro", "attitude_map(frame=plane)@1"], "the nearest are"),
+        (["repro", "attitude_map(frame=plian)@1"], "the nearest are"),
     ],
 )  # fmt: skip
 def test_a_slip_is_answered(simval, words, said):

@@ -63,7 +63,7 @@ SMALL = {  # study, parameters, and how many of its rows are judged
     "solvers": ("solvers", {}, 9, ()),
     "attitude": ("attitude", {"noise_std": 0.02, "samples": 400_000}, 67, ()),
     "attitude_order": ("attitude_order", {"noise": "full"}, 10, ()),
-    "efficiency": ("attitude_efficiency", {"geometries": 120, "trials": 50}, 7, CI),
+    "efficiency": ("attitude_efficiency", {"geometries": 120, "trials": 50}, 15, CI),
     "limits": ("attitude_limits", {"ratio": 1.5, "samples": 100_000}, 1, CI),
     "singular": ("attitude_singular", {"case": "C"}, 29, ()),
     "geometries": ("attitude_geometries", {"geometries": 20}, 1, ()),
