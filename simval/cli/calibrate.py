@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -36,9 +37,12 @@ from simval.cli.options import (
 )
 from simval.cli.outputs import Output
 from simval.cli.terminal import say
+from simval.errors import RefusedError
 from simval.vocabulary import TARGETS, Iteration, Loss, Method, Model, Residual
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from simval.imu.logs import Log
     from simval.imu.logs.names import Kind
     from simval.imu.multiposition import ImuCalibration, LogCalibration
@@ -165,7 +169,7 @@ def command(
         how = dict(g=g, field=field, leave_out=out_of)
         without_rests(log, options, how, out, means=means, as_json=as_json)
         return
-    with refusing(log):
+    with refusing_rests(log):
         require_no_means(log.path, log.accelerometer)
         log = with_rows(log, gyro_rows, gyro_delay)
         known = None if noise is None else load_noise(noise)
@@ -210,6 +214,21 @@ def command(
         return
     said = [*log.described(), log.unit_line(), *row_lines(evidence)]
     say([*said, *str(whole).splitlines(), *notes])
+
+
+@contextmanager
+def refusing_rests(log: Log) -> Iterator[None]:
+    """As `refusing`, and say what a log without rests is good for."""
+    try:
+        with refusing(log):
+            yield
+    except RefusedError as error:
+        if log.magnetometer is not None:
+            error.add_note(
+                "magnetometer      alone it needs no rests, only turns to all sides: "
+                "--columns with its own names and the clock's"
+            )
+        raise
 
 
 def rests_of(words: str) -> list[float]:
