@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -36,10 +37,11 @@ from simval.cli.options import (
 )
 from simval.cli.outputs import Output
 from simval.cli.terminal import say, show
+from simval.errors import RefusedError
 from simval.vocabulary import TARGETS, Iteration, Loss, Method, Model, Residual
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from simval.account import Account
     from simval.imu.logs import Log
@@ -173,7 +175,7 @@ def command(
             as_json=as_json, verbose=verbose,
         )  # fmt: skip
         return
-    with refusing(log):
+    with refusing_rests(log):
         require_no_means(log.path, log.accelerometer)
         log = with_rows(log, gyro_rows, gyro_delay)
         known = None if noise is None else load_noise(noise)
@@ -215,6 +217,21 @@ def command(
         return
     show(account, verbose=verbose)
     say(notes)
+
+
+@contextmanager
+def refusing_rests(log: Log) -> Iterator[None]:
+    """As `refusing`, and say what a log without rests is good for."""
+    try:
+        with refusing(log):
+            yield
+    except RefusedError as error:
+        if log.magnetometer is not None:
+            error.add_note(
+                "magnetometer      alone it needs no rests, only turns to all sides: "
+                "--columns with its own names and the clock's"
+            )
+        raise
 
 
 def rests_of(words: str) -> list[float]:

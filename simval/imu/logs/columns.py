@@ -444,22 +444,18 @@ def several(table: Table, picked: Sequence[Column]) -> tuple[str, ...]:
     names, channels = table.names or (), channels_of(table)
     taken = {each.role for each in picked}
     said = []
-    for kind, name in _BESIDE.items():
-        count = len(triples(table, kind))
-        own = [k for k, each in enumerate(channels) if each.kind == kind and each.axis]
-        if taken.issuperset(ROLES[kind]) or not own:
-            continue
-        are = "is" if count == 1 else "are"
-        why = f"{count} {name}{'s' * (count > 1)} {are} named and none is taken"
-        if not count:
-            columns = ", ".join(repr(names[k]) for k in own[:_SHOWN])
-            why = f"the {name} has not x, y and z once each ({columns})"
-        said.append(f"{why}; choose one by --columns with {', '.join(ROLES[kind])}")
-    warm = temperatures(table)
-    if len(warm) > 1:
-        columns = ", ".join(repr(names[k]) for k in warm[:_SHOWN])
-        why = f"{len(warm)} temperatures are named ({columns})"
-        said.append(f"{why} and none is taken; choose one by --columns with temp")
+    for kind, name in (*_BESIDE.items(), ("temperature", "temperature")):
+        roles = ROLES.get(kind, (TEMPERATURE,))
+        own = [
+            repr(names[k])
+            for k, each in enumerate(channels)
+            if each.kind == kind and (each.axis or kind == "temperature")
+        ]
+        if own and not taken.issuperset(roles):
+            said.append(
+                f"the {name}: {listed(own, _SHOWN)} are not surely those beside the "
+                f"accelerometer; choose by --columns with {', '.join(roles)}"
+            )
     return tuple(said)
 
 

@@ -11,7 +11,7 @@ from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import compress
-from operator import eq, itemgetter, methodcaller
+from operator import eq, itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -132,11 +132,7 @@ class Dialect:
         ]
 
     def values(
-        self,
-        lines: list[Line],
-        places: list[int] | None = None,
-        *,
-        holes: bool = False,
+        self, lines: list[Line], places: list[int] | None = None
     ) -> Float[Array, "n columns"]:
         """Numbers of all columns, or of those at some places, NaN for empty fields.
 
@@ -147,10 +143,8 @@ class Dialect:
         """
         rows = map(itemgetter(1), lines)
         plain = (row.replace(",", ".") for row in rows) if self.comma else rows
-        if holes and self.mark is not None:
+        if self.mark is not None:
             plain = map(self._filled, plain)
-        elif self.trailing:
-            plain = map(methodcaller("rstrip", f" {self.mark}"), plain)
         return np.loadtxt(
             plain, delimiter=self.mark, ndmin=2, comments=None, usecols=places
         )
@@ -434,9 +428,8 @@ class TextTable:
         if self.values is not None:
             return self.values[:, places]
         dialect = self.dialect
-        for holes in (False, True):
-            with suppress(ValueError):
-                return dialect.values(self.lines, places, holes=holes)
+        with suppress(ValueError):
+            return dialect.values(self.lines, places)
         values = np.full((len(self.lines), len(places)), np.nan)
         for row, (_, line) in enumerate(self.lines):
             fields = dialect.fields(line)
@@ -538,9 +531,7 @@ def read(source: Source) -> TextTable:
     body.part(above, every[start:])
     body.end(whole=text.endswith(("\n", "\r")))
     with suppress(ValueError):
-        body.values = dialect.values(body.rows)
-        more = dialect.width - body.values.shape[1]
-        body.values = np.pad(body.values, ((0, 0), (0, more)), constant_values=np.nan)
+        body.values = dialect.values(body.rows)[:, : dialect.width]
     if names is None and labels is None and body.values is None:
         body.find_header()
     _require_width(body, body.begun(header.rest))

@@ -230,16 +230,17 @@ def test_two_sensors_of_a_kind_are_left_out_and_that_is_said(tmp_path):
     path, _ = write_named(tmp_path, ",".join(["t,ax,ay,az", *gyros]), 10)
     log = read_log(path)
     assert log.gyro is None
+    named = ", ".join(map(repr, gyros))
     assert log.unclear == (
-        "2 gyroscopes are named and none is taken; choose one by --columns with "
-        "wx, wy, wz",
+        f"the gyroscope: {named} are not surely those beside the accelerometer; "
+        "choose by --columns with wx, wy, wz",
     )
     assert read_log(path, columns="t,ax,ay,az,-,-,-,wx,wy,wz").unclear == ()
     path, _ = write_named(tmp_path, "t,ax,ay,az,gyr_x,gyr_y,temp", 7)
     log = read_log(path)
     assert log.gyro is None
     assert log.unclear[0].startswith(
-        "the gyroscope has not x, y and z once each ('gyr_x', 'gyr_y'); choose"
+        "the gyroscope: 'gyr_x', 'gyr_y' are not surely those beside the"
     )
 
 

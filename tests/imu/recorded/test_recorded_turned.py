@@ -118,6 +118,22 @@ def test_the_command_calibrates_a_magnetometer_alone(tmp_path, simval):
         assert said in out
 
 
+def test_a_log_without_rests_is_told_of_its_magnetometer(tmp_path, simval):
+    """The advice is done: the columns of the magnetometer and the clock alone."""
+    log = turned(np.random.default_rng(1))
+    force = 9.8 * Rotation.from_rotvec([0.3, 0.5, 0.0]).apply(
+        log.magnetometer - TRUTH[6:]
+    )
+    names = "t,ax,ay,az,mx,my,mz"
+    path = written(tmp_path / "a.csv", names, log.time, force / 50.0, log.magnetometer)
+    code, _, err = simval("calibrate", path)
+    assert code == 3
+    assert "alone it needs no rests" in err.splitlines()[-2]
+    code, out, _ = simval("calibrate", path, "--columns", "t,-,-,-,mx,my,mz")
+    assert code == 0
+    assert "3000, of the magnetometer" in out
+
+
 def test_noise_of_a_row_does_not_stretch_the_scale():
     """Its square is in the readings' length: 3 % make K 0.4 % too small."""
     rng = np.random.default_rng(5)
