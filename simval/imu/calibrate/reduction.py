@@ -211,8 +211,12 @@ def _without_effects(
     )
     force = acc.sensor().correct(read) if found.kept else None
     more, known = _taken_out(time, warm, force, found, rests, chosen)
+    recording = replace(
+        recording, bias_random_walk=drift, bias=chosen, known_bias=known,
+        bias_std=scatter / np.sqrt(inter_rest.rest_seconds.sum()),
+    )  # fmt: skip
     gain = scale_terms(
-        time, gyroscope, at, forces, warm, how, more.get("offset", 0.0), walk
+        recording, time, gyroscope, at, warm, how, more.get("offset", 0.0)
     )
     if more or moves or gain.thermal is not None:
         rates_of = gyroscope if gain.thermal is None else gain.rows
@@ -227,11 +231,7 @@ def _without_effects(
     )  # fmt: skip
     if gain.covariance is not None:
         taken = taken._replace(of_scale=gain.covariance)
-    return replace(
-        recording, rotations=inter_rest, bias_random_walk=drift, bias=chosen,
-        known_bias=known, taken=taken,
-        bias_std=scatter / np.sqrt(inter_rest.rest_seconds.sum()),
-    )  # fmt: skip
+    return replace(recording, rotations=inter_rest, taken=taken)
 
 
 def _checked(name: str, rows: Any, count: int) -> Float[Array, "n 3"]:

@@ -123,12 +123,7 @@ def fit_gyroscope(
     readings = recording.poses[None] if single else recording.poses
     theta = _parameters(accelerometer, len(readings))
     noise = noise_of(recording, kept=estimator == "unweighted")
-    stated = recording.pose_std
-    std, count = floored(stated, readings), readings.shape[1]
-    sensor = Accelerometer(
-        readings=readings, std=np.broadcast_to(std, readings.shape),
-        model=recording.model, g=recording.g,
-    )  # fmt: skip
+    sensor, count = sensor_of(recording), readings.shape[1]
     u = normalize(sensor.corrected(theta).w)
     M, J, e = approach(inter_rest, noise.bias_value, u, _start(inter_rest, u, start))
     refusals, condition = _judged(u, M, J, e)
@@ -142,16 +137,13 @@ def fit_gyroscope(
         problem = Problem(sensors=(sensor,), turns=turns)
         begin = [theta, *begin]
     else:
-        held = HeldAccelerometer(
-            readings=readings, std=sensor.std, model=sensor.model, g=sensor.g,
-            theta=theta, error=influence(sensor, theta, accelerometer.residual),
-        )  # fmt: skip
         weighted = estimator == "generalised"
+        held = held_of(sensor, theta, accelerometer.residual)
         problem = Problem(sensors=(held,), turns=turns, weighted=weighted)
     start = np.where(good[:, None], np.concatenate(begin, axis=1), np.nan)
     solution = minimize(problem, start, MOST_STEPS)
     # a noise of zero, or below rounding, is no statement
-    if single and estimator == "joint" and np.all(std == stated):
+    if single and estimator == "joint" and np.all(sensor.std == recording.pose_std):
         problem, solution, factors = weighed(problem, solution, MOST_STEPS)
         follows = drift(problem, solution, factors)
     dof = 2 * len(inter_rest.before) - A + (count - A if estimator == "joint" else 0)
@@ -172,6 +164,25 @@ def fit_gyroscope(
     return GyroscopeFit(
         model=recording.model, estimator=estimator, bias=recording.bias, dof=dof,
         noise=factors, drift=follows, **result,
+    )  # fmt: skip
+
+
+def sensor_of(recording: Recording) -> Accelerometer:
+    """The accelerometer's readings, with noise that is at least rounding."""
+    readings = recording.poses[None] if recording.single else recording.poses
+    std = np.broadcast_to(floored(recording.pose_std, readings), readings.shape)
+    return Accelerometer(
+        readings=readings, std=std, model=recording.model, g=recording.g
+    )
+
+
+def held_of(
+    sensor: Accelerometer, theta: Float[Array, "t 9"], residual: str
+) -> HeldAccelerometer:
+    """The accelerometer with the parameters of its own fit, by that residual."""
+    return HeldAccelerometer(
+        readings=sensor.readings, std=sensor.std, model=sensor.model, g=sensor.g,
+        theta=theta, error=influence(sensor, theta, residual),
     )  # fmt: skip
 
 

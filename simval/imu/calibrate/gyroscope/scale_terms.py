@@ -1,21 +1,25 @@
 """Scale of a gyroscope that depends on its temperature, by the rotations."""
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 
 from simval.arrays import Array, physical_array
 from simval.geometry import normalize
+from simval.imu.calibrate.equations import Problem
 from simval.imu.calibrate.goodness_of_fit import FALSE_ALARM, Drop
 from simval.imu.calibrate.gyroscope.at_rest import BiasTerms
-from simval.imu.calibrate.gyroscope.calibration import approach, first_matrix
-from simval.imu.calibrate.gyroscope.residuals import across
-from simval.imu.calibrate.gyroscope.rotation import rotations
-from simval.imu.calibrate.path_statistics import (
-    InterRestRotations,
-    inter_rest_rotations,
+from simval.imu.calibrate.gyroscope.calibration import (
+    approach,
+    first_matrix,
+    held_of,
+    sensor_of,
 )
+from simval.imu.calibrate.gyroscope.noise import noise_of
+from simval.imu.calibrate.gyroscope.residuals import InterRest
+from simval.imu.calibrate.path_statistics import inter_rest_rotations, taken
+from simval.imu.calibrate.recording import Recording
 from simval.imu.calibrate.rest_temperatures import LEAST_LEFT
 from simval.imu.calibrate.thermal import TERMS, Thermal
 from simval.shapes import Float
@@ -31,19 +35,21 @@ class Gain(NamedTuple):
     covariance: Any = None  # of M by that of the terms, (9, 9)
 
 
-_QUIET = 1e-2  # least noise of an axis over that of the noisiest
 _STEP = 1e-3  # of a scale, 1/K: what it does is nearly linear in it
 
 
 def scale_terms(
-    time: Any, gyroscope: Any, rests: Any, forces: Float[Array, "n 3"],
-    warm: BiasTerms, how: dict[str, Any], offset: Any, walk: Float[Array, "3"],
+    recording: Recording, time: Any, gyroscope: Any, rests: Any, warm: BiasTerms,
+    how: dict[str, Any], offset: Any,
 ) -> Gain:  # fmt: skip
     """Choose a scale linear in temperature by the rotations, where they tell it.
 
-    By their residuals, weighed by the white noise of each axis, with M fitted anew for
-    a small scale of each axis by turns, and the F test of `goodness_of_fit.Drop`.
+    By their residuals, weighed by the noise of both sensors, with M fitted anew for a
+    small scale of each axis by turns, and the F test of `goodness_of_fit.Drop`.
     """
+    acc = recording.accelerometer
+    assert acc is not None
+    forces = acc.sensor().correct(recording.poses)
     left, seen = 2 * (len(forces) - 1) - 12, warm.seen
     if seen is None or seen.span < seen.least_span or left < LEAST_LEFT:
         return Gain()
@@ -54,6 +60,7 @@ def scale_terms(
     u = np.broadcast_to(normalize(forces), (4, *forces.shape))
     tried, kappa = np.pad(_STEP * np.eye(3), ((1, 0), (0, 0))), np.zeros(3)
     M, square = np.full((4, 3, 3), np.nan), list[float]()
+    white: Array = np.zeros((0, 0))
     for _ in range(2):  # the second time about the first answer
         rates = centre + (1.0 + (kappa + tried)[:, None] * tau) * away
         turned = inter_rest_rotations(time, rates, rests, **how)
@@ -63,7 +70,9 @@ def scale_terms(
         if not (np.isfinite(M).all() and left >= LEAST_LEFT):
             return Gain()
         M, J, e = approach(turned, np.zeros((4, 3)), u, M)
-        white = _whitening(turned, M[:1], u[:1], walk)
+        if not square:
+            first = replace(recording, rotations=taken(turned, [0]))
+            white = _whitening(first, M[:1])
         J, e = white @ J, np.matvec(white, e)
         q = np.linalg.qr(J[..., :9])[0]
         r = e - np.matvec(q, np.vecmat(e, q))
@@ -88,21 +97,15 @@ def scale_terms(
     )  # fmt: skip
 
 
-def _whitening(
-    turned: InterRestRotations, M: Float[Array, "1 3 3"], u: Float[Array, "1 n 3"],
-    walk: Float[Array, "3"],
-) -> Float[Array, "r r"]:  # fmt: skip
-    # inverse root of the covariance (N6) of residuals by the noise of each axis, up to
-    # a factor
-    moved = rotations(turned.statistics[:1], M, np.zeros((1, 3)))
-    EC = across(u[:, turned.before + 1]) @ np.swapaxes(moved.C, -1, -2)
-    N = np.maximum(walk / max(walk.max(), np.finfo(float).tiny), _QUIET)
-    by = np.cross(EC, u[:, turned.before, None, :])[0, :, None] @ np.moveaxis(
-        moved.by_rate(N)[0], 2, 1
-    )
-    root = by * np.sqrt(turned.statistics[0, :, 9])[..., None, None]
-    V = np.einsum("kjab,kjcb->kac", root, root)
-    return scipy.linalg.block_diag(*np.linalg.inv(np.linalg.cholesky(V)))
+def _whitening(recording: Recording, M: Float[Array, "1 3 3"]) -> Float[Array, "r r"]:
+    # inverse root of the covariance (N6) of residuals, the accelerometer held
+    rotations, acc = recording.rotations, recording.accelerometer
+    assert rotations is not None
+    assert acc is not None
+    held = held_of(sensor_of(recording), acc.parameters[None], acc.residual)
+    noise = noise_of(recording, kept=True)
+    turns = InterRest(inter_rest=rotations, noise=noise, each=2)
+    return Problem(sensors=(held,), turns=turns).local(M.reshape(1, 9)).white[0]
 
 
 def _with_scale(
