@@ -45,25 +45,20 @@ class Part:
             If no row is in the part, or the clock has no time of day and one is given.
         """
         time = _every_time(table, column, rate)
-        ends = [
-            default if edge is None else _seconds(table, column, time, edge, name)
-            for edge, default, name in (
-                (self.start, -np.inf, "--from"),
-                (self.stop, np.inf, "--until"),
-            )
-        ]
-        taken = (ends[0] <= time) & (time <= ends[1])
+        edges = {"--from": self.start, "--until": self.stop}
+        given = {name: edge for name, edge in edges.items() if edge is not None}
+        ends = {"--from": -np.inf, "--until": np.inf} | {
+            name: _seconds(table, column, time, edge, name)
+            for name, edge in given.items()
+        }
+        taken = (ends["--from"] <= time) & (time <= ends["--until"])
         first, last = np.nanmin(time), np.nanmax(time)
         whole = f"{first:.2f} s to {last:.2f} s"
         if not taken.any():
-            given = [
-                f"{name} {edge}"
-                for name, edge in (("--from", self.start), ("--until", self.stop))
-                if edge is not None
-            ]
+            asked = " ".join(f"{name} {edge}" for name, edge in given.items())
             msg = (
                 f"{table.path}: no row is in the part that is asked for "
-                f"({' '.join(given)}); the log has {whole}, so give times within these"
+                f"({asked}); the log has {whole}, so give times within these"
             )
             raise InputError(msg)
         own, every = _every_time(table.rows(taken), column, rate), time[taken]
@@ -115,11 +110,10 @@ def _of_day(
         known = [_UTC, _UTC]
     stamps = instants_of(known, word) if known else None
     if stamps is None:
-        form = f"as {known[0]}" if known and known[0] != _UTC else "as 12:30:15.5"
-        have = f"; the log's are {form}" if known else ", and the log's clock has none"
+        have = f"like {known[0]}" if known else "of the log's clock"
         msg = (
-            f"`{name}` is {word!r}, which is no time of day{have}; give seconds of its "
-            f"clock, {first:.2f} to {last:.2f}"
+            f"`{name}` is {word!r}, which is no time of day {have}; give seconds of "
+            f"its clock, {first:.2f} to {last:.2f}"
         )
         raise InputError(msg)
     seconds, dated = stamps

@@ -60,9 +60,9 @@ def covered(logs, **how):
 
 def test_the_bars_are_not_those_of_independent_rows():
     """Power: for white noise they hold the truth in a third of what they state."""
-    ours, white = covered(16)
-    # 144 intervals; each log's are worth 5 independent ones: 0.95 less four of 0.024
-    assert ours > 0.85
+    ours, white = covered(12)
+    # 108 intervals; each log's are worth 5 independent ones: 0.95 less four of 0.028
+    assert ours > 0.83
     assert white < 0.5
 
 
@@ -138,7 +138,7 @@ def test_noise_of_a_row_does_not_stretch_the_scale():
     """Its square is in the readings' length: 3 % make K 0.4 % too small."""
     rng = np.random.default_rng(5)
     errors, plain = [], []
-    for _ in range(16):
+    for _ in range(10):
         log = turned(rng, slow=0.0)
         log.magnetometer.flags.writeable = True
         log.magnetometer[:] += 0.03 / 0.02 * rng.standard_normal(log.magnetometer.shape)
@@ -148,9 +148,9 @@ def test_noise_of_a_row_does_not_stretch_the_scale():
         )
         for fit, found in zip(fits, (errors, plain), strict=True):
             found.append(fit.K / TRUTH[3:6] - 1.0)
-    sd = np.std(errors) / np.sqrt(16)  # of a mean over three axes, and more
+    sd = np.std(errors) / np.sqrt(10)  # of a mean over three axes, and more
     assert abs(np.mean(errors)) < 4.0 * sd
-    assert abs(np.mean(plain)) > 6.0 * sd
+    assert abs(np.mean(plain)) > 5.0 * sd
 
 
 @pytest.mark.parametrize(
