@@ -558,6 +558,11 @@ def _table_rows() -> Iterator[Row]:
         yield from limit(stat.FAILURES(name), share, 0.0, stat.TRUTH, n=each.size)
 
 
+def _plainly(parameters: Mapping[str, Any]) -> bool:
+    """True of isotropic noise and vectors as they are: of others there are tables."""
+    return not parameters["normalized"] and parameters["noise"] == "isotropic"
+
+
 _NEAR = Figure(
     name="singular",
     asked="What does each remedy cost near the singular set?",
@@ -569,7 +574,7 @@ _NEAR = Figure(
     lines=entry(0),
     value="RMS error / bound",
     level=1.0,
-    where=lambda parameters: parameters["distance"] > 0.0,
+    where=lambda parameters: parameters["distance"] > 0.0 and _plainly(parameters),
     least=["noise_std", "geometry"],
     ratio=False,
     columns=2,
@@ -578,7 +583,7 @@ _NEAR = Figure(
         "set, cases A to D. The plain formula is lost within some deviations. Table 1 "
         "holds on the set, leaves out a turn beside it, and is the plain formula past "
         "its border. Half turns cost a fixed share, all frames combined hardly any. "
-        "Of several random geometries the first is drawn."
+        "Isotropic noise, vectors as they are; of several random geometries the first."
     ),
 )
 FIGURES = (
@@ -593,7 +598,7 @@ FIGURES = (
         value="RMS error",
         unit=DEGREE,
         level=None,
-        where=lambda parameters: parameters["distance"] == 0.0,
+        where=lambda parameters: parameters["distance"] == 0.0 and _plainly(parameters),
         least=["geometry"],
         caption=(
             "RMS error on the singular set. In cases B to D the plain formula is wrong "
