@@ -68,10 +68,10 @@ class Quantity:
     least: float | None = None  # the least standard deviation that is possible
     missing: str = "-"  # where there is neither value nor limit
 
-    def spelled(self) -> str:
-        """The number for a person."""
+    def spelled(self, *, fixed: bool = True) -> str:
+        """The number for a person, with a power of ten only if it is not `fixed`."""
         if self.value is not None:
-            return measured(self.value, self.sd or 0.0, fixed=True)
+            return measured(self.value, self.sd or 0.0, fixed=fixed)
         if isfinite(self.high) or self.low > 0.0:
             return bounded(self.low, self.high)
         return self.missing
@@ -94,6 +94,7 @@ class Line:
     cells: Sequence[Quantity]
     named: bool = False  # whether each cell shows its name, where no heading does
     factor: float = 1.0  # times a cell in the unit
+    fixed: bool = True  # whether all have the unit's power of ten, and none its own
 
     @property
     def head(self) -> str:
@@ -111,7 +112,9 @@ class Line:
     @property
     def spelled(self) -> list[str]:
         """Its numbers in the unit."""
-        return [each.times(self.factor).spelled() for each in self.cells]
+        return [
+            each.times(self.factor).spelled(fixed=self.fixed) for each in self.cells
+        ]
 
 
 def in_thousands(lines: Sequence[Line]) -> list[Line]:
