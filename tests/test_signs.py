@@ -20,10 +20,11 @@ def test_the_command_prints_the_entry_of_T(tmp_path, simval):
     for direction in u:
         rows += [np.tile(G * direction, (300, 1)), 9 * rng.standard_normal((60, 3))]
     np.savetxt(tmp_path / "log.txt", sensor.distort(np.vstack(rows), rng))
-    code, out, err = simval("calibrate", tmp_path / "log.txt", "--rate", 100)
+    words = "calibrate", tmp_path / "log.txt", "--rate", 100
+    code, out, err = simval(*words, "--verbose")
     assert code == 0, err
     (line,) = [x for x in out.splitlines() if x.startswith("  T[2][0]")]
-    value, low, high = (float(line.split()[i]) for i in (1, 4, 6))
+    value, low, high = (float(line.split()[i]) for i in (1, 3, 4))
     assert abs(value + 0.02) < 0.005  # T[2][0] = -S_zx
     assert low < value < high
     assert out.count("S_zx") == out.count("S_zx, is -T[2][0]") == 1
@@ -31,6 +32,9 @@ def test_the_command_prints_the_entry_of_T(tmp_path, simval):
     T = np.array([row.split() for row in rows], dtype=float)
     # of sigma 2e-5 the wrong sign is 0.04 away: a quarter of S_zx tells them apart
     assert abs(T[2, 0] + 0.02) < 0.005
+    short = simval(*words)[1]
+    assert "S_zx" not in short
+    assert abs(float(short.partition("T[2][0] ")[2].split()[0]) + 20.0) < 5.0  # mrad
 
 
 def test_a_plan_says_entries_of_the_matrix(simval):

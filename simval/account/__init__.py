@@ -20,6 +20,9 @@ GRAVITY: tuple[Answer, ...] = ("pass", "inconclusive", "fail")
 SHORT = range(-2, 6)
 """Exponents of ten of numbers that need none in their unit."""
 
+COARSE = 1e-4
+"""A standard deviation from which its digits are few, however small the numbers."""
+
 
 class Fact(NamedTuple):
     """What was read, done or seen, under a label."""
@@ -122,9 +125,11 @@ def in_thousands(lines: Sequence[Line]) -> list[Line]:
 
     The power is a multiple of three, by the largest of them.
     """
-    sizes = [abs(x.value) for line in lines for x in line.cells if x.value]
+    cells = [each for line in lines for each in line.cells]
+    sizes = [abs(each.value) for each in cells if each.value]
     top = floor(log10(max(sizes))) if sizes else 0
-    if top in SHORT:
+    least = min((x.sd for x in cells if x.sd and x.sd > 0.0), default=0.0)
+    if top in SHORT or (top < 0 and least >= COARSE):
         return list(lines)
     exponent = top // 3 * 3
     return [

@@ -245,7 +245,7 @@ def table_of_means(
             "`--out` is for a calibration that `simval correct` can apply, and without "
             "an accelerometer there is none; take the numbers (--json)",
         )
-    account = with_log(table.account, log)
+    account = with_log(table.account, log, means=True)
     written = table.as_object(log) | account.as_object()
     if out is not None:
         write_json(out, written)
