@@ -32,6 +32,7 @@ from simval.imu.multiposition.description import with_log
 from simval.imu.multiposition.log_units import units_of
 from simval.imu.multiposition.noise import log_noise
 from simval.imu.multiposition.noise_description import noise_account
+from simval.spelling import in_ascii
 
 WORDS = st.lists(
     st.text("abcxyz<>&|*_.±0", min_size=1, max_size=12), min_size=1, max_size=12
@@ -120,6 +121,18 @@ def test_no_line_ends_within_a_number(width, words):
     assert bare(" ".join(rows)) == bare(said)
     for row in rows:
         assert not re.search(r"([±=<]|\b7|\b5)$|^ *([±=<%]|980)", row), row
+
+
+def test_in_ascii_columns_end_one_below_the_other():
+    cells = [Quantity("x", 1.0, 0.1), Quantity("y", 10.0, 0.1)]
+    limits = [Quantity("x", None, None, 0.0, 5.0)] * 2
+    rows = [Line("N", "µg/√Hz", cells), Line("K", "", limits)]
+    account = Account(title="Noise", values=[Values(title="noise", lines=rows)])
+    *_, first, second = lines(account, spell=in_ascii)
+    assert "ug/sqrt Hz" in first
+    assert "1.00 +- 0.10" in first
+    assert first.isascii()
+    assert len(first) == len(second)
 
 
 @given(account=ACCOUNTS)

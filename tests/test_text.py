@@ -9,7 +9,6 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from simval.cli.repro import beside_theory
-from simval.imu.calibrate.comparison import CalibrationComparison
 from simval.imu.recorded.description import filter_lines
 from simval.results import limit, plain
 from simval.statistics import BIAS, RECOVERY
@@ -64,21 +63,6 @@ def filters(x):
     return [*filter_lines([done()], {}, True), *filter_lines([done()], {}, False)]
 
 
-def calibrations(x):
-    """The table of two calibrations that are compared."""
-    values, sd, both = ([next(x) for _ in range(9)] for _ in range(3))
-    names = tuple("abcdefghi")
-    state = Made(parameters=values, dof=np.inf, size=next(x))
-    pair = Made(
-        sensor="accelerometer", names=names, a=state, b=state, difference=-np.array(sd),
-        U=sd, E_n=both, chi_square=np.nan, change=next(x), p_value=np.nan,
-    )  # fmt: skip
-    compared = CalibrationComparison(
-        sensors=(pair,), notes=(), alpha=0.01, causes=(), doubted=()
-    )
-    return [*compared.lines()]
-
-
 def planned(x):
     """Tables of `simval plan`."""
     nine = {key: np.array([next(x) for _ in range(9)]) for key in
@@ -98,7 +82,7 @@ def measured(x):
 
 
 @pytest.mark.usefixtures("unchecked")  # made of what the tables read, and no more
-@pytest.mark.parametrize("table", [filters, calibrations, planned, measured])
+@pytest.mark.parametrize("table", [filters, planned, measured])
 @given(sizes=st.lists(SIZES, min_size=3, max_size=30))
 @example(sizes=[1.23456789e-30, 9.87654321e29, 123.456789])
 def test_numbers_of_any_width_leave_a_blank(table, sizes):

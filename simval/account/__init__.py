@@ -20,6 +20,9 @@ GRAVITY: tuple[Answer, ...] = ("pass", "inconclusive", "fail")
 SHORT = range(-2, 6)
 """Exponents of ten of numbers that need none in their unit."""
 
+COARSE = 1e-4
+"""A standard deviation from which its digits are few, however small the numbers."""
+
 
 class Fact(NamedTuple):
     """What was read, done or seen, under a label."""
@@ -68,10 +71,10 @@ class Quantity:
     least: float | None = None  # the least standard deviation that is possible
     missing: str = "-"  # where there is neither value nor limit
 
-    def spelled(self) -> str:
-        """The number for a person."""
+    def spelled(self, *, fixed: bool = True) -> str:
+        """The number for a person, with a power of ten only if it is not `fixed`."""
         if self.value is not None:
-            return measured(self.value, self.sd or 0.0, fixed=True)
+            return measured(self.value, self.sd or 0.0, fixed=fixed)
         if isfinite(self.high) or self.low > 0.0:
             return bounded(self.low, self.high)
         return self.missing
@@ -94,6 +97,7 @@ class Line:
     cells: Sequence[Quantity]
     named: bool = False  # whether each cell shows its name, where no heading does
     factor: float = 1.0  # times a cell in the unit
+    fixed: bool = True  # whether all have the unit's power of ten, and none its own
 
     @property
     def head(self) -> str:
@@ -111,7 +115,9 @@ class Line:
     @property
     def spelled(self) -> list[str]:
         """Its numbers in the unit."""
-        return [each.times(self.factor).spelled() for each in self.cells]
+        return [
+            each.times(self.factor).spelled(fixed=self.fixed) for each in self.cells
+        ]
 
 
 def in_thousands(lines: Sequence[Line]) -> list[Line]:
@@ -119,9 +125,11 @@ def in_thousands(lines: Sequence[Line]) -> list[Line]:
 
     The power is a multiple of three, by the largest of them.
     """
-    sizes = [abs(x.value) for line in lines for x in line.cells if x.value]
+    cells = [each for line in lines for each in line.cells]
+    sizes = [abs(each.value) for each in cells if each.value]
     top = floor(log10(max(sizes))) if sizes else 0
-    if top in SHORT:
+    least = min((x.sd for x in cells if x.sd and x.sd > 0.0), default=0.0)
+    if top in SHORT or (top < 0 and least >= COARSE):
         return list(lines)
     exponent = top // 3 * 3
     return [

@@ -29,6 +29,7 @@ def lines(
     verbose: bool = False,
     width: int = WIDTH,
     style: Style = plain,
+    spell: Callable[[str], str] = str,
 ) -> list[str]:
     """Lines of so many columns at most.
 
@@ -42,6 +43,8 @@ def lines(
         Columns.
     style : callable, optional
         Of words and what they are (``title``, or an answer): the words in colour.
+    spell : callable, optional
+        Of the cells of a table: as the stream can show them.
 
     Returns
     -------
@@ -56,7 +59,7 @@ def lines(
     for reply in account.replies:
         found += ["", *_reply(reply, width, style, verbose=verbose)]
     for values in account.values:
-        found += ["", *_values(values, width, style, verbose=verbose)]
+        found += ["", *_values(values, width, style, spell, verbose=verbose)]
     for note in account.notes if verbose else ():
         found += ["", *_note(note, width)]
     if verbose and account.facts:
@@ -85,17 +88,23 @@ def _reply(reply: Reply, width: int, style: Style, *, verbose: bool) -> Iterator
 
 
 def _values(
-    values: Values, width: int, style: Style, *, verbose: bool
+    values: Values,
+    width: int,
+    style: Style,
+    spell: Callable[[str], str],
+    *,
+    verbose: bool,
 ) -> Iterator[str]:
     title = printable(values.title)
     first, *more = folded(f"{title}  {values.how}".rstrip(), width, 2, " ")
     yield style(title, "title") + first[1 + len(title) :]
     yield from more
     named = [line for line in values.lines if line.named]
-    found = _grid(named) + _grid([x for x in values.lines if not x.named], values.heads)
+    others = [line for line in values.lines if not line.named]
+    found = _grid(named, spell) + _grid(others, spell, values.heads)
     if max(map(len, found), default=0) > width:  # a row for each number
         found = columns(
-            [(x.name, words, line.unit) for line in values.lines
+            [(x.name, spell(words), spell(line.unit)) for line in values.lines
              for x, words in zip(line.cells, line.spelled, strict=True)], -1, 2, -1,
         )  # fmt: skip
     yield from found
@@ -106,11 +115,13 @@ def _values(
     yield from _facts(facts, width, "  ")
 
 
-def _grid(lines: Sequence[Line], heads: Sequence[str] = ()) -> list[str]:
-    rows = [(line.head, *line.shown) for line in lines]
+def _grid(
+    lines: Sequence[Line], spell: Callable[[str], str], heads: Sequence[str] = ()
+) -> list[str]:
+    rows = [tuple(map(spell, (line.head, *line.shown))) for line in lines]
     most = max(map(len, rows), default=0)
     if most > 2 and heads:
-        rows.insert(0, ("", *heads))
+        rows.insert(0, ("", *map(spell, heads)))
     return columns(rows, -1, *[2] * (most - 1))
 
 

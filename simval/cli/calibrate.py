@@ -275,7 +275,7 @@ def without_rests(
             del options["residual"], options["loss"]
             fitted = partial(calibrate, **options)
             found = calibrate_turned(log, fitted, field=how["field"])
-    account = with_log(found.account, log)
+    account = with_log(found.account, log, means=means)
     written = found.as_object(log) | account.as_object()
     if out is not None:
         write_json(out, written)

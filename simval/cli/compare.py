@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from simval.cli.options import Alpha, OutFile, RunName, declared, refuse_if, runs, write
-from simval.cli.terminal import tell
+from simval.cli.terminal import show, tell
 from simval.errors import InputError
 from simval.text import number
 from simval.vocabulary import ALPHA
@@ -39,7 +40,10 @@ def command(
         "Write an HTML page with a figure of each change, before and after.",
     ] = None,
     every: Annotated[
-        bool, "Print every value that changed, not only the kinds.", dict(name="--all")
+        bool,
+        "Print every value that changed, not only the kinds; of calibrations every "
+        "digit, and what the answer rests on.",
+        dict(name="--all"),
     ] = False,
     csv_file: Annotated[
         OutFile | None,
@@ -74,10 +78,10 @@ def command(
         raise InputError(msg)
     if any(Path(each).is_file() for each in (run_a, run_b)):
         refuse_if(
-            every or any(file is not None for file in (out, csv_file)),
-            "`--out`, `--csv` and `--all` are of two runs, not of calibrations",
+            any(file is not None for file in (out, csv_file)),
+            "`--out` and `--csv` are of two runs, not of calibrations",
         )
-        return _calibrations(Path(run_a), Path(run_b), json_file, alpha)
+        return _calibrations(Path(run_a), Path(run_b), json_file, alpha, every=every)
     return _runs(run_a, run_b, every, (out, csv_file, json_file), alpha)
 
 
@@ -92,7 +96,7 @@ def _runs(
     out, csv_file, json_file = files
     a, b = load_run(run_a), load_run(run_b)
     comparison = compare_runs(a, b, alpha)
-    show(a, b, comparison, every=every)
+    show_runs(a, b, comparison, every=every)
     if json_file is not None:
         write(json_file, comparison_json(a, b, comparison))
     if out is not None or csv_file is not None:
@@ -108,12 +112,15 @@ def _runs(
     return 0 if comparison.total else 3
 
 
-def _calibrations(a: Path, b: Path, json_file: Path | None, alpha: float) -> int:
+def _calibrations(
+    a: Path, b: Path, json_file: Path | None, alpha: float, *, every: bool
+) -> int:
     """Compare two calibration files."""
     from simval.imu.calibrate.comparison import compare_calibrations
 
     found = compare_calibrations(a, b, alpha)
-    tell([f"A is {a}", f"B is {b}", *found.lines()])
+    account = replace(found.account, source=f"{a} (A) and {b} (B)")
+    show(account, verbose=every)
     if json_file is not None:
         write(json_file, json.dumps(found.as_object(), allow_nan=False) + "\n")
         click.echo(str(json_file))
@@ -231,7 +238,7 @@ def _times_of(
     return median(ratios) if ratios else None
 
 
-def show(a: Run, b: Run, found: RunComparison, *, every: bool = False) -> None:
+def show_runs(a: Run, b: Run, found: RunComparison, *, every: bool = False) -> None:
     """Print how many values changed, then what and which way."""
     from simval.judge.result_lines import changes_headline, move_lines, other_lines
     from simval.judge.runs import origin_of, shared_words

@@ -5,6 +5,7 @@ import re
 import sys
 from collections.abc import Iterable
 from errno import EBADF, EPIPE
+from functools import partial
 from io import BufferedWriter, FileIO, TextIOWrapper
 from typing import Any
 
@@ -90,8 +91,11 @@ def show(account: Account, *, verbose: bool = False) -> None:
     width = _width(sys.stdout) or WIDTH
     colour = not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
     style = styled if colour and sys.stdout.isatty() else plain
-    for line in lines_of(account, verbose=verbose, width=width, style=style):
-        click.echo(encodable(line, sys.stdout))
+    spell = partial(encodable, stream=sys.stdout)
+    for line in lines_of(
+        account, verbose=verbose, width=width, style=style, spell=spell
+    ):
+        click.echo(spell(line))
 
 
 def styled(words: str, what: str) -> str:

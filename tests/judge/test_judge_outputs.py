@@ -108,7 +108,7 @@ def test_a_baseline_is_sorted_with_a_line_for_each_statistic(before, tmp_path):
 
 def test_a_comparison(before, after, capsys):
     found = compare_runs(before, after)
-    compare.show(before, after, found, every=True)
+    compare.show_runs(before, after, found, every=True)
     same("compare.txt", capsys.readouterr().out)
     same("compare.json", comparison_json(before, after, found))
 

@@ -27,7 +27,6 @@ reading is the largest change of a corrected vector of one length,
 .. math:: \max_{|u| = 1} |M_B (M_A^{-1} s u + b_A - b_B) - s u|. \tag{DC3}
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -36,6 +35,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import scipy
 
+from simval.account import Account, Answer, Fact, Line, Quantity, Reply, Told, Values
 from simval.arguments import file_path, instance
 from simval.arrays import Array, positive_number
 from simval.errors import InputError, RefusedError
@@ -53,7 +53,8 @@ from simval.imu.calibrate.thermal import Thermal, law
 from simval.imu.sensor import forms
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
-from simval.text import one_line
+from simval.spelling import chance, rounded
+from simval.text import number, one_line
 from simval.vocabulary import ALPHA, Model
 
 COVERAGE: Final = 0.95
@@ -133,6 +134,16 @@ class SensorComparison:
         return np.clip(share, 0.0, 1.0), basis.T @ (self.difference / sd)
 
     @property
+    def freedom(self) -> str:
+        """Degrees of freedom of the variances that are not known, in words."""
+        dof = {"A": self.a.dof, "B": self.b.dof}
+        return "".join(
+            f"; variance of {file} by {round(x, 1):g} degrees of freedom"
+            for file, x in dof.items()
+            if np.isfinite(x)
+        )
+
+    @property
     def p_value(self) -> float:
         """Chance of a difference as large without a drift, (DC2); NaN if not told."""
         split = self._split()
@@ -145,10 +156,16 @@ class SensorComparison:
         return float(min(weight_a @ tails @ weight_b, 1.0))
 
     @property
-    def beyond(self) -> str:
-        """Parameters with an E_n above 1, the largest first."""
+    def words(self) -> str:
+        """What moved most beyond its uncertainty, and how many others did."""
         order = [k for k in np.argsort(-self.E_n) if self.E_n[k] > 1.0]
-        return ", ".join(f"{self.names[k]} (E_n {self.E_n[k]:.3g})" for k in order)
+        if not order:
+            return f"a combination of parameters of the {self.sensor}, none alone"
+        name, _ = forms.ENTRIES.get(self.names[order[0]], (self.names[order[0]], 1.0))
+        times = self.E_n[order[0]]
+        more = f" and {len(order) - 1} more" * (len(order) > 1)
+        by = f"by {rounded(times)} times its uncertainty{more}"
+        return f"{name} of the {self.sensor}, {by}"
 
     @property
     def change(self) -> float:
@@ -171,7 +188,7 @@ def _variances(dof: float) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CalibrationComparison:
+class CalibrationComparison(Told):
     """Two calibration files of one set of sensors."""
 
     sensors: tuple[SensorComparison, ...]  # that both have
@@ -201,74 +218,95 @@ class CalibrationComparison:
         return False if p and not self.alike else None
 
     @property
-    def verdict(self) -> str:
-        """The answer in words."""
-        p = self.p_values
+    def answer(self) -> Reply:
+        """Whether the sensor changed."""
+        p, title = self.p_values, "Did the sensor change?"
         if not p:
-            return "not told: no sensor has its uncertainty in both files"
+            words = "Cannot tell: no sensor has its uncertainty in both files."
+            return Reply(title=title, headline=words, answer="inconclusive")
         level = self.alpha / len(p)
-        chances = (
-            f"{n} {x:.2g}" if x > 0.0 else f"{n} below 1e-300" for n, x in p.items()
+        lines = tuple(
+            f"{each.sensor}: {chance(p[each.sensor])}, drifted below {level:.2g}; "
+            f"chi-square {each.chi_square:.4g} of {len(each.names)}{each.freedom}."
+            for each in self.sensors
+            if each.sensor in p
         )
-        said = f"chance {', '.join(chances)}, drifted below {level:.2g}"
-        if self.doubted:
-            said += f"; the bars of {' and '.join(self.doubted)} are in doubt"
-        if self.drifted:
-            named = [
-                f"{each.sensor} by {each.beyond or 'a combination, no parameter alone'}"
-                for each in self.sensors
-                if p.get(each.sensor, 1.0) < level
-            ]
-            causes = "".join(f", or {cause}" for cause in self.causes)
-            said = f"drifted{causes}: {'; '.join(named)}; {said}"
-        elif not self.alike:
-            return f"the same within uncertainties: {said}"
+        do = f"The error bars of {' and '.join(self.doubted)} are in doubt."
+        do = do if self.doubted else ""
         if self.alike:
             words = f"{' and '.join(self.alike)} more alike than independent data are"
-            said += f"; {words}: A and B seem to be of the same data"
-        return said if self.drifted else f"not told: {said}"
+            same = f"{words}: A and B seem to be of the same data."
+            do = " ".join(filter(None, [f"But {same}" if self.drifted else "", do]))
+        moved = [x.words for x in self.sensors if p.get(x.sensor, 1.0) < level]
+        if self.drifted:
+            causes = "".join(f", or {cause}" for cause in self.causes)
+            headline = f"Yes: a drift{causes}. Most: {'; '.join(moved)}."
+        elif self.alike:
+            headline = f"Cannot tell: {same}"
+        else:
+            headline = "No: the same within uncertainties."
+        answers: dict[bool | None, Answer] = {
+            True: "fail", False: "pass", None: "inconclusive",
+        }  # fmt: skip
+        return Reply(
+            title=title, headline=headline, answer=answers[self.drifted], do=do,
+            lines=lines,
+        )  # fmt: skip
 
-    def __str__(self) -> str:
-        return "\n".join(self.lines())
-
-    def lines(self) -> Iterator[str]:
-        """Describe it in lines of text."""
-        for each in self.sensors:
-            yield from _table(each)
-        yield from (f"note              {note}" for note in self.notes)
-        yield f"verdict           {self.verdict}"
+    @property
+    def account(self) -> Account:
+        """What there is to say of it."""
+        first, *others = self.notes
+        return Account(
+            title="Comparison of",
+            source="calibrations A and B",
+            replies=(self.answer,),
+            values=[_values(each) for each in self.sensors],
+            facts=(
+                *(Fact("note", each, notable=True) for each in others),
+                Fact("taken", first),
+            ),
+        )
 
     def as_object(self) -> dict[str, Any]:
         """Return it as JSON can hold it."""
         return {
             "format": "simval calibration comparison 1",
             "drifted": self.drifted,
-            "verdict": self.verdict,
+            "verdict": f"{self.answer.headline} {self.answer.do}".strip(),
             "alpha": self.alpha,
             "coverage": COVERAGE,
             "notes": list(self.notes),
             "sensors": {each.sensor: _object(each) for each in self.sensors},
-        }
+        } | self.account.as_object()
 
 
-def _table(each: SensorComparison) -> Iterator[str]:
-    square = each.chi_square
-    told = f"chi-square {square:.4g} of {len(each.names)}"
-    for file, dof in (("A", each.a.dof), ("B", each.b.dof)):
-        if np.isfinite(dof):
-            told += f"; variance of {file} by {round(dof, 1):g} degrees of freedom"
-    words = told if np.isfinite(square) else "not both files state a covariance"
-    yield f"{each.sensor:17s} {words}"
-    yield f"{'A':>25s} {'B':>15s} {'B - A':>12s} {'U':>10s} {'E_n':>8s}"
+def _values(each: SensorComparison) -> Values:
+    # of each parameter both values, the difference with its expanded uncertainty, E_n
     rows = zip(
-        each.names, each.a.parameters, each.b.parameters,
-        each.difference, each.U, each.E_n, strict=True,
+        each.names, each.a.parameters.tolist(), each.a.sd.tolist(),
+        each.b.parameters.tolist(), each.b.sd.tolist(), each.difference.tolist(),
+        each.U.tolist(), each.E_n.tolist(), strict=True,
     )  # fmt: skip
-    for name, a, b, d, u, e in rows:
-        bars = f"{u:10.3g} {e:8.3g}" if np.isfinite(u) else f"{'-':>10s} {'-':>8s}"
-        yield f"  {name:7s} {a:15.8g} {b:15.8g} {d:12.4g} {bars}"
-    words, (_, unit) = "a corrected reading of", SENSORS[each.sensor]
-    yield f"  {words} {each.a.size:.5g}{unit} changes by up to {each.change:.3g}"
+    lines = []
+    for parameter, a, a_sd, b, b_sd, moved, U, E_n in rows:
+        known = np.isfinite(U)
+        name, sign = forms.ENTRIES.get(parameter, (parameter, 1.0))
+        cells = [
+            Quantity(f"{name} of A", sign * a, a_sd),
+            Quantity(f"{name} of B", sign * b, b_sd),
+            Quantity(f"{name}, B - A", sign * moved, U),
+            Quantity(f"{name}, E_n", float(f"{E_n:.3g}") if known else None),
+        ]  # fmt: skip
+        lines.append(Line(name, "", cells, fixed=False))
+    _, unit = SENSORS[each.sensor]
+    return Values(
+        title=each.sensor,
+        how=f"a corrected reading of {each.a.size:.5g}{unit} changes by up to "
+        f"{number(each.change, 3, each.a.size)}; U is of {100 * COVERAGE:g} %",
+        lines=lines,
+        heads=("A", "B", "B - A ± U", "E_n"),
+    )
 
 
 def _object(each: SensorComparison) -> dict[str, Any]:

@@ -336,18 +336,6 @@ def _off_words(off: list[int]) -> tuple[str, str]:
     )
 
 
-def order_words(hidden: float, hides: str) -> str:
-    """Say what drift the order of the poses hides, if it hides one."""
-    if hidden <= HIDDEN:
-        return ""
-    factor = f"{hidden:.0f} times" if hidden < 1e6 else "far"
-    return (
-        f"it hides a drift: if {hides} drifts evenly, it must be {factor} greater to "
-        "be seen than with the same poses in an order of chance; repeat the first "
-        "poses at the end"
-    )
-
-
 def _verdict(
     wrong: str, chi2: float, free: int, drift: Drift, geometry: float, widest: float
 ) -> str:

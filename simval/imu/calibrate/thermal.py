@@ -249,33 +249,6 @@ class Thermal(ReadOnly):
             found[what] = np.sqrt(np.einsum("i,aij,j->a", z, own, z))
         return found
 
-    def lines(self, size: Float[Array, "3"], unit: str) -> list[str]:
-        """Describe the coefficients, a bias in `unit`, of which a raw unit has `size`.
-
-        Of a scale in parts per million.
-        """
-        said = [
-            f"in temperature    at {self.reference:.2f} degC, and in the difference "
-            f"from it, seen from {self.low:.2f} to {self.high:.2f} degC:",
-            "                  value           sd",
-        ]
-        for k, (what, power) in enumerate(self.terms):
-            per = "K" if power == 1 else f"K^{power}"
-            factor = np.full(3, 1e6) if what == "scale" else size
-            of = f"{'ppm' if what == 'scale' else unit}/{per}"
-            said += [
-                f"  {what}_{a:4s} {factor[i] * self.coefficients[k, i]:12.6g} "
-                f"{factor[i] * self.sd[k, i]:12.3g}   {of}"
-                for i, a in enumerate("xyz")
-            ]
-        low, high = self.bars(self.low), self.bars(self.high)
-        ends = max(float((x["bias"] * size).max()) for x in (low, high))
-        said.append(
-            f"                  a bias at either end is off by {ends:.2g} {unit} (sd) "
-            "more than at the reference"
-        )
-        return said
-
 
 class ThermalFit(NamedTuple):
     """Fit of a triad with terms."""

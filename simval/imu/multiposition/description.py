@@ -51,6 +51,7 @@ from simval.imu.calibrate.values import (
 )
 from simval.imu.explain.judgement import CHANCE
 from simval.imu.logs import Log
+from simval.imu.sensor import forms
 from simval.imu.statics import Intervals
 from simval.shapes import Float
 from simval.spelling import chance, counted
@@ -265,10 +266,16 @@ def _by_chance(
 # ---- the account
 
 
-def with_log(account: Account, log: Log, more: Iterable[Fact] = ()) -> Account:
-    """The account of what was made of a log, with what was read of it."""
-    said = "; ".join(filter(None, (account.said, log.said)))
-    facts = (*log.facts(), log.units(), *more, *account.facts)
+def with_log(
+    account: Account, log: Log, more: Iterable[Fact] = (), *, means: bool = False
+) -> Account:
+    """The account of what was made of a log, with what was read of it.
+
+    A table of means has no clock.
+    """
+    said = account.said if means else f"{account.said}; {log.said}"
+    read = [x for x in log.facts() if not (means and x.label == "clock")]
+    facts = (*read, log.units(), *more, *account.facts)
     source = PurePath(log.path).name
     return replace(account, source=source, said=said, facts=facts)
 
@@ -432,6 +439,7 @@ def _facts(whole: Any) -> Iterator[Fact]:
     per = "per degree of freedom"
     yield Fact("chi-square", f"{diagnosis.chi2_per_dof:.3g} {per}, of {fit.dof}")
     yield Fact("verdict", diagnosis.verdict)
+    yield from (Fact("in files", each) for each in forms.sign_notes(fit.model))
     yield Fact("noise of a pose", _noise(result.pose_noise))
     if result.pose_noise.source != "white":
         white = np.median(result.pose_noise.white)

@@ -80,7 +80,7 @@ def test_a_drift_of_five_sigma_is_told_and_named():
         (b,) = states(40, False, 1, rng, drifted)
         found = compared(a, b)
         told += found.p_value < 0.01
-        named += found.beyond.startswith("g ")
+        named += found.words.startswith("g ")
     # noncentral chi-square of 9 with 25 exceeds its 99 % point in 88 %, by F with 60
     # degrees of freedom somewhat less; one false alarm in 1e4 of 40 at 75 %
     assert told >= 20
@@ -133,11 +133,11 @@ def test_forms_are_turned_units_are_refused_and_covariances_are_asked_for(
     for again in (a, fitted(tmp_path / "again.json", "symmetric")):
         both = compare_calibrations(a, again)
         assert both.drifted is None
-        assert "more alike" in both.verdict
-        assert "same within" not in both.verdict
+        assert "more alike" in both.answer.headline
+        assert "same within" not in both.answer.headline
     assert simval("compare", a, a)[0] == 3
     heavy = fitted(tmp_path / "heavy.json", seed=1, g=1.02 * G)
-    assert "or a wrong g" in compare_calibrations(a, heavy).verdict
+    assert "or a wrong g" in compare_calibrations(a, heavy).answer.headline
     counts = AccelerometerModel(T=MODEL.T, K=MODEL.K / 4096, B=4096 * MODEL.B)
     code, out, err = simval("compare", a, fitted(tmp_path / "d.json", sensor=counts))
     assert (code, out, "another unit" in err) == (3, "", True)
@@ -145,7 +145,7 @@ def test_forms_are_turned_units_are_refused_and_covariances_are_asked_for(
     bare = {k: json.loads(nine.read_text())[k] for k in ("T", "K", "B", "g")}
     nine.write_text(json.dumps(bare))
     code, out, _ = simval("compare", a, nine)
-    assert (code, "not told" in out) == (3, True)
+    assert (code, "Cannot tell: no sensor has" in out) == (3, True)
     code, _, err = simval("compare", a, tmp_path)
     assert (code, "cannot read" in err) == (2, True)
     code, _, err = simval("compare", a, b, "--out", tmp_path / "page.html")
@@ -181,7 +181,10 @@ def test_three_sensors_are_compared_on_what_both_files_have(
     E_n = found["sensors"]["gyroscope"]["E_n"]
     # 12 of one standard deviation, of two files: 12 / (1.96 sqrt 2)
     assert E_n[9] == pytest.approx(12.0 / (1.959964 * np.sqrt(2.0)), rel=1e-6)
-    assert "gyroscope by B_x" in text
+    text = " ".join(text.split())
+    assert "B_x of the gyroscope, by" in text
+    assert found["answers"][0]["answer"] == "fail"
+    assert all(note in text for note in found["notes"][1:])  # each warning is seen
     # a noise that B's residuals made larger is known by their degrees of freedom
     gyro["residuals"]["gyroscope"] |= {"share": 0.9, "dof": 10.0}
     b.write_text(json.dumps(other))
@@ -198,7 +201,7 @@ def test_three_sensors_are_compared_on_what_both_files_have(
     found = json.loads(out.read_text())
     assert list(found["sensors"]) == ["accelerometer"]
     assert sum("another unit or range" in note for note in found["notes"]) == 2
-    assert "the bars of B are in doubt" in found["verdict"]
+    assert "The error bars of B are in doubt." in found["verdict"]
     assert any("too quiet" in note for note in found["notes"])
     other |= {"gyroscope": gyro}
     del other["magnetometer"], gyro["covariance"]
@@ -271,4 +274,4 @@ def test_two_real_sensors_of_one_kind_are_told_apart(tmp_path):
         save_calibration(files[-1], calibrate_log(log, g=9.81).fit)
     found = compare_calibrations(*files)
     assert found.drifted
-    assert "two sensors" in found.verdict
+    assert "two sensors" in found.answer.headline
