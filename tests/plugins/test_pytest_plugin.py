@@ -66,7 +66,7 @@ def test_a_failure_is_the_gates_message_alone(judged):
     assert "mine, estimator: FAIL" in said
     assert "  fails at  half turns about y 100.0%" in said
     assert "failures[half turns about y] against truth" in said
-    assert "FAIL: of 28 checks against theory, 1 failed; 6 rows are too wide" in said
+    assert "FAIL: of 31 checks against theory, 1 failed; 6 rows are too wide" in said
     assert re.search(r"FAILED test_\w+\.py::test_mine - ", said)
     assert ">   " not in said
 

@@ -1,6 +1,6 @@
 r"""Rotations between rests and their derivatives, from path statistics in one pass.
 
-With the ten statistics X of a chunk (N1) is linear in them,
+With the ten statistics X of a chunk (N1) of `path_statistics` is linear in them,
 
 .. math:: \phi = F X, \qquad F = [M,\ \mathrm{cof} M,\ -\mathrm{cof} M [B\times],\ -MB],
 
