@@ -69,9 +69,13 @@ def lines(
 
 def folded(words: str, width: int, indent: int, begin: str = "") -> list[str]:
     """Words in lines with an indent, the first of which begins otherwise."""
-    kept = _TOGETHER.sub("\u00a0", printable(words))
+    room = width - max(indent, len(begin))
+    kept = [  # what is longer than a line ends at any blank
+        each if len(each) <= room else each.replace("\u00a0", " ")
+        for each in _TOGETHER.sub("\u00a0", printable(words)).split(" ")
+    ]
     found = textwrap.wrap(
-        kept, width, initial_indent=begin or " " * indent,
+        " ".join(kept), width, initial_indent=begin or " " * indent,
         subsequent_indent=" " * indent, break_on_hyphens=False,
     )  # fmt: skip
     return [line.replace("\u00a0", " ") for line in found]

@@ -131,7 +131,7 @@ def test_a_log_without_rests_is_told_of_its_magnetometer(tmp_path, simval):
     assert "alone it needs no rests" in err.splitlines()[-2]
     code, out, _ = simval("calibrate", path, "--columns", "t,-,-,-,mx,my,mz")
     assert code == 0
-    assert "3000, of the magnetometer" in out
+    assert "3 000 rows of the magnetometer alone" in out
 
 
 def test_noise_of_a_row_does_not_stretch_the_scale():
