@@ -55,6 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print what is asked; 1 if the gate was wrong."""
     parser = argparse.ArgumentParser(prog="power", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="every third fault")
+    parser.add_argument("--part", default="1/1", help="2/3: the second third of them")
     parser.add_argument("--rates", action="store_true", help="measure the rates")
     parser.add_argument("--share", type=float, default=1.0, help="of --rates' runs")
     parser.add_argument(
@@ -65,7 +66,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _say_wrong(_tails(asked.share, asked.study))
     if asked.rates:
         return _say_wrong(_rates(asked.share))
-    return inject(faults()[::THIRD] if asked.quick else faults())
+    chosen = faults()[::THIRD] if asked.quick else faults()
+    part, parts = map(int, asked.part.split("/"))
+    return inject(chosen[part - 1 :: parts])
 
 
 def inject(chosen: tuple) -> int:

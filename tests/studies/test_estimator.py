@@ -180,8 +180,13 @@ def test_an_answer_that_is_none_is_recorded_and_not_judged():
     assert all(row.value > row.prediction for row in judged)
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("name", ["EULER-2", "QUEST", "ESOQ2", "FOAM", "SVD"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("EULER-2", "SVD")),
+        *(pytest.param(name, marks=pytest.mark.ci) for name in ("QUEST", "ESOQ2", "FOAM")),
+    ],
+)  # fmt: skip
 def test_the_closed_form_takes_fewer_operations_than_each_classical_method(name):
     given = {"samples": 1024, "cases": 64}
     ours, theirs = (

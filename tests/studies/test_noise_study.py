@@ -142,7 +142,7 @@ def test_strong_flicker_is_judged_by_the_law_of_samples():
     assert mean.value - 1.0 > limit * mean.standard_error
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_is_chosen_is_right_and_without_markov_noise_it_is_not(monkeypatch):
     """Limits by the binomial law; a walk in place of each Markov bias exceeds them."""
     rows = outcome("noise_model", estimate="chosen", trials=600).rows

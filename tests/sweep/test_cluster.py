@@ -128,7 +128,7 @@ def machine(words):
         pytest.param(
             "worker beside a stranger",
             ["its source code is", "every worker at"],
-            marks=pytest.mark.ci,
+            marks=pytest.mark.slow,
         ),
         pytest.param("scheduler", ["lost the scheduler at"], marks=pytest.mark.slow),
     ],

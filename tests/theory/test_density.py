@@ -124,7 +124,7 @@ def test_noise_that_no_rule_resolves_is_refused(sigma):
         attitude_density(attitude_at(0.2), R1, R2, sigma)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_attitudes_without_an_axis_are_answered():
     # e = 0, where (D2) is infinite, is the identity in the plain frame and a half turn
     # in others; of a regular frame half turns have next to nothing, on which no two

@@ -545,7 +545,7 @@ def test_a_gyroscope_with_all_is_told_all():
     assert max(np.abs(each).max() for each in off) < 5.0
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_gyroscopes_scale_is_given_to_few_without_an_effect():
     """Of 20 logs at most what a rate of 2 % makes with a chance of 1e-4."""
     count = 0

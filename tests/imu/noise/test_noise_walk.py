@@ -202,7 +202,7 @@ def test_slow_noise_of_an_unknown_kind_has_a_walk_for_filters():
     assert [axis.slow for axis in white] == [None] * 3
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_white_noise_has_no_slow_noise():
     """3 in 1000 were measured of others: one seed in thirty has more than four."""
     rows = np.random.default_rng(5).standard_normal((2000, 600))

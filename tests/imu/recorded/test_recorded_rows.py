@@ -218,7 +218,7 @@ def filtered(path, capsys, *words):
     return found["gyro_rows"], found["filters"][0], found
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_instants_are_as_good_as_means(tmp_path, capsys):
     """Found, stated or written as means: one error; taken wrongly, no verdict."""
     kept = {}
