@@ -183,8 +183,8 @@ def test_an_answer_that_is_none_is_recorded_and_not_judged():
 @pytest.mark.parametrize(
     "name",
     [
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("EULER-2", "SVD")),
-        *(pytest.param(name, marks=pytest.mark.ci) for name in ("QUEST", "ESOQ2", "FOAM")),
+        *(pytest.param(x, marks=pytest.mark.slow) for x in ("EULER-2", "SVD")),
+        *(pytest.param(x, marks=pytest.mark.ci) for x in ("QUEST", "ESOQ2", "FOAM")),
     ],
 )  # fmt: skip
 def test_the_closed_form_takes_fewer_operations_than_each_classical_method(name):
