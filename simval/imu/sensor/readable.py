@@ -86,8 +86,12 @@ def accelerometer_values(
     model: Model | None = None,
     *,
     force: bool = True,
+    reading: str = OF_THE_LOG,
 ) -> Values:
-    """T, K and B, the first nine parameters of a fit, in its form or `model`."""
+    """T, K and B, the first nine parameters of a fit, in its form or `model`.
+
+    The unit of a `reading` is that of B.
+    """
     intervals, sd, model = fit.intervals, fit.sd, model or fit.model
     cells = []
     for k, (name, sign) in enumerate(forms.entries(model)):
@@ -112,7 +116,7 @@ def accelerometer_values(
     return Values(
         title="accelerometer" if force else "magnetometer",
         how=f"{what} = {product} (reading - B){unit}",
-        lines=[*lines, *in_thousands([Line("bias B", OF_THE_LOG, cells[6:9])])],
+        lines=[*lines, *in_thousands([Line("bias B", reading, cells[6:9])])],
     )
 
 
