@@ -17,6 +17,12 @@ Its condition is the one of the Frobenius norm, by the number of parameters,
 which is 1 where all nine combinations are seen equally well and otherwise grows as the
 root of the total variance; it lies between a ninth of the greatest singular value over
 the least, and that ratio.
+
+Against as many poses spread evenly over the sphere, :math:`N_0 = n E[jj^T]`, u uniform
+on it, the worst parameter's error bar loses by the choice of poses the factor
+
+.. math:: \ell = \max_i \sqrt{(N^{-1})_{ii} / (N_0^{-1})_{ii}}, \qquad
+   N = \sum j j^T.  \tag{P3}
 """
 
 from dataclasses import dataclass
@@ -36,6 +42,9 @@ from simval.text import read_whole
 
 PARAMETERS = 9
 MOST = 10_000_000  # directions at once: a quarter of a gigabyte
+# Of 1000 sets of 20 random directions all over the sphere 99 % lose at most 4.1, of
+# 24 3.1; of poses in one half of the sphere the best of 200 sets lost 7.3.
+GEOMETRY_LIMIT = 5.0
 _RANK_TOLERANCE = 1e-8  # relative; rounding leaves 1e-15, a pose 1 arcsecond off 5e-6
 _SAME_DIRECTION = np.radians(5.0)  # decides the words of a message only
 # 7 to 8 degrees apart. Twice as many, or half, change the variance that the next pose
@@ -143,6 +152,21 @@ def observability(directions: Float[Array, "n 3"]) -> Observability:
         singular_values=values,
         jacobian=jacobian,
     )
+
+
+def geometry_loss(directions: Float[Array, "n 3"]) -> float:
+    """Factor that the worst error bar loses to the choice of poses, eq. (P3)."""
+    # moments of a uniform direction: 1/3 of u_i^2, 1/15 of u_i^2 u_j^2, 1/5 of u_i^4
+    even = np.zeros((PARAMETERS, PARAMETERS))
+    even[:3, :3] = np.eye(3) / 15.0
+    even[3:6, 3:6] = (1.0 + 2.0 * np.eye(3)) / 15.0
+    even[6:, 6:] = np.eye(3) / 3.0
+    best = np.diagonal(np.linalg.inv(4.0 * even)) / len(directions)
+    rows = direction_jacobian(directions)
+    if np.linalg.matrix_rank(rows) < PARAMETERS:
+        return float(np.inf)
+    root = np.linalg.pinv(rows)
+    return float(np.sqrt(np.max(np.sum(root * root, axis=1) / best)))
 
 
 def one_set(name: str, directions: Any) -> Float[Array, "n 3"]:

@@ -32,7 +32,10 @@ from simval.imu.multiposition.description import with_log
 from simval.imu.multiposition.log_units import units_of
 from simval.imu.multiposition.noise import log_noise
 from simval.imu.multiposition.noise_description import noise_account
+from simval.poses import GEOMETRY_LIMIT, fibonacci_sphere, named_poses
 from simval.spelling import in_ascii
+from simval.theory.plans import plan, plan_account, plan_gyroscope
+from simval.theory.thermal import plan_thermal
 
 WORDS = st.lists(
     st.text("abcxyz<>&|*_.±0", min_size=1, max_size=12), min_size=1, max_size=12
@@ -174,6 +177,66 @@ def test_a_limit_is_a_limit_and_what_is_not_there_is_a_dash():
 
 
 # results
+
+
+def made_plan(poses, noise):
+    """Plans of an accelerometer and of a gyroscope, and what is said of both."""
+    found = plan(named_poses(poses), noise)
+    turned = plan_gyroscope(
+        named_poses(poses), pose_std=noise, angle_random_walk=1e-4,
+        rotation_seconds=2.0, rest_seconds=5.0,
+    )  # fmt: skip
+    return found, turned, plan_account(found, turned)
+
+
+@pytest.mark.parametrize(
+    ("poses", "noise", "answer", "said"),
+    [
+        ("faces+edges", 0.003, "pass", "Yes: the poses determine all nine parameters"),
+        ("faces", 0.003, "fail", "No: 6 poses determine 6 of the nine parameters"),
+        ("fibonacci:20", 6.0, "fail", "the prediction does not hold"),
+        ("fibonacci:20", 1.0, "fail", "a scale will be known to 11 % only"),
+    ],
+)
+def test_a_plan_is_short_and_says_what_is_wrong_with_it(poses, noise, answer, said):
+    found, turned, both = made_plan(poses, noise)
+    for account in (found.account, turned.account, both):
+        assert len(lines(account)) <= 25
+        check_faces(account)
+    assert {found.account.answer, both.answer} == {answer}
+    for face, spelled in shown(both):
+        assert spelled(said) in face
+    assert str(found) == "\n".join(lines(found.account))
+
+
+def test_a_plan_says_no_where_the_poses_are_in_one_half():
+    u = fibonacci_sphere(60)
+    found = plan(u[u[:, 2] > 0.6], 1e-3)
+    assert found.rank == 9
+    assert found.geometry > GEOMETRY_LIMIT
+    assert found.account.answer == "fail"
+    assert "directions not yet covered" in str(found)
+
+
+def test_what_a_plan_says_that_helps_is_what_helps():
+    """By plans of the poses that are proposed, and not of how errors are found."""
+    u = fibonacci_sphere(20)
+    found = plan(u, 0.003)
+    more = plan(np.vstack([u, found.next_direction]), 0.003)
+    gain = np.max(1.0 - more.sd / found.sd)
+    assert f"by {100.0 * gain:.2g} % at most" in str(found)
+    for better in (plan(u, 0.0015), plan(np.tile(u, (4, 1)), 0.003)):
+        np.testing.assert_allclose(better.sd, found.sd / 2.0, rtol=1e-9)
+
+
+def test_a_plan_over_temperature_says_every_rest():
+    found = plan_thermal(fibonacci_sphere(20), [10.0, 25.0, 40.0], 0.003, rests=20)
+    check_faces(found.account)
+    assert len(lines(found.account)) <= 25
+    assert str(found).count("(0.15,0.96,-0.25)") == np.sum(
+        np.all(np.abs(found.directions - [0.15, 0.96, -0.25]) < 0.005, axis=1)
+    )
+    assert len(re.findall(r"\([-0-9.]+,[-0-9.]+,[-0-9.]+\)", str(found))) == 20
 
 
 @pytest.fixture(scope="module")

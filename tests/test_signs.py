@@ -41,10 +41,10 @@ def test_the_command_prints_the_entry_of_T(tmp_path, simval):
 def test_a_plan_says_entries_of_the_matrix(simval):
     """The bias of T[2][0] is minus that of S_zx, which JSON keeps."""
     words = ("plan", "--poses", "fibonacci:20", "--noise-std", "0.1")
-    code, out, _ = simval(*words)
+    code, out, _ = simval(*words, "--verbose")
     assert code == 0
     assert "S_zx" not in out
-    line = next(line for line in out.splitlines() if "T[2][0]" in line)
+    line = [line for line in out.splitlines() if "T[2][0]" in line][-1]
     plain = json.loads(simval(*words, "--json")[1])
     place = plain["names"].index("S_zx")
     bias = float(f"{-plain['bias'][place]:.2g}")

@@ -13,7 +13,6 @@ from simval.imu.recorded.description import filter_lines
 from simval.results import limit, plain
 from simval.statistics import BIAS, RECOVERY
 from simval.text import columns, number
-from simval.theory import plans
 
 CELLS = st.text("ab0.-", min_size=1, max_size=30)
 SIZES = st.floats(1e-30, 1e30)
@@ -63,18 +62,6 @@ def filters(x):
     return [*filter_lines([done()], {}, True), *filter_lines([done()], {}, False)]
 
 
-def planned(x):
-    """Tables of `simval plan`."""
-    nine = {key: np.array([next(x) for _ in range(9)]) for key in
-            ("sd", "bound", "sd_next")}  # fmt: skip
-    plan = Made(poses=9, rank=9, condition=1.0, noise_std=1.0, next_direction=[1.0],
-                bias=-nine["sd"], **nine)  # fmt: skip
-    turned = Made(rotations=8, rank=9, condition=1.0, next_axis=[1.0], next_angle=1.0,
-                  names=tuple("abcdefghi"), **nine)  # fmt: skip
-    lines = plans.described(plan, "triangular", 9.8)
-    return [*lines, *plans.gyroscope_described(turned)]
-
-
 def measured(x):
     """The table of `simval repro`."""
     value, error = next(x), next(x)
@@ -82,7 +69,7 @@ def measured(x):
 
 
 @pytest.mark.usefixtures("unchecked")  # made of what the tables read, and no more
-@pytest.mark.parametrize("table", [filters, planned, measured])
+@pytest.mark.parametrize("table", [filters, measured])
 @given(sizes=st.lists(SIZES, min_size=3, max_size=30))
 @example(sizes=[1.23456789e-30, 9.87654321e29, 123.456789])
 def test_numbers_of_any_width_leave_a_blank(table, sizes):

@@ -27,8 +27,8 @@ from simval.cli.options import (
 )
 from simval.cli.outputs import require_free
 from simval.cli.terminal import say
+from simval.cli.terminal import show as show_account
 from simval.errors import InputError
-from simval.text import one_line
 from simval.vocabulary import ALPHA, BASELINE
 
 if TYPE_CHECKING:
@@ -153,14 +153,15 @@ def _beside_baseline(run: Run, baseline: Path, alpha: float) -> GateResult:
     result = judge_run(run, None, alpha)
     # a run that disagrees with theory never becomes the baseline by itself
     if result.exit_code:
-        words = f"there is no baseline {baseline}; a run that fails does not become one"
-    else:
-        write_baseline(baseline, run, "first baseline")
-        words = (
-            f"there was no baseline; this run was written to {baseline}: "
-            "review it, commit it, and run the gate again"
-        )
-    return replace(result, first=words)
+        first = f"there is no baseline {baseline}"
+        review = "a run that fails does not become one"
+        return replace(result, first=first, review=review)
+    write_baseline(baseline, run, "first baseline")
+    review = (
+        f"this run was written to {baseline}: review it, commit it, and run the gate "
+        "again"
+    )
+    return replace(result, first="there was no baseline", review=review)
 
 
 def _update(path: Path, run: Run, reason: str, stated: Sequence[str]) -> None:
@@ -238,18 +239,16 @@ def _notes(result: GateResult, run: Run, no_baseline: bool) -> Iterator[str]:
 
 
 def show(result: GateResult, table: bool = False, every: bool = False) -> None:
-    """Print one line if all is well, else what did not pass, in ten lines or all."""
+    """Print the answer, then what did not pass, in ten lines or all."""
     from rich.console import Console
 
-    from simval.judge import headline
-    from simval.judge.result_lines import every_line, short_lines
+    from simval.judge.result_lines import every_line, gate_account, short_lines
 
+    show_account(gate_account(result), verbose=every)
     if table:
         Console(highlight=False, soft_wrap=True, emoji=False).print(_counts(result))
-    say(every_line(result) if every else short_lines(result))
-    say(map(one_line, result.notes))
-    rate = f"false-alarm rate {result.alpha:g} for all together"
-    say([f"{result.answer.upper()}: {headline(result)}; {rate}"])
+    below = list(every_line(result) if every else short_lines(result))
+    say(["", *below] if below else [])
 
 
 def _tell_github(result: GateResult, baseline: Path) -> None:

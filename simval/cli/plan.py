@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
 from simval.cli.options import AsJson, Gravity, declared, numbers, refuse_if, stated
-from simval.cli.terminal import say
+from simval.cli.terminal import show
 from simval.errors import InputError
 from simval.vocabulary import Model
 
 if TYPE_CHECKING:
     from simval.arrays import Array
     from simval.shapes import Float
+    from simval.theory.thermal import ThermalPlan
 
 SOURCES = {
-    "given": "",
-    "white": ", white noise alone",
-    "file": ", the Allan variance at the hold's length by --noise",
+    "given": "noise",
+    "white": "white noise",
+    "file": "measured noise",
 }
 
 
@@ -83,11 +84,16 @@ def command(
         Model, "Form of the matrix whose parameters are predicted."
     ] = "triangular",
     as_json: AsJson = False,
+    verbose: Annotated[
+        bool,
+        "Print all: every digit, what each answer rests on, and the error bars with "
+        "the next pose or rotation.",
+    ] = False,
 ) -> None:
     """Predict the error bars of a calibration before any data is taken.
 
-    Prints the standard deviation of each parameter for a pose set, the rank and
-    condition of the set, and the next direction that would help most. State the noise
+    Says whether the plan is good enough and which next pose would help most, then each
+    parameter with the standard deviation that the poses will give. State the noise
     by --noise-std, or by --hold with a noise density or a measured noise model.
 
     With --angle-random-walk the command also predicts the error bars of a gyroscope's
@@ -101,9 +107,8 @@ def command(
     from simval.theory.plans import (
         GYROSCOPE_KEYS,
         as_object,
-        described,
-        gyroscope_described,
         plan,
+        plan_account,
         plan_gyroscope,
     )
 
@@ -144,7 +149,11 @@ def command(
         "`--rests` is of a plan over temperature; give `--temperatures` too",
     )
     if temperatures is not None:
-        say(thermal_lines(chosen, temperatures, rests, std, g, known, as_json=as_json))
+        found = thermal_plan(chosen, temperatures, rests, std, g, known)
+        if as_json:
+            click.echo(json.dumps(thermal_object(found) | found.account.as_object()))
+        else:
+            show(found.account, verbose=verbose)
         return
     result = plan(chosen, std, sensor=known, g=g, form=model)
     source = "given" if noise_std is not None else "white"
@@ -160,28 +169,26 @@ def command(
             g=g,
             form=model,
         )
+    account = plan_account(result, turned, SOURCES[source])
     if as_json:
-        made = as_object(result) | {"noise_source": source}
+        made = as_object(result) | {"noise_source": source} | account.as_object()
         if turned is not None:
             made["gyroscope"] = as_object(turned, GYROSCOPE_KEYS)
         click.echo(json.dumps(made, allow_nan=False))
         return
-    say(described(result, model, g, SOURCES[source]))
-    say(gyroscope_described(turned) if turned else ())
+    show(account, verbose=verbose)
 
 
-def thermal_lines(
+def thermal_plan(
     directions: Float[Array, "n 3"],
     temperatures: str,
     rests: int | None,
     noise_std: float,
     g: float,
     sensor: object,
-    *,
-    as_json: bool,
-) -> list[str]:
-    """Which pose to take at which temperature, as text or as JSON."""
-    from simval.theory.thermal import plan_thermal, thermal_described
+) -> ThermalPlan:
+    """Which pose to take at which temperature."""
+    from simval.theory.thermal import plan_thermal
 
     refuse_if(
         sensor is not None,
@@ -190,16 +197,17 @@ def thermal_lines(
     )
     degrees = numbers("--temperatures", temperatures, "degC, as 10,25,40")
     count = max(len(directions), 20) if rests is None else rests
-    found = plan_thermal(directions, degrees, noise_std, rests=count, g=g)
-    if not as_json:
-        return thermal_described(found)
-    made = {
+    return plan_thermal(directions, degrees, noise_std, rests=count, g=g)
+
+
+def thermal_object(found: ThermalPlan) -> dict[str, Any]:
+    """The plan over temperature as JSON can hold it."""
+    return {
         "directions": found.directions.tolist(),
         "temperatures": found.temperatures.tolist(),
         "reference": found.reference,
         "sd": dict(zip(found.names, found.sd.tolist(), strict=True)),
     }
-    return [json.dumps(made)]
 
 
 def noise_of(

@@ -140,7 +140,8 @@ def _incomplete(result: GateResult) -> Iterator[Finding]:
     if not result.counts:
         gaps.append(("gap", CellName(""), f"no row {_no_check(result)}"))
     if result.first:
-        gaps.append(("first", CellName(""), result.first))
+        words = "; ".join(filter(None, (result.first, result.review)))
+        gaps.append(("first", CellName(""), words))
     for check, name, reason in gaps:
         yield Finding(
             tier="baseline" if check == "first" else "complete",

@@ -15,8 +15,10 @@ from xml.etree import ElementTree
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from simval.account.markdown import text
 from simval.judge.findings import Finding, details, findings, groups
 from simval.judge.gate import GateResult, headline
+from simval.judge.result_lines import gate_account
 from simval.judge.runs import RunComparison, origin_of
 from simval.judge.steps import Move, Step
 from simval.judge.trend import WAYS, Trend
@@ -83,6 +85,9 @@ class Document(BaseModel):
     )
     environment: list[str] = Field(description="Differences from the baseline's.")
     notes: list[str] = Field(description="What else a reader should know.")
+    answers: list[dict[str, Any]] = Field(
+        description="Question, answer, reason and what to do, as a person reads them."
+    )
     findings: list[Entry] = Field(description="Failures first.")
 
 
@@ -101,6 +106,7 @@ def to_json(result: GateResult, exit_code: int) -> str:
         power=powers_by_study(result.verdicts),
         environment=[one_line(line) for line in result.environment],
         notes=[one_line(line) for line in result.notes],
+        answers=gate_account(result).as_object()["answers"],
         findings=[
             Entry(
                 **{name: getattr(f, name) for name in Entry.model_fields}
@@ -167,15 +173,10 @@ def _counted(entries: tuple[Finding, ...]) -> dict[str, str]:
 def to_markdown(result: GateResult) -> str:
     """Write the result as Markdown, for a pull request or a step summary."""
     entries = findings(result)
-    lines = [
-        f"### simval gate: {result.answer.upper()}",
-        "",
-        f"{headline(result)}; false-alarm rate {result.alpha:g} for all together.",
-        "",
-    ]
-    every = [f for f in entries if f.answer != "pass"]
+    lines = [text(gate_account(result))]
+    every = [f for f in entries if f.answer != "pass" and f.check != "first"]
     bad = [f for f in every if f.more is None]  # trials that are too few are one line
-    together = groups(result)
+    together = [group for group in groups(result) if group.worst.check != "first"]
     if len(together) < len(every) or len(bad) < len(
         every
     ):  # several of a kind: what moved, and which way
@@ -197,8 +198,6 @@ def to_markdown(result: GateResult) -> str:
             lines += [f"... and {len(bad) - SHOWN} more.", ""]
         commands = dict.fromkeys(f.command for f in bad if f.command)
         lines += ["To reproduce:", "", "```", *list(commands)[:SHOWN], "```", ""]
-    if result.notes:
-        lines += [*(f"- {_markdown(line)}" for line in result.notes), ""]
     return "\n".join(lines)
 
 

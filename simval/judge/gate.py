@@ -29,7 +29,6 @@ from simval.verdict import (
     ALPHA,
     PRACTICAL,
     WEIGHTS,
-    WORST_FIRST,
     Answer,
     Verdict,
     judge,
@@ -60,6 +59,7 @@ class GateResult:
     # processor time of each cell, by its name, s
     seconds: Mapping[str, float] = field(default_factory=dict)
     first: str = ""  # why nothing was compared though a baseline was wanted
+    review: str = ""  # what was done about that, and what is to be done
     notes: tuple[str, ...] = ()  # what else a reader should know; no answer changes
     # of which theory says nothing at the parameters of their cells: not judged
     outside: tuple[tuple[CellName, Row], ...] = ()
@@ -195,6 +195,14 @@ def _missing(cell: CellResult) -> Iterator[str]:
             yield f"its parameters say {name}={stated}, its rows rest on {most}"
 
 
+def compared_answers(result: GateResult) -> Counter[Answer]:
+    """Comparisons with the baseline by answer, without what is new."""
+    counts: Counter[Answer] = Counter()
+    for change, number in result.changes.items():
+        counts[answer_of(change)] += number * (change != "new")
+    return counts
+
+
 def headline(result: GateResult) -> str:
     """Explain the answer in one line.
 
@@ -212,14 +220,7 @@ def headline(result: GateResult) -> str:
     endings = result.endings
     crashed, never = endings["crashed"], endings["pending"]
     refused = endings["refused"]
-    compared = Counter(
-        {
-            answer: sum(n for c, n in result.changes.items() if answer_of(c) == answer)
-            for answer in WORST_FIRST
-        }
-    )
-    compared["pass"] -= result.changes["new"]
-    theory = result.counts
+    compared, theory = compared_answers(result), result.counts
     parts = [
         f"{_count(crashed, 'cell')} crashed" if crashed else "",
         f"{_count(refused, 'cell')} refused" if refused else "",

@@ -1,10 +1,18 @@
-"""Failures of a gate and changes between runs, as text."""
+"""The gate's answer as an account, its failures and changes between runs as text."""
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
+from simval.account import Account, Fact, Reply
 from simval.judge import GateResult, Move, RunComparison, Step, findings
-from simval.judge.findings import Group, details, groups
+from simval.judge.findings import Finding, Group, details, groups, rounded_up
+from simval.judge.gate import compared_answers
 from simval.judge.trend import WAYS
+from simval.spelling import counted
+from simval.text import one_line
+
+BEGIN = {"pass": "Yes", "fail": "No", "inconclusive": "Cannot tell"}
+"""The first word of an answer."""
 
 LINES = 8
 """Lines printed of what did not pass; two more say how many others, and the answer."""
@@ -13,10 +21,92 @@ NAMED = 6
 """Kinds of the others that are named."""
 
 
+def gate_account(result: GateResult) -> Account:
+    """State the gate's answer: whether the run passes, why, and what to do.
+
+    What did not pass stands below it, one by one (`short_lines`).
+    """
+    agree, against = _agreement(result)
+    said = " and ".join(agree)
+    if against:
+        said = f"{said}, but {', '.join(against)}" if agree else ", ".join(against)
+    uncounted = ((result.wide, "too wide to count"),
+                 (len(result.outside), "outside theory's range"))  # fmt: skip
+    left = [f"{counted(n, 'row')} {'is' if n == 1 else 'are'} {why}"
+            for n, why in uncounted if n]  # fmt: skip
+    said = "; ".join(filter(None, (said, " and ".join(left))))
+    return Account(
+        title="Gate of",
+        source=Path(result.folder).name,
+        replies=(
+            Reply(
+                title="Does the run pass?",
+                headline=f"{BEGIN[result.answer]}: {said}.",
+                answer=result.answer,
+                do=" ".join(_to_do(result)),
+                lines=(f"The false-alarm rate is {result.alpha:g} for all together.",),
+            ),
+        ),
+        facts=[Fact("note", one_line(each), notable=True) for each in result.notes],
+    )
+
+
+def _agreement(result: GateResult) -> tuple[list[str], list[str]]:
+    """What agrees, and what is missing, disagrees or is not decided."""
+    endings, theory = result.endings, result.counts
+    counts = (
+        (endings["crashed"], "cell", "crashed"),
+        (endings["refused"], "cell", "refused"),
+        (endings["pending"], "cell", "never run"),
+        (len(result.gaps), "thing", "not measured as stated"),
+    )
+    agree = []
+    against = [f"{counted(n, noun)} {how}" for n, noun, how in counts if n]
+    against += ["nothing was judged"] * (not theory.total())
+    against += ["there is no baseline"] * bool(result.first)
+    for what, word, beside, answers in (
+        ("check", "against", "theory", theory),
+        ("comparison", "with", "the baseline", compared_answers(result)),
+    ):
+        total, failed = answers.total(), answers["fail"]
+        unclear = answers["inconclusive"]
+        of = f"of {counted(total, what)} {word} {beside}"
+        if failed:
+            against.append(f"{failed:,} {of} fail{'s' * (failed == 1)}")
+        if unclear:
+            are = "is" if unclear == 1 else "are"
+            against.append(f"{unclear:,} {of} {are} inconclusive")
+        if total and not failed + unclear:
+            every = f"all {counted(total, what)} agree" if total > 1 else ""
+            agree.append(f"{every or f'the only {what} agrees'} with {beside}")
+    return agree, against
+
+
+def _to_do(result: GateResult) -> Iterator[str]:
+    found = groups(result)
+    if result.review:
+        yield f"{result.review[0].upper()}{result.review[1:]}."
+    if result.never_run:
+        yield "Resume the sweep with --resume."
+    few = [x.more for g in found for x in g.findings if x.more is not None]
+    if few:
+        yield f"Take {rounded_up(max(few))} times as many trials."
+    failed = [group.worst for group in found if group.worst.answer == "fail"]
+    if failed and all(f.tier == "baseline" and f.step for f in failed):
+        yield "If the change is intended, accept it with --update-baseline 'why'."
+    elif any(each.command for each in failed):
+        yield "Run a failing cell again by its command below."
+
+
 def every_line(result: GateResult) -> Iterator[str]:
     """Each finding that did not pass, one by one."""
-    for finding in findings(result, passes=False):
+    for finding in _below(result):
         yield from _indented(details(finding))
+
+
+def _below(result: GateResult) -> list[Finding]:
+    """Findings that did not pass, but for a missing baseline: the answer says that."""
+    return [f for f in findings(result, passes=False) if f.check != "first"]
 
 
 def short_lines(result: GateResult) -> Iterator[str]:
@@ -24,11 +114,11 @@ def short_lines(result: GateResult) -> Iterator[str]:
 
     All that need more trials are one line.
     """
-    found = groups(result)
+    found = [group for group in groups(result) if group.worst.check != "first"]
     short = [group.line for group in found if group.worst.more is not None]
     lines = [
         line
-        for finding in findings(result, passes=False)
+        for finding in _below(result)
         if finding.more is None
         for line in _indented(details(finding))
     ]
@@ -40,7 +130,7 @@ def short_lines(result: GateResult) -> Iterator[str]:
     while hidden and (not shown or len(shown) + len(hidden[0].lines) <= LINES):
         shown += _indented(hidden.pop(0).lines)
     yield from shown
-    yield _rest(hidden) + _advice(found)
+    yield _rest(hidden)
 
 
 def _rest(hidden: Sequence[Group]) -> str:
@@ -54,13 +144,6 @@ def _rest(hidden: Sequence[Group]) -> str:
         f"... and {count} more ({'; '.join(names[:NAMED])}{more}): --all prints every "
         "one, --json FILE writes them"
     )
-
-
-def _advice(found: Sequence[Group]) -> str:
-    """Advice where the only failures are changes from the baseline."""
-    failed = [group.worst for group in found if group.worst.answer == "fail"]
-    changed = failed and all(f.tier == "baseline" and f.step for f in failed)
-    return "; if the change is intended, --update-baseline 'why'" if changed else ""
 
 
 def _indented(lines: Sequence[str]) -> Iterator[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from simval.account import Account, Note
 from simval.arrays import Array
 from simval.imu.calibrate import FitResult
-from simval.imu.calibrate.values import G_NAMES, readable
+from simval.imu.calibrate.values import G_NAMES
 from simval.imu.logs import Log
 from simval.imu.multiposition import LogCalibration
 from simval.imu.multiposition.description import (
@@ -23,6 +23,7 @@ from simval.imu.multiposition.description import (
     with_log,
 )
 from simval.imu.sensor import forms
+from simval.imu.sensor.readable import readable
 from simval.imu.statics import interval_means
 from simval.poses import fibonacci_sphere
 from simval.report.log_page import (

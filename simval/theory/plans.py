@@ -30,6 +30,17 @@ from typing import Any, Final, Protocol, runtime_checkable
 import numpy as np
 import scipy
 
+from simval.account import (
+    GRAVITY,
+    Account,
+    Answer,
+    Fact,
+    Line,
+    Note,
+    Reply,
+    Told,
+    Values,
+)
 from simval.arguments import choice, instance
 from simval.arrays import Array, ReadOnly, finite_array, positive_number
 from simval.errors import InputError
@@ -40,31 +51,48 @@ from simval.imu.sensor import (
     MagnetometerModel,
     forms,
 )
+from simval.imu.sensor.readable import (
+    NORMAL_95,
+    WIDE,
+    accelerometer_values,
+    greatest,
+    matrix_rows,
+    quantities,
+    worst_axis,
+)
 from simval.poses import (
+    GEOMETRY_LIMIT,
     PARAMETERS,
     best_addition,
     cube_corners,
     cube_edges,
     cube_faces,
+    geometry_loss,
     observability,
     one_set,
 )
 from simval.shapes import Float
-from simval.text import number
+from simval.spelling import counted, rounded
+from simval.text import columns, number
 from simval.theory import magnetometer
 from simval.theory.calibration import calibration_moments
 from simval.theory.estimating import Estimating, inverse_of, rank_of
 from simval.theory.gyroscope import GYROSCOPE, MovePath, gyroscope_moments
 from simval.theory.magnetometer import problem_of
 from simval.turns import MATRIX, best_next_turn, judge, turn_rows, turns_of
+from simval.units import HOUR, MILLIRADIAN, PPM, RADIANS_PER_DEGREE
 from simval.vocabulary import Model
 
 _PIECES: Final = 24  # of a move: a standard deviation is good to a thousandth of itself
 _HEADINGS: Final = 6
+GOOD: Final = "Is the plan good enough?"
+HELPS: Final = "What would help most?"
+AXES: Final = "Directions and axes are those of the sensor."
+_TIE: Final = 1e-6  # of shares: rounding leaves less
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Plan(ReadOnly):
+class Plan(ReadOnly, Told):
     """Predicted quality of a calibration.
 
     Attributes
@@ -89,6 +117,16 @@ class Plan(ReadOnly):
         Standard deviations with that pose added, (9,); infinite below rank nine.
     noise_std : float
         Noise of each axis of a pose mean, raw units.
+    model : {"triangular", "upper", "symmetric"}
+        Form of the parameters.
+    parameters : Array
+        Those of the sensor as far as it is known, (9,).
+    g : float
+        Gravity, m/s^2.
+    geometry : float
+        Factor that the worst error bar loses to the choice of poses, (P3) of `poses`.
+    reading : str
+        Unit of a reading, for people.
     """
 
     names: tuple[str, ...]
@@ -101,10 +139,31 @@ class Plan(ReadOnly):
     next_direction: Float[Array, "3"]
     sd_next: Float[Array, "9"]
     noise_std: float
+    model: Model
+    parameters: Float[Array, "9"]
+    g: float
+    geometry: float
+    reading: str
+
+    @property
+    def matrix(self) -> Float[Array, "3 3"]:
+        """M of the sensor, raw units to m/s^2, (3, 3)."""
+        return forms.matrix(self.model, self.parameters)
+
+    @property
+    def intervals(self) -> Float[Array, "9 2"]:
+        """Where 95 % of the calibrations of such a sensor will be, (9, 2)."""
+        half = NORMAL_95 * self.sd
+        return np.stack([self.parameters - half, self.parameters + half], axis=-1)
+
+    @property
+    def account(self) -> Account:
+        """What there is to say of it."""
+        return plan_account(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GyroscopePlan(ReadOnly):
+class GyroscopePlan(ReadOnly, Told):
     """Predicted quality of a gyroscope's calibration.
 
     Attributes
@@ -138,6 +197,18 @@ class GyroscopePlan(ReadOnly):
     next_axis: Float[Array, "3"]
     next_angle: float
     sd_next: Float[Array, "12"]
+
+    @property
+    def account(self) -> Account:
+        """What there is to say of it."""
+        return Account(
+            title="Plan of a calibration",
+            said=f"{counted(self.rotations, 'rotation')} of a gyroscope",
+            replies=(_turns_good(self), _next_turn(self)),
+            values=_gyroscope_values(self),
+            notes=_after(self),
+            facts=(_rank(self),),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -263,6 +334,9 @@ def plan(
         names=forms.names(form), sd=now, bound=bound, bias=bias, poses=len(u),
         rank=seen.rank, condition=seen.condition, next_direction=seen.next_direction,
         sd_next=sd(np.vstack([u, seen.next_direction]))[0], noise_std=noise_std,
+        model=form, g=g, geometry=geometry_loss(u),
+        parameters=forms.from_gram(form, body.matrix.T @ body.matrix, body.B),
+        reading="m/s²" if sensor is None else "raw units",
     )  # fmt: skip
 
 
@@ -519,69 +593,192 @@ def as_object(
     return {key: plain(getattr(result, key)) for key in keys}
 
 
-def described(result: Plan, form: Model, g: float, source: str = "") -> list[str]:
-    """Describe a plan in lines of text."""
-    helps = ", ".join(f"{x:.3f}" for x in result.next_direction)
-    lines = [
-        f"poses           {result.poses}, {_rank(result)}",
-        f"noise           {result.noise_std:.4g} in each axis of a pose mean{source}",
-        f"next direction  ({helps}), specific force in sensor axes",
-        "",
-    ]
-    if result.rank < 9:
-        return [
-            *lines,
-            f"nothing to predict: these poses tell {result.rank} of the nine "
-            f"parameters apart, whatever the noise; add {9 - result.rank} or more, the "
-            "first along the next direction, and plan again",
-        ]
-    lines.append("            predicted sd      bound       bias   with the next pose")
-    columns = (
-        forms.entries(form),
-        result.sd,
-        result.bound,
-        result.bias,
-        result.sd_next,
+def plan_account(
+    result: Plan, turned: GyroscopePlan | None = None, noise: str = "noise"
+) -> Account:
+    """State a plan, with that of a gyroscope, and by its name what the `noise` is."""
+    free = result.poses - PARAMETERS
+    said = counted(result.poses, "pose")
+    said += f" ({counted(free, 'degree')} of freedom)" * (free >= 0)
+    said += f", {counted(turned.rotations, 'rotation')}" if turned else ""
+    size = f"{rounded(result.noise_std, 4)} {result.reading}"
+    replies = [_poses_good(result), _next_pose(result)]
+    values, notes = _accelerometer_values(result), _after(result)
+    facts = [_rank(result)]
+    if turned is not None:
+        more = _turns_good(turned), _next_turn(turned)
+        replies = [_both(*each) for each in zip(replies, more, strict=True)]
+        values, notes = values + _gyroscope_values(turned), notes + _after(turned)
+        facts.append(_rank(turned))
+    return Account(
+        title="Plan of a calibration",
+        said=f"{said}, {size} of {noise} in each pose mean",
+        replies=replies,
+        values=values,
+        notes=notes,
+        facts=facts,
     )
-    for (name, sign), sd, bound, bias, after in zip(*columns, strict=True):
-        moved = number(sign * bias, 2, sd)
-        numbers = f"{sd:14.4g} {bound:10.4g} {moved:>10s} {after:20.4g}"
-        lines.append(f"  {name:7s} {numbers}")
+
+
+def _poses_good(result: Plan) -> Reply:
+    answer: Answer = "fail"
+    if result.rank < PARAMETERS:
+        headline = (
+            f"No: {counted(result.poses, 'pose')} determine{'s' * (result.poses == 1)} "
+            f"{result.rank} of the nine parameters, whatever the noise."
+        )
+        more = PARAMETERS - result.rank
+        do = f"Add {more} or more, the first as below, and plan again."
+        return Reply(title=GOOD, headline=headline, answer=answer, do=do)
+    lines: tuple[str, ...] = (
+        f"The worst error bar is {rounded(result.geometry, 3)} times that of as many "
+        "poses all over the sphere.",
+        f"No error bar is more than {np.max(result.sd / result.bound):.2f} times the "
+        "Cramér-Rao bound.",
+    )
+    percent = 1e-4 * NORMAL_95 * greatest(result)["scale factor"]  # from ppm
+    said, do = f"Predicted {worst_axis(result)}.", ""
     if (np.abs(result.bias) > result.sd).any():
-        lines += [
-            "",
-            f"not to be believed: this noise, {result.noise_std:.3g}, is so large "
-            f"against gravity, {g:.3g} m/s^2, that a bias of second order is above the "
-            "standard deviation; check the units of both",
-        ]
-    return lines
+        said = (
+            f"No: this noise, {rounded(result.noise_std, 3)} {result.reading}, is so "
+            f"large against gravity, {rounded(result.g, 3)} m/s², that the prediction "
+            "does not hold."
+        )
+        do = "Check the units of both."
+        lines = ("A bias of second order is above the standard deviation.", *lines)
+    elif not result.geometry <= GEOMETRY_LIMIT:
+        said = (
+            f"No: the worst error bar is {rounded(result.geometry)} times that of as "
+            f"many poses all over the sphere. {said}"
+        )
+        do = "Add poses in directions not yet covered."
+    elif not percent <= 100.0 * WIDE:
+        said = (
+            f"No: a scale will be known to {rounded(percent)} % only, at 95 %. {said}"
+        )
+        do = "Add poses, or lower their noise."
+    else:
+        answer = "pass"
+        said = f"Yes: the poses determine all nine parameters. {said}"
+    return Reply(title=GOOD, headline=said, answer=answer, do=do, lines=lines)
 
 
-def _rank(result: Plan | GyroscopePlan) -> str:
-    """Number of the nine combinations that are determined, and their condition."""
-    words = f"rank {result.rank} of 9"
-    return words if result.rank < 9 else f"{words}, condition {result.condition:.3g}"
+def _next_pose(result: Plan) -> Reply:
+    words = f"A pose with the force along {_vector(result.next_direction)}"
+    if result.rank < PARAMETERS:
+        return Reply(title=HELPS, headline=f"{words}.", lines=(AXES,))
+    return Reply(
+        title=HELPS,
+        headline=f"{words} lowers errors by {_gain(result)}.",
+        do="Half the noise of a pose mean, or these poses four times, halves each "
+        "error of the accelerometer."
+        if _poses_good(result).answer == "pass"
+        else "",
+        lines=(AXES,),
+    )
 
 
-def gyroscope_described(result: GyroscopePlan) -> list[str]:
-    """Describe the plan of a gyroscope in lines of text."""
-    helps = ", ".join(f"{x:.3f}" for x in result.next_axis)
-    lines = [
-        "",
-        f"rotations       {result.rotations}, {_rank(result)}",
-        f"next rotation   {np.degrees(result.next_angle):.0f} degrees about ({helps}), "
-        "sensor axes, from the last pose",
-        "",
-    ]
+def _turns_good(result: GyroscopePlan) -> Reply:
     if not np.isfinite(result.sd).all():
-        return [
-            *lines,
-            "nothing to predict: these poses and rotations do not determine the "
-            "gyroscope's matrix, whatever the noise; add the next rotation, or poses, "
-            "and plan again",
-        ]
-    lines.append("            predicted sd   with the next rotation")
-    for name, sd, after in zip(result.names, result.sd, result.sd_next, strict=True):
-        lines.append(f"  {name:7s} {sd:14.4g} {after:20.4g}")
-    lines.append("rad/s per rad/s, and rad/s; both sensors fitted together")
-    return lines
+        return Reply(
+            title=GOOD,
+            headline="No: these poses and rotations do not determine the gyroscope's "
+            "matrix, whatever the noise.",
+            answer="fail",
+            do="For the gyroscope add the rotation below, or poses.",
+        )
+    own = np.eye(3, dtype=bool).ravel()
+    M, bias = result.sd[:MATRIX], float(np.max(result.sd[MATRIX:]))
+    kinds = (
+        f"misalignment {rounded(MILLIRADIAN.factor * float(np.max(M[~own])))} mrad",
+        f"scale factor {rounded(PPM.factor * float(np.max(M[own])))} ppm",
+        f"bias {rounded(bias / RADIANS_PER_DEGREE * HOUR)} °/h",
+    )
+    return Reply(
+        title=GOOD,
+        headline=f"Yes: of the gyroscope (1 sd) {', '.join(kinds)}.",
+        lines=("Both sensors are fitted together, and the gyroscope is ideal.",),
+    )
+
+
+def _next_turn(result: GyroscopePlan) -> Reply:
+    words = (
+        f"A turn by {np.degrees(result.next_angle):.0f}° about "
+        f"{_vector(result.next_axis)} from the last pose"
+    )
+    known = np.isfinite(result.sd).all()
+    gain = f": by {_gain(result)}" if known else ""
+    return Reply(title=HELPS, headline=f"{words}{gain}.")
+
+
+def _both(first: Reply, second: Reply) -> Reply:
+    # one answer for two sensors, whose Yes or No is said twice only if they differ
+    more = second.headline
+    if first.answer == second.answer:
+        bare = more.removeprefix("Yes: ").removeprefix("No: ")
+        more = bare[0].upper() + bare[1:]
+    return Reply(
+        title=first.title,
+        headline=f"{first.headline} {more}",
+        answer=max(first.answer, second.answer, key=GRAVITY.index),
+        do=f"{first.do} {second.do}".strip(),
+        lines=first.lines + second.lines,
+    )
+
+
+def _gain(result: Plan | GyroscopePlan) -> str:
+    share = 1.0 - result.sd_next / result.sd
+    best = int(np.argmax(share > share.max() - _TIE))
+    name, _ = forms.ENTRIES.get(result.names[best], (result.names[best], 1.0))
+    return f"{rounded(100.0 * share[best])} % at most ({name})"
+
+
+def _vector(u: Float[Array, "3"]) -> str:
+    return f"({', '.join(f'{x:.3f}' for x in u)})"
+
+
+def _rank(result: Plan | GyroscopePlan) -> Fact:
+    words = f"rank {result.rank} of 9"
+    if result.rank == PARAMETERS:
+        words += f", condition {result.condition:.3g}"
+    return Fact("poses" if isinstance(result, Plan) else "rotations", words)
+
+
+def _accelerometer_values(result: Plan) -> list[Values]:
+    known = result.rank == PARAMETERS
+    own = accelerometer_values(result, result.bound, reading=result.reading)
+    return [own] if known else []
+
+
+def _gyroscope_values(result: GyroscopePlan) -> list[Values]:
+    if not np.isfinite(result.sd).all():
+        return []
+    names, sd = result.names, result.sd
+    bias = quantities(names[MATRIX:], np.zeros(3), sd[MATRIX:])
+    rows = matrix_rows("M", "", names[:MATRIX], np.eye(3).ravel(), sd[:MATRIX])
+    how = "rate = M (reading - B), rad/s"
+    return [
+        Values(title="gyroscope", how=how, lines=[*rows, Line("bias B", "rad/s", bias)])
+    ]
+
+
+def _after(result: Plan | GyroscopePlan) -> list[Note]:
+    # the errors now and with the pose or rotation that helps most
+    if not np.isfinite(result.sd).all():
+        return []
+    poses = isinstance(result, Plan)
+    columns_of = [result.sd, result.sd_next]
+    heads = ["", "predicted sd", f"with the next {'pose' if poses else 'rotation'}"]
+    rows = [[f"{x:.4g}" for x in row] for row in zip(*columns_of, strict=True)]
+    if isinstance(result, Plan):
+        heads.append("bias")
+        for row, name, bias, sd in zip(
+            rows, result.names, result.bias, result.sd, strict=True
+        ):
+            row.append(number(forms.ENTRIES[name][1] * bias, 2, sd))
+    names = [forms.ENTRIES.get(name, (name, 1.0))[0] for name in result.names]
+    table = [heads, *([name, *row] for name, row in zip(names, rows, strict=True))]
+    what = "accelerometer" if poses else "gyroscope"
+    words = f"Predicted errors of the {what}, in the units of its parameters:"
+    least = [-2, *[9] * (len(heads) - 1)]
+    return [Note(words=words, matrix="\n".join(columns(table, *least)))]

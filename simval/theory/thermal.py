@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from simval.account import Account, Line, Quantity, Reply, Told, Values
 from simval.arguments import whole_number
 from simval.arrays import Array, ReadOnly, physical_array, positive_number
 from simval.errors import GeometryError, InputError
@@ -25,7 +26,9 @@ from simval.geometry import normalize
 from simval.imu.sensor import AccelerometerModel, forms
 from simval.poses import PARAMETERS, best_addition, direction_jacobian, one_set
 from simval.shapes import Float, Inexact
+from simval.spelling import counted, rounded
 from simval.theory.estimating import Block, Estimating
+from simval.units import MILLIMETRE_PER_SECOND_SQUARED, MILLIRADIAN, PPM
 
 Terms = tuple[tuple[str, int], ...]  # bias or scale, and the power of the temperature
 LINEAR: Terms = (("bias", 1), ("scale", 1))
@@ -83,7 +86,7 @@ def thermal_jacobian(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ThermalPlan(ReadOnly):
+class ThermalPlan(ReadOnly, Told):
     """Rests of a calibration over temperature, in the order in which they tell most.
 
     Attributes
@@ -99,6 +102,8 @@ class ThermalPlan(ReadOnly):
         or 1/K for the coefficients, (p,).
     reference : float
         The mean of the temperatures that were given, degrees Celsius.
+    terms : tuple
+        What depends on temperature, and by which power of it.
     """
 
     directions: Float[Array, "n 3"]
@@ -106,6 +111,12 @@ class ThermalPlan(ReadOnly):
     names: tuple[str, ...]
     sd: Float[Array, " p"]
     reference: float
+    terms: Terms
+
+    @property
+    def account(self) -> Account:
+        """What there is to say of it."""
+        return _account(self)
 
 
 def plan_thermal(
@@ -190,22 +201,55 @@ def plan_thermal(
     return ThermalPlan(
         directions=every[taken], temperatures=degrees[which][taken], names=names,
         sd=sd * np.array(unit), reference=reference,
+        terms=terms,
     )  # fmt: skip
 
 
-def thermal_described(plan: ThermalPlan) -> list[str]:
-    """Say which poses to take at which temperature, and what that will tell."""
-    lines = ["rests by temperature, specific force in sensor axes:"]
-    for degrees in np.unique(plan.temperatures):
+def _account(plan: ThermalPlan) -> Account:
+    at, counts = np.unique(plan.temperatures, return_counts=True)
+    where = f"at {plan.reference:g} °C"
+    kinds = [("misalignment", MILLIRADIAN, "", 0.0), ("scale factor", PPM, "", 1.0),
+             ("bias", MILLIMETRE_PER_SECOND_SQUARED, "", 0.0)]  # fmt: skip
+    for what, power in plan.terms:
+        unit = MILLIMETRE_PER_SECOND_SQUARED if what == "bias" else PPM
+        per = " per K" if power == 1 else f" per K^{power}"
+        kinds.append((what, unit, per, 0.0))
+    names = [forms.ENTRIES.get(name, (name, 1.0))[0] for name in plan.names]
+    worst, lines = [], []
+    for k, (kind, unit, per, value) in enumerate(kinds):
+        own = slice(3 * k, 3 * k + 3)
+        sd = plan.sd[own].tolist()
+        worst.append(f"{kind} {rounded(unit.factor * max(sd))} {unit.name}{per}")
+        cells = [Quantity(x, value, s) for x, s in zip(names[own], sd, strict=True)]
+        plain = value != 0.0  # a scale, which is no error
+        lines.append(
+            Line(
+                kind, "" if plain else f"{unit.name}{per}", cells, k == 0,
+                1.0 if plain else unit.factor,
+            )
+        )  # fmt: skip
+    rests = ""
+    for degrees, count in zip(at, counts.tolist(), strict=True):
         own = plan.directions[plan.temperatures == degrees]
-        lines.append(f"  {degrees:g} degC: {len(own)} rests")
-        lines += ["    " + " ".join(f"{x:6.2f}" for x in u) for u in own]
-    lines.append(f"predicted sd at {plan.reference:g} degC, rad, 1, m/s^2, and per K:")
-    lines += [
-        f"  {name:14s} {sd:.3g}" for name, sd in zip(plan.names, plan.sd, strict=True)
-    ]
-    lines.append(
-        "take the temperatures up and down, not in one way: what drifts with time then "
-        "looks like none of the terms"
+        places = ", ".join(f"({','.join(f'{x:.2f}' for x in u)})" for u in own)
+        rests += f"At {degrees:g} °C, {counted(count, 'rest')}: {places}. "
+    return Account(
+        title="Plan of a calibration over temperature",
+        said=f"{counted(int(counts.sum()), 'rest')} at "
+        f"{counted(len(at), 'temperature')}",
+        replies=(
+            Reply(
+                title="Is the plan good enough?",
+                headline=f"Yes: the rests determine all {len(plan.names)} parameters. "
+                f"Predicted error of the worst axis (1 sd): {', '.join(worst)}.",
+            ),
+            Reply(
+                title="What would help most?",
+                headline="These rests, of all poses at all temperatures; specific "
+                "force, sensor axes.",
+                do=f"{rests}Take the temperatures up and down, so that no "
+                "drift in time looks like one of the terms.",
+            ),
+        ),
+        values=(Values(title="accelerometer", how=where, lines=lines),),
     )
-    return lines

@@ -62,7 +62,7 @@ def test_a_study_is_one_module_and_one_name(checkout):
     (checkout / "coin.toml").write_text("[coin]\nsamples = [1024, 4096]\n")
     called(checkout, "sweep", "coin.toml", "--out", "run", "--quiet")
     assert "coverage[heads]" in (checkout / "run" / "results.csv").read_text()
-    assert "PASS: " in called(checkout, "gate", "run", "--no-baseline")
+    assert "Yes: all " in called(checkout, "gate", "run", "--no-baseline")
     called(checkout, "report", "run")
     page = (checkout / "run" / "report.html").read_text(encoding="utf-8")
     assert 'id="figure-coin"' in page

@@ -4,6 +4,7 @@
 """
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -13,10 +14,12 @@ from rows_by_name import cell, row
 from side_by_side import MANIFEST, league
 from snapshots import same
 
+from simval.account.terminal import lines
 from simval.cli import compare, gate, trend
 from simval.judge import (
     compare_algorithms,
     compare_runs,
+    headline,
     judge_run,
     read_baseline,
     trend_of,
@@ -33,6 +36,8 @@ from simval.judge.formats import (
     to_markdown,
     trend_json,
 )
+from simval.judge.result_lines import BEGIN, gate_account
+from simval.results import CellName
 from simval.sweep.run import CellResult, Run
 
 N = 4000
@@ -90,6 +95,29 @@ def test_the_gate_on_a_terminal(judged, capsys):
     gate.show(judged)
     gate.show(judged, table=True, every=True)
     same("gate.txt", capsys.readouterr().out)
+
+
+def test_the_gate_says_one_answer_with_every_count_in_every_face(before, judged):
+    """The counts are those of `headline`, which is made of the result by itself."""
+    sound = judge_run(before)
+    review = "this run was written to b.json: review it"
+    few = replace(judged, unfinished=(), comparisons=(), verdicts=judged.verdicts[:1])
+    for result in (
+        judged, sound, few, replace(sound, first="there was none", review=review),
+        replace(sound, notes=("another environment than the baseline's",)),
+        replace(sound, verdicts=(), outside=((CellName("s", "s@1"), row("norm", 1)),)),
+    ):  # fmt: skip
+        account = gate_account(result)
+        (reply,) = account.replies
+        assert account.answer == result.answer
+        assert reply.headline.startswith(BEGIN[result.answer])
+        counts = re.findall(r"\d+", headline(result))
+        assert sorted(re.findall(r"\d+", reply.headline)) == sorted(counts)
+        assert (review[1:] in reply.do) == bool(result.first)
+        assert json.loads(to_json(result, 0))["answers"] == [reply.as_object()]
+        for face in (" ".join(" ".join(lines(account)).split()), to_markdown(result)):
+            for words in (reply.headline, reply.do, *result.notes):
+                assert words.replace("_", "\\_") in face
 
 
 def test_the_files_of_the_gate(judged):
@@ -180,4 +208,4 @@ def test_nothing_measured_is_green_nowhere():
     result = judge_run(Run(folder=Path(), cells=(), manifest={}, timing={}))
     assert result.exit_code == 3
     assert len(ElementTree.fromstring(to_junit(result)).findall(".//error")) == 1
-    assert "INCONCLUSIVE" in to_markdown(result)
+    assert "Cannot tell: nothing was judged" in to_markdown(result)

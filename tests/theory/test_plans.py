@@ -247,18 +247,19 @@ def test_command_says_what_is_missing(simval, answered, poses, gyroscope):
     words = ("--poses", poses, "--hold", "1", "--noise-density", "1e-3", *gyroscope)
     code, out, errors = simval("plan", *words)
     assert (code, errors) == (0, "")
-    assert "nothing to predict: these poses tell" in out
+    assert " of the nine parameters, whatever the noise" in out
     assert not {"inf", "nan"} & set(out.split())
     assert answered(*words)["sd"] == [None] * 9
     if poses == "faces":
-        assert "rank 6 of 9" in out
-        assert "next direction  (0.577, 0.577, 0.577)" in out
+        assert "No: 6 poses determine 6 of the nine parameters" in out
+        assert "Add 3 or more" in out
+        assert "the force along (0.577, 0.577, 0.577)" in out
 
 
 @pytest.mark.parametrize(("noise", "believed"), [("0.1", True), ("9.8", False)])
 def test_a_plan_for_a_noise_in_another_unit_says_so(simval, noise, believed):
-    out = simval("plan", "--noise-std", noise)[1]
-    assert ("not to be believed" not in out) == believed
+    out = " ".join(simval("plan", "--noise-std", noise)[1].split())
+    assert ("the prediction does not hold" not in out) == believed
 
 
 def test_command_reads_directions_and_a_sensor(tmp_path, answered):
@@ -282,7 +283,7 @@ def test_command_plans_a_gyroscope_too(simval, answered):
     of_gyroscope = {"pose_std": got["noise_std"], "angle_random_walk": 1.75e-4}
     expected = of_moves(20, **of_gyroscope)
     np.testing.assert_allclose(got["gyroscope"]["sd"], expected.sd, rtol=1e-12)
-    assert "next rotation" in simval("plan", *given)[1]
+    assert "A turn by " in " ".join(simval("plan", *given)[1].split())
     slower = of_moves(20, **of_gyroscope, rotation_seconds=4.0).sd
     assert not np.allclose(slower, expected.sd)
     found = answered(*given, "--rotation-time", "4")["gyroscope"]["sd"]

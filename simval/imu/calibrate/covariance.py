@@ -74,7 +74,7 @@ from simval.imu.calibrate.residuals import (
     value_derivatives,
 )
 from simval.imu.calibrate.solver import Code, inverse_root, negative_pivots
-from simval.imu.calibrate.values import NORMAL_95
+from simval.imu.sensor.readable import NORMAL_95
 from simval.poses import PARAMETERS, describe, observability
 from simval.shapes import Float
 

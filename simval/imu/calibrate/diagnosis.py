@@ -8,13 +8,8 @@ the ellipsoid of the poses that belong, the pose itself left out, by its standar
 deviation. That is normal with a known sigma that the chi-square bears out, and else
 Student's t with n - 10 degrees of freedom, the scatter taken from the other poses.
 
-The scatter is judged by its chi-square against a known noise. The geometry is judged
-against as many poses spread evenly over the sphere: with the rows j of (P1) and
-:math:`N_0 = n E[jj^T]`, u uniform on the sphere,
-
-.. math:: \ell = \max_i \sqrt{(N^{-1})_{ii} / (N_0^{-1})_{ii}},  \tag{V1}
-
-the factor that the worst parameter's error bar loses to the choice of poses.
+The scatter is judged by its chi-square against a known noise, the geometry by the
+factor (P3) of `simval.poses` against as many poses spread evenly over the sphere.
 """
 
 from dataclasses import dataclass
@@ -46,13 +41,10 @@ from simval.imu.calibrate.residuals import WEIGHTED, noise_shares
 from simval.imu.calibrate.result import FitResult
 from simval.imu.explain import Judgement
 from simval.imu.sensor import forms
-from simval.poses import PARAMETERS, direction_jacobian
+from simval.imu.sensor.readable import WIDE
+from simval.poses import GEOMETRY_LIMIT, PARAMETERS, geometry_loss
 from simval.shapes import Float
 
-# Of 1000 sets of 20 random directions all over the sphere 99 % lose at most 4.1, of
-# 24 3.1; of poses in one half of the sphere the best of 200 sets lost 7.3.
-GEOMETRY_LIMIT = 5.0
-WIDE = 0.05  # half-width of a scale's 95 % interval beyond which it is said
 LEAST_FREEDOM = 10  # dof from which a doubled scatter is seen with 80 %, at `BELIEVED`
 
 
@@ -82,7 +74,7 @@ class Diagnosis(ReadOnly):
     cause, do : str
         What is wrong with the poses, and what to do; empty where nothing is.
     geometry : float
-        Factor that the worst error bar loses to the choice of poses, eq. (V1).
+        Factor that the worst error bar loses to the choice of poses, (P3) of `poses`.
     widest : float
         Half-width of the widest 95 % interval of a scale, over the scale.
     freedom : int
@@ -278,21 +270,6 @@ def _drift(
         distance, rows, of_a_triad(normal, x), time, known=sigma is not None,
         white=np.diag(1.0 / unit),
     )  # fmt: skip
-
-
-def geometry_loss(directions: Float[Array, "n 3"]) -> float:
-    """Factor that the worst error bar loses to the choice of poses, eq. (V1)."""
-    # moments of a uniform direction: 1/3 of u_i^2, 1/15 of u_i^2 u_j^2, 1/5 of u_i^4
-    even = np.zeros((PARAMETERS, PARAMETERS))
-    even[:3, :3] = np.eye(3) / 15.0
-    even[3:6, 3:6] = (1.0 + 2.0 * np.eye(3)) / 15.0
-    even[6:, 6:] = np.eye(3) / 3.0
-    best = np.diagonal(np.linalg.inv(4.0 * even)) / len(directions)
-    rows = direction_jacobian(directions)
-    if np.linalg.matrix_rank(rows) < PARAMETERS:
-        return float(np.inf)
-    root = np.linalg.pinv(rows)
-    return float(np.sqrt(np.max(np.sum(root * root, axis=1) / best)))
 
 
 def verdict(

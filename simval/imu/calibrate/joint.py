@@ -57,8 +57,9 @@ from simval.imu.calibrate.magnetometer.result import (
 )
 from simval.imu.calibrate.recording import OTHERS, Recording
 from simval.imu.calibrate.result import FitResult
-from simval.imu.calibrate.values import NORMAL_95, several_account
+from simval.imu.calibrate.values import several_account
 from simval.imu.sensor import forms
+from simval.imu.sensor.readable import NORMAL_95
 from simval.shapes import Float
 
 GYROSCOPE, MAGNETOMETER = slice(9, 21), slice(21, 34)

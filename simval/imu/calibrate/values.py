@@ -14,80 +14,35 @@ from simval.account import (
     Fact,
     Line,
     Note,
-    Quantity,
     Reply,
     Values,
     in_thousands,
 )
 from simval.arrays import Array
 from simval.imu.sensor import forms
-from simval.shapes import Float
-from simval.spelling import counted, rounded
-from simval.units import (
-    MILLIMETRE_PER_SECOND_SQUARED,
-    MILLIRADIAN,
-    OF_A_LOG,
-    PPM,
-    Unit,
+from simval.imu.sensor.readable import (
+    OF_THE_LOG,
+    accelerometer_values,
+    matrix_rows,
+    quantities,
+    worst_axis,
 )
-from simval.vocabulary import Model
+from simval.shapes import Float
+from simval.spelling import counted
+from simval.units import (
+    OF_A_LOG,
+)
 
 G_NAMES = tuple(f"G_{a}{b}" for a in "xyz" for b in "xyz")
 """Of the sensitivity of a gyroscope to specific force, row by row."""
-NORMAL_95 = 1.959963984540054
-"""Standard deviations from the middle to an end of a 95 % interval."""
 NEAR = 1.2  # ratio of a scale to a unit's within which the readings are in that unit
-OF_THE_LOG = "units of the log"
-KINDS = {
-    "misalignment": MILLIRADIAN,
-    "scale factor": PPM,
-    "bias": MILLIMETRE_PER_SECOND_SQUARED,
-}
-"""What the parameters are, and the unit in which a person reads their errors."""
 BARS = {
     "known sigma": "The error bars are those of the noise that was measured.",
     "type A": "The error bars are from the scatter of the poses.",
     "none": "There are no error bars.",
 }
 """Where the error bars are from, by the kind of the covariance."""
-_SCALES_LATER = ("misalignment",) * 3 + ("scale factor",) * 3 + ("bias",) * 3
-_SYMMETRIC = ("scale factor", "misalignment", "misalignment", "scale factor",
-              "misalignment", "scale factor", "bias", "bias", "bias")  # fmt: skip
 _NO_FORCE = np.zeros((3, 3))
-
-
-def kinds_of(model: str) -> tuple[str, ...]:
-    """Kind of each of the nine parameters of a form."""
-    return _SYMMETRIC if model == "symmetric" else _SCALES_LATER
-
-
-def readable(fit: Any, sd: Float[Array, "9"]) -> list[tuple[float, Unit]]:
-    """Error bars of the nine parameters in the units of `KINDS`.
-
-    A scale factor's is relative, a bias' is of the force that it stands for, and that
-    of an entry off the diagonal of a symmetric matrix is over the mean scale.
-    """
-    gain = np.diagonal(fit.matrix)
-    kinds = np.array(kinds_of(fit.model))
-    per_unit = np.ones(9)
-    if fit.model == "symmetric":
-        per_unit[kinds == "misalignment"] = 1.0 / gain.mean()
-    scales = kinds == "scale factor"
-    per_unit[scales] = 1.0 / np.abs(fit.parameters[scales])
-    per_unit[kinds == "bias"] = gain
-    return [
-        (float(each * size * KINDS[kind].factor), KINDS[kind])
-        for kind, size, each in zip(kinds.tolist(), per_unit, sd, strict=True)
-    ]
-
-
-def greatest(fit: Any) -> dict[str, float]:
-    """Greatest error bar of each kind, in the units of `KINDS`."""
-    bars = [
-        (kind, *bar)
-        for kind, bar in zip(kinds_of(fit.model), readable(fit, fit.sd), strict=True)
-    ]
-    return {kind: max(bar for own, bar, _ in bars if own == kind) for kind in KINDS}
 
 
 def how_good(
@@ -102,11 +57,6 @@ def how_good(
     The vector is gravity, or not a `force`: then a bias has no size as one.
     """
     known = bool(np.isfinite(fit.sd).all())
-    bars = ", ".join(
-        f"{kind} {rounded(value)} {KINDS[kind].name}"
-        for kind, value in greatest(fit).items()
-        if force or kind != "bias"
-    )
     left, g = 1e3 * float(fit.rms), f"{fit.g:g} m/s²"
     lines = [f"The poses leave {left:.2g} mm/s² RMS of | |TK(y - B)| - g |."] * force
     if bound is not None and known and np.all(bound > 0.0):
@@ -122,48 +72,12 @@ def how_good(
         )
     return Reply(
         title="How good is it?",
-        headline=f"Error of the worst axis (1 sd): {bars}."
+        headline=f"E{worst_axis(fit, force=force)[1:]}."
         if known
         else "No error bars: nine poses fit exactly.",
         answer="pass" if known else "inconclusive",
         do="" if known else "Add poses.",
         lines=tuple(lines),
-    )
-
-
-def accelerometer_values(
-    fit: Any,
-    bound: Array | None = None,
-    model: Model | None = None,
-    *,
-    force: bool = True,
-) -> Values:
-    """T, K and B, the first nine parameters of a fit, in its form or `model`."""
-    intervals, sd, model = fit.intervals, fit.sd, model or fit.model
-    cells = []
-    for k, (name, sign) in enumerate(forms.entries(model)):
-        low, high = sorted(sign * intervals[k])
-        least = None if bound is None else float(bound[k])
-        value = float(sign * fit.parameters[k])
-        cells.append(Quantity(name, value, float(sd[k]), low, high, least))
-    what, unit = ("force", ", m/s²") if force else ("field", f", of one of {fit.g:g}")
-    per_unit = "m/s² per unit" if force else "per unit of the log"
-    if model == "symmetric":
-        diagonal, beside = [cells[k] for k in (0, 3, 5)], [cells[k] for k in (1, 2, 4)]
-        lines = in_thousands([
-            Line("scale K", per_unit, diagonal), Line("K", per_unit, beside, named=True)
-        ])  # fmt: skip
-    else:
-        size = MILLIRADIAN.factor
-        lines = [
-            Line("misalignment", MILLIRADIAN.name, cells[:3], True, size),
-            *in_thousands([Line("scale K", per_unit, cells[3:6])]),
-        ]
-    product = "K" if model == "symmetric" else "T diag(K)"
-    return Values(
-        title="accelerometer" if force else "magnetometer",
-        how=f"{what} = {product} (reading - B){unit}",
-        lines=[*lines, *in_thousands([Line("bias B", OF_THE_LOG, cells[6:9])])],
     )
 
 
@@ -177,36 +91,18 @@ def matrix_note(fit: Any, *, force: bool = True) -> Note:
     return Note(words=words, matrix="\n".join(rows))
 
 
-def _rows(
-    name: str, unit: str, names: tuple[str, ...], values: Array, sd: Array
-) -> list[Line]:
-    # a matrix, row by row
-    cells = _quantities(names, values, sd)
-    return in_thousands([
-        Line(f"{name}_{axis}", unit, cells[3 * k : 3 * k + 3])
-        for k, axis in enumerate("xyz")
-    ])  # fmt: skip
-
-
-def _quantities(names: tuple[str, ...], values: Array, sd: Array) -> list[Quantity]:
-    half = NORMAL_95 * sd
-    rows = zip(names, *(x.tolist() for x in (values, sd, values - half, values + half)),
-               strict=True)  # fmt: skip
-    return [Quantity(*row) for row in rows]
-
-
 def gyroscope_values(
     fit: Any, G: Array = _NO_FORCE, G_sd: Any = None, facts: tuple[Fact, ...] = ()
 ) -> Values:
     """M, B and G of a gyroscope."""
     felt = " - G f" if np.any(G) else ""
     cells = fit.names, fit.parameters, fit.sd
-    lines = _rows("M", "rad/s per unit", *(x[:9] for x in cells))
-    bias = _quantities(*(x[9:12] for x in cells))
+    lines = matrix_rows("M", "rad/s per unit", *(x[:9] for x in cells))
+    bias = quantities(*(x[9:12] for x in cells))
     lines += in_thousands([Line("bias B", OF_THE_LOG, bias)])
     if felt:
         unit = f"{OF_THE_LOG} per m/s²"
-        lines += _rows("G", unit, G_NAMES, G.ravel(), G_sd.ravel())
+        lines += matrix_rows("G", unit, G_NAMES, G.ravel(), G_sd.ravel())
     return Values(
         title="gyroscope",
         how=f"rate = M (reading - B{felt}), rad/s; readings {rate_unit(fit.M)[1]}",
@@ -218,16 +114,16 @@ def gyroscope_values(
 def magnetometer_values(fit: Any, facts: tuple[Fact, ...] = ()) -> Values:
     """M, hard iron b and the dip of a magnetometer, and what is wrong with them."""
     own = fit.names[9:21], fit.parameters[9:21], fit.sd[9:21]
-    (dip,) = _quantities(
+    (dip,) = quantities(
         ("dip",), *(np.degrees(np.reshape(x, 1)) for x in (fit.dip, fit.sd[-1]))
     )
-    iron = _quantities(*(x[9:12] for x in own))
+    iron = quantities(*(x[9:12] for x in own))
     unit = "per unit of the log"
     return Values(
         title="magnetometer",
         how=f"field = M (reading - b), of a field of {fit.field:g}",
         lines=[
-            *_rows("M", unit, *(x[:9] for x in own)),
+            *matrix_rows("M", unit, *(x[:9] for x in own)),
             *in_thousands([Line("hard iron b", OF_THE_LOG, iron)]),
             Line("dip", "° below the horizon", [dip]),
         ],

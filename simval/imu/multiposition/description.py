@@ -20,9 +20,7 @@ from simval.account import Account, Answer, Fact, Line, Quantity, Reply, Values
 from simval.arrays import Array
 from simval.imu.calibrate import MagnetometerFit
 from simval.imu.calibrate.diagnosis import (
-    GEOMETRY_LIMIT,
     LEAST_FREEDOM,
-    WIDE,
     Diagnosis,
 )
 from simval.imu.calibrate.drift import DRIFT_FALSE_ALARM, HIDDEN, Drift
@@ -41,7 +39,6 @@ from simval.imu.calibrate.reduction import variance_within
 from simval.imu.calibrate.rest_temperatures import LEAST_SPAN, Within
 from simval.imu.calibrate.thermal import Thermal
 from simval.imu.calibrate.values import (
-    accelerometer_values,
     gyroscope_values,
     how_good,
     magnetometer_values,
@@ -52,7 +49,9 @@ from simval.imu.calibrate.values import (
 from simval.imu.explain.judgement import CHANCE
 from simval.imu.logs import Log
 from simval.imu.sensor import forms
+from simval.imu.sensor.readable import WIDE, accelerometer_values
 from simval.imu.statics import Intervals
+from simval.poses import GEOMETRY_LIMIT
 from simval.shapes import Float
 from simval.spelling import chance, counted
 

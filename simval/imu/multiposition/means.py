@@ -19,7 +19,6 @@ from simval.imu.calibrate import FitResult
 from simval.imu.calibrate.diagnosis import Diagnosis, diagnose
 from simval.imu.calibrate.files import to_json
 from simval.imu.calibrate.values import (
-    accelerometer_values,
     how_good,
     matrix_note,
     status,
@@ -32,6 +31,7 @@ from simval.imu.multiposition.description import (
     log_object,
     order,
 )
+from simval.imu.sensor.readable import accelerometer_values
 from simval.shapes import Float
 from simval.spelling import counted
 

@@ -27,7 +27,6 @@ from simval.errors import InputError, RefusedError
 from simval.imu.calibrate import FitResult
 from simval.imu.calibrate.files import to_json
 from simval.imu.calibrate.values import (
-    accelerometer_values,
     how_good,
     matrix_note,
     status,
@@ -36,6 +35,7 @@ from simval.imu.logs import Log
 from simval.imu.multiposition.description import log_object
 from simval.imu.recorded.errors import block_of, jackknife
 from simval.imu.sensor import forms
+from simval.imu.sensor.readable import accelerometer_values
 from simval.shapes import Float
 from simval.spelling import counted
 from simval.vocabulary import Model

@@ -16,8 +16,8 @@ from simval.imu.calibrate.equations import (
     Sensor,
 )
 from simval.imu.calibrate.gauss_newton import TOLERANCE, minimize
-from simval.imu.calibrate.values import NORMAL_95
 from simval.imu.sensor import MODELS, forms
+from simval.imu.sensor.readable import NORMAL_95
 from simval.theory.plans import error_bars, next_best
 
 FORTY = random_set(40, 5)

@@ -15,9 +15,9 @@ from every_page import log_commands
 from simval.cli import run
 from simval.cli.options import command_again
 from simval.imu.calibrate import calibrate
-from simval.imu.calibrate.values import KINDS, kinds_of, readable
 from simval.imu.recorded.errors import NormalisedSquare, Rms, judged_once
 from simval.imu.sensor import AccelerometerModel, forms
+from simval.imu.sensor.readable import KINDS, kinds_of, readable
 from simval.poses import fibonacci_sphere
 from simval.report.filter_page import replies
 

@@ -27,8 +27,8 @@ from simval.imu.calibrate.magnetometer.result import (
     MATRIX,
     PARAMETERS,
 )
-from simval.imu.calibrate.values import NORMAL_95
 from simval.imu.sensor import forms
+from simval.imu.sensor.readable import NORMAL_95
 from simval.shapes import Float
 
 LEAST_COSINE = 0.01
