@@ -17,9 +17,10 @@ PYTEST := env -u PYTHONDONTWRITEBYTECODE OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=
 test: check
 	$(PYTEST) -m "not (ci or slow or wheel or league)"
 
+# meanwhile a wheel is built and installed, which mostly waits
 landing: test
-	$(PYTEST) -m "ci and not slow"
-	$(BIN)/python -m pytest -m "wheel and not slow" -n 2
+	@$(BIN)/python -m pytest -q -m "wheel and not slow" -n 2 & wheel=$$!; \
+	$(PYTEST) -m "ci and not slow"; status=$$?; wait $$wheel && exit $$status
 
 # meanwhile the other core compiles the tests, once for all processes of the next step
 check: .venv/installed

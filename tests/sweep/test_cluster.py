@@ -234,10 +234,8 @@ def test_workers_come_and_go_beside_strangers_and_the_bytes_stay(
 # Cells that kill their workers.
 
 
-@pytest.mark.parametrize(
-    "allowed",
-    [pytest.param(0, marks=pytest.mark.ci), pytest.param(3, marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("allowed", [0, 3])
 def test_a_cell_that_kills_its_workers_fails_alone(tmp_path, allowed):
     """Beside a worker that is refused; others wait beside it, and are computed."""
     content = {"noise_std": [0.01, 0.02, 0.03, 0.04], "samples": 65_536}

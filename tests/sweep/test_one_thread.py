@@ -112,7 +112,7 @@ def run(tmp_path, name, workers, **words):
     return done.stdout.strip(), hashlib.sha256(table).hexdigest()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.skipif(PROCESSORS < 2, reason="one processor has one thread in any case")
 def test_the_bytes_do_not_depend_on_who_starts_the_cells(tmp_path):
     in_process = run(tmp_path, "in_process", 1)

@@ -41,7 +41,7 @@ def sphere(count):
     return points.reshape(-1, 4), weights.ravel()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("shared", [0.0, 0.03])
 def test_its_moments_are_the_exact_ones(shared):
     q, noise = attitude_at(0.2), noise_covariances(0.3)

@@ -55,7 +55,7 @@ def test_a_sound_log_is_not_accused(family):
     assert sum(j.answer != "sound" for j in each) <= 2
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("family", SCATTERED)
 def test_holds_that_scatter_are_no_fault_of_the_sensor(family):
     each = [judge(SCATTERED[family](np.random.default_rng([48, k]))) for k in range(24)]
@@ -207,7 +207,7 @@ def importance_sampled(rests, tried, draws, rng):
     return np.logaddexp.reduce(total) - np.log(len(total)), fit.log
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_marginal_likelihood_is_that_of_importance_sampling():
     # (J2) leaves out a constant that is common to all, and what Laplace's method does
     rng = np.random.default_rng(48)

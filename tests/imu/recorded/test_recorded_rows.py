@@ -249,7 +249,7 @@ def test_instants_are_as_good_as_means(tmp_path, capsys):
     assert found["nees"]["verdict"] != "not judged: rows"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_truth_names_rows_on_the_log_s_own_clock_alone(tmp_path, capsys):
     """A force along the body's axis hides the rows from the accelerometer."""
     path = write(tmp_path / "log.csv", "instant", seconds=40.0, thrust=True)
