@@ -51,6 +51,8 @@ DECADES = (1.0, 0.1, 0.01)  # of the prior sizes: what is seen of an effect has 
 AXES_SD, COMMON_SD, SHEAR_SD, BIAS_SD = 0.3, 3.0, 0.17, 1.0
 LEAST = 1e-6  # of gravity: noise of a mean below it is a converter's silence
 _STEPS = 40  # of Levenberg-Marquardt
+# of one alone: by small noise, poses in half of the sphere want a hundred from a sphere
+_PATIENT = 400
 _SETTLED = 1e-4  # of a log likelihood
 _TRIED, _HOPELESS = 3, 20.0  # steps, after which one so far behind in it is given up
 _SEVERAL = 3  # rests that may be off at once
@@ -349,7 +351,7 @@ def _settled(
     theta, damping, alive = start.copy(), np.full(h, 1e-3), np.arange(h)
     e, J = _rows(problem, theta)
     value = value_of(e, theta, prior)
-    for step in range(_STEPS):
+    for step in range(_STEPS if h > 1 else _PATIENT):
         ea, Ja, P, at = e[alive], J[alive], prior[alive], theta[alive]
         w = ((NU + n) / (NU + np.vecdot(ea, ea)))[:, None]
         H = w[..., None] * (np.swapaxes(Ja, 1, 2) @ Ja) + P

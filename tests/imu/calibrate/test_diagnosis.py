@@ -154,6 +154,18 @@ def test_clean_sets_have_no_outliers(sets, count):
     assert called <= 2 * stats.binom.isf(1e-4 / 12, sets, FALSE_ALARM)
 
 
+@pytest.mark.parametrize("seed", [87, 105, 299, 371])
+def test_quiet_poses_in_half_of_the_sphere_are_sound(seed):
+    """The fit of nothing but the ellipsoid stopped on its way, up to 21 times the noise
+    off, and a sensor that is not linear explained that at odds of e^56."""
+    rng = np.random.default_rng([7, 24, seed])
+    sigma = 10 ** rng.uniform(-3.5, -1.6)
+    y = reading(half(rng, 24), rng, sigma)
+    judged, off = judge_poses(y, np.full(24, sigma), np.arange(24.0))
+    assert (judged.answer, off) == ("sound", [])
+    assert judged.misfit < 2.0
+
+
 @pytest.mark.parametrize(
     ("count", "bad", "size", "least", "sets"),
     [
