@@ -104,9 +104,11 @@ class Calibration(Estimate):
 
     chi2_per_dof: Float[Array, "..."]
     noise: NoiseFactors
-    accelerometer: FitResult | None
-    gyroscope: GyroscopeFit | None
-    magnetometer: MagnetometerFit | None
+    # who fits a sensor knows that it is there: a type that may be None asks for that
+    # at each use
+    accelerometer: Any
+    gyroscope: Any
+    magnetometer: Any
     recording: Recording
 
     @property
