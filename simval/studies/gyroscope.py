@@ -238,9 +238,7 @@ class Tumble:
             poses=poses, pose_std=self.pose_std, rotations=rotations, g=self.g,
             angle_random_walk=self.walk, bias=bias, accelerometer=accelerometer,
         )  # fmt: skip
-        found = fit(recording, estimator=estimator, start=np.eye(3)).gyroscope
-        assert found is not None
-        return found
+        return fit(recording, estimator=estimator, start=np.eye(3)).gyroscope
 
     def bound(self, pieces: int = PIECES) -> Float[Array, "12 12"]:
         """Cramer-Rao bound of the gyroscope's twelve; so many segments a rotation."""

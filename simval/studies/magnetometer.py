@@ -174,7 +174,6 @@ class Scenario:
                 field_std=self.std[1],
             )
         )
-        assert found.magnetometer is not None
         return found.magnetometer
 
     def predicted(self) -> MagnetometerMoments:

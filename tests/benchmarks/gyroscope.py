@@ -119,7 +119,6 @@ def _fitted(
         pose_std=POSE_STD, angle_random_walk=WALK, bias=bias,
     )  # fmt: skip
     found = fit(recording, estimator=estimator, start=np.eye(3)).gyroscope
-    assert found is not None
     return np.asarray(found.M)
 
 

@@ -226,12 +226,17 @@ def fit(
             "`calibrate` for an accelerometer alone"
         )
         raise InputError(msg)
-    if len(named) == 2 and (estimator != "joint" or known is not None):
-        msg = (
-            "three sensors are fitted together by their noise alone; leave `estimator` "
-            "and `known` at their defaults, or fit one sensor at a time (`sensors`)"
-        )
-        raise InputError(msg)
+    for option, given, alone in (
+        ("known", known is not None, "magnetometer"),
+        ("estimator", estimator != "joint", "gyroscope"),
+    ):
+        if given and named != (alone,):
+            msg = (
+                f"`{option}` is for a {alone} alone, and {' and '.join(named)} are "
+                "asked for; leave it at its default, or fit one sensor at a time "
+                "(`sensors`)"
+            )
+            raise InputError(msg)
     parts = {}
     for name in named:
         part = recording.of((name,))
@@ -267,13 +272,8 @@ def _with_gyroscope(
 
     def fitted(means: Recording) -> Calibration:
         found = fit_gyroscope(means, own, estimator, start)
-        return Calibration(
-            parameters=np.concatenate([found.accelerometer, found.parameters], axis=-1),
-            covariance=found.covariance, dof=found.dof, status=found.status,
-            iterations=found.iterations, chi2_per_dof=found.chi2_per_dof,
-            noise=found.noise, accelerometer=own, gyroscope=found, magnetometer=None,
-            recording=means,
-        )  # fmt: skip
+        values = np.concatenate([found.accelerometer, found.parameters], axis=-1)
+        return _of_two(means, found, values, accelerometer=own, gyroscope=found)
 
     return _with_errors_of_terms(recording, fitted)
 
@@ -283,15 +283,26 @@ def _with_magnetometer(
 ) -> Calibration:
     def fitted(means: Recording) -> Calibration:
         found = fit_magnetometer(means, known, most)
-        return Calibration(
-            parameters=found.parameters, covariance=found.covariance, dof=found.dof,
-            status=found.status, iterations=found.iterations,
-            chi2_per_dof=found.chi2_per_dof, noise=found.noise,
-            accelerometer=means.accelerometer, gyroscope=None, magnetometer=found,
-            recording=means,
-        )  # fmt: skip
+        own = means.accelerometer
+        return _of_two(
+            means, found, found.parameters, accelerometer=own, magnetometer=found
+        )
 
     return _with_errors_of_terms(recording, fitted)
+
+
+_SHARED = ("covariance", "dof", "status", "iterations", "chi2_per_dof", "noise")
+
+
+def _of_two(
+    recording: Recording, found: Any, parameters: Float[Array, "... p"], **sensors: Any
+) -> Calibration:
+    # a sensor and its accelerometer, by the numbers of its own result
+    shared = {name: getattr(found, name) for name in _SHARED}
+    none = {"gyroscope": None, "magnetometer": None}
+    return Calibration(
+        parameters=parameters, recording=recording, **none | shared | sensors
+    )
 
 
 def accelerometer_of(recording: Recording) -> FitResult:
@@ -368,8 +379,6 @@ COUNT: Final = 34
 MOST_STEPS: Final = 30
 _ORDER = np.r_[0:9, 22:34, 9:22]
 """Accelerometer, gyroscope, magnetometer; the fit has the gyroscope last."""
-
-
 _FLOOR: Final = 1e-11  # of the readings' own size, as for the other noises
 
 
@@ -379,8 +388,6 @@ def _of_three(
     # all 34 parameters in one generalised least-squares fit of three equations a pose
     # and three a rotation, from the fits of two sensors each
     own, compass = gyroscope.gyroscope, magnetometer.magnetometer
-    assert own is not None
-    assert compass is not None
     count, rotations = recording.poses.shape[-2], recording.rotations
     assert rotations is not None
     scaled = scale(recording)

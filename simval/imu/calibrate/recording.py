@@ -16,6 +16,7 @@ from simval.arguments import choice, instance
 from simval.arrays import (
     Array,
     ReadOnly,
+    frozen,
     noise_levels,
     nonnegative_number,
     physical_array,
@@ -44,14 +45,14 @@ class Taken(NamedTuple):
 
     thermal: Mapping[str, Thermal] = {}  # by sensor
     # what specific force does to the gyroscope, raw units per m/s^2, and its sd, (3, 3)
-    G: Any = np.zeros((3, 3))
-    G_sd: Any = np.zeros((3, 3))
+    G: Any = frozen(np.zeros((3, 3)))
+    G_sd: Any = frozen(np.zeros((3, 3)))
     reasons: tuple[str, ...] = ()  # of what was chosen by evidence
     # what each of c independent errors of a sensor's terms does to its means, of one
     # standard deviation each, (c, n, 3)
     shifts: Mapping[str, Any] = {}
     # what the error of a scale's term adds to the covariance of the gyroscope's M
-    of_scale: Any = np.zeros((9, 9))
+    of_scale: Any = frozen(np.zeros((9, 9)))
 
 
 NOTHING = Taken()

@@ -422,6 +422,7 @@ def calibrate_sensors(
                 raise
             left_out[name] = for_a_log(str(error))
     imu, compass = parts.get("gyroscope"), parts.get("magnetometer")
+    warm = ThermalChoice() if compass is None else warm  # what is left out has none
     whole, refusal = _all(parts, shifts)
     one = imu if whole is None else whole
     taken = NOTHING if imu is None else imu.recording.taken
@@ -490,7 +491,7 @@ def _units(
 ) -> dict[str, Scale]:
     # of the log, as the fits show them
     matrices = {"accelerometer": result.fit.matrix}
-    if imu is not None and imu.gyroscope is not None:
+    if imu is not None:
         matrices["gyro"] = imu.gyroscope.M
     return units_of(log, matrices=matrices, hemisphere=hemisphere)
 
@@ -534,9 +535,7 @@ def _gyroscope(
 
 def _matrix(found: Calibration) -> Float[Array, "3 3"]:
     # of the one sensor beside the accelerometer
-    own = found.gyroscope or found.magnetometer
-    assert own is not None
-    return own.M
+    return np.asarray((found.gyroscope or found.magnetometer).M)
 
 
 def _fields(

@@ -14,6 +14,7 @@ from simval.errors import ConvergenceError, GeometryError, InputError
 from simval.imu.calibrate import fit as calibrate_all
 from simval.imu.calibrate import recording_of
 from simval.imu.calibrate.joint import together
+from simval.imu.calibrate.path_statistics import taken
 from simval.theory import MovePath, nine_axis_moments
 
 POSES = np.r_[0:9, 21:34]  # parameters of accelerometer and magnetometer
@@ -104,7 +105,8 @@ def test_a_recording_that_cannot_be_is_refused(given, change, words):
 @pytest.mark.parametrize(
     ("how", "words"),
     [
-        ({"estimator": "generalised"}, "fitted together by their noise alone"),
+        ({"estimator": "generalised"}, "`estimator` is for a gyroscope alone"),
+        ({"known": 3, "sensors": ["gyroscope"]}, "`known` is for a magnetometer alone"),
         ({"sensors": ["barometer"]}, "`sensors`"),
         ({"sensors": []}, "no sensor beside the accelerometer"),
     ],
@@ -112,6 +114,42 @@ def test_a_recording_that_cannot_be_is_refused(given, change, words):
 def test_a_fit_that_cannot_be_is_refused(given, how, words):
     with pytest.raises(InputError, match=words):
         calibrate_all(given.recording, **how)
+
+
+@pytest.mark.parametrize("sensors", [["gyroscope"], ["magnetometer"], None])
+def test_errors_of_terms_are_in_the_covariance(given, sensors):
+    """Each adds the square of what a shift of one sd does, by fits of other means."""
+    both = given.recording
+    one = replace(
+        both, poses=both.poses[0], fields=both.fields[0],
+        rotations=taken(both.rotations, [0]), accelerometer=None,
+    )  # fmt: skip
+    rng = np.random.default_rng(4)
+    errors = {
+        name: size * rng.standard_normal((2, 20, 3))
+        for name, size in (("accelerometer", 1e-3), ("magnetometer", 2.0))
+    }
+    known = replace(one, taken=one.taken._replace(shifts=errors))
+
+    def found(**means):
+        fit = calibrate_all(replace(one, **means), sensors, start=np.eye(3))
+        return fit.parameters, fit.covariance
+
+    P, h = found()[1], 0.05
+    for name, means in (("accelerometer", "poses"), ("magnetometer", "fields")):
+        for shift in errors[name]:
+            ends = (
+                found(**{means: getattr(one, means) + s * shift})[0] for s in (h, -h)
+            )
+            by = np.subtract(*ends) / (2.0 * h)
+            P = P + np.outer(by, by)
+    sd = np.sqrt(np.diagonal(P))
+    stated = calibrate_all(known, sensors, start=np.eye(3)).covariance
+    np.testing.assert_allclose(
+        stated / np.outer(sd, sd), P / np.outer(sd, sd), rtol=0, atol=0.02
+    )
+    # power: without them
+    assert np.abs(found()[1] / np.outer(sd, sd) - P / np.outer(sd, sd)).max() > 0.2
 
 
 ONE_AXIS = {

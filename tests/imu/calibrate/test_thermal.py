@@ -510,6 +510,19 @@ def test_a_damaged_block_is_refused_in_words(tmp_path, damage, rng, capsys):
     assert "Traceback" not in said
 
 
+def test_a_sensor_that_is_left_out_has_no_terms():
+    """Of a magnetometer that follows the temperature, in two units."""
+    log = warm_log(three(0, turning=False))
+    size = np.abs(log.magnetometer).max()
+    field = log.magnetometer + 1e-3 * size * (log.temperature - 30.0)[:, None]
+    found = calibrate_log(log)
+    kept = calibrate_sensors(replace(log, magnetometer=field), found)
+    assert "magnetometer" in kept.taken.thermal
+    lost = calibrate_sensors(replace(log, magnetometer=field * [1.0, 1e3, 1.0]), found)
+    assert "magnetometer" in lost.left_out
+    assert "magnetometer" not in lost.taken.thermal
+
+
 @pytest.mark.ci
 def test_a_gyroscope_with_all_is_told_all():
     """Bias and scale in temperature, and force, at once, and M beside them: 5 sd.
