@@ -77,8 +77,8 @@ def calibration_page(
 ) -> LogPage:
     """State the figures and tables of a calibration beside its account."""
     account = account or with_log(whole.account, log)
-    fit, result = whole.accelerometer, whole
-    bound = bound_sd(result)
+    fit = whole.accelerometer
+    bound = bound_sd(whole)
     notes = [Note(words=MEANING), *account.notes]
     if joint := fit_of(whole):
         words = f"The accelerometer's parameters are those of the {joint}."
@@ -90,10 +90,10 @@ def calibration_page(
         tables=[_parameters(fit, bound)],
         notes=notes,
         chapters=(
-            made([_residuals(result)]).under("residuals", "Residual of each pose"),
-            made([_coverage(log, result)]).under("coverage", "Where the poses are"),
+            made([_residuals(whole)]).under("residuals", "Residual of each pose"),
+            made([_coverage(log, whole)]).under("coverage", "Where the poses are"),
             *(section for section in others if section is not None),
-            made([_signals(log, result)]).under("signals", "Static intervals"),
+            made([_signals(log, whole)]).under("signals", "Static intervals"),
         ),
         command=command,
     )

@@ -281,23 +281,22 @@ def with_log(
 
 def calibration_account(whole: Any) -> Account:
     """State the calibration of a log: how good, whether to be trusted, what next."""
-    result = whole
     sensors = [name for name in ("gyroscope", "magnetometer") if getattr(whole, name)]
-    poses = f"{counted(len(result.intervals), 'pose')} of "
+    poses = f"{counted(len(whole.intervals), 'pose')} of "
     poses += ", ".join(["accelerometer", *sensors])
     changed = [
-        (result.cuts, "shortened or left out: the sensor turns"),
-        (result.steps, "cut or left out: several levels"),
+        (whole.cuts, "shortened or left out: the sensor turns"),
+        (whole.steps, "cut or left out: several levels"),
     ]
     for rests, why in changed:
         poses += f" ({counted(len(rests), 'rest')} {why})" if rests else ""
     more = ", without the rotations," if fit_of(whole) else ""
-    good = how_good(whole.accelerometer, bound_sd(result), more)
+    good = how_good(whole.accelerometer, bound_sd(whole), more)
     return Account(
         title="Calibration from",
         source="a log",
         said=poses,
-        replies=(limited(good, result.diagnosis), trusted(whole), _next(whole)),
+        replies=(limited(good, whole.diagnosis), trusted(whole), _next(whole)),
         values=tuple(_values(whole)),
         notes=(matrix_note(whole.accelerometer),),
         facts=tuple(_facts(whole)),
@@ -344,13 +343,12 @@ def trusted(whole: Any) -> Reply:
 
 
 def _next(whole: Any) -> Reply:
-    result = whole
-    outliers = [str(result.numbers[k]) for k in result.diagnosis.outliers]
-    further = ", ".join(f"{x:.2f}" for x in result.next_direction)
+    outliers = [str(whole.numbers[k]) for k in whole.diagnosis.outliers]
+    further = ", ".join(f"{x:.2f}" for x in whole.next_direction)
     rest = "rest" if len(outliers) == 1 else "rests"
     left = [f"The {name} is left out: {why}." for name, why in whole.left_out.items()]
-    if result.pose_noise.source == "white":
-        left.append(f"The noise of a pose is {result.pose_noise.words}.")
+    if whole.pose_noise.source == "white":
+        left.append(f"The noise of a pose is {whole.pose_noise.words}.")
     return Reply(
         title="What next?",
         headline=f"Look at {rest} {', '.join(outliers)}, and calibrate without."
@@ -361,15 +359,15 @@ def _next(whole: Any) -> Reply:
         lines=(
             f"A pose with the force along ({further}) in sensor axes would lower the "
             "total variance most.",
-            f"Noise of a pose: {result.pose_noise.words}.",
+            f"Noise of a pose: {whole.pose_noise.words}.",
         ),
     )
 
 
 def _values(whole: Any) -> Iterator[Values]:
-    fit, result = whole.accelerometer, whole
+    fit = whole.accelerometer
     own, compass = whole.gyroscope, whole.magnetometer
-    yield accelerometer_values(fit, bound_sd(result))
+    yield accelerometer_values(fit, bound_sd(whole))
     sizes = {"accelerometer": (fit.g / fit.raw_per_g, "m/s²")}
     if own is not None:
         facts = noise_facts(own.noise)[len(own.noise.sentences) :]
@@ -417,17 +415,17 @@ def _noise(noise: Any) -> str:
 
 
 def _facts(whole: Any) -> Iterator[Fact]:
-    result, fit = whole, whole.accelerometer
-    diagnosis, warm = result.diagnosis, result.warm
+    fit = whole.accelerometer
+    diagnosis, warm = whole.diagnosis, whole.warm
     for each in whole.units.values():
         yield from (Fact("unit", words, notable=True) for words in each.said)
     if whole.gyroscope and whole.magnetometer and not whole.together:
         yield Fact("not together", whole.taken.reasons[-1], notable=True)
-    yield Fact("initial rest", f"{result.rest_seconds:.2f} s "
-               f"({'found' if result.rest.found else 'given'})")  # fmt: skip
-    yield Fact("static intervals", f"{len(result.intervals)} (threshold "
-               f"{result.multiplier:g} times the variance at rest)")  # fmt: skip
-    yield from (Fact("cut", each) for each in (*result.steps, *result.cuts))
+    yield Fact("initial rest", f"{whole.rest_seconds:.2f} s "
+               f"({'found' if whole.rest.found else 'given'})")  # fmt: skip
+    yield Fact("static intervals", f"{len(whole.intervals)} (threshold "
+               f"{whole.multiplier:g} times the variance at rest)")  # fmt: skip
+    yield from (Fact("cut", each) for each in (*whole.steps, *whole.cuts))
     if warm.rests is not None:
         yield Fact("temperature", warm.rests.line)
         for words in dict.fromkeys((warm.reason, *whole.thermal_reasons)):
@@ -439,11 +437,11 @@ def _facts(whole: Any) -> Iterator[Fact]:
     yield Fact("chi-square", f"{diagnosis.chi2_per_dof:.3g} {per}, of {fit.dof}")
     yield Fact("verdict", diagnosis.verdict)
     yield from (Fact("in files", each) for each in forms.sign_notes(fit.model))
-    yield Fact("noise of a pose", _noise(result.pose_noise))
-    if result.pose_noise.source != "white":
-        white = np.median(result.pose_noise.white)
+    yield Fact("noise of a pose", _noise(whole.pose_noise))
+    if whole.pose_noise.source != "white":
+        white = np.median(whole.pose_noise.white)
         yield Fact("white noise", f"alone it would be {white:.4g}, and chi-square "
-                   f"{result.white_chi2_per_dof:.3g} {per}")  # fmt: skip
+                   f"{whole.white_chi2_per_dof:.3g} {per}")  # fmt: skip
     yield Fact("least determined", diagnosis.least_determined.sentence)
 
 
@@ -476,28 +474,27 @@ def log_object(log: Log) -> dict[str, Any]:
 
 def as_object(whole: Any) -> dict[str, Any]:
     """Return the accelerometer as one JSON object; a calibration file and more."""
-    result = whole
-    diagnosis = result.diagnosis
+    diagnosis = whole.diagnosis
     known = not np.isnan(diagnosis.chi2_per_dof)
-    white = result.white_chi2_per_dof
+    white = whole.white_chi2_per_dof
     return to_json(whole.accelerometer) | {
-        "intervals": len(result.intervals),
-        "interval_samples": result.intervals.tolist(),
-        "multiplier": result.multiplier,
-        "rest_seconds": result.rest_seconds,
-        "rest_found": result.rest.found,
+        "intervals": len(whole.intervals),
+        "interval_samples": whole.intervals.tolist(),
+        "multiplier": whole.multiplier,
+        "rest_seconds": whole.rest_seconds,
+        "rest_found": whole.rest.found,
         "chi2_per_dof": diagnosis.chi2_per_dof if known else None,
         "p_value": diagnosis.p_value if known else None,
         "white_chi2_per_dof": None if np.isnan(white) else white,
-        "pose_noise": result.pose_noise.source,
-        "pose_noise_std": result.pose_noise.std.tolist(),
-        "pose_noise_white_std": result.pose_noise.white.tolist(),
+        "pose_noise": whole.pose_noise.source,
+        "pose_noise_std": whole.pose_noise.std.tolist(),
+        "pose_noise_white_std": whole.pose_noise.white.tolist(),
         "verdict": diagnosis.verdict,
         "least_determined": diagnosis.least_determined.sentence,
         "outliers": list(diagnosis.outliers),
-        "next_direction": result.next_direction.tolist(),
-        "bound_sd": None if result.predicted is None else bound_sd(result).tolist(),
-        "bias": None if result.predicted is None else result.predicted.bias.tolist(),
+        "next_direction": whole.next_direction.tolist(),
+        "bound_sd": None if whole.predicted is None else bound_sd(whole).tolist(),
+        "bias": None if whole.predicted is None else whole.predicted.bias.tolist(),
     }
 
 
