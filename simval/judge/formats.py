@@ -131,7 +131,7 @@ def to_junit(result: GateResult) -> str:
     own = {one_line(name): value for name, value in result.seconds.items()}
     seconds = {name: own.get(name.name, 0.0) / count for name, count in shared.items()}
     total = sum(seconds[f.cell] for f in entries)
-    title = f"simval gate: {result.answer.upper()}: {headline(result)}"
+    title = f"simval gate: {headline(result)}"
     head = {"name": title} | _counted(entries) | {"time": f"{total:.6f}"}
     root = ElementTree.Element("testsuites", head)
     for study in dict.fromkeys(f.study for f in entries):

@@ -4,15 +4,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from simval.account import Account, Fact, Reply
-from simval.judge import GateResult, Move, RunComparison, Step, findings
+from simval.judge import GateResult, Move, RunComparison, Step, findings, headline
 from simval.judge.findings import Finding, Group, details, groups, rounded_up
-from simval.judge.gate import compared_answers
 from simval.judge.trend import WAYS
-from simval.spelling import counted
 from simval.text import one_line
-
-BEGIN = {"pass": "Yes", "fail": "No", "inconclusive": "Cannot tell"}
-"""The first word of an answer."""
 
 LINES = 8
 """Lines printed of what did not pass; two more say how many others, and the answer."""
@@ -26,22 +21,13 @@ def gate_account(result: GateResult) -> Account:
 
     What did not pass stands below it, one by one (`short_lines`).
     """
-    agree, against = _agreement(result)
-    said = " and ".join(agree)
-    if against:
-        said = f"{said}, but {', '.join(against)}" if agree else ", ".join(against)
-    uncounted = ((result.wide, "too wide to count"),
-                 (len(result.outside), "outside theory's range"))  # fmt: skip
-    left = [f"{counted(n, 'row')} {'is' if n == 1 else 'are'} {why}"
-            for n, why in uncounted if n]  # fmt: skip
-    said = "; ".join(filter(None, (said, " and ".join(left))))
     return Account(
         title="Gate of",
         source=Path(result.folder).name,
         replies=(
             Reply(
                 title="Does the run pass?",
-                headline=f"{BEGIN[result.answer]}: {said}.",
+                headline=headline(result),
                 answer=result.answer,
                 do=" ".join(_to_do(result)),
                 lines=(f"The false-alarm rate is {result.alpha:g} for all together.",),
@@ -49,37 +35,6 @@ def gate_account(result: GateResult) -> Account:
         ),
         facts=[Fact("note", one_line(each), notable=True) for each in result.notes],
     )
-
-
-def _agreement(result: GateResult) -> tuple[list[str], list[str]]:
-    """What agrees, and what is missing, disagrees or is not decided."""
-    endings, theory = result.endings, result.counts
-    counts = (
-        (endings["crashed"], "cell", "crashed"),
-        (endings["refused"], "cell", "refused"),
-        (endings["pending"], "cell", "never run"),
-        (len(result.gaps), "thing", "not measured as stated"),
-    )
-    agree = []
-    against = [f"{counted(n, noun)} {how}" for n, noun, how in counts if n]
-    against += ["nothing was judged"] * (not theory.total())
-    against += ["there is no baseline"] * bool(result.first)
-    for what, word, beside, answers in (
-        ("check", "against", "theory", theory),
-        ("comparison", "with", "the baseline", compared_answers(result)),
-    ):
-        total, failed = answers.total(), answers["fail"]
-        unclear = answers["inconclusive"]
-        of = f"of {counted(total, what)} {word} {beside}"
-        if failed:
-            against.append(f"{failed:,} {of} fail{'s' * (failed == 1)}")
-        if unclear:
-            are = "is" if unclear == 1 else "are"
-            against.append(f"{unclear:,} {of} {are} inconclusive")
-        if total and not failed + unclear:
-            every = f"all {counted(total, what)} agree" if total > 1 else ""
-            agree.append(f"{every or f'the only {what} agrees'} with {beside}")
-    return agree, against
 
 
 def _to_do(result: GateResult) -> Iterator[str]:
