@@ -449,7 +449,8 @@ def bound_sd(result: Any) -> Float[Array, "9"]:
     """Square root of the Cramer-Rao bound on each variance; NaN if not known."""
     if result.predicted is None:
         return np.full(9, np.nan)
-    return np.sqrt(np.diagonal(result.predicted.cramer_rao))
+    known = np.diagonal(result.predicted.cramer_rao)  # for a known gravity
+    return np.sqrt(known + result.fit.of_gravity**2)
 
 
 def fit_of(whole: Any) -> str:
