@@ -147,6 +147,7 @@ class Values:
     lines: Sequence[Line] = ()
     heads: Sequence[str] = ("x", "y", "z")
     facts: Sequence[Fact] = ()  # how they were found, and what is wrong with them
+    folded: bool = False  # whether they are shown on request only
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,7 +28,7 @@ from simval.imu.sensor.readable import (
     worst_axis,
 )
 from simval.shapes import Float
-from simval.spelling import counted
+from simval.spelling import counted, measured, rounded
 from simval.units import (
     OF_A_LOG,
 )
@@ -57,7 +57,7 @@ def how_good(
     The vector is gravity, or not a `force`: then a bias has no size as one.
     """
     known = bool(np.isfinite(fit.sd).all())
-    left, g = 1e3 * float(fit.rms), f"{fit.g:g} m/s²"
+    left = 1e3 * float(fit.rms)
     lines = [f"The poses leave {left:.2g} mm/s² RMS of | |TK(y - B)| - g |."] * force
     if bound is not None and known and np.all(bound > 0.0):
         lines.append(
@@ -65,10 +65,16 @@ def how_good(
             f"that these poses and their noise{more} allow (Cramér-Rao bound)."
         )
     lines.append(BARS[fit.covariance_kind])
-    if force:
+    if force and fit.g_std:
+        ppm = rounded(1e6 * fit.g_std / fit.g)
         lines.append(
-            f"Gravity was taken as {g}. If it is 0.1 % off, so is every K; T and B do "
-            "not change."
+            f"Gravity was taken as {measured(fit.g, fit.g_std)} m/s²: {ppm} ppm of "
+            "every error bar of K, and nothing of T and B."
+        )
+    elif force:
+        lines.append(
+            f"Gravity was taken as {fit.g:g} m/s². If it is 0.1 % off, so is every K; "
+            "T and B do not change."
         )
     return Reply(
         title="How good is it?",

@@ -18,6 +18,7 @@ import numpy as np
 
 from simval.account import Account, Answer, Fact, Line, Quantity, Reply, Values
 from simval.arrays import Array
+from simval.files import digest
 from simval.imu.calibrate import MagnetometerFit
 from simval.imu.calibrate.diagnosis import (
     LEAST_FREEDOM,
@@ -48,6 +49,13 @@ from simval.imu.calibrate.values import (
 )
 from simval.imu.explain.judgement import CHANCE
 from simval.imu.logs import Log
+from simval.imu.multiposition.record import (
+    bound_sd,
+    budget,
+    budget_object,
+    correlations,
+    gravity_words,
+)
 from simval.imu.sensor import forms
 from simval.imu.sensor.readable import WIDE, accelerometer_values
 from simval.imu.statics import Intervals
@@ -382,6 +390,16 @@ def _values(whole: Any) -> Iterator[Values]:
         sizes["magnetometer"] = np.linalg.norm(compass.M, axis=0), "of the field's unit"
     for name, each in whole.taken.thermal.items():
         yield _thermal(name, each, *sizes[name])
+    if np.isfinite(fit.sd).all():
+        yield budget(whole)
+        names, signs = zip(*forms.entries(fit.model), strict=True)
+        yield correlations("accelerometer", names, fit.covariance, np.array(signs))
+    if own is not None:
+        yield correlations("gyroscope", own.names, own.own_covariance)
+    if compass is not None:
+        first = len(compass.names) - len(OWN_NAMES)
+        P = compass.covariance[first:, first:]
+        yield correlations("magnetometer", OWN_NAMES, P)
 
 
 def _thermal(name: str, found: Thermal, size: Array, unit: str) -> Values:
@@ -426,13 +444,17 @@ def _facts(whole: Any) -> Iterator[Fact]:
     yield Fact("static intervals", f"{len(whole.intervals)} (threshold "
                f"{whole.multiplier:g} times the variance at rest)")  # fmt: skip
     yield from (Fact("cut", each) for each in (*whole.steps, *whole.cuts))
-    if warm.rests is not None:
+    if warm.rests is None:
+        yield Fact("temperature", "not in the log")
+    else:
         yield Fact("temperature", warm.rests.line)
         for words in dict.fromkeys((warm.reason, *whole.thermal_reasons)):
             yield from [Fact("temperature", words)] if words else []
     yield status(fit)
-    yield Fact("fit", f"{fit.model} form, {fit_of(whole) or 'alone'}; condition of the "
-               f"poses {float(fit.condition):.3g}")  # fmt: skip
+    yield Fact("method", f"{fit.residual} residual, {fit.loss} loss, by {fit.method}; "
+               f"{fit.model} form, {fit_of(whole) or 'alone'}")  # fmt: skip
+    yield Fact("poses", f"condition {float(fit.condition):.3g}")
+    yield Fact("gravity", gravity_words(fit))
     per = "per degree of freedom"
     yield Fact("chi-square", f"{diagnosis.chi2_per_dof:.3g} {per}, of {fit.dof}")
     yield Fact("verdict", diagnosis.verdict)
@@ -443,14 +465,6 @@ def _facts(whole: Any) -> Iterator[Fact]:
         yield Fact("white noise", f"alone it would be {white:.4g}, and chi-square "
                    f"{whole.white_chi2_per_dof:.3g} {per}")  # fmt: skip
     yield Fact("least determined", diagnosis.least_determined.sentence)
-
-
-def bound_sd(result: Any) -> Float[Array, "9"]:
-    """Square root of the Cramer-Rao bound on each variance; NaN if not known."""
-    if result.predicted is None:
-        return np.full(9, np.nan)
-    known = np.diagonal(result.predicted.cramer_rao)  # for a known gravity
-    return np.sqrt(known + result.fit.of_gravity**2)
 
 
 def fit_of(whole: Any) -> str:
@@ -467,6 +481,7 @@ def log_object(log: Log) -> dict[str, Any]:
     taken = {each.role: [each.place + 1, each.name] for each in log.columns}
     return {
         "source": [list(each) for each in log.source],
+        "sha256": digest(log.path),
         "columns": taken,
         "rate": log.rate,
         "clock_unit_seconds": log.second,
@@ -496,6 +511,7 @@ def as_object(whole: Any) -> dict[str, Any]:
         "next_direction": whole.next_direction.tolist(),
         "bound_sd": None if whole.predicted is None else bound_sd(whole).tolist(),
         "bias": None if whole.predicted is None else whole.predicted.bias.tolist(),
+        "budget": budget_object(whole),
     }
 
 

@@ -218,6 +218,8 @@ class PoseNoise(ReadOnly):
     slow : Array
         Times the variance that the rows of a rest would leave its mean if they were
         white, (m,).
+    rounded : Array
+        What of `std` the steps of the readings make, raw units, (m,).
     source : str
         ``white``, ``log`` (the log's longest rest), ``rests`` (all) or ``file``.
     words : str
@@ -230,6 +232,7 @@ class PoseNoise(ReadOnly):
     words: str
     trembled: Float[Array, "m 3"] | float = 0.0
     slow: Float[Array, " m"] | float = 1.0
+    rounded: Float[Array, " m"] | float = 0.0
 
 
 def white_noise(
@@ -335,8 +338,11 @@ def along_gravity(
         ratios.append((square / max(free, 1.0), chi_square_chance(square, free)))
     (quarters, _), (eighths, p) = ratios
     known, alone = noise.std**2, noise.source == "white"
-    left = up**2 @ rounding_left(rests)
-    noise = replace(noise, trembled=lost[:, None] * x)
+    step = steps_of(rests)
+    left = up**2 @ rounding_left(rests, step)
+    # steps that noise blurs are noise of each row
+    rounded = np.sqrt(left + up**2 @ step**2 / SHARE / counts)
+    noise = replace(noise, trembled=lost[:, None] * x, rounded=rounded)
     beyond = alone or eighths * pooled[0] > np.max(known * counts)
     if trembles or (beyond and 2.0 * min(p, 1.0 - p) < BEYOND):
         q = max(2.0 * quarters - eighths, eighths / 9.0)
@@ -350,10 +356,14 @@ def along_gravity(
     return replace(noise, std=np.sqrt(known + left))
 
 
-def rounding_left(rests: list[Array]) -> Float[Array, "3"]:
+def steps_of(rests: list[Array]) -> Float[Array, "3"]:
+    """Step of each axis's readings; 0 where there is none."""
+    return np.array([rounding_step(axis) for axis in np.concatenate(rests).T])
+
+
+def rounding_left(rests: list[Array], step: Float[Array, "3"]) -> Float[Array, "3"]:
     """Variance of a mean that rounding leaves, where noise does not blur its steps."""
     counts = [len(rows) for rows in rests]
-    step = np.array([rounding_step(axis) for axis in np.concatenate(rests).T])
     blurs = np.average([rows.var(axis=0) for rows in rests], axis=0, weights=counts)
     blurs = np.maximum(blurs - step**2 / SHARE, 0.0) / np.maximum(step**2, 1e-300)
     return np.asarray(step**2 / SHARE * np.exp(-4.0 * np.pi**2 * blurs))
