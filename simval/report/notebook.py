@@ -8,6 +8,7 @@ import numpy as np
 
 from simval.arrays import Array
 from simval.errors import InputError
+from simval.extras import refuse_without
 from simval.imu.calibrate import Calibration, GyroscopeFit, MagnetometerFit
 from simval.imu.calibrate.magnetometer.result import DIP, IRON, MATRIX
 from simval.imu.sensor import forms
@@ -182,8 +183,10 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[Any]], caption: str) -> 
 
 
 def _figure(panels: int) -> Any:
-    from matplotlib import pyplot  # chooses how figures are shown; only here
-
+    try:
+        from matplotlib import pyplot  # chooses how figures are shown; only here
+    except ImportError:
+        refuse_without("plots", "drawing in a notebook")
     size = (4.0 * panels, 3.2) if panels > 1 else (6.4, 4.0)
     _, axes = pyplot.subplots(
         1, panels, figsize=size, squeeze=False, layout="constrained"
