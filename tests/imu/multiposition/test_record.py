@@ -37,10 +37,12 @@ def test_the_place_is_in_every_k_and_in_the_budget(scene, tmp_path, capsys):
     told = answered(
         capsys, scene, *PLACE, "--out", str(out), "--label", "sensor=A7",
         "--label", "date=2026-11-29", "--label", "jig=3", "--sensors", "none",
+        "--to", "ros", str(tmp_path / "imu.yaml"),
     )  # fmt: skip
     assert (told["g"], told["g_std"]) == tuple(where)[:2]
     assert told["labels"] == {"sensor": "A7", "date": "2026-11-29", "jig": "3"}
     assert re.fullmatch(r"[0-9a-f]{64}", told["sha256"])
+    assert f"# gravity: {where.g:.5f} +- 0.00042" in (tmp_path / "imu.yaml").read_text()
     fit = load_calibration(out)
     assert fit.g_std == where.std
     parts = {each["source"]: each for each in told["budget"]}
