@@ -19,6 +19,7 @@ from simval.account import (
     Line,
     Note,
     Quantity,
+    Remark,
     Reply,
     Values,
     in_thousands,
@@ -267,14 +268,18 @@ def changes(found):
         (dict(outliers=(3,)), "Look at rest 3"),
     ):
         yield dict(diagnosis=replace(found.diagnosis, **change)), words
-    noise = replace(found.pose_noise, source="white", words="white noise alone: why")
-    yield dict(pose_noise=noise), "white noise alone: why"
+    noise = replace(found.pose_noise, words="white noise alone: why", do="Rest longer.")
+    yield dict(pose_noise=noise), "white noise alone: why. Rest longer."
     for name in ("cuts", "steps"):
         yield {name: ("rest 1 ...", "rest 2 ...")}, "2 rests"
     fit = replace(found.accelerometer, status="max iterations")
     yield dict(accelerometer=fit), "max iterations"
-    compass = replace(found.magnetometer, findings=("the field is disturbed: by iron",))
-    yield dict(magnetometer=compass), "the field is disturbed: by iron"
+    iron = Remark("disturbed", "the field is disturbed", "Remove the iron.")
+    compass = replace(found.magnetometer, findings=(iron,))
+    yield dict(magnetometer=compass), "the field is disturbed. Remove the iron."
+    # what an answer says is not said a second time
+    out = replace(found.magnetometer, disturbed=(3,), findings=(Remark("poses", "3"),))
+    yield dict(magnetometer=out), "the field is another in rest 3"
     why = ("the three sensors are not fitted together",)
     alone = dict(together=None, taken=found.taken._replace(reasons=why))
     yield alone, "not fitted together"

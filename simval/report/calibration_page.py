@@ -363,7 +363,7 @@ def magnetometer_chapter(whole: LogCalibration) -> Section | None:
         f"{float(fit.chi2_per_dof):.3g} with {fit.dof}. Taken: {fit.assumption}."
     )
     if fit.findings:
-        caption += f" Findings: {'; '.join(fit.findings)}."
+        caption += f" Findings: {' '.join(map(str, fit.findings))}"
     rows = [*_rows(fit.names[own], fit.parameters[own], fit.sd[own]), dip]
     table = _sensor("magnetometer", caption, rows)
     return made([drawing], [table]).under("magnetometer-result", "Magnetometer")

@@ -117,8 +117,13 @@ def gyroscope_values(
     )
 
 
-def magnetometer_values(fit: Any, facts: tuple[Fact, ...] = ()) -> Values:
-    """M, hard iron b and the dip of a magnetometer, and what is wrong with them."""
+def magnetometer_values(
+    fit: Any, facts: tuple[Fact, ...] = (), answered: tuple[str, ...] = ()
+) -> Values:
+    """M, hard iron b and the dip of a magnetometer, and what is wrong with them.
+
+    Findings of a kind that an answer has said are not notable here.
+    """
     own = fit.names[9:21], fit.parameters[9:21], fit.sd[9:21]
     (dip,) = quantities(
         ("dip",), *(np.degrees(np.reshape(x, 1)) for x in (fit.dip, fit.sd[-1]))
@@ -134,7 +139,7 @@ def magnetometer_values(fit: Any, facts: tuple[Fact, ...] = ()) -> Values:
             Line("dip", "° below the horizon", [dip]),
         ],
         facts=(
-            *(Fact("finding", each, notable=True) for each in fit.findings),
+            *(Fact("finding", str(x), x.kind not in answered) for x in fit.findings),
             Fact("taken", fit.assumption),
             chi_square(fit),
             *facts,
@@ -183,7 +188,7 @@ def noise_facts(noise: Any) -> tuple[Fact, ...]:
     return (
         *(Fact("noise", each, notable=True) for each in noise.sentences),
         *(
-            Fact("residuals", f"{x.name}: {x.sentence}", notable=bool(x.outliers))
+            Fact("residuals", str(x.remark), notable=bool(x.outliers))
             for x in noise.sensors
         ),
         Fact("least determined", noise.least_determined.sentence),

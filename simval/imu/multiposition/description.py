@@ -16,7 +16,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simval.account import Account, Answer, Fact, Line, Quantity, Reply, Values
+from simval.account import (
+    Account,
+    Answer,
+    Fact,
+    Line,
+    Quantity,
+    Remark,
+    Reply,
+    Values,
+)
 from simval.arrays import Array
 from simval.files import digest
 from simval.imu.calibrate import MagnetometerFit
@@ -68,6 +77,7 @@ BEGIN = {True: "Yes", False: "No", None: "Cannot tell"}
 """The answer of a condition, as a mark and as a word."""
 REPEAT = "Repeat the first poses at the end."
 ADD = "Add poses."
+WARM = "Record more rests, warmer and colder in turn."
 
 
 class Condition(NamedTuple):
@@ -197,15 +207,16 @@ def _drift(name: str, found: Drift) -> Condition:
 def _temperature(whole: Any) -> Condition:
     # whether its effect is in the bars: tested, and not the same as a drift in time
     warm, words = whole.warm, "the temperature has no effect that is left out"
-    untold = warm.rests.confounded if whole.taken.thermal else ""
-    if not warm.tested and warm.rests.span >= LEAST_SPAN:
-        untold = untold or warm.reason
+    untold = warm.rests.confounded if whole.taken.thermal else None
+    if untold is None and not warm.tested and warm.rests.span >= LEAST_SPAN:
+        untold = Remark("not tested", warm.reason, WARM)
     return Condition(
         about="temperature of the rests",
         holds=None if untold else True,
         p_value=float("nan"),
         level=FALSE_ALARM,
-        words=untold or words,
+        words=untold.words if untold else words,
+        do=untold.do if untold else "",
     )
 
 
@@ -355,8 +366,9 @@ def _next(whole: Any) -> Reply:
     further = ", ".join(f"{x:.2f}" for x in whole.next_direction)
     rest = "rest" if len(outliers) == 1 else "rests"
     left = [f"The {name} is left out: {why}." for name, why in whole.left_out.items()]
-    if whole.pose_noise.source == "white":
+    if whole.pose_noise.do:
         left.append(f"The noise of a pose is {whole.pose_noise.words}.")
+        left.append(whole.pose_noise.do)
     return Reply(
         title="What next?",
         headline=f"Look at {rest} {', '.join(outliers)}, and calibrate without."
@@ -367,7 +379,6 @@ def _next(whole: Any) -> Reply:
         lines=(
             f"A pose with the force along ({further}) in sensor axes would lower the "
             "total variance most.",
-            f"Noise of a pose: {whole.pose_noise.words}.",
         ),
     )
 
@@ -386,7 +397,7 @@ def _values(whole: Any) -> Iterator[Values]:
     if compass is not None:
         facts = () if whole.together else noise_facts(compass.noise)
         noise = Fact("noise of a pose", _noise(whole.field_noise))
-        yield magnetometer_values(compass, (noise, *facts))
+        yield magnetometer_values(compass, (noise, *facts), ("poses", "varies"))
         sizes["magnetometer"] = np.linalg.norm(compass.M, axis=0), "of the field's unit"
     for name, each in whole.taken.thermal.items():
         yield _thermal(name, each, *sizes[name])
@@ -457,7 +468,6 @@ def _facts(whole: Any) -> Iterator[Fact]:
     yield Fact("gravity", gravity_words(fit))
     per = "per degree of freedom"
     yield Fact("chi-square", f"{diagnosis.chi2_per_dof:.3g} {per}, of {fit.dof}")
-    yield Fact("verdict", diagnosis.verdict)
     yield from (Fact("in files", each) for each in forms.sign_notes(fit.model))
     yield Fact("noise of a pose", _noise(whole.pose_noise))
     if whole.pose_noise.source != "white":
@@ -525,7 +535,7 @@ def sensors_object(whole: Any, log: Log) -> dict[str, Any]:
             "rests_degC": seen.mean.tolist(),
             "change_within_rest_K": seen.change.tolist(),
             "reasons": list(whole.thermal_reasons),
-            "confounded_with_time": seen.monotone,
+            "confounded_with_time": str(seen.monotone or ""),
             "sensors": {
                 name: own.as_object() for name, own in whole.taken.thermal.items()
             },

@@ -85,7 +85,6 @@ class MeansCalibration(Told):
                 *(Fact("left out", each, notable=True) for each in self.left_out),
                 Fact("assumed", _WORDS[self.sensor].format(g=fit.g), notable=not force),
                 status(fit),
-                Fact("verdict", found.verdict),
                 Fact("least determined", found.least_determined.sentence),
             ),
         )

@@ -198,6 +198,7 @@ def require_even(log: Log, start: int, stop: int) -> None:
 SHOWS = 5.0
 """Median rests in the longest one that shows how their means scatter. Allan variances
 go to a tenth of it, and the fitted model a factor of two farther."""
+LONGER = "Measure it in a longer rest (--noise FILE)."
 OTHER_UNIT = 5.0  # times the noise: 9.8, 1000, 57 or counts are other units
 
 
@@ -222,14 +223,15 @@ class PoseNoise(ReadOnly):
         What of `std` the steps of the readings make, raw units, (m,).
     source : str
         ``white``, ``log`` (the log's longest rest), ``rests`` (all) or ``file``.
-    words : str
-        Where it comes from.
+    words, do : str
+        Where it comes from, and what would tell more of it.
     """
 
     std: Float[Array, " m"]
     white: Float[Array, " m"]
     source: str
     words: str
+    do: str = ""
     trembled: Float[Array, "m 3"] | float = 0.0
     slow: Float[Array, " m"] | float = 1.0
     rounded: Float[Array, " m"] | float = 0.0
@@ -287,8 +289,8 @@ def pose_noise(
             axes = measure(samples[start:stop], log.rate, intervals=False)
         std = mean_noise(axes, (intervals[:, 1] - intervals[:, 0]) / log.rate)
     except RefusedError as refusal:
-        words = f"white noise alone: {refusal}; give --noise FILE of a longer one"
-        return PoseNoise(std=white, white=white, source="white", words=words)
+        words = f"white noise alone: {refusal}"
+        return PoseNoise(std=white, white=white, source="white", words=words, do=LONGER)
     where = {"file": "the noise file", "log": "the log's longest rest"}[source]
     words = f"the Allan variance at each rest's length, of {where}"
     slow = (std / np.where(white > 0.0, white, np.inf)) ** 2
@@ -352,7 +354,7 @@ def along_gravity(
         )
         std = np.sqrt(pooled[0] * q / counts + left)
         slow = np.full(len(counts), q)
-        return replace(noise, std=std, source="rests", words=words, slow=slow)
+        return replace(noise, std=std, source="rests", words=words, do="", slow=slow)
     return replace(noise, std=np.sqrt(known + left))
 
 
