@@ -8,24 +8,25 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simval.account import Account, Note
+from simval.account import Account, Note, Values
 from simval.arrays import Array
 from simval.imu.calibrate import FitResult
 from simval.imu.calibrate.values import G_NAMES
 from simval.imu.logs import Log
 from simval.imu.multiposition import LogCalibration
 from simval.imu.multiposition.description import (
-    bound_sd,
     fit_of,
     honest,
     poses_alike,
     steady,
     with_log,
 )
+from simval.imu.multiposition.record import bound_sd
 from simval.imu.sensor import forms
 from simval.imu.sensor.readable import readable
 from simval.imu.statics import interval_means
 from simval.poses import fibonacci_sphere
+from simval.report.formatting import begun, slug
 from simval.report.log_page import (
     LogPage,
     linear,
@@ -87,7 +88,10 @@ def calibration_page(
     return LogPage(
         account=account,
         log=log,
-        tables=[_parameters(fit, bound)],
+        tables=[
+            _parameters(fit, bound),
+            *(_folded(each) for each in account.values if each.folded),
+        ],
         notes=notes,
         chapters=(
             made([_residuals(whole)]).under("residuals", "Residual of each pose"),
@@ -99,26 +103,45 @@ def calibration_page(
     )
 
 
+def _folded(values: Values) -> Table:
+    """A table of numbers that the terminal shows on request."""
+    words = {label: said for label, said, _ in values.facts}
+    rows = []
+    for line in values.lines:
+        empty = [""] * (len(values.heads) - len(line.cells))
+        rows.append((line.label, *line.shown, *empty, words.get(line.label, "")))
+    return Table(
+        name=slug(values.title),
+        caption=begun(f"{values.title} {values.how}".rstrip()),
+        columns=[Column(each) for each in ("", *values.heads, "how")],
+        rows=rows,
+        fold="" if words else begun(values.title),
+    )
+
+
 def _parameters(fit: FitResult, bound: Float[Array, "9"]) -> Table:
     entries = forms.entries(fit.model)
     signs = np.array([[sign] for _, sign in entries])
+    ends = np.sort(signs * fit.intervals, axis=1)
     rows = [
         (
             name,
             sign * value,
             f"{bar:.2g} {unit.name}" if np.isfinite(bar) else "",
             sd,
+            (high - low) / 2.0,
             least,
             sd / least if least > 0.0 else None,
-            *ends,
+            low,
+            high,
         )
-        for (name, sign), value, (bar, unit), sd, least, ends in zip(
+        for (name, sign), value, (bar, unit), sd, least, (low, high) in zip(
             entries,
             fit.parameters.tolist(),
             readable(fit, fit.sd),
             fit.sd.tolist(),
             bound.tolist(),
-            np.sort(signs * fit.intervals, axis=1).tolist(),
+            ends.tolist(),
             strict=True,
         )
     ]
@@ -132,7 +155,8 @@ def _parameters(fit: FitResult, bound: Float[Array, "9"]) -> Table:
             Column("parameter", "code"),
             Column("value", "number", 8),
             Column("error bar"),
-            Column("standard deviation", "number", 3),
+            Column("standard uncertainty u", "number", 3),
+            Column("expanded, U = k u", "number", 3),
             Column("bound", "number", 3),
             Column("over the bound", "number", 3),
             Column("95 % from", "number", 8),
@@ -339,7 +363,7 @@ def magnetometer_chapter(whole: LogCalibration) -> Section | None:
         f"{float(fit.chi2_per_dof):.3g} with {fit.dof}. Taken: {fit.assumption}."
     )
     if fit.findings:
-        caption += f" Findings: {'; '.join(fit.findings)}."
+        caption += f" Findings: {' '.join(map(str, fit.findings))}"
     rows = [*_rows(fit.names[own], fit.parameters[own], fit.sd[own]), dip]
     table = _sensor("magnetometer", caption, rows)
     return made([drawing], [table]).under("magnetometer-result", "Magnetometer")

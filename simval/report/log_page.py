@@ -4,11 +4,10 @@ A calibration, filters and the noise of a log are such pages. Each kind states i
 answers, figures and tables; this module is the page around them.
 """
 
-import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from simval import __version__
 from simval.account import Account, Note
 from simval.arrays import Array
+from simval.files import digest
 from simval.imu.logs import Log
 from simval.report.panels import COLOURS, Panel, Series
 from simval.report.section import Section, made, template
@@ -47,7 +47,7 @@ class LogPage:
         """Answers, chapters, and where the numbers are from."""
         facts = (
             ("Log", self.name),
-            ("SHA-256", _digest(self.log)),
+            ("SHA-256", digest(self.log.path)),
             ("simval", __version__),
         )
         first = made(
@@ -75,20 +75,6 @@ def render_log(page: LogPage) -> str:
         version=__version__,
         source=f"the log {page.name}",
     )
-
-
-def _digest(log: Log) -> str:
-    # the file may have gone since it was read, or never have been one; of a folder,
-    # that of its files in the order of their names
-    path = Path(log.path)
-    files = sorted(path.rglob("*")) if path.is_dir() else [path]
-    digest = hashlib.sha256()
-    try:
-        for each in files:
-            digest.update(each.read_bytes() if each.is_file() or each == path else b"")
-    except OSError:
-        return ""
-    return digest.hexdigest()
 
 
 def linear(

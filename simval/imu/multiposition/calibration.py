@@ -162,6 +162,7 @@ def calibrate_log(
     log: Log,
     *,
     g: float = 9.80665,
+    g_std: float = 0.0,
     model: Model = "triangular",
     method: Method = "lm",
     residual: Residual = "squared",
@@ -180,8 +181,9 @@ def calibrate_log(
     ----------
     log : Log
         The log, see `simval.imu.logs.read_log`.
-    g : float
-        Local gravity, m/s^2.
+    g, g_std : float
+        Local gravity and its standard deviation, m/s^2, see
+        `simval.imu.calibrate.local_gravity`; 0 takes it as exact.
     model, method, residual, loss : str
         As in `simval.imu.calibrate.calibrate`.
     step : float, default 1.0
@@ -268,6 +270,7 @@ def calibrate_log(
         )  # fmt: skip
         sensor = fit.sensor()
         forces, initial = sensor.correct(poses), rests.initial
+        fit = fit.with_gravity(g_std)  # all before is by what the log shows
         result = LogCalibration(
             fit=fit,
             diagnosis=replace(diagnosis, do=case.do),
@@ -400,8 +403,8 @@ def calibrate_sensors(
     log = at_reference(log, accelerometer=result.warm.thermal)
     rests = partial(
         recording_of, log.time, log.accelerometer, result.intervals, g=result.fit.g,
-        model=result.fit.model, pose_std=result.pose_noise.std, field=field,
-        hemisphere=hemisphere,
+        g_std=result.fit.g_std, model=result.fit.model, field=field,
+        pose_std=result.pose_noise.std, hemisphere=hemisphere,
     )  # fmt: skip
     shifts = {"accelerometer": result.warm.shifts}
     parts: dict[str, Calibration] = {}

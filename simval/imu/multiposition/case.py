@@ -18,7 +18,7 @@ from simval.imu.explain import Judgement, RestMeans, judge
 from simval.imu.explain.catalogue import wrapped
 from simval.imu.explain.explanation import LEAST_FREEDOM
 from simval.imu.logs import Log
-from simval.imu.multiposition.noise import PoseNoise, rounding_left
+from simval.imu.multiposition.noise import PoseNoise, rounding_left, steps_of
 from simval.imu.multiposition.rests import find_rests
 from simval.imu.statics import Intervals, interval_counts, interval_means
 from simval.poses import PARAMETERS
@@ -187,7 +187,7 @@ def rest_means(
     samples = samples if rows is None else rows
     rests = [samples[a:b] for a, b in intervals]
     own = np.array([np.cov(rows.T) for rows in rests])
-    left = rounding_left(rests)
+    left = rounding_left(rests, steps_of(rests))
     size = (noise.slow / counts)[:, None, None]
     warm = log.temperature
     return RestMeans.of(

@@ -194,8 +194,10 @@ def test_too_little_is_left_out_with_a_sentence(rng, count, span, why):
 def test_a_temperature_that_only_rises_is_said_to_be_like_a_drift(rng):
     rising = np.sort(rng.uniform(15.0, 45.0, 20))
     for order, word in ((rising, "rises"), (rising[::-1], "falls")):
-        assert word in temperatures(order).monotone
-    assert temperatures(rng.permutation(rising)).monotone == ""
+        seen = temperatures(order).monotone
+        assert (seen.kind, word in seen.words) == ("with time", True)
+        assert seen.do == "Let it cool down again in the same recording."
+    assert temperatures(rng.permutation(rising)).monotone is None
 
 
 @pytest.mark.ci
@@ -271,7 +273,8 @@ def test_a_temperature_that_follows_the_force_is_said_to_hide_the_terms(rng):
     for noise, said in ((0.1, True), (0.6, False)):
         degrees = 30.0 + 10.0 * (poses[:, 1] / G + noise * rng.standard_normal(24))
         seen = RestTemperatures.of(np.repeat(degrees, 100), time, rests, poses)
-        assert ("follows the direction" in seen.confounded) == said
+        remark = seen.confounded
+        assert (remark is not None and remark.kind == "with force") == said
 
 
 def gyroscope_rests(rng, slope, walk=0.0, count=24, noise=1e-4):
