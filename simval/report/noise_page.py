@@ -4,7 +4,6 @@ Coefficients stand in the units of data sheets, where the unit of the log is kno
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,15 +11,12 @@ from simval.account import Account
 from simval.arrays import Array
 from simval.imu.logs import Log
 from simval.imu.multiposition.noise_description import SensorNoise, varies
-from simval.imu.noise import AxisNoise, Coefficient
-from simval.imu.noise.components import LETTERS
+from simval.imu.noise import AxisNoise
 from simval.report.log_page import LogPage
 from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
 from simval.report.section import made
-from simval.report.table import Column, Table
 from simval.shapes import Float
 from simval.spelling import rounded
-from simval.units import Unit
 
 BAND = 1.96  # standard deviations of a 95 % band
 
@@ -28,80 +24,14 @@ BAND = 1.96  # standard deviations of a 95 % band
 def noise_page(
     log: Log, sensors: Sequence[SensorNoise], account: Account, command: str = ""
 ) -> LogPage:
-    """State the figures and tables of a log's noise beside its account."""
-    coefficients, statements = _coefficients(sensors), _statements(sensors)
+    """State the figure of a log's noise beside its account."""
     drawing = allan_drawing(account.source, sensors)
-    drawings = [drawing] if drawing.panels else []
-    if not drawings:  # the reasons are all that there is
-        statements = replace(statements, fold="")
-    chapter = made(drawings, [statements]).under("allan", "Allan deviation")
+    chapter = made([drawing]).under("allan", "Allan deviation")
     return LogPage(
         account=account,
         log=log,
-        tables=[coefficients] if coefficients.rows else [],
-        chapters=[chapter],
+        chapters=[chapter] if drawing.panels else [],
         command=command,
-    )
-
-
-def _coefficients(sensors: Sequence[SensorNoise]) -> Table:
-    return Table(
-        name="noise",
-        caption="Coefficients of each axis, with their 95 % intervals",
-        columns=(
-            Column("sensor"),
-            Column("noise"),
-            Column("axis", "code"),
-            Column("value", "measured"),
-            Column("unit"),
-            Column("95 % from", "number", 3),
-            Column("to", "number", 3),
-            Column("seen"),
-        ),
-        rows=[
-            (
-                s.title,
-                f"{LETTERS[kind].words} {kind}",
-                letter,
-                *_cells(each, s.unit(kind)),
-            )
-            for s in sensors
-            for kind in LETTERS
-            for letter, axis in s.lettered
-            for each in axis.coefficients
-            if each.kind == kind
-        ]
-        + [
-            (s.title, "equivalent walk K", letter, *_cells(axis.slow.walk, s.unit("K")))
-            for s in sensors
-            for letter, axis in s.lettered
-            if axis.slow is not None and not axis.slow.is_walk
-        ],
-    )
-
-
-def _cells(each: Coefficient, unit: Unit) -> tuple[object, ...]:
-    low, high = unit.factor * each.low, unit.factor * each.high
-    ends = tuple(end if np.isfinite(end) else None for end in (low, high))
-    if each.value is None:
-        known = "a bound only" if low or np.isfinite(high) else "not bounded"
-        return (None, unit.name, *ends, known)
-    value = unit.factor * each.value, unit.factor * (each.sd or 0.0)
-    return (value, unit.name, *ends, "yes")
-
-
-def _statements(sensors: Sequence[SensorNoise]) -> Table:
-    return Table(
-        name="statements",
-        caption="Notes on the coefficients",
-        columns=(Column("sensor"), Column("axis", "code"), Column("said")),
-        rows=[
-            (sensor.title, letter, words)
-            for sensor in sensors
-            for letter, axis in sensor.lettered
-            for words in axis.statements
-        ],
-        fold="How far the model holds, axis by axis",
     )
 
 
