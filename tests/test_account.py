@@ -465,7 +465,7 @@ def test_what_is_wrong_with_a_filtered_log_is_in_the_short_view_of_every_face():
     for changes, words in (
         (dict(cuts=(cut, cut)), "2 rests cut or left out: the gyroscope turns"),
         (dict(scales=(scale,)), "but it is deg/s"),
-        (dict(force=jolt), "real acceleration adds"),
+        (dict(force=jolt), "an axis while moving; the noise used is"),
     ):
         found = a_log(**changes)
         whole = FilteredLog(found=found, start=start_of(found), done=(), failed={})

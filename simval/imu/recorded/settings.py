@@ -393,10 +393,7 @@ def start_of(
     if sizes := " and ".join(f"{100.0 * sd:.2g}" for sd in known_to.values() if sd):
         rests = counted(len(parts), "rest")
         words += f": scatter in {rests}, known to {sizes} %"
-    more = (
-        f"real acceleration adds {motion:.2g} m/s² an axis while it moves, more than "
-        f"the noise used, {noise:.2g} (--accelerometer-noise)"
-    )
+    more = f"{motion:.2g} m/s² an axis while moving; the noise used is {noise:.2g} "
     return Start(
         row=int(first.start),
         attitude=two_vectors(found, first),
@@ -406,7 +403,7 @@ def start_of(
         facts=(
             *gyroscope,
             Fact("noise used", words),
-            *([Fact("acceleration", more, notable=True)] if motion else []),
+            *([Fact("acceleration", f"{more}(--accelerometer-noise)", True)] if motion else []),
             Fact("field used", of_field),
             Fact("start", f"at {found.time[first.start]:.2f} s by {vectors}, "
                  f"± {np.degrees(START_STD):.2g}°"),
@@ -476,7 +473,7 @@ def _gyro_noise(
         seconds = min(axis.rows / axis.rate_hz for axis in axes)
     N = _coefficient(axes, "N", scale)
     K = _coefficient(axes, "K", scale)
-    limits = []
+    unfit, limits = N is None, []
     slow = [axis.slow for axis in axes if axis.slow and not axis.slow.is_walk]
     if slow:
         horizon = max(each.horizon for each in slow)
@@ -485,7 +482,7 @@ def _gyro_noise(
         # no model: the scatter from row to row
         steps = np.diff(found.gyro[part], axis=0)
         N = float(np.sqrt(0.5 * np.mean(steps**2) / found.rate))
-        words = "the steps from row to row, as no model fits the rest"
+        words = "row steps: no model fits the rest"
     if K is None:
         # what would double the variance of an average over the rest, N^2/T + K^2 T/3
         K = np.sqrt(3.0) * N / seconds
@@ -496,7 +493,7 @@ def _gyro_noise(
         f"{name} {rounded(of[name].factor * value, 3)} {of[name].name}"
         for name, value in (("N", N), ("K", K))
     )
-    fact = Fact("noise used", f"gyroscope {', '.join(sizes)}, by {words}")
+    fact = Fact("noise used", f"gyroscope {', '.join(sizes)}, by {words}", unfit)
     return N, K, (fact, *limits)
 
 
