@@ -424,6 +424,10 @@ def filters_said():
         each.truth.world = replace(WORLD, taken="estimated")
     yield filters_account(pair), "Cannot rank one and two"
     yield filters_account(pair), "a filter that follows it looks better"
+    known = dict(rms=0.01, world=replace(WORLD, taken="estimated"))
+    tied = [evaluation("one", turned=(0.01, 0.01), **known),
+            evaluation("two", turned=(0.02, 0.02), **known)]  # fmt: skip
+    yield filters_account(tied), "Cannot rank one and two"
 
 
 @pytest.mark.usefixtures("unchecked")

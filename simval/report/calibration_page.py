@@ -62,6 +62,7 @@ def calibration_page(
         account=account or with_log(whole.account, log),
         log=log,
         chapters=(
+            made([_lengths(log, whole)]).under("lengths", "Length at rest"),
             made([_residuals(whole)]).under("residuals", "Residual of each pose"),
             made([_coverage(log, whole)]).under("coverage", "Where the poses are"),
             *(section for section in others if section is not None),
@@ -104,6 +105,45 @@ def _lines(log: Log, rows: Float[Array, "n 3"]) -> list[Series]:
     return [
         signal(log.time, rows[:, i], COLOURS[i], axis) for i, axis in enumerate("xyz")
     ]
+
+
+def _lengths(log: Log, result: LogCalibration) -> Drawing:
+    """Length of each pose's mean before and after, that of gravity where it is right.
+
+    Before, by the scale at which the poses have gravity's length on average.
+    """
+    fit = result.accelerometer
+    means = interval_means(log.accelerometer, result.intervals)
+    before = np.linalg.norm(means, axis=1)
+    after = np.linalg.norm(fit.sensor().correct(means), axis=1)
+    lengths = {"before": before * (fit.g / before.mean()), "after": after}
+    spread = {
+        name: f"{1e3 * np.sqrt(np.mean((each - fit.g) ** 2)):.3g}"
+        for name, each in lengths.items()
+    }
+    return Drawing(
+        name="lengths",
+        asked="Does every pose have the length of gravity?",
+        finding=(
+            f"Off by {spread['before']} mm/s² RMS before, and by {spread['after']} "
+            "after."
+        ),
+        caption=(
+            "Length of the mean of each pose, before and after the calibration, each "
+            f"on a scale of its own; the line is {fit.g:g} m/s². Before, one scale is "
+            "taken out, the same on each axis."
+        ),
+        panels=[
+            linear(
+                name,
+                "static interval, from 0",
+                "length, m/s²",
+                numbered(each, result.diagnosis.outliers, "outlier"),
+                references=((fit.g, ""),),
+            )
+            for name, each in lengths.items()
+        ],
+    )
 
 
 def _residuals(result: LogCalibration) -> Drawing:

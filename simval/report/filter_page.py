@@ -63,7 +63,7 @@ def filter_page(
         "Errors over time": errors,
         "Roll, pitch and yaw": [_attitude(whole, each) for each in whole.done],
         "Bias of the gyroscope": [x for e in whole.done for x in _bias(whole, e)],
-        "Innovations": [x for e in whole.done for x in _innovations(whole, e)],
+        "Innovations": [x for e in whole.done for x in innovations(whole, e)],
     }
     return LogPage(
         account=account,
@@ -240,7 +240,8 @@ def _bias(whole: FilteredLog, each: Evaluation) -> Iterator[Drawing]:
     )
 
 
-def _innovations(whole: FilteredLog, each: Evaluation) -> Iterator[Drawing]:
+def innovations(whole: FilteredLog, each: Evaluation) -> Iterator[Drawing]:
+    """Innovations over what the filter states of each; none of one without them."""
     output, name = each.run.output, each.run.name
     if output.innovation is None or output.innovation_covariance is None:
         return

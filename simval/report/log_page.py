@@ -87,7 +87,7 @@ def tables_of(values: Values) -> Iterator[Table]:
     """The values as every face has them, and behind a fold every digit of them."""
     if not values.lines:
         return
-    name, caption = slug(values.title), f"{values.title}  {values.how}".rstrip()
+    name, caption = slug(values.title), f"{values.title}: {values.how}".rstrip(": ")
     most = max(len(line.cells) for line in values.lines)
     heads = values.heads if most > 1 else ("value",)
     yield Table(

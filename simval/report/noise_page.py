@@ -3,7 +3,7 @@
 Coefficients stand in the units of data sheets, where the unit of the log is known.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from simval.imu.logs import Log
 from simval.imu.multiposition.noise_description import SensorNoise, varies
 from simval.imu.noise import AxisNoise
 from simval.report.log_page import LogPage
-from simval.report.panels import COLOURS, MARKERS, Drawing, Panel, Series
+from simval.report.panels import COLOURS, GREY, INK, MARKERS, Drawing, Panel, Series
 from simval.report.section import made
 from simval.shapes import Float
 from simval.spelling import rounded
@@ -45,7 +45,8 @@ def allan_drawing(name: str, sensors: Sequence[SensorNoise]) -> Drawing:
         caption=(
             f"Allan deviation of {name}: points are measured, bars their 95 % band by "
             "the closed-form covariance, lines the fitted components where they are "
-            "fitted, dotted beyond."
+            "fitted, dotted beyond; dashed, of the axis with the most, white noise N "
+            "and random walk K alone."
         ),
         panels=[_panel(s) for s in drawn],
         columns=1,
@@ -91,12 +92,37 @@ def _panel(sensor: SensorNoise) -> Panel:
             part = slice(*axis.used)
             series.append(_line(axis.seconds[part], model[part], COLOURS[i], "-"))
             series.append(_line(axis.seconds, model, COLOURS[i], ":"))
+    series += _slopes(sensor, scale)
     return Panel(
         title=f"{sensor.title}, Allan deviation",
         x_label="averaging time, s",
         y_label=f"deviation, {unit.name}",
         series=series,
     )
+
+
+def _slopes(sensor: SensorNoise, scale: float) -> Iterator[Series]:
+    """The asymptotes of white noise and of a random walk, of the axis with the most.
+
+    N over the root of the time, so N at 1 s; K times the root of a third of it.
+    """
+    times = np.concatenate([axis.seconds for axis in sensor.axes])
+    least = 0.5 * min(np.sqrt(a.variances.min()) for a in sensor.axes if varies(a))
+    for kind, power, divisor in (("N", -0.5, 1.0), ("K", 0.5, 3.0)):
+        seen = [c.value for c in sensor.of(kind) if c.value is not None]
+        if not seen:
+            continue
+        x = np.array([times.min(), divisor, times.max()])
+        if not x[0] < x[1] < x[2]:
+            continue
+        ends = (least / max(seen)) ** (1.0 / power) * divisor  # no lower than the data
+        x = np.clip(x, *((x[0], ends) if kind == "N" else (ends, x[2])))
+        y = max(seen) * (x / divisor) ** power
+        label = f"slope {'-' * (power < 0)}1/2, {kind} at {divisor:g} s"
+        yield Series(label=label, x=x, y=scale * y, colour=GREY, line="--")
+        yield Series(
+            label="", x=x[1:2], y=scale * y[1:2], colour=INK, marker=MARKERS[-1]
+        )
 
 
 def _line(

@@ -394,6 +394,7 @@ def start_of(
         rests = counted(len(parts), "rest")
         words += f": scatter in {rests}, known to {sizes} %"
     more = f"{motion:.2g} m/s² an axis while moving; the noise used is {noise:.2g} "
+    more += "(--accelerometer-noise)"
     return Start(
         row=int(first.start),
         attitude=two_vectors(found, first),
@@ -403,7 +404,7 @@ def start_of(
         facts=(
             *gyroscope,
             Fact("noise used", words),
-            *([Fact("acceleration", f"{more}(--accelerometer-noise)", True)] if motion else []),
+            *([Fact("acceleration", more, notable=True)] if motion else []),
             Fact("field used", of_field),
             Fact("start", f"at {found.time[first.start]:.2f} s by {vectors}, "
                  f"± {np.degrees(START_STD):.2g}°"),

@@ -5,18 +5,25 @@ from contextlib import redirect_stdout
 from html import unescape
 from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace as Made
 
 import click
 import numpy as np
 import pytest
 from every_page import log_commands
+from random_attitudes import random_quaternions
+from scipy.spatial.transform import Rotation
 
 from simval.cli import run
 from simval.cli.options import command_again
 from simval.imu.calibrate import calibrate
+from simval.imu.multiposition.noise_description import SensorNoise
+from simval.imu.noise import noise_of
 from simval.imu.sensor import AccelerometerModel, forms
 from simval.imu.sensor.readable import KINDS, kinds_of, readable
 from simval.poses import fibonacci_sphere
+from simval.report.filter_page import innovations, roll_pitch_yaw
+from simval.report.noise_page import allan_drawing
 
 NAMES = ("calibrated", "outlier", "filtered", "blind", "noise", "stuck")
 
@@ -85,6 +92,49 @@ def test_a_page_has_the_numbers_of_the_terminal(pages, name):
     assert len(numbers) >= least
     for words in WORDS[name]:
         assert words.lower() in page.lower(), words
+
+
+def test_roll_pitch_and_yaw_are_those_of_scipy():
+    q = random_quaternions(200, np.random.default_rng(2))
+    # the same numbers are theirs of sensor to world, ours of world to sensor
+    yaw, pitch, roll = Rotation.from_quat(q).as_euler("ZYX", degrees=True).T
+    found = roll_pitch_yaw(q)
+    off = np.remainder(found - np.stack([roll, pitch, yaw], axis=1) + 180.0, 360.0)
+    # degrees; an arc sine near its end has half of the digits
+    np.testing.assert_allclose(off, 180.0, rtol=0, atol=1e-5)
+
+
+def test_white_noise_is_read_at_a_second_and_has_its_slope():
+    """N = sd / sqrt(rate): 0.5 units at 25 Hz are 0.1 at one second."""
+    rows = 0.5 * np.random.default_rng(3).standard_normal((4000, 1, 3))
+    noise = SensorNoise(name="gyro", axes=noise_of(rows, 25.0), si_per_raw=None)
+    (panel,) = allan_drawing("log", [noise]).panels
+    (line,) = (x for x in panel.series if x.label == "slope -1/2, N at 1 s")
+    slopes = np.diff(np.log(line.y)) / np.diff(np.log(line.x))
+    np.testing.assert_allclose(slopes, -0.5, rtol=1e-9)
+    assert line.x[1] == 1.0
+    # of the greatest of three, each known to 2 % or so
+    assert line.y[1] == pytest.approx(0.1, rel=0.1)
+    assert line.y[1] == max(c.value for c in noise.of("N"))
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(("factor", "share"), [(1.0, 99.73), (4.0, 86.64)])
+def test_innovations_are_held_against_what_is_stated(factor, share):
+    """Of normal numbers 86.64 % are within 3 of half their standard deviation."""
+    rng, sd = np.random.default_rng(4), np.array([1.0, 0.1, 10.0])
+    values = sd * rng.standard_normal((4000, 3))
+    output = Made(
+        kept=np.arange(4000), innovation=values[None], bias=None, covariance=None,
+        innovation_covariance=np.tile(np.diag(sd**2 / factor), (1, 4000, 1, 1)),
+    )  # fmt: skip
+    whole = Made(found=Made(time=np.arange(4000.0)))
+    each = Made(run=Made(name="mine", output=output))
+    (drawing,) = innovations(whole, each)
+    # of 12 000: standard error of 0.05 and 0.31 %
+    shown = float(drawing.finding.partition(" %")[0])
+    assert shown == pytest.approx(share, abs=4.0 * (0.05 if factor == 1.0 else 0.31))
+    assert len(drawing.panels) == 3
 
 
 SENSOR = AccelerometerModel(
