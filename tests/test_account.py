@@ -1,13 +1,12 @@
 """An account: each face has its answers, numbers and warnings, at any width."""
 
-import json
 import re
 from dataclasses import replace
-from html import unescape
 from types import SimpleNamespace as Made
 
 import numpy as np
 import pytest
+from faces import bare, check_faces, shown
 from hypothesis import example, given
 from hypothesis import strategies as st
 from made_logs import of_scene
@@ -24,8 +23,6 @@ from simval.account import (
     Values,
     in_thousands,
 )
-from simval.account.html import fragment
-from simval.account.markdown import safe, text
 from simval.account.terminal import MARKS, lines
 from simval.imu.logs import read_log
 from simval.imu.multiposition import calibrate_log, calibrate_sensors
@@ -54,8 +51,9 @@ QUANTITIES = st.builds(Quantity, st.sampled_from(["K_x", "T[1][0]"]), NUMBERS, E
 LINES = st.builds(
     Line, st.sampled_from(["scale K", "bias B"]), st.sampled_from(["", "m/s²"]),
     st.lists(QUANTITIES, min_size=1, max_size=3), st.booleans(),
+    notable=st.booleans(),
 )  # fmt: skip
-VALUES = st.builds(Values, title=st.just("sensor"), how=WORDS, folded=st.booleans(),
+VALUES = st.builds(Values, title=st.just("sensor"), how=WORDS,
                    lines=st.lists(LINES, max_size=3), facts=FACTS)  # fmt: skip
 REPLIES = st.builds(
     Reply, title=WORDS, headline=WORDS, answer=st.sampled_from(GRAVITY), do=WORDS,
@@ -66,42 +64,6 @@ ACCOUNTS = st.builds(
     replies=st.lists(REPLIES, max_size=3), values=st.lists(VALUES, max_size=2),
     notes=st.lists(st.builds(Note, words=WORDS), max_size=1), facts=FACTS,
 )  # fmt: skip
-
-
-def bare(words):
-    """The words of a text, one blank between them."""
-    return " ".join(words.split())
-
-
-def shown(account):
-    """What each face shows at once, and how it spells what it is given."""
-    short = {w: bare("\n".join(lines(account, width=w))) for w in (60, 100)}
-    html, markdown = fragment(account), text(account)
-    return [
-        *((found, bare) for found in short.values()),
-        (bare(unescape(re.sub("<details>.*?</details>|<[^>]*>", " ", html))), bare),
-        (bare(markdown.partition("<details>")[0]), safe),
-    ]
-
-
-def must_be_seen(account):
-    """What no face may leave out: verdicts, reasons, what to do, and warnings."""
-    for reply in account.replies:
-        yield from (reply.title, reply.headline, reply.do)
-    yield from (each.words for each in account.warnings)
-
-
-def check_faces(account):
-    for face, spelled in shown(account):
-        for words in must_be_seen(account):
-            assert spelled(words) in face, words
-        for values in account.values:
-            for line in () if values.folded else values.lines:
-                for number in line.spelled:
-                    assert spelled(number) in face
-    whole = json.dumps(account.as_object())
-    for words in must_be_seen(account):
-        assert json.dumps(words)[1:-1] in whole
 
 
 # blanks at which no line ends, in more words than a line has

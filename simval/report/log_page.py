@@ -14,6 +14,7 @@ import numpy as np
 
 from simval import __version__
 from simval.account import Account, Note, Quantity, Values
+from simval.account.terminal import MARKS
 from simval.arrays import Array
 from simval.files import digest
 from simval.imu.logs import Log
@@ -104,7 +105,7 @@ def tables_of(values: Values) -> Iterator[Table]:
             *[Column("how")] * bool(said),
         ],
         rows=[
-            (line.head, *zip(line.shown, map(_size, line.cells), strict=True),
+            (line.head, *zip(line.shown(MARKS), map(_size, line.cells), strict=True),
              *[None] * (len(heads) - len(line.cells)),
              *[said.get(line.label, "")] * bool(said))
             for line in values.lines
