@@ -30,7 +30,7 @@ from operator import attrgetter
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from simval.arguments import instance, whole_number
 from simval.arrays import Array, finite_array
@@ -395,7 +395,7 @@ class _Search:
         for aim in (room, less, room):
             begin = min(mine, key=by_rank)
             top = begin.excess.max() if aim is less else begin.rms.max()
-            minimize(
+            scipy.optimize.minimize(
                 lambda x: x[n] + DECADE * x[:n].sum(),
                 np.append(np.log10([begin.factors[each] for each in names]), top),
                 method="SLSQP",
