@@ -353,7 +353,9 @@ def _limit(found: FilterAdvice) -> Reply:
     sensor = max(by, key=lambda each: sum(by[each].values()))
     source, share = max(by[sensor].items(), key=lambda each: each[1])
     percent = rounded(100.0 * sum(by[sensor].values()))
-    most = f"; {_words(source)} alone is {rounded(100.0 * share)} %" * (len(by[sensor]) > 1)
+    most = f"; {_words(source)} alone is {rounded(100.0 * share)} %" * (
+        len(by[sensor]) > 1
+    )
     who = f"The {sensor}" if sensor != "start" else "The unknown start"
     return Reply(
         title=LIMIT, headline=f"{who}: {percent} % of the squared error{most}."
@@ -376,7 +378,9 @@ def _help(found: FilterAdvice) -> Reply:
         headline=f"Half the error by {_words(name)}: it lowers the error by "
         f"{rounded(percent)} %, with settings found anew.",
         do=how,
-        lines=tuple(f"{_words(n)}: {rounded(100 * (1 - r))} % less" for n, r in best[1:]),
+        lines=tuple(
+            f"{_words(n)}: {rounded(100 * (1 - r))} % less" for n, r in best[1:]
+        ),
     )
 
 
@@ -397,7 +401,7 @@ def _settings_values(found: FilterAdvice) -> Values:
 def _source_values(found: FilterAdvice) -> Values:
     whole = sum(x**2 for x in found.sources.values())
     lines = [
-        Line(name, "", [Quantity(f"{name}, °", _short(DEGREE.factor * x)),
+        Line(_words(name), "", [Quantity(f"{name}, °", _short(DEGREE.factor * x)),
                         Quantity(f"{name}, %", _short(100.0 * x**2 / whole))])
         for name, x in sorted(found.sources.items(), key=lambda each: -each[1])
         if x > 0.0
