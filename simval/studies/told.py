@@ -44,7 +44,7 @@ from simval.theory.filter_settings import (
 )
 
 TITLE = "What a filter is told: does prediction hold, and is what is found right?"
-SECTION = "filters"
+SECTION = "settings"
 
 BLOCK = 8  # trials; part of the promise of equal bits
 RATE, SECONDS = 50.0, 20.0
