@@ -198,7 +198,6 @@ _OVER_ERROR = Figure(
     rows=[stat.NEES()],
     along="gyroscope_error",
     lines="setting",
-    over=["setting"],
     value="NEES (3 is right)",
     level=3.0,
     columns=2,

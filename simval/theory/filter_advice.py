@@ -390,7 +390,7 @@ def _settings_values(found: FilterAdvice) -> Values:
     for name, value in found.given.items():
         unit, words = SETTING_UNITS[name], SETTING_NAMES[name]
         cells = [
-            Quantity(f"{words}, {which}", each)
+            Quantity(f"{words}, {which}", float(f"{each:.4g}"))
             for which, each in (("true", true[name]), ("to give", value))
         ]
         if value > 0.0:

@@ -80,7 +80,7 @@ def _densities(given: Given) -> list[str]:
         "gyroscope_random_walk": told.gyroscope_walk,
         "accelerometer_noise_density": given.density,
         "accelerometer_random_walk": walk,
-        "update_rate": given.rate,
+        "update_rate": float(f"{given.rate:.9g}"),
     }
     return [f"{name}: {_yaml(x)}" for name, x in values.items() if x is not None]
 
