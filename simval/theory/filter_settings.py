@@ -127,47 +127,43 @@ class FilterCase:
 
     def scaled(self, by: Factors) -> "FilterCase":
         """The same with other noise, and other errors by `name_of`."""
-        truth = self.told(by)
-
-        def other(each: Error) -> Error:
-            times = by.get(name_of(each), 1.0)
-            if isinstance(each, RowError):
-                return replace(each, rows=times * each.rows)
-            C, value = each.covariance, each.value
-            return replace(
-                each,
-                covariance=None if C is None else times**2 * C,
-                value=None if value is None else times * value,
-            )
-
-        return replace(self, truth=truth, errors=tuple(map(other, self.errors)))
+        return replace(
+            self,
+            truth=self.told(by),
+            errors=tuple(_scaled(e, by.get(name_of(e), 1.0)) for e in self.errors),
+        )
 
     def coarse(self, rows: int) -> "FilterCase":
         """The same of about so many rows, each of the information of several."""
         k = max(1, len(self.path.dt) // rows)
         T = len(self.path.dt) // k
-
-        def mean(x: Float[Array, "T 3"]) -> Float[Array, "t 3"]:
-            return np.asarray(x[: T * k].reshape(T, k, 3).mean(axis=1))
-
-        def fewer(each: Error) -> Error:
-            if isinstance(each, RowError):
-                return replace(each, rows=mean(each.rows))
-            return each if each.force is None else replace(each, force=mean(each.force))
-
         sensors = (replace(s, std=s.std / np.sqrt(k)) for s in self.truth.sensors)
-        dt = self.path.dt[: T * k].reshape(T, k).sum(axis=1)
-        return FilterCase(
-            path=FilterPath(dt=dt, attitude=self.path.attitude[: T * k + 1 : k]),
+        return replace(
+            self,
+            path=FilterPath(
+                dt=self.path.dt[: T * k].reshape(T, k).sum(axis=1),
+                attitude=self.path.attitude[: T * k + 1 : k],
+            ),
             truth=replace(self.truth, sensors=tuple(sensors)),
-            errors=tuple(fewer(each) for each in self.errors),
-            settle=self.settle,
+            errors=tuple(
+                replace(e, rows=e.rows[: T * k].reshape(T, k, 3).mean(axis=1))
+                if isinstance(e, RowError)
+                else e
+                for e in self.errors
+            ),
         )
 
 
 def name_of(error: Error) -> str:
     """Name of an error in a budget, and by which it is scaled."""
     return f"{error.of} motion" if isinstance(error, RowError) else error.name
+
+
+def _scaled(error: Error, times: float) -> Error:
+    if isinstance(error, RowError):
+        return replace(error, rows=times * error.rows)
+    C = error.covariance
+    return replace(error, covariance=None if C is None else times**2 * C)
 
 
 class FilterEffect(NamedTuple):
@@ -180,11 +176,6 @@ class FilterEffect(NamedTuple):
     def worst(self) -> float:
         """Greatest error of a motion, rad."""
         return float(self.rms.max())
-
-    @property
-    def mean_nees(self) -> float:
-        """NEES of all motions."""
-        return float(self.nees.mean())
 
     def excess(self, band: tuple[float, float]) -> Float[Array, " c"]:
         """Logarithms by which NEES is out of a band: none above 0 is honest."""
@@ -240,7 +231,6 @@ class FilterSettings(NamedTuple):
     factors: dict[str, float]
     effect: FilterEffect
     honest: bool
-    evaluations: int
 
 
 def honest_settings(
@@ -282,16 +272,13 @@ def honest_settings(
         raise InputError(msg)
     rows = max(1, COARSE // len(cases))
     search = _Search([case.coarse(rows) for case in cases], (low, high), parts)
-    rough = search.all() if start is None else search.local(start)
+    rough = search.all() if start is None else search.local(search.at(start))
     whole = _Search(cases, (low, high), parts)
     best = whole.at(rough.factors)
     if best.excess.max() > 0.0 or np.abs(best.rms - rough.rms).max() > NEAR:
-        best = whole.local(rough.factors)
+        best = whole.local(best)
     found = effect(cases, best.factors, parts)
-    honest = bool(best.excess.max() <= 0.0)
-    return FilterSettings(
-        best.factors, found, honest, len(search.seen) + len(whole.seen)
-    )
+    return FilterSettings(best.factors, found, bool(best.excess.max() <= 0.0))
 
 
 NEAR: Final = 0.02
@@ -309,80 +296,66 @@ class _Point(NamedTuple):
     excess: Float[Array, " c"]
 
     @property
-    def cost(self) -> float:
-        return float(self.rms.max()) + DECADE * sum(np.log10([*self.factors.values()]))
-
-    @property
     def rank(self) -> tuple[float, float]:
-        return max(0.0, float(self.excess.max())), self.cost
+        """How far out of the band, and the error."""
+        spread = sum(np.log10([*self.factors.values()]))
+        return max(0.0, self.excess.max()), float(self.rms.max()) + DECADE * spread
 
     @property
-    def penalised(self) -> float:
-        # all noise by one factor moves NEES, and the error not at all
-        return self.rank[0] + self.cost
+    def penalty(self) -> float:
+        """Of one number: a factor of all noise moves NEES, and the error not at all."""
+        return sum(self.rank)
 
 
-by_rank: Final = attrgetter("rank")
-by_penalty: Final = attrgetter("penalised")
+_rank, _penalty = attrgetter("rank"), attrgetter("penalty")
 
 
 class _Search:
-    """Points that were looked at, by the decades of their factors."""
+    """Settings of cases in a band; what was looked at is not computed again."""
 
     def __init__(
         self, cases: Sequence[FilterCase], band: tuple[float, float], parts: int
     ) -> None:
         self.cases, self.band, self.parts = cases, band, parts
-        self.seen: dict[tuple[tuple[str, float], ...], _Point] = {}
+        self.seen: dict[tuple[tuple[str, float], ...], tuple[Array, Array]] = {}
 
     def at(self, factors: Factors) -> _Point:
         key = tuple(sorted((n, f) for n, f in factors.items() if f != 1.0))
         if key not in self.seen:
             found = effect(self.cases, factors, self.parts)
-            self.seen[key] = _Point(
-                dict(factors), np.log(found.rms), found.excess(self.band)
-            )
-        return self.seen[key]
+            self.seen[key] = np.log(found.rms), found.excess(self.band)
+        return _Point(dict(factors), *self.seen[key])
 
     def all(self) -> _Point:
         """A grid, two variables, and a third if it gains."""
         first, *others = self.cases[0].factors
-        sensors = [each for each in others if each != WALK]
-        grids = {s: self.grid(first, s) for s in sensors}
-        sensor = min(grids, key=lambda s: grids[s][0].penalised)
-        two = self.best_from(grids[sensor])
-        three = []
+        grids = {s: self.grid(first, s) for s in others if s != WALK}
+        sensor = min(grids, key=lambda s: grids[s][0].penalty)
+        two = min(map(self.local, grids[sensor]), key=_rank)
+        best = two
         for third in (each for each in others if each != sensor):
             starts = [self.at(two.factors | {third: 2.0})]
             if third != WALK:
                 starts += self.grid(first, sensor, third)
-            three.append(self.best_from(starts))
-        (out, cost), best = two.rank, min([two, *three], key=by_rank)
-        gained = best.rank[0] < out or best.rank[1] < cost + np.log1p(-GAIN)
-        return best if gained else two
+            best = min(best, *map(self.local, starts), key=_rank)
+        (out, error), (left, less) = two.rank, best.rank
+        return best if left < out or less < error + np.log1p(-GAIN) else two
 
     def grid(self, first: str, *others: str) -> list[_Point]:
-        """The best of whole decades, in and near the band; some have the same."""
+        """The best of whole decades, near the band and, if it is another, within."""
         whole = [10.0**a for a in np.arange(MOST)]
         pairs = ({first: a} | dict.fromkeys(others, b) for a in whole for b in whole)
         points = [self.at(each) for each in pairs]
-        return [min(points, key=by_penalty), min(points, key=by_rank)]
+        near, within = min(points, key=_penalty), min(points, key=_rank)
+        return [near] if near.factors == within.factors else [near, within]
 
-    def best_from(self, starts: list[_Point]) -> _Point:
-        """The best that is found from some starts."""
-        several = {str(each.factors): each.factors for each in starts}
-        return min(map(self.local, several.values()), key=by_rank)
-
-    def local(self, start: Factors) -> _Point:
+    def local(self, start: _Point) -> _Point:
         """Least error within the band, or least out of it, from a start."""
-        names, n = tuple(start), len(start)
-        mine = [self.at(start)]
+        names, n, mine = tuple(start.factors), len(start.factors), [start]
 
         def point(x: Float[Array, " n"]) -> _Point:
-            decades = np.clip(x[:n], 0.0, MOST)
-            mine.append(
-                self.at(dict(zip(names, (10.0**decades).tolist(), strict=True)))
-            )
+            factors = 10.0 ** np.clip(x[:n], 0.0, MOST)
+            mine.append(self.at(dict(zip(names, factors.tolist(), strict=True))))
             return mine[-1]
 
         def room(x: Float[Array, " n"]) -> Float[Array, " c"]:
@@ -393,17 +366,16 @@ class _Search:
             return np.asarray(x[n] - point(x).excess)
 
         for aim in (room, less, room):
-            begin = min(mine, key=by_rank)
-            top = begin.excess.max() if aim is less else begin.rms.max()
+            best = min(mine, key=_rank)
+            top = best.excess.max() if aim is less else best.rms.max()
             scipy.optimize.minimize(
                 lambda x: x[n] + DECADE * x[:n].sum(),
-                np.append(np.log10([begin.factors[each] for each in names]), top),
+                np.append(np.log10([*best.factors.values()]), top),
                 method="SLSQP",
                 bounds=[(0.0, MOST)] * n + [(None, None)],
                 constraints={"type": "ineq", "fun": aim},
                 options={"maxiter": 12, "ftol": 1e-3, "eps": 1e-3},
             )
-            fine = min(mine, key=by_rank).rank[0] == 0.0
-            if fine != (aim is less):
+            if (min(mine, key=_rank).rank[0] == 0.0) != (aim is less):
                 break
-        return min(mine, key=by_rank)
+        return min(mine, key=_rank)

@@ -69,7 +69,7 @@ def test_none_of_a_grid_is_honest_with_a_smaller_error(short):
     """The answer against all of a grid of half decades, in three variables."""
     found = honest_settings([short])
     assert found.honest
-    assert BAND[0] <= found.effect.mean_nees <= BAND[1]
+    assert BAND[0] <= found.effect.nees.mean() <= BAND[1]
     decades = 10.0 ** np.arange(0.0, 2.5, 0.5)
     best = np.inf
     for N in decades:
@@ -90,7 +90,7 @@ def test_the_truth_is_honest_where_there_is_no_error(short):
     found = honest_settings([replace(short, errors=())])
     assert found.honest
     assert found.factors == pytest.approx(dict.fromkeys(found.factors, 1.0), abs=0.02)
-    assert found.effect.mean_nees == pytest.approx(3.0, abs=0.05)
+    assert found.effect.nees.mean() == pytest.approx(3.0, abs=0.05)
 
 
 @pytest.mark.slow  # two searches in three variables, of which one finds nothing
@@ -147,7 +147,7 @@ def test_a_path_of_fewer_rows_has_the_same_information(short):
     for rows in (200, 400):
         few = effect([fine.coarse(rows)], {"N": 8.0})
         off.append(
-            [np.log(few.worst / whole.worst), few.mean_nees / whole.mean_nees - 1]
+            [np.log(few.worst / whole.worst), few.nees.mean() / whole.nees.mean() - 1]
         )
     assert np.all(np.abs(off) < 0.07)
     assert np.all(np.abs(off[1]) < 0.75 * np.abs(off[0]))
@@ -250,7 +250,7 @@ def test_honest_settings_are_honest_in_trials_that_the_search_did_not_see(name):
     # 4 standard errors: of 8 comparisons 5e-4 are beyond; the search's rows are a
     # sixteenth of all, and theory of first order: 2 %
     assert abs(rms - found.effect.worst) < 4.0 * rms_sd + 0.02 * rms
-    assert abs(nees - found.effect.mean_nees) < 4.0 * nees_sd + 0.02 * nees
+    assert abs(nees - found.effect.nees.mean()) < 4.0 * nees_sd + 0.02 * nees
     # power: the truth told is not what was seen
     told = effect([case], {})
-    assert abs(nees - told.mean_nees) > 10.0 * nees_sd
+    assert abs(nees - told.nees.mean()) > 10.0 * nees_sd
