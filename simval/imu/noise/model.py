@@ -269,6 +269,8 @@ class NoiseFile:
         rad/s per raw unit; None where it was not known.
     magnetometer : tuple of AxisNoise
         Of the three axes, raw units; empty where the file has none.
+    magnetometer_si_per_raw : float or None
+        T per raw unit; None where it was not known.
     """
 
     accelerometer: tuple[AxisNoise, ...]
@@ -277,6 +279,7 @@ class NoiseFile:
     gyro: tuple[AxisNoise, ...] = ()
     gyro_si_per_raw: float | None = None
     magnetometer: tuple[AxisNoise, ...] = ()
+    magnetometer_si_per_raw: float | None = None
 
 
 def axis_to_json(axis: AxisNoise) -> dict[str, Any]:
@@ -486,6 +489,7 @@ def _sensors(sensors: Any) -> NoiseFile:
         gyro=() if gyro is None else _axes("gyro", gyro),
         gyro_si_per_raw=None if gyro is None else _unit(gyro),
         magnetometer=() if compass is None else _axes("magnetometer", compass),
+        magnetometer_si_per_raw=None if compass is None else _unit(compass),
     )
 
 
