@@ -19,6 +19,7 @@ from simval.account import (
     Line,
     Note,
     Quantity,
+    Remark,
     Reply,
     Values,
     in_thousands,
@@ -54,7 +55,7 @@ LINES = st.builds(
     Line, st.sampled_from(["scale K", "bias B"]), st.sampled_from(["", "m/s²"]),
     st.lists(QUANTITIES, min_size=1, max_size=3), st.booleans(),
 )  # fmt: skip
-VALUES = st.builds(Values, title=st.just("sensor"), how=WORDS,
+VALUES = st.builds(Values, title=st.just("sensor"), how=WORDS, folded=st.booleans(),
                    lines=st.lists(LINES, max_size=3), facts=FACTS)  # fmt: skip
 REPLIES = st.builds(
     Reply, title=WORDS, headline=WORDS, answer=st.sampled_from(GRAVITY), do=WORDS,
@@ -95,7 +96,7 @@ def check_faces(account):
         for words in must_be_seen(account):
             assert spelled(words) in face, words
         for values in account.values:
-            for line in values.lines:
+            for line in () if values.folded else values.lines:
                 for number in line.spelled:
                     assert spelled(number) in face
     whole = json.dumps(account.as_object())
@@ -272,14 +273,18 @@ def changes(found):
         (dict(outliers=(3,)), "Look at rest 3"),
     ):
         yield dict(diagnosis=replace(found.diagnosis, **change)), words
-    noise = replace(found.pose_noise, source="white", words="white noise alone: why")
-    yield dict(pose_noise=noise), "white noise alone: why"
+    noise = replace(found.pose_noise, words="white noise alone: why", do="Rest longer.")
+    yield dict(pose_noise=noise), "white noise alone: why. Rest longer."
     for name in ("cuts", "steps"):
         yield {name: ("rest 1 ...", "rest 2 ...")}, "2 rests"
     fit = replace(found.accelerometer, status="max iterations")
     yield dict(accelerometer=fit), "max iterations"
-    compass = replace(found.magnetometer, findings=("the field is disturbed: by iron",))
-    yield dict(magnetometer=compass), "the field is disturbed: by iron"
+    iron = Remark("disturbed", "the field is disturbed", "Remove the iron.")
+    compass = replace(found.magnetometer, findings=(iron,))
+    yield dict(magnetometer=compass), "the field is disturbed. Remove the iron."
+    # what an answer says is not said a second time
+    out = replace(found.magnetometer, disturbed=(3,), findings=(Remark("poses", "3"),))
+    yield dict(magnetometer=out), "the field is another in rest 3"
     why = ("the three sensors are not fitted together",)
     alone = dict(together=None, taken=found.taken._replace(reasons=why))
     yield alone, "not fitted together"

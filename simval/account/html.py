@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from simval.account import Account, Fact
+from simval.account import Account, Fact, Values
 from simval.account.terminal import MARKS
 
 COLOURS = {"pass": "#118844", "inconclusive": "#8a6500", "fail": "#cc0022"}
@@ -18,12 +18,7 @@ def fragment(account: Account) -> str:
         words = escape(f"{reply.headline} {reply.do}".strip())
         parts.append(f"<p>{mark} <b>{escape(reply.title)}</b> {words}</p>")
     for values in account.values:
-        rows = [("td", [line.head, *line.shown]) for line in values.lines]
-        if any(len(line.cells) > 1 for line in values.lines):
-            rows.insert(0, ("th", ["", *values.heads]))
-        caption = escape(f"{values.title} {values.how}".strip())
-        body = "".join(_row(*row) for row in rows)
-        parts.append(f"<table><caption>{caption}</caption>{body}</table>")
+        parts += [] if values.folded else [_table(values)]
         parts += _warnings(values.facts)
     rests = [each for reply in account.replies for each in reply.lines]
     rests += [f"{label}: {words}" for label, words, _ in account.facts]
@@ -32,6 +27,15 @@ def fragment(account: Account) -> str:
         fold = "<details><summary>What this rests on</summary>"
         parts.append(f"{fold}<ul>{items}</ul></details>")
     return "".join(parts)
+
+
+def _table(values: Values) -> str:
+    rows = [("td", [line.head, *line.shown]) for line in values.lines]
+    if any(len(line.cells) > 1 for line in values.lines):
+        rows.insert(0, ("th", ["", *values.heads]))
+    caption = escape(f"{values.title} {values.how}".strip())
+    body = "".join(_row(*row) for row in rows)
+    return f"<table><caption>{caption}</caption>{body}</table>"
 
 
 def _warnings(facts: Iterable[Fact]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from simval.account import Account, Fact
+from simval.account import Account, Fact, Values
 
 MARKS = {"pass": "✅", "inconclusive": "❔", "fail": "❌"}
 
@@ -16,14 +16,7 @@ def text(account: Account) -> str:
         words = f"{reply.headline} {reply.do}".strip()
         found.append(f"- {MARKS[reply.answer]} **{safe(reply.title)}** {safe(words)}")
     for values in account.values:
-        how = f"`{values.how}`" if values.how else ""
-        found += ["", f"**{safe(values.title)}** {how}".rstrip(), ""]
-        if values.lines:
-            heads = "", *values.heads
-            found += [_row(heads), _row(["---"] * len(heads))]
-        for line in values.lines:
-            cells = [safe(line.head), *map(safe, line.shown)]
-            found.append(_row(cells + [""] * (len(heads) - len(cells))))
+        found += [] if values.folded else _table(values)
         found += ["", *_warnings(values.facts)]
     rests = [each for reply in account.replies for each in reply.lines]
     rests += [f"{label}: {words}" for label, words, _ in account.facts]
@@ -31,6 +24,17 @@ def text(account: Account) -> str:
         found += ["", "<details><summary>What this rests on</summary>", ""]
         found += [*(f"- {safe(each)}" for each in rests), "", "</details>"]
     return "\n".join(found) + "\n"
+
+
+def _table(values: Values) -> list[str]:
+    how = f"`{values.how}`" if values.how else ""
+    found = ["", f"**{safe(values.title)}** {how}".rstrip(), ""]
+    heads = "", *values.heads
+    found += [_row(heads), _row(["---"] * len(heads))] if values.lines else []
+    for line in values.lines:
+        cells = [safe(line.head), *map(safe, line.shown)]
+        found.append(_row(cells + [""] * (len(heads) - len(cells))))
+    return found
 
 
 def _warnings(facts: Iterable[Fact]) -> list[str]:

@@ -4,11 +4,10 @@ A calibration, filters and the noise of a log are such pages. Each kind states i
 answers, figures and tables; this module is the page around them.
 """
 
-import hashlib
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from simval import __version__
 from simval.account import Account, Note, Quantity, Values
 from simval.arrays import Array
+from simval.files import digest
 from simval.imu.logs import Log
 from simval.report.formatting import slug
 from simval.report.panels import COLOURS, Panel, Series
@@ -28,7 +28,8 @@ DIGITS = (
     Column("name", "code"),
     Column("unit", "unit"),
     Column("value", "number", 8),
-    Column("standard deviation", "number", 3),
+    Column("standard deviation u", "number", 3),
+    Column("expanded U = k u", "number", 3),
     Column("95 % from", "number", 8),
     Column("to", "number", 8),
     Column("least possible standard deviation", "number", 3),
@@ -57,14 +58,15 @@ class LogPage:
         """Answers, chapters, and where the numbers are from."""
         facts = (
             ("Log", self.name),
-            ("SHA-256", _digest(self.log)),
+            ("SHA-256", digest(self.log.path)),
             ("simval", __version__),
         )
         account = self.account
         rests = [
             Note(words=f"How the values of {each.title} were found", lines=lines)
             for each in account.values
-            if (lines := [f"{label}: {words}" for label, words, _ in each.facts])
+            if not each.folded
+            and (lines := [f"{label}: {words}" for label, words, _ in each.facts])
         ]
         first = made(
             tables=[table for each in account.values for table in tables_of(each)],
@@ -84,29 +86,40 @@ class LogPage:
 
 
 def tables_of(values: Values) -> Iterator[Table]:
-    """The values as every face has them, and behind a fold every digit of them."""
+    """The values as every face has them, and behind a fold every digit of them.
+
+    Those that are shown on request are behind a fold themselves, with their facts.
+    """
     if not values.lines:
         return
+    said = {label: words for label, words, _ in values.facts if values.folded}
     name, caption = slug(values.title), f"{values.title}: {values.how}".rstrip(": ")
     most = max(len(line.cells) for line in values.lines)
     heads = values.heads if most > 1 else ("value",)
     yield Table(
         name=name,
         caption=caption,
-        columns=[Column("quantity"), *(Column(head, "quantity") for head in heads)],
+        columns=[
+            Column("quantity"), *(Column(head, "quantity") for head in heads),
+            *[Column("how")] * bool(said),
+        ],
         rows=[
             (line.head, *zip(line.shown, map(_size, line.cells), strict=True),
-             *[None] * (len(heads) - len(line.cells)))
+             *[None] * (len(heads) - len(line.cells)),
+             *[said.get(line.label, "")] * bool(said))
             for line in values.lines
         ],
+        fold=caption if values.folded else "",
     )  # fmt: skip
+    if values.folded:
+        return
     yield Table(
         name=f"{name}-digits",
         caption=f"{values.title}, with intervals",
         columns=DIGITS,
         rows=[
             (line.label, x.name, line.unit, x.value, x.sd,
-             *map(_finite, (x.low, x.high)), x.least)
+             *map(_finite, (0.5 * (x.high - x.low), x.low, x.high)), x.least)
             for line in values.lines
             for x in (cell.times(line.factor) for cell in line.cells)
         ],
@@ -131,20 +144,6 @@ def render_log(page: LogPage) -> str:
         version=__version__,
         source=f"the log {page.name}",
     )
-
-
-def _digest(log: Log) -> str:
-    # the file may have gone since it was read, or never have been one; of a folder,
-    # that of its files in the order of their names
-    path = Path(log.path)
-    files = sorted(path.rglob("*")) if path.is_dir() else [path]
-    digest = hashlib.sha256()
-    try:
-        for each in files:
-            digest.update(each.read_bytes() if each.is_file() or each == path else b"")
-    except OSError:
-        return ""
-    return digest.hexdigest()
 
 
 def linear(
