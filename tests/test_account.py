@@ -33,7 +33,7 @@ from simval.imu.multiposition.noise_description import noise_account
 from simval.imu.recorded.description import FilteredLog
 from simval.imu.recorded.errors import NormalisedSquare, Rms, judged_once
 from simval.imu.recorded.filter_account import filters_account
-from simval.imu.recorded.settings import Cut, Signals, start_of
+from simval.imu.recorded.settings import Signals, TurnedRest, start_of
 from simval.imu.recorded.world import World
 from simval.poses import GEOMETRY_LIMIT, fibonacci_sphere, named_poses
 from simval.spelling import in_ascii
@@ -381,6 +381,9 @@ def filters_said():
     rows = Made(remedy=Made(options=("--gyro-rows", "instant")))
     yield filters_account([evaluation("mine", clash, rows=rows)]), "--gyro-rows instant"
     yield filters_account([blind], quaternions=("opt_q",)), "add --truth opt_q"
+    few = evaluation("late", square("not judged", 3.0), rms=np.nan)
+    yield filters_account([few]), "Cannot tell: too few rows have truth"
+    yield filters_account([good, few]), "too few rows have truth to judge late"
     # by another north they change places, or cannot be ranked
     world = replace(WORLD, off=np.array([0.0, 0.0, 0.1]))
     sizes = {"one": (0.01, 0.05), "two": (0.02, 0.01)}
@@ -430,7 +433,7 @@ def a_log(**changes):
 
 
 def test_what_is_wrong_with_a_filtered_log_is_in_the_short_view_of_every_face():
-    cut = Cut(start=1.0, stop=4.0, kept=((1.0, 2.0),), turns=0.2)
+    cut = TurnedRest(start=1.0, stop=4.0, kept=((1.0, 2.0),), turns=0.2)
     scale = Scale(1.0, "rad/s", said=("the header says rad/s, but it is deg/s",))
     jolt = np.tile([0.0, 0.0, 9.8], (500, 1)) * np.linspace(1.0, 1.2, 500)[:, None]
     for changes, words in (

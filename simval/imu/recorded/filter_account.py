@@ -316,21 +316,21 @@ def _how_wrong(done: Sequence[Any], quaternions: Sequence[str]) -> Reply:
             answer="inconclusive",
             do=f"{do} {SELF_CHECK}",
         )
-    first, last = judged[0], judged[-1]
-    part, known = _widest(first)
-    total, heading, inclination = (_angle(known[name]) for name in ERRORS)
-    own = "drift of heading" if first.truth.free else "heading"
-    headline = f"{total} RMS{PARTS[part]}: {own} {heading}, inclination {inclination}."
-    if (order := ranking(done)) and len(order.order) > 1:
-        best = f"{_named(order.best)}, no difference beyond chance"
-        best = best if len(order.best) > 1 else first.run.name
-        headline = f"Least: {best}, {total} RMS{PARTS[part]}."
-        if not order.tied:
-            most = _angle(_widest(last)[1]["total"])
-            headline += f" Most: {_named(order.worst)}, {most}."
+    known = {each.run.name: each.truth.rms["all"] for each in judged}
+    total, heading, inclination = (
+        _angle(next(iter(known.values()))[x]) for x in ERRORS
+    )
+    own = "drift of heading" if judged[0].truth.free else "heading"
+    headline = f"{total} RMS: {own} {heading}, inclination {inclination}."
     answer: Answer = "pass"
-    if not np.isfinite(known["total"].value):
+    if (order := ranking(done)) is None:
         answer, headline = "inconclusive", "Cannot tell: too few rows have truth."
+    elif len(order.order) > 1:
+        tie = ", no difference beyond chance" if len(order.best) > 1 else ""
+        headline = f"Least: {_named(order.best)}{tie}, {total} RMS."
+        if not order.tied:
+            most = _angle(known[order.worst[0]]["total"])
+            headline += f" Most: {_named(order.worst)}, {most}."
     other = north(done)
     if other and other.estimated and other.exchanged:
         answer = "inconclusive"
@@ -347,15 +347,8 @@ def _how_wrong(done: Sequence[Any], quaternions: Sequence[str]) -> Reply:
     )
 
 
-def _widest(each: Any) -> tuple[str, Mapping[str, Rms]]:
-    # RMS of the errors over as much of the log as they are known in
-    known = each.truth.rms
-    part = next((x for x in known if np.isfinite(known[x]["total"].value)), "all")
-    return part, known[part]
-
-
 def _total(each: Any) -> float:
-    value = _widest(each)[1]["total"].value
+    value = each.truth.rms["all"]["total"].value
     return value if np.isfinite(value) else np.inf
 
 
@@ -375,7 +368,7 @@ def _trusted(done: Sequence[Any]) -> Reply:
     answer: Answer = "fail" if bad else "inconclusive"
     if bad or good:
         answer = "fail" if bad else "pass"
-        words = "; ".join(one.words for one in bad or good)
+        words = "; ".join(one.words for one in bad or [*good, *open_])
         headline = f"{'No' if bad else 'Yes'}: {words}."
     elif open_ or alone:
         words = "; ".join(dict.fromkeys(one.words for one in open_)) or "; ".join(alone)

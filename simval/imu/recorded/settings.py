@@ -59,7 +59,7 @@ class Signals:
     gyro_unit: str  # where it came from, in words; empty: not known yet
     force_unit: str
     field_unit: str
-    cuts: "tuple[Cut, ...]" = ()  # rests in which the gyroscope turns
+    cuts: "tuple[TurnedRest, ...]" = ()  # rests in which the gyroscope turns
     scales: tuple[Scale, ...] = ()  # of its sensors, and what is wrong with them
     rows: Rows = BEFORE  # what the gyroscope's are of
     evidence: RowEvidence | None = None  # of that
@@ -106,7 +106,7 @@ class Signals:
         )
 
 
-class Cut(NamedTuple):
+class TurnedRest(NamedTuple):
     """A rest in which the gyroscope turns, and what is kept of it, s, rad/s."""
 
     start: float
@@ -238,7 +238,7 @@ def without_turns(found: Signals) -> Signals:
         parts = parts[np.ptp(parts, axis=1) >= SHORTEST * found.rate]
         kept.extend(map(tuple, parts))
         cuts.append(
-            Cut(
+            TurnedRest(
                 start=float(found.time[start]),
                 stop=float(found.time[stop - 1]),
                 kept=tuple(
