@@ -265,8 +265,8 @@ def noise_account(found: LogNoise, sensors: Sensors) -> Account:
         values=[x.values for x in each],
         notes=tables,
         facts=[
-            *(Fact("unit", words, notable=True) for _, unit in sensors.values()
-              for words in unit.said),
+            *(Fact("unit", str(remark), notable=True) for _, unit in sensors.values()
+              for remark in unit.said),
             *(Fact("raw unit", f"{name}: {unit.how}")
               for name, (_, unit) in sensors.items()),
         ],

@@ -461,7 +461,7 @@ def log_values(
             "gyroscope": found.gyro_unit,
             "accelerometer": found.force_unit,
             "magnetometer": found.field_unit or None,
-            "said": [words for each in found.scales for words in each.said],
+            "said": [str(remark) for each in found.scales for remark in each.said],
         },
         "rests": found.rests.tolist(),
         "gyro_rows": rows_object(found.evidence),
