@@ -175,12 +175,16 @@ def case_of(
     )
 
 
-def rest_means(log: Log, intervals: Intervals, noise: PoseNoise) -> RestMeans:
+def rest_means(
+    log: Log, intervals: Intervals, noise: PoseNoise, rows: Array | None = None
+) -> RestMeans:
     """Mean readings of the rests, each with the noise that its own rows show.
 
-    Times what is slower than they, and with what a coarse converter leaves.
+    Times what is slower than they, and with what a coarse converter leaves; of the
+    accelerometer, or of `rows`.
     """
-    samples, counts = log.accelerometer, interval_counts(intervals)
+    counts, samples = interval_counts(intervals), log.accelerometer
+    samples = samples if rows is None else rows
     rests = [samples[a:b] for a, b in intervals]
     own = np.array([np.cov(rows.T) for rows in rests])
     left = rounding_left(rests, steps_of(rests))
