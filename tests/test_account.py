@@ -260,7 +260,9 @@ def test_each_warning_is_in_the_short_view_of_every_face(whole):
         for face, spelled in shown(account):
             assert spelled(words) in face, words
     # what was read of the log: mended, left out, columns by their place
-    read = replace(log, source=(("mended", "row 7"),), unclear=("a compass: no names",))
+    read = replace(
+        log, source=(("mended", "row 7"),), unclear=(Remark("", "a compass: no names"),)
+    )
     account = with_log(found.account, read)
     for face, spelled in shown(account):
         for words in ("row 7", "a compass: no names"):

@@ -447,7 +447,7 @@ def _facts(whole: Any) -> Iterator[Fact]:
     fit = whole.accelerometer
     diagnosis, warm = whole.diagnosis, whole.warm
     for each in whole.units.values():
-        yield from (Fact("unit", words, notable=True) for words in each.said)
+        yield from (Fact("unit", str(remark), notable=True) for remark in each.said)
     if whole.gyroscope and whole.magnetometer and not whole.together:
         yield Fact("not together", whole.taken.reasons[-1], notable=True)
     yield Fact("initial rest", f"{whole.rest_seconds:.2f} s "

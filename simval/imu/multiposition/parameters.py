@@ -454,7 +454,7 @@ def parameters_of(name: str, log: Log, whole: Any) -> tuple[str, tuple[str, ...]
     RefusedError
         If nothing of it can be written.
     """
-    notes = _Notes(words for each in whole.units.values() for words in each.said)
+    notes = _Notes(str(each) for unit in whole.units.values() for each in unit.said)
     first, writer = WRITERS[name]
     lines = writer(name, log, whole, notes)
     for sensor, own in whole.taken.thermal.items():

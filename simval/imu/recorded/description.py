@@ -79,7 +79,7 @@ class FilteredLog(Told):
                 "gyroscope": found.gyro_unit,
                 "accelerometer": found.force_unit,
                 "magnetometer": found.field_unit or None,
-                "said": [words for each in found.scales for words in each.said],
+                "said": [str(x) for each in found.scales for x in each.said],
             },
             "rests": found.rests.tolist(),
             "gyro_rows": rows_object(found.evidence),

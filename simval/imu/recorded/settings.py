@@ -168,7 +168,7 @@ def signals(
 
 def _require_gyroscope(log: Log) -> None:
     if log.gyro is None:
-        why = "; ".join(log.unclear)
+        why = "; ".join(map(str, log.unclear))
         msg = (
             f"{log.path} has no gyroscope ({why or 'no column is named as one'}), and "
             "a filter is given one; name its columns (--columns)"
