@@ -38,11 +38,11 @@ def test_a_data_sheet(capsys, tmp_path):
     assert found["settings"]["accelerometer"] == pytest.approx(
         row * x.get("accelerometer", 1.0), rel=1e-6
     )
-    truth = found["others"]["the true noise"]
-    assert found["achieved"]["rms"] < truth["rms"]
-    assert truth["nees"][0] > 10.0 * found["achieved"]["nees"][0]
+    truth, achieved = (found["effects"][x] for x in ("the true noise", "achieved"))
+    assert achieved["rms"] < truth["rms"]
+    assert truth["nees"][0][0] > 10.0 * achieved["nees"][0][0]
     whole = sum(part**2 for part in found["sources"].values())
-    assert np.sqrt(whole) == pytest.approx(found["achieved"]["rms"], rel=1e-6)
+    assert np.sqrt(whole) == pytest.approx(achieved["rms"], rel=1e-6)
     assert found["with_half"]["gyroscope calibration"] < 1.0
     written = yaml.safe_load(file.read_text())
     assert written["gyroscope_noise_density"] == found["settings"]["N"]
@@ -75,7 +75,7 @@ def test_a_calibration_and_a_log(capsys, tmp_path):
         each["sources"]["accelerometer calibration"] / each["sources"]["start"]
         for each in (found, half)
     ]
-    assert half["achieved"]["rms"] < found["achieved"]["rms"]
+    assert half["effects"]["achieved"]["rms"] < found["effects"]["achieved"]["rms"]
     assert share[1] < share[0]
 
 
