@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from simval import statistics as stat
 from simval.arrays import Array
@@ -60,8 +61,14 @@ class Parameters(StudyParameters):
 
     no_noise = ("setting",)
 
-    motion: Literal["gimbal slow", "gimbal fast"] = "gimbal slow"
-    setting: Literal["true noise", "twice", "tenfold", "found"] = "found"
+    motion: Literal["gimbal slow", "gimbal fast"] = Field(
+        default="gimbal slow", description="Motion of the body."
+    )
+    setting: Literal["true noise", "twice", "tenfold", "found"] = Field(
+        default="found",
+        description="Noise that the filter is given: its own, twice or ten times it, "
+        "or that of `simval tell`.",
+    )
     gyroscope_error: float = ranged(
         1e-3, "Standard deviation of each entry of the gyroscope's matrix.", 0.0, 0.03
     )

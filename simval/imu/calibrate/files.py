@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from simval.arguments import choice, file_path, instance, whole_number
-from simval.arrays import Array, positive_number, shaped_array
+from simval.arrays import Array, nonnegative_number, positive_number, shaped_array
 from simval.errors import InputError, RefusedError
 from simval.files import MOST_DOCUMENT, parsed, read_text
 from simval.imu.calibrate.estimate import plain
@@ -160,6 +160,7 @@ def to_json(fit: FitResult) -> dict[str, Any]:
         "format": FORMAT,
         **{name: getattr(fit, name) for name in ("model", *_WORDS)},
         "g": fit.g,
+        "g_std": fit.g_std,
         "covariance_kind": fit.covariance_kind,
         "dof": fit.dof,
         "status": str(fit.status),
@@ -185,6 +186,7 @@ def from_json(data: Any, source: str = "the calibration") -> FitResult:
             model=model,
             parameters=parameters,
             g=positive_number("g", data.get("g", STANDARD_GRAVITY), "m/s^2"),
+            g_std=nonnegative_number("g_std", data.get("g_std", 0.0), "m/s^2"),
             status=np.str_(_word(data, "status", "converged")),
             iterations=np.int64(_count(data, "iterations")),
             covariance=array(data, "covariance", (9, 9)),

@@ -44,8 +44,9 @@ from simval.imu.calibrate.thermal import (
     ThermalFit,
     choose_thermal,
 )
+from simval.imu.explain import RestMeans
 from simval.imu.logs import Log
-from simval.imu.multiposition.case import case_of, kept
+from simval.imu.multiposition.case import case_of, kept, rest_means
 from simval.imu.multiposition.description import calibration_account
 from simval.imu.multiposition.faults import explained, for_a_log, require_sound
 from simval.imu.multiposition.log_units import Scale, units_of
@@ -161,6 +162,7 @@ def calibrate_log(
     log: Log,
     *,
     g: float = 9.80665,
+    g_std: float = 0.0,
     model: Model = "triangular",
     method: Method = "lm",
     residual: Residual = "squared",
@@ -179,8 +181,9 @@ def calibrate_log(
     ----------
     log : Log
         The log, see `simval.imu.logs.read_log`.
-    g : float
-        Local gravity, m/s^2.
+    g, g_std : float
+        Local gravity and its standard deviation, m/s^2, see
+        `simval.imu.calibrate.local_gravity`; 0 takes it as exact.
     model, method, residual, loss : str
         As in `simval.imu.calibrate.calibrate`.
     step : float, default 1.0
@@ -244,7 +247,8 @@ def calibrate_log(
             fit = fitted(poses, noise_std=stated).require_converged()
         std = None if np.any(pose.std == 0.0) else pose.std
         white = None if np.any(pose.white == 0.0) else pose.white
-        warm, further = _rest_terms(log, intervals, poses, fit, std, loss), None
+        means = rest_means(log, intervals, pose)
+        warm, further = _rest_terms(log, intervals, means, fit, std, loss), None
         if warm.fit is not None:
             log = at_reference(log, accelerometer=warm.thermal)
             poses = interval_means(log.accelerometer, intervals)
@@ -266,6 +270,7 @@ def calibrate_log(
         )  # fmt: skip
         sensor = fit.sensor()
         forces, initial = sensor.correct(poses), rests.initial
+        fit = fit.with_gravity(g_std)  # all before is by what the log shows
         result = LogCalibration(
             fit=fit,
             diagnosis=replace(diagnosis, do=case.do),
@@ -320,7 +325,7 @@ def at_reference(log: Log, **terms: Thermal | None) -> Log:
 def _rest_terms(
     log: Log,
     rests: Intervals,
-    poses: Float[Array, "m 3"],
+    means: RestMeans,
     fit: FitResult,
     std: Float[Array, " m"] | None,
     loss: str = "linear",
@@ -328,13 +333,13 @@ def _rest_terms(
     # the temperature of each rest, and what the readings owe to it
     if log.temperature is None:
         return ThermalChoice()
-    rested = RestTemperatures.of(log.temperature, log.time, rests, poses)
+    rested = RestTemperatures.of(log.temperature, log.time, rests, means.readings)
     if loss != "linear":
-        why = f"the loss is {loss}: the F test needs a linear one"
+        why = f"the loss is {loss}: terms are fitted by least squares"
         return ThermalChoice(rested, reason=rested.not_modelled(why), tested=False)
     return choose_thermal(
-        poses, rested, start=fit.parameters, model=fit.model, g=fit.g,
-        std=np.ones(len(poses)) if std is None else std, known=std is not None,
+        means, rested, start=fit.parameters, model=fit.model, g=fit.g,
+        std=np.ones(len(rests)) if std is None else std,
     )  # fmt: skip
 
 
@@ -398,8 +403,8 @@ def calibrate_sensors(
     log = at_reference(log, accelerometer=result.warm.thermal)
     rests = partial(
         recording_of, log.time, log.accelerometer, result.intervals, g=result.fit.g,
-        model=result.fit.model, pose_std=result.pose_noise.std, field=field,
-        hemisphere=hemisphere,
+        g_std=result.fit.g_std, model=result.fit.model, field=field,
+        pose_std=result.pose_noise.std, hemisphere=hemisphere,
     )  # fmt: skip
     shifts = {"accelerometer": result.warm.shifts}
     parts: dict[str, Calibration] = {}
@@ -553,8 +558,9 @@ def _fields(
         return samples, noise, warm
     fields = interval_means(samples, rests)
     std = None if np.any(noise.std == 0.0) else noise.std
+    means = rest_means(log, rests, noise, samples)
     warm = _rest_terms(
-        log, rests, fields, calibrate(fields, field, result.fit.model), std
+        log, rests, means, calibrate(fields, field, result.fit.model), std
     )
     warm = warm._replace(reason=warm.reason and f"magnetometer: {warm.reason}")
     if warm.thermal is not None:

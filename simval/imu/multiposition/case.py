@@ -18,7 +18,7 @@ from simval.imu.explain import Judgement, RestMeans, judge
 from simval.imu.explain.catalogue import wrapped
 from simval.imu.explain.explanation import LEAST_FREEDOM
 from simval.imu.logs import Log
-from simval.imu.multiposition.noise import PoseNoise, rounding_left
+from simval.imu.multiposition.noise import PoseNoise, rounding_left, steps_of
 from simval.imu.multiposition.rests import find_rests
 from simval.imu.statics import Intervals, interval_counts, interval_means
 from simval.poses import PARAMETERS
@@ -175,15 +175,19 @@ def case_of(
     )
 
 
-def rest_means(log: Log, intervals: Intervals, noise: PoseNoise) -> RestMeans:
+def rest_means(
+    log: Log, intervals: Intervals, noise: PoseNoise, rows: Array | None = None
+) -> RestMeans:
     """Mean readings of the rests, each with the noise that its own rows show.
 
-    Times what is slower than they, and with what a coarse converter leaves.
+    Times what is slower than they, and with what a coarse converter leaves; of the
+    accelerometer, or of `rows`.
     """
-    samples, counts = log.accelerometer, interval_counts(intervals)
+    counts, samples = interval_counts(intervals), log.accelerometer
+    samples = samples if rows is None else rows
     rests = [samples[a:b] for a, b in intervals]
     own = np.array([np.cov(rows.T) for rows in rests])
-    left = rounding_left(rests)
+    left = rounding_left(rests, steps_of(rests))
     size = (noise.slow / counts)[:, None, None]
     warm = log.temperature
     return RestMeans.of(

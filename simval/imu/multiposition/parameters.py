@@ -49,10 +49,12 @@ from simval.imu.multiposition.description import (
 )
 from simval.imu.multiposition.noise import log_noise
 from simval.imu.multiposition.noise_description import KALIBR, si_unit
+from simval.imu.multiposition.record import gravity_words
 from simval.imu.noise.model import equivalent_words, largest
 from simval.imu.sensor import gyroscope_factors
 from simval.poses import fibonacci_sphere
 from simval.shapes import Float
+from simval.spelling import in_ascii
 from simval.text import one_line
 from simval.units import OF_A_LOG
 
@@ -452,7 +454,7 @@ def parameters_of(name: str, log: Log, whole: Any) -> tuple[str, tuple[str, ...]
     RefusedError
         If nothing of it can be written.
     """
-    notes = _Notes(words for each in whole.units.values() for words in each.said)
+    notes = _Notes(str(each) for unit in whole.units.values() for each in unit.said)
     first, writer = WRITERS[name]
     lines = writer(name, log, whole, notes)
     for sensor, own in whole.taken.thermal.items():
@@ -464,7 +466,8 @@ def parameters_of(name: str, log: Log, whole: Any) -> tuple[str, tuple[str, ...]
     comments = [
         f"Calibration of {Path(log.path).name}, axes of the {form} form",
         f"honest bars: {honest(conditions(whole))[1]}",
+        f"gravity: {gravity_words(whole.accelerometer)}",
         *notes,
     ]
-    head = [*first, *(f"# {one_line(each)}" for each in comments)]
+    head = [*first, *(f"# {in_ascii(one_line(each))}" for each in comments)]
     return "\n".join([*head, *lines, ""]), tuple(notes)
