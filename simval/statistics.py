@@ -224,6 +224,7 @@ SETTLING_TRIALS = _share(
     "settling_trials", "share of trials that settle", better="more"
 )
 SETTLING = _size("settling", "time to settle", unit="s")
+NOISE_FACTOR = _size("noise_factor", "factor of the noise that is told", better=None)
 RMS_AT = _size("rms_at", "RMS error at an instant", unit="rad", along=True)
 RMS_OVER_BOUND_AT = _size(
     "rms_over_bound_at", "RMS error over the bound at an instant", along=True

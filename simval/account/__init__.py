@@ -10,6 +10,7 @@ stands in the shortest face, too.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import floor, isfinite, log10, nan
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 from simval.spelling import bounded, measured
@@ -30,6 +31,22 @@ class Fact(NamedTuple):
     label: str
     words: str
     notable: bool = False
+
+
+class Remark(NamedTuple):
+    """A judgement of data: what was seen, its kind and numbers, and what to do."""
+
+    kind: str
+    words: str
+    do: str = ""  # a sentence; empty where nothing is to be done
+    numbers: Mapping[str, Any] = MappingProxyType({})
+
+    def __str__(self) -> str:
+        return f"{self.words}. {self.do}" if self.do else self.words
+
+    def as_object(self) -> dict[str, Any]:
+        """Return it as plain JSON values."""
+        return self._asdict() | {"numbers": dict(self.numbers)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,6 +178,11 @@ class Values:
     lines: Sequence[Line] = ()
     heads: Sequence[str] = ("x", "y", "z")
     facts: Sequence[Fact] = ()  # how they were found, and what is wrong with them
+
+    @property
+    def folded(self) -> bool:
+        """True if they are shown on request only."""
+        return bool(self.lines) and not any(each.notable for each in self.lines)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

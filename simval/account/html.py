@@ -18,7 +18,8 @@ def fragment(account: Account) -> str:
         words = escape(f"{reply.headline} {reply.do}".strip())
         parts.append(f"<p>{mark} <b>{escape(reply.title)}</b> {words}</p>")
     for values in account.values:
-        parts.append(_table(values, [each for each in values.lines if each.notable]))
+        seen = [each for each in values.lines if each.notable]
+        parts += [] if values.folded else [_table(values, seen)]
         parts += _warnings(values.facts)
     rests = [each for reply in account.replies for each in reply.lines]
     rests += [f"{label}: {words}" for label, words, _ in account.facts]

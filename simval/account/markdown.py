@@ -16,9 +16,10 @@ def text(account: Account) -> str:
         words = f"{reply.headline} {reply.do}".strip()
         found.append(f"- {MARKS[reply.answer]} **{safe(reply.title)}** {safe(words)}")
     for values in account.values:
-        how = f"`{values.how}`" if values.how else ""
-        found += ["", f"**{safe(values.title)}** {how}".rstrip(), ""]
-        found += _table(values, [each for each in values.lines if each.notable])
+        if not values.folded:
+            how = f"`{values.how}`" if values.how else ""
+            found += ["", f"**{safe(values.title)}** {how}".rstrip(), ""]
+            found += _table(values, [each for each in values.lines if each.notable])
         found += ["", *_warnings(values.facts)]
     rests = [each for reply in account.replies for each in reply.lines]
     rests += [f"{label}: {words}" for label, words, _ in account.facts]

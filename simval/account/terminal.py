@@ -59,7 +59,10 @@ def lines(
     for reply in account.replies:
         found += ["", *_reply(reply, width, style, verbose=verbose)]
     for values in account.values:
-        found += ["", *_values(values, width, style, spell, verbose=verbose)]
+        if verbose or not values.folded:
+            found += ["", *_values(values, width, style, spell, verbose=verbose)]
+        else:
+            found += _facts([each for each in values.facts if each.notable], width)
     for note in account.notes if verbose else ():
         found += ["", *_note(note, width)]
     if verbose and account.facts:
@@ -115,7 +118,7 @@ def _values(
         )  # fmt: skip
     yield from found
     cells = [each for line in values.lines for each in line.cells if each.bounded]
-    if verbose and cells:
+    if verbose and cells and not values.folded:
         yield ""
         yield from _long(cells)
     facts = [each for each in values.facts if verbose or each.notable]

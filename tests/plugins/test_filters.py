@@ -446,7 +446,7 @@ def test_a_world_that_is_left_open_is_found():
         true = (world, form, "specific force")
         found = find_world(compass(true, (None, *true[1:])), told(), RATE)
         assert (found.world, found.alike) == (world, ())
-        assert f"stays in {world} within" in found.words
+        assert f"attitude in {world}; without noise it stays within" in found.words
     # one that is handed the field and its start may have any north
     for world, canonical in (("NED", "NED"), ("SEU", "NWU")):
         filter = replace(converted(world, ("sxyz", "active")), world=None)
