@@ -38,6 +38,7 @@ from simval.report.panels import COLOURS, Drawing, Series, SpherePanel
 from simval.report.section import Section, made
 from simval.report.table import Column, Table
 from simval.shapes import Float
+from simval.spelling import rounded
 
 PROBES = 4000
 """Directions that the largest gap is looked for in: 3 degrees apart."""
@@ -127,7 +128,7 @@ def _parameters(fit: FitResult, bound: Float[Array, "9"]) -> Table:
         (
             name,
             sign * value,
-            f"{bar:.2g} {unit.name}" if np.isfinite(bar) else "",
+            f"{rounded(bar)} {unit.name}" if np.isfinite(bar) else "",
             sd,
             (high - low) / 2.0,
             least,
