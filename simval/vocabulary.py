@@ -64,6 +64,7 @@ STUDIES: Final = (
     "estimator",
     "calibrator",
     "filter",
+    "told",
     "custom_scene",
 )
 """Studies, in the order of the page."""

@@ -87,6 +87,7 @@ class Quantity:
     high: float = nan
     least: float | None = None  # the least standard deviation that is possible
     missing: str = "-"  # where there is neither value nor limit
+    answer: Answer | None = None  # of what judges it, which a face shows as a mark
 
     def spelled(self, *, fixed: bool = True) -> str:
         """The number for a person, with a power of ten only if it is not `fixed`."""
@@ -96,13 +97,19 @@ class Quantity:
             return bounded(self.low, self.high)
         return self.missing
 
+    @property
+    def bounded(self) -> bool:
+        """True if it has an interval, a limit or a least standard deviation."""
+        return isfinite(self.low) or isfinite(self.high) or self.least is not None
+
     def times(self, factor: float) -> "Quantity":
         """The same in a smaller unit."""
         value, sd, least = (
             None if x is None else factor * x for x in (self.value, self.sd, self.least)
         )
         ends = factor * self.low, factor * self.high
-        return Quantity(self.name, value, sd, *ends, least, self.missing)
+        rest = self.missing, self.answer
+        return Quantity(self.name, value, sd, *ends, least, *rest)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,17 +122,24 @@ class Line:
     named: bool = False  # whether each cell shows its name, where no heading does
     factor: float = 1.0  # times a cell in the unit
     fixed: bool = True  # whether all have the unit's power of ten, and none its own
+    notable: bool = True  # whether short views have it, too
 
     @property
     def head(self) -> str:
         """Label and unit."""
         return f"{self.label}, {self.unit}" if self.unit else self.label
 
-    @property
-    def shown(self) -> list[str]:
-        """Its cells for a person."""
+    def shown(self, marks: Mapping[Answer, str]) -> list[str]:
+        """Its cells for a person, with the marks of a face."""
         return [
             f"{each.name} {words}" if self.named else words
+            for each, words in zip(self.cells, self.marked(marks), strict=True)
+        ]
+
+    def marked(self, marks: Mapping[Answer, str]) -> list[str]:
+        """Its numbers, each with the mark of what judges it."""
+        return [
+            words if each.answer is None else f"{words} {marks[each.answer]}"
             for each, words in zip(self.cells, self.spelled, strict=True)
         ]
 
@@ -164,7 +178,11 @@ class Values:
     lines: Sequence[Line] = ()
     heads: Sequence[str] = ("x", "y", "z")
     facts: Sequence[Fact] = ()  # how they were found, and what is wrong with them
-    folded: bool = False  # whether they are shown on request only
+
+    @property
+    def folded(self) -> bool:
+        """True if they are shown on request only."""
+        return bool(self.lines) and not any(each.notable for each in self.lines)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

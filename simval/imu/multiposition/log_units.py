@@ -13,7 +13,7 @@ from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from simval.account import Remark
+from simval.account import Fact, Remark
 from simval.arrays import Array
 from simval.errors import InputError, RefusedError
 from simval.imu.calibrate import calibrate
@@ -154,9 +154,11 @@ def units_of(
     return found
 
 
-def said_of(units: Iterable[Scale]) -> list[str]:
-    """What is wrong with the units and axes of a log, in lines."""
-    return [f"{'unit':18s}{remark}" for each in units for remark in each.said]
+def unit_facts(units: Iterable[Scale]) -> tuple[Fact, ...]:
+    """What is wrong with the units and axes of a log."""
+    return tuple(
+        Fact("unit", str(x), notable=True) for each in units for x in each.said
+    )
 
 
 def _title(sensor: str) -> str:

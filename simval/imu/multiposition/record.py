@@ -138,7 +138,7 @@ def budget(whole: Any) -> Values:
     for each in rows:
         sd = readable(fit, each.sd)
         cells = [each.cell(names[k], sd[k][0]) for k in worst]
-        lines.append(Line(each.label, "", cells))
+        lines.append(Line(each.label, "", cells, notable=False))
     k = (high - low)[worst] / 2.0 / fit.sd[worst]
     factors = " and ".join(dict.fromkeys(f"{x:.3g}" for x in k.tolist()))
     return Values(
@@ -150,7 +150,6 @@ def budget(whole: Any) -> Values:
             *(Fact(each.label, each.words) for each in found),
             Fact("expanded, U", f"U = k u holds the true value in 95 %, k = {factors}"),
         ),
-        folded=True,
     )
 
 
@@ -176,9 +175,9 @@ def correlations(
         Line(name, "", [
             Quantity(other, round(float(r[i, j]), 2) + 0.0)
             for j, other in enumerate(names[:i])
-        ])
+        ], notable=False)
         for i, name in enumerate(names)
         if i
     ]  # fmt: skip
     title = f"correlations of the {sensor}"
-    return Values(title=title, lines=lines, heads=names[:-1], folded=True)
+    return Values(title=title, lines=lines, heads=names[:-1])
