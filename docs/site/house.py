@@ -20,7 +20,7 @@ STEP, LEFT, WIDTH = 34.0, 170.0, 250.0
 
 
 def rows() -> list[tuple[tuple[str, ...], str]]:
-    """Names in each row of the package, the highest first, and what stands beside it."""
+    """Names in each row of the package, the highest first, and its remark."""
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     _, _, layers = text.partition('name = "the rows of the design"')
     layers, _, _ = layers.partition("]\n[[")
@@ -43,7 +43,7 @@ def house() -> Drawing:
             d.line((10.0, y - 4.0), (870.0, y - 4.0), "sensor")
             d.words((870.0, y - 9.0), "the wall", "sensor", "end")
         d.box((LEFT, y), (WIDTH, STEP - 8.0), own)
-        d.words((LEFT + WIDTH / 2.0, y + 18.0), ", ".join(names).replace("_", " ").strip(),
-                own)  # fmt: skip
+        inside = ", ".join(names).replace("_", " ").strip()
+        d.words((LEFT + WIDTH / 2.0, y + 18.0), inside, own)
         d.words((LEFT + WIDTH + 14.0, y + 18.0), said, "faint", "start")
     return d
