@@ -304,16 +304,17 @@ def _give(found: FilterAdvice) -> Reply:
 def _cost(found: FilterAdvice) -> Reply:
     now, true = found.settings.effect.worst, found.others[TRUE]
     said = {
-        name: f"{_angle(x.worst)}, {rounded(x.worst / now, 3)} times as much; it "
-        f"{_stated(x)}"
+        name: f"With {name} {_angle(x.worst)}, {rounded(x.worst / now, 3)} times as "
+        f"much; it {_stated(x)}"
         for name, x in found.others.items()
     }
+    *_, tenfold = said.values()
     return Reply(
         title="What do other settings cost?",
-        headline=f"With {TRUE} {said[TRUE]}.",
+        headline=f"{said[TRUE]}. {tenfold}.",
         answer="pass" if true.nees.max() <= found.band[1] else "inconclusive",
         lines=tuple(
-            f"With {name} {words} (NEES {rounded(found.others[name].nees.max(), 3)})."
+            f"{words} (NEES {rounded(found.others[name].nees.max(), 3)})."
             for name, words in said.items()
         ),
     )
