@@ -81,6 +81,12 @@ def command(
         "'command: PROGRAM {poses}'; may be repeated.",
         dict(name="--plugin", metavar="PLUGIN"),
     ] = (),
+    own: Annotated[
+        tuple[Path, ...],
+        "Add the study of a Python file, which the suite names as the file is called; "
+        "may be repeated.",
+        dict(name="--study", metavar="FILE"),
+    ] = (),
     resume: Annotated[bool, "Continue an interrupted run in the folder --out."] = False,
     dry_run: Annotated[
         bool, "List the cells with their estimated times, and stop."
@@ -95,6 +101,7 @@ def command(
     """
     from simval.cli.progress import CellBar, Quiet
     from simval.plugins.loading import beside_builtin, chosen, spelled
+    from simval.studies import bring
     from simval.sweep import load_suite
     from simval.sweep.identity import StrangerError
     from simval.sweep.runner import drive
@@ -113,6 +120,12 @@ def command(
             f"`--{name.replace('_', '-')}` is for the workers of a cluster; give its "
             "`--scheduler` too, or leave it out",
         )
+    refuse_if(
+        scheduler is not None and bool(own),
+        "`--study` is for the processes of this machine; for the workers of a cluster, "
+        "install the study there, as an entry point of the group simval.studies",
+    )
+    bring(own)
     added = spelled(beside_builtin(chosen(plugins)))
     loaded = load_suite(suite, (*added, *overrides), seed)
     if dry_run:

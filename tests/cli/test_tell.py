@@ -96,6 +96,25 @@ def test_what_cannot_be_told(capsys, words, said):
     assert said in err.casefold()
 
 
+@pytest.mark.parametrize("order", ["qx,qy,qz,qw", "qw,qx,qy,qz"])
+def test_a_file_of_attitudes_is_a_motion(tmp_path, order):
+    """Body to world, scalar first or last: those of the file, one row in two."""
+    from simval.cli.tell import course_of
+
+    q = np.random.default_rng(0).standard_normal((101, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    time = np.arange(101) / 50.0
+    rows = np.column_stack([time, np.roll(q, order.startswith("qw"), axis=1)])
+    file = tmp_path / "poses.csv"
+    np.savetxt(file, rows, delimiter=",", header=f"t,{order}", comments="")
+    how = dict(columns=None, instance=None, start=None, stop=None)
+    found = course_of(str(file), None, how).taken(25.0, 40)
+    assert found.rate == pytest.approx(25.0)
+    assert len(found.time) == len(found.attitude) == 41
+    first = round(found.time[0] * 50.0)
+    np.testing.assert_allclose(found.attitude, q[first : first + 81 : 2], atol=1e-12)
+
+
 def test_numbers_of_sensors():
     from simval.cli.tell import by_sensor
 

@@ -63,13 +63,10 @@ def called(checkout, *words):
     ).stdout
 
 
-@pytest.mark.slow  # half a dozen processes
-def test_a_study_is_one_module_and_one_name(checkout):
-    schema = json.loads(called(checkout, "suite-schema"))
-    assert "coin" in schema["properties"]
-    assert "Coin: the share of heads" in called(checkout, "list")
+def check_coin(checkout, *brought):
+    """Swept, judged and drawn, as any study."""
     (checkout / "coin.toml").write_text("[coin]\nsamples = [1024, 4096]\n")
-    called(checkout, "sweep", "coin.toml", "--out", "run", "--quiet")
+    called(checkout, "sweep", "coin.toml", *brought, "--out", "run", "--quiet")
     assert "coverage[heads]" in (checkout / "run" / "results.csv").read_text()
     assert "Yes: all " in called(checkout, "gate", "run", "--no-baseline")
     called(checkout, "report", "run")
@@ -77,6 +74,31 @@ def test_a_study_is_one_module_and_one_name(checkout):
     assert 'id="figure-coin"' in page
     assert "The share of heads agrees with theory" in page
     assert "coverage[heads]" in page
+
+
+@pytest.mark.slow  # half a dozen processes
+def test_a_study_is_one_module_and_one_name(checkout):
+    schema = json.loads(called(checkout, "suite-schema"))
+    assert "coin" in schema["properties"]
+    assert "Coin: the share of heads" in called(checkout, "list")
+    check_coin(checkout)
+
+
+@pytest.mark.ci
+def test_a_users_own_study_is_one_file(tmp_path):
+    """From its own folder, by the package as it is; found again by the run."""
+    file = tmp_path / "own" / "coin.py"
+    file.parent.mkdir()
+    file.write_text("import sibling\n" + BLOCKS[0].partition('"""\n')[2])
+    (file.parent / "sibling.py").write_text("")
+    (tmp_path / "simval").symlink_to(ROOT / "simval")
+    (tmp_path / "models").symlink_to(ROOT / "models")
+    check_coin(tmp_path, "--study", str(file))
+    again = called(tmp_path, "repro", "--run", "run", "coin(samples=1024)@1")
+    assert "equal to the bit" in again
+    # a file that has changed is not run by who reads the run
+    file.write_text("raise SystemExit('run')")
+    assert "Yes: all " in called(tmp_path, "gate", "run", "--no-baseline")
 
 
 @pytest.mark.ci
