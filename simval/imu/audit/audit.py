@@ -164,9 +164,10 @@ class Audit(Told):
         title = f"Does the {found.name} read the {what}?"
         wrong, untold = list(self._wrong(found)), self.untold(found)
         lines = tuple(
-            f"{words.TITLES[x.name]}: off by "
-            f"{number(float(np.abs(x.value).max()), 2)}, allowed {number(float(x.allowed.max()), 2)} {words.UNITS.get(x.name, '')}"
-            for x in found.items.values()
+            f"{words.TITLES[each.name]}: off by {number(off, 2)}, allowed "
+            f"{number(float(each.allowed.max()), 2)} {words.UNITS.get(each.name, '')}"
+            for each in found.items.values()
+            for off in [float(np.abs(each.value).max())]
         )
         if wrong:
             said = "; ".join(each for each, _ in wrong)
@@ -380,7 +381,7 @@ def audit(
         lever=lever, declared=declared, claims=tuple(made), step=imu.step, alpha=alpha,
         reckoning=_reckoned(pieces, gyro, force, lever, declared),
         shared=tuple(pairs) if least < rate else (),
-        rough=np.concatenate([np.zeros(0), *rough]),
+        rough=np.concatenate([np.zeros(0), *rough]) + imu.origin,
         spikes=_spikes(imu, found, pieces, lever, declared),
         only=tuple(only) or QUESTIONS,
     )  # fmt: skip
@@ -440,7 +441,7 @@ def _spikes(
         off = np.abs(ideal - coarse).max()
         far = np.abs(left).max(axis=1) > 12.0 * noise + 3.0 * off + 0.02 * force.size
         times.append(t[far])
-    return np.unique(np.concatenate(times))
+    return np.unique(np.concatenate(times)) + imu.origin
 
 
 def _said(imu: SimulatedImu, pieces: list[Piece]) -> str:

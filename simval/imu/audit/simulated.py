@@ -13,6 +13,7 @@ from simval.units import G0
 
 LEAST: Final = 40  # rows; of fewer the ends, which are left out, are a half
 EVEN: Final = 0.01  # of a step, by which the stamps of even steps may be rounded
+LONG_AGO: Final = 1e5  # s; a double of a longer time is off by more than 1e-11 s
 ORTHOGONAL: Final = 1e-6
 
 
@@ -37,6 +38,9 @@ class SimulatedImu(ReadOnly):
         scalar last, are SciPy's rotation from body to world.
     source : str
         Name of what it came from.
+    origin : float
+        Time that is 0 in `time` and `pose_time`, s: 0 unless a clock counts from long
+        ago, of which a double has few digits.
 
     Raises
     ------
@@ -51,11 +55,19 @@ class SimulatedImu(ReadOnly):
     accelerometer: Float[Array, "n 3"] | None = None
     pose_time: Float[Array, " m"] | None = None
     source: str = "recording"
+    origin: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("time", "pose_time"):
-            value = self.time if getattr(self, name) is None else getattr(self, name)
-            object.__setattr__(self, name, _evened(name, value))
+        stamps = {
+            name: shaped_array(name, self.time if own is None else own, (None,))
+            for name in ("time", "pose_time")
+            for own in [getattr(self, name)]
+        }
+        first = float(stamps["time"][0]) if stamps["time"].size else 0.0
+        origin = first if abs(first) > LONG_AGO else 0.0
+        object.__setattr__(self, "origin", self.origin + origin)
+        for name, value in stamps.items():
+            object.__setattr__(self, name, _evened(name, value - origin))
         rows = len(self.time)
         for name in ("gyroscope", "accelerometer"):
             if getattr(self, name) is not None:
@@ -147,7 +159,7 @@ class Declared(ReadOnly):
 
 def _evened(name: str, value: Array) -> Array:
     # stamps of even steps that were rounded are even
-    time = shaped_array(name, value, (None,))
+    time = value
     if not (time.ndim == 1 and np.all(np.diff(time) > 0.0)):
         msg = f"`{name}` does not increase; give the rows in order of time"
         raise InputError(msg)

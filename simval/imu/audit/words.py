@@ -118,6 +118,8 @@ def _scale(off: float, sd: float) -> tuple[str, str]:
     for known, words in _FACTORS.items():
         if abs(factor / known - 1.0) < _SHARE:
             return f"is {words} (factor {factor:.4g})", "the unit"
+    if factor < 0.0:
+        return f"has the opposite sign (scale {factor:.4g})", "at rest it is g upwards"
     return f"has the scale {measured(factor, sd)}", "a unit, or a gain"
 
 
