@@ -26,8 +26,8 @@ from simval.cli.options import (
     stated,
     write,
 )
-from simval.cli.terminal import show
-from simval.errors import InputError
+from simval.cli.terminal import say, show
+from simval.errors import CrashedPluginError, InputError
 from simval.vocabulary import ALPHA, PoseTurns
 
 if TYPE_CHECKING:
@@ -129,7 +129,11 @@ def command(
             f"`--{name.replace('_', '-')}` is for a FILE.py, and {recording} is a log",
         )
     if by_file:
-        imu, given = _asked(recording, rate or 200.0, seconds, seed, time_limit)
+        try:
+            imu, given = _asked(recording, rate or 200.0, seconds, seed, time_limit)
+        except CrashedPluginError as error:
+            say([f"error: {error}"], err=True)
+            return 4
     else:
         imu = _read(
             recording, truth, truth_columns, truth_turns,

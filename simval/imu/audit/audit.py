@@ -29,6 +29,7 @@ from simval.text import number
 
 ALPHA: Final = 1e-3
 """Rate at which a right simulator is refused."""
+MUCH: Final = 0.01  # of a reading; less that nothing explains is no verdict
 QUESTIONS: Final = (
     "frame", "scale", "axes", "linear", "gravity", "lever", "delay", "instants",
     "constant", "spikes", "reckoning", "noise",
@@ -176,6 +177,15 @@ class Audit(Told):
                 title=title, answer="fail", headline=f"No: it {said}.",
                 do=f"What would make that: {made}.", lines=lines,
             )  # fmt: skip
+        if found.unexplained:
+            much = found.unexplained > MUCH
+            said = (
+                f"{'No' if much else 'Not quite'}: {100.0 * found.unexplained:.2g} % of "
+                "it is left, which no term explains, alone or three together."
+            )
+            do = "Look where it is left: a contact, a limit, what is held over a step."
+            answer: Answer = "fail" if much else "inconclusive"
+            return Reply(title=title, answer=answer, headline=said, do=do, lines=lines)
         read = f"each row is {words.rows_of(found.instant)}"
         if untold:
             more = "; ".join(dict.fromkeys(untold.values()))

@@ -90,6 +90,9 @@ class SensorAudit:
         Root mean square of the error of the ideal.
     size : float
         Root mean square of the ideal reading.
+    unexplained : float
+        Share of it that is left where no few wrong things explain the readings; 0
+        where some do.
     """
 
     name: str
@@ -106,6 +109,7 @@ class SensorAudit:
     corrected: Sequence[Array]
     bound: float
     size: float
+    unexplained: float
 
     @property
     def wrong(self) -> list[str]:
@@ -131,7 +135,7 @@ def judged(
         regression = Regression(bands_of(rows), search.terms, nulls[0])
         if filled is None:
             search.mark(pieces, rows, search.wide @ regression.whole.value, ENDS)
-        which, fit = regression.fewest(nulls, rate)
+        explained, which, fit = regression.fewest(nulls, rate)
         value = nulls[which].copy()
         for term in fit.terms:
             value[search.place[term.name]] = fit.of(term.name)[0]
@@ -141,7 +145,9 @@ def judged(
         if turn and after.near(state):
             break
         state = after
-    end = Converged(regression, fit, nulls[which], value, state, rows, INSTANTS[which])
+    end = Converged(
+        regression, fit, nulls[which], value, state, rows, INSTANTS[which], explained
+    )
     return _told(sensor, pieces, end, rate, frame)
 
 
@@ -245,6 +251,7 @@ class Converged(NamedTuple):
     state: Expansion
     rows: list[TermRows]
     instant: float
+    explained: bool
 
 
 def _told(
@@ -254,7 +261,7 @@ def _told(
     rate: float,
     frame: str,
 ) -> SensorAudit:
-    regression, fit, null, value, state, rows, instant = end
+    regression, fit, null, value, state, rows, instant, explained = end
     wide = np.hstack([each.basis for each in regression.terms])
     wrong = [each for each in regression.terms if each.wrong]
     z = float(scipy.special.ndtri(1.0 - rate / 2.0 / len(wrong)))
@@ -268,11 +275,7 @@ def _told(
         got[0] += {"delay": state.delay - instant, "instants": state.late,
                    "rate": state.slow}.get(term.name, 0.0)  # fmt: skip
         allowed = z * sd + bound
-        keep = (
-            slice(0, 1)
-            if term.name in ("delay", "instants", "difference")
-            else slice(None)
-        )
+        keep = slice(0, 1) if term.name in TIMES else slice(None)
         size = RESOLUTION.get(term.name)
         if size is None:  # of a lever arm
             r = np.zeros(3) if lever is None else lever
@@ -281,6 +284,8 @@ def _told(
             size = max(float(np.linalg.norm(r)), LEAST_ARM)
         if term.name == "constant" and sensor.name == "gyroscope":
             size = 1.0
+        if term.name in TIMES and abs(got[0]) < HELD:
+            chosen = False  # an instant within a step is nobody's
         items[term.name] = Item(
             term.name, got[keep], sd[keep], allowed[keep], chosen,
             allowed[keep] < PRESENT * size,
@@ -304,16 +309,20 @@ def _told(
     ]
     spikes = np.concatenate([p.time[p.bad[sensor.name]] for p in pieces])
     total = instant if not delay.wrong else float(state.delay)
+    size = float(np.sqrt(np.mean([np.mean(each.ideal**2) for each in rows])))
+    rest = float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
     return SensorAudit(
         name=sensor.name, items=items, fitted=fitted, instant=instant, delay=total,
         delay_sd=float(delay.sd[0]), mount=state.mount, frame=frame,
         deviation=regression.deviation, spikes=spikes,
         left=[(p.time, each) for p, each in zip(pieces, left, strict=True)],
         corrected=corrected, bound=float(max(error)),
-        size=float(np.sqrt(np.mean([np.mean(each.ideal**2) for each in rows]))),
+        size=size, unexplained=0.0 if explained else rest / max(size, 1e-300),
     )  # fmt: skip
 
 
+TIMES: Final = ("delay", "instants", "difference")
+HELD: Final = 0.1  # of a step: a force that is held over one has no finer instant
 LARGE: Final = 4.0  # times the deviation of a bias: no sensor's
 LEAST_ARM: Final = 0.05  # m; a term of a lever arm that short need not be seen
 _SIGNED: Final = [

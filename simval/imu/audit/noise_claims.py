@@ -63,6 +63,7 @@ def noise_rows(found: SensorAudit) -> Float[Array, "n 3"] | None:
         len(left) < LEAST
         or not size > CLEAR * found.bound + FAINT * found.size
         or found.wrong
+        or found.unexplained
     ):
         return None
     return np.asarray(left @ found.mount.T)

@@ -42,7 +42,7 @@ CLEAR: Final = 1e-2  # energy of the truth's rounding in a band that is used
 SPREAD: Final = (
     1.149  # of a variance by the taper: mean of its fourth power over squares
 )
-MOST: Final = 3  # wrong things in all combinations; then one after another
+MOST: Final = 3  # wrong things together; of more, their names would be a guess
 RANK: Final = 1e-11
 HIDDEN: Final = 1e-4  # of a parameter, in directions that are not told
 TINY: Final = 1e-150
@@ -283,11 +283,10 @@ class Regression:
 
     def fewest(
         self, nulls: Sequence[Float[Array, " p"]], rate: float
-    ) -> tuple[int, TermFit]:
-        """Which of some values of what is right, and the fewest wrong things with it.
+    ) -> tuple[bool, int, TermFit]:
+        """Return the fewest wrong things that explain, and with which values of right.
 
-        Of as many, those of the least squares; the first values where more than one
-        explain all without any wrong thing.
+        Of as many, those of the least squares. Where no few explain, none are wrong.
         """
         always = tuple(each for each in self.terms if not each.wrong)
         wrong = [each for each in self.terms if each.wrong]
@@ -304,14 +303,11 @@ class Regression:
                 good or fits, key=lambda each: each[1].squares + penalty * each[1].rank
             )
 
-        for size in range(MOST + 1):
-            found, which, fit = best(combinations(wrong, size))
-            if found:
-                return which, fit
-        while len(fit.terms) < len(self.terms):
-            chosen = [each for each in fit.terms if each.wrong]
-            left = [each for each in wrong if each not in chosen]
-            found, which, fit = best((*chosen, each) for each in left)
-            if found:
-                break
-        return which, fit
+        plain = best([()])
+        if plain[0]:
+            return plain
+        for size in range(1, MOST + 1):
+            found = best(combinations(wrong, size))
+            if found[0]:
+                return found
+        return plain

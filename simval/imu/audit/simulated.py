@@ -67,7 +67,7 @@ class SimulatedImu(ReadOnly):
         origin = first if abs(first) > LONG_AGO else 0.0
         object.__setattr__(self, "origin", self.origin + origin)
         for name, value in stamps.items():
-            object.__setattr__(self, name, _evened(name, value - origin))
+            object.__setattr__(self, name, evened(name, value - origin))
         rows = len(self.time)
         for name in ("gyroscope", "accelerometer"):
             if getattr(self, name) is not None:
@@ -157,8 +157,8 @@ class Declared(ReadOnly):
         return np.array([0.0, 0.0, -G0]) if self.gravity is None else self.gravity
 
 
-def _evened(name: str, value: Array) -> Array:
-    # stamps of even steps that were rounded are even
+def evened(name: str, value: Array) -> Array:
+    """Stamps that increase, in even steps where these were rounded."""
     time = value
     if not (time.ndim == 1 and np.all(np.diff(time) > 0.0)):
         msg = f"`{name}` does not increase; give the rows in order of time"

@@ -274,6 +274,8 @@ class SensorTerms:
         ideal, own = motion @ self.nominal(), motion @ state.motion
         coarse = self.motion(piece.coarse, t, state)[0] @ state.motion
         bent = rate(rate(own))
+        held = np.zeros_like(own)  # of a force that is held over a step: its kinks
+        held[1:-1] = np.abs(own[2:] - 2.0 * own[1:-1] + own[:-2]) - np.abs(bent[1:-1])
         matrix = (_EYE[:, :, None] * ideal[:, None, None, :]).reshape(-1, 3, 9)
         reading = self.in_body(piece.readings[self.name], now, state)
         columns = [
@@ -287,7 +289,7 @@ class SensorTerms:
             turning = cross(now.rate, now.angular_acceleration) * h * h
         return TermRows(
             np.concatenate(columns, axis=2), ideal,
-            (own - coarse, bent / 12.0, turning / 12.0),
+            (own - coarse, bent / 12.0, np.maximum(held, 0.0) / 2.0, turning / 12.0),
             self.rounding(piece, t), reading,
         )  # fmt: skip
 
