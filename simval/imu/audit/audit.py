@@ -180,8 +180,8 @@ class Audit(Told):
         if found.unexplained:
             much = found.unexplained > MUCH
             said = (
-                f"{'No' if much else 'Not quite'}: {100.0 * found.unexplained:.2g} % of "
-                "it is left, which no term explains, alone or three together."
+                f"{'No' if much else 'Not quite'}: {100.0 * found.unexplained:.2g} % "
+                "is left, which no term explains, alone or three together."
             )
             do = "Look where it is left: a contact, a limit, what is held over a step."
             answer: Answer = "fail" if much else "inconclusive"

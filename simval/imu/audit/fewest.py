@@ -172,13 +172,10 @@ class Search:
         found: list[Array] = []
         for instant in INSTANTS:
             null = np.zeros(self.wide.shape[1])
-            now = {
-                "delay": state.delay - instant, "instants": state.late,
-                "rate": state.slow,
-            }  # fmt: skip
-            for name, late in now.items():
+            for name, late in _now(state).items():
                 if name in self.place:
-                    null[self.place[name].start] = -late
+                    right = instant if name == "delay" else 0.0
+                    null[self.place[name].start] = right - late
             found.append(null)
         return found
 
@@ -207,7 +204,7 @@ class Search:
     def moved(self, state: Expansion, value: Array) -> Expansion:
         """Where the model is made linear next."""
         step = np.clip(value, -2.0, 2.0)
-        both, mount = self.first("difference", step), state.mount
+        mount = state.mount
         if "mount" in self.place:
             turn = from_rotation_vector(value[self.place["mount"]])
             mount = mount @ to_world(turn[None])[0]
@@ -217,10 +214,18 @@ class Search:
             motion = motion + (self.wide @ value)[: self._sensor.motions]
         return Expansion(
             delay=state.delay + self.first("delay", step),
-            late=state.late + self.first("instants", step) + both,
-            slow=state.slow + self.first("rate", step) + both,
+            late=state.late + self.first("instants", step),
+            slow=state.slow + self.first("rate", step),
+            past=state.past + self.first("difference", step),
             mount=mount, world=state.world, motion=motion,
         )  # fmt: skip
+
+
+def _now(state: Expansion) -> dict[str, float]:
+    return {
+        "delay": state.delay, "instants": state.late, "rate": state.slow,
+        "difference": state.past,
+    }  # fmt: skip
 
 
 def _spikes(rows: TermRows, filled: Array) -> Flags:
@@ -254,6 +259,18 @@ class Converged(NamedTuple):
     explained: bool
 
 
+def _whole(name: str, sensor: SensorTerms, fit: TermFit) -> float:
+    # size of a term that is wholly wrong
+    if name == "constant" and sensor.name == "gyroscope":
+        return 1.0
+    if name in RESOLUTION:
+        return RESOLUTION[name]
+    arm = sensor.declared.lever  # a term of a lever arm
+    if arm is None and "lever" in [each.name for each in fit.terms]:
+        arm = fit.of("lever")[0]
+    return max(0.0 if arm is None else float(np.linalg.norm(arm)), LEAST_ARM)
+
+
 def _told(
     sensor: SensorTerms,
     pieces: Sequence[Piece],
@@ -266,25 +283,16 @@ def _told(
     wrong = [each for each in regression.terms if each.wrong]
     z = float(scipy.special.ndtri(1.0 - rate / 2.0 / len(wrong)))
     items: dict[str, Item] = {}
-    lever = sensor.declared.lever
     for term in wrong:
         chosen = term in fit.terms
         own = fit if chosen else regression.fit((*fit.terms, term), null)
         got, sd, bound = own.of(term.name)
         got = got.copy()
-        got[0] += {"delay": state.delay - instant, "instants": state.late,
-                   "rate": state.slow}.get(term.name, 0.0)  # fmt: skip
+        got[0] += _now(state).get(term.name, 0.0) - instant * (term.name == "delay")
         allowed = z * sd + bound
         keep = slice(0, 1) if term.name in TIMES else slice(None)
-        size = RESOLUTION.get(term.name)
-        if size is None:  # of a lever arm
-            r = np.zeros(3) if lever is None else lever
-            if lever is None and "lever" in [e.name for e in fit.terms]:
-                r = fit.of("lever")[0]
-            size = max(float(np.linalg.norm(r)), LEAST_ARM)
-        if term.name == "constant" and sensor.name == "gyroscope":
-            size = 1.0
-        if term.name in TIMES and abs(got[0]) < HELD:
+        size = _whole(term.name, sensor, fit)
+        if abs(got[0]) < HELD.get(term.name, 0.0):
             chosen = False  # an instant within a step is nobody's
         items[term.name] = Item(
             term.name, got[keep], sd[keep], allowed[keep], chosen,
@@ -302,9 +310,18 @@ def _told(
             for each in rows]  # fmt: skip
     constant = (wide @ value)[sensor.place["constant"]]
     corrected = [each.reading - constant for each in rows]
+    held = np.zeros(len(value))
+    for name in HELD:
+        if (
+            name in items
+            and not items[name].wrong
+            and name in [e.name for e in fit.terms]
+        ):
+            held[regression.place[name]] = fit.of(name)[0]
     error = [
         np.sqrt(np.mean(np.sum(np.abs(each.errors), axis=0) ** 2))
         + np.sqrt(sum(np.mean(x**2) for x in each.rounding))
+        + np.sqrt(np.mean((each.columns[:, :, :-1] @ (wide @ held)) ** 2))
         for each in rows
     ]
     spikes = np.concatenate([p.time[p.bad[sensor.name]] for p in pieces])
@@ -322,7 +339,9 @@ def _told(
 
 
 TIMES: Final = ("delay", "instants", "difference")
-HELD: Final = 0.1  # of a step: a force that is held over one has no finer instant
+HELD: Final = {"delay": 0.1, "instants": 0.1, "difference": 0.1, "rate": 0.6}
+"""Steps within which a time is no finding: a force held over a step has no finer
+instant, and a rate may be the mean over the step before, as a gyroscope's."""
 LARGE: Final = 4.0  # times the deviation of a bias: no sensor's
 LEAST_ARM: Final = 0.05  # m; a term of a lever arm that short need not be seen
 _SIGNED: Final = [
@@ -345,7 +364,7 @@ def look(
     """Look at which axes and delay readings have, before anything is made linear."""
     mount = sensor.declared.mount
     default = np.eye(3) if mount is None else mount
-    state = Expansion(delay, 0.0, 0.0, np.eye(3), False, sensor.nominal())
+    state = Expansion(delay, 0.0, 0.0, 0.0, np.eye(3), False, sensor.nominal())
     thin = [_thinned(each, len(pieces)) for each in pieces]
 
     def model(late: float) -> tuple[Array, Array, Array]:
@@ -393,7 +412,7 @@ def look(
     if least and squares[least] < HALF * squares[""]:
         frame, default = least, candidates[least]
     return Look(
-        Expansion(delay + float(late), 0.0, 0.0, default, world, sensor.nominal()),
+        Expansion(delay + float(late), 0.0, 0.0, 0.0, default, world, sensor.nominal()),
         frame,
     )
 

@@ -178,7 +178,7 @@ class Regression:
     ) -> None:
         self.terms, self._bands = tuple(terms), bands
         ends = np.cumsum([each.basis.shape[1] for each in terms])
-        self._place = {
+        self.place = {
             each.name: np.arange(end - each.basis.shape[1], end)
             for each, end in zip(terms, ends, strict=True)
         }
@@ -239,7 +239,7 @@ class Regression:
         return self._fit(tuple(terms), null)[1]
 
     def _fit(self, terms: tuple[Term, ...], null: Array) -> tuple[Array, TermFit]:
-        free = np.concatenate([self._place[each.name] for each in terms])
+        free = np.concatenate([self.place[each.name] for each in terms])
         p = len(self._prior)
         offset = null.copy()
         offset[free] = 0.0

@@ -55,6 +55,7 @@ class Expansion(NamedTuple):
     delay: float
     late: float  # of the accelerations, beyond the delay
     slow: float  # of the centripetal term's rate, beyond the delay
+    past: float  # of all terms of motion against the attitude
     mount: Float[Array, "3 3"]  # body to sensor
     world: bool  # whether readings are in world axes
     motion: Float[Array, " k"]  # coefficients of the columns of motion
@@ -62,7 +63,11 @@ class Expansion(NamedTuple):
     def near(self, other: "Expansion") -> bool:
         """Whether nothing moved any more."""
         moved = [self.delay - other.delay, self.late - other.late]
-        moved += [self.slow - other.slow, *(self.mount - other.mount).ravel()]
+        moved += [
+            self.slow - other.slow,
+            self.past - other.past,
+            *(self.mount - other.mount).ravel(),
+        ]
         return float(np.abs(moved).max()) < SETTLED
 
 
@@ -348,7 +353,7 @@ class AccelerometerTerms(SensorTerms):
     names = (
         ("linear", 1), ("gravity", 3), ("Euler", 3), ("centripetal", 3),
         ("transport", 1), ("constant", 3), ("delay", 1), ("width", 1),
-        ("late", 1), ("wide", 1), ("slow", 1), ("matrix", 9),
+        ("late", 1), ("wide", 1), ("slow", 1), ("turned", 1), ("matrix", 9),
     )  # fmt: skip
     motions = 11
 
@@ -368,7 +373,7 @@ class AccelerometerTerms(SensorTerms):
             *map(self.term, ("linear", "gravity", "Euler", "centripetal", "transport")),
             self.term("delay", "delay", "width"), self.term("instants", "late", "wide"),
             Term("difference", np.hstack([
-                self.basis(("late", np.eye(1)), ("slow", np.eye(1))),
+                self.basis(("turned", np.eye(1))),
                 self.basis(("wide", np.eye(1))),
             ])),
             self.term("rate", "slow"), self.term("constant"),
@@ -386,20 +391,26 @@ class AccelerometerTerms(SensorTerms):
     ) -> tuple[Array, Kinematics]:
         """The columns of (W5) that have a coefficient."""
         now = path.at(time)
-        step = self.step
-        then = path.at(time - state.late * step) if state.late else now
-        slow = path.at(time - state.slow * step) if state.slow else now
+        late, past = (state.late + state.past) * self.step, state.past * self.step
+        then = path.at(time - late) if late else now
+        turned = path.at(time - past).attitude if past else now.attitude
+        slow = past + state.slow * self.step
+        rate = path.at(time - slow).rate if slow else now.rate
         R, g = now.attitude, float(np.linalg.norm(self.declared.down))
+
+        def here(rows: Array, other: Array) -> Array:  # in body axes of now
+            return rows if other is R else in_body(R, in_world(other, rows))
+
         columns = [in_body(R, then.acceleration)]
         columns += [g * R[:, k] for k in range(3)]
-        for own, turned in ((then, state.late), (slow, state.slow)):
-            for axis in _EYE:
-                if own is then and len(columns) < 7:
-                    arm = cross(own.angular_acceleration, axis)
-                else:
-                    arm = cross(own.rate, cross(own.rate, axis))
-                seen = in_body(R, in_world(own.attitude, arm)) if turned else arm
-                columns.append(seen)
+        if past:  # the whole acceleration is of then
+            swung = [cross(then.angular_acceleration, axis) for axis in _EYE]
+            columns += [here(each, then.attitude) for each in swung]
+        else:  # the angular acceleration alone, about where the sensor is now
+            turn = here(then.angular_acceleration, then.attitude)
+            columns += [cross(turn, axis) for axis in _EYE]
+        pulled = [cross(rate, cross(rate, axis)) for axis in _EYE]
+        columns += [here(each, turned) for each in pulled]
         columns.append(cross(now.rate, in_body(R, now.velocity)))
         return np.stack(columns, axis=-1), now
 
@@ -411,15 +422,21 @@ class AccelerometerTerms(SensorTerms):
         rate: Callable[[Array], Array],
     ) -> tuple[Array, ...]:
         """Accelerations of another instant, or a mean, and a rate of another."""
-        late, R = state.motion.copy(), now.attitude
-        late[self.place["gravity"]] = late[self.place["centripetal"]] = 0.0
-        late[self.place["transport"]] = 0.0
-        world = rate(in_world(R, motion @ late))
-        place = self.place["centripetal"]
-        turning = rate(in_world(R, motion[..., place] @ state.motion[place]))
+        R, own = now.attitude, state.motion
+        pulled = motion[..., self.place["centripetal"]] @ own[self.place["centripetal"]]
+        moved = motion[..., self.place["linear"]] @ own[self.place["linear"]]
+        swung = motion[..., self.place["Euler"]]
+        turn = np.stack([swung[:, 2, 1], -swung[:, 2, 0], swung[:, 1, 0]], axis=1)
+        arm = own[self.place["Euler"]]
+
+        def later(rows: Array) -> Array:  # a step, of a vector of the world
+            return in_body(R, rate(in_world(R, rows)))
+
+        late = later(moved) + cross(later(turn), arm)
+        whole = moved + swung @ arm
         return (
-            -in_body(R, world)[..., None], in_body(R, rate(world))[..., None] / 24.0,
-            -in_body(R, turning)[..., None],
+            -late[..., None], later(later(whole))[..., None] / 24.0,
+            -rate(pulled)[..., None], -later(whole + pulled)[..., None],
         )  # fmt: skip
 
     def rounding(self, piece: Piece, time: Array) -> tuple[Array, ...]:

@@ -129,8 +129,9 @@ Wrong = Callable[[Truth, float], tuple[Array, Array]]
 
 def _mixed(x: Truth, s: float) -> tuple[Array, Array]:
     old = x.at(s)
-    world = old.a + old.R.apply(np.cross(old.al, x.lever)) + UP
-    return x.w, x.body(world) + np.cross(x.w, np.cross(x.w, x.lever))
+    turn = x.body(old.R.apply(old.al))  # as a simulator keeps it, in the world
+    force = x.body(old.a + UP) + np.cross(turn, x.lever)
+    return x.w, force + np.cross(x.w, np.cross(x.w, x.lever))
 
 
 def _difference(x: Truth, n: int) -> Array:
