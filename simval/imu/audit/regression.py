@@ -115,8 +115,10 @@ def bands_of(pieces: Sequence[TermRows]) -> Bands:
         rounding += sum(energies(each) / each.shape[1] for each in piece.rounding)
         bins += np.diff(starts)
         energy += float((energies(piece.reading) + signal_).sum()) / len(band)
-    bound = np.sqrt(bounds).sum(axis=0) + np.sqrt(3.0 * rounding)
-    return Bands(products, signal, bound, 3.0 * rounding, bins, energy)
+    # rounding is noise; what is coherent is that of a column with that of the target
+    rounding *= 3.0
+    bound = np.sqrt(bounds).sum(axis=0) + rounding / np.sqrt(signal + TINY)
+    return Bands(products, signal, bound, rounding, bins, energy)
 
 
 class TermFit(NamedTuple):

@@ -280,7 +280,7 @@ class SensorTerms:
         coarse = self.motion(piece.coarse, t, state)[0] @ state.motion
         bent = rate(rate(own))
         held = np.zeros_like(own)  # of a force that is held over a step: its kinks
-        held[1:-1] = np.abs(own[2:] - 2.0 * own[1:-1] + own[:-2]) - np.abs(bent[1:-1])
+        held[1:-1] = own[2:] - 2.0 * own[1:-1] + own[:-2] - bent[1:-1]
         matrix = (_EYE[:, :, None] * ideal[:, None, None, :]).reshape(-1, 3, 9)
         reading = self.in_body(piece.readings[self.name], now, state)
         columns = [
@@ -294,7 +294,7 @@ class SensorTerms:
             turning = cross(now.rate, now.angular_acceleration) * h * h
         return TermRows(
             np.concatenate(columns, axis=2), ideal,
-            (own - coarse, bent / 12.0, np.maximum(held, 0.0) / 2.0, turning / 12.0),
+            (own - coarse, bent / 12.0, held / 2.0, turning / 12.0),
             self.rounding(piece, t), reading,
         )  # fmt: skip
 
